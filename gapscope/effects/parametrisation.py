@@ -98,6 +98,8 @@ class Parametrisation:
             and of the number of the last link, from 0, that gives one value or one for each link.
         usual: size of the linear coordinates that is usual on real arms, the width of their prior; infinite if the
             recorded torque alone bounds them.
+        proportions: of the linear coordinates of an effect of several, in their units: how large each is beside the others
+            on real arms; ``None`` if each may be as large as the torque allows.
         data_sheet: quantity of the nominal arm to which the first linear coordinate adds, by its name in
             ``NominalArm``; the sum may not be negative.
         clip: moves linear coordinates, shape (linear, m), into the bounds of the parameters; ``None`` for no bounds.
@@ -114,6 +116,7 @@ class Parametrisation:
     step: float | None = None
     lowest: float | Callable[[np.ndarray, int], np.ndarray | float] = -np.inf
     usual: float = np.inf
+    proportions: tuple[float, ...] | None = None
     data_sheet: str | None = None
     clip: Callable[[np.ndarray], np.ndarray] | None = None
     grid: Tries | None = None

@@ -159,7 +159,11 @@ PAYLOAD = LinkChange(
     change=payload_change,
     tangent_at=payload_tangent,
     parametrisation=Parametrisation(
-        payload_values, linear=4, lowest=lightest_load, clip=clip_payload
+        payload_values,
+        linear=4,
+        lowest=lightest_load,
+        proportions=(1.0, *[LOAD_COM.typical[1]] * 3),
+        clip=clip_payload,
     ),
     severity=draw_payload,
     quantities={"mass": "load", "com": "load"},
@@ -183,7 +187,11 @@ LINK_INERTIA = LinkChange(
     ),
     change=link_change,
     parametrisation=Parametrisation(
-        link_values, linear=4, lowest=lightest_links, clip=clip_link
+        link_values,
+        linear=4,
+        lowest=lightest_links,
+        proportions=(LINK_MASS.typical[1], *[LINK_COM.typical[1]] * 3),
+        clip=clip_link,
     ),
     built_in=True,
     severity=draw_link,

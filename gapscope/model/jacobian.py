@@ -69,7 +69,7 @@ def columns(
     bodily = bodily_columns(at, segment, bodies, terms, theta, only)
     if bodily:
         torque = np.stack(list(bodily.values()), axis=2)
-        out[:, :, list(bodily)] = data.thin(_as_recorded(at, torque), segment)
+        out[:, :, list(bodily)] = data.thin(as_recorded(at, torque), segment)
     return out
 
 
@@ -174,7 +174,7 @@ def _stepped(
     return replace(arm, effects=(*others, *terms.effects(moved, chosen)))
 
 
-def _as_recorded(at: Prediction, columns: np.ndarray) -> np.ndarray:
+def as_recorded(at: Prediction, columns: np.ndarray) -> np.ndarray:
     """Columns of the bodies' torque, (N, n, K), as they are recorded: through friction, scale, delay and lag."""
     step = TORQUE_STEP * torque_size(at)
     above, below = (replace(at, rigid=at.rigid + side) for side in (step, -step))

@@ -1,0 +1,548 @@
+"""A contrast: what does one group of data need that the others do not?
+
+Groups g have coefficients beta + delta_g of the columns: beta is shared by all, with a prior that may be wide, delta_g
+is what a group has of its own. What each motion has of its own (form error) is eliminated first, so that a group is its
+information on its coefficients, M_g and m_g; a motion that comes again in another group couples the two. Of a set S of
+columns that are a group's own, with prior deviations u, beside all that is shared,
+
+    log evidence = 1/2 b^T (S_SS + U^-2)^-1 b - 1/2 log det(I + U S_SS U)
+
+where S_SS and b are the information on the own columns when everything shared is eliminated: what explains all groups
+is no difference. The size of an effect is not known beforehand: u is one of ``SIZES``, each as likely.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+
+from gapscope.model.design import Design
+from gapscope.model.equations import Cell, Equations
+from gapscope.model.form_error import FormError
+from gapscope.model.terms import Term
+
+SIZES = np.array([0.01, 0.03, 0.1, 0.3, 1.0])
+"""Prior deviations of an effect, in RMS torque over the joint's scale [1]: from what is not worth a name to all of it.
+"""
+
+
+LARGEST = 2.0
+"""Prior deviation of an effect, over its usual size, at most [1]."""
+
+
+def lower(matrix: np.ndarray) -> np.ndarray:
+    """Lower Cholesky factor of I + a matrix, which is written over."""
+    matrix[np.diag_indices(len(matrix))] += 1.0
+    return np.asarray(cholesky(matrix, lower=True, check_finite=False))
+
+
+def forward(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """L^-1 of a lower triangular factor times a right side."""
+    return np.asarray(solve_triangular(factor, right, lower=True, check_finite=False))
+
+
+@dataclass(frozen=True)
+class Eliminated:
+    """One motion on one joint, what it has of its own eliminated.
+
+    Attributes:
+        cells: of the groups in which it occurs.
+        free: places of the columns of which it has values of its own, among the joint's.
+        size: their deviations.
+        factor: L with L L^T = I + the information on them in units of their deviations.
+        crosses: L^-1 times their products with all columns, for each cell.
+        right: L^-1 times their products with the gap.
+    """
+
+    cells: list[Cell]
+    free: np.ndarray
+    size: np.ndarray
+    factor: np.ndarray
+    crosses: list[np.ndarray]
+    right: np.ndarray
+
+
+def eliminated(cells: list[Cell], own2: np.ndarray, noise2: float) -> Eliminated:
+    """Eliminate what a motion has of its own."""
+    free = np.flatnonzero(own2 > 0)
+    size = np.sqrt(own2[free])
+    gram = sum(cell.gram for cell in cells)[np.ix_(free, free)]  # type: ignore[index]
+    factor = lower(gram * size[:, None] * size / noise2)
+    crosses = [
+        forward(factor, size[:, None] * cell.gram[free] / noise2) for cell in cells
+    ]
+    total = sum(cell.right for cell in cells)[free]  # type: ignore[index]
+    return Eliminated(
+        cells, free, size, factor, crosses, forward(factor, size * total / noise2)
+    )
+
+
+class Contrast:
+    """The information of groups, and what follows for columns that one group has of its own.
+
+    Args:
+        equations: of all groups.
+        error: noise and form error.
+        day: of a group, prior variance of what differs from day to day of each column, (P,).
+        grown: of a joint from 0 and a motion, by how much more variance form error has there than elsewhere [1].
+
+    Attributes:
+        motions: per joint its motions, what they have of their own eliminated.
+    """
+
+    def __init__(
+        self,
+        equations: Equations,
+        error: FormError,
+        day: Mapping[int, np.ndarray],
+        grown: Mapping[tuple[int, int], float],
+    ) -> None:
+        self.equations, self.design, self.error = equations, equations.design, error
+        self.groups = int(self.design.rows.group.max()) + 1
+        self.gap = self.design.gap
+        self.motions = [
+            _motions(cells, error.own2[j], error.noise2[j], {m: x for (k, m), x in grown.items() if k == j})
+            for j, cells in enumerate(equations.cells)
+        ]
+        self._gram, self._right = self._assembled()
+        self._nuisances(day)
+
+    def _assembled(self) -> tuple[np.ndarray, np.ndarray]:
+        """Information on the coefficients of each pair of groups, (G, P, G, P), and its right side, (G, P)."""
+        size, noise2 = self.design.size, self.error.noise2
+        gram = np.zeros((self.groups, size, self.groups, size))
+        right = np.zeros((self.groups, size))
+        for j, motions in enumerate(self.motions):
+            active = self.design.active[j]
+            for one in motions:
+                for cell, cross in zip(one.cells, one.crosses, strict=True):
+                    g = cell.group
+                    gram[g, active[:, None], g, active] += cell.gram / noise2[j]
+                    right[g, active] += cell.right / noise2[j] - cross.T @ one.right
+                    for other, its in zip(one.cells, one.crosses, strict=True):
+                        gram[g, active[:, None], other.group, active] -= cross.T @ its
+        return gram, right
+
+    def _nuisances(self, day: Mapping[int, np.ndarray]) -> None:
+        """Eliminate what is shared, and what differs from day to day."""
+        prior = self.design.prior
+        self._shared = np.flatnonzero(prior > 0)
+        self._days = [(g, p) for g, own in day.items() for p in np.flatnonzero(own > 0)]
+        self._units = np.array(
+            [*prior[self._shared], *(np.sqrt(day[g][p]) for g, p in self._days)]
+        )
+        size = self.design.size
+        flat = self._gram.reshape(self.groups * size, self.groups * size)
+        # each nuisance as the coordinates of the groups that have it
+        places = [self._shared + g * size for g in range(self.groups)]
+        own = np.array([g * size + p for g, p in self._days], dtype=int)
+        by_shared = sum(flat[rows] for rows in places)
+        self._cross = np.vstack([by_shared, flat[own]])
+        normal = np.hstack(
+            [sum(self._cross[:, rows] for rows in places), self._cross[:, own]]
+        )
+        self._factor = lower(normal * self._units[:, None] * self._units)
+        flat_right = self._right.ravel()
+        right = np.concatenate([sum(flat_right[rows] for rows in places), flat_right[own]])
+        self._solved = forward(self._factor, self._units * right)
+
+    def nuisance_rows(self, of_groups: np.ndarray) -> np.ndarray:
+        """Products of the nuisances with columns whose products with each group's are given, (G, P, K): L^-1 U times these."""
+        shared = of_groups[:, self._shared].sum(axis=0)
+        days = [of_groups[g, p] for g, p in self._days]
+        rows = np.vstack([shared, *[d[None] for d in days]]) if days else shared
+        return forward(self._factor, self._units[:, None] * rows)
+
+    def without_nuisances(
+        self, group: int, everybody: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Information on a group's own columns, and on further ones that all have, beside all that is shared.
+
+        Args:
+            group: the group.
+            everybody: places of the further columns, (S,).
+
+        Returns:
+            The information, (P + S, P + S), its right side, (P + S,), and L^-1 U times their products with what is
+            shared.
+        """
+        size = self.design.size
+        flat = self._gram.reshape(self.groups * size, self.groups * size)
+        own = np.arange(group * size, (group + 1) * size)
+        places = [everybody + g * size for g in range(self.groups)]
+        of_all = sum(flat[rows] for rows in places)
+        upper = np.hstack([flat[np.ix_(own, own)], of_all[:, own].T])
+        both = sum(of_all[:, rows] for rows in places)
+        gram = np.vstack([upper, np.hstack([of_all[:, own], both])])
+        flat_right = self._right.ravel()
+        right = np.concatenate([flat_right[own], sum(flat_right[rows] for rows in places)])
+        cross = np.hstack([self._cross[:, own], sum(self._cross[:, rows] for rows in places)])
+        back = forward(self._factor, self._units[:, None] * cross)
+        return gram - back.T @ back, right - back.T @ self._solved, back
+
+    @property
+    def evidence(self) -> float:
+        """Log probability of the gaps if no group has anything of its own [nats], but for a constant."""
+        total = float(self._solved @ self._solved) / 2 - float(np.log(np.diag(self._factor)).sum())
+        for motions, noise2 in zip(self.motions, self.error.noise2, strict=True):
+            for one in motions:
+                total -= sum(cell.power for cell in one.cells) / noise2 / 2
+                total += float(one.right @ one.right) / 2
+                total -= float(np.log(np.diag(one.factor)).sum())
+        return total
+
+    @property
+    def solved(self) -> np.ndarray:
+        """L^-1 U times the right side of the nuisances."""
+        return self._solved
+
+    def for_gap(self, gap: np.ndarray) -> Contrast:
+        """The same question to another gap of the same columns, (M, n): that of another arm."""
+        other = copy(self)
+        other.gap = gap
+        other.motions = [
+            [_for_gap(one, x, gap[:, j], self.error.noise2[j], self.equations.shared_noise(j)) for one in motions]
+            for j, (x, motions) in enumerate(zip(self.design.columns, self.motions, strict=True))
+        ]
+        right = np.zeros((self.groups, self.design.size))
+        for j, motions in enumerate(other.motions):
+            active = self.design.active[j]
+            for one in motions:
+                for cell, cross in zip(one.cells, one.crosses, strict=True):
+                    right[cell.group, active] += cell.right / self.error.noise2[j] - cross.T @ one.right
+        other._right = right
+        other._solved = forward(self._factor, self._units * other._of_nuisances(right.ravel()))
+        return other
+
+    def _of_nuisances(self, flat: np.ndarray) -> np.ndarray:
+        """Right side of the nuisances from that of all groups, (G P,)."""
+        size = self.design.size
+        shared = sum(flat[self._shared + g * size] for g in range(self.groups))
+        own = np.array([g * size + p for g, p in self._days], dtype=int)
+        return np.concatenate([shared, flat[own]])
+
+    def beside(self, columns: Sequence[np.ndarray], group: int) -> Beside:
+        """What K further columns that one group has of its own have in common with all else.
+
+        Args:
+            columns: per joint over its scale, (M, K), on the rows of the group.
+            group: the group.
+        """
+        count = columns[0].shape[1]
+        cross = np.zeros((self.groups, self.design.size, count))
+        gram, right = np.zeros((count, count)), np.zeros(count)
+        for j, motions in enumerate(self.motions):
+            active, noise2 = self.design.active[j], self.error.noise2[j]
+            for one in motions:
+                for cell in one.cells:
+                    x = columns[j][cell.rows]
+                    if cell.group != group or not x.any():
+                        continue
+                    products = self.design.columns[j][cell.rows].T @ x / noise2
+                    inner = forward(one.factor, one.size[:, None] * products[one.free])
+                    gram += x.T @ x / noise2 - inner.T @ inner
+                    right += x.T @ self.gap[cell.rows, j] / noise2 - inner.T @ one.right
+                    cross[group, active] += products
+                    for other, its in zip(one.cells, one.crosses, strict=True):
+                        cross[other.group, active] -= its.T @ inner
+        back = self.nuisance_rows(cross)
+        return Beside(cross, gram - back.T @ back, right - back.T @ self._solved, back)
+
+    def growth_gains(self, group: int, growths: Sequence[float]) -> dict[tuple[int, int, float], float]:
+        """About what more form error explains, by joint from 0, motion of a group, and growth of its variance [nats].
+
+        What is shared is held where it is likeliest; a motion that other groups make too is left out.
+        """
+        shared, out = self.shared_values(), {}
+        for j, motions in enumerate(self.motions):
+            noise2, beta = self.error.noise2[j], shared[self.design.active[j]]
+            for one in motions:
+                if any(cell.group != group for cell in one.cells):
+                    continue
+                gram = sum(cell.gram for cell in one.cells)  # type: ignore[misc]
+                right = sum(cell.right for cell in one.cells) - gram @ beta  # type: ignore[misc]
+                before = _explained(gram, right, one.free, one.size, noise2)
+                for growth in growths:
+                    size = one.size * np.sqrt(growth)
+                    after = _explained(gram, right, one.free, size, noise2)
+                    out[j, one.cells[0].motion, growth] = after - before
+        return out
+
+    def shared_values(self) -> np.ndarray:
+        """Likeliest values of what is shared if nobody has anything of its own, (P,)."""
+        value = np.zeros(self.design.size)
+        back = solve_triangular(self._factor.T, self._solved, check_finite=False)
+        value[self._shared] = (self._units * back)[: len(self._shared)]
+        return value
+
+
+def _explained(
+    gram: np.ndarray, right: np.ndarray, free: np.ndarray, size: np.ndarray, noise2: float
+) -> float:
+    """Log evidence that a motion has values of its own over that it has none [nats]."""
+    factor = lower(gram[np.ix_(free, free)] * size[:, None] * size / noise2)
+    solved = forward(factor, size * right[free] / noise2)
+    return float(solved @ solved) / 2 - float(np.log(np.diag(factor)).sum())
+
+
+@dataclass(frozen=True)
+class Beside:
+    """Further columns that one group has of its own, K of them.
+
+    Attributes:
+        cross: products with the columns of each group, what motions have of their own eliminated, (G, P, K).
+        gram, right: information on them beside all that is shared, (K, K), and its right side, (K,).
+        back: L^-1 U times their products with what is shared.
+    """
+
+    cross: np.ndarray
+    gram: np.ndarray
+    right: np.ndarray
+    back: np.ndarray
+
+
+def _for_gap(
+    one: Eliminated,
+    x: np.ndarray,
+    gap: np.ndarray,
+    noise2: float,
+    noise: np.ndarray,
+) -> Eliminated:
+    """One motion with another gap, (M,); ``noise`` is what its columns have in common with the gap by noise, (M, p)."""
+    cells = [
+        replace(
+            cell,
+            right=x[cell.rows].T @ gap[cell.rows] - noise[cell.rows].sum(axis=0),
+            power=float(gap[cell.rows] @ gap[cell.rows]),
+        )
+        for cell in one.cells
+    ]
+    total = sum(cell.right for cell in cells)[one.free]  # type: ignore[index]
+    return replace(one, cells=cells, right=forward(one.factor, one.size * total / noise2))
+
+
+def _motions(
+    cells: list[Cell], own2: np.ndarray, noise2: float, grown: Mapping[int, float]
+) -> list[Eliminated]:
+    """The motions of a joint."""
+    of_motion: dict[int, list[Cell]] = {}
+    for cell in cells:
+        of_motion.setdefault(cell.motion, []).append(cell)
+    return [
+        eliminated(own, own2 * grown.get(motion, 1.0), noise2)
+        for motion, own in of_motion.items()
+    ]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A term that a group has of its own, or one with a searched form that everybody has."""
+
+    term: Term
+    everybody: bool = False
+
+    @property
+    def effect(self) -> str:
+        """Name of its effect."""
+        return self.term.effect
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Values of a set of candidates.
+
+    Attributes:
+        evidence: of the set over that of none [nats].
+        values: of each candidate, (linear,), in its own units.
+        covariance: of all of them, in the order of the candidates.
+        sizes: prior deviation of each, one of ``SIZES``.
+    """
+
+    evidence: float
+    values: Mapping[Candidate, np.ndarray]
+    covariance: np.ndarray
+    sizes: tuple[float, ...]
+
+    def deviation(self, candidate: Candidate) -> np.ndarray:
+        """Standard deviations of the values of a candidate, (linear,)."""
+        at = 0
+        for one, value in self.values.items():
+            if one == candidate:
+                own = slice(at, at + len(value))
+                return np.asarray(np.sqrt(np.diag(self.covariance)[own]))
+            at += len(value)
+        raise KeyError(candidate)
+
+
+class OwnTerms:
+    """Evidence and values of sets of candidates of one group.
+
+    Attributes:
+        places: of the coordinates of each candidate.
+    """
+
+    def __init__(
+        self,
+        contrast: Contrast,
+        group: int,
+        about: Mapping[Term, list[np.ndarray]] | None = None,
+    ) -> None:
+        """About: columns of terms about their own values, over the joints' scale, per joint (M, linear)."""
+        made = self.design = contrast.design
+        self._group, self._about = group, about or {}
+        searched = [t for t in made.places if t.parametrisation.nonlinear and t.joint]
+        everybody = [made.places[t] for t in searched]
+        joined = np.concatenate([*everybody, np.zeros(0, dtype=int)]).astype(int)
+        self._columns = np.append(joined, 0)
+        self.gram, self.right, self.back = contrast.without_nuisances(group, joined)
+        self.places = {Candidate(t): own for t, own in made.places.items()}
+        count = made.size
+        for term, own in zip(searched, everybody, strict=True):
+            self.places[Candidate(term, everybody=True)] = np.arange(count, count + len(own))
+            count += len(own)
+        if about:
+            self._replaced(contrast, group, about, count)
+
+    def _replaced(
+        self,
+        contrast: Contrast,
+        group: int,
+        about: Mapping[Term, list[np.ndarray]],
+        count: int,
+    ) -> None:
+        """Put columns about their own values in the place of those of some terms."""
+        joints = range(len(self.design.active))
+        joined = [np.hstack([about[t][j] for t in about]) for j in joints]
+        further = contrast.beside(joined, group)
+        cross = self.rows(further.cross, group, np.arange(count)) - self.back.T @ further.back
+        self.gram = np.vstack(
+            [np.hstack([self.gram, cross]), np.hstack([cross.T, further.gram])]
+        )
+        self.right = np.concatenate([self.right, further.right])
+        self.back = np.hstack([self.back, further.back])
+        for term, columns in about.items():
+            width = columns[0].shape[1]
+            self.places[Candidate(term)] = np.arange(count, count + width)
+            count += width
+
+    def deviations(self, some: Sequence[Candidate], sizes: Sequence[float]) -> np.ndarray:
+        """Prior deviations of the coordinates of some candidates, of a size each."""
+        own = [
+            self._widths(one.term, size) for one, size in zip(some, sizes, strict=True)
+        ]
+        return np.concatenate(own) if own else np.zeros(0)
+
+    def _widths(self, term: Term, size: float) -> np.ndarray:
+        """Prior deviations of a term's coordinates of a size, in torque, (linear,)."""
+        unit, fitted = self.design.units[term], term.parametrisation
+        widths = np.full(len(unit), size)
+        if fitted.proportions is not None:
+            torque = unit * np.array(fitted.proportions)
+            widths = size * torque / torque.max()
+        # no arm has much more of an effect than is usual where it is one
+        return np.minimum(widths, LARGEST * fitted.usual * unit)
+
+    def torque(self, answer: Answer) -> np.ndarray:
+        """What candidates do to the torque, over the joints' scale [1], (M, n)."""
+        made, out = self.design, np.zeros_like(self.design.gap)
+        mine = made.rows.of(self._group)
+        for one, value in answer.values.items():
+            scaled = value * made.units[one.term]
+            if one.term in self._about and not one.everybody:
+                out += np.stack([x @ scaled for x in self._about[one.term]], axis=1)
+                continue
+            torque = made.torque(one.term, value)
+            out += torque if one.everybody else torque * mine[:, None]
+        return out
+
+    def joined(self, some: Sequence[Candidate]) -> np.ndarray:
+        """Places of the coordinates of some candidates."""
+        own = [self.places[one] for one in some]
+        return np.concatenate(own) if own else np.zeros(0, dtype=int)
+
+    def rows(self, of_groups: np.ndarray, group: int, places: np.ndarray) -> np.ndarray:
+        """Products of coordinates with columns whose products with each group's are given, (G, P, K): (len(places), K)."""
+        size = self.design.size
+        columns = np.where(places < size, places, self._columns[np.maximum(places - size, -1)])
+        everybody = of_groups[:, columns].sum(axis=0)
+        return np.where((places < size)[:, None], of_groups[group, columns], everybody)
+
+    def evidence(self, terms: Sequence[Candidate], sizes: Sequence[float]) -> float:
+        """Log evidence of terms of given sizes over none [nats]."""
+        return self._fit(terms, sizes)[0]
+
+    def _fit(
+        self, terms: Sequence[Candidate], sizes: Sequence[float]
+    ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+        places = self.joined(terms)
+        unit = self.deviations(terms, sizes)
+        factor = lower(self.gram[np.ix_(places, places)] * unit[:, None] * unit)
+        solved = forward(factor, unit * self.right[places])
+        log_det = float(np.log(np.diag(factor)).sum())
+        return float(solved @ solved) / 2 - log_det, solved, factor, unit
+
+    def answer(
+        self, terms: Sequence[Candidate], sizes: Sequence[float] | None = None
+    ) -> Answer:
+        """Evidence and values of a set, each term of its likeliest size."""
+        found = list(sizes) if sizes is not None else [float(SIZES[2])] * len(terms)
+        for _ in range(3 if terms else 0):
+            before = list(found)
+            for k in range(len(terms)):
+                tried = [
+                    self.evidence(terms, [*found[:k], size, *found[k + 1 :]])
+                    for size in SIZES
+                ]
+                found[k] = float(SIZES[int(np.argmax(tried))])
+            if found == before:
+                break
+        if not terms:
+            return Answer(0.0, {}, np.zeros((0, 0)), ())
+        evidence, solved, factor, unit = self._fit(terms, found)
+        # prior of the sizes
+        evidence -= len(terms) * float(np.log(len(SIZES)))
+        back = solve_triangular(factor.T, np.eye(len(unit)), check_finite=False)
+        scale = unit / np.concatenate([self.design.units[t.term] for t in terms])
+        value = scale * (back @ solved)
+        covariance = (back @ back.T) * scale[:, None] * scale
+        ends = np.cumsum([len(self.places[t]) for t in terms])
+        parts = np.split(value, ends[:-1])
+        return Answer(
+            evidence, dict(zip(terms, parts, strict=True)), covariance, tuple(found)
+        )
+
+    def additions(
+        self, terms: Sequence[Candidate], sizes: Sequence[float], others: Sequence[Candidate]
+    ) -> Iterator[tuple[Candidate, float, np.ndarray, np.ndarray]]:
+        """Each other candidate in its likeliest size: evidence of the set with it over none [nats], value and deviation."""
+        places = self.joined(terms)
+        unit = self.deviations(terms, sizes)
+        factor = lower(self.gram[np.ix_(places, places)] * unit[:, None] * unit)
+        back = forward(factor, unit[:, None] * self.gram[places])
+        solved = forward(factor, unit * self.right[places])
+        known = float(solved @ solved) / 2 - float(np.log(np.diag(factor)).sum())
+        for term in others:
+            own = self.places[term]
+            gram = self.gram[np.ix_(own, own)] - back[:, own].T @ back[:, own]
+            right = self.right[own] - back[:, own].T @ solved
+            widths = [self._widths(term.term, size) for size in SIZES]
+            best = max((_alone(gram, right, w) for w in widths), key=lambda x: x[0])
+            gain, value, deviation = best
+            charge = (len(terms) + 1) * float(np.log(len(SIZES)))
+            unit_of = self.design.units[term.term]
+            yield term, known + gain - charge, value / unit_of, deviation / unit_of
+
+
+def _alone(
+    gram: np.ndarray, right: np.ndarray, unit: np.ndarray
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """Evidence, values and deviations of the coordinates of one candidate, with the information on them."""
+    factor = lower(gram * unit[:, None] * unit)
+    solved = forward(factor, unit * right)
+    back = unit[:, None] * solve_triangular(factor.T, np.eye(len(right)), check_finite=False)
+    evidence = float(solved @ solved) / 2 - float(np.log(np.diag(factor)).sum())
+    return evidence, back @ solved, np.sqrt((back**2).sum(axis=1))

@@ -1,0 +1,378 @@
+"""The columns of a contrast: how the torque changes with bodies, drives and effects, about an arm that only predicts.
+
+The gap y_j of joint j against that arm is taken as
+
+    y_j = X_j beta_g + A_j theta_b + noise
+
+with X all columns, beta_g their coefficients in group g, and theta_b what each motion b has of its own (form error).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gapscope.arm.dynamics.inertial_scale import inertial_scale
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.nominal import NominalArm
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.effect import Effect, External, LinkChange, Transmission
+from gapscope.model.body_point import Bodies
+from gapscope.model.jacobian import as_recorded, columns
+from gapscope.model.prediction import Prediction
+from gapscope.model.rows import Rows
+from gapscope.model.terms import Term, Terms
+
+WIDE = 2.0
+"""Prior of what two groups share whatever its value: RMS torque over the joint's deviation [1]. (physical)"""
+HEALTHY = 1 / 3
+"""What a healthy arm has of an effect, over the size that is usual where it is one [1]: 10 % of a torque constant."""
+STIFF = 0.3
+"""The same of compliance and free play that both share: what bends more is no arm of the catalogue [1]. (physical)"""
+PUSHES = 4
+"""Parts of a motion in each of which form error may look like a force. (budget)"""
+BODIES = 3.0
+"""Prior of the bodies, over their nominal size [1]: a URDF may lack a tool, or hold placeholders. (physical)"""
+PRECISE, REWEIGHTINGS = 0.02, 3
+"""What a model leaves of a joint's torque at least, when joints are weighed [1]; and how often they are. (budget)"""
+LEAST_TORQUE = 1e-6
+"""Columns that move no joint by more than this share of its torque say nothing [1]."""
+
+
+@dataclass(frozen=True)
+class FreeArm:
+    """An arm that predicts: its bodies need not be possible.
+
+    Attributes:
+        arm: the nominal arm, without rotors and friction of its data sheet.
+        body: its bodies.
+        increments: added to the inertial parameters of each link, (n, 10).
+        theta: linear coordinates of the effects that it has, (P,), as ``Terms`` lays them out.
+    """
+
+    arm: NominalArm
+    body: RigidBody
+    increments: np.ndarray
+    theta: np.ndarray
+
+    @classmethod
+    def nominal(cls, arm: NominalArm) -> FreeArm:
+        """The nominal arm, its rotors and friction as effects, so that they have columns."""
+        none = np.zeros(arm.n_joints)
+        bare = replace(arm, armature=none, coulomb=none, viscous=none)
+        terms = Terms(arm.n_joints, {}, arm.coupled_motors)
+        theta = np.zeros(terms.size)
+        for effect in terms.definitions:
+            sheet = effect.fitted.data_sheet
+            if sheet is not None:
+                theta[terms.block(effect.name)[0]] = getattr(arm, sheet)
+        return cls(bare, RigidBody(arm), np.zeros((arm.n_joints, 10)), theta)
+
+    @property
+    def bodies(self) -> RigidBody:
+        """Its bodies, possible or not."""
+        return self.body.changed(self.increments)
+
+    def corrected(self, terms: Terms, theta: np.ndarray | None = None) -> CorrectedArm:
+        """The arm with its effects, or with those of other coordinates."""
+        return CorrectedArm(self.arm, terms.effects(self.theta if theta is None else theta))
+
+
+@dataclass(frozen=True)
+class Design:
+    """Columns on the rows, each in a unit in which it moves some joint's torque by its deviation.
+
+    Attributes:
+        rows: M rows of n joints.
+        terms: all terms, with the nonlinear parameters of those that have some.
+        places: of the columns of each term that the rows show.
+        units: RMS torque over the joint's scale of one unit of each coordinate of a term, (linear,).
+        columns: per joint its columns over the joint's scale, (M, p_j).
+        active: per joint their places among all columns, (p_j,).
+        gap: of the arm that predicts, plus what the terms in use do to it [1], (M, n).
+        prior: deviation of what all groups share, in units of the columns, (P,).
+        own: whether a motion may have a value of its own of a column, mask (P,).
+        predicted: torque of the arm, with what groups have of their own [N m], (M, n).
+        noisy: of columns made of the recorded torque, by joint and place among its columns, how much of that torque's
+            noise passes into each row, in the unit of the column, (M,).
+    """
+
+    rows: Rows
+    terms: Terms
+    places: Mapping[Term, np.ndarray]
+    units: Mapping[Term, np.ndarray]
+    columns: list[np.ndarray]
+    active: list[np.ndarray]
+    gap: np.ndarray
+    prior: np.ndarray
+    own: np.ndarray
+    predicted: np.ndarray
+    noisy: Mapping[tuple[int, int], np.ndarray]
+
+    @property
+    def size(self) -> int:
+        """Number P of columns."""
+        return len(self.prior)
+
+    def torque(self, term: Term, value: np.ndarray) -> np.ndarray:
+        """What coordinates of a term, (linear,), do to the torque, over the joints' scale [1], (M, n)."""
+        own, out = self.places[term], np.zeros_like(self.gap)
+        for j, (x, active) in enumerate(zip(self.columns, self.active, strict=True)):
+            mine = np.isin(own, active)
+            at = np.searchsorted(active, own[mine])
+            out[:, j] = x[:, at] @ (value * self.units[term])[mine]
+        return out
+
+
+@dataclass(frozen=True)
+class About:
+    """One group about values of terms that it has of its own.
+
+    Attributes:
+        gap: as that of the design, what the terms do to it added, (M, n).
+        columns: of each term per joint, on the rows of the group, in the units of the design, (M, linear).
+    """
+
+    gap: np.ndarray
+    columns: Mapping[Term, list[np.ndarray]]
+
+
+def about(
+    made: Design, arm: FreeArm, group: int, values: Mapping[Term, np.ndarray]
+) -> About:
+    """The columns of terms about their own values in one group, of those whose columns change with them.
+
+    Args:
+        made: the design, about what all groups share.
+        arm: that all share.
+        group: the group.
+        values: coordinates of the terms, (linear,) each.
+    """
+    rows, terms = made.rows, made.terms
+    moved = {t: x for t, x in values.items() if moves_columns(t)}
+    theta = _with_own(arm, terms, moved)
+    names = {t.effect for t in moved}
+    gap = made.gap.copy()
+    columns_of = {
+        t: [np.zeros((len(gap), len(x))) for _ in made.active] for t, x in moved.items()
+    }
+    for k, segment in enumerate(rows.segments):
+        if rows.group_of[k] != group or not moved:
+            continue
+        mine = np.flatnonzero(rows.segment == k)
+        trust = rows.trust[mine]
+        corrected, body = arm.corrected(terms, theta), segment.bodies(arm.bodies)
+        at = Prediction.of(corrected, body, segment.motion)
+        assert segment.torque is not None
+        left = rows.thin(segment.bridged(segment.torque - at.torque), segment)
+        gap[mine] = left / rows.scale * trust
+        matrix = columns(at, rows, k, terms, theta, names) / rows.scale[:, None]
+        for term in moved:
+            own = matrix[:, :, list(term.columns)] / made.units[term] * trust[:, :, None]
+            for j, x in enumerate(columns_of[term]):
+                x[mine] = own[:, j]
+    for term, value in moved.items():
+        scaled = value * made.units[term]
+        gap += np.stack([x @ scaled for x in columns_of[term]], axis=1)
+    return About(gap, columns_of)
+
+
+def moves_columns(term: Term) -> bool:
+    """Whether the columns of a term change with its values; those of a link are taken as linear, those of a limit are."""
+    return not (is_link_change(term) or term.definition.limits)
+
+
+def is_link_change(term: Term) -> bool:
+    """Whether a term changes a link of the arm, and is so a combination of its inertial columns."""
+    return isinstance(term.definition, LinkChange) and term.definition.scope == "link"
+
+
+def design(
+    rows: Rows,
+    arm: FreeArm,
+    shapes: Mapping[Term, tuple[float, ...]],
+    units: Mapping[Term, np.ndarray] | None = None,
+) -> Design:
+    """Columns about an arm.
+
+    Args:
+        rows: the rows.
+        arm: what all groups share.
+        shapes: nonlinear parameters of the terms that have some.
+        units: of the terms that another design has, so that their priors are the same.
+    """
+    n = arm.arm.n_joints
+    terms = Terms(n, dict(shapes), arm.arm.coupled_motors)
+    matrices, inertial, gaps, predicted, forces = [], [], [], [], []
+    rows.bodies = []
+    for k, segment in enumerate(rows.segments):
+        corrected, motion = arm.corrected(terms), segment.motion
+        body = segment.bodies(arm.bodies)
+        regressor = body.regressor(motion.q, motion.dq, motion.ddq)
+        at = Prediction.of(corrected, body, motion)
+        rows.bodies.append(Bodies(body, motion, regressor))
+        matrices.append(columns(at, rows, k, terms, arm.theta))
+        # bodies of both groups as their torque is recorded, whatever lies on the way to it
+        inertial.append(rows.thin(as_recorded(at, regressor), segment))
+        forces.append(rows.thin(rows.bodies[k].force, segment))
+        assert segment.torque is not None
+        gap = segment.bridged(corrected.delivered(segment.torque) - at.torque)
+        gaps.append(rows.thin(gap, segment))
+        predicted.append(rows.thin(at.torque, segment))
+    scale = rows.scale
+    bodies = np.concatenate(inertial) / scale[:, None]
+    matrix = np.concatenate(matrices) / scale[:, None]
+    parts = [bodies * inertial_scale(arm.body)]
+    prior, may_own = [np.full(10 * n, BODIES)], [np.zeros(10 * n, dtype=bool)]
+    places, used, count = {}, {}, 10 * n
+    given = units or {}
+    nominal = arm.body.inertial_parameters().reshape(n, 10)
+    for term in terms.all:
+        if is_link_change(term):
+            j = term.joint - 1
+            tangent = term.definition.tangent(nominal[j], j, np.zeros(len(term.columns)))  # type: ignore[attr-defined]
+            x = bodies[:, :, 10 * j : 10 * j + 10] @ tangent
+        elif terms.can_choose(term):
+            x = matrix[:, :, list(term.columns)]
+        else:
+            continue
+        unit = np.sqrt((x**2).mean(axis=0)).max(axis=0)
+        if not (unit > LEAST_TORQUE).all():
+            continue
+        unit = given.get(term, unit)
+        parts.append(x / unit)
+        places[term] = np.arange(count, count + len(unit))
+        used[term] = unit
+        count += len(unit)
+        prior.append(_shared(term, unit))
+        may_own.append(np.full(len(unit), _is_form(term)))
+    # pushes in parts of a motion: what form error can do to a force
+    push = np.concatenate(forces) / scale[:, None]
+    push = push / np.maximum(np.sqrt((push**2).mean(axis=0)).max(axis=0), 1e-12)
+    part = rows.part_of_motion(PUSHES)
+    parts += [push * (part == k)[:, None, None] for k in range(PUSHES)]
+    prior.append(np.zeros(3 * PUSHES))
+    may_own.append(np.ones(3 * PUSHES, dtype=bool))
+    whole = np.concatenate(parts, axis=2) * rows.trust[:, :, None]
+    gap = np.concatenate(gaps) / scale
+    active = [
+        np.flatnonzero((whole[:, j] ** 2).mean(axis=0) > LEAST_TORQUE**2) for j in range(n)
+    ]
+    return Design(
+        rows,
+        terms,
+        places,
+        used,
+        [np.ascontiguousarray(whole[:, j, a]) for j, a in enumerate(active)],
+        active,
+        gap * rows.trust,
+        np.concatenate(prior),
+        np.concatenate(may_own),
+        np.concatenate(predicted),
+        _noisy(rows, terms, places, used, active),
+    )
+
+
+def fitted_arm(rows: Rows, arm: NominalArm) -> FreeArm:
+    """The arm that predicts the first group best: bodies, rotors, friction, springs and offsets, whatever they are.
+
+    Ridge regression: inertials within their own size of the nominal ones, all else as large as the torque; joints
+    weighted by what is left.
+    """
+    start = FreeArm.nominal(arm)
+    n, terms = arm.n_joints, Terms(arm.n_joints, {}, arm.coupled_motors)
+    free = [e for e in terms.definitions if _is_free(e)]
+    names = {e.name for e in free}
+    places = np.concatenate([terms.block(e.name).ravel() for e in free])
+    first = rows.of(0)
+    matrices, gaps = [], []
+    for k, segment in enumerate(rows.segments):
+        if rows.group_of[k] != 0:
+            continue
+        motion, body = segment.motion, segment.bodies(start.body)
+        at = Prediction.of(start.corrected(terms), body, motion)
+        regressor = body.regressor(motion.q, motion.dq, motion.ddq)
+        rows.bodies = rows.bodies[:k] + [Bodies(body, motion, regressor)]
+        own = columns(at, rows, k, terms, start.theta, names)[:, :, places]
+        matrices.append(np.concatenate([rows.thin(regressor, segment), own], axis=2))
+        assert segment.torque is not None
+        gaps.append(rows.thin(segment.bridged(segment.torque - at.torque), segment))
+    x = np.concatenate(matrices) / rows.scale[:, None] * rows.trust[first][:, :, None]
+    y = np.concatenate(gaps) / rows.scale * rows.trust[first]
+    size = np.sqrt((x**2).mean(axis=0)).max(axis=0)
+    unit = WIDE / np.maximum(size, LEAST_TORQUE)
+    unit[: 10 * n] = BODIES * inertial_scale(start.body)
+    x = x * unit
+    left = np.full(n, PRECISE)
+    for _ in range(REWEIGHTINGS):
+        weighted = (x / left[:, None]).reshape(-1, x.shape[2])
+        normal = weighted.T @ weighted + np.eye(x.shape[2])
+        value = np.linalg.solve(normal, weighted.T @ (y / left).ravel())
+        left = np.maximum(np.sqrt(((y - x @ value) ** 2).mean(axis=0)), PRECISE)
+    value = value * unit
+    theta = start.theta.copy()
+    theta[places] += value[10 * n :]
+    return replace(
+        start, increments=value[: 10 * n].reshape(n, 10), theta=terms.clipped(theta)
+    )
+
+
+def _is_free(effect: Effect) -> bool:
+    """Whether every arm has an effect on each joint, of a size that only the data say."""
+    plain = effect.reach == "joint" and not effect.fitted.nonlinear
+    return plain and (np.isinf(effect.fitted.usual) or effect.fitted.data_sheet is not None)
+
+
+def _is_form(term: Term) -> bool:
+    """Whether form error can look like a term: a push has columns of its own, and a limit shows in the torque itself."""
+    return not (isinstance(term.definition, External) or term.definition.limits)
+
+
+def _shared(term: Term, unit: np.ndarray) -> np.ndarray:
+    """Deviation of what all groups may share of a term, in units of its columns, (linear,)."""
+    effect = term.definition
+    # the bodies are free already
+    # what is searched may be everybody's or a group's own: both are candidates
+    if isinstance(effect, LinkChange) or effect.fitted.nonlinear:
+        return np.zeros(len(unit))
+    if isinstance(effect, Transmission):
+        return np.full(len(unit), STIFF)
+    usual = effect.fitted.usual
+    if effect.fitted.data_sheet is not None or np.isinf(usual):
+        return np.full(len(unit), WIDE)
+    # what has a usual size cannot be told from free bodies otherwise; a healthy arm has less
+    return np.minimum(HEALTHY * usual * unit, WIDE)
+
+
+def _noisy(
+    rows: Rows,
+    terms: Terms,
+    places: Mapping[Term, np.ndarray],
+    units: Mapping[Term, np.ndarray],
+    active: list[np.ndarray],
+) -> dict[tuple[int, int], np.ndarray]:
+    """Share of the recorded torque's noise in the columns of limits: all where the torque is beyond, in their unit."""
+    out = {}
+    for term, (place, *_) in places.items():
+        if not term.definition.limits:
+            continue
+        j, limit = term.joint - 1, terms.shapes[term][0]
+        beyond = [
+            rows.thin((np.abs(np.asarray(s.torque)[:, j]) > limit).astype(float), s)
+            for s in rows.segments
+        ]
+        at = int(np.searchsorted(active[j], place))
+        out[j, at] = np.concatenate(beyond) / units[term][0]
+    return out
+
+
+def _with_own(
+    arm: FreeArm, terms: Terms, values: Mapping[Term, np.ndarray]
+) -> np.ndarray:
+    """Coordinates of the arm with the terms of a group, (P,)."""
+    theta = arm.theta.copy()
+    for term, value in values.items():
+        theta[list(term.columns)] += value
+    return terms.clipped(theta)

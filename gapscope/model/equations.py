@@ -1,0 +1,94 @@
+"""Sums of products of columns and gap, per motion, group and joint: all that a contrast asks is algebra on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gapscope.model.design import Design
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Rows of one motion in one group, on one joint.
+
+    Attributes:
+        motion, group, recording: numbers; of a motion that comes again, the first recording.
+        rows: numbers of the rows, (m,).
+        gram: X^T X, (p, p).
+        right: X^T y, (p,).
+        power: y^T y.
+    """
+
+    motion: int
+    group: int
+    recording: int
+    rows: np.ndarray
+    gram: np.ndarray
+    right: np.ndarray
+    power: float
+
+
+@dataclass(frozen=True)
+class Equations:
+    """The cells of each joint; columns in the order of the joint's own.
+
+    Attributes:
+        design: columns and gap.
+        cells: of each joint, motion by motion.
+        noise2: variance of the noise of each joint [1], (n,), if known.
+    """
+
+    design: Design
+    cells: list[list[Cell]]
+    noise2: np.ndarray | None = None
+
+    @classmethod
+    def of(cls, design: Design, noise2: np.ndarray | None = None) -> Equations:
+        """The sums of a design.
+
+        Args:
+            design: columns and gap.
+            noise2: variance of the noise of each joint [1], (n,), if known. A column made of the recorded torque holds
+                the noise that is in the gap: what they have in common by that is taken out.
+        """
+        rows = design.rows
+        kinds = sorted(set(zip(rows.motion.tolist(), rows.group.tolist(), strict=True)))
+        members = [
+            (motion, group, np.flatnonzero((rows.motion == motion) & (rows.group == group)))
+            for motion, group in kinds
+        ]
+        cells = [
+            [
+                _cell(motion, group, int(rows.recording[own[0]]), own, x[own], design.gap[own, j])
+                for motion, group, own in members
+            ]
+            for j, x in enumerate(design.columns)
+        ]
+        made = cls(design, cells, noise2)
+        for j, own in enumerate(cells):
+            noise = made.shared_noise(j)
+            for cell in own:
+                cell.right[:] -= noise[cell.rows].sum(axis=0)
+        return made
+
+    def shared_noise(self, j: int) -> np.ndarray:
+        """What columns made of the recorded torque have in common with the gap by its noise, in each row, (M, p)."""
+        out = np.zeros(self.design.columns[j].shape)
+        if self.noise2 is not None:
+            for (joint, place), passed in self.design.noisy.items():
+                if joint == j:
+                    out[:, place] = self.noise2[j] * passed
+        return out
+
+
+def _cell(
+    motion: int,
+    group: int,
+    recording: int,
+    rows: np.ndarray,
+    x: np.ndarray,
+    y: np.ndarray,
+) -> Cell:
+    return Cell(motion, group, recording, rows, x.T @ x, x.T @ y, float(y @ y))

@@ -1,0 +1,391 @@
+"""Values of nonlinear parameters that a contrast looks at first: those by which a group's own effect explains most.
+
+Each value of the grid of a law has columns; their information on a group's own coordinates beside shared twins of the
+same columns, and beside all that is shared, gives its evidence. A term is charged what it takes to say which value it is:
+the log of the number of values over those that do about as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.effect import External
+from gapscope.effects.parametrisation import JointSeries
+from gapscope.model.candidate_columns import JointSignals, unit_columns
+from gapscope.model.contrast import SIZES, Candidate, Contrast, OwnTerms, forward, lower
+from gapscope.model.design import FreeArm
+from gapscope.model.prediction import Prediction
+from gapscope.model.rows import Rows
+from gapscope.model.terms import Term
+
+WINDOW_EDGES = 40
+"""Edges between which windows of a force are tried. (budget)"""
+UNKNOWN = 0.01
+"""Odds of something that the catalogue does not have, over none [1]."""
+LEAST_WINDOW = 0.05
+"""Bins of a window are no shorter [s]."""
+
+
+class Found(NamedTuple):
+    """The best nonlinear parameters of a term, and what it takes to say which [nats]."""
+
+    values: tuple[float, ...]
+    charge: float
+
+
+@dataclass
+class Scanner:
+    """Tries values of nonlinear parameters on a group.
+
+    Attributes:
+        rows: the rows.
+        arm: what all groups share.
+        group: whose own effects are looked for.
+    """
+
+    rows: Rows
+    arm: FreeArm
+    group: int
+
+    def __post_init__(self) -> None:
+        """Torque and friction that the shared arm predicts on every segment."""
+        self._columns: dict[Term, np.ndarray] = {}
+        self._load, self._friction = [], []
+        from gapscope.model.terms import Terms
+
+        terms = Terms(self.arm.arm.n_joints, {}, self.arm.arm.coupled_motors)
+        corrected = self.arm.corrected(terms)
+        friction = tuple(e for e in corrected.effects if e.effect.family == "friction")
+        for segment in self.rows.segments:
+            body = segment.bodies(self.arm.bodies)
+            self._load.append(Prediction.of(corrected, body, segment.motion).torque)
+            none = np.zeros_like(segment.motion.q)
+            rubbing = CorrectedArm(self.arm.arm, friction)
+            self._friction.append(rubbing.needed_torque(none, segment.motion))
+
+    def scan(
+        self,
+        contrast: Contrast,
+        own: OwnTerms,
+        chosen: Sequence[Candidate],
+        shapes: Mapping[Term, tuple[float, ...]],
+        only: Collection[Term] | None = None,
+    ) -> dict[Term, Found]:
+        """The best values of every term that has nonlinear parameters, or of some.
+
+        Args:
+            contrast: of all groups.
+            own: of the group.
+            chosen: terms that the group has; each is looked at beside the others.
+            shapes: values of these.
+            only: the terms that are looked at.
+        """
+        found: dict[Term, Found] = {}
+        for term in contrast.design.terms.all:
+            fitted = term.parametrisation
+            if not fitted.nonlinear or (only is not None and term not in only):
+                continue
+            others = [one for one in chosen if one.term != term and one in own.places]
+            if isinstance(term.definition, External):
+                window = self._window(term, contrast, own, others)
+                if window is not None:
+                    found[term] = window
+                continue
+            in_use = any(one.term == term for one in chosen)
+            known = shapes[term][0] if in_use and term in shapes else None
+            best = self._on_joint(term, contrast, own, others, known)
+            if best is not None:
+                found[term] = best
+        return found
+
+    def _series(self, j: int) -> JointSeries:
+        segments = self.rows.segments
+        return JointSeries(
+            [s.motion.t for s in segments],
+            [s.motion.q[:, j] for s in segments],
+            [s.motion.dq[:, j] for s in segments],
+            [s.torque[:, j] for s in segments if s.torque is not None],
+            float(self.arm.arm.per_radian[j]),
+        )
+
+    def _on_joint(
+        self,
+        term: Term,
+        contrast: Contrast,
+        own: OwnTerms,
+        others: Sequence[Candidate],
+        known: float | None,
+    ) -> Found | None:
+        """The best value of a term's parameter on a joint."""
+        fitted, j = term.parametrisation, term.joint - 1
+        series = self._series(j)
+        assert fitted.grid is not None
+        values = fitted.grid(series, known)
+        if fitted.possible is not None and len(values):
+            needed = np.concatenate([load[:, j] for load in self._load])
+            recorded = np.concatenate(series.recorded)
+            values = values[fitted.possible(values, recorded, needed)]
+        if not len(values):
+            return None
+        x = self._columns_of(term, values, known)
+        noise = None
+        if term.definition.limits:
+            # the noise of the torque that is beyond a limit is in the gap as well
+            noise = contrast.error.white2[j] * (np.abs(self._recorded(j)) > values)
+        gain = _gains(contrast, own, others, j, x, term, self.group, noise)
+        best = int(np.argmax(gain))
+        value = _peak(values, gain, best)
+        charge = float(gain.max() - np.logaddexp.reduce(gain) + np.log(len(gain)))
+        return Found((value,), charge)
+
+    def _recorded(self, j: int) -> np.ndarray:
+        """Recorded torque of a joint on the rows [N m], (M, 1)."""
+        return self.rows.torque[:, j, None]
+
+    def _columns_of(
+        self, term: Term, values: np.ndarray, known: float | None
+    ) -> np.ndarray:
+        """Columns of each value, side by side, over the joint's scale, (M, K c); those of first values are kept."""
+        first = known is None and not term.definition.limits
+        if first and term in self._columns:
+            return self._columns[term]
+        j, parts = term.joint - 1, []
+        for k, segment in enumerate(self.rows.segments):
+            motion = segment.motion
+            assert segment.torque is not None
+            series = (motion.q, motion.dq, segment.torque, self._load[k], self._friction[k])
+            signals = JointSignals(motion.t[:, None], *(x[:, j, None] for x in series))
+            parts.append(self.rows.thin(unit_columns(term.definition, values, signals), segment))
+        x = np.concatenate(parts) / self.rows.scale[j] * self.rows.trust[:, j, None]
+        if first:
+            self._columns[term] = x
+        return x
+
+    def _window(
+        self, term: Term, contrast: Contrast, own: OwnTerms, others: Sequence[Candidate]
+    ) -> Found | None:
+        """The window in which a force explains most.
+
+        What a window needs is a sum over its bins, whose products with all else are computed once.
+        """
+        rows, design = self.rows, contrast.design
+        mine = np.flatnonzero(rows.group == self.group)
+        begin, end = rows.t[mine].min(), rows.t[mine].max()
+        width = max((end - begin) / WINDOW_EDGES, LEAST_WINDOW)
+        bins = int(np.ceil((end - begin) / width + 1e-9))
+        if bins < 4:
+            return None
+        force = np.concatenate(
+            [
+                rows.thin(-rows.bodies[k].force, segment)
+                for k, segment in enumerate(rows.segments)
+            ]
+        )
+        force = force / rows.scale[:, None] * rows.trust[:, :, None]
+        place = np.clip(((rows.t - begin) / width).astype(int), 0, bins - 1)
+        size = np.sqrt((force[mine] ** 2).mean(axis=0)).max(axis=0) + 1e-12
+        gram, right = np.zeros((3 * bins, 3 * bins)), np.zeros(3 * bins)
+        cross = np.zeros((contrast.groups, design.size, 3 * bins))
+        for j, motions in enumerate(contrast.motions):
+            noise2, active = contrast.error.noise2[j], design.active[j]
+            for one in motions:
+                for cell in one.cells:
+                    if cell.group != self.group:
+                        continue
+                    x = np.zeros((len(cell.rows), bins, 3))
+                    x[np.arange(len(cell.rows)), place[cell.rows]] = force[cell.rows, j]
+                    flat = x.reshape(len(x), -1)
+                    products = design.columns[j][cell.rows].T @ flat / noise2
+                    inner = forward(one.factor, one.size[:, None] * products[one.free])
+                    gram += flat.T @ flat / noise2 - inner.T @ inner
+                    right += flat.T @ contrast.gap[cell.rows, j] / noise2 - inner.T @ one.right
+                    cross[self.group, active] += products
+                    for other, its in zip(one.cells, one.crosses, strict=True):
+                        cross[other.group, active] -= its.T @ inner
+        back = contrast.nuisance_rows(cross)
+        gram -= back.T @ back
+        right -= back.T @ contrast.solved
+        places = own.joined(others)
+        if len(places):
+            factor = lower(own.gram[np.ix_(places, places)].copy())
+            inner = forward(factor, own.rows(cross, self.group, places) - own.back[:, places].T @ back)
+            gram -= inner.T @ inner
+            right -= inner.T @ forward(factor, own.right[places])
+        spans = _spans(bins)
+        gain = _of_spans(gram, right, spans, 1.0 / size)
+        k = int(np.argmax(gain))
+        charge = float(gain.max() - np.logaddexp.reduce(gain) + np.log(len(gain)))
+        # something unknown on one joint for a while is no push
+        alone = self._on_one_joint(contrast, place, bins, spans)
+        charge += max(alone + float(np.log(UNKNOWN)), 0.0)
+        first, last = spans
+        return Found((float(begin + first[k] * width), float(begin + last[k] * width)), charge)
+
+    def _on_one_joint(
+        self,
+        contrast: Contrast,
+        place: np.ndarray,
+        bins: int,
+        spans: tuple[np.ndarray, np.ndarray],
+    ) -> float:
+        """Log evidence of a constant torque on some joint in some window, each as likely [nats]."""
+        rows, gains = self.rows, []
+        mine = np.flatnonzero(rows.group == self.group)
+        column = np.zeros((len(rows.t), bins))
+        column[mine, place[mine]] = 1.0
+        none = np.zeros_like(column)
+        for j in range(rows.torque.shape[1]):
+            own = column * rows.trust[:, j, None]
+            columns = [own if k == j else none for k in range(rows.torque.shape[1])]
+            found = contrast.beside(columns, self.group)
+            gains.append(_of_spans(found.gram, found.right, spans, np.ones(1)))
+        every = np.concatenate(gains)
+        return float(np.logaddexp.reduce(every) - np.log(len(every)))
+
+
+def _spans(bins: int) -> tuple[np.ndarray, np.ndarray]:
+    """First bin of each window, and the one after its last: all windows of two bins or more but the whole."""
+    first, last = (x.ravel() for x in np.meshgrid(np.arange(bins), np.arange(bins + 1)))
+    apart = (last - first >= 2) & (last - first < bins)
+    return first[apart], last[apart]
+
+
+def _of_spans(
+    gram: np.ndarray, right: np.ndarray, spans: tuple[np.ndarray, np.ndarray], unit: np.ndarray
+) -> np.ndarray:
+    """Log evidence of each window, whose columns are sums of those of its bins, c in each: (K,)."""
+    count = len(unit)
+    bins = len(right) // count
+    up_to = np.zeros((bins + 1, count, bins + 1, count))
+    of_bins = gram.reshape(bins, count, bins, count)
+    up_to[1:, :, 1:] = of_bins.cumsum(axis=0).cumsum(axis=2)
+    pulls = np.zeros((bins + 1, count))
+    pulls[1:] = right.reshape(bins, count).cumsum(axis=0)
+    first, last = spans
+    inside = (
+        up_to[last, :, last]
+        - up_to[first, :, last]
+        - up_to[last, :, first]
+        + up_to[first, :, first]
+    )
+    return _evidence(inside, pulls[last] - pulls[first], unit)
+
+
+def _evidence(gram: np.ndarray, right: np.ndarray, unit: np.ndarray) -> np.ndarray:
+    """Log evidence of K candidates of c coordinates, in the likeliest size, (K,).
+
+    Args:
+        gram, right: information, (K, c, c) and (K, c).
+        unit: of the coordinates, (c,) or (K, c).
+    """
+    every = []
+    for size in SIZES:
+        u = np.broadcast_to(size * unit, right.shape)
+        every.append(_log_evidence(gram * u[:, :, None] * u[:, None, :], right * u))
+    return np.asarray(np.max(every, axis=0))
+
+
+def _log_evidence(gram: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """The same of coordinates in units of their prior deviations."""
+    normal = gram + np.eye(gram.shape[1])
+    solved = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
+    return (right * solved).sum(axis=1) / 2 - np.linalg.slogdet(normal)[1] / 2
+
+
+def _products(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Sums over rows of the products of each candidate's columns, (M, K, a) and (M, K, b): (K, a, b)."""
+    rows = [
+        np.stack([(one[:, :, i] * other[:, :, k]).sum(axis=0) for k in range(other.shape[2])], 1)
+        for i in range(one.shape[2])
+    ]
+    return np.stack(rows, axis=1)
+
+
+def _gains(
+    contrast: Contrast,
+    own: OwnTerms,
+    others: Sequence[Candidate],
+    j: int,
+    x: np.ndarray,
+    term: Term,
+    group: int,
+    noise: np.ndarray | None,
+) -> np.ndarray:
+    """Log evidence of candidates on a joint, their columns (M, K c) a group's own, or everybody's, beside other terms."""
+    design, noise2 = contrast.design, contrast.error.noise2[j]
+    count = term.parametrisation.linear
+    active, k = design.active[j], x.shape[1] // count
+    cross = np.zeros((contrast.groups, design.size, x.shape[1]))
+    split = lambda matrix: matrix.reshape(len(matrix), k, count)
+    all_all, own_own = (np.zeros((k, count, count)) for _ in range(2))
+    right_all, right_own = np.zeros(x.shape[1]), np.zeros(x.shape[1])
+    cross_own = np.zeros_like(cross)
+    for one in contrast.motions[j]:
+        inners, whole = {}, 0.0
+        for cell in one.cells:
+            own_rows = x[cell.rows]
+            products = design.columns[j][cell.rows].T @ own_rows / noise2
+            inner = forward(one.factor, one.size[:, None] * products[one.free])
+            pull = own_rows.T @ contrast.gap[cell.rows, j] / noise2 - inner.T @ one.right
+            if noise is not None:
+                pull -= noise[cell.rows].sum(axis=0) / noise2
+            gram = _products(split(own_rows), split(own_rows)) / noise2
+            mine = cell.group == group
+            all_all += gram
+            right_all += pull
+            cross[cell.group, active] += products
+            if mine:
+                own_own += gram - _products(split(inner), split(inner))
+                right_own += pull
+                cross_own[group, active] += products
+            inners[cell.group] = inner
+            whole = whole + inner
+        all_all -= _products(split(whole), split(whole))
+        for other, its in zip(one.cells, one.crosses, strict=True):
+            cross[other.group, active] -= its.T @ whole
+        if group in inners:
+            inner = inners[group]
+            for other, its in zip(one.cells, one.crosses, strict=True):
+                cross_own[other.group, active] -= its.T @ inner
+    back_all, back_own = contrast.nuisance_rows(cross), contrast.nuisance_rows(cross_own)
+    all_all -= _products(split(back_all), split(back_all))
+    own_own -= _products(split(back_own), split(back_own))
+    right_all -= back_all.T @ contrast.solved
+    right_own -= back_own.T @ contrast.solved
+    places = own.joined(others)
+    if len(places):
+        factor = lower(own.gram[np.ix_(places, places)].copy())
+        solved = forward(factor, own.right[places])
+        inner_all = forward(factor, own.rows(cross, group, places) - own.back[:, places].T @ back_all)
+        inner_own = forward(factor, own.rows(cross_own, group, places) - own.back[:, places].T @ back_own)
+        all_all -= _products(split(inner_all), split(inner_all))
+        own_own -= _products(split(inner_own), split(inner_own))
+        right_all -= inner_all.T @ solved
+        right_own -= inner_own.T @ solved
+    size = np.sqrt((x**2).mean(axis=0)).reshape(k, count)
+    shown = size.min(axis=1) > 1e-6
+    unit = 1.0 / np.maximum(size, 1e-6)
+    # what both have is no difference: the value may be that of either
+    of_group = _evidence(own_own, right_own.reshape(k, count), unit)
+    of_all = _evidence(all_all, right_all.reshape(k, count), unit)
+    gains = np.maximum(of_group, of_all)
+    return np.where(shown, np.nan_to_num(gains), 0.0)
+
+
+def _peak(values: np.ndarray, gain: np.ndarray, best: int) -> float:
+    """The best value, moved to the peak of the parabola through its neighbours."""
+    value = float(values[best])
+    if not 0 < best < len(values) - 1 or gain[best] < 1.0:
+        return value
+    near, height = values[best - 1 : best + 2] - value, gain[best - 1 : best + 2]
+    if not np.diff(near).all():
+        return value
+    curve, slope, _ = np.polyfit(near, height, 2)
+    if curve >= 0:
+        return value
+    return value + float(np.clip(-slope / (2 * curve), near[0], near[2]))
