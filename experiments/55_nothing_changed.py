@@ -269,6 +269,8 @@ def run(
 ) -> None:
     """Compare all that have no result yet."""
     left = [p for p in plans if not (results / f"{p.name}.json").is_file()]
+    # the long ones last
+    left.sort(key=lambda plan: plan.times)
     started, done = time.monotonic(), itertools.count(1)
 
     def diagnosed(plan: Comparison) -> None:
