@@ -46,6 +46,8 @@ ROBOTS = ("ur5_like", "franka_panda", "drawn", "kuka_iiwa", "ur10_like", "xarm6"
 ARM = np.array([], dtype=int)
 DAY = 0.12
 """Change of friction from day to day, at most [1]."""
+DAILY = {"coulomb_friction", "viscous_friction"}
+"""Effects that change from day to day."""
 COLD = (0.4, 0.8)
 """Rise of the friction of every joint in a cold recording [1]."""
 REFERENCE, CASE = (0, 1, 2), (3, -1)
@@ -360,8 +362,15 @@ def score(tasks: Sequence[Task], out: Path, results: Path) -> None:
             continue
         truth = json.loads((out / "truth" / f"{task.case}.json").read_text())
         result = read_json(file, "")
+        said_at_all = answer(result)
         arm = yaml.safe_load((out / "cases" / task.case / "case/case.yaml").read_text())
         effects = truth["effects"]
+        if task.mode == "plain" and result.get("document"):
+            # friction that differs from the data sheet by a day's change may be said
+            stated = {entry["effect"] for entry in effects}
+            told = result["document"]["effects"]
+            kept = [e for e in told if e["effect"] not in DAILY - stated]
+            result["document"]["effects"] = kept
         one = judged(effects, result, len(arm["nominal"]["armature"]))
         groups.setdefault((task.row, task.mode), []).append(one)
         states = json.dumps(said_of_states(result)) if one.states else "–"
@@ -369,7 +378,7 @@ def score(tasks: Sequence[Task], out: Path, results: Path) -> None:
             ", ".join(_short(entry) for entry in several) or "–"
             for several in truth["recordings"]
         )
-        said.append((task.name, true, answer(result), states[:400]))
+        said.append((task.name, true, said_at_all, states[:400]))
     head = ("", "question", "cases", "first right", "exact", "false names")
     head = (*head, "unexplained", "states said", "failed", "seconds: median, worst")
     rows = [
