@@ -299,6 +299,12 @@ def names_of(result: dict[str, Any]) -> list[str]:
     ]
 
 
+def changes_of(result: dict[str, Any]) -> list[str]:
+    """Changes during a recording that a result states, with their joints and times; they are false too."""
+    changes = (result.get("document") or {}).get("changes") or []
+    return [f"{c['what']} {c['joints']} at {c['time']:.1f} s" for c in changes]
+
+
 def verdict_of(result: dict[str, Any]) -> str:
     """Verdict, or the error."""
     document = result.get("document") or {}
@@ -313,17 +319,26 @@ def tables(rows: Sequence[tuple[Comparison, dict[str, Any]]]) -> list[Table]:
         parts.setdefault(f"{plan.group}, {plan.relation}{listed}", []).append(result)
         parts.setdefault(f"~ all{listed or ', listed once'}", []).append(result)
         parts.setdefault("~ all", []).append(result)
-    head = ("", "comparisons", "named", "rate", "95 % interval", "unexplained")
-    head = (*head, "failed", "effects", "seconds: median, worst")
+    head = ("", "comparisons", "named", "rate", "95 % interval", "change during")
+    head = (*head, "unexplained", "failed", "effects", "seconds: median, worst")
     figures = [(key.strip("~ "), *_figures(parts[key])) for key in sorted(parts)]
     wrong = [
-        (plan.name, verdict_of(result), "; ".join(names_of(result)))
+        (
+            plan.name,
+            verdict_of(result),
+            "; ".join(names_of(result)),
+            "; ".join(changes_of(result)),
+        )
         for plan, result in rows
-        if names_of(result) or result["status"] != "done"
+        if names_of(result) or changes_of(result) or result["status"] != "done"
     ]
     return [
         Table("Nothing changed", head, tuple(figures)),
-        Table("Named or failed", ("comparison", "verdict", "effects"), tuple(wrong)),
+        Table(
+            "Named or failed",
+            ("comparison", "verdict", "effects", "changes during a recording"),
+            tuple(wrong),
+        ),
     ]
 
 
@@ -338,6 +353,7 @@ def _figures(results: Sequence[dict[str, Any]]) -> tuple[str, ...]:
         str(len(named)),
         f"{100 * len(named) / max(len(done), 1):.1f} %",
         f"{100 * low:.1f} to {100 * high:.1f} %",
+        str(sum(bool(changes_of(r)) for r in done)),
         str(sum(verdict_of(r) == "unexplained" for r in done)),
         str(len(results) - len(done)),
         ", ".join(f"{n} {name}" for name, n in effects.most_common()) or "–",
