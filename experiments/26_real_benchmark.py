@@ -2,12 +2,13 @@
 
     GAPSCOPE_DATA=.../data .venv/bin/python experiments/26_real_benchmark.py --out out/real [--jobs 2] [--full]
 
-Recordings of six real arms are carriers (``real_carriers.py``): the unchanged recording is a healthy case, and effects
-of known size are put into it by laws that are not the catalogue's (``real_injections.py``); see
+Recordings of seven real arms are carriers (``real_carriers.py``): the unchanged recording is a healthy case, and
+effects of known size are put into it by laws that are not the catalogue's (``real_injections.py``); see
 ``docs/real_arms.md``.
 
 Resumable: run it again for the rest; each case has a result file that is written whole. ``--step check`` shows that the
-injected truth closes the gap. ``--results NAME`` keeps the results of several versions of the diagnosis side by side.
+injected truth closes the gap. ``--results NAME`` keeps the results of several versions of the diagnosis side by side;
+``--sketch PROGRAM`` lets an outside program answer (``outside_program.py``).
 """
 
 from __future__ import annotations
@@ -19,10 +20,19 @@ import warnings
 from functools import partial
 from pathlib import Path
 
+from case_runs import diagnose_to_file, run_tasks, write_no_result
 from real_carriers import ARMS, prepare_arm, prepare_cut
 from real_check import check_table
-from real_plan import MODES, SIZES, Planned, counts, make_case, planned, read_truth
-from real_run import diagnose_to_file, run_tasks, write_no_result
+from real_plan import (
+    MODES,
+    SIZES,
+    Planned,
+    counts,
+    make_case,
+    planned,
+    read_truth,
+    reference_of,
+)
 from real_scoring import Scored, score_tables, scored
 from threadpoolctl import threadpool_limits
 
@@ -78,9 +88,14 @@ def result_file(plan: Planned, results: Path) -> Path:
 
 
 def run(
-    cases: list[Planned], out: Path, results: Path, jobs: int, limit: float
+    cases: list[Planned],
+    out: Path,
+    results: Path,
+    jobs: int,
+    limit: float,
+    sketch: Path | None,
 ) -> None:
-    """Diagnose all cases that have no result yet."""
+    """Diagnose all cases that have no result yet, with Gapscope or by a sketch."""
     left = [
         c
         for c in cases
@@ -92,7 +107,7 @@ def run(
     def ended(plan: Planned, how: str, seconds: float) -> None:
         file = result_file(plan, results)
         if how != "ended" or not file.is_file():
-            write_no_result(plan, how, seconds, limit, file)
+            write_no_result(plan.name, how, seconds, limit, file)
         result = read_json(file, "")
         document = result.get("document") or {}
         found = [effect["effect"] for effect in document.get("effects", [])]
@@ -100,13 +115,12 @@ def run(
         text = f"{seconds:.0f} s  {verdict}  {', '.join(found)}"
         progress(f"{plan.name} ({plan.kind})", text)
 
-    run_tasks(
-        lambda plan: diagnose_to_file(plan, out, result_file(plan, results)),
-        left,
-        jobs,
-        limit,
-        ended,
-    )
+    def diagnosed(plan: Planned) -> None:
+        reference = reference_of(plan, out) if plan.mode == "against" else None
+        case, file = out / "cases" / plan.name, result_file(plan, results)
+        diagnose_to_file(case, reference, file, sketch)
+
+    run_tasks(diagnosed, left, jobs, limit, ended)
 
 
 def score(cases: list[Planned], out: Path, results: Path) -> None:
@@ -147,6 +161,9 @@ def parsed() -> argparse.Namespace:
         "--limit", type=float, default=600.0, help="processor time per case [s]"
     )
     parser.add_argument("--results", default="results", help="folder in OUT")
+    parser.add_argument(
+        "--sketch", type=Path, help="an outside program in place of Gapscope"
+    )
     steps = ("make", "check", "run", "score", "all")
     parser.add_argument("--step", choices=steps, default="all")
     return parser.parse_args()
@@ -171,7 +188,8 @@ def main() -> None:
     if arguments.step == "check":
         print(check_table(cases, out, arguments.jobs).markdown())
     if arguments.step in ("run", "all"):
-        run(cases, out, results, arguments.jobs, arguments.limit)
+        limit, sketch = arguments.limit, arguments.sketch
+        run(cases, out, results, arguments.jobs, limit, sketch)
     if arguments.step in ("score", "all"):
         score(cases, out, results)
 

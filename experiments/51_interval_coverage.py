@@ -23,11 +23,11 @@ import coverage_carriers
 import coverage_samples
 import coverage_simulated
 from calibration_table import Stated, calibration_table, stated
+from case_runs import run_tasks
 from coverage_carriers import Carried
 from coverage_samples import Sample
 from coverage_simulated import Simulated
 from coverage_table import Value, coverage_table, values
-from real_run import run_tasks
 from threadpoolctl import threadpool_limits
 
 import gapscope

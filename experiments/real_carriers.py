@@ -23,7 +23,7 @@ from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import read_json, write_json
 from gapscope.arm.recording import Recording
 
-CASES = Path(__file__).parent / "cases"
+CASES = Path(__file__).resolve().parent / "cases"
 ARMS = {
     "tx40": "staubli_tx40",
     "ur10": "ur10",
@@ -31,6 +31,7 @@ ARMS = {
     "panda": "panda",
     "kuka": "kuka_med7",
     "z1": "unitree_z1",
+    "emps": "emps",
 }
 """Carriers by their short names, each with its file in ``experiments/cases``."""
 FASTEST = 1000.0
@@ -59,6 +60,8 @@ def load_carrier(arm: str, folder: Path) -> Case:
     content = yaml.safe_load(source.read_text(encoding="utf-8"))
     # the whole recording, not only the rows that the case sets aside for fitting and judging
     content.get("import", {}).pop("rows", None)
+    if not content["robot"].startswith("$"):
+        content["robot"] = str(CASES / content["robot"])
     file = folder / "whole.yaml"
     with atomic_write(file) as aside:
         aside.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from case_runs import run_tasks
 from real_carriers import load_prepared
 from real_plan import Planned, read_truth
-from real_run import run_tasks
 
 from gapscope.arm.case import load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody

@@ -18,6 +18,7 @@ import real_laws_position
 from real_laws_position import STEPS
 from real_scene import Law, Scene, Values
 
+from gapscope.arm.joint_units import size_per_radian
 from gapscope.arm.recording import Recording
 from gapscope.effects.catalogue import CATALOGUE
 
@@ -27,6 +28,17 @@ LAWS = {
     for law in module.LAWS
 }
 """All laws by the effect that they make."""
+NOT_ON_A_SLIDE = {
+    "armature",
+    "base_tilt",
+    "encoder_offset",
+    "joint_swap",
+    "link_inertia",
+    "torque_ripple",
+    "unit_mismatch",
+}
+"""Laws that a single slide cannot have: a tilted base is an offset, its zero shows in nothing, its mass has one name,
+``payload``, and neither angle nor revolution means anything."""
 ROUNDS = 12
 """Times that a size is corrected."""
 EXACT = 0.03
@@ -85,6 +97,9 @@ def draw(
     law = LAWS[name]
     if law.motor and scene.nominal.encoder == "joint":
         return None
+    slides = scene.nominal.sliding
+    if slides == (True,) and name in NOT_ON_A_SLIDE:
+        return None
     for _ in range(ATTEMPTS):
         joints = _joints(scene, law, rng)
         drawn = law.draw(scene, rng, joints)
@@ -92,7 +107,7 @@ def draw(
         signs = rng.choice([-1.0, 1.0], count) if law.signed else np.ones(count)
         x = law.start * signs
         if name == "encoder_quantization":
-            x = np.full(count, STEPS[size])
+            x = STEPS[size] * scene.nominal.per_radian[joints]
         one = Injection(law, joints, x, drawn)
         if law.place == "none":
             return one
@@ -125,7 +140,7 @@ def _sized(scene: Scene, one: Injection, size: float) -> Injection | None:
     for _ in range(ROUNDS):
         current = Injection(one.law, one.joints, x, one.drawn)
         changed, values = current.applied(scene, scene.recording)
-        if not _believable(one.law, values):
+        if not _believable(scene, one, values):
             return None
         ratio = scene.gap(changed) / scene.residual
         own = one.law.place == "joint"
@@ -136,10 +151,14 @@ def _sized(scene: Scene, one: Injection, size: float) -> Injection | None:
     return None
 
 
-def _believable(law: Law, values: Values) -> bool:
+def _believable(scene: Scene, one: Injection, values: Values) -> bool:
     """Whether every parameter is within its bounds, and the size within three times what is typical."""
+    law = one.law
     for parameter in CATALOGUE[law.name].parameters:
-        value = np.asarray(values[parameter.name], dtype=float)
+        # of a slide in m, N and kg
+        unit = size_per_radian(parameter.unit, scene.nominal.sliding)[one.joints]
+        unit = unit if len(unit) else np.ones(1)
+        value = np.asarray(values[parameter.name], dtype=float) / unit
         low, high = parameter.bounds
         if not ((value >= low) & (value <= high)).all():
             return False

@@ -58,11 +58,15 @@ class Scored:
 def scored(plan: Planned, truth: dict[str, Any], result: dict[str, Any]) -> Scored:
     """Set a result beside its truth."""
     document = result.get("document") or {}
+    slide = len(truth["gap"]) == 1
     for entry in (*document.get("effects", []), *document.get("possible", [])):
         for one in (entry, *entry.get("alternatives", [])):
             if one["probability"] is None:
                 # what is no number says nothing in favour of the effect
                 one["probability"] = 0.0
+            if slide and one["effect"] in ("armature", "link_inertia"):
+                # the mass of a slide has one name
+                one["effect"], one["joints"] = "payload", []
     compared = compare(
         plan.name, truth, result.get("document"), result.get("cpu_seconds")
     )

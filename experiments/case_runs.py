@@ -1,4 +1,4 @@
-"""Tasks in processes of their own with a time limit, and the diagnosis of one case; see ``26_real_benchmark.py``."""
+"""Tasks in processes of their own with a time limit, and the diagnosis of the case in a folder."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-from real_plan import Planned, reference_of
+from outside_program import answer
 
 import gapscope
 from gapscope.arm.case import load_case
@@ -85,31 +85,46 @@ def _over(one: Running, limit: float, ended: Ended[Any]) -> bool:
     return True
 
 
-def diagnose_to_file(plan: Planned, out: Path, file: Path) -> None:
-    """Diagnose one case and write what came of it, an error too."""
-    started, cpu = time.monotonic(), time.process_time()
-    result: dict[str, Any] = {"case": plan.name, "status": "done"}
+def diagnose_to_file(
+    case: Path, reference: Path | None, file: Path, program: Path | None = None
+) -> None:
+    """Diagnose the case in a folder and write what came of it, an error too.
+
+    Args:
+        case: its folder.
+        reference: folder of the case that it is compared with, if any.
+        file: gets ``status``, ``document`` or ``error``, ``seconds``, ``cpu_seconds`` and ``peak_mb``.
+        program: an outside program that answers in place of Gapscope, see ``outside_program.py``.
+    """
+    started = time.monotonic()
+    result: dict[str, Any] = {"case": case.name, "status": "done"}
+    cpu = time.process_time()
     try:
-        case = load_case(out / "cases" / plan.name, any_unit=True)
-        reference = None
-        if plan.mode == "against":
-            reference = load_case(reference_of(plan, out))
-        found = gapscope.diagnose(case, against=reference)
-        result["document"] = plain(found.document, null_if_not_finite=True)
+        if program is None:
+            loaded = load_case(case, any_unit=True)
+            against = None if reference is None else load_case(reference)
+            # the document is made whole within the time that is counted
+            found = gapscope.diagnose(loaded, against=against).document
+            result["cpu_seconds"] = time.process_time() - cpu
+        else:
+            found, result["cpu_seconds"] = answer(program, case, reference)
+        result["document"] = plain(found, null_if_not_finite=True)
     # whatever a diagnosis raises is a result of the benchmark: it is recorded and counted
     except Exception as error:
         last = traceback.extract_tb(error.__traceback__)[-1]
         place = f"{Path(last.filename).name}:{last.lineno}"
         result["status"] = "failed"
         result["error"] = f"{type(error).__name__}: {error} ({place})"
+        result["cpu_seconds"] = time.process_time() - cpu
     result["seconds"] = time.monotonic() - started
-    result["cpu_seconds"] = time.process_time() - cpu
+    who = resource.RUSAGE_SELF if program is None else resource.RUSAGE_CHILDREN
+    result["peak_mb"] = resource.getrusage(who).ru_maxrss / 1024
     write_json(result, file)
 
 
 def write_no_result(
-    plan: Planned, how: str, seconds: float, limit: float, file: Path
+    name: str, how: str, seconds: float, limit: float, file: Path
 ) -> None:
     """Record a diagnosis that did not end by itself."""
-    result = {"case": plan.name, "status": how, "error": how, "seconds": seconds}
+    result = {"case": name, "status": how, "error": how, "seconds": seconds}
     write_json({**result, "cpu_seconds": min(seconds, limit)}, file)

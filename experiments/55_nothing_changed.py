@@ -1,0 +1,407 @@
+"""Nothing changed: recordings of one arm compared with each other, and how often an effect is named all the same.
+
+    GAPSCOPE_DATA=.../data .venv/bin/python experiments/55_nothing_changed.py --out out/nothing [--groups ur10,sample]
+
+Whatever ails an arm is in both sides, so that each effect that is named is false. Groups: real arms (``ur10``,
+``panda``, ``tx40``, ``emps``: cuts of a recording against each other, and against those of another day), legs of a
+robot in the air (``go2``: six repeats of one motion), simulated cases (``sample``: recordings with other motions), and
+``withheld``, which is run only if it is named: arms on which nothing may be tuned. Between cuts ``GUARD`` seconds are
+left out. Some comparisons are made again with every recording listed twice and ten times.
+
+Resumable: run it again for the rest; each comparison has a result file. ``--results NAME`` keeps the results of several
+versions side by side, ``--sketch PROGRAM`` lets an outside program answer (``outside_program.py``).
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import os
+import time
+import warnings
+import xml.etree.ElementTree as ET
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from case_runs import diagnose_to_file, run_tasks, write_no_result
+from threadpoolctl import threadpool_limits
+
+from gapscope.arm.case import Case, load_case
+from gapscope.arm.errors import ModelWarning
+from gapscope.arm.io.json_file import read_json, write_json
+from gapscope.arm.io.write_case import write_case
+from gapscope.arm.recording import Recording
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.blind_check.scoring.statistics import wilson
+from gapscope.reports.blind_check.tables import Table
+
+REAL = ("ur10", "panda", "tx40", "emps")
+WITHHELD = ("kinova", "kuka", "z1")
+GROUPS = (*REAL, "go2", "sample", "withheld")
+GUARD = 0.5
+"""Time that is left out between two cuts of a recording, longer than a gap is correlated [s]."""
+SHORTEST = 1.55
+"""A cut is no shorter than this [s]; a diagnosis needs 1.5 s."""
+CUTS = {"half": 2, "third": 3, "quarter": 4}
+"""Into how many cuts a recording is taken apart."""
+TIMES = (2, 10)
+"""How often recordings are listed in comparisons that are made again."""
+LEGS = ("FL", "FR", "RL", "RR")
+GAINS = {"hip": (20.0, 1.0), "thigh": (20.0, 1.0), "calf": (40.0, 2.0)}
+"""Proportional [N m/rad] and damping gain [N m s/rad] of the drives of a leg, as asked for."""
+SAMPLES = 9
+LETTERS = "abcd"
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One comparison of an arm with itself.
+
+    Attributes:
+        group, arm: what is compared.
+        relation: how case and reference lie to each other: ``cuts``, ``other day``, ``repeat`` or ``other motion``.
+        case, reference: names of their recordings.
+        times: how often each recording is listed.
+    """
+
+    group: str
+    arm: str
+    relation: str
+    case: tuple[str, ...]
+    reference: tuple[str, ...]
+    times: int = 1
+
+    @property
+    def name(self) -> str:
+        """Name of its folder."""
+        sides = f"{'+'.join(self.case)}_against_{'+'.join(self.reference)}"
+        return f"{self.arm}_{sides}_x{self.times}"
+
+
+def cuts(recording: Recording, begin: str) -> Iterator[tuple[Recording, str, int]]:
+    """The cuts of a recording that are long enough: each with its kind and its place."""
+    for kind, count in CUTS.items():
+        edges = np.linspace(0.0, recording.duration, count + 1)
+        inner = edges + GUARD / 2
+        inner[[0, -1]] = 0.0, recording.duration
+        if recording.duration / count - GUARD < SHORTEST:
+            continue
+        for k in range(count):
+            end = edges[k + 1] - GUARD / 2 if k + 1 < count else recording.duration
+            inside = (recording.t >= inner[k]) & (recording.t <= end)
+            part = recording.part(inside, name=f"{begin}_{kind}{k + 1}")
+            yield replace(part, t=part.t - part.t[0]), kind, k
+
+
+def of_real_arm(arm: str, group: str, out: Path) -> tuple[Case, list[Comparison]]:
+    """A real arm with its recordings and their cuts, and what is compared."""
+    # only here: the rest of this script needs the public interface alone
+    from real_carriers import load_carrier
+
+    case = load_carrier(arm, out / "carriers" / arm)
+    whole = [
+        replace(r, name=f"day{k}", t=r.t - r.t[0])
+        for k, r in enumerate(case.recordings, 1)
+    ]
+    recordings, found = list(whole), []
+    for day in whole:
+        parts: dict[str, list[Recording]] = {}
+        for part, kind, _ in cuts(day, day.name):
+            parts.setdefault(kind, []).append(part)
+        for several in parts.values():
+            recordings += several
+            names = [r.name for r in several]
+            for one in names:
+                rest = tuple(n for n in names if n != one)
+                found.append(Comparison(group, arm, "cuts", (one,), rest))
+        halves = parts.get("half", [])
+        for one, other in itertools.permutations([r.name for r in halves], 2):
+            for times in TIMES:
+                again = Comparison(group, arm, "cuts", (one,), (other,), times)
+                found.append(again)
+        for other_day in whole:
+            if other_day is not day:
+                case_names = [day.name, *(r.name for r in halves)]
+                for one in case_names:
+                    against = (other_day.name,)
+                    found.append(Comparison(group, arm, "other day", (one,), against))
+    return replace(case, recordings=tuple(recordings)), found
+
+
+def of_leg(leg: str, data: Path, out: Path) -> tuple[Case, list[Comparison]]:
+    """A leg of the Go2, its torque from the gains that were asked for, and its repeats compared."""
+    tree = ET.parse(data / "unitree_go2" / "go2.xml")
+    # postures of the free robot, which a reader that fixes its base refuses
+    for postures in tree.getroot().findall("keyframe"):
+        tree.getroot().remove(postures)
+    file = out / "carriers" / "go2.xml"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    tree.write(file)
+    names = [f"{leg}_{joint}_joint" for joint in GAINS]
+    arm = load_nominal_arm(file, joints=names)
+    first = 3 * LEGS.index(leg)
+    gains = np.array(list(GAINS.values())).T
+    recordings = []
+    for k in range(6):
+        with np.load(data / "unitree_go2" / f"traj_{k}.npz") as rows:
+            log = {
+                key: rows[key][:, first : first + 3]
+                for key in ("q", "dq", "q_ref", "dq_ref")
+            }
+            t = rows["t"] - rows["t"][0]
+        tau = gains[0] * (log["q_ref"] - log["q"]) + gains[1] * (
+            log["dq_ref"] - log["dq"]
+        )
+        recordings.append(Recording(f"repeat{k}", t, log["q"], tau, log["dq"]))
+    name = f"go2_{leg}"
+    found = []
+    for k in range(6):
+        case, reference = f"repeat{k}", (f"repeat{(k + 1) % 6}", f"repeat{(k + 2) % 6}")
+        found.append(Comparison("go2", name, "repeat", (case,), reference))
+    for times in TIMES:
+        again = Comparison("go2", name, "repeat", ("repeat5",), ("repeat0",), times)
+        found.append(again)
+    return Case(name, Path(), arm, tuple(recordings)), found
+
+
+def of_sample(number: int, data: Path, out: Path) -> tuple[Case, list[Comparison]]:
+    """A simulated case with all four recordings, each compared with every two of the others."""
+    source = data / "sample_cases" / f"case{number:03d}"
+    content = yaml.safe_load((source / "case.yaml").read_text(encoding="utf-8"))
+    content["robot"] = str(source / content["robot"])
+    content["recordings"] = [str(source / f"recording_{k}.csv") for k in LETTERS]
+    file = out / "carriers" / f"{source.name}.yaml"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(yaml.safe_dump(content), encoding="utf-8")
+    case = load_case(file)
+    recordings = tuple(
+        replace(r, name=name) for r, name in zip(case.recordings, LETTERS, strict=True)
+    )
+    name = f"sample{number}"
+    found = []
+    for one in LETTERS:
+        others = [n for n in LETTERS if n != one]
+        for pair in itertools.combinations(others, 2):
+            found.append(Comparison("sample", name, "other motion", (one,), pair))
+    for times in TIMES:
+        found.append(
+            Comparison("sample", name, "other motion", ("d",), ("a", "b"), times)
+        )
+    return replace(case, name=name, recordings=recordings), found
+
+
+def arms(
+    groups: Sequence[str], out: Path, data: Path
+) -> Iterator[tuple[Case, list[Comparison]]]:
+    """Every arm of some groups, with its recordings and comparisons."""
+    for group in groups:
+        if group == "go2":
+            yield from (of_leg(leg, data, out) for leg in LEGS)
+        elif group == "sample":
+            yield from (of_sample(k, data, out) for k in range(SAMPLES))
+        else:
+            members = WITHHELD if group == "withheld" else (group,)
+            yield from (of_real_arm(arm, group, out) for arm in members)
+
+
+def make(groups: Sequence[str], out: Path, data: Path) -> None:
+    """Write the recordings of each arm once, and case files that list them."""
+    for group in groups:
+        plan = out / "plans" / f"{group}.json"
+        if plan.is_file():
+            continue
+        planned: list[Comparison] = []
+        for case, found in arms([group], out, data):
+            folder = out / "arms" / case.name
+            write_case(case, folder, overwrite=True)
+            for again in range(2, max(TIMES) + 1):
+                for recording in case.recordings:
+                    copy = folder / f"{recording.name}.{again}.csv"
+                    copy.unlink(missing_ok=True)
+                    # the same rows under another name, without room for them
+                    copy.hardlink_to(folder / f"{recording.name}.csv")
+            for one in found:
+                write_sides(one, folder, out)
+            planned += found
+            print(f"{case.name}: {len(found)} comparisons", flush=True)
+        write_json([asdict(one) for one in planned], plan)
+
+
+def write_sides(one: Comparison, arm: Path, out: Path) -> None:
+    """Write ``case`` and ``reference`` of a comparison: case files that list recordings of the arm's folder."""
+    content = yaml.safe_load((arm / "case.yaml").read_text(encoding="utf-8"))
+    beside = Path("../../..") / "arms" / arm.name
+    content["robot"] = str(beside / content["robot"])
+    for side, names in (("case", one.case), ("reference", one.reference)):
+        folder = out / "cases" / one.name / side
+        folder.mkdir(parents=True, exist_ok=True)
+        files = [f"{n}.csv" for n in names]
+        files += [f"{n}.{k}.csv" for k in range(2, one.times + 1) for n in names]
+        content["name"] = f"{arm.name} {side}"
+        content["recordings"] = [str(beside / file) for file in files]
+        text = yaml.safe_dump(content, sort_keys=False)
+        (folder / "case.yaml").write_text(text, encoding="utf-8")
+
+
+def read_plans(groups: Sequence[str], out: Path) -> list[Comparison]:
+    """The comparisons of some groups."""
+    found = []
+    for group in groups:
+        content = read_json(out / "plans" / f"{group}.json", "--step make")
+        for entry in content:
+            sides = {key: tuple(entry[key]) for key in ("case", "reference")}
+            found.append(Comparison(**{**entry, **sides}))
+    return found
+
+
+def run(
+    plans: Sequence[Comparison],
+    out: Path,
+    results: Path,
+    jobs: int,
+    limit: float,
+    sketch: Path | None,
+) -> None:
+    """Compare all that have no result yet."""
+    left = [p for p in plans if not (results / f"{p.name}.json").is_file()]
+    # the long ones last
+    left.sort(key=lambda plan: plan.times)
+    started, done = time.monotonic(), itertools.count(1)
+
+    def diagnosed(plan: Comparison) -> None:
+        folder, file = out / "cases" / plan.name, results / f"{plan.name}.json"
+        diagnose_to_file(folder / "case", folder / "reference", file, sketch)
+
+    def ended(plan: Comparison, how: str, seconds: float) -> None:
+        file = results / f"{plan.name}.json"
+        if how != "ended" or not file.is_file():
+            write_no_result(plan.name, how, seconds, limit, file)
+        result = read_json(file, "")
+        passed = (time.monotonic() - started) / 60
+        answer = f"{verdict_of(result)}  {', '.join(names_of(result))}"
+        count = f"{next(done)}/{len(left)}"
+        print(f"{count} {passed:5.1f} min  {plan.name}  {answer}", flush=True)
+
+    run_tasks(diagnosed, left, jobs, limit, ended)
+
+
+def names_of(result: dict[str, Any]) -> list[str]:
+    """Effects that a result names, with their joints."""
+    effects = (result.get("document") or {}).get("effects", [])
+    return [
+        " ".join([e["effect"], ",".join(map(str, e["joints"]))]).strip()
+        for e in effects
+    ]
+
+
+def changes_of(result: dict[str, Any]) -> list[str]:
+    """Changes during a recording that a result states, with their joints and times; they are false too."""
+    changes = (result.get("document") or {}).get("changes") or []
+    return [f"{c['what']} {c['joints']} at {c['time']:.1f} s" for c in changes]
+
+
+def verdict_of(result: dict[str, Any]) -> str:
+    """Verdict, or the error."""
+    document = result.get("document") or {}
+    return str(document.get("verdict", f"failed: {result.get('error', '')[:80]}"))
+
+
+def tables(rows: Sequence[tuple[Comparison, dict[str, Any]]]) -> list[Table]:
+    """Rates by group, relation and times listed; and all that was named."""
+    parts: dict[str, list[dict[str, Any]]] = {}
+    for plan, result in rows:
+        listed = "" if plan.times == 1 else f", listed {plan.times} times"
+        parts.setdefault(f"{plan.group}, {plan.relation}{listed}", []).append(result)
+        parts.setdefault(f"~ all{listed or ', listed once'}", []).append(result)
+        parts.setdefault("~ all", []).append(result)
+    head = ("", "comparisons", "named", "rate", "95 % interval", "change during")
+    head = (*head, "unexplained", "failed", "effects", "seconds: median, worst")
+    figures = [(key.strip("~ "), *_figures(parts[key])) for key in sorted(parts)]
+    wrong = [
+        (
+            plan.name,
+            verdict_of(result),
+            "; ".join(names_of(result)),
+            "; ".join(changes_of(result)),
+        )
+        for plan, result in rows
+        if names_of(result) or changes_of(result) or result["status"] != "done"
+    ]
+    return [
+        Table("Nothing changed", head, tuple(figures)),
+        Table(
+            "Named or failed",
+            ("comparison", "verdict", "effects", "changes during a recording"),
+            tuple(wrong),
+        ),
+    ]
+
+
+def _figures(results: Sequence[dict[str, Any]]) -> tuple[str, ...]:
+    done = [r for r in results if r["status"] == "done"]
+    named = [r for r in done if names_of(r)]
+    low, high = wilson(len(named), len(done))
+    effects = Counter(name.split()[0] for r in named for name in names_of(r))
+    seconds = [float(r["cpu_seconds"]) for r in results]
+    return (
+        str(len(results)),
+        str(len(named)),
+        f"{100 * len(named) / max(len(done), 1):.1f} %",
+        f"{100 * low:.1f} to {100 * high:.1f} %",
+        str(sum(bool(changes_of(r)) for r in done)),
+        str(sum(verdict_of(r) == "unexplained" for r in done)),
+        str(len(results) - len(done)),
+        ", ".join(f"{n} {name}" for name, n in effects.most_common()) or "–",
+        f"{np.median(seconds):.1f}, {max(seconds):.1f}",
+    )
+
+
+def score(plans: Sequence[Comparison], results: Path) -> None:
+    """Print the tables of all that have a result, and write them beside the results."""
+    files = [(plan, results / f"{plan.name}.json") for plan in plans]
+    rows = [(plan, read_json(file, "")) for plan, file in files if file.is_file()]
+    text = "\n".join(table.markdown() for table in tables(rows))
+    missing = len(plans) - len(rows)
+    text += f"\n{missing} of {len(plans)} comparisons have no result.\n"
+    print(text)
+    results.with_suffix(".md").write_text(text, encoding="utf-8")
+
+
+def main() -> None:
+    """Make, run and score."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--out", type=Path, default=Path("out/nothing_changed"))
+    usual = ",".join(group for group in GROUPS if group != "withheld")
+    parser.add_argument("--groups", default=usual, help="default: %(default)s")
+    parser.add_argument("--results", default="results", help="folder in OUT")
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--limit", type=float, default=600.0, help="per comparison [s]")
+    parser.add_argument(
+        "--sketch", type=Path, help="an outside program in place of Gapscope"
+    )
+    steps = ("make", "run", "score", "all")
+    parser.add_argument("--step", choices=steps, default="all")
+    arguments = parser.parse_args()
+    warnings.simplefilter("ignore", ModelWarning)
+    groups, out = arguments.groups.split(","), arguments.out
+    results = out / arguments.results
+    threadpool_limits(1)
+    if arguments.step in ("make", "all"):
+        make(groups, out, Path(os.environ["GAPSCOPE_DATA"]))
+    plans = read_plans(groups, out)
+    if arguments.step in ("run", "all"):
+        limit, sketch = arguments.limit, arguments.sketch
+        run(plans, out, results, arguments.jobs, limit, sketch)
+    if arguments.step in ("score", "all"):
+        score(plans, results)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,460 @@
+"""Recordings that do not share a state, references that are wrong, logs that are poor: a table with a row for each.
+
+    .venv/bin/python experiments/56_states.py --out out/states [--draws 6] [--seed 1] [--rows two_loads,wrong_constants]
+
+The arms are those of the blind check: MuJoCo bodies, LuGre friction, quantised noisy encoders, a sampled controller;
+none of the catalogue's laws. Each row has ``--draws`` arms, another robot each. A reference has three recordings of a
+healthy arm, a case two of another kind and another day, on which Coulomb and viscous friction of every joint differ by
+up to +-12 %. Where the states of a case are asked for, the data sheet is nearly right, so that the case is diagnosed
+without the reference too; in the other rows it is poor, inertials 10 to 30 % off and no friction, and the controller is
+unknown.
+
+Resumable: run it again for the rest; each diagnosis has a result file. What a document says under ``states`` or
+``agreement`` is printed as it is. ``--sketch PROGRAM`` lets an outside program answer (``outside_program.py``), in
+comparisons with a reference.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import time
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from case_runs import diagnose_to_file, run_tasks, write_no_result
+from threadpoolctl import threadpool_limits
+
+from gapscope.arm.errors import GapscopeError, ModelWarning
+from gapscope.arm.io.json_file import read_json, write_json
+from gapscope.blind_check.generator.case import MadeCase, write_case
+from gapscope.blind_check.generator.case_setup import CaseSetup, draw_setup
+from gapscope.blind_check.generator.conditions import Conditions
+from gapscope.blind_check.generator.law import Cause
+from gapscope.blind_check.generator.laws import LAWS
+from gapscope.blind_check.generator.true_arm import Columns, TrueArm
+from gapscope.blind_check.scoring.classes import Named, matched, named, same
+from gapscope.reports.blind_check.tables import Table
+
+ROBOTS = ("ur5_like", "franka_panda", "drawn", "kuka_iiwa", "ur10_like", "xarm6")
+ARM = np.array([], dtype=int)
+DAY = 0.12
+"""Change of friction from day to day, at most [1]."""
+DAILY = {"coulomb_friction", "viscous_friction"}
+"""Effects that change from day to day."""
+COLD = (0.4, 0.8)
+"""Rise of the friction of every joint in a cold recording [1]."""
+REFERENCE, CASE = (0, 1, 2), (3, -1)
+"""Motions that are recorded in either."""
+LEVER = 0.15
+"""Distance of two equal loads from the axis of the flange, on opposite sides [m]."""
+OTHER_MASS = 0.25
+"""Least difference of two loads, over the heavier one [1]."""
+CONSTANTS = (0.5, 1.5)
+"""Factors of a torque that is off by half [1]."""
+REPEATED, STEP = 0.05, 4e-4
+"""Share of rows that repeat the one before [1], and step of the encoders [rad]."""
+ATTEMPTS = 60
+STATES = ("states", "agreement")
+"""Keys of a document under which it may say that recordings do not agree."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of the table.
+
+    Attributes:
+        text: what it is.
+        modes: ``against`` a reference and ``plain``, without.
+        poor_sheet: whether the data sheet is poor and the controller unknown.
+        rate: of controller and recordings [Hz].
+    """
+
+    text: str
+    modes: tuple[str, ...] = ("against",)
+    poor_sheet: bool = True
+    rate: int = 250
+
+
+BOTH = ("against", "plain")
+ROWS = {
+    "same_load": Row("the same load in both recordings", BOTH, False),
+    "two_loads": Row("two loads, one in each", BOTH, False),
+    "opposite_loads": Row("equal masses on opposite sides", BOTH, False),
+    "tool_on_off": Row("a load in one, none in the other", BOTH, False),
+    "cold_warm": Row("one cold, one warm", BOTH, False),
+    "wrong_constants": Row("two torque constants off by half, nothing changed"),
+    "wrong_constants_load": Row("two torque constants off by half, a load"),
+    "poor_log": Row("1 kHz, repeated rows, coarse encoders; nothing", rate=1000),
+    "poor_log_load": Row("1 kHz, repeated rows, coarse encoders; a load", rate=1000),
+    "poor_log_coulomb": Row(
+        "1 kHz, repeated rows, coarse encoders; Coulomb friction", rate=1000
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Task:
+    """One diagnosis of a draw of a row."""
+
+    row: str
+    draw: int
+    mode: str
+
+    @property
+    def case(self) -> str:
+        """Name of the case."""
+        return f"{self.row}_{self.draw}"
+
+    @property
+    def name(self) -> str:
+        """Name of the result."""
+        return f"{self.case}_{self.mode}"
+
+
+def loads(row: str, setup: CaseSetup, rng: np.random.Generator) -> list[list[Cause]]:
+    """The load in each of the two recordings of a case."""
+    law = LAWS["payload"]
+    first = Cause(law, ARM, law.draw(rng, setup.context, ARM))
+    if row == "two_loads":
+        while True:
+            other = Cause(law, ARM, law.draw(rng, setup.context, ARM))
+            masses = sorted(float(c.values["mass"]) for c in (first, other))
+            if 1 - masses[0] / masses[1] > OTHER_MASS:
+                return [[first], [other]]
+    if row == "opposite_loads":
+        angle = rng.uniform(0, 2 * np.pi)
+        side = LEVER * np.array([np.cos(angle), np.sin(angle), 0.0])
+        middle = np.array([0.0, 0.0, 0.05])
+        places = [{**first.values, "com": middle + s * side} for s in (1, -1)]
+        return [[replace(first, values=values)] for values in places]
+    if row == "tool_on_off":
+        several: list[list[Cause]] = [[first], []]
+        return several if rng.random() < 0.5 else several[::-1]
+    loaded = row in ("same_load", "wrong_constants_load", "poor_log_load")
+    return [[first] if loaded else []] * 2
+
+
+Truth = dict[str, list[Any]]
+"""``effects`` that a right answer names, and ``recordings``: for each of the case what it has."""
+
+
+def drawn_case(row: str, number: int, seed: int, folder: Path) -> Truth:
+    """Write ``reference`` and ``case`` of a draw; what changed."""
+    kind = ROWS[row]
+    rng = np.random.default_rng([seed, list(ROWS).index(row), number])
+    # every row begins with another robot
+    robot = ROBOTS[(number + list(ROWS).index(row)) % len(ROBOTS)]
+    off = (0.1, 0.3) if kind.poor_sheet else (0.01, 0.05)
+    conditions = Conditions(
+        robot,
+        inertials_off=float(rng.uniform(*off)),
+        rate=kind.rate,
+        loop_rate=max(500, kind.rate),
+        recordings=4,
+        duration=(8.0, 12.0),
+    )
+    for _ in range(ATTEMPTS):
+        setup = draw_setup(conditions, rng)
+        if setup is None:
+            continue
+        today, truth = plants(row, setup, rng)
+        before = [setup.run(setup.plant(()), k) for k in REFERENCE]
+        after = [setup.run(p, k) for p, k in zip(today, CASE, strict=True)]
+        ran = [r for r in (*before, *after) if r is not None]
+        if len(ran) < len(REFERENCE) + len(CASE):
+            continue
+        logged = as_logged(row, ran, setup.arm.n, rng)
+        write_side(row, setup, logged[: len(REFERENCE)], folder / "reference")
+        write_side(row, setup, logged[len(REFERENCE) :], folder / "case")
+        return truth
+    raise GapscopeError(f"{row} {number} did not come about", "take another seed")
+
+
+def plants(
+    row: str, setup: CaseSetup, rng: np.random.Generator
+) -> tuple[list[TrueArm], Truth]:
+    """The arm in each recording of the case, and what it has that the reference has not."""
+    n = setup.arm.n
+    causes = loads(row, setup, rng)
+    if row == "poor_log_coulomb":
+        law, joint = LAWS["coulomb_friction"], rng.integers(n, size=1)
+        causes = [[Cause(law, joint, law.draw(rng, setup.context, joint))]] * 2
+    today = [setup.plant(several) for several in causes]
+    labels = [[cause.label() for cause in several] for several in causes]
+    cold = int(rng.integers(2)) if row == "cold_warm" else None
+    for name in ("coulomb", "viscous"):
+        day = 1.0 + rng.uniform(-DAY, DAY, n)
+        for plant in today:
+            plant.values[name] = plant.values[name] * day
+        if cold is not None:
+            rise = rng.uniform(*COLD, n)
+            today[cold].values[name] = today[cold].values[name] * (1.0 + rise)
+            joints = list(range(1, n + 1))
+            parameters = {"rise": {"unit": "1", "value": rise.tolist()}}
+            entry = {"effect": f"{name}_friction", "joints": joints}
+            labels[cold].append({**entry, "parameters": parameters})
+    # of the same cause in both recordings, and of two loads, one entry
+    effects = {entry["effect"]: entry for several in labels for entry in several}
+    return today, {"effects": [*effects.values()], "recordings": labels}
+
+
+def as_logged(
+    row: str, recordings: list[Columns], n: int, rng: np.random.Generator
+) -> list[Columns]:
+    """Recordings as the log of a row holds them: torques of wrong constants, or coarse and repeated rows."""
+    if row.startswith("wrong_constants"):
+        factor = np.ones(n)
+        factor[rng.choice(n, 2, replace=False)] = rng.choice(CONSTANTS, 2)
+        return [{**r, "tau": r["tau"] * factor} for r in recordings]
+    if not row.startswith("poor_log"):
+        return recordings
+    out = []
+    for rows in recordings:
+        count = len(rows["t"])
+        fresh = rng.random(count) >= REPEATED
+        # the last row before that was measured; the clock goes on
+        source = np.maximum.accumulate(np.where(fresh, np.arange(count), 0))
+        coarse = {**rows, "q": np.round(rows["q"] / STEP) * STEP}
+        out.append({k: x if k == "t" else x[source] for k, x in coarse.items()})
+    return out
+
+
+def write_side(row: str, setup: CaseSetup, rows: list[Columns], folder: Path) -> None:
+    """Write a case of some recordings."""
+    poor = ROWS[row].poor_sheet
+    if poor:
+        unknown = np.zeros(setup.arm.n)
+        arm = replace(setup.arm, coulomb=unknown, viscous=unknown)
+        setup = replace(setup, arm=arm)
+    made = MadeCase(setup, setup.plant(()), (), [*rows, rows[-1]], {})
+    write_case(made, folder.name, poor, folder, folder.with_suffix(".csv"))
+    folder.with_suffix(".csv").unlink()
+    if poor:
+        file = folder / "case.yaml"
+        content = yaml.safe_load(file.read_text(encoding="utf-8"))
+        # nobody says how coarse the encoders are
+        content["nominal"].pop("encoder_step")
+        file.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+
+
+def make(cases: Sequence[tuple[str, int]], seed: int, out: Path, jobs: int) -> None:
+    """Make all cases that are not there yet."""
+
+    def made(one: tuple[str, int]) -> None:
+        name = f"{one[0]}_{one[1]}"
+        truth = drawn_case(*one, seed, out / "cases" / name)
+        write_json(truth, out / "truth" / f"{name}.json")
+
+    left = [c for c in cases if not (out / "truth" / f"{c[0]}_{c[1]}.json").is_file()]
+
+    def ended(one: tuple[str, int], how: str, seconds: float) -> None:
+        print(f"make {one[0]}_{one[1]}  {how}  {seconds:.0f} s", flush=True)
+
+    run_tasks(made, left, jobs, 600.0, ended)
+
+
+def run(
+    tasks: Sequence[Task],
+    out: Path,
+    results: Path,
+    jobs: int,
+    limit: float,
+    sketch: Path | None,
+) -> None:
+    """Diagnose all that has no result yet."""
+    left = [t for t in tasks if not (results / f"{t.name}.json").is_file()]
+    started, done = time.monotonic(), itertools.count(1)
+
+    def diagnosed(task: Task) -> None:
+        folder, file = out / "cases" / task.case, results / f"{task.name}.json"
+        reference = folder / "reference" if task.mode == "against" else None
+        diagnose_to_file(folder / "case", reference, file, sketch)
+
+    def ended(task: Task, how: str, seconds: float) -> None:
+        file = results / f"{task.name}.json"
+        if how != "ended" or not file.is_file():
+            write_no_result(task.name, how, seconds, limit, file)
+        result = read_json(file, "")
+        passed = (time.monotonic() - started) / 60
+        count = f"{next(done)}/{len(left)}"
+        print(f"{count} {passed:5.1f} min  {task.name}  {answer(result)}", flush=True)
+
+    run_tasks(diagnosed, left, jobs, limit, ended)
+
+
+def answer(result: dict[str, Any]) -> str:
+    """What a result says: effects with their joints, the verdict, or the error."""
+    document = result.get("document")
+    if document is None:
+        return f"failed: {str(result.get('error', ''))[:100]}"
+    names = [
+        " ".join([e["effect"], ",".join(map(str, e["joints"]))]).strip()
+        for e in document["effects"]
+    ]
+    return "; ".join([*names, document["verdict"]])
+
+
+def said_of_states(result: dict[str, Any]) -> dict[str, Any]:
+    """What a document says under the keys that are about states."""
+    document = result.get("document") or {}
+    return {key: document[key] for key in STATES if document.get(key)}
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A result beside its truth.
+
+    Attributes:
+        first, exact: whether the first name is right, and the set with its joints; without a truth, no name at all.
+        false: names that are not true.
+        states: whether the document says anything of states.
+        failed, unexplained, seconds: of the diagnosis.
+    """
+
+    first: bool
+    exact: bool
+    false: int
+    states: bool
+    failed: bool
+    unexplained: bool
+    seconds: float
+
+
+def judged(truth: list[dict[str, Any]], result: dict[str, Any], n: int) -> Judged:
+    """Set a result beside its truth."""
+    document = result.get("document") or {"effects": [], "verdict": "failed"}
+    true = [named(entry) for entry in truth]
+    found = [named(entry) for entry in document["effects"]]
+    pairs = matched(true, found, n, [])
+    done = result["status"] == "done"
+    whole = len(pairs) == len(true) == len(found)
+    first = found[:1]
+    right = any(same(t, f, n, []) for t in true for f in first) or not (true or found)
+    return Judged(
+        first=done and right,
+        exact=done and whole and all(_joints(true[i], found[j]) for i, j in pairs),
+        false=len(found) - len(pairs),
+        states=bool(said_of_states(result)),
+        failed=not done,
+        unexplained=document["verdict"] == "unexplained",
+        seconds=float(result["cpu_seconds"]),
+    )
+
+
+def _joints(true: Named, found: Named) -> bool:
+    return set(true.joints) == set(found.joints) or true.effect != found.effect
+
+
+def score(tasks: Sequence[Task], out: Path, results: Path) -> None:
+    """Print the tables of all that has a result, and write them beside the results."""
+    groups: dict[tuple[str, str], list[Judged]] = {}
+    said = []
+    for task in tasks:
+        file = results / f"{task.name}.json"
+        if not file.is_file():
+            continue
+        truth = json.loads((out / "truth" / f"{task.case}.json").read_text())
+        result = read_json(file, "")
+        said_at_all = answer(result)
+        arm = yaml.safe_load((out / "cases" / task.case / "case/case.yaml").read_text())
+        effects = truth["effects"]
+        if task.mode == "plain" and result.get("document"):
+            # friction that differs from the data sheet by a day's change may be said
+            stated = {entry["effect"] for entry in effects}
+            told = result["document"]["effects"]
+            kept = [e for e in told if e["effect"] not in DAILY - stated]
+            result["document"]["effects"] = kept
+        one = judged(effects, result, len(arm["nominal"]["armature"]))
+        groups.setdefault((task.row, task.mode), []).append(one)
+        states = json.dumps(said_of_states(result)) if one.states else "–"
+        true = " / ".join(
+            ", ".join(_short(entry) for entry in several) or "–"
+            for several in truth["recordings"]
+        )
+        said.append((task.name, true, said_at_all, states[:400]))
+    head = ("", "question", "cases", "first right", "exact", "false names")
+    head = (*head, "unexplained", "states said", "failed", "seconds: median, worst")
+    rows = [
+        (ROWS[row].text, mode, *_figures(several))
+        for (row, mode), several in groups.items()
+    ]
+    second = Table("Answers", ("case", "truth", "answer", "states"), tuple(said))
+    text = Table("States", head, tuple(rows)).markdown() + "\n" + second.markdown()
+    print(text)
+    results.with_suffix(".md").write_text(text, encoding="utf-8")
+
+
+def _short(entry: dict[str, Any]) -> str:
+    """An effect of a label: name, joints, and the mass of a load."""
+    mass = entry["parameters"].get("mass", {}).get("value")
+    joints = ",".join(map(str, entry["joints"]))
+    size = "" if mass is None else f"{mass:.2f} kg"
+    return " ".join(filter(None, (entry["effect"], joints, size)))
+
+
+def _figures(several: Sequence[Judged]) -> tuple[str, ...]:
+    """The cells of a row."""
+    total = len(several)
+
+    def of(key: str) -> str:
+        return f"{sum(getattr(one, key) for one in several)}/{total}"
+
+    seconds = [one.seconds for one in several]
+    return (
+        str(total),
+        of("first"),
+        of("exact"),
+        str(sum(one.false for one in several)),
+        of("unexplained"),
+        of("states"),
+        of("failed"),
+        f"{np.median(seconds):.1f}, {max(seconds):.1f}",
+    )
+
+
+def main() -> None:
+    """Make, run and score."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--out", type=Path, default=Path("out/states"))
+    parser.add_argument("--rows", default=",".join(ROWS), help="default: %(default)s")
+    parser.add_argument("--draws", type=int, default=6)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--results", default="results", help="folder in OUT")
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--limit", type=float, default=600.0, help="per diagnosis [s]")
+    parser.add_argument(
+        "--sketch", type=Path, help="an outside program in place of Gapscope"
+    )
+    steps = ("make", "run", "score", "all")
+    parser.add_argument("--step", choices=steps, default="all")
+    arguments = parser.parse_args()
+    warnings.simplefilter("ignore", ModelWarning)
+    out, results = arguments.out, arguments.out / arguments.results
+    cases = list(itertools.product(arguments.rows.split(","), range(arguments.draws)))
+    tasks = [
+        Task(row, draw, mode)
+        for row, draw in cases
+        for mode in ROWS[row].modes
+        if mode == "against" or arguments.sketch is None
+    ]
+    threadpool_limits(1)
+    if arguments.step in ("make", "all"):
+        make(cases, arguments.seed, out, arguments.jobs)
+    if arguments.step in ("run", "all"):
+        limit, sketch = arguments.limit, arguments.sketch
+        run(tasks, out, results, arguments.jobs, limit, sketch)
+    if arguments.step in ("score", "all"):
+        score(tasks, out, results)
+
+
+if __name__ == "__main__":
+    main()
