@@ -15,10 +15,10 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.json_file import read_json, write_json
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
-from gapscope.model.torque_gap import torque_gap
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.signals.conditioning import condition, position_cutoff
+from gapscope.model.torque_gap import torque_gap
 from gapscope.reports.blind_check.tables import Table
 
 LIMIT = 300.0

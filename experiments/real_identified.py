@@ -14,7 +14,6 @@ from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.nominal import smooth_sign
-from gapscope.model.torque_gap import torque_gap, torque_scale
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.identification import IdentificationSettings
 from gapscope.ident.output.identified_arm import effects, sheet, urdf_text
@@ -24,6 +23,7 @@ from gapscope.ident.signals.conditioning import (
     low_pass,
     position_cutoff,
 )
+from gapscope.model.torque_gap import torque_gap, torque_scale
 
 SMALLEST_DIRECTION = 3e-3
 """Singular values below this share of the largest are directions that a motion does not show [1]."""

@@ -98,8 +98,8 @@ class Parametrisation:
             and of the number of the last link, from 0, that gives one value or one for each link.
         usual: size of the linear coordinates that is usual on real arms, the width of their prior; infinite if the
             recorded torque alone bounds them.
-        proportions: of the linear coordinates of an effect of several, in their units: how large each is beside the others
-            on real arms; ``None`` if each may be as large as the torque allows.
+        proportions: how large the linear coordinates are beside each other on real arms, in their units; ``None`` if
+            each may be as large as the torque allows.
         data_sheet: quantity of the nominal arm to which the first linear coordinate adds, by its name in
             ``NominalArm``; the sum may not be negative.
         clip: moves linear coordinates, shape (linear, m), into the bounds of the parameters; ``None`` for no bounds.

@@ -2,7 +2,7 @@
 
 Groups g have coefficients beta + delta_g of the columns: beta is shared by all, with a prior that may be wide, delta_g
 is what a group has of its own. What each motion has of its own (form error) is eliminated first, so that a group is its
-information on its coefficients, M_g and m_g; a motion that comes again in another group couples the two. Of a set S of
+information on its coefficients, M_g and m_g. Of a set S of
 columns that are a group's own, with prior deviations u, beside all that is shared,
 
     log evidence = 1/2 b^T (S_SS + U^-2)^-1 b - 1/2 log det(I + U S_SS U)
@@ -20,7 +20,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
-from gapscope.model.design import Design
 from gapscope.model.equations import Cell, Equations
 from gapscope.model.form_error import FormError
 from gapscope.model.terms import Term
@@ -47,38 +46,54 @@ def forward(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Eliminated:
-    """One motion on one joint, what it has of its own eliminated.
+    """One motion of a group on one joint, what it has of its own eliminated.
 
     Attributes:
-        cells: of the groups in which it occurs.
+        cell: the motion.
         free: places of the columns of which it has values of its own, among the joint's.
         size: their deviations.
         factor: L with L L^T = I + the information on them in units of their deviations.
-        crosses: L^-1 times their products with all columns, for each cell.
-        right: L^-1 times their products with the gap.
+        cross: L^-1 times their products with all columns, (k, p).
+        right: L^-1 times their products with the gap, (k,).
     """
 
-    cells: list[Cell]
+    cell: Cell
     free: np.ndarray
     size: np.ndarray
     factor: np.ndarray
-    crosses: list[np.ndarray]
+    cross: np.ndarray
     right: np.ndarray
 
+    def inner(self, products: np.ndarray) -> np.ndarray:
+        """L^-1 times the products of the own values with further columns, of all columns' products (p, K)."""
+        return forward(self.factor, self.size[:, None] * products[self.free])
 
-def eliminated(cells: list[Cell], own2: np.ndarray, noise2: float) -> Eliminated:
-    """Eliminate what a motion has of its own."""
+
+def eliminated(cell: Cell, own2: np.ndarray, noise2: float) -> Eliminated:
+    """Eliminate what a motion has of its own, of variance ``own2``, (p,)."""
     free = np.flatnonzero(own2 > 0)
     size = np.sqrt(own2[free])
-    gram = sum(cell.gram for cell in cells)[np.ix_(free, free)]  # type: ignore[index]
+    gram = cell.gram[np.ix_(free, free)]
     factor = lower(gram * size[:, None] * size / noise2)
-    crosses = [
-        forward(factor, size[:, None] * cell.gram[free] / noise2) for cell in cells
-    ]
-    total = sum(cell.right for cell in cells)[free]  # type: ignore[index]
-    return Eliminated(
-        cells, free, size, factor, crosses, forward(factor, size * total / noise2)
-    )
+    cross = forward(factor, size[:, None] * cell.gram[free] / noise2)
+    right = forward(factor, size * cell.right[free] / noise2)
+    return Eliminated(cell, free, size, factor, cross, right)
+
+
+@dataclass(frozen=True)
+class Beside:
+    """Further columns that one group has of its own, K of them.
+
+    Attributes:
+        cross: products with the columns of the group, what motions have of their own eliminated, (P, K).
+        gram, right: information on them beside all that is shared, (K, K), and its right side, (K,).
+        back: L^-1 U times their products with what is shared.
+    """
+
+    cross: np.ndarray
+    gram: np.ndarray
+    right: np.ndarray
+    back: np.ndarray
 
 
 class Contrast:
@@ -92,6 +107,7 @@ class Contrast:
 
     Attributes:
         motions: per joint its motions, what they have of their own eliminated.
+        gap: that is explained [1], (M, n).
     """
 
     def __init__(
@@ -105,57 +121,72 @@ class Contrast:
         self.groups = int(self.design.rows.group.max()) + 1
         self.gap = self.design.gap
         self.motions = [
-            _motions(cells, error.own2[j], error.noise2[j], {m: x for (k, m), x in grown.items() if k == j})
+            [
+                eliminated(
+                    cell,
+                    error.own2[j] * grown.get((j, cell.motion), 1.0),
+                    error.noise2[j],
+                )
+                for cell in cells
+            ]
             for j, cells in enumerate(equations.cells)
         ]
-        self._gram, self._right = self._assembled()
-        self._nuisances(day)
+        self._gram = self._information()
+        self._right = self._right_sides()
+        self._eliminate_nuisances(day)
 
-    def _assembled(self) -> tuple[np.ndarray, np.ndarray]:
-        """Information on the coefficients of each pair of groups, (G, P, G, P), and its right side, (G, P)."""
-        size, noise2 = self.design.size, self.error.noise2
-        gram = np.zeros((self.groups, size, self.groups, size))
-        right = np.zeros((self.groups, size))
+    def _information(self) -> np.ndarray:
+        """Information of each group on its coefficients, (G, P, P)."""
+        size = self.design.size
+        gram = np.zeros((self.groups, size, size))
+        for j, motions in enumerate(self.motions):
+            places = np.ix_(self.design.active[j], self.design.active[j])
+            for one in motions:
+                own = one.cell.gram / self.error.noise2[j] - one.cross.T @ one.cross
+                gram[one.cell.group][places] += own
+        return gram
+
+    def _right_sides(self) -> np.ndarray:
+        """Right side of that information, (G, P)."""
+        right = np.zeros((self.groups, self.design.size))
         for j, motions in enumerate(self.motions):
             active = self.design.active[j]
             for one in motions:
-                for cell, cross in zip(one.cells, one.crosses, strict=True):
-                    g = cell.group
-                    gram[g, active[:, None], g, active] += cell.gram / noise2[j]
-                    right[g, active] += cell.right / noise2[j] - cross.T @ one.right
-                    for other, its in zip(one.cells, one.crosses, strict=True):
-                        gram[g, active[:, None], other.group, active] -= cross.T @ its
-        return gram, right
+                own = one.cell.right / self.error.noise2[j] - one.cross.T @ one.right
+                right[one.cell.group, active] += own
+        return right
 
-    def _nuisances(self, day: Mapping[int, np.ndarray]) -> None:
+    def _eliminate_nuisances(self, day: Mapping[int, np.ndarray]) -> None:
         """Eliminate what is shared, and what differs from day to day."""
         prior = self.design.prior
         self._shared = np.flatnonzero(prior > 0)
         self._days = [(g, p) for g, own in day.items() for p in np.flatnonzero(own > 0)]
-        self._units = np.array(
-            [*prior[self._shared], *(np.sqrt(day[g][p]) for g, p in self._days)]
-        )
-        size = self.design.size
-        flat = self._gram.reshape(self.groups * size, self.groups * size)
-        # each nuisance as the coordinates of the groups that have it
-        places = [self._shared + g * size for g in range(self.groups)]
-        own = np.array([g * size + p for g, p in self._days], dtype=int)
-        by_shared = sum(flat[rows] for rows in places)
-        self._cross = np.vstack([by_shared, flat[own]])
-        normal = np.hstack(
-            [sum(self._cross[:, rows] for rows in places), self._cross[:, own]]
-        )
+        of_days = [np.sqrt(day[g][p]) for g, p in self._days]
+        self._units = np.array([*prior[self._shared], *of_days])
+        by_shared = self._gram[:, self._shared]
+        by_days = np.zeros((len(self._days), self.groups, self.design.size))
+        for row, (g, p) in zip(by_days, self._days, strict=True):
+            row[g] = self._gram[g, p]
+        # (nuisances, G, P): products of each nuisance with the columns of each group
+        self._cross = np.concatenate([by_shared.transpose(1, 0, 2), by_days])
+        normal = self._of_nuisances(self._cross.transpose(1, 2, 0))
         self._factor = lower(normal * self._units[:, None] * self._units)
-        flat_right = self._right.ravel()
-        right = np.concatenate([sum(flat_right[rows] for rows in places), flat_right[own]])
-        self._solved = forward(self._factor, self._units * right)
+        self._solved = self._solve()
+
+    def _of_nuisances(self, of_groups: np.ndarray) -> np.ndarray:
+        """Products of the nuisances with something, from those of the columns of each group, (G, P, ...)."""
+        shared = of_groups[:, self._shared].sum(axis=0)
+        days = [of_groups[g, p][None] for g, p in self._days]
+        return np.concatenate([shared, *days])
+
+    def _solve(self) -> np.ndarray:
+        return forward(self._factor, self._units * self._of_nuisances(self._right))
 
     def nuisance_rows(self, of_groups: np.ndarray) -> np.ndarray:
-        """Products of the nuisances with columns whose products with each group's are given, (G, P, K): L^-1 U times these."""
-        shared = of_groups[:, self._shared].sum(axis=0)
-        days = [of_groups[g, p] for g, p in self._days]
-        rows = np.vstack([shared, *[d[None] for d in days]]) if days else shared
-        return forward(self._factor, self._units[:, None] * rows)
+        """L^-1 U times the products of the nuisances with columns whose products with each group's are (G, P, K)."""
+        return forward(
+            self._factor, self._units[:, None] * self._of_nuisances(of_groups)
+        )
 
     def without_nuisances(
         self, group: int, everybody: np.ndarray
@@ -170,29 +201,24 @@ class Contrast:
             The information, (P + S, P + S), its right side, (P + S,), and L^-1 U times their products with what is
             shared.
         """
-        size = self.design.size
-        flat = self._gram.reshape(self.groups * size, self.groups * size)
-        own = np.arange(group * size, (group + 1) * size)
-        places = [everybody + g * size for g in range(self.groups)]
-        of_all = sum(flat[rows] for rows in places)
-        upper = np.hstack([flat[np.ix_(own, own)], of_all[:, own].T])
-        both = sum(of_all[:, rows] for rows in places)
-        gram = np.vstack([upper, np.hstack([of_all[:, own], both])])
-        flat_right = self._right.ravel()
-        right = np.concatenate([flat_right[own], sum(flat_right[rows] for rows in places)])
-        cross = np.hstack([self._cross[:, own], sum(self._cross[:, rows] for rows in places)])
+        own = self._gram[group]
+        both = self._gram.sum(axis=0)[np.ix_(everybody, everybody)]
+        gram = np.block([[own, own[:, everybody]], [own[everybody], both]])
+        of_all = self._right.sum(axis=0)[everybody]
+        right = np.concatenate([self._right[group], of_all])
+        cross = np.hstack(
+            [self._cross[:, group], self._cross.sum(axis=1)[:, everybody]]
+        )
         back = forward(self._factor, self._units[:, None] * cross)
         return gram - back.T @ back, right - back.T @ self._solved, back
 
     @property
     def evidence(self) -> float:
         """Log probability of the gaps if no group has anything of its own [nats], but for a constant."""
-        total = float(self._solved @ self._solved) / 2 - float(np.log(np.diag(self._factor)).sum())
+        total = _half_log(self._factor, self._solved)
         for motions, noise2 in zip(self.motions, self.error.noise2, strict=True):
             for one in motions:
-                total -= sum(cell.power for cell in one.cells) / noise2 / 2
-                total += float(one.right @ one.right) / 2
-                total -= float(np.log(np.diag(one.factor)).sum())
+                total += _half_log(one.factor, one.right) - one.cell.power / noise2 / 2
         return total
 
     @property
@@ -205,25 +231,21 @@ class Contrast:
         other = copy(self)
         other.gap = gap
         other.motions = [
-            [_for_gap(one, x, gap[:, j], self.error.noise2[j], self.equations.shared_noise(j)) for one in motions]
-            for j, (x, motions) in enumerate(zip(self.design.columns, self.motions, strict=True))
+            [self._with_gap(j, one, gap[:, j]) for one in motions]
+            for j, motions in enumerate(self.motions)
         ]
-        right = np.zeros((self.groups, self.design.size))
-        for j, motions in enumerate(other.motions):
-            active = self.design.active[j]
-            for one in motions:
-                for cell, cross in zip(one.cells, one.crosses, strict=True):
-                    right[cell.group, active] += cell.right / self.error.noise2[j] - cross.T @ one.right
-        other._right = right
-        other._solved = forward(self._factor, self._units * other._of_nuisances(right.ravel()))
+        other._right = other._right_sides()
+        other._solved = other._solve()
         return other
 
-    def _of_nuisances(self, flat: np.ndarray) -> np.ndarray:
-        """Right side of the nuisances from that of all groups, (G P,)."""
-        size = self.design.size
-        shared = sum(flat[self._shared + g * size] for g in range(self.groups))
-        own = np.array([g * size + p for g, p in self._days], dtype=int)
-        return np.concatenate([shared, flat[own]])
+    def _with_gap(self, j: int, one: Eliminated, gap: np.ndarray) -> Eliminated:
+        """One motion of a joint with another gap, (M,)."""
+        rows = one.cell.rows
+        noise = self.equations.shared_noise(j)[rows].sum(axis=0)
+        right = self.design.columns[j][rows].T @ gap[rows] - noise
+        cell = replace(one.cell, right=right, power=float(gap[rows] @ gap[rows]))
+        own = one.size * right[one.free] / self.error.noise2[j]
+        return replace(one, cell=cell, right=forward(one.factor, own))
 
     def beside(self, columns: Sequence[np.ndarray], group: int) -> Beside:
         """What K further columns that one group has of its own have in common with all else.
@@ -238,38 +260,43 @@ class Contrast:
         for j, motions in enumerate(self.motions):
             active, noise2 = self.design.active[j], self.error.noise2[j]
             for one in motions:
-                for cell in one.cells:
-                    x = columns[j][cell.rows]
-                    if cell.group != group or not x.any():
-                        continue
-                    products = self.design.columns[j][cell.rows].T @ x / noise2
-                    inner = forward(one.factor, one.size[:, None] * products[one.free])
-                    gram += x.T @ x / noise2 - inner.T @ inner
-                    right += x.T @ self.gap[cell.rows, j] / noise2 - inner.T @ one.right
-                    cross[group, active] += products
-                    for other, its in zip(one.cells, one.crosses, strict=True):
-                        cross[other.group, active] -= its.T @ inner
+                rows = one.cell.rows
+                x = columns[j][rows]
+                if one.cell.group != group or not x.any():
+                    continue
+                products = self.design.columns[j][rows].T @ x / noise2
+                inner = one.inner(products)
+                gram += x.T @ x / noise2 - inner.T @ inner
+                right += x.T @ self.gap[rows, j] / noise2 - inner.T @ one.right
+                cross[group, active] += products - one.cross.T @ inner
         back = self.nuisance_rows(cross)
-        return Beside(cross, gram - back.T @ back, right - back.T @ self._solved, back)
+        return Beside(
+            cross[group], gram - back.T @ back, right - back.T @ self._solved, back
+        )
 
-    def growth_gains(self, group: int, growths: Sequence[float]) -> dict[tuple[int, int, float], float]:
+    def growth_gains(
+        self, group: int, growths: Sequence[float]
+    ) -> dict[tuple[int, int, float], float]:
         """About what more form error explains, by joint from 0, motion of a group, and growth of its variance [nats].
 
-        What is shared is held where it is likeliest; a motion that other groups make too is left out.
+        What is shared is held where it is likeliest.
         """
         shared, out = self.shared_values(), {}
         for j, motions in enumerate(self.motions):
             noise2, beta = self.error.noise2[j], shared[self.design.active[j]]
             for one in motions:
-                if any(cell.group != group for cell in one.cells):
+                cell = one.cell
+                if cell.group != group:
                     continue
-                gram = sum(cell.gram for cell in one.cells)  # type: ignore[misc]
-                right = sum(cell.right for cell in one.cells) - gram @ beta  # type: ignore[misc]
-                before = _explained(gram, right, one.free, one.size, noise2)
+                left = replace(cell, right=cell.right - cell.gram @ beta)
+                own2 = np.zeros(len(cell.right))
+                own2[one.free] = one.size**2
+                known = eliminated(left, own2, noise2)
+                before = _half_log(known.factor, known.right)
                 for growth in growths:
-                    size = one.size * np.sqrt(growth)
-                    after = _explained(gram, right, one.free, size, noise2)
-                    out[j, one.cells[0].motion, growth] = after - before
+                    tried = eliminated(left, own2 * growth, noise2)
+                    gain = _half_log(tried.factor, tried.right) - before
+                    out[j, cell.motion, growth] = gain
         return out
 
     def shared_values(self) -> np.ndarray:
@@ -280,62 +307,9 @@ class Contrast:
         return value
 
 
-def _explained(
-    gram: np.ndarray, right: np.ndarray, free: np.ndarray, size: np.ndarray, noise2: float
-) -> float:
-    """Log evidence that a motion has values of its own over that it has none [nats]."""
-    factor = lower(gram[np.ix_(free, free)] * size[:, None] * size / noise2)
-    solved = forward(factor, size * right[free] / noise2)
+def _half_log(factor: np.ndarray, solved: np.ndarray) -> float:
+    """1/2 b^T (I + A)^-1 b - 1/2 log det(I + A) from L L^T = I + A and L^-1 b."""
     return float(solved @ solved) / 2 - float(np.log(np.diag(factor)).sum())
-
-
-@dataclass(frozen=True)
-class Beside:
-    """Further columns that one group has of its own, K of them.
-
-    Attributes:
-        cross: products with the columns of each group, what motions have of their own eliminated, (G, P, K).
-        gram, right: information on them beside all that is shared, (K, K), and its right side, (K,).
-        back: L^-1 U times their products with what is shared.
-    """
-
-    cross: np.ndarray
-    gram: np.ndarray
-    right: np.ndarray
-    back: np.ndarray
-
-
-def _for_gap(
-    one: Eliminated,
-    x: np.ndarray,
-    gap: np.ndarray,
-    noise2: float,
-    noise: np.ndarray,
-) -> Eliminated:
-    """One motion with another gap, (M,); ``noise`` is what its columns have in common with the gap by noise, (M, p)."""
-    cells = [
-        replace(
-            cell,
-            right=x[cell.rows].T @ gap[cell.rows] - noise[cell.rows].sum(axis=0),
-            power=float(gap[cell.rows] @ gap[cell.rows]),
-        )
-        for cell in one.cells
-    ]
-    total = sum(cell.right for cell in cells)[one.free]  # type: ignore[index]
-    return replace(one, cells=cells, right=forward(one.factor, one.size * total / noise2))
-
-
-def _motions(
-    cells: list[Cell], own2: np.ndarray, noise2: float, grown: Mapping[int, float]
-) -> list[Eliminated]:
-    """The motions of a joint."""
-    of_motion: dict[int, list[Cell]] = {}
-    for cell in cells:
-        of_motion.setdefault(cell.motion, []).append(cell)
-    return [
-        eliminated(own, own2 * grown.get(motion, 1.0), noise2)
-        for motion, own in of_motion.items()
-    ]
 
 
 @dataclass(frozen=True)
@@ -402,7 +376,9 @@ class OwnTerms:
         self.places = {Candidate(t): own for t, own in made.places.items()}
         count = made.size
         for term, own in zip(searched, everybody, strict=True):
-            self.places[Candidate(term, everybody=True)] = np.arange(count, count + len(own))
+            self.places[Candidate(term, everybody=True)] = np.arange(
+                count, count + len(own)
+            )
             count += len(own)
         if about:
             self._replaced(contrast, group, about, count)
@@ -418,7 +394,7 @@ class OwnTerms:
         joints = range(len(self.design.active))
         joined = [np.hstack([about[t][j] for t in about]) for j in joints]
         further = contrast.beside(joined, group)
-        cross = self.rows(further.cross, group, np.arange(count)) - self.back.T @ further.back
+        cross = self.rows(further.cross, np.arange(count)) - self.back.T @ further.back
         self.gram = np.vstack(
             [np.hstack([self.gram, cross]), np.hstack([cross.T, further.gram])]
         )
@@ -429,7 +405,9 @@ class OwnTerms:
             self.places[Candidate(term)] = np.arange(count, count + width)
             count += width
 
-    def deviations(self, some: Sequence[Candidate], sizes: Sequence[float]) -> np.ndarray:
+    def deviations(
+        self, some: Sequence[Candidate], sizes: Sequence[float]
+    ) -> np.ndarray:
         """Prior deviations of the coordinates of some candidates, of a size each."""
         own = [
             self._widths(one.term, size) for one, size in zip(some, sizes, strict=True)
@@ -464,12 +442,11 @@ class OwnTerms:
         own = [self.places[one] for one in some]
         return np.concatenate(own) if own else np.zeros(0, dtype=int)
 
-    def rows(self, of_groups: np.ndarray, group: int, places: np.ndarray) -> np.ndarray:
-        """Products of coordinates with columns whose products with each group's are given, (G, P, K): (len(places), K)."""
+    def rows(self, of_group: np.ndarray, places: np.ndarray) -> np.ndarray:
+        """Products of coordinates with columns on the group's rows alone, from those of its columns, (P, K)."""
         size = self.design.size
-        columns = np.where(places < size, places, self._columns[np.maximum(places - size, -1)])
-        everybody = of_groups[:, columns].sum(axis=0)
-        return np.where((places < size)[:, None], of_groups[group, columns], everybody)
+        of_all = self._columns[np.maximum(places - size, -1)]
+        return np.asarray(of_group[np.where(places < size, places, of_all)])
 
     def evidence(self, terms: Sequence[Candidate], sizes: Sequence[float]) -> float:
         """Log evidence of terms of given sizes over none [nats]."""
@@ -482,8 +459,7 @@ class OwnTerms:
         unit = self.deviations(terms, sizes)
         factor = lower(self.gram[np.ix_(places, places)] * unit[:, None] * unit)
         solved = forward(factor, unit * self.right[places])
-        log_det = float(np.log(np.diag(factor)).sum())
-        return float(solved @ solved) / 2 - log_det, solved, factor, unit
+        return _half_log(factor, solved), solved, factor, unit
 
     def answer(
         self, terms: Sequence[Candidate], sizes: Sequence[float] | None = None
@@ -516,15 +492,18 @@ class OwnTerms:
         )
 
     def additions(
-        self, terms: Sequence[Candidate], sizes: Sequence[float], others: Sequence[Candidate]
+        self,
+        terms: Sequence[Candidate],
+        sizes: Sequence[float],
+        others: Sequence[Candidate],
     ) -> Iterator[tuple[Candidate, float, np.ndarray, np.ndarray]]:
-        """Each other candidate in its likeliest size: evidence of the set with it over none [nats], value and deviation."""
+        """Each other candidate in its likeliest size: evidence of the set with it [nats], value and deviation."""
         places = self.joined(terms)
         unit = self.deviations(terms, sizes)
         factor = lower(self.gram[np.ix_(places, places)] * unit[:, None] * unit)
         back = forward(factor, unit[:, None] * self.gram[places])
         solved = forward(factor, unit * self.right[places])
-        known = float(solved @ solved) / 2 - float(np.log(np.diag(factor)).sum())
+        known = _half_log(factor, solved)
         for term in others:
             own = self.places[term]
             gram = self.gram[np.ix_(own, own)] - back[:, own].T @ back[:, own]
@@ -543,6 +522,7 @@ def _alone(
     """Evidence, values and deviations of the coordinates of one candidate, with the information on them."""
     factor = lower(gram * unit[:, None] * unit)
     solved = forward(factor, unit * right)
-    back = unit[:, None] * solve_triangular(factor.T, np.eye(len(right)), check_finite=False)
-    evidence = float(solved @ solved) / 2 - float(np.log(np.diag(factor)).sum())
-    return evidence, back @ solved, np.sqrt((back**2).sum(axis=1))
+    back = unit[:, None] * solve_triangular(
+        factor.T, np.eye(len(right)), check_finite=False
+    )
+    return _half_log(factor, solved), back @ solved, np.sqrt((back**2).sum(axis=1))

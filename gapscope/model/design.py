@@ -77,7 +77,9 @@ class FreeArm:
 
     def corrected(self, terms: Terms, theta: np.ndarray | None = None) -> CorrectedArm:
         """The arm with its effects, or with those of other coordinates."""
-        return CorrectedArm(self.arm, terms.effects(self.theta if theta is None else theta))
+        return CorrectedArm(
+            self.arm, terms.effects(self.theta if theta is None else theta)
+        )
 
 
 @dataclass(frozen=True)
@@ -170,7 +172,9 @@ def about(
         gap[mine] = left / rows.scale * trust
         matrix = columns(at, rows, k, terms, theta, names) / rows.scale[:, None]
         for term in moved:
-            own = matrix[:, :, list(term.columns)] / made.units[term] * trust[:, :, None]
+            own = (
+                matrix[:, :, list(term.columns)] / made.units[term] * trust[:, :, None]
+            )
             for j, x in enumerate(columns_of[term]):
                 x[mine] = own[:, j]
     for term, value in moved.items():
@@ -180,7 +184,7 @@ def about(
 
 
 def moves_columns(term: Term) -> bool:
-    """Whether the columns of a term change with its values; those of a link are taken as linear, those of a limit are."""
+    """Whether the columns of a term change with its values: not those of a link, nor of a limit."""
     return not (is_link_change(term) or term.definition.limits)
 
 
@@ -230,9 +234,9 @@ def design(
     given = units or {}
     nominal = arm.body.inertial_parameters().reshape(n, 10)
     for term in terms.all:
-        if is_link_change(term):
-            j = term.joint - 1
-            tangent = term.definition.tangent(nominal[j], j, np.zeros(len(term.columns)))  # type: ignore[attr-defined]
+        effect, j = term.definition, term.joint - 1
+        if is_link_change(term) and isinstance(effect, LinkChange):
+            tangent = effect.tangent(nominal[j], j, np.zeros(len(term.columns)))
             x = bodies[:, :, 10 * j : 10 * j + 10] @ tangent
         elif terms.can_choose(term):
             x = matrix[:, :, list(term.columns)]
@@ -258,7 +262,8 @@ def design(
     whole = np.concatenate(parts, axis=2) * rows.trust[:, :, None]
     gap = np.concatenate(gaps) / scale
     active = [
-        np.flatnonzero((whole[:, j] ** 2).mean(axis=0) > LEAST_TORQUE**2) for j in range(n)
+        np.flatnonzero((whole[:, j] ** 2).mean(axis=0) > LEAST_TORQUE**2)
+        for j in range(n)
     ]
     return Design(
         rows,
@@ -294,7 +299,7 @@ def fitted_arm(rows: Rows, arm: NominalArm) -> FreeArm:
         motion, body = segment.motion, segment.bodies(start.body)
         at = Prediction.of(start.corrected(terms), body, motion)
         regressor = body.regressor(motion.q, motion.dq, motion.ddq)
-        rows.bodies = rows.bodies[:k] + [Bodies(body, motion, regressor)]
+        rows.bodies = [*rows.bodies[:k], Bodies(body, motion, regressor)]
         own = columns(at, rows, k, terms, start.theta, names)[:, :, places]
         matrices.append(np.concatenate([rows.thin(regressor, segment), own], axis=2))
         assert segment.torque is not None
@@ -322,11 +327,13 @@ def fitted_arm(rows: Rows, arm: NominalArm) -> FreeArm:
 def _is_free(effect: Effect) -> bool:
     """Whether every arm has an effect on each joint, of a size that only the data say."""
     plain = effect.reach == "joint" and not effect.fitted.nonlinear
-    return plain and (np.isinf(effect.fitted.usual) or effect.fitted.data_sheet is not None)
+    return plain and (
+        np.isinf(effect.fitted.usual) or effect.fitted.data_sheet is not None
+    )
 
 
 def _is_form(term: Term) -> bool:
-    """Whether form error can look like a term: a push has columns of its own, and a limit shows in the torque itself."""
+    """Whether form error can look like a term: a push has columns of its own, a limit shows in the torque itself."""
     return not (isinstance(term.definition, External) or term.definition.limits)
 
 

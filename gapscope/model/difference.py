@@ -1,7 +1,9 @@
 """What one group of recordings has of its own: the search over sets of terms, about an arm that predicts the others.
 
-Evidence of a set and prior odds of its terms add up; terms join, leave and swap places as long as that raises the sum.
-The arm of the group is then linearised about its own terms, and the search begins there, until it stays where it is.
+A hypothesis is a set of terms that the group has, others that everybody has, and where form error is larger in the
+group than where it was learnt: something unknown. Its evidence and its prior odds add up. Each is fitted about its own
+values, what is shared and form error stay linear about the arm that predicts. Terms join one by one; when one has
+joined, each is asked again whether the others do without it, or with another in its place.
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ import numpy as np
 from gapscope.model.contrast import Answer, Candidate, Contrast, OwnTerms
 from gapscope.model.design import FreeArm, about, design, is_link_change, moves_columns
 from gapscope.model.equations import Equations
-from gapscope.model.form_error import FormError, carried_over, learn
+from gapscope.model.form_error import carried_over, learn
 from gapscope.model.nonlinear_values import UNKNOWN, Scanner
 from gapscope.model.rows import Rows
 from gapscope.model.terms import Term
@@ -74,7 +76,11 @@ class Fit:
     @property
     def values(self) -> dict[Term, np.ndarray]:
         """Their coordinates, (linear,) each."""
-        return {one.term: self.answer.values[one] for one in self.chosen if not one.everybody}
+        return {
+            one.term: self.answer.values[one]
+            for one in self.chosen
+            if not one.everybody
+        }
 
 
 @dataclass(frozen=True)
@@ -190,11 +196,11 @@ class Search:
         self._equations = Equations.of(made, self._taught.white2)
         self._error = carried_over(self._taught, self._first, self._equations)
         self._contrasts: dict[frozenset[tuple[Place, float]], Contrast] = {}
-        self._fits: dict[tuple[frozenset[Candidate], frozenset[tuple[Place, float]]], Fit] = {}
+        self._fits: dict[
+            tuple[frozenset[Candidate], frozenset[tuple[Place, float]]], Fit
+        ] = {}
         self._totals = {}
-        rows = self.rows
-        mine, others = (np.unique(rows.motion[own]) for own in (rows.of(self.group), ~rows.of(self.group)))
-        self._motions = np.setdiff1d(mine, others).tolist()
+        self._motions = np.unique(self.rows.motion[self.rows.of(self.group)]).tolist()
 
     def _contrast(self, grown: Mapping[Place, float]) -> Contrast:
         """The contrast with more form error on some joints."""
@@ -202,7 +208,10 @@ class Search:
         if key not in self._contrasts:
             made, day = self._equations.design, np.zeros(self._equations.design.size)
             for term, places in made.places.items():
-                if term.parametrisation.data_sheet is not None and not term.definition.built_in:
+                if (
+                    term.parametrisation.data_sheet is not None
+                    and not term.definition.built_in
+                ):
                     value = self.arm.theta[term.columns[0]] * made.units[term][0]
                     day[places] = (self.days * value) ** 2 / 3.0
             larger: dict[tuple[int, int], float] = {}
@@ -254,7 +263,9 @@ class Search:
         weight, answer = weigh(chosen)
         while not np.isfinite(weight):
             # what everybody has is there to help: without what cannot be beside the others
-            kept = [one for one in chosen if not one.everybody or weigh.can_be(one, answer)]
+            kept = [
+                one for one in chosen if not one.everybody or weigh.can_be(one, answer)
+            ]
             if len(kept) == len(chosen):
                 break
             chosen = kept
@@ -295,10 +306,14 @@ class Search:
         proposed = [p for p in self._proposals(fit) if not p[1].everybody]
         proposed.sort(key=lambda p: -p[0])
         better = [p for p in proposed[:REFITTED] if p[0] > fit.total]
-        fitted = [self._fit((*fit.chosen, one), fit.values, fit.grown) for _, one in better]
+        fitted = [
+            self._fit((*fit.chosen, one), fit.values, fit.grown) for _, one in better
+        ]
         best = max(fitted, key=lambda f: f.total, default=None)
         # what is not fitted promises as much less than the best one as it does here
-        promised = proposed[0][0] - max(best.total, fit.total) if best and proposed else 0.0
+        promised = (
+            proposed[0][0] - max(best.total, fit.total) if best and proposed else 0.0
+        )
         for value, one in proposed[len(better) : LOOKED_AT]:
             terms = frozenset([*fit.terms, one.term])
             least = self._totals.get(terms, -np.inf)
@@ -322,7 +337,7 @@ class Search:
         return fit
 
     def _with_growth(self, fit: Fit) -> Fit:
-        """The hypothesis with more form error, of a joint or of one motion of it, where that explains more than it costs."""
+        """The hypothesis with more form error, on a joint or in a motion, where that explains more than it costs."""
         while True:
             promised = self._promised(fit)
             places = sorted(promised, key=lambda place: -promised[place])[:REFITTED]
@@ -401,16 +416,8 @@ class Weigher:
 
     def within(self, term: Term, value: np.ndarray, std: np.ndarray) -> bool:
         """Whether coordinates of a term can be, to a standard deviation."""
-        fitted = term.parametrisation
-        lowest = fitted.lowest
-        if callable(lowest):
-            lowest = lowest(self._masses, self._arm.body.last_link)
-        if np.ndim(lowest):
-            lowest = np.asarray(lowest)[term.joint - 1]
-        if fitted.data_sheet is not None:
-            # no more friction can go than there is
-            lowest = -self._arm.theta[term.columns[0]]
-        if value[0] < float(lowest) - std[0]:
+        fitted, lowest = term.parametrisation, self._lowest(term)
+        if value[0] < lowest - std[0]:
             return False
         if term.definition.limits and value[0] > BEYOND_SATURATION + std[0]:
             return False
@@ -418,6 +425,17 @@ class Weigher:
             return True
         inside = fitted.clip(value[:, None])[:, 0]
         return bool((np.abs(inside - value) <= std + 1e-9 * np.abs(value)).all())
+
+    def _lowest(self, term: Term) -> float:
+        """Least value of the first coordinate of a term."""
+        fitted = term.parametrisation
+        if fitted.data_sheet is not None:
+            # no more friction can go than there is
+            return -float(self._arm.theta[term.columns[0]])
+        if not callable(fitted.lowest):
+            return fitted.lowest
+        every = np.asarray(fitted.lowest(self._masses, self._arm.body.last_link))
+        return float(every[term.joint - 1] if every.ndim else every)
 
 
 def _settled(now: Mapping[Term, np.ndarray], before: Mapping[Term, np.ndarray]) -> bool:

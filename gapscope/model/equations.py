@@ -56,12 +56,23 @@ class Equations:
         rows = design.rows
         kinds = sorted(set(zip(rows.motion.tolist(), rows.group.tolist(), strict=True)))
         members = [
-            (motion, group, np.flatnonzero((rows.motion == motion) & (rows.group == group)))
+            (
+                motion,
+                group,
+                np.flatnonzero((rows.motion == motion) & (rows.group == group)),
+            )
             for motion, group in kinds
         ]
         cells = [
             [
-                _cell(motion, group, int(rows.recording[own[0]]), own, x[own], design.gap[own, j])
+                _cell(
+                    motion,
+                    group,
+                    int(rows.recording[own[0]]),
+                    own,
+                    x[own],
+                    design.gap[own, j],
+                )
                 for motion, group, own in members
             ]
             for j, x in enumerate(design.columns)

@@ -56,7 +56,6 @@ class FormError:
 
 def learn(equations: Equations, groups: Collection[int]) -> FormError:
     """Noise and amplitudes of form error by the evidence of the motions of groups in which nothing changes."""
-    design = equations.design
     noise2, white2, own2, joint2 = [], [], [], []
     for j, every in enumerate(equations.cells):
         cells = [cell for cell in every if cell.group in groups]
@@ -68,9 +67,7 @@ def learn(equations: Equations, groups: Collection[int]) -> FormError:
     return FormError(np.array(noise2), np.array(white2), own2, np.array(joint2))
 
 
-def carried_over(
-    error: FormError, before: Equations, after: Equations
-) -> FormError:
+def carried_over(error: FormError, before: Equations, after: Equations) -> FormError:
     """The same amplitudes for other columns of the same joints: by term, and of new terms that of the joint."""
     old, new = before.design, after.design
     own2 = []
@@ -80,7 +77,10 @@ def carried_over(
         for term, places in new.places.items():
             if term not in old.places:
                 continue
-            here, there = np.isin(active, places), np.isin(old.active[j], old.places[term])
+            here, there = (
+                np.isin(active, places),
+                np.isin(old.active[j], old.places[term]),
+            )
             if here.sum() == there.sum():
                 # in the term's own units: the columns count in their torque
                 ratio = (new.units[term] / old.units[term])[np.isin(places, active)]
@@ -109,18 +109,25 @@ def _learn_joint(
         for group in groups:
             mine = [cell for cell in cells if cell.group == group]
             parts = [_eliminated(cell, free, own2, noise2) for cell in mine]
-            total = sum(part.gram for part in parts)[np.ix_(shared, shared)]
+            total = np.sum([part.gram for part in parts], axis=0)
+            total = total[np.ix_(shared, shared)]
             normal = total * unit[:, None] * unit
             normal[np.diag_indices(len(unit))] += 1.0
             factor = cholesky(normal, lower=True, check_finite=False)
-            back = solve_triangular(factor, np.diag(unit), lower=True, check_finite=False)
-            right = sum(part.right for part in parts)[shared]
+            back = solve_triangular(
+                factor, np.diag(unit), lower=True, check_finite=False
+            )
+            right = np.sum([part.right for part in parts], axis=0)[shared]
             beta = back.T @ (back @ right)
             for cell, part in zip(mine, parts, strict=True):
                 open_right = cell.right[free] - cell.gram[np.ix_(free, shared)] @ beta
                 theta = part.half.T @ (part.half @ open_right) / noise2
-                coupling = part.half.T @ (part.half @ cell.gram[np.ix_(free, shared)]) / noise2
-                variance = (part.half**2).sum(axis=0) + ((coupling @ back.T) ** 2).sum(axis=1)
+                coupling = (
+                    part.half.T @ (part.half @ cell.gram[np.ix_(free, shared)]) / noise2
+                )
+                variance = (part.half**2).sum(axis=0) + ((coupling @ back.T) ** 2).sum(
+                    axis=1
+                )
                 squares += theta**2
                 determined += np.clip(1.0 - variance / own2, 0.0, 1.0)
         joint2 = max(squares @ size2 / max(determined.sum(), 1e-3), LEAST_FORM**2)
@@ -179,9 +186,9 @@ def _noise(
     unit: np.ndarray,
     size2: np.ndarray,
 ) -> tuple[float, float, float]:
-    """Variance of the noise, neighbours counted once and each for itself, and mean square of what is missed: what is left of motions held out when each has values of its own, neighbours counted once.
+    """Variance of the noise, neighbours counted once and each for itself, and mean square of what is missed.
 
-    Each motion is predicted from the others of its group.
+    Noise is what is left of motions held out, each predicted from others of its group, with values of its own.
     """
     design = equations.design
     count = sum(len(cell.rows) for cell in cells)
@@ -197,7 +204,10 @@ def _noise(
             normal[np.diag_indices(len(unit))] += 1.0
             beta = unit * np.linalg.solve(normal, unit * right[shared] / missed2)
             missed[cell.rows] = y[cell.rows] - x[np.ix_(cell.rows, shared)] @ beta
-        missed2 = max(sum(float((missed[c.rows] ** 2).sum()) for c in cells) / count, LEAST_NOISE**2)
+        missed2 = max(
+            sum(float((missed[c.rows] ** 2).sum()) for c in cells) / count,
+            LEAST_NOISE**2,
+        )
     left, spent = np.zeros(len(y)), 0.0
     for cell in cells:
         own = x[np.ix_(cell.rows, free)] * (FIRST_FREEDOM / np.sqrt(size2))
@@ -238,5 +248,7 @@ def _eliminated(
     cross = half @ cell.gram[free] / noise2
     right = half @ cell.right[free] / noise2
     return Eliminated(
-        cell.gram / noise2 - cross.T @ cross, cell.right / noise2 - cross.T @ right, half
+        cell.gram / noise2 - cross.T @ cross,
+        cell.right / noise2 - cross.T @ right,
+        half,
     )

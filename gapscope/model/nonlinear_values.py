@@ -1,14 +1,13 @@
 """Values of nonlinear parameters that a contrast looks at first: those by which a group's own effect explains most.
 
-Each value of the grid of a law has columns; their information on a group's own coordinates beside shared twins of the
-same columns, and beside all that is shared, gives its evidence. A term is charged what it takes to say which value it is:
+Each value of the grid of a law has columns, that may be a group's own or everybody's; the information on them beside
+all that is shared gives its evidence. A term is charged what it takes to say which value it is:
 the log of the number of values over those that do about as well.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +20,7 @@ from gapscope.model.contrast import SIZES, Candidate, Contrast, OwnTerms, forwar
 from gapscope.model.design import FreeArm
 from gapscope.model.prediction import Prediction
 from gapscope.model.rows import Rows
-from gapscope.model.terms import Term
+from gapscope.model.terms import Term, Terms
 
 WINDOW_EDGES = 40
 """Edges between which windows of a force are tried. (budget)"""
@@ -38,26 +37,20 @@ class Found(NamedTuple):
     charge: float
 
 
-@dataclass
 class Scanner:
     """Tries values of nonlinear parameters on a group.
 
-    Attributes:
+    Args:
         rows: the rows.
         arm: what all groups share.
         group: whose own effects are looked for.
     """
 
-    rows: Rows
-    arm: FreeArm
-    group: int
-
-    def __post_init__(self) -> None:
-        """Torque and friction that the shared arm predicts on every segment."""
+    def __init__(self, rows: Rows, arm: FreeArm, group: int) -> None:
+        self.rows, self.arm, self.group = rows, arm, group
         self._columns: dict[Term, np.ndarray] = {}
+        # torque and friction that the shared arm predicts on every segment
         self._load, self._friction = [], []
-        from gapscope.model.terms import Terms
-
         terms = Terms(self.arm.arm.n_joints, {}, self.arm.arm.coupled_motors)
         corrected = self.arm.corrected(terms)
         friction = tuple(e for e in corrected.effects if e.effect.family == "friction")
@@ -158,9 +151,17 @@ class Scanner:
         for k, segment in enumerate(self.rows.segments):
             motion = segment.motion
             assert segment.torque is not None
-            series = (motion.q, motion.dq, segment.torque, self._load[k], self._friction[k])
+            series = (
+                motion.q,
+                motion.dq,
+                segment.torque,
+                self._load[k],
+                self._friction[k],
+            )
             signals = JointSignals(motion.t[:, None], *(x[:, j, None] for x in series))
-            parts.append(self.rows.thin(unit_columns(term.definition, values, signals), segment))
+            parts.append(
+                self.rows.thin(unit_columns(term.definition, values, signals), segment)
+            )
         x = np.concatenate(parts) / self.rows.scale[j] * self.rows.trust[:, j, None]
         if first:
             self._columns[term] = x
@@ -173,7 +174,7 @@ class Scanner:
 
         What a window needs is a sum over its bins, whose products with all else are computed once.
         """
-        rows, design = self.rows, contrast.design
+        rows = self.rows
         mine = np.flatnonzero(rows.group == self.group)
         begin, end = rows.t[mine].min(), rows.t[mine].max()
         width = max((end - begin) / WINDOW_EDGES, LEAST_WINDOW)
@@ -189,33 +190,20 @@ class Scanner:
         force = force / rows.scale[:, None] * rows.trust[:, :, None]
         place = np.clip(((rows.t - begin) / width).astype(int), 0, bins - 1)
         size = np.sqrt((force[mine] ** 2).mean(axis=0)).max(axis=0) + 1e-12
-        gram, right = np.zeros((3 * bins, 3 * bins)), np.zeros(3 * bins)
-        cross = np.zeros((contrast.groups, design.size, 3 * bins))
-        for j, motions in enumerate(contrast.motions):
-            noise2, active = contrast.error.noise2[j], design.active[j]
-            for one in motions:
-                for cell in one.cells:
-                    if cell.group != self.group:
-                        continue
-                    x = np.zeros((len(cell.rows), bins, 3))
-                    x[np.arange(len(cell.rows)), place[cell.rows]] = force[cell.rows, j]
-                    flat = x.reshape(len(x), -1)
-                    products = design.columns[j][cell.rows].T @ flat / noise2
-                    inner = forward(one.factor, one.size[:, None] * products[one.free])
-                    gram += flat.T @ flat / noise2 - inner.T @ inner
-                    right += flat.T @ contrast.gap[cell.rows, j] / noise2 - inner.T @ one.right
-                    cross[self.group, active] += products
-                    for other, its in zip(one.cells, one.crosses, strict=True):
-                        cross[other.group, active] -= its.T @ inner
-        back = contrast.nuisance_rows(cross)
-        gram -= back.T @ back
-        right -= back.T @ contrast.solved
+        columns = []
+        for joint in range(rows.torque.shape[1]):
+            x = np.zeros((len(rows.t), bins, 3))
+            x[mine, place[mine]] = force[mine, joint]
+            columns.append(x.reshape(len(x), -1))
+        further = contrast.beside(columns, self.group)
+        gram, right = further.gram, further.right
         places = own.joined(others)
         if len(places):
             factor = lower(own.gram[np.ix_(places, places)].copy())
-            inner = forward(factor, own.rows(cross, self.group, places) - own.back[:, places].T @ back)
-            gram -= inner.T @ inner
-            right -= inner.T @ forward(factor, own.right[places])
+            known = own.back[:, places].T @ further.back
+            inner = forward(factor, own.rows(further.cross, places) - known)
+            gram = gram - inner.T @ inner
+            right = right - inner.T @ forward(factor, own.right[places])
         spans = _spans(bins)
         gain = _of_spans(gram, right, spans, 1.0 / size)
         k = int(np.argmax(gain))
@@ -224,7 +212,9 @@ class Scanner:
         alone = self._on_one_joint(contrast, place, bins, spans)
         charge += max(alone + float(np.log(UNKNOWN)), 0.0)
         first, last = spans
-        return Found((float(begin + first[k] * width), float(begin + last[k] * width)), charge)
+        return Found(
+            (float(begin + first[k] * width), float(begin + last[k] * width)), charge
+        )
 
     def _on_one_joint(
         self,
@@ -256,7 +246,10 @@ def _spans(bins: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _of_spans(
-    gram: np.ndarray, right: np.ndarray, spans: tuple[np.ndarray, np.ndarray], unit: np.ndarray
+    gram: np.ndarray,
+    right: np.ndarray,
+    spans: tuple[np.ndarray, np.ndarray],
+    unit: np.ndarray,
 ) -> np.ndarray:
     """Log evidence of each window, whose columns are sums of those of its bins, c in each: (K,)."""
     count = len(unit)
@@ -297,13 +290,11 @@ def _log_evidence(gram: np.ndarray, right: np.ndarray) -> np.ndarray:
     return (right * solved).sum(axis=1) / 2 - np.linalg.slogdet(normal)[1] / 2
 
 
-def _products(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Sums over rows of the products of each candidate's columns, (M, K, a) and (M, K, b): (K, a, b)."""
-    rows = [
-        np.stack([(one[:, :, i] * other[:, :, k]).sum(axis=0) for k in range(other.shape[2])], 1)
-        for i in range(one.shape[2])
-    ]
-    return np.stack(rows, axis=1)
+def _squares(columns: np.ndarray) -> np.ndarray:
+    """Sums over rows of the products of each candidate's columns, (M, K, c): (K, c, c)."""
+    parts = np.moveaxis(columns, 2, 0)
+    of_pairs = [[(a * b).sum(axis=0) for a in parts] for b in parts]
+    return np.array(of_pairs).T
 
 
 def _gains(
@@ -316,65 +307,52 @@ def _gains(
     group: int,
     noise: np.ndarray | None,
 ) -> np.ndarray:
-    """Log evidence of candidates on a joint, their columns (M, K c) a group's own, or everybody's, beside other terms."""
+    """Log evidence of candidates on a joint, a group's own or everybody's, by columns (M, K c), beside other terms."""
     design, noise2 = contrast.design, contrast.error.noise2[j]
     count = term.parametrisation.linear
     active, k = design.active[j], x.shape[1] // count
+
+    def split(matrix: np.ndarray) -> np.ndarray:
+        return matrix.reshape(len(matrix), k, count)
+
+    of_all, of_group = np.zeros((k, count, count)), np.zeros((k, count, count))
+    right_all, right_group = np.zeros(x.shape[1]), np.zeros(x.shape[1])
     cross = np.zeros((contrast.groups, design.size, x.shape[1]))
-    split = lambda matrix: matrix.reshape(len(matrix), k, count)
-    all_all, own_own = (np.zeros((k, count, count)) for _ in range(2))
-    right_all, right_own = np.zeros(x.shape[1]), np.zeros(x.shape[1])
-    cross_own = np.zeros_like(cross)
     for one in contrast.motions[j]:
-        inners, whole = {}, 0.0
-        for cell in one.cells:
-            own_rows = x[cell.rows]
-            products = design.columns[j][cell.rows].T @ own_rows / noise2
-            inner = forward(one.factor, one.size[:, None] * products[one.free])
-            pull = own_rows.T @ contrast.gap[cell.rows, j] / noise2 - inner.T @ one.right
-            if noise is not None:
-                pull -= noise[cell.rows].sum(axis=0) / noise2
-            gram = _products(split(own_rows), split(own_rows)) / noise2
-            mine = cell.group == group
-            all_all += gram
-            right_all += pull
-            cross[cell.group, active] += products
-            if mine:
-                own_own += gram - _products(split(inner), split(inner))
-                right_own += pull
-                cross_own[group, active] += products
-            inners[cell.group] = inner
-            whole = whole + inner
-        all_all -= _products(split(whole), split(whole))
-        for other, its in zip(one.cells, one.crosses, strict=True):
-            cross[other.group, active] -= its.T @ whole
-        if group in inners:
-            inner = inners[group]
-            for other, its in zip(one.cells, one.crosses, strict=True):
-                cross_own[other.group, active] -= its.T @ inner
-    back_all, back_own = contrast.nuisance_rows(cross), contrast.nuisance_rows(cross_own)
-    all_all -= _products(split(back_all), split(back_all))
-    own_own -= _products(split(back_own), split(back_own))
-    right_all -= back_all.T @ contrast.solved
-    right_own -= back_own.T @ contrast.solved
+        rows, mine = one.cell.rows, one.cell.group == group
+        own_rows = x[rows]
+        products = design.columns[j][rows].T @ own_rows / noise2
+        inner = one.inner(products)
+        pull = own_rows.T @ contrast.gap[rows, j] / noise2 - inner.T @ one.right
+        if noise is not None:
+            pull -= noise[rows].sum(axis=0) / noise2
+        gram = _squares(split(own_rows)) / noise2 - _squares(split(inner))
+        of_all += gram
+        right_all += pull
+        if mine:
+            of_group += gram
+            right_group += pull
+        cross[one.cell.group, active] += products - one.cross.T @ inner
+    cross_group = np.zeros_like(cross)
+    cross_group[group] = cross[group]
     places = own.joined(others)
-    if len(places):
-        factor = lower(own.gram[np.ix_(places, places)].copy())
-        solved = forward(factor, own.right[places])
-        inner_all = forward(factor, own.rows(cross, group, places) - own.back[:, places].T @ back_all)
-        inner_own = forward(factor, own.rows(cross_own, group, places) - own.back[:, places].T @ back_own)
-        all_all -= _products(split(inner_all), split(inner_all))
-        own_own -= _products(split(inner_own), split(inner_own))
-        right_all -= inner_all.T @ solved
-        right_own -= inner_own.T @ solved
+    factor = lower(own.gram[np.ix_(places, places)].copy())
+    solved = forward(factor, own.right[places])
+    gains = []
+    sides = (of_all, right_all, cross), (of_group, right_group, cross_group)
+    for gram, right, products in sides:
+        back = contrast.nuisance_rows(products)
+        known = own.back[:, places].T @ back
+        inner = forward(factor, own.rows(cross[group], places) - known)
+        gram = gram - _squares(split(back)) - _squares(split(inner))
+        right = right - back.T @ contrast.solved - inner.T @ solved
+        gains.append((gram, right.reshape(k, count)))
     size = np.sqrt((x**2).mean(axis=0)).reshape(k, count)
     shown = size.min(axis=1) > 1e-6
     unit = 1.0 / np.maximum(size, 1e-6)
     # what both have is no difference: the value may be that of either
-    of_group = _evidence(own_own, right_own.reshape(k, count), unit)
-    of_all = _evidence(all_all, right_all.reshape(k, count), unit)
-    gains = np.maximum(of_group, of_all)
-    return np.where(shown, np.nan_to_num(gains), 0.0)
+    best = np.max([_evidence(gram, right, unit) for gram, right in gains], axis=0)
+    return np.where(shown, np.nan_to_num(best), 0.0)
 
 
 def _peak(values: np.ndarray, gain: np.ndarray, best: int) -> float:

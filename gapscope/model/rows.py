@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from gapscope.arm.recording import Recording
 from gapscope.ident.signals.conditioning import (
     TORQUE_CUTOFF,
+    Segment,
     condition,
     position_cutoff,
 )
@@ -34,7 +35,7 @@ class Rows(DecimatedSegments):
     Attributes:
         group, recording, segment: numbers of the group, of the recording and of the segment of each row, (M,).
         group_of: number of the group of each segment.
-        motion: number of the motion of each row, (M,): one that comes again, in whatever group, keeps its number.
+        motion: number of the motion of each row, (M,): one that comes again in a group keeps its number.
         torque: recorded [N m], (M, n).
         trust: square root of the weight of each row, (M, n): 1 unless its torque was not measured.
         scale: normalisation of the torque gap over all rows of the first group [N m], (n,).
@@ -66,9 +67,7 @@ class Rows(DecimatedSegments):
         self.trust = np.sqrt(np.vstack([self.known(s) for s in segments]))
         self.scale = torque_scale(self.torque[self.group == 0])
         self.t = np.concatenate([self.time(s) for s in segments])
-        kept = [
-            slice(s.inner.start, s.inner.stop, self.step(s)) for s in segments
-        ]
+        kept = [slice(s.inner.start, s.inner.stop, self.step(s)) for s in segments]
         pairs = list(zip(segments, kept, strict=True))
         self.position = np.vstack([s.motion.q[rows] for s, rows in pairs])
         self.velocity = np.vstack([s.motion.dq[rows] for s, rows in pairs])
@@ -89,24 +88,29 @@ class Rows(DecimatedSegments):
     def _motions(self) -> np.ndarray:
         """Numbers of the motions, (M,): parts of the groups, those that come again under one number."""
         parts = self._parts()
-        deviation = [np.maximum(x.std(axis=0), 1e-9) for x in (self.position, self.velocity)]
+        deviation = [
+            np.maximum(x.std(axis=0), 1e-9) for x in (self.position, self.velocity)
+        ]
         state = np.hstack([self.position / deviation[0], self.velocity / deviation[1]])
         reach = SAME_STATE * np.sqrt(state.shape[1])
         motion = parts.copy()
         for part in range(1, parts.max() + 1):
             own, earlier = parts == part, parts < part
-            # a part goes on from the one before: only another recording can repeat it
-            earlier &= ~np.isin(self.segment, self.segment[own])
+            # a part goes on from the one before: only another recording of the group can repeat it
+            earlier &= ~np.isin(self.recording, self.recording[own])
+            earlier &= self.group == self.group[own][0]
             if not earlier.any():
                 continue
-            distance, place = cKDTree(state[earlier]).query(state[own], distance_upper_bound=reach)
+            distance, place = cKDTree(state[earlier]).query(
+                state[own], distance_upper_bound=reach
+            )
             near = np.isfinite(distance)
             if near.mean() >= SAME_SHARE:
                 motion[own] = np.bincount(motion[earlier][place[near]]).argmax()
         return motion
 
     def _parts(self) -> np.ndarray:
-        """Numbers of the parts, (M,): segments, and those of a group with few of them cut into parts of equal length."""
+        """Numbers of the parts, (M,): segments; those of a group with few of them are cut into equal parts."""
         parts, count = np.empty(len(self.group), dtype=int), 0
         for number in range(self.group.max() + 1):
             rows = np.flatnonzero(self.group == number)
@@ -130,9 +134,10 @@ def _listed_once(recordings: Sequence[Recording]) -> list[Recording]:
 
 
 def _same(one: Recording, other: Recording) -> bool:
-    return np.array_equal(one.q, other.q) and np.array_equal(one.tau, other.tau)
+    torques = np.asarray(one.tau), np.asarray(other.tau)
+    return np.array_equal(one.q, other.q) and np.array_equal(*torques)
 
 
-def _torque(segment):  # type: ignore[no-untyped-def]
+def _torque(segment: Segment) -> np.ndarray:
     assert segment.torque is not None
     return segment.bridged(segment.torque)

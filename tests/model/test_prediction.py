@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import synthetic
+from diagnosis import synthetic
 
 from gapscope.arm.motions.motion import Motion
 from gapscope.effects.applied import AppliedEffect

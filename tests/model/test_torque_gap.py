@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import synthetic
+from diagnosis import synthetic
 from scipy.signal import butter, sosfiltfilt
 
 from gapscope.diagnosis.gap.noise_floor import noise_floor
