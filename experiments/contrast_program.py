@@ -34,7 +34,7 @@ def main() -> None:
     begun = time.process_time()
     case, reference = load_case(arguments.case), load_case(arguments.against)
     rows = Rows([reference.recordings, case.recordings])
-    found = Search(rows, fitted_arm(rows, case.arm), 1, {0}, DAYS).run()
+    found = Search(rows, fitted_arm(rows, case.arm, {0}), 1, {0}, DAYS).run()
     shares = {term: float(found.share(term).max()) for term in found.terms}
     for term in sorted(shares, key=lambda term: -shares[term]):
         probability = found.probabilities[term]

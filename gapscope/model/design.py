@@ -9,7 +9,7 @@ with X all columns, beta_g their coefficients in group g, and theta_b what each 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -280,8 +280,8 @@ def design(
     )
 
 
-def fitted_arm(rows: Rows, arm: NominalArm) -> FreeArm:
-    """The arm that predicts the first group best: bodies, rotors, friction, springs and offsets, whatever they are.
+def fitted_arm(rows: Rows, arm: NominalArm, groups: Collection[int]) -> FreeArm:
+    """The arm that predicts some groups best: bodies, rotors, friction, springs and offsets, whatever they are.
 
     Ridge regression: inertials within their own size of the nominal ones, all else as large as the torque; joints
     weighted by what is left.
@@ -291,21 +291,22 @@ def fitted_arm(rows: Rows, arm: NominalArm) -> FreeArm:
     free = [e for e in terms.definitions if _is_free(e)]
     names = {e.name for e in free}
     places = np.concatenate([terms.block(e.name).ravel() for e in free])
-    first = rows.of(0)
+    told = np.isin(rows.group, list(groups))
     matrices, gaps = [], []
+    rows.bodies = []
     for k, segment in enumerate(rows.segments):
-        if rows.group_of[k] != 0:
-            continue
         motion, body = segment.motion, segment.bodies(start.body)
-        at = Prediction.of(start.corrected(terms), body, motion)
         regressor = body.regressor(motion.q, motion.dq, motion.ddq)
-        rows.bodies = [*rows.bodies[:k], Bodies(body, motion, regressor)]
+        rows.bodies.append(Bodies(body, motion, regressor))
+        if rows.group_of[k] not in groups:
+            continue
+        at = Prediction.of(start.corrected(terms), body, motion)
         own = columns(at, rows, k, terms, start.theta, names)[:, :, places]
         matrices.append(np.concatenate([rows.thin(regressor, segment), own], axis=2))
         assert segment.torque is not None
         gaps.append(rows.thin(segment.bridged(segment.torque - at.torque), segment))
-    x = np.concatenate(matrices) / rows.scale[:, None] * rows.trust[first][:, :, None]
-    y = np.concatenate(gaps) / rows.scale * rows.trust[first]
+    x = np.concatenate(matrices) / rows.scale[:, None] * rows.trust[told][:, :, None]
+    y = np.concatenate(gaps) / rows.scale * rows.trust[told]
     size = np.sqrt((x**2).mean(axis=0)).max(axis=0)
     unit = WIDE / np.maximum(size, LEAST_TORQUE)
     unit[: 10 * n] = BODIES * inertial_scale(start.body)

@@ -48,7 +48,7 @@ def changed(truth: Truth, healthy: Truth = HEALTHY, times: int = 1) -> Differenc
     """What a day has that the day before has not; each recording listed so many times."""
     groups = [times * list(day(healthy, 1)), times * list(day(truth, 2))]
     rows = Rows(groups)
-    return Search(rows, fitted_arm(rows, vendor()), 1, {0}, DAYS).run()
+    return Search(rows, fitted_arm(rows, vendor(), {0}), 1, {0}, DAYS).run()
 
 
 def named(found: Difference) -> dict[tuple[str, int], np.ndarray]:
