@@ -13,7 +13,7 @@ is no difference. The size of an effect is not known beforehand: u is one of ``S
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 
@@ -180,7 +180,11 @@ class Contrast:
         return np.concatenate([shared, *days])
 
     def _solve(self) -> np.ndarray:
-        return forward(self._factor, self._units * self._of_nuisances(self._right))
+        right = self._units * self._of_nuisances(self._right)
+        count = len(self._shared)
+        # the prior counts from the arm that was believed
+        right[:count] -= self.design.taken[self._shared] / self._units[:count]
+        return forward(self._factor, right)
 
     def nuisance_rows(self, of_groups: np.ndarray) -> np.ndarray:
         """L^-1 U times the products of the nuisances with columns whose products with each group's are (G, P, K)."""
@@ -298,6 +302,18 @@ class Contrast:
                     gain = _half_log(tried.factor, tried.right) - before
                     out[j, cell.motion, growth] = gain
         return out
+
+    def values_of(self, groups: Collection[int]) -> np.ndarray:
+        """Likeliest values of what is shared by what some groups say, (P,)."""
+        chosen, shared = list(groups), self._shared
+        unit = self.design.prior[shared]
+        gram = self._gram[chosen].sum(axis=0)[np.ix_(shared, shared)]
+        right = self._right[chosen].sum(axis=0)[shared]
+        factor = lower(gram * unit[:, None] * unit)
+        solved = forward(factor, unit * right - self.design.taken[shared] / unit)
+        value = np.zeros(self.design.size)
+        value[shared] = unit * solve_triangular(factor.T, solved, check_finite=False)
+        return value
 
     def shared_values(self) -> np.ndarray:
         """Likeliest values of what is shared if nobody has anything of its own, (P,)."""

@@ -50,12 +50,15 @@ class FreeArm:
         body: its bodies.
         increments: added to the inertial parameters of each link, (n, 10).
         theta: linear coordinates of the effects that it has, (P,), as ``Terms`` lays them out.
+        taken: what a contrast found of the inertial parameters, (10 n,), and of each term: the priors of what is shared
+            count from the arm without it.
     """
 
     arm: NominalArm
     body: RigidBody
     increments: np.ndarray
     theta: np.ndarray
+    taken: tuple[np.ndarray, Mapping[Term, np.ndarray]] | None = None
 
     @classmethod
     def nominal(cls, arm: NominalArm) -> FreeArm:
@@ -95,6 +98,7 @@ class Design:
         active: per joint their places among all columns, (p_j,).
         gap: of the arm that predicts, plus what the terms in use do to it [1], (M, n).
         prior: deviation of what all groups share, in units of the columns, (P,).
+        taken: what of it the arm has already, in the same units, (P,).
         own: whether a motion may have a value of its own of a column, mask (P,).
         predicted: torque of the arm, with what groups have of their own [N m], (M, n).
         noisy: of columns made of the recorded torque, by joint and place among its columns, how much of that torque's
@@ -109,6 +113,7 @@ class Design:
     active: list[np.ndarray]
     gap: np.ndarray
     prior: np.ndarray
+    taken: np.ndarray
     own: np.ndarray
     predicted: np.ndarray
     noisy: Mapping[tuple[int, int], np.ndarray]
@@ -274,6 +279,7 @@ def design(
         active,
         gap * rows.trust,
         np.concatenate(prior),
+        _taken(arm, places, used, whole.shape[2]),
         np.concatenate(may_own),
         np.concatenate(predicted),
         _noisy(rows, terms, places, used, active),
@@ -323,6 +329,52 @@ def fitted_arm(rows: Rows, arm: NominalArm, groups: Collection[int]) -> FreeArm:
     return replace(
         start, increments=value[: 10 * n].reshape(n, 10), theta=terms.clipped(theta)
     )
+
+
+def moved(arm: FreeArm, made: Design, value: np.ndarray) -> FreeArm:
+    """The arm with values of what is shared, (P,), taken into it as far as they can be.
+
+    Compliance and free play stay linear: their columns are those of their beginning.
+    """
+    n, theta = arm.arm.n_joints, arm.theta.copy()
+    before = arm.taken or (np.zeros(10 * n), {})
+    bodies = value[: 10 * n] * inertial_scale(arm.body)
+    linear = [
+        term
+        for term in made.places
+        if term.definition.locally_linear and not term.parametrisation.nonlinear
+    ]
+    for term in linear:
+        theta[list(term.columns)] += value[made.places[term]] / made.units[term]
+    theta = made.terms.clipped(theta)
+    change = theta - arm.theta
+    terms = {
+        term: before[1].get(term, 0.0) + change[list(term.columns)] for term in linear
+    }
+    return replace(
+        arm,
+        increments=arm.increments + bodies.reshape(n, 10),
+        theta=theta,
+        taken=(before[0] + bodies, terms),
+    )
+
+
+def _taken(
+    arm: FreeArm,
+    places: Mapping[Term, np.ndarray],
+    units: Mapping[Term, np.ndarray],
+    size: int,
+) -> np.ndarray:
+    """What the arm has already of what is shared, in units of the columns, (P,)."""
+    out = np.zeros(size)
+    if arm.taken is None:
+        return out
+    bodies, terms = arm.taken
+    out[: len(bodies)] = bodies / inertial_scale(arm.body)
+    for term, value in terms.items():
+        if term in places:
+            out[places[term]] = value * units[term]
+    return out
 
 
 def _is_free(effect: Effect) -> bool:

@@ -14,7 +14,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gapscope.model.contrast import Answer, Candidate, Contrast, OwnTerms
-from gapscope.model.design import FreeArm, about, design, is_link_change, moves_columns
+from gapscope.model.design import (
+    FreeArm,
+    about,
+    design,
+    is_link_change,
+    moved,
+    moves_columns,
+)
 from gapscope.model.equations import Equations
 from gapscope.model.form_error import carried_over, learn
 from gapscope.model.nonlinear_values import UNKNOWN, Scanner
@@ -30,6 +37,8 @@ LESS_COMMON = 0.5
 """Odds of an effect that equals a more common one to first order, over those of that one [1]."""
 GROWTHS = (4.0, 16.0, 64.0)
 """By how much its variance grows then [1]: twice, four and eight times the torque."""
+LINEARISATIONS = 3
+"""Linearisations of what all share. (budget)"""
 REFITS = 3
 """Linearisations of a hypothesis. (budget)"""
 REFITTED = 2
@@ -144,8 +153,13 @@ class Search:
 
     def run(self) -> Difference:
         """Terms join one by one, each fitted about its own values; then each is asked again."""
-        self._first = Equations.of(design(self.rows, self.arm, {}))
-        self._taught = learn(self._first, self.taught_by)
+        for step in range(LINEARISATIONS):
+            self._first = Equations.of(design(self.rows, self.arm, {}))
+            self._taught = learn(self._first, self.taught_by)
+            if step < LINEARISATIONS - 1:
+                shared = Contrast(self._first, self._taught, {}, {})
+                value = shared.values_of(self.taught_by)
+                self.arm = moved(self.arm, self._first.design, value)
         self._scanner = Scanner(self.rows, self.arm, self.group)
         self._prepare()
         self._look(self._fit((), {}, {}))
