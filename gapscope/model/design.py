@@ -248,9 +248,10 @@ def design(
         else:
             continue
         unit = np.sqrt((x**2).mean(axis=0)).max(axis=0)
-        if not (unit > LEAST_TORQUE).all():
+        # of a load on a slide only the mass shows
+        if not (unit > LEAST_TORQUE).any():
             continue
-        unit = given.get(term, unit)
+        unit = given.get(term, np.maximum(unit, LEAST_TORQUE))
         parts.append(x / unit)
         places[term] = np.arange(count, count + len(unit))
         used[term] = unit

@@ -8,7 +8,7 @@ joined, each is asked again whether the others do without it, or with another in
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -46,13 +46,12 @@ REFITTED = 2
 MOST_TERMS = 12
 """Terms of a set. (budget)"""
 LOOKED_AT = 14
-"""Neighbours of a set whose sizes are settled. (budget)"""
+"""Candidates that count among the hypotheses that compete. (budget)"""
 SETTLED = 0.02
 """Values that change by less from one linearisation to the next stay [1]."""
 BEYOND_SATURATION = 1.4
 """Share of what a limit cuts off that was lost, at most [1]: all of it is 1."""
 
-Progress = Callable[[str], None]
 Place = tuple[int, int | None]
 """A joint from 0, and one motion of the group, or ``None`` for all of them."""
 
@@ -138,7 +137,6 @@ class Search:
         group: whose own terms are looked for.
         taught_by: groups in which nothing changes, which teach noise and form error.
         days: share by which friction differs from day to day [1].
-        progress: called with a few words at each step.
     """
 
     rows: Rows
@@ -146,7 +144,6 @@ class Search:
     group: int
     taught_by: Collection[int]
     days: float
-    progress: Progress = lambda message: None
     _shapes: dict[Term, tuple[float, ...]] = field(default_factory=dict)
     _charges: dict[Term, float] = field(default_factory=dict)
     _totals: dict[frozenset[Term], float] = field(default_factory=dict)
