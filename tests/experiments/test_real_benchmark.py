@@ -15,17 +15,18 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "experiments"))
-plan, carriers, runner, scoring, case_files = (
+plan, carriers, scoring, case_files = (
     importlib.import_module(f"real_{name}")
-    for name in ("plan", "carriers", "run", "scoring", "case_files")
+    for name in ("plan", "carriers", "scoring", "case_files")
 )
+runner = importlib.import_module("case_runs")
 SIZES = [2.5, 4.0, 8.0]
 
 
 def test_a_third_of_the_default_set_is_healthy():
     cases = plan.planned(list(carriers.ARMS), list(plan.MODES), SIZES, plan.COUNTS)
-    assert len(cases) == len({c.name for c in cases}) == 6 * 2 * 9
-    assert sum(c.kind == "healthy" for c in cases) == 36
+    assert len(cases) == len({c.name for c in cases}) == 7 * 2 * 9
+    assert sum(c.kind == "healthy" for c in cases) == 42
 
 
 @pytest.mark.parametrize("per_arm", [1, 3, 9, 20])
