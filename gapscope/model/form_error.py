@@ -6,7 +6,7 @@ No catalogue has the whole truth of an arm. On joint j, motion b is taken to lea
 
 beside what all motions of a group share: a repeatable function of the motion, spanned by the columns A_j of the
 candidates themselves, with an amplitude omega per joint. The same motion again has the same theta: it teaches noise,
-not form. Both are learnt by the evidence of the motions of each group (MacKay 1992, updates of Gull): with gamma the
+not form. Both are learnt by the evidence of the motions of each group (mackay1992b): with gamma the
 number of values that data determine
 
     omega_j^2 = sum theta^2 / sum gamma,    sigma_j^2 = sum residual^2 / (M - all gamma).
