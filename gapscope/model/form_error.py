@@ -6,12 +6,13 @@ No catalogue has the whole truth of an arm. On joint j, motion b is taken to lea
 
 beside what all motions of a group share: a repeatable function of the motion, spanned by the columns A_j of the
 candidates themselves, with an amplitude omega per joint. The same motion again has the same theta: it teaches noise,
-not form. Both are learnt by the evidence of the motions of each group (mackay1992b): with gamma the
-number of values that data determine
+not form. Noise is what is left of motions held out when each has values of its own; neighbours in time resemble each
+other, so that 1 + 2 sum_k rho_k of them count as one (bayley1946). The amplitude follows from the evidence of the
+motions of each group (mackay1992b), with gamma the number of values that data determine,
 
-    omega_j^2 = sum theta^2 / sum gamma,    sigma_j^2 = sum residual^2 / (M - all gamma).
+    omega_j^2 = sum theta^2 / sum gamma,
 
-Neighbouring samples of a residual resemble each other: sigma^2 counts 1 + 2 sum_k rho_k of them as one (bayley1946).
+and is no less than what makes motions held out as surprising as they are.
 """
 
 from __future__ import annotations
