@@ -90,6 +90,18 @@ def carried_over(error: FormError, before: Equations, after: Equations) -> FormE
     return FormError(error.noise2, error.white2, own2, error.joint2)
 
 
+def missed(equations: Equations, groups: Collection[int]) -> np.ndarray:
+    """RMS over the joint's scale by which motions of groups are missed if predicted from others of the group, (n,)."""
+    squares = []
+    for j, every in enumerate(equations.cells):
+        cells = [cell for cell in every if cell.group in groups]
+        held_out = _held_out(equations, j, cells)
+        squares.append(
+            np.mean([held_out[cell.rows] @ held_out[cell.rows] for cell in cells])
+        )
+    return np.sqrt(np.array(squares) / np.mean([len(cell.rows) for cell in cells]))
+
+
 def _learn_joint(
     equations: Equations, j: int, cells: list[Cell]
 ) -> tuple[float, float, np.ndarray, float]:
@@ -102,7 +114,7 @@ def _learn_joint(
     groups = sorted({cell.group for cell in cells})
     # amplitudes count in torque of this joint
     size2 = np.maximum((design.columns[j][:, free] ** 2).mean(axis=0), 1e-12)
-    noise2, white2, missed2 = _noise(equations, j, cells, shared, free, unit, size2)
+    noise2, white2, missed2 = _noise(equations, j, cells, free, size2)
     joint2 = FIRST_FORM**2
     own2 = joint2 / size2
     for _ in range(ROUNDS):
@@ -178,24 +190,16 @@ def _growth(
     return max((missed2 - estimated / count) / max(form / count, 1e-12), 1.0)
 
 
-def _noise(
-    equations: Equations,
-    j: int,
-    cells: list[Cell],
-    shared: np.ndarray,
-    free: np.ndarray,
-    unit: np.ndarray,
-    size2: np.ndarray,
-) -> tuple[float, float, float]:
-    """Variance of the noise, neighbours counted once and each for itself, and mean square of what is missed.
-
-    Noise is what is left of motions held out, each predicted from others of its group, with values of its own.
-    """
+def _held_out(equations: Equations, j: int, cells: list[Cell]) -> np.ndarray:
+    """What is missed of motions of a joint that are predicted from others of their group, over its scale, (M,)."""
     design = equations.design
+    prior = design.prior[design.active[j]]
+    shared = np.flatnonzero(prior > 0)
+    unit, x, y = prior[shared], design.columns[j], design.gap[:, j]
     count = sum(len(cell.rows) for cell in cells)
     missed2 = max(sum(cell.power for cell in cells) / count, LEAST_NOISE**2)
-    x, y = design.columns[j], design.gap[:, j]
     missed = np.zeros(len(y))
+    # the noise by which the prior counts is what is missed
     for _ in range(2):
         for cell in cells:
             others = _others(cell, cells)
@@ -205,10 +209,26 @@ def _noise(
             normal[np.diag_indices(len(unit))] += 1.0
             beta = unit * np.linalg.solve(normal, unit * right[shared] / missed2)
             missed[cell.rows] = y[cell.rows] - x[np.ix_(cell.rows, shared)] @ beta
-        missed2 = max(
-            sum(float((missed[c.rows] ** 2).sum()) for c in cells) / count,
-            LEAST_NOISE**2,
-        )
+        missed2 = max(float(missed @ missed) / count, LEAST_NOISE**2)
+    return missed
+
+
+def _noise(
+    equations: Equations,
+    j: int,
+    cells: list[Cell],
+    free: np.ndarray,
+    size2: np.ndarray,
+) -> tuple[float, float, float]:
+    """Variance of the noise, neighbours counted once and each for itself, and mean square of what is missed.
+
+    Noise is what is left of motions held out, each predicted from others of its group, with values of its own.
+    """
+    design = equations.design
+    count = sum(len(cell.rows) for cell in cells)
+    x, y = design.columns[j], design.gap[:, j]
+    missed = _held_out(equations, j, cells)
+    missed2 = max(float(missed @ missed) / count, LEAST_NOISE**2)
     left, spent = np.zeros(len(y)), 0.0
     for cell in cells:
         own = x[np.ix_(cell.rows, free)] * (FIRST_FREEDOM / np.sqrt(size2))
