@@ -9,7 +9,7 @@ joined, each is asked again whether the others do without it, or with another in
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from gapscope.model.design import (
     moves_columns,
 )
 from gapscope.model.equations import Equations
-from gapscope.model.form_error import carried_over, learn, missed
+from gapscope.model.form_error import carried_over, learn
 from gapscope.model.nonlinear_values import UNKNOWN, Scanner
 from gapscope.model.rows import Rows
 from gapscope.model.terms import Term
@@ -37,8 +37,6 @@ LESS_COMMON = 0.5
 """Odds of an effect that equals a more common one to first order, over those of that one [1]."""
 GROWTHS = (4.0, 16.0, 64.0)
 """By how much its variance grows then [1]: twice, four and eight times the torque."""
-PRESLIDING = (0.0, 1e-4, 1e-3, 3e-3, 1e-2)
-"""Distances over which dry friction may build up after a reversal [rad]. (physical)"""
 LINEARISATIONS = 3
 """Linearisations of what all share. (budget)"""
 REFITS = 3
@@ -152,7 +150,6 @@ class Search:
 
     def run(self) -> Difference:
         """Terms join one by one, each fitted about its own values; then each is asked again."""
-        self.arm = self._with_presliding()
         for step in range(LINEARISATIONS):
             self._first = Equations.of(design(self.rows, self.arm, {}))
             self._taught = learn(self._first, self.taught_by)
@@ -183,18 +180,6 @@ class Search:
         return Difference(
             self.group, best, _probabilities(sets), sets, shapes, self.arm
         )
-
-    def _with_presliding(self) -> FreeArm:
-        """The arm with the distance over which dry friction of each joint builds up: that which misses least."""
-        size, arms, left = self.arm.arm.per_radian, [], []
-        for distance in PRESLIDING:
-            nominal = replace(self.arm.arm, presliding=distance * size)
-            arms.append(replace(self.arm, arm=nominal))
-            tried = Equations.of(design(self.rows, arms[-1], {}))
-            left.append(missed(tried, self.taught_by))
-        best = np.argmin(left, axis=0)
-        chosen = np.array(PRESLIDING)[best] * size
-        return replace(self.arm, arm=replace(self.arm.arm, presliding=chosen))
 
     def _searched(self, fit: Fit) -> Fit:
         """Terms join as long as that makes the hypothesis better; each is asked again when another has joined."""

@@ -90,18 +90,6 @@ def carried_over(error: FormError, before: Equations, after: Equations) -> FormE
     return FormError(error.noise2, error.white2, own2, error.joint2)
 
 
-def missed(equations: Equations, groups: Collection[int]) -> np.ndarray:
-    """RMS over the joint's scale by which motions of groups are missed if predicted from others of the group, (n,)."""
-    squares = []
-    for j, every in enumerate(equations.cells):
-        cells = [cell for cell in every if cell.group in groups]
-        held_out = _held_out(equations, j, cells)
-        squares.append(
-            np.mean([held_out[cell.rows] @ held_out[cell.rows] for cell in cells])
-        )
-    return np.sqrt(np.array(squares) / np.mean([len(cell.rows) for cell in cells]))
-
-
 def _learn_joint(
     equations: Equations, j: int, cells: list[Cell]
 ) -> tuple[float, float, np.ndarray, float]:
