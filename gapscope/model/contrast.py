@@ -18,9 +18,15 @@ from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
+from scipy.linalg import solve_triangular
 
-from gapscope.model.equations import Cell, Equations
+from gapscope.model.equations import (
+    Eliminated,
+    Equations,
+    eliminated,
+    forward,
+    lower,
+)
 from gapscope.model.form_error import FormError
 from gapscope.model.terms import Term
 
@@ -31,53 +37,6 @@ SIZES = np.array([0.01, 0.03, 0.1, 0.3, 1.0])
 
 LARGEST = 2.0
 """Prior deviation of an effect, over its usual size, at most [1]."""
-
-
-def lower(matrix: np.ndarray) -> np.ndarray:
-    """Lower Cholesky factor of I + a matrix, which is written over."""
-    matrix[np.diag_indices(len(matrix))] += 1.0
-    return np.asarray(cholesky(matrix, lower=True, check_finite=False))
-
-
-def forward(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """L^-1 of a lower triangular factor times a right side."""
-    return np.asarray(solve_triangular(factor, right, lower=True, check_finite=False))
-
-
-@dataclass(frozen=True)
-class Eliminated:
-    """One motion of a group on one joint, what it has of its own eliminated.
-
-    Attributes:
-        cell: the motion.
-        free: places of the columns of which it has values of its own, among the joint's.
-        size: their deviations.
-        factor: L with L L^T = I + the information on them in units of their deviations.
-        cross: L^-1 times their products with all columns, (k, p).
-        right: L^-1 times their products with the gap, (k,).
-    """
-
-    cell: Cell
-    free: np.ndarray
-    size: np.ndarray
-    factor: np.ndarray
-    cross: np.ndarray
-    right: np.ndarray
-
-    def inner(self, products: np.ndarray) -> np.ndarray:
-        """L^-1 times the products of the own values with further columns, of all columns' products (p, K)."""
-        return forward(self.factor, self.size[:, None] * products[self.free])
-
-
-def eliminated(cell: Cell, own2: np.ndarray, noise2: float) -> Eliminated:
-    """Eliminate what a motion has of its own, of variance ``own2``, (p,)."""
-    free = np.flatnonzero(own2 > 0)
-    size = np.sqrt(own2[free])
-    gram = cell.gram[np.ix_(free, free)]
-    factor = lower(gram * size[:, None] * size / noise2)
-    cross = forward(factor, size[:, None] * cell.gram[free] / noise2)
-    right = forward(factor, size * cell.right[free] / noise2)
-    return Eliminated(cell, free, size, factor, cross, right)
 
 
 @dataclass(frozen=True)
@@ -142,8 +101,7 @@ class Contrast:
         for j, motions in enumerate(self.motions):
             places = np.ix_(self.design.active[j], self.design.active[j])
             for one in motions:
-                own = one.cell.gram / self.error.noise2[j] - one.cross.T @ one.cross
-                gram[one.cell.group][places] += own
+                gram[one.cell.group][places] += one.information
         return gram
 
     def _right_sides(self) -> np.ndarray:
@@ -152,8 +110,7 @@ class Contrast:
         for j, motions in enumerate(self.motions):
             active = self.design.active[j]
             for one in motions:
-                own = one.cell.right / self.error.noise2[j] - one.cross.T @ one.right
-                right[one.cell.group, active] += own
+                right[one.cell.group, active] += one.pull
         return right
 
     def _eliminate_nuisances(self, day: Mapping[int, np.ndarray]) -> None:

@@ -96,11 +96,10 @@ class Design:
         units: RMS torque over the joint's scale of one unit of each coordinate of a term, (linear,).
         columns: per joint its columns over the joint's scale, (M, p_j).
         active: per joint their places among all columns, (p_j,).
-        gap: of the arm that predicts, plus what the terms in use do to it [1], (M, n).
+        gap: of the arm that predicts, over the joints' scale [1], (M, n).
         prior: deviation of what all groups share, in units of the columns, (P,).
         taken: what of it the arm has already, in the same units, (P,).
         own: whether a motion may have a value of its own of a column, mask (P,).
-        predicted: torque of the arm, with what groups have of their own [N m], (M, n).
         noisy: of columns made of the recorded torque, by joint and place among its columns, how much of that torque's
             noise passes into each row, in the unit of the column, (M,).
     """
@@ -115,7 +114,6 @@ class Design:
     prior: np.ndarray
     taken: np.ndarray
     own: np.ndarray
-    predicted: np.ndarray
     noisy: Mapping[tuple[int, int], np.ndarray]
 
     @property
@@ -214,7 +212,7 @@ def design(
     """
     n = arm.arm.n_joints
     terms = Terms(n, dict(shapes), arm.arm.coupled_motors)
-    matrices, inertial, gaps, predicted, forces = [], [], [], [], []
+    matrices, inertial, gaps, forces = [], [], [], []
     rows.bodies = []
     for k, segment in enumerate(rows.segments):
         corrected, motion = arm.corrected(terms), segment.motion
@@ -229,7 +227,6 @@ def design(
         assert segment.torque is not None
         gap = segment.bridged(corrected.delivered(segment.torque) - at.torque)
         gaps.append(rows.thin(gap, segment))
-        predicted.append(rows.thin(at.torque, segment))
     scale = rows.scale
     bodies = np.concatenate(inertial) / scale[:, None]
     matrix = np.concatenate(matrices) / scale[:, None]
@@ -282,7 +279,6 @@ def design(
         np.concatenate(prior),
         _taken(arm, places, used, whole.shape[2]),
         np.concatenate(may_own),
-        np.concatenate(predicted),
         _noisy(rows, terms, places, used, active),
     )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import cholesky, solve_triangular
 
 from gapscope.model.design import Design
 
@@ -103,3 +104,62 @@ def _cell(
     y: np.ndarray,
 ) -> Cell:
     return Cell(motion, group, recording, rows, x.T @ x, x.T @ y, float(y @ y))
+
+
+def lower(matrix: np.ndarray) -> np.ndarray:
+    """Lower Cholesky factor of I + a matrix, which is written over."""
+    matrix[np.diag_indices(len(matrix))] += 1.0
+    return np.asarray(cholesky(matrix, lower=True, check_finite=False))
+
+
+def forward(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """L^-1 of a lower triangular factor times a right side."""
+    return np.asarray(solve_triangular(factor, right, lower=True, check_finite=False))
+
+
+@dataclass(frozen=True)
+class Eliminated:
+    """One motion of a group on one joint, what it has of its own eliminated.
+
+    Attributes:
+        cell: the motion.
+        free: places of the columns of which it has values of its own, among the joint's.
+        size: their deviations.
+        factor: L with L L^T = I + the information on them in units of their deviations.
+        cross: L^-1 times their products with all columns, (k, p).
+        right: L^-1 times their products with the gap, (k,).
+        noise2: variance of the noise.
+    """
+
+    cell: Cell
+    free: np.ndarray
+    size: np.ndarray
+    factor: np.ndarray
+    cross: np.ndarray
+    right: np.ndarray
+    noise2: float
+
+    @property
+    def information(self) -> np.ndarray:
+        """Information on the coefficients of the joint's columns, (p, p)."""
+        return self.cell.gram / self.noise2 - self.cross.T @ self.cross
+
+    @property
+    def pull(self) -> np.ndarray:
+        """Its right side, (p,)."""
+        return self.cell.right / self.noise2 - self.cross.T @ self.right
+
+    def inner(self, products: np.ndarray) -> np.ndarray:
+        """L^-1 times the products of the own values with further columns, of all columns' products (p, K)."""
+        return forward(self.factor, self.size[:, None] * products[self.free])
+
+
+def eliminated(cell: Cell, own2: np.ndarray, noise2: float) -> Eliminated:
+    """Eliminate what a motion has of its own, of variance ``own2``, (p,)."""
+    free = np.flatnonzero(own2 > 0)
+    size = np.sqrt(own2[free])
+    gram = cell.gram[np.ix_(free, free)]
+    factor = lower(gram * size[:, None] * size / noise2)
+    cross = forward(factor, size[:, None] * cell.gram[free] / noise2)
+    right = forward(factor, size * cell.right[free] / noise2)
+    return Eliminated(cell, free, size, factor, cross, right, noise2)

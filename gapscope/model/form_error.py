@@ -21,10 +21,9 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
 
 from gapscope.ident.signals.effective_samples import variance_inflation
-from gapscope.model.equations import Cell, Equations
+from gapscope.model.equations import Cell, Equations, eliminated, forward, lower
 
 ROUNDS = 12
 """Updates of the amplitudes. (budget)"""
@@ -105,39 +104,33 @@ def _learn_joint(
     noise2, white2, missed2 = _noise(equations, j, cells, free, size2)
     joint2 = FIRST_FORM**2
     own2 = joint2 / size2
+    variance = np.zeros(len(active))
     for _ in range(ROUNDS):
+        variance[free] = own2
         squares, determined = np.zeros(len(free)), np.zeros(len(free))
         for group in groups:
             mine = [cell for cell in cells if cell.group == group]
-            parts = [_eliminated(cell, free, own2, noise2) for cell in mine]
-            total = np.sum([part.gram for part in parts], axis=0)
+            parts = [eliminated(cell, variance, noise2) for cell in mine]
+            total = np.sum([part.information for part in parts], axis=0)
             total = total[np.ix_(shared, shared)]
-            normal = total * unit[:, None] * unit
-            normal[np.diag_indices(len(unit))] += 1.0
-            factor = cholesky(normal, lower=True, check_finite=False)
-            back = solve_triangular(
-                factor, np.diag(unit), lower=True, check_finite=False
-            )
-            right = np.sum([part.right for part in parts], axis=0)[shared]
+            back = forward(lower(total * unit[:, None] * unit), np.diag(unit))
+            right = np.sum([part.pull for part in parts], axis=0)[shared]
             beta = back.T @ (back @ right)
             for cell, part in zip(mine, parts, strict=True):
                 open_right = cell.right[free] - cell.gram[np.ix_(free, shared)] @ beta
-                theta = part.half.T @ (part.half @ open_right) / noise2
-                coupling = (
-                    part.half.T @ (part.half @ cell.gram[np.ix_(free, shared)]) / noise2
-                )
-                variance = (part.half**2).sum(axis=0) + ((coupling @ back.T) ** 2).sum(
-                    axis=1
-                )
+                half = forward(part.factor, np.diag(part.size))
+                theta = half.T @ (half @ open_right) / noise2
+                by_shared = half.T @ (half @ cell.gram[np.ix_(free, shared)]) / noise2
+                of_theta = (half**2).sum(axis=0)
+                of_theta += ((by_shared @ back.T) ** 2).sum(axis=1)
                 squares += theta**2
-                determined += np.clip(1.0 - variance / own2, 0.0, 1.0)
+                determined += np.clip(1.0 - of_theta / own2, 0.0, 1.0)
         joint2 = max(squares @ size2 / max(determined.sum(), 1e-3), LEAST_FORM**2)
         own2 = (squares + OF_THE_JOINT * joint2 / size2) / (determined + OF_THE_JOINT)
     # no less than what is missed on motions held out
-    own2 *= _growth(cells, shared, free, unit, own2, noise2, missed2)
-    joint2 = float((own2 * size2).mean())
-    variance = np.zeros(len(active))
     variance[free] = own2
+    variance *= _growth(cells, shared, unit, variance, noise2, missed2)
+    joint2 = float((variance[free] * size2).mean())
     return noise2, white2, variance, float(joint2)
 
 
@@ -150,7 +143,6 @@ def _others(cell: Cell, cells: list[Cell]) -> list[Cell]:
 def _growth(
     cells: list[Cell],
     shared: np.ndarray,
-    free: np.ndarray,
     unit: np.ndarray,
     own2: np.ndarray,
     noise2: float,
@@ -161,12 +153,12 @@ def _growth(
     ``missed2`` is the mean square that is missed beyond noise. What is shared is not known exactly either.
     """
     count = sum(len(cell.rows) for cell in cells)
-    parts = [_eliminated(cell, free, own2, noise2) for cell in cells]
+    parts = [eliminated(cell, own2, noise2) for cell in cells]
     estimated, form = 0.0, 0.0
     for cell in cells:
         held_out = _others(cell, cells)
         others = [
-            part.gram
+            part.information
             for other, part in zip(cells, parts, strict=True)
             if any(other is one for one in held_out)
         ]
@@ -174,7 +166,7 @@ def _growth(
         normal = normal * unit[:, None] * unit + np.eye(len(unit))
         covariance = np.linalg.inv(normal) * unit[:, None] * unit
         estimated += float((cell.gram[np.ix_(shared, shared)] * covariance).sum())
-        form += float(np.diag(cell.gram)[free] @ own2)
+        form += float(np.diag(cell.gram) @ own2)
     return max((missed2 - estimated / count) / max(form / count, 1e-12), 1.0)
 
 
@@ -229,35 +221,3 @@ def _noise(
     mean2 = float((left[rows] ** 2).sum()) / max(count - spent, 1.0)
     white2 = max(mean2, LEAST_NOISE**2)
     return white2 * float(inflation), white2, missed2
-
-
-@dataclass(frozen=True)
-class Eliminated:
-    """One cell whose own values are eliminated.
-
-    Attributes:
-        gram, right: what is left of X^T X and X^T y over the noise's variance, (p, p), (p,).
-        half: H with H^T H the covariance of the own values if all else is known, (k, k).
-    """
-
-    gram: np.ndarray
-    right: np.ndarray
-    half: np.ndarray
-
-
-def _eliminated(
-    cell: Cell, free: np.ndarray, own2: np.ndarray, noise2: float
-) -> Eliminated:
-    """(X^T X - X^T A (A^T A + sigma^2 Omega^-1)^-1 A^T X) / sigma^2 of one cell, and the like of its right side."""
-    size = np.sqrt(own2)
-    normal = cell.gram[np.ix_(free, free)] * size[:, None] * size / noise2
-    normal[np.diag_indices(len(size))] += 1.0
-    factor = cholesky(normal, lower=True, check_finite=False)
-    half = solve_triangular(factor, np.diag(size), lower=True, check_finite=False)
-    cross = half @ cell.gram[free] / noise2
-    right = half @ cell.right[free] / noise2
-    return Eliminated(
-        cell.gram / noise2 - cross.T @ cross,
-        cell.right / noise2 - cross.T @ right,
-        half,
-    )

@@ -16,8 +16,9 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import External
 from gapscope.effects.parametrisation import JointSeries
 from gapscope.model.candidate_columns import JointSignals, unit_columns
-from gapscope.model.contrast import SIZES, Candidate, Contrast, OwnTerms, forward, lower
+from gapscope.model.contrast import SIZES, Candidate, Contrast, OwnTerms
 from gapscope.model.design import FreeArm
+from gapscope.model.equations import forward, lower
 from gapscope.model.prediction import Prediction
 from gapscope.model.rows import Rows
 from gapscope.model.terms import Term, Terms
