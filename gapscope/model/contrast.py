@@ -397,11 +397,11 @@ class OwnTerms:
         # no arm has much more of an effect than is usual where it is one
         return np.minimum(widths, LARGEST * fitted.usual * unit)
 
-    def torque(self, answer: Answer) -> np.ndarray:
-        """What candidates do to the torque, over the joints' scale [1], (M, n)."""
+    def torque(self, values: Mapping[Candidate, np.ndarray]) -> np.ndarray:
+        """What values of candidates do to the torque, over the joints' scale [1], (M, n)."""
         made, out = self.design, np.zeros_like(self.design.gap)
         mine = made.rows.of(self._group)
-        for one, value in answer.values.items():
+        for one, value in values.items():
             scaled = value * made.units[one.term]
             if one.term in self._about and not one.everybody:
                 out += np.stack([x @ scaled for x in self._about[one.term]], axis=1)

@@ -122,9 +122,9 @@ class Difference:
 
     def share(self, term: Term) -> np.ndarray:
         """RMS torque that a term moves in its group, over the joint's scale [1], (n,)."""
-        made = self.fit.contrast.design
-        torque = made.torque(term, self.value(term))
-        return np.asarray(np.sqrt((torque[made.rows.of(self.group)] ** 2).mean(axis=0)))
+        torque = self.fit.own.torque({Candidate(term): self.value(term)})
+        mine = self.fit.contrast.design.rows.of(self.group)
+        return np.asarray(np.sqrt((torque[mine] ** 2).mean(axis=0)))
 
 
 @dataclass
@@ -364,7 +364,7 @@ class Search:
 
     def _promised(self, fit: Fit) -> dict[tuple[int, int | None, float], float]:
         """About what more form error would explain beside the terms found [nats]."""
-        left = fit.contrast.gap - fit.own.torque(fit.answer)
+        left = fit.contrast.gap - fit.own.torque(fit.answer.values)
         gains = fit.contrast.for_gap(left).growth_gains(self.group, GROWTHS)
         out: dict[tuple[int, int | None, float], float] = {}
         for (j, motion, growth), gain in gains.items():
