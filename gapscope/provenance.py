@@ -20,7 +20,7 @@ from gapscope.effects.catalogue import own_sources
 KEY = "made_from"
 """Key of ``diagnosis.json`` and of an evaluation's finished cells."""
 PACKAGE = Path(__file__).resolve().parent
-SOURCES = ("arm", "effects", "envs", "ident", "diagnosis")
+SOURCES = ("arm", "effects", "envs", "ident", "model", "diagnosis")
 """Folders on the way to a diagnosis."""
 NOT_DECISIVE = ("diagnosis/fleet/",)
 """Parts of them that do not influence the diagnosis of one case."""

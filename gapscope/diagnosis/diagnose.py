@@ -8,7 +8,6 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case
-from gapscope.diagnosis.assessment.baseline import Baseline
 from gapscope.diagnosis.document.content import diagnosis_content
 from gapscope.diagnosis.document.plotted_curves import (
     located,
@@ -22,17 +21,12 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 
 
-def diagnose(
-    case: Case,
-    progress: Progress = lambda message: None,
-    baseline: Baseline | None = None,
-) -> Diagnosis:
+def diagnose(case: Case, progress: Progress = lambda message: None) -> Diagnosis:
     """Find where the gap of a case lies, which effects cause it, and how far it shrinks with them.
 
     Args:
         case: the nominal arm and its recordings.
         progress: called with a few words at each step.
-        baseline: what the arm was when a reference was recorded, if the case is compared with one.
 
     Raises:
         GapscopeError: no recording carries a torque that can be trusted, nor is there a known controller with its
@@ -41,7 +35,7 @@ def diagnose(
     """
     # Many small matrices: threads would only wait for each other.
     with threadpool_limits(1):
-        study = examine(case, progress, baseline)
+        study = examine(case, progress)
         return conclude(study, progress)
 
 
@@ -58,7 +52,7 @@ def conclude(study: Study, progress: Progress = lambda message: None) -> Diagnos
     return Diagnosis(
         document=content,
         effects=_in_order(study.effects, content["effects"]),
-        traces=traces(study.case.arm, corrected, study.body, segments),
+        traces=traces(CorrectedArm(study.case.arm), corrected, study.body, segments),
         signatures=signatures(corrected, study.body, segments),
         spectrum=spectrum(study.gap_before, study.gap_after, rates),
         located=located(content, gaps, study.floor, segments),

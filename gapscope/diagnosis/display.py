@@ -17,6 +17,9 @@ _PREFIXES: dict[str, tuple[tuple[float, float, str], ...]] = {
 """Per SI unit: from which magnitude on, multiplied by what, called what."""
 
 
+_PROPER = {"coulomb": "Coulomb", "stribeck": "Stribeck"}
+
+
 def display_unit(unit: str, magnitude: float) -> tuple[float, str]:
     """Factor and name of the unit in which a value of this magnitude (in ``unit``, SI) reads best."""
     if unit not in _PREFIXES:
@@ -78,3 +81,8 @@ def _fixed(value: float, places: int, signed: bool = False) -> str:
     rounded = round(value, places) + 0.0  # no negative zero
     text = f"{abs(rounded):.{max(places, 0)}f}"
     return f"{'−' if rounded < 0.0 else '+' if signed and rounded > 0.0 else ''}{text}"
+
+
+def effect_name(name: str) -> str:
+    """Readable name of an effect: ``coulomb_friction`` becomes ``Coulomb friction``."""
+    return " ".join(_PROPER.get(word, word) for word in name.split("_"))

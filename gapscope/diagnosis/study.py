@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.diagnosis.assessment.baseline import Baseline
+from gapscope.arm.nominal import NominalArm
+from gapscope.diagnosis.agreement.agreement import Agreement, comparable, compared
 from gapscope.diagnosis.assessment.confidence import Confidence
 from gapscope.diagnosis.assessment.excess_residual import ExcessResidual
 from gapscope.diagnosis.assessment.held_out_prediction import HeldOutPredictor
@@ -21,6 +22,7 @@ from gapscope.diagnosis.assessment.replay_gap import ReplayGap, replay_gap
 from gapscope.diagnosis.assessment.sensor_sides import SensorSides, find_sides
 from gapscope.diagnosis.gap.changes_during import changes_during, up_to_changes
 from gapscope.diagnosis.gap.commanded_torque import (
+    WARNING,
     with_commanded_torque,
     with_likelier_rule,
 )
@@ -37,6 +39,7 @@ from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
 from gapscope.diagnosis.setup_faults.quantization import find_quantization
 from gapscope.diagnosis.setup_faults.references.detection import find_reference_faults
 from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
 from gapscope.ident.kalman.changes import RecordingChange
 from gapscope.ident.signals.conditioning import (
     TORQUE_CUTOFF,
@@ -73,6 +76,7 @@ class Study:
         replay_gap: replay gap, before and after.
         faults: set-up faults, which are repaired in ``case``, and what shows in the recordings themselves.
         changes: what changed during a recording.
+        states: whether the recordings share a state; ``None`` if that was not asked.
         sensor_sides: the gap on either side of the joint torque sensors; ``None`` without sensors.
         undeclared_coupling: two joints that seem to be turned by one motor of which the case says nothing, or ``None``.
         instrumented_effects: all effects found with values by the commands as instruments; empty if not known.
@@ -95,23 +99,81 @@ class Study:
     replay_gap: ReplayGap
     faults: tuple[FoundFault, ...]
     changes: tuple[RecordingChange, ...]
+    states: Agreement | None
     sensor_sides: SensorSides | None
     undeclared_coupling: UndeclaredCoupling | None
     instrumented_effects: tuple[AppliedEffect, ...]
 
 
-def examine(case: Case, progress: Progress, baseline: Baseline | None = None) -> Study:
-    """Search a case for effects and measure what they close.
+@dataclass(frozen=True)
+class Prepared:
+    """A case that can be fitted.
+
+    Attributes:
+        case: with a torque in its recordings, the set-up faults put right, recordings cut where they change, and the
+            windows that are looked at of long ones.
+        position_cutoff: cut-off of the positions [Hz].
+        faults: set-up faults, which are repaired in ``case``, and what shows in the recordings themselves.
+        changes: what changed during a recording.
+        states: whether its recordings share a state; ``None`` of a single one, or of a torque that was worked out.
+        given: the case with a torque, nothing but its references put right.
+        references: faults of its references.
+        setup_faults: those that were found beside these and put right.
+    """
+
+    case: Case
+    position_cutoff: float
+    faults: tuple[FoundFault, ...]
+    changes: tuple[RecordingChange, ...]
+    states: Agreement | None
+    given: Case
+    references: tuple[FoundFault, ...]
+    setup_faults: tuple[FoundFault, ...]
+
+    def by_likelier_rule(
+        self,
+        effects: tuple[AppliedEffect, ...],
+        progress: Progress,
+        inherent: Collection[tuple[str, str]] = (),
+    ) -> Prepared | None:
+        """The case once more if another rule of the controller explains its computed torque better than effects."""
+        case = with_likelier_rule(self.given, effects)
+        if case is None:
+            return None
+        return _repaired(case, progress, self.references, inherent)
+
+    def as_given(
+        self, progress: Progress, inherent: Collection[tuple[str, str]]
+    ) -> Prepared | None:
+        """The case once more without repair of the faults that are news; ``None`` if there is none to leave out."""
+        kept = tuple(
+            f
+            for f in self.setup_faults
+            if f.name == TimeStamps.name or (f.name, f.variant) in inherent
+        )
+        if len(kept) == len(self.setup_faults):
+            return None
+        return _repaired(self.given, progress, self.references, inherent, kept)
+
+
+def prepare(
+    case: Case,
+    progress: Progress,
+    declared: NominalArm | None = None,
+    inherent: Collection[tuple[str, str]] = (),
+) -> Prepared:
+    """Put the set-up of a case right, and cut its recordings where something changes.
 
     Args:
         case: the nominal arm and its recordings.
         progress: called with a few words at each step.
-        baseline: what the arm was when a reference was recorded, if the case is compared with one.
+        declared: the arm of which the case's controller knows, if that is not the nominal one.
+        inherent: name and variant of set-up faults that are no news: they are repaired and not reported.
 
     Raises:
         GapscopeError: no recording carries a torque that can be trusted, nor is there a known controller with its
             reference that determines it.
-        InputError: a recording has no stretch without gaps that is long enough, or holds what no arm can have.
+        InputError: a recording holds what no arm can have.
     """
     check_stamps(case)
     # A torque is worked out of references and gains: these are put right first, on one clock; its own repair comes
@@ -119,50 +181,95 @@ def examine(case: Case, progress: Progress, baseline: Baseline | None = None) ->
     with_references = any(r.q_ref is not None for r in case.recordings)
     even = on_one_clock(case) if with_references else case
     # what a controller feeds forward is the torque of the arm that is declared, not of one identified since
-    declared = even.arm if baseline is None else baseline.declared or even.arm
-    seen, references = find_reference_faults(replace(excerpt(even), arm=declared))
+    seen, references = find_reference_faults(
+        replace(excerpt(even), arm=declared or even.arm)
+    )
     case = replace(repaired(case, references), warnings=seen.warnings)
     case = with_commanded_torque(case)
     check_torque(case)
     check_moving(case)
-    study = _examine(case, progress, baseline, references)
-    # A torque computed by the controller's rule may be explained better by another rule: then once more by that one.
-    likelier_case = with_likelier_rule(case, study.effects)
-    if likelier_case is None:
-        return study
-    return _examine(likelier_case, progress, baseline, references)
+    return _repaired(case, progress, references, inherent)
 
 
-def _examine(
+def _repaired(
     case: Case,
     progress: Progress,
-    baseline: Baseline | None,
     references: tuple[FoundFault, ...],
-) -> Study:
-    """The study of a case that carries a torque, with its faults of references, put right already."""
-    case, faults = _repair(case, progress, baseline, references)
-    progress("conditions the signals")
-    cutoff = position_cutoff(case.recordings)
+    inherent: Collection[tuple[str, str]] = (),
+    setup_faults: tuple[FoundFault, ...] | None = None,
+) -> Prepared:
+    """A case that carries a torque, with its faults of references put right already, and others that may be known."""
+    given = case
+    if setup_faults is None:
+        progress("tests the set-up")
+        setup_faults = find_setup_faults(case)
+    case = repaired(case, setup_faults)
+    # A wrong unit scales the step of an encoder: quantisation is measured after the repair.
+    every = (*references, *setup_faults, *find_quantization(excerpt(case)))
+    stamped = any(name == TimeStamps.name for name, _ in inherent)
+    faults = tuple(
+        f
+        for f in every
+        if (f.name, f.variant) not in inherent
+        and not (stamped and f.name == TimeStamps.name)
+    )
+    for fault in faults:
+        progress(f"finds {fault}")
     progress("looks for changes during recordings")
+    cutoff = position_cutoff(case.recordings)
     changes = changes_during(excerpt(case), cutoff)
     for change in changes:
         progress(f"finds {change}")
     case = excerpt(up_to_changes(case, changes))
-    found, rejections = _select(case, cutoff, progress, baseline)
-    measured = measured_gap(found, baseline)
+    states = _states(case, progress)
+    return Prepared(
+        case, cutoff, faults, changes, states, given, references, setup_faults
+    )
+
+
+def _states(case: Case, progress: Progress) -> Agreement | None:
+    """Whether the recordings of a case share a state, if there are two to compare."""
+    recordings = comparable((*case.recordings, *case.judged))
+    # what an integrator held at the start of each recording is not known of a torque that was worked out
+    if len(recordings) < 2 or WARNING in case.warnings:
+        return None
+    progress("asks whether the recordings share a state")
+    return compared(case, recordings)
+
+
+def examine(case: Case, progress: Progress) -> Study:
+    """Search a case for effects and measure what they close.
+
+    Args:
+        case: the nominal arm and its recordings.
+        progress: called with a few words at each step.
+
+    Raises:
+        GapscopeError: no recording carries a torque that can be trusted, nor is there a known controller with its
+            reference that determines it.
+        InputError: a recording has no stretch without gaps that is long enough, or holds what no arm can have.
+    """
+    prepared = prepare(case, progress)
+    study = _study(prepared, progress)
+    likelier = prepared.by_likelier_rule(study.effects, progress)
+    return study if likelier is None else _study(likelier, progress)
+
+
+def _study(prepared: Prepared, progress: Progress) -> Study:
+    """The study of a case that can be fitted."""
+    case, cutoff = prepared.case, prepared.position_cutoff
+    found, rejections = _select(case, cutoff, progress)
+    measured = measured_gap(found)
     naming = divide(found, measured.residual)
     selection, predictor = naming.selection, found.of(naming.selection)
     terms = found.selection.fit.terms
     possible = frozenset(t for t in terms if t.finding in naming.possible)
     if naming.possible:
-        measured = measured_gap(predictor, baseline)
+        measured = measured_gap(predictor)
 
     above = np.flatnonzero(measured.residual.above) + 1
-    replay = ReplayGap()
-    # Against a reference, the effects act on the arm identified there: they close nothing of the nominal arm's replay.
-    if baseline is None:
-        progress("replays a recording in the simulator")
-        replay = replay_gap(case, predictor)
+    progress("replays a recording in the simulator")
+    replay = replay_gap(case, predictor)
     return Study(
         case=case,
         body=predictor.body,
@@ -179,8 +286,9 @@ def _examine(
         floor=measured.floor,
         excess_residual=measured.residual,
         replay_gap=replay,
-        faults=faults,
-        changes=changes,
+        faults=prepared.faults,
+        changes=prepared.changes,
+        states=prepared.states,
         sensor_sides=find_sides(predictor, np.sqrt(measured.inertial_mse)),
         undeclared_coupling=undeclared_coupling(found.selection, above.tolist()),
         instrumented_effects=_instrumented_effects(case, found.selection, cutoff),
@@ -192,29 +300,8 @@ def _effects(selection: Selection, terms: frozenset[Term]) -> tuple[AppliedEffec
     return selection.evidence.terms.effects(selection.fit.theta, terms)
 
 
-def _repair(
-    case: Case,
-    progress: Progress,
-    baseline: Baseline | None,
-    references: tuple[FoundFault, ...],
-) -> tuple[Case, tuple[FoundFault, ...]]:
-    """The case with its set-up faults repaired and the baseline taken out, and all faults found."""
-    progress("tests the set-up")
-    setup_faults = find_setup_faults(case)
-    case = repaired(case, setup_faults)
-    if baseline is not None:
-        case = baseline.adjusted(excerpt(case))
-    # A wrong unit scales the step of an encoder: quantisation is measured after the repair.
-    faults = (*references, *setup_faults, *find_quantization(excerpt(case)))
-    if baseline is not None:
-        faults = tuple(f for f in faults if (f.name, f.variant) not in baseline.faults)
-    for fault in faults:
-        progress(f"finds {fault}")
-    return case, faults
-
-
 def _select(
-    case: Case, cutoff: float, progress: Progress, baseline: Baseline | None
+    case: Case, cutoff: float, progress: Progress
 ) -> tuple[HeldOutPredictor, list[Rejection]]:
     """Search for effects and reject those that held-out data does not bear out."""
     body = RigidBody(case.arm)
@@ -226,11 +313,7 @@ def _select(
     ]
     folds = _folds(case, cutoff)
     progress("searches for effects")
-    errors = baseline.errors if baseline else None
-    # of a reference itself only what a healthy arm has counts, neither compliance nor pairs
-    is_reference = baseline is not None and errors is None
-    band = min(TORQUE_CUTOFF, cutoff)
-    found = search(case.arm, body, folds, band, progress, errors, quick=is_reference)
+    found = search(case.arm, body, folds, min(TORQUE_CUTOFF, cutoff), progress)
     progress("predicts held-out data")
     predictor = HeldOutPredictor(case.arm, body, found, folds, set_aside)
     selection, rejections = reject(predictor)

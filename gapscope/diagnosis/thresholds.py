@@ -224,19 +224,12 @@ LEAST_FORCE_WINDOW = 0.3  # Shortest such window [s]. (hand)
 # Charge for each different effect [nats]: the logarithm of the number of ways to name one, and a margin for what
 # the effective number of samples overstates. (hand)
 NEW_EFFECT = 8.0
-# More of it, against a reference, for what belongs to how an arm was built [nats]: it does not change by itself. (hand)
-BUILT_IN_CHANGE = 10.0
 # Exponent of the prior of an effect's values: it falls as a Gaussian of the usual size at first, then as a power [1]:
 # what no one has met yet is improbable, not impossible. (hand)
 PRIOR_EXPONENT = 6.0
 # Relative errors of the nominal inertials that are tried [1], each with its charge [nats]: larger inertial errors
 # cost more evidence. (hand)
 NOMINAL_ERROR = {0.003: 0.0, 0.01: 2.0, 0.03: 8.0, 0.06: 15.0}
-# Factors on the uncertainty that a reference states of its arm that are tried [1], each with its charge [nats].
-REFERENCE_ERROR = {1.0: 0.0, 2.0: 3.0, 4.0: 8.0}
-# Error of the gain by which a joint's torque is recorded [1]: the masses identified hold its mean over the joints.
-# (physical, torque constants)
-REFERENCE_GAIN = 0.1
 SKEWS = (0.0, 2.5e-4, 5e-4)  # Skews of sampling that are tried [s]; half a tick is 0.5 ms at 1 kHz. (physical)
 SKEW_CHARGE = 3.0  # Charge for a skew [nats]. (hand)
 LEAST_DELAY = 1e-3  # Delays shorter than this count as a skew of sampling and are not named [s]. (hand)
@@ -342,7 +335,6 @@ LISTED_PROBABILITY = 0.01  # Names less probable than this are not listed in a s
 # No calibrated probability lies below this [1]: it was seen a few hundred times at most... (statistics)
 LEAST_PROBABILITY = 0.02
 MOST_PROBABILITY = 0.995  # ...nor above this [1]. (statistics)
-REFERENCE_GAP_GROWTH = 2.0  # What the reference leaves is taken to grow with the torque up to this factor [1]. (hand)
 # Ticks of the controller that are replayed, from the start of a recording: 5 s at 1 kHz, which take a fifth of a
 # second for each arm... (budget)
 REPLAYED_TICKS = 5_000
@@ -410,12 +402,8 @@ LEAST_BAND_POWER = 0.02  # A band counts as this share of the torque's power at 
 # Share by which Coulomb and viscous friction may differ from day to day, as temperature does [bittencourt2012]:
 # changes beyond it are reported. (physical, the value by choice)
 FRICTION_DAY_TO_DAY = 0.15
-VENDOR_INERTIALS = 0.3  # Prior of relative errors of the inertials of a vendor's URDF [1]. (hand)
-LEAST_REFERENCE_SKEW = 1e-4  # Skews of sampling below this are not corrected [s]... (hand)
-MOST_REFERENCE_SKEW = 1.5e-3  # ...and none by more than this [s]. (hand)
 SAME_JOINT_PLACE = 2e-3  # Joints of the same arm lie in the same place in both URDFs, to this much [m, rad]. (hand)
 SAME_GRAVITY = 0.05  # Gravity of the same mounting differs by no more in any component [m/s^2]. (hand)
-LEAST_STRETCHES = 4  # Least stretches of time, each predicted from all others. (statistics)
 
 # --- fleet: several units
 # Values differ between units if one common value would scatter as much with less than this probability, divided by
@@ -433,12 +421,6 @@ LEAST_DIFFERENCES = 20
 ALIKE_NRMSE = VISIBLE_EFFECT
 
 # --- agreement: whether recordings agree
-AGREEMENT_STRETCH = 2.5  # Length of the stretches whose scatter recordings are compared with [s]... (hand)
-MOST_STRETCHES = 8  # ...of which a recording has at least LEAST_STRETCHES and at most this many. (budget)
-AGREEMENT_SAMPLES = 6000  # Samples over all recordings. (budget)
-MOST_DIFFERENCES = 20  # Parameters that may differ; two recordings that differ in more are of two arms. (budget)
-# Two hypotheses explain a difference alike if one reaches this share of the other's evidence [1]. (hand)
-ALIKE_EVIDENCE = 0.9
 # A quantity goes with a difference if it explains this share of the squared deviations [1]... (hand)
 COVARIATE_SHARE = 0.8
 # ...and differs between the recordings by this share of its mean [1]... (hand)

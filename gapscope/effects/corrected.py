@@ -53,11 +53,14 @@ class CorrectedArm:
         arm: the nominal arm.
         effects: the effects, each once per joint or arm; those that add (payload, link errors, forces) at will.
         residual: adds to the predicted torque what no effect explains, or ``None``.
+        remainder: inertial parameters that the links lack to predict the torque best, (n, 10), in the order of
+            ``INERTIAL_PARAMETERS``; or ``None``. Links with them need not be possible: no simulator has them.
     """
 
     arm: NominalArm
     effects: tuple[AppliedEffect, ...] = ()
     residual: ResidualNetwork | None = None
+    remainder: np.ndarray | None = None
 
     def check(self) -> None:
         """Check that every joint, coupled motor and link named exists, and that no effect contradicts itself.
@@ -68,6 +71,7 @@ class CorrectedArm:
         """
         if self.residual is not None:
             self.residual.check(self.arm.n_joints)
+        self._check_remainder()
         places: set[tuple[str, int]] = set()
         for applied in self.effects:
             applied.check(self.arm.n_joints)
@@ -85,6 +89,17 @@ class CorrectedArm:
                 )
             places |= here
         check_totals(self.effects, self.quantity)
+
+    def _check_remainder(self) -> None:
+        """Check that the remainder is one of ten numbers for each link."""
+        expected = self.arm.n_joints, 10
+        if self.remainder is None or self.remainder.shape == expected:
+            return
+        raise InputError(
+            f"has shape {self.remainder.shape}, expected {expected}",
+            "give ten inertial parameters for each link, or leave it out",
+            where="remainder",
+        )
 
     def _check_motors(self, applied: AppliedEffect) -> None:
         """Check that an effect of coupled motors is on motors that are declared as coupled."""
@@ -181,6 +196,8 @@ class CorrectedArm:
             gravity = self.base_rotation().T @ self.arm.gravity
             body = body.changed(unchanged, gravity)
         increments = self.inertial_increments(body)
+        if self.remainder is not None:
+            increments = increments + self.remainder
         torque = self._body_torque(body, increments, motion)
         if self.arm.encoder == "joint":
             # the links move as the encoders say, whatever lies between them and the motors

@@ -1,4 +1,4 @@
-"""The file ``corrected.yaml``: effects with their values, and the path of a residual network; read and written."""
+"""The file ``corrected.yaml``: effects with their values, what adds to their torque, and the arm that they correct."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
 from gapscope.arm.errors import InputError, ModelWarning
@@ -23,7 +24,15 @@ from gapscope.effects.residual.model import ResidualNetwork
 from gapscope.effects.setup_faults.fault import Fault
 from gapscope.effects.setup_faults.fault_catalogue import FAULTS
 
-_KEYS = {"schema", "case", "effects", "residual", "presliding"}
+_KEYS = {
+    "schema",
+    "case",
+    "effects",
+    "residual",
+    "presliding",
+    "corrects",
+    "remainder",
+}
 
 
 def write_corrected(
@@ -33,6 +42,8 @@ def write_corrected(
     residual: str | None = None,
     faults: tuple[Fault, ...] = (),
     presliding: Iterable[float] = (),
+    corrects: str | None = None,
+    remainder: np.ndarray | None = None,
 ) -> None:
     """Write effects as ``corrected.yaml``; ``path`` never holds half of one.
 
@@ -44,6 +55,9 @@ def write_corrected(
         faults: setup faults, if the file describes how a case was recorded.
         presliding: distance over which the dry friction of each joint builds up after a reversal [rad]; nothing or
             zeros if it follows the velocity at once.
+        corrects: file of the case whose nominal arm is corrected, relative to the folder of ``path``; ``None`` if it is
+            that of the case.
+        remainder: inertial parameters that the links lack to predict best, (n, 10).
 
     Raises:
         GapscopeError: the file cannot be written.
@@ -68,6 +82,10 @@ def write_corrected(
         content["presliding"] = distances
     if residual is not None:
         content["residual"] = residual
+    if corrects is not None:
+        content["corrects"] = corrects
+    if remainder is not None:
+        content["remainder"] = remainder.tolist()
     with atomic_write(path) as aside:
         aside.write_text(
             yaml.safe_dump(content, sort_keys=False, default_flow_style=None),
@@ -86,6 +104,13 @@ def read_corrected(path: Path | str) -> tuple[AppliedEffect, ...]:
         warnings.warn(
             f"{path}: the residual network is left out, it is no effect; to simulate it too, give the environment "
             "simulated=gapscope.effects.corrected_file.read_corrected_arm(arm, path) in place of effects",
+            ModelWarning,
+            stacklevel=2,
+        )
+    if content.get("remainder"):
+        warnings.warn(
+            f"{path}: the remainder of the bodies is left out: links with it need not be possible, so that it adds to "
+            "predicted torque alone",
             ModelWarning,
             stacklevel=2,
         )
@@ -173,7 +198,8 @@ def read_corrected_arm(arm: NominalArm, path: Path | str) -> CorrectedArm:
     content, path = _content(Path(path)), Path(path)
     effects = _effects(content, path)
     arm = _with_presliding(arm, content, path)
-    corrected = CorrectedArm(arm, effects, _residual(content, path))
+    residual = _residual(content, path)
+    corrected = CorrectedArm(arm, effects, residual, _remainder(content, path))
     with error_context(path, effects):
         corrected.check()
     return corrected
@@ -201,6 +227,25 @@ def _residual(content: dict[str, Any], path: Path) -> ResidualNetwork | None:
     if name is None:
         return None
     return read_residual(file_beside(path.parent, name, path, "residual"))
+
+
+def _remainder(content: dict[str, Any], path: Path) -> np.ndarray | None:
+    """What the links lack to predict best, (n, 10), if a file says so."""
+    given = content.get("remainder")
+    if given is None:
+        return None
+    try:
+        value = np.array(given, dtype=float)
+    except (TypeError, ValueError):
+        value = np.array(np.nan)
+    if value.ndim != 2 or not np.isfinite(value).all():
+        raise InputError(
+            "expected ten numbers for each link",
+            "see corrected.yaml of a comparison with a reference",
+            file=path,
+            where="remainder",
+        )
+    return value
 
 
 def _content(path: Path) -> dict[str, Any]:
@@ -245,7 +290,8 @@ def error_context(
     try:
         yield
     except InputError as error:
-        if path is not None and error.file is None and error.where == "residual":
+        whole = error.where in ("residual", "remainder")
+        if path is not None and error.file is None and whole:
             raise error.at(Path(path)) from None
         name = error.where.split(".")[0].split(",")[0]
         place = next(

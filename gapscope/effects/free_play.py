@@ -160,11 +160,11 @@ class _OwnJoint(NamedTuple):
 def _play(torque: np.ndarray, own: _OwnJoint, half: float, h: float) -> np.ndarray:
     """Delta (N,) of one joint with free play of half the width ``half`` [rad], by implicit steps of h [s]."""
     out = np.empty(len(torque))
-    k, damper = own.k, own.d / h
+    # numbers of Python are faster than those of arrays, and overflow without a word: see ``held``
+    half, k, damper = float(half), float(own.k), float(own.d / h)
     flank = half if torque[0] > 0 else -half
     start = flank + float(torque[0]) / k
     now, before = start, start
-    # numbers of Python are faster than arrays of one element
     inertia = (own.m / h**2).tolist()
     drag = (own.c / h).tolist()
     inside = (own.m / h**2 + own.c / h + own.g).tolist()

@@ -330,7 +330,8 @@ DRIFT = Drift(
     parametrisation=amplitude_and_searched(
         "amplitude",
         "time_constant",
-        Grid(0.05, 20.0, (0.001, 1e3), unit="duration"),
+        # no joint warms up within a second
+        Grid(0.05, 20.0, (0.001, 1e3), unit="duration", least=1.0),
         step=1e-3,
         lowest=-1.0,
     ),

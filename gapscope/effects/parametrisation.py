@@ -56,6 +56,7 @@ class Grid:
         unit: what the values count in: the parameter's own unit, the length of the longest recording [s], or the
             largest speed of the joint [rad/s].
         points: number of values.
+        least: of any value, in the parameter's own unit.
     """
 
     lowest: float
@@ -63,14 +64,18 @@ class Grid:
     bounds: tuple[float, float]
     unit: GridUnit = "own"
     points: int = 16
+    least: float = 0.0
 
     def __call__(self, series: JointSeries, known: float | None) -> np.ndarray:
         """The values, (points,), or some about one that is known."""
         unit = self._unit(series)
         if known is None:
-            return unit * np.geomspace(self.lowest, self.highest, self.points)
+            first = max(unit * self.lowest, self.least)
+            last = max(unit * self.highest, self.least)
+            return np.geomspace(first, last, self.points)
         near = known * np.geomspace(0.6, 1 / 0.6, 13)
-        return np.clip(near, unit * self.bounds[0], unit * self.bounds[1])
+        least, most = unit * self.bounds[0], unit * self.bounds[1]
+        return np.clip(near, max(least, self.least), most)
 
     def _unit(self, series: JointSeries) -> float:
         """What the values count in, in the parameter's own unit: 1, a time [s], or a speed [rad/s]."""

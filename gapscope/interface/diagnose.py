@@ -65,7 +65,7 @@ class DiagnosisResult(Result):
     @property
     def effects(self) -> tuple[AppliedEffect, ...]:
         """The effects named, the one with the largest share first."""
-        return self.change.corrected if self.change else self.diagnosis.effects
+        return self.change.effects if self.change else self.diagnosis.effects
 
     @property
     def possible(self) -> tuple[AppliedEffect, ...]:
@@ -75,7 +75,9 @@ class DiagnosisResult(Result):
     @property
     def corrected(self) -> CorrectedArm:
         """The nominal arm, or the one identified on the reference, plus the effects found."""
-        arm = self.change.case.arm if self.change else self.case.arm
+        if self.change:
+            return self.change.corrected
+        arm = self.case.arm
         if self.diagnosis.presliding:
             arm = replace(arm, presliding=np.array(self.diagnosis.presliding))
         return CorrectedArm(arm, self.effects)

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import InputError
-from gapscope.diagnosis.reference.identified_reference import IdentifiedReference
 from gapscope.diagnosis.reference.identify_reference import identify_reference
+from gapscope.diagnosis.reference.kept_reference import KeptReference
 from gapscope.diagnosis.reference.reference_file import (
     FOLDER,
     identified_folder,
@@ -19,33 +19,33 @@ from gapscope.diagnosis.reference.reference_file import (
 from gapscope.diagnosis.reference.same_arm import check_same_arm, place_of
 from gapscope.provenance import made_from
 
-Reference = Case | IdentifiedReference | str | Path
+Reference = Case | KeptReference | str | Path
 """A case of the same arm, an arm identified on one, or the path of either."""
 
 
-def known_reference(against: Reference) -> Case | IdentifiedReference:
+def known_reference(against: Reference) -> Case | KeptReference:
     """The reference as it is known: a case, or an arm identified before.
 
     Raises:
         InputError: there is neither at that path.
     """
-    if isinstance(against, (Case, IdentifiedReference)):
+    if isinstance(against, (Case, KeptReference)):
         return against
     folder = identified_folder(Path(against))
     return load_case(against) if folder is None else read_reference(folder)
 
 
 def identified(
-    reference: Case | IdentifiedReference,
+    reference: Case | KeptReference,
     progress: Callable[[str], None] = lambda message: None,
-) -> IdentifiedReference:
+) -> KeptReference:
     """The arm of a reference; a case is identified.
 
     Raises:
         InputError: nothing can be identified from its recordings.
         GapscopeError: no physically consistent parameters were found.
     """
-    if isinstance(reference, IdentifiedReference):
+    if isinstance(reference, KeptReference):
         return reference
     found = identify_reference(
         reference, lambda message: progress(f"reference: {message}")
@@ -53,7 +53,7 @@ def identified(
     return replace(found, made_from=made_from(reference))
 
 
-def check_reference(case: Case, reference: Case | IdentifiedReference) -> None:
+def check_reference(case: Case, reference: Case | KeptReference) -> None:
     """Check, before anything is identified, that a reference is of the same arm and is not the case itself.
 
     Raises:
@@ -76,7 +76,7 @@ def kept_reference(
     against: Path,
     out: Path,
     progress: Callable[[str], None] = lambda message: None,
-) -> tuple[Path, IdentifiedReference]:
+) -> tuple[Path, KeptReference]:
     """The folder of an identified reference, for several cases: a case is identified once, and kept beside the results.
 
     What an earlier run identified on the same files, with the same program, is taken again.
@@ -94,7 +94,7 @@ def kept_reference(
         GapscopeError: as ``identified``; or the folder cannot be written.
     """
     reference = known_reference(against)
-    if isinstance(reference, IdentifiedReference):
+    if isinstance(reference, KeptReference):
         assert reference.file is not None
         return reference.file.parent, reference
     folder = out / FOLDER
@@ -106,7 +106,7 @@ def kept_reference(
     return folder, found
 
 
-def _earlier(folder: Path) -> IdentifiedReference | None:
+def _earlier(folder: Path) -> KeptReference | None:
     """What an earlier run identified; ``None`` if it left nothing whole."""
     try:
         return read_reference(folder)

@@ -1,4 +1,4 @@
-"""A contrast: what does one group of data need that the others do not?
+"""A contrast: what do groups of data need that the others do not?
 
 Groups g have coefficients beta + delta_g of the columns: beta is shared by all, with a prior that may be wide, delta_g
 is what a group has of its own. What each motion has of its own (form error) is eliminated first, so that a group is its
@@ -28,7 +28,7 @@ from gapscope.model.equations import (
     lower,
 )
 from gapscope.model.form_error import FormError
-from gapscope.model.terms import Term
+from gapscope.model.terms import Candidate, Term
 
 SIZES = np.array([0.01, 0.03, 0.1, 0.3, 1.0])
 """Prior deviations of an effect, in RMS torque over the joint's scale [1]: from what is not worth a name to all of it.
@@ -41,10 +41,10 @@ LARGEST = 2.0
 
 @dataclass(frozen=True)
 class Beside:
-    """Further columns that one group has of its own, K of them.
+    """Further columns, K of them.
 
     Attributes:
-        cross: products with the columns of the group, what motions have of their own eliminated, (P, K).
+        cross: products with the columns of each group, what motions have of their own eliminated, (G, P, K).
         gram, right: information on them beside all that is shared, (K, K), and its right side, (K,).
         back: L^-1 U times their products with what is shared.
     """
@@ -67,6 +67,7 @@ class Contrast:
     Attributes:
         motions: per joint its motions, what they have of their own eliminated.
         gap: that is explained [1], (M, n).
+        back: L^-1 U times the products of what is shared with the columns of each group, (N, G, P).
     """
 
     def __init__(
@@ -90,9 +91,10 @@ class Contrast:
             ]
             for j, cells in enumerate(equations.cells)
         ]
-        self._gram = self._information()
-        self._right = self._right_sides()
-        self._eliminate_nuisances(day)
+        self._day = day
+        self.gram = self._information()
+        self.right = self._right_sides()
+        self._eliminate_nuisances()
 
     def _information(self) -> np.ndarray:
         """Information of each group on its coefficients, (G, P, P)."""
@@ -113,21 +115,23 @@ class Contrast:
                 right[one.cell.group, active] += one.pull
         return right
 
-    def _eliminate_nuisances(self, day: Mapping[int, np.ndarray]) -> None:
+    def _eliminate_nuisances(self) -> None:
         """Eliminate what is shared, and what differs from day to day."""
-        prior = self.design.prior
+        prior, day = self.design.prior, self._day
         self._shared = np.flatnonzero(prior > 0)
         self._days = [(g, p) for g, own in day.items() for p in np.flatnonzero(own > 0)]
         of_days = [np.sqrt(day[g][p]) for g, p in self._days]
         self._units = np.array([*prior[self._shared], *of_days])
-        by_shared = self._gram[:, self._shared]
+        by_shared = self.gram[:, self._shared]
         by_days = np.zeros((len(self._days), self.groups, self.design.size))
         for row, (g, p) in zip(by_days, self._days, strict=True):
-            row[g] = self._gram[g, p]
+            row[g] = self.gram[g, p]
         # (nuisances, G, P): products of each nuisance with the columns of each group
-        self._cross = np.concatenate([by_shared.transpose(1, 0, 2), by_days])
-        normal = self._of_nuisances(self._cross.transpose(1, 2, 0))
+        cross = np.concatenate([by_shared.transpose(1, 0, 2), by_days])
+        normal = self._of_nuisances(cross.transpose(1, 2, 0))
         self._factor = lower(normal * self._units[:, None] * self._units)
+        scaled = self._units[:, None] * cross.reshape(len(cross), -1)
+        self.back = forward(self._factor, scaled).reshape(cross.shape)
         self._solved = self._solve()
 
     def _of_nuisances(self, of_groups: np.ndarray) -> np.ndarray:
@@ -137,7 +141,7 @@ class Contrast:
         return np.concatenate([shared, *days])
 
     def _solve(self) -> np.ndarray:
-        right = self._units * self._of_nuisances(self._right)
+        right = self._units * self._of_nuisances(self.right)
         count = len(self._shared)
         # the prior counts from the arm that was believed
         right[:count] -= self.design.taken[self._shared] / self._units[:count]
@@ -149,30 +153,6 @@ class Contrast:
             self._factor, self._units[:, None] * self._of_nuisances(of_groups)
         )
 
-    def without_nuisances(
-        self, group: int, everybody: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Information on a group's own columns, and on further ones that all have, beside all that is shared.
-
-        Args:
-            group: the group.
-            everybody: places of the further columns, (S,).
-
-        Returns:
-            The information, (P + S, P + S), its right side, (P + S,), and L^-1 U times their products with what is
-            shared.
-        """
-        own = self._gram[group]
-        both = self._gram.sum(axis=0)[np.ix_(everybody, everybody)]
-        gram = np.block([[own, own[:, everybody]], [own[everybody], both]])
-        of_all = self._right.sum(axis=0)[everybody]
-        right = np.concatenate([self._right[group], of_all])
-        cross = np.hstack(
-            [self._cross[:, group], self._cross.sum(axis=1)[:, everybody]]
-        )
-        back = forward(self._factor, self._units[:, None] * cross)
-        return gram - back.T @ back, right - back.T @ self._solved, back
-
     @property
     def evidence(self) -> float:
         """Log probability of the gaps if no group has anything of its own [nats], but for a constant."""
@@ -180,6 +160,7 @@ class Contrast:
         for motions, noise2 in zip(self.motions, self.error.noise2, strict=True):
             for one in motions:
                 total += _half_log(one.factor, one.right) - one.cell.power / noise2 / 2
+                total -= one.cell.count * float(np.log(noise2)) / 2
         return total
 
     @property
@@ -195,8 +176,33 @@ class Contrast:
             [self._with_gap(j, one, gap[:, j]) for one in motions]
             for j, motions in enumerate(self.motions)
         ]
-        other._right = other._right_sides()
+        other.right = other._right_sides()
         other._solved = other._solve()
+        return other
+
+    def without(self, group: int, motions: Collection[int]) -> Contrast:
+        """The same question without some motions of a group: what the others say of them is a prediction."""
+        other = copy(self)
+        other.motions = [
+            [
+                one
+                for one in own
+                if one.cell.group != group or one.cell.motion not in motions
+            ]
+            for own in self.motions
+        ]
+        other.gram = other._information()
+        other.right = other._right_sides()
+        other._eliminate_nuisances()
+        return other
+
+    def unshared(self, places: np.ndarray) -> Contrast:
+        """The same question if some columns are nobody's but each group's own."""
+        other = copy(self)
+        prior = self.design.prior.copy()
+        prior[places] = 0.0
+        other.design = replace(self.design, prior=prior)
+        other._eliminate_nuisances()
         return other
 
     def _with_gap(self, j: int, one: Eliminated, gap: np.ndarray) -> Eliminated:
@@ -208,12 +214,11 @@ class Contrast:
         own = one.size * right[one.free] / self.error.noise2[j]
         return replace(one, cell=cell, right=forward(one.factor, own))
 
-    def beside(self, columns: Sequence[np.ndarray], group: int) -> Beside:
-        """What K further columns that one group has of its own have in common with all else.
+    def beside(self, columns: Sequence[np.ndarray]) -> Beside:
+        """What K further columns have in common with all else.
 
         Args:
-            columns: per joint over its scale, (M, K), on the rows of the group.
-            group: the group.
+            columns: per joint over its scale, zero on the rows of the groups that do not have them, (M, K).
         """
         count = columns[0].shape[1]
         cross = np.zeros((self.groups, self.design.size, count))
@@ -223,17 +228,15 @@ class Contrast:
             for one in motions:
                 rows = one.cell.rows
                 x = columns[j][rows]
-                if one.cell.group != group or not x.any():
+                if not x.any():
                     continue
                 products = self.design.columns[j][rows].T @ x / noise2
                 inner = one.inner(products)
                 gram += x.T @ x / noise2 - inner.T @ inner
                 right += x.T @ self.gap[rows, j] / noise2 - inner.T @ one.right
-                cross[group, active] += products - one.cross.T @ inner
+                cross[one.cell.group, active] += products - one.cross.T @ inner
         back = self.nuisance_rows(cross)
-        return Beside(
-            cross[group], gram - back.T @ back, right - back.T @ self._solved, back
-        )
+        return Beside(cross, gram - back.T @ back, right - back.T @ self._solved, back)
 
     def growth_gains(
         self, group: int, growths: Sequence[float]
@@ -260,42 +263,55 @@ class Contrast:
                     out[j, cell.motion, growth] = gain
         return out
 
-    def values_of(self, groups: Collection[int]) -> np.ndarray:
-        """Likeliest values of what is shared by what some groups say, (P,)."""
-        chosen, shared = list(groups), self._shared
-        unit = self.design.prior[shared]
-        gram = self._gram[chosen].sum(axis=0)[np.ix_(shared, shared)]
-        right = self._right[chosen].sum(axis=0)[shared]
-        factor = lower(gram * unit[:, None] * unit)
-        solved = forward(factor, unit * right - self.design.taken[shared] / unit)
-        value = np.zeros(self.design.size)
-        value[shared] = unit * solve_triangular(factor.T, solved, check_finite=False)
+    def values_of(self, groups: Collection[int], held: np.ndarray) -> np.ndarray:
+        """Likeliest values of what is shared by what some groups say, (P,).
+
+        Args:
+            groups: the groups.
+            held: values that are what they are, (P,); not a number for all others.
+        """
+        chosen, free = list(groups), (self.design.prior > 0) & np.isnan(held)
+        value = np.where(free, 0.0, np.nan_to_num(held))
+        gram = self.gram[chosen].sum(axis=0)[free]
+        right = self.right[chosen].sum(axis=0)[free] - gram @ value
+        unit = self.design.prior[free]
+        factor = lower(gram[:, free] * unit[:, None] * unit)
+        solved = forward(factor, unit * right - self.design.taken[free] / unit)
+        value[free] = unit * solve_triangular(factor.T, solved, check_finite=False)
         return value
 
     def shared_values(self) -> np.ndarray:
         """Likeliest values of what is shared if nobody has anything of its own, (P,)."""
-        value = np.zeros(self.design.size)
-        back = solve_triangular(self._factor.T, self._solved, check_finite=False)
-        value[self._shared] = (self._units * back)[: len(self._shared)]
-        return value
+        return self.nuisance_values(self._solved)[0]
+
+    def nuisance_values(self, solved: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Values of what is shared, (P,), and of what differs on the day of each group, (G, P), from L^-1 U b."""
+        shared, days = np.zeros(self.design.size), np.zeros(self.right.shape)
+        back = solve_triangular(self._factor.T, solved, check_finite=False)
+        value = self._units * back
+        count = len(self._shared)
+        shared[self._shared] = value[:count]
+        for (g, p), own in zip(self._days, value[count:], strict=True):
+            days[g, p] = own
+        return shared, days
+
+    def covariance(self) -> np.ndarray:
+        """Covariance of what is shared, (P, P)."""
+        out = np.zeros((self.design.size, self.design.size))
+        half = forward(self._factor, np.diag(self._units))[:, : len(self._shared)]
+        out[np.ix_(self._shared, self._shared)] = half.T @ half
+        return out
+
+    @property
+    def determined(self) -> float:
+        """Number of shared values that the data determine: those of which they say more than the prior does [1]."""
+        left = np.diag(self.covariance())[self._shared]
+        return float((1.0 - left / self.design.prior[self._shared] ** 2).sum())
 
 
 def _half_log(factor: np.ndarray, solved: np.ndarray) -> float:
     """1/2 b^T (I + A)^-1 b - 1/2 log det(I + A) from L L^T = I + A and L^-1 b."""
     return float(solved @ solved) / 2 - float(np.log(np.diag(factor)).sum())
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A term that a group has of its own, or one with a searched form that everybody has."""
-
-    term: Term
-    everybody: bool = False
-
-    @property
-    def effect(self) -> str:
-        """Name of its effect."""
-        return self.term.effect
 
 
 @dataclass(frozen=True)
@@ -326,57 +342,127 @@ class Answer:
 
 
 class OwnTerms:
-    """Evidence and values of sets of candidates of one group.
+    """Evidence and values of sets of candidates.
+
+    A coordinate is a column of the design on the rows of some groups: a candidate's groups have one value.
+
+    Args:
+        contrast: of all groups.
+        sets: groups that may have a term of their own, each set of them with one value.
+        about: columns of candidates about their own values, over the joints' scale, per joint (M, linear).
 
     Attributes:
         places: of the coordinates of each candidate.
+        right: right side of the information on the coordinates beside all that is shared, (K,).
+        back: L^-1 U times their products with what is shared, (N, K).
     """
 
     def __init__(
         self,
         contrast: Contrast,
-        group: int,
-        about: Mapping[Term, list[np.ndarray]] | None = None,
+        sets: Sequence[tuple[int, ...]],
+        about: Mapping[Candidate, list[np.ndarray]] | None = None,
     ) -> None:
-        """About: columns of terms about their own values, over the joints' scale, per joint (M, linear)."""
         made = self.design = contrast.design
-        self._group, self._about = group, about or {}
-        searched = [t for t in made.places if t.parametrisation.nonlinear and t.joint]
-        everybody = [made.places[t] for t in searched]
-        joined = np.concatenate([*everybody, np.zeros(0, dtype=int)]).astype(int)
-        self._columns = np.append(joined, 0)
-        self.gram, self.right, self.back = contrast.without_nuisances(group, joined)
-        self.places = {Candidate(t): own for t, own in made.places.items()}
-        count = made.size
-        for term, own in zip(searched, everybody, strict=True):
-            self.places[Candidate(term, everybody=True)] = np.arange(
-                count, count + len(own)
-            )
-            count += len(own)
-        if about:
-            self._replaced(contrast, group, about, count)
+        self._contrast, self._sets, self._about = contrast, sets, about or {}
+        every = tuple(range(contrast.groups))
+        # the groups of each block of coordinates, one for each column
+        self._blocks = [frozenset(some) for some in (*sets, every)]
+        self._grams: dict[frozenset[int], np.ndarray] = {}
+        size = made.size
+        self.places = {
+            Candidate(term, some): own + k * size
+            for k, some in enumerate(sets)
+            for term, own in made.places.items()
+        }
+        for term, own in made.places.items():
+            if term.parametrisation.nonlinear and term.joint:
+                self.places[Candidate(term, None)] = own + len(sets) * size
+        members = [sorted(block) for block in self._blocks]
+        self.back = np.hstack([contrast.back[:, some].sum(axis=1) for some in members])
+        right = np.concatenate([contrast.right[some].sum(axis=0) for some in members])
+        self.right = right - self.back.T @ contrast.solved
+        self._further = contrast.beside(self._replacing()) if self._about else None
+        if self._further is not None:
+            self.right = np.concatenate([self.right, self._further.right])
+            self.back = np.hstack([self.back, self._further.back])
 
-    def _replaced(
-        self,
-        contrast: Contrast,
-        group: int,
-        about: Mapping[Term, list[np.ndarray]],
-        count: int,
-    ) -> None:
-        """Put columns about their own values in the place of those of some terms."""
-        joints = range(len(self.design.active))
-        joined = [np.hstack([about[t][j] for t in about]) for j in joints]
-        further = contrast.beside(joined, group)
-        cross = self.rows(further.cross, np.arange(count)) - self.back.T @ further.back
-        self.gram = np.vstack(
-            [np.hstack([self.gram, cross]), np.hstack([cross.T, further.gram])]
-        )
-        self.right = np.concatenate([self.right, further.right])
-        self.back = np.hstack([self.back, further.back])
-        for term, columns in about.items():
+    def _replacing(self) -> list[np.ndarray]:
+        """Columns about their own values, in the place of those of some candidates; per joint (M, K)."""
+        count = len(self._blocks) * self.design.size
+        for one, columns in self._about.items():
             width = columns[0].shape[1]
-            self.places[Candidate(term)] = np.arange(count, count + width)
+            self.places[one] = np.arange(count, count + width)
             count += width
+        joints = range(len(self.design.active))
+        every = self._about.values()
+        return [np.hstack([columns[j] for columns in every]) for j in joints]
+
+    def products(self, some: np.ndarray, others: np.ndarray) -> np.ndarray:
+        """Information that coordinates have in common beside all that is shared, (K, K')."""
+        out = -self.back[:, some].T @ self.back[:, others]
+        for block, mine, columns in self._by_block(some):
+            for other, theirs, other_columns in self._by_block(others):
+                out[np.ix_(mine, theirs)] += self._in_common(
+                    block, columns, other, other_columns
+                )
+        return out
+
+    def _by_block(
+        self, places: np.ndarray
+    ) -> Iterator[tuple[frozenset[int] | None, np.ndarray, np.ndarray]]:
+        """Coordinates by the groups that have them: which they are, and of which column; ``None``: further ones."""
+        number, column = np.divmod(places, self.design.size)
+        number = np.minimum(number, len(self._blocks))
+        for k in np.unique(number).tolist():
+            mine = np.flatnonzero(number == k)
+            if k < len(self._blocks):
+                yield self._blocks[k], mine, column[mine]
+            else:
+                yield None, mine, places[mine] - k * self.design.size
+
+    def _in_common(
+        self,
+        block: frozenset[int] | None,
+        columns: np.ndarray,
+        other: frozenset[int] | None,
+        other_columns: np.ndarray,
+    ) -> np.ndarray | float:
+        """Products of columns of some groups with columns of others, but for what is shared."""
+        if block is None and other is None:
+            assert self._further is not None
+            known = self._further.gram + self._further.back.T @ self._further.back
+            return np.asarray(known[np.ix_(columns, other_columns)])
+        if block is None or other is None:
+            there = block if other is None else other
+            assert self._further is not None and there is not None
+            cross = self._further.cross[sorted(there)].sum(axis=0)
+            if other is None:
+                return np.asarray(cross[np.ix_(columns, other_columns)])
+            return np.asarray(cross[np.ix_(other_columns, columns)].T)
+        both = block & other
+        return self._gram(both)[np.ix_(columns, other_columns)] if both else 0.0
+
+    def _gram(self, groups: frozenset[int]) -> np.ndarray:
+        """Information of some groups on the columns, (P, P)."""
+        if groups not in self._grams:
+            self._grams[groups] = self._contrast.gram[sorted(groups)].sum(axis=0)
+        return self._grams[groups]
+
+    def _alone(self, places: np.ndarray) -> np.ndarray:
+        """Information on each of m candidates, coordinates in rows of ``places``, (m, k): (m, k, k)."""
+        out = np.empty((*places.shape, places.shape[1]))
+        back = self.back[:, places]
+        for block, mine, columns in self._by_block(places[:, 0]):
+            if block is None:
+                for k in mine:
+                    out[k] = self.products(places[k], places[k])
+                continue
+            at = columns[:, None] + places[mine] - places[mine, :1]
+            own = back[:, mine]
+            out[mine] = self._gram(block)[at[:, :, None], at[:, None, :]]
+            out[mine] -= np.einsum("nmk,nml->mkl", own, own)
+        return out
 
     def deviations(
         self, some: Sequence[Candidate], sizes: Sequence[float]
@@ -397,17 +483,32 @@ class OwnTerms:
         # no arm has much more of an effect than is usual where it is one
         return np.minimum(widths, LARGEST * fitted.usual * unit)
 
+    def within(self, contrast: Contrast) -> OwnTerms:
+        """The same columns in another contrast of the same groups, such as one without some motions."""
+        return OwnTerms(contrast, self._sets, self._about)
+
+    def nuisances(
+        self, values: Mapping[Candidate, np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What is shared, (P,), and what differs on the day of each group, (G, P), beside values of candidates."""
+        solved = self._contrast.solved
+        for one, value in values.items():
+            scaled = value * self.design.units[one.term]
+            solved = solved - self.back[:, self.places[one]] @ scaled
+        return self._contrast.nuisance_values(solved)
+
     def torque(self, values: Mapping[Candidate, np.ndarray]) -> np.ndarray:
         """What values of candidates do to the torque, over the joints' scale [1], (M, n)."""
         made, out = self.design, np.zeros_like(self.design.gap)
-        mine = made.rows.of(self._group)
         for one, value in values.items():
-            scaled = value * made.units[one.term]
-            if one.term in self._about and not one.everybody:
-                out += np.stack([x @ scaled for x in self._about[one.term]], axis=1)
+            if one in self._about:
+                scaled = value * made.units[one.term]
+                out += np.stack([x @ scaled for x in self._about[one]], axis=1)
                 continue
             torque = made.torque(one.term, value)
-            out += torque if one.everybody else torque * mine[:, None]
+            if one.groups is not None:
+                torque *= np.isin(made.rows.group, one.groups)[:, None]
+            out += torque
         return out
 
     def joined(self, some: Sequence[Candidate]) -> np.ndarray:
@@ -415,11 +516,14 @@ class OwnTerms:
         own = [self.places[one] for one in some]
         return np.concatenate(own) if own else np.zeros(0, dtype=int)
 
-    def rows(self, of_group: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """Products of coordinates with columns on the group's rows alone, from those of its columns, (P, K)."""
-        size = self.design.size
-        of_all = self._columns[np.maximum(places - size, -1)]
-        return np.asarray(of_group[np.where(places < size, places, of_all)])
+    def products_beside(self, places: np.ndarray, cross: np.ndarray) -> np.ndarray:
+        """Products of coordinates with further columns, from those of the columns of each group, (G, P, K): (K', K)."""
+        out = np.zeros((len(places), cross.shape[2]))
+        for block, mine, columns in self._by_block(places):
+            # columns about their own values are not among those of the design
+            if block is not None:
+                out[mine] = cross[sorted(block)].sum(axis=0)[columns]
+        return out
 
     def evidence(self, terms: Sequence[Candidate], sizes: Sequence[float]) -> float:
         """Log evidence of terms of given sizes over none [nats]."""
@@ -430,7 +534,7 @@ class OwnTerms:
     ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
         places = self.joined(terms)
         unit = self.deviations(terms, sizes)
-        factor = lower(self.gram[np.ix_(places, places)] * unit[:, None] * unit)
+        factor = lower(self.products(places, places) * unit[:, None] * unit)
         solved = forward(factor, unit * self.right[places])
         return _half_log(factor, solved), solved, factor, unit
 
@@ -439,7 +543,7 @@ class OwnTerms:
     ) -> Answer:
         """Evidence and values of a set, each term of its likeliest size."""
         found = list(sizes) if sizes is not None else [float(SIZES[2])] * len(terms)
-        for _ in range(3 if terms else 0):
+        for _ in range(3 if terms and sizes is None else 0):
             before = list(found)
             for k in range(len(terms)):
                 tried = [
@@ -473,29 +577,59 @@ class OwnTerms:
         """Each other candidate in its likeliest size: evidence of the set with it [nats], value and deviation."""
         places = self.joined(terms)
         unit = self.deviations(terms, sizes)
-        factor = lower(self.gram[np.ix_(places, places)] * unit[:, None] * unit)
-        back = forward(factor, unit[:, None] * self.gram[places])
+        factor = lower(self.products(places, places) * unit[:, None] * unit)
         solved = forward(factor, unit * self.right[places])
         known = _half_log(factor, solved)
-        for term in others:
-            own = self.places[term]
-            gram = self.gram[np.ix_(own, own)] - back[:, own].T @ back[:, own]
-            right = self.right[own] - back[:, own].T @ solved
-            widths = [self._widths(term.term, size) for size in SIZES]
-            best = max((_alone(gram, right, w) for w in widths), key=lambda x: x[0])
-            gain, value, deviation = best
-            charge = (len(terms) + 1) * float(np.log(len(SIZES)))
-            unit_of = self.design.units[term.term]
-            yield term, known + gain - charge, value / unit_of, deviation / unit_of
+        known -= (len(terms) + 1) * float(np.log(len(SIZES)))
+        by_width: dict[int, list[Candidate]] = {}
+        for one in others:
+            by_width.setdefault(len(self.places[one]), []).append(one)
+        for some in by_width.values():
+            at = np.array([self.places[one] for one in some])
+            x = forward(factor, unit[:, None] * self.products(places, at.ravel()))
+            x = x.reshape(len(places), *at.shape)
+            gram = self._alone(at) - np.einsum("smk,sml->mkl", x, x)
+            right = self.right[at] - np.einsum("smk,s->mk", x, solved)
+            each = self.alone([one.term for one in some], gram, right)
+            for one, (gain, value, deviation) in zip(some, each, strict=True):
+                yield one, known + gain, value, deviation
+
+    def alone(
+        self, terms: Sequence[Term], gram: np.ndarray, right: np.ndarray
+    ) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
+        """Each of m terms of k coordinates in its likeliest size: its evidence [nats], value and deviation.
+
+        Args:
+            terms: the terms, (m,).
+            gram, right: information on their coordinates beside all else, (m, k, k) and (m, k).
+        """
+        widths = [[self._widths(term, size) for term in terms] for size in SIZES]
+        gains, values, deviations = _alone(gram, right, np.array(widths))
+        units = [self.design.units[term] for term in terms]
+        for gain, value, deviation, unit in zip(
+            gains.tolist(), values, deviations, units, strict=True
+        ):
+            yield gain, value / unit, deviation / unit
 
 
 def _alone(
-    gram: np.ndarray, right: np.ndarray, unit: np.ndarray
-) -> tuple[float, np.ndarray, np.ndarray]:
-    """Evidence, values and deviations of the coordinates of one candidate, with the information on them."""
-    factor = lower(gram * unit[:, None] * unit)
-    solved = forward(factor, unit * right)
-    back = unit[:, None] * solve_triangular(
-        factor.T, np.eye(len(right)), check_finite=False
-    )
-    return _half_log(factor, solved), back @ solved, np.sqrt((back**2).sum(axis=1))
+    gram: np.ndarray, right: np.ndarray, widths: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Each of m candidates of k coordinates in its likeliest size.
+
+    Args:
+        gram, right: information on the coordinates, (m, k, k) and (m, k).
+        widths: prior deviations of each size, (Z, m, k).
+
+    Returns:
+        Evidence [nats], (m,), values and their deviations, (m, k) each.
+    """
+    normal = gram * widths[..., None] * widths[..., None, :] + np.eye(right.shape[1])
+    inverse = np.linalg.inv(normal)
+    scaled = right * widths
+    solved = np.einsum("zmkl,zml->zmk", inverse, scaled)
+    evidence = (scaled * solved).sum(axis=2) / 2 - np.linalg.slogdet(normal)[1] / 2
+    best = np.argmax(evidence, axis=0), np.arange(len(right))
+    variance = np.diagonal(inverse, axis1=2, axis2=3)
+    deviations = widths * np.sqrt(variance)
+    return evidence[best], (widths * solved)[best], deviations[best]

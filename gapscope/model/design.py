@@ -18,12 +18,19 @@ from gapscope.arm.dynamics.inertial_scale import inertial_scale
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.effect import Effect, External, LinkChange, Transmission
+from gapscope.effects.effect import (
+    DryLaw,
+    Effect,
+    External,
+    LinkChange,
+    TorqueLaw,
+    Transmission,
+)
 from gapscope.model.body_point import Bodies
 from gapscope.model.jacobian import as_recorded, columns
 from gapscope.model.prediction import Prediction
 from gapscope.model.rows import Rows
-from gapscope.model.terms import Term, Terms
+from gapscope.model.terms import Candidate, Term, Terms
 
 WIDE = 2.0
 """Prior of what two groups share whatever its value: RMS torque over the joint's deviation [1]. (physical)"""
@@ -121,6 +128,16 @@ class Design:
         """Number P of columns."""
         return len(self.prior)
 
+    def shared_torque(self, value: np.ndarray) -> np.ndarray:
+        """What coefficients of all columns, (P,), do to the torque, over the joints' scale [1], (M, n)."""
+        every = zip(self.columns, self.active, strict=True)
+        return np.stack([x @ value[active] for x, active in every], axis=1)
+
+    def size2(self, j: int) -> np.ndarray:
+        """Mean square of the columns of a joint over the rows that count, (p_j,)."""
+        squares = (self.columns[j] ** 2).sum(axis=0)
+        return np.asarray(squares / (self.rows.trust[:, j] ** 2).sum())
+
     def torque(self, term: Term, value: np.ndarray) -> np.ndarray:
         """What coordinates of a term, (linear,), do to the torque, over the joints' scale [1], (M, n)."""
         own, out = self.places[term], np.zeros_like(self.gap)
@@ -133,39 +150,38 @@ class Design:
 
 @dataclass(frozen=True)
 class About:
-    """One group about values of terms that it has of its own.
+    """Groups about values of terms that they have of their own.
 
     Attributes:
         gap: as that of the design, what the terms do to it added, (M, n).
-        columns: of each term per joint, on the rows of the group, in the units of the design, (M, linear).
+        columns: of each candidate per joint, on the rows of its groups, in the units of the design, (M, linear).
     """
 
     gap: np.ndarray
-    columns: Mapping[Term, list[np.ndarray]]
+    columns: Mapping[Candidate, list[np.ndarray]]
 
 
-def about(
-    made: Design, arm: FreeArm, group: int, values: Mapping[Term, np.ndarray]
-) -> About:
-    """The columns of terms about their own values in one group, of those whose columns change with them.
+def about(made: Design, arm: FreeArm, values: Mapping[Candidate, np.ndarray]) -> About:
+    """The columns of terms about their own values, of those whose columns change with them.
 
     Args:
         made: the design, about what all groups share.
         arm: that all share.
-        group: the group.
-        values: coordinates of the terms, (linear,) each.
+        values: coordinates of what groups have of their own, (linear,) each.
     """
     rows, terms = made.rows, made.terms
-    moved = {t: x for t, x in values.items() if moves_columns(t)}
-    theta = _with_own(arm, terms, moved)
-    names = {t.effect for t in moved}
+    moved = {one: x for one, x in values.items() if moves_columns(one.term)}
     gap = made.gap.copy()
     columns_of = {
-        t: [np.zeros((len(gap), len(x))) for _ in made.active] for t, x in moved.items()
+        one: [np.zeros((len(gap), len(x))) for _ in made.active]
+        for one, x in moved.items()
     }
     for k, segment in enumerate(rows.segments):
-        if rows.group_of[k] != group or not moved:
+        here = {one: x for one, x in moved.items() if one.has(rows.group_of[k])}
+        if not here:
             continue
+        theta = _with_own(arm, terms, here)
+        names = {one.effect for one in here}
         mine = np.flatnonzero(rows.segment == k)
         trust = rows.trust[mine]
         corrected, body = arm.corrected(terms, theta), segment.bodies(arm.bodies)
@@ -174,21 +190,34 @@ def about(
         left = rows.thin(segment.bridged(segment.torque - at.torque), segment)
         gap[mine] = left / rows.scale * trust
         matrix = columns(at, rows, k, terms, theta, names) / rows.scale[:, None]
-        for term in moved:
-            own = (
-                matrix[:, :, list(term.columns)] / made.units[term] * trust[:, :, None]
-            )
-            for j, x in enumerate(columns_of[term]):
+        for one in here:
+            unit, places = made.units[one.term], list(one.term.columns)
+            own = matrix[:, :, places] / unit * trust[:, :, None]
+            for j, x in enumerate(columns_of[one]):
                 x[mine] = own[:, j]
-    for term, value in moved.items():
-        scaled = value * made.units[term]
-        gap += np.stack([x @ scaled for x in columns_of[term]], axis=1)
+    for one, value in moved.items():
+        scaled = value * made.units[one.term]
+        gap += np.stack([x @ scaled for x in columns_of[one]], axis=1)
     return About(gap, columns_of)
 
 
 def moves_columns(term: Term) -> bool:
     """Whether the columns of a term change with its values: not those of a link, nor of a limit."""
     return not (is_link_change(term) or term.definition.limits)
+
+
+def bends(term: Term) -> bool:
+    """Whether what a term does is not its columns times its values: not that of a torque which the motion tells."""
+    effect = term.definition
+    if isinstance(effect, TorqueLaw):
+        return isinstance(effect, DryLaw) and effect.varies_with == "load"
+    return moves_columns(term)
+
+
+def lasts(term: Term) -> bool:
+    """Whether a term is the same all day: how an arm was built, what bends or has play, and by what it is late."""
+    effect = term.definition
+    return effect.built_in or effect.delays or isinstance(effect, Transmission)
 
 
 def is_link_change(term: Term) -> bool:
@@ -287,7 +316,7 @@ def fitted_arm(rows: Rows, arm: NominalArm, groups: Collection[int]) -> FreeArm:
     """The arm that predicts some groups best: bodies, rotors, friction, springs and offsets, whatever they are.
 
     Ridge regression: inertials within their own size of the nominal ones, all else as large as the torque; joints
-    weighted by what is left.
+    weighted by what is left. From then on ``rows`` are trusted less where its dry friction may hold a joint.
     """
     start = FreeArm.nominal(arm)
     n, terms = arm.n_joints, Terms(arm.n_joints, {}, arm.coupled_motors)
@@ -308,52 +337,71 @@ def fitted_arm(rows: Rows, arm: NominalArm, groups: Collection[int]) -> FreeArm:
         matrices.append(np.concatenate([rows.thin(regressor, segment), own], axis=2))
         assert segment.torque is not None
         gaps.append(rows.thin(segment.bridged(segment.torque - at.torque), segment))
-    x = np.concatenate(matrices) / rows.scale[:, None] * rows.trust[told][:, :, None]
-    y = np.concatenate(gaps) / rows.scale * rows.trust[told]
+    x = np.concatenate(matrices) / rows.scale[:, None]
+    y = np.concatenate(gaps) / rows.scale
     size = np.sqrt((x**2).mean(axis=0)).max(axis=0)
     unit = WIDE / np.maximum(size, LEAST_TORQUE)
     unit[: 10 * n] = BODIES * inertial_scale(start.body)
     x = x * unit
     left = np.full(n, PRECISE)
+    dry = [terms.block(e.name)[0] for e in free if isinstance(e, DryLaw)]
     for _ in range(REWEIGHTINGS):
-        weighted = (x / left[:, None]).reshape(-1, x.shape[2])
+        trust = rows.trust[told]
+        weighted = (x * (trust / left)[:, :, None]).reshape(-1, x.shape[2])
         normal = weighted.T @ weighted + np.eye(x.shape[2])
-        value = np.linalg.solve(normal, weighted.T @ (y / left).ravel())
-        left = np.maximum(np.sqrt(((y - x @ value) ** 2).mean(axis=0)), PRECISE)
+        value = np.linalg.solve(normal, weighted.T @ (y * trust / left).ravel())
+        missed2 = ((y - x @ value) * trust) ** 2
+        left = np.maximum(
+            np.sqrt(missed2.sum(axis=0) / (trust**2).sum(axis=0)), PRECISE
+        )
+        theta = start.theta.copy()
+        theta[places] += (value * unit)[10 * n :]
+        rows.held(np.abs(theta[dry]).sum(axis=0), left, arm.per_radian)
     value = value * unit
-    theta = start.theta.copy()
-    theta[places] += value[10 * n :]
     return replace(
         start, increments=value[: 10 * n].reshape(n, 10), theta=terms.clipped(theta)
     )
 
 
+def possible(arm: FreeArm, made: Design, value: np.ndarray) -> np.ndarray:
+    """Values of what is shared, (P,), as far as the arm can take them."""
+    out, theta = value.copy(), arm.theta.copy()
+    for term in _linear(made):
+        theta[list(term.columns)] += value[made.places[term]] / made.units[term]
+    change = made.terms.clipped(theta) - arm.theta
+    for term in _linear(made):
+        out[made.places[term]] = change[list(term.columns)] * made.units[term]
+    return out
+
+
 def moved(arm: FreeArm, made: Design, value: np.ndarray) -> FreeArm:
-    """The arm with values of what is shared, (P,), taken into it as far as they can be.
+    """The arm with values of what is shared, (P,), taken into it.
 
     Compliance and free play stay linear: their columns are those of their beginning.
     """
     n, theta = arm.arm.n_joints, arm.theta.copy()
     before = arm.taken or (np.zeros(10 * n), {})
     bodies = value[: 10 * n] * inertial_scale(arm.body)
-    linear = [
+    terms = {}
+    for term in _linear(made):
+        change = value[made.places[term]] / made.units[term]
+        theta[list(term.columns)] += change
+        terms[term] = before[1].get(term, 0.0) + change
+    return replace(
+        arm,
+        increments=arm.increments + bodies.reshape(n, 10),
+        theta=made.terms.clipped(theta),
+        taken=(before[0] + bodies, terms),
+    )
+
+
+def _linear(made: Design) -> list[Term]:
+    """Terms whose columns are those of their law about the arm."""
+    return [
         term
         for term in made.places
         if term.definition.locally_linear and not term.parametrisation.nonlinear
     ]
-    for term in linear:
-        theta[list(term.columns)] += value[made.places[term]] / made.units[term]
-    theta = made.terms.clipped(theta)
-    change = theta - arm.theta
-    terms = {
-        term: before[1].get(term, 0.0) + change[list(term.columns)] for term in linear
-    }
-    return replace(
-        arm,
-        increments=arm.increments + bodies.reshape(n, 10),
-        theta=theta,
-        taken=(before[0] + bodies, terms),
-    )
 
 
 def _taken(
@@ -426,10 +474,10 @@ def _noisy(
 
 
 def _with_own(
-    arm: FreeArm, terms: Terms, values: Mapping[Term, np.ndarray]
+    arm: FreeArm, terms: Terms, values: Mapping[Candidate, np.ndarray]
 ) -> np.ndarray:
-    """Coordinates of the arm with the terms of a group, (P,)."""
+    """Coordinates of the arm with what a group has of its own, (P,)."""
     theta = arm.theta.copy()
-    for term, value in values.items():
-        theta[list(term.columns)] += value
+    for one, value in values.items():
+        theta[list(one.term.columns)] += value
     return terms.clipped(theta)

@@ -1,33 +1,38 @@
-"""What one group of recordings has of its own: the search over sets of terms, about an arm that predicts the others.
+"""What groups of recordings have of their own: the search over sets of terms, about an arm that predicts the others.
 
-A hypothesis is a set of terms that the group has, others that everybody has, and where form error is larger in the
-group than where it was learnt: something unknown. Its evidence and its prior odds add up. Each is fitted about its own
+A hypothesis is a set of terms that groups have, others that everybody has, and where form error is larger in a group
+than where it was learnt: something unknown. Its evidence and its prior odds add up. Each is fitted about its own
 values, what is shared and form error stay linear about the arm that predicts. Terms join one by one; when one has
 joined, each is asked again whether the others do without it, or with another in its place.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 
-from gapscope.model.contrast import Answer, Candidate, Contrast, OwnTerms
+from gapscope.model.contrast import Answer, Contrast, OwnTerms
 from gapscope.model.design import (
+    LEAST_TORQUE,
     FreeArm,
     about,
+    bends,
     design,
     is_link_change,
+    lasts,
     moved,
-    moves_columns,
+    possible,
 )
 from gapscope.model.equations import Equations
 from gapscope.model.form_error import carried_over, learn
-from gapscope.model.nonlinear_values import UNKNOWN, Scanner
+from gapscope.model.nonlinear_values import UNKNOWN, Found, Scanner
 from gapscope.model.rows import Rows
-from gapscope.model.terms import Term
+from gapscope.model.terms import Candidate, Term
 
+K = TypeVar("K", bound=Hashable)
 ANY = 0.1
 """Probability that an effect of some name changed, and that one that did acts on one more joint [1]."""
 UNUSUAL = 0.1
@@ -36,7 +41,7 @@ over those of plain effects [1]."""
 LESS_COMMON = 0.5
 """Odds of an effect that equals a more common one to first order, over those of that one [1]."""
 GROWTHS = (4.0, 16.0, 64.0)
-"""By how much its variance grows then [1]: twice, four and eight times the torque."""
+"""By how much its variance grows then [1]: twice the torque, four times and so on."""
 LINEARISATIONS = 3
 """Linearisations of what all share. (budget)"""
 REFITS = 3
@@ -52,8 +57,8 @@ SETTLED = 0.02
 BEYOND_SATURATION = 1.4
 """Share of what a limit cuts off that was lost, at most [1]: all of it is 1."""
 
-Place = tuple[int, int | None]
-"""A joint from 0, and one motion of the group, or ``None`` for all of them."""
+Place = tuple[int, int, int | None]
+"""A joint from 0; a group; and one motion of it, or ``None`` for all of them."""
 
 
 @dataclass(frozen=True)
@@ -62,11 +67,11 @@ class Fit:
 
     Attributes:
         chosen: candidates.
-        grown: of joints from 0, and of all motions of the group or one, by how much more variance form error has [1].
+        grown: where in a group form error has more variance, and by how much [1].
         answer: evidence and values.
         total: log probability of the data and of the hypothesis [nats], but for a constant.
-        contrast: of all groups, about the values of the group.
-        own: what follows for the group.
+        contrast: of all groups, about the values of those that have some of their own.
+        own: what follows for these groups.
     """
 
     chosen: tuple[Candidate, ...]
@@ -77,88 +82,145 @@ class Fit:
     own: OwnTerms
 
     @property
-    def terms(self) -> list[Term]:
-        """The terms that the group has of its own."""
-        return [one.term for one in self.chosen if not one.everybody]
+    def mine(self) -> list[Candidate]:
+        """What groups have of their own."""
+        return [one for one in self.chosen if not one.everybody]
 
     @property
-    def values(self) -> dict[Term, np.ndarray]:
-        """Their coordinates, (linear,) each."""
-        return {
-            one.term: self.answer.values[one]
-            for one in self.chosen
-            if not one.everybody
-        }
+    def values(self) -> dict[Candidate, np.ndarray]:
+        """The coordinates of that, (linear,) each."""
+        return {one: self.answer.values[one] for one in self.mine}
 
 
 @dataclass(frozen=True)
 class Difference:
-    """What a group has of its own.
+    """What groups have of their own.
 
     Attributes:
-        group: the group.
         fit: the best hypothesis.
-        probabilities: of each term, summed over the hypotheses that compete.
-        sets: log probability of the best hypothesis with each set of terms of the group, over that with none [nats].
-        shapes: nonlinear parameters of the terms found.
+        sets: log probability of the best hypothesis with each set of what groups have, over that with none [nats].
+        found: nonlinear parameters of the terms that were searched.
         arm: what all groups share.
     """
 
-    group: int
     fit: Fit
-    probabilities: Mapping[Term, float]
-    sets: Mapping[frozenset[Term], float]
-    shapes: Mapping[Term, tuple[float, ...]]
+    sets: Mapping[frozenset[Candidate], float]
+    found: Mapping[Term, Found]
     arm: FreeArm
 
     @property
-    def terms(self) -> list[Term]:
-        """The terms that the group has of its own."""
-        return self.fit.terms
+    def probabilities(self) -> dict[Candidate, float]:
+        """Probability of each candidate, summed over the sets that hold it."""
+        return self.probabilities_of(lambda one: one)
 
-    def value(self, term: Term) -> np.ndarray:
-        """Coordinates of one of them, (linear,)."""
-        return self.fit.answer.values[Candidate(term)]
+    def probabilities_of(self, name: Callable[[Candidate], K]) -> dict[K, float]:
+        """Probability of each name, summed over the sets that hold a candidate of it."""
+        total = float(np.logaddexp.reduce(list(self.sets.values())))
+        out: dict[K, float] = {}
+        for some, value in self.sets.items():
+            for key in {name(one) for one in some}:
+                out[key] = out.get(key, 0.0) + float(np.exp(value - total))
+        return {key: min(p, 1.0) for key, p in out.items()}
 
-    def share(self, term: Term) -> np.ndarray:
-        """RMS torque that a term moves in its group, over the joint's scale [1], (n,)."""
-        torque = self.fit.own.torque({Candidate(term): self.value(term)})
-        mine = self.fit.contrast.design.rows.of(self.group)
+    @property
+    def shapes(self) -> dict[Term, tuple[float, ...]]:
+        """Nonlinear parameters of the terms that were searched."""
+        return {term: found.values for term, found in self.found.items()}
+
+    def share(self, one: Candidate) -> np.ndarray:
+        """RMS torque that a candidate moves in its group, over the joint's scale [1], (n,)."""
+        torque = self.fit.own.torque({one: self.fit.answer.values[one]})
+        rows = self.fit.contrast.design.rows
+        mine = slice(None) if one.groups is None else np.isin(rows.group, one.groups)
         return np.asarray(np.sqrt((torque[mine] ** 2).mean(axis=0)))
 
 
 @dataclass
 class Search:
-    """The search for what a group has of its own.
+    """The search for what groups have of their own.
 
     Args:
         rows: of all groups.
-        arm: that predicts the first one.
-        group: whose own terms are looked for.
-        taught_by: groups in which nothing changes, which teach noise and form error.
-        days: share by which friction differs from day to day [1].
+        arm: that predicts them, or the first one.
+        sets: groups whose own terms are looked for, each set of them with one value; of several sets only terms without
+            nonlinear parameters.
+        taught_by: groups in each of which nothing changes, which teach noise and form error.
+        days: share by which their friction differs from that of the others from day to day [1]; 0 if all are of a day,
+            on which nothing changes that lasts.
     """
 
     rows: Rows
     arm: FreeArm
-    group: int
+    sets: Sequence[tuple[int, ...]]
     taught_by: Collection[int]
     days: float
-    _shapes: dict[Term, tuple[float, ...]] = field(default_factory=dict)
+    _found: dict[Term, Found] = field(default_factory=dict)
     _charges: dict[Term, float] = field(default_factory=dict)
-    _totals: dict[frozenset[Term], float] = field(default_factory=dict)
+    _totals: dict[frozenset[Candidate], float] = field(default_factory=dict)
+
+    @property
+    def groups(self) -> list[int]:
+        """All groups that may have some of their own."""
+        return sorted({group for some in self.sets for group in some})
+
+    def unchanged(self) -> float:
+        """Log probability of the data if no group has anything of its own [nats], but for a constant."""
+        self._linearise(LINEARISATIONS)
+        self._prepare()
+        return self._fit((), {}, {}).total
 
     def run(self) -> Difference:
         """Terms join one by one, each fitted about its own values; then each is asked again."""
-        for step in range(LINEARISATIONS):
-            self._first = Equations.of(design(self.rows, self.arm, {}))
-            self._taught = learn(self._first, self.taught_by)
-            if step < LINEARISATIONS - 1:
-                shared = Contrast(self._first, self._taught, {}, {})
-                value = shared.values_of(self.taught_by)
-                self.arm = moved(self.arm, self._first.design, value)
-        self._scanner = Scanner(self.rows, self.arm, self.group)
+        self._linearise(LINEARISATIONS)
+        found = self._found_about_arm()
+        if len(self.sets) == 1 or not found.fit.mine:
+            return found
+        # each group by itself shows most; what it shows has to stand beside what one leaves of another as well
+        for _ in range(LINEARISATIONS):
+            before = set(found.fit.mine)
+            made, own = found.fit.contrast.design, found.fit.own
+            shared, _ = own.nuisances(found.fit.answer.values)
+            self.arm = moved(self.arm, made, possible(self.arm, made, shared))
+            self._linearise(1, own.torque(found.fit.values))
+            found = self._found_about_arm()
+            if not found.fit.mine or set(found.fit.mine) == before:
+                break
+        return found
+
+    def _found_about_arm(self) -> Difference:
+        """The best hypothesis about the arm, and those that compete."""
+        best = self._best()
+        least = self._totals[frozenset()]
+        sets = {terms: total - least for terms, total in self._totals.items()}
+        return Difference(best, sets, dict(self._found), self.arm)
+
+    def _linearise(self, times: int, known: np.ndarray | float = 0.0) -> None:
+        """Columns about what all share, noise and form error; the arm moves while that makes it predict better.
+
+        Args:
+            times: linearisations, at most.
+            known: torque of what groups have of their own, over the joints' scale, (M, n): in all else they are alike.
+        """
+        arm, least = self.arm, np.inf
+        for _ in range(times):
+            first = Equations.of(design(self.rows, arm, {}))
+            gap = first.design.gap[self.rows.of(0)]
+            left = float(np.log((gap**2).mean(axis=0) + LEAST_TORQUE**2).sum())
+            # what is shared stays linear there: columns that cancel lead astray
+            if left >= least:
+                break
+            self.arm, self._first, least = arm, first, left
+            alike = bool(np.any(known))
+            left_over = replace(first.design, gap=first.design.gap - known)
+            beside = Equations.of(left_over) if alike else first
+            self._taught = learn(beside, self.taught_by, alike=alike)
+            arm = moved(arm, first.design, self._shared())
+
+    def _best(self) -> Fit:
+        """The best hypothesis about the arm."""
         self._prepare()
+        alone = self.groups[0] if len(self.sets) == 1 else None
+        self._scanner = Scanner(self.rows, self.arm, alone)
         self._look(self._fit((), {}, {}))
         none = self._with_everybody(self._fit((), {}, {}))
         start = self._larger(none)
@@ -171,19 +233,26 @@ class Search:
         # form error that is larger may explain what an effect explains better, and the other way round
         found = self._with_growth(self._searched(start or none))
         unknown = self._with_growth(none)
-        best = max(found, unknown, key=lambda fit: fit.total)
-        if best.grown:
-            best = self._searched(self._asked_again(best))
-        shapes = {t: self._shapes[t] for t in best.terms if t in self._shapes}
-        least = self._totals[frozenset()]
-        sets = {terms: total - least for terms, total in self._totals.items()}
-        return Difference(
-            self.group, best, _probabilities(sets), sets, shapes, self.arm
-        )
+        best = max(found, unknown, *self._fits.values(), key=lambda fit: fit.total)
+        return self._searched(self._asked_again(best)) if best.grown else best
+
+    def _shared(self) -> np.ndarray:
+        """Likeliest values of what is shared that the arm can take, (P,): beside those at a bound the others differ."""
+        made = self._first.design
+        contrast = Contrast(self._first, self._taught, {}, {})
+        held = np.full(made.size, np.nan)
+        while True:
+            # the first group is the arm: others may have changed
+            value = contrast.values_of((0,), held)
+            inside = possible(self.arm, made, value)
+            beyond = np.isnan(held) & (np.abs(inside - value) > LEAST_TORQUE)
+            if not beyond.any():
+                return inside
+            held[beyond] = inside[beyond]
 
     def _searched(self, fit: Fit) -> Fit:
         """Terms join as long as that makes the hypothesis better; each is asked again when another has joined."""
-        while len(fit.terms) < MOST_TERMS:
+        while len(fit.mine) < MOST_TERMS:
             larger = self._larger(fit)
             if larger is None:
                 break
@@ -192,13 +261,18 @@ class Search:
 
     def _look(self, fit: Fit) -> None:
         """Look for nonlinear parameters beside what was found, and take the columns anew."""
-        own = OwnTerms(fit.contrast, self.group)
+        own = OwnTerms(fit.contrast, self.sets)
         found = self._scanner.scan(fit.contrast, own, fit.chosen, self._shapes)
         for term, best in found.items():
-            self._shapes[term] = best.values
+            self._found[term] = best
             if all(one.term != term for one in fit.chosen):
                 self._charges[term] = best.charge
         self._prepare()
+
+    @property
+    def _shapes(self) -> dict[Term, tuple[float, ...]]:
+        """Nonlinear parameters, by term."""
+        return {term: found.values for term, found in self._found.items()}
 
     def _prepare(self) -> None:
         """Columns about what all share, and what follows for the group, with and without more form error."""
@@ -211,7 +285,10 @@ class Search:
             tuple[frozenset[Candidate], frozenset[tuple[Place, float]]], Fit
         ] = {}
         self._totals = {}
-        self._motions = np.unique(self.rows.motion[self.rows.of(self.group)]).tolist()
+        self._motions = {
+            group: np.unique(self.rows.motion[self.rows.of(group)]).tolist()
+            for group in self.groups
+        }
 
     def _contrast(self, grown: Mapping[Place, float]) -> Contrast:
         """The contrast with more form error on some joints."""
@@ -226,18 +303,21 @@ class Search:
                     value = self.arm.theta[term.columns[0]] * made.units[term][0]
                     day[places] = (self.days * value) ** 2 / 3.0
             larger: dict[tuple[int, int], float] = {}
-            for (j, motion), growth in grown.items():
-                for own in self._motions if motion is None else [motion]:
-                    larger[j, own] = max(growth, larger.get((j, own), 1.0))
+            for (joint, group, motion), growth in grown.items():
+                for own in self._motions[group] if motion is None else [motion]:
+                    larger[joint, own] = max(growth, larger.get((joint, own), 1.0))
             self._contrasts[key] = Contrast(
-                self._equations, self._error, {self.group: day}, larger
+                self._equations,
+                self._error,
+                dict.fromkeys(self.groups, day) if self.days else {},
+                larger,
             )
         return self._contrasts[key]
 
     def _fit(
         self,
         chosen: Sequence[Candidate],
-        values: Mapping[Term, np.ndarray],
+        values: Mapping[Candidate, np.ndarray],
         grown: Mapping[Place, float],
     ) -> Fit:
         """Fit a hypothesis, linearised about its own values."""
@@ -248,17 +328,19 @@ class Search:
         if key in self._fits:
             return self._fits[key]
         for _ in range(REFITS):
-            own_terms = [one.term for one in chosen if not one.everybody]
-            start = {t: values.get(t, np.zeros(len(made.places[t]))) for t in own_terms}
-            if any(map(moves_columns, start)):
-                there = about(made, self.arm, self.group, start)
+            start = {
+                one: values.get(one, np.zeros(len(made.places[one.term])))
+                for one in chosen
+                if not one.everybody
+            }
+            asked, own = contrast, OwnTerms(contrast, self.sets)
+            if any(bends(one.term) for one in start):
+                there = about(made, self.arm, start)
                 asked = contrast.for_gap(there.gap)
-                own = OwnTerms(asked, self.group, there.columns)
-            else:
-                asked, own = contrast, OwnTerms(contrast, self.group)
+                own = OwnTerms(asked, self.sets, there.columns)
             fit = self._weighed(asked, own, chosen, grown)
             before, values = start, fit.values
-            if _settled(values, before):
+            if asked is contrast or _settled(values, before):
                 break
         self._fits[key] = fit
         return fit
@@ -270,7 +352,7 @@ class Search:
         chosen: Sequence[Candidate],
         grown: Mapping[Place, float],
     ) -> Fit:
-        weigh = Weigher(own, self.arm, self._charges)
+        weigh = Weigher(own, self.arm, self._charges, len(self.sets))
         weight, answer = weigh(chosen)
         while not np.isfinite(weight):
             # what everybody has is there to help: without what cannot be beside the others
@@ -281,10 +363,10 @@ class Search:
                 break
             chosen = kept
             weight, answer = weigh(chosen)
-        total = contrast.evidence + weight + len(grown) * float(np.log(UNKNOWN))
+        total = contrast.evidence + weight + len(grown) * np.log(UNKNOWN)
         fit = Fit(tuple(chosen), dict(grown), answer, total, contrast, own)
-        terms = frozenset(fit.terms)
-        self._totals[terms] = max(total, self._totals.get(terms, -np.inf))
+        some = frozenset(fit.mine)
+        self._totals[some] = max(total, self._totals.get(some, -np.inf))
         return fit
 
     def _with_everybody(self, fit: Fit) -> Fit:
@@ -301,9 +383,15 @@ class Search:
 
     def _proposals(self, fit: Fit) -> list[tuple[float, Candidate]]:
         """Each further candidate whose values can be, with about the total of the hypothesis with it."""
-        weigh = Weigher(fit.own, self.arm, self._charges)
-        others = [one for one in fit.own.places if one not in fit.chosen]
-        fixed = fit.contrast.evidence + len(fit.grown) * float(np.log(UNKNOWN))
+        weigh = Weigher(fit.own, self.arm, self._charges, len(self.sets))
+        others = [
+            one
+            for one in fit.own.places
+            if one not in fit.chosen
+            and (one.everybody or self._may_differ(one.term))
+            and not self._is_said(one, fit)
+        ]
+        fixed = fit.contrast.evidence + len(fit.grown) * np.log(UNKNOWN)
         return [
             (fixed + evidence + weigh.odds([*fit.chosen, one]), one)
             for one, evidence, value, std in fit.own.additions(
@@ -311,6 +399,26 @@ class Search:
             )
             if weigh.within(one.term, value, std)
         ]
+
+    def _is_said(self, one: Candidate, fit: Fit) -> bool:
+        """Whether a hypothesis has the same body by another name: what the last link carries, or that link."""
+        last = self.arm.body.last_link + 1
+
+        def is_last(other: Candidate) -> bool:
+            return other.term.is_load or other.term.changes_link(last)
+
+        return is_last(one) and any(
+            is_last(other)
+            and other.term != one.term
+            and set(other.groups or ()) & set(one.groups or ())
+            for other in fit.chosen
+        )
+
+    def _may_differ(self, term: Term) -> bool:
+        """Whether a group may have a term of its own."""
+        if self.days:
+            return True
+        return not (lasts(term) or term.parametrisation.nonlinear)
 
     def _larger(self, fit: Fit) -> Fit | None:
         """The best hypothesis with one more term of the group; ``None`` if none is better."""
@@ -326,9 +434,9 @@ class Search:
             proposed[0][0] - max(best.total, fit.total) if best and proposed else 0.0
         )
         for value, one in proposed[len(better) : LOOKED_AT]:
-            terms = frozenset([*fit.terms, one.term])
-            least = self._totals.get(terms, -np.inf)
-            self._totals[terms] = max(value - max(promised, 0.0), least)
+            some = frozenset([*fit.mine, one])
+            least = self._totals.get(some, -np.inf)
+            self._totals[some] = max(value - max(promised, 0.0), least)
         return best if best is not None and best.total > fit.total else None
 
     def _asked_again(self, fit: Fit) -> Fit:
@@ -336,9 +444,10 @@ class Search:
         settled = False
         while not settled:
             settled = True
-            for term in fit.terms:
-                rest = [one for one in fit.chosen if one.term != term]
-                values = {t: x for t, x in fit.values.items() if t != term}
+            for one in fit.mine:
+                twins = one, Candidate(one.term, None)
+                rest = [other for other in fit.chosen if other not in twins]
+                values = {other: x for other, x in fit.values.items() if other != one}
                 without = self._with_everybody(self._fit(rest, values, fit.grown))
                 other = self._larger(without)
                 better = max((f for f in (without, other) if f), key=lambda f: f.total)
@@ -353,28 +462,36 @@ class Search:
             promised = self._promised(fit)
             places = sorted(promised, key=lambda place: -promised[place])[:REFITTED]
             tried = [
-                self._fit(fit.chosen, fit.values, {**fit.grown, (j, motion): growth})
-                for j, motion, growth in places
-                if promised[j, motion, growth] > -np.log(UNKNOWN)
+                self._fit(fit.chosen, fit.values, {**fit.grown, place: growth})
+                for place, growth in places
+                if promised[place, growth] > -np.log(UNKNOWN)
             ]
             best = max(tried, key=lambda f: f.total, default=fit)
             if best.total <= fit.total:
                 return fit
             fit = best
 
-    def _promised(self, fit: Fit) -> dict[tuple[int, int | None, float], float]:
+    def _promised(self, fit: Fit) -> dict[tuple[Place, float], float]:
         """About what more form error would explain beside the terms found [nats]."""
         left = fit.contrast.gap - fit.own.torque(fit.answer.values)
-        gains = fit.contrast.for_gap(left).growth_gains(self.group, GROWTHS)
-        out: dict[tuple[int, int | None, float], float] = {}
-        for (j, motion, growth), gain in gains.items():
-            out[j, motion, growth] = gain
-            out[j, None, growth] = out.get((j, None, growth), 0.0) + gain
-        return {
-            (j, motion, growth): gain
-            for (j, motion, growth), gain in out.items()
-            if (j, motion) not in fit.grown
-        }
+        asked = fit.contrast.for_gap(left)
+        out: dict[tuple[Place, float], float] = {}
+        for group in self.groups:
+            for (j, motion, growth), gain in asked.growth_gains(group, GROWTHS).items():
+                out[(j, group, motion), growth] = gain
+                whole = (j, group, None), growth
+                out[whole] = out.get(whole, 0.0) + gain
+        return {key: gain for key, gain in out.items() if key[0] not in fit.grown}
+
+
+def in_a_row(count: int) -> list[tuple[int, ...]]:
+    """Sets of groups that may have one value: those that follow on each other, but not all of them."""
+    return [
+        tuple(range(first, last))
+        for first in range(count)
+        for last in range(first + 1, count + 1)
+        if last - first < count
+    ]
 
 
 class Weigher:
@@ -384,12 +501,14 @@ class Weigher:
         own: the information on what the group has of its own.
         arm: what all groups share.
         charges: what it takes to say which nonlinear parameters a term has [nats].
+        sets: number of sets of groups that may have some of their own.
     """
 
     def __init__(
-        self, own: OwnTerms, arm: FreeArm, charges: Mapping[Term, float]
+        self, own: OwnTerms, arm: FreeArm, charges: Mapping[Term, float], sets: int
     ) -> None:
         self._own, self._arm, self._charges = own, arm, charges
+        self._sets = sets
         self._places: dict[str, int] = {}
         for term in own.design.places:
             self._places[term.effect] = self._places.get(term.effect, 0) + 1
@@ -410,6 +529,8 @@ class Weigher:
             # as likely by any name, and then on any joint
             names = 1 if term.effect in seen else len(self._places)
             total += np.log(ANY / names / self._places[term.effect])
+            if not one.everybody:
+                total -= np.log(self._sets)
             if term.definition.built_in and not one.everybody:
                 total += np.log(UNUSUAL)
             if term.parametrisation.nonlinear:
@@ -417,7 +538,7 @@ class Weigher:
             if term.definition.near_equivalent:
                 total += np.log(LESS_COMMON)
             total -= self._charges.get(term, 0.0)
-            if not one.everybody:
+            if one.groups is not None:
                 seen.add(term.effect)
         return float(total)
 
@@ -449,18 +570,10 @@ class Weigher:
         return float(every[term.joint - 1] if every.ndim else every)
 
 
-def _settled(now: Mapping[Term, np.ndarray], before: Mapping[Term, np.ndarray]) -> bool:
+def _settled(
+    now: Mapping[Candidate, np.ndarray], before: Mapping[Candidate, np.ndarray]
+) -> bool:
     return set(now) == set(before) and all(
-        np.abs(value - before[term]).max() <= SETTLED * np.abs(value).max()
-        for term, value in now.items()
+        np.abs(value - before[one]).max() <= SETTLED * np.abs(value).max()
+        for one, value in now.items()
     )
-
-
-def _probabilities(sets: Mapping[frozenset[Term], float]) -> dict[Term, float]:
-    """Probability of each term, summed over the sets that hold it."""
-    total = float(np.logaddexp.reduce(list(sets.values())))
-    out: dict[Term, float] = {}
-    for terms, value in sets.items():
-        for term in terms:
-            out[term] = out.get(term, 0.0) + float(np.exp(value - total))
-    return out

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
+from scipy.linalg.lapack import dtrtri
 
 from gapscope.model.design import Design
 
@@ -20,6 +21,7 @@ class Cell:
         gram: X^T X, (p, p).
         right: X^T y, (p,).
         power: y^T y.
+        count: rows that count, the sum of their weights.
     """
 
     motion: int
@@ -29,6 +31,7 @@ class Cell:
     gram: np.ndarray
     right: np.ndarray
     power: float
+    count: float
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,7 @@ class Equations:
 
     @classmethod
     def of(cls, design: Design, noise2: np.ndarray | None = None) -> Equations:
-        """The sums of a design.
+        """The sums of a design, over the rows that are not set aside.
 
         Args:
             design: columns and gap.
@@ -55,14 +58,14 @@ class Equations:
                 the noise that is in the gap: what they have in common by that is taken out.
         """
         rows = design.rows
-        kinds = sorted(set(zip(rows.motion.tolist(), rows.group.tolist(), strict=True)))
+        numbers = np.column_stack([rows.motion, rows.group])
         members = [
             (
                 motion,
                 group,
                 np.flatnonzero((rows.motion == motion) & (rows.group == group)),
             )
-            for motion, group in kinds
+            for motion, group in np.unique(numbers[~rows.set_aside], axis=0).tolist()
         ]
         cells = [
             [
@@ -73,6 +76,7 @@ class Equations:
                     own,
                     x[own],
                     design.gap[own, j],
+                    rows.trust[own, j],
                 )
                 for motion, group, own in members
             ]
@@ -102,8 +106,10 @@ def _cell(
     rows: np.ndarray,
     x: np.ndarray,
     y: np.ndarray,
+    trust: np.ndarray,
 ) -> Cell:
-    return Cell(motion, group, recording, rows, x.T @ x, x.T @ y, float(y @ y))
+    power, count = float(y @ y), float(trust @ trust)
+    return Cell(motion, group, recording, rows, x.T @ x, x.T @ y, power, count)
 
 
 def lower(matrix: np.ndarray) -> np.ndarray:
@@ -115,6 +121,11 @@ def lower(matrix: np.ndarray) -> np.ndarray:
 def forward(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
     """L^-1 of a lower triangular factor times a right side."""
     return np.asarray(solve_triangular(factor, right, lower=True, check_finite=False))
+
+
+def inverse(factor: np.ndarray) -> np.ndarray:
+    """L^-1 of a lower triangular factor."""
+    return np.asarray(dtrtri(factor, lower=1)[0])
 
 
 @dataclass(frozen=True)

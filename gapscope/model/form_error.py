@@ -18,21 +18,27 @@ and is no less than what makes motions held out as surprising as they are.
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import chi2
 
 from gapscope.ident.signals.effective_samples import variance_inflation
-from gapscope.model.equations import Cell, Equations, eliminated, forward, lower
+from gapscope.model.equations import Cell, Equations, eliminated, inverse, lower
+from gapscope.model.rows import LEAST_MOTIONS
 
 ROUNDS = 12
 """Updates of the amplitudes. (budget)"""
+SETTLED = 0.02
+"""An amplitude whose square changes by less is settled [1]."""
 FIRST_FORM, FIRST_FREEDOM = 0.02, 0.1
 """Form error at first, and what a motion may have of its own when noise is measured, of each column [1]."""
 LEAST_NOISE = 4e-3
 """Noise of a joint over its torque's deviation at least [1]: recordings without noise have finite weights."""
 LEAST_FORM = 2e-3
 """Form error of one column at least [1]: no arm is modelled better than to a few thousandths."""
+BY_CHANCE = 0.01
+"""Probability that noise has a frequency as strong as a vibration [1]."""
 OF_THE_JOINT = 2.0
 """Values that the joint's amplitude counts for beside those of a column alone [1]: few motions determine it."""
 
@@ -46,25 +52,40 @@ class FormError:
         white2: the same of a row by itself.
         own2: per joint the variance of what a motion has of its own of each of its columns, (p_j,).
         joint2: the same of a column that was not there when it was learnt, (n,).
+        missed2: mean square that was missed of motions held out, (n,).
     """
 
     noise2: np.ndarray
     white2: np.ndarray
     own2: list[np.ndarray]
     joint2: np.ndarray
+    missed2: np.ndarray
 
 
-def learn(equations: Equations, groups: Collection[int]) -> FormError:
-    """Noise and amplitudes of form error by the evidence of the motions of groups in which nothing changes."""
-    noise2, white2, own2, joint2 = [], [], [], []
+def learn(
+    equations: Equations, groups: Collection[int], *, alike: bool = False
+) -> FormError:
+    """Noise and amplitudes of form error by the evidence of the motions of groups in which nothing changes.
+
+    Args:
+        equations: of all groups.
+        groups: those in which nothing changes.
+        alike: whether they are taken to differ in nothing: then each is predicted from the others.
+    """
+    every_joint: list[tuple[float, float, np.ndarray, float, float]] = []
     for j, every in enumerate(equations.cells):
         cells = [cell for cell in every if cell.group in groups]
-        one = _learn_joint(equations, j, cells)
-        noise2.append(one[0])
-        white2.append(one[1])
-        own2.append(one[2])
-        joint2.append(one[3])
-    return FormError(np.array(noise2), np.array(white2), own2, np.array(joint2))
+        if alike:
+            cells = [replace(cell, group=0) for cell in cells]
+        every_joint.append(_learn_joint(equations, j, cells))
+    noise2, white2, own2, joint2, missed2 = zip(*every_joint, strict=True)
+    return FormError(
+        np.array(noise2),
+        np.array(white2),
+        list(own2),
+        np.array(joint2),
+        np.array(missed2),
+    )
 
 
 def carried_over(error: FormError, before: Equations, after: Equations) -> FormError:
@@ -72,7 +93,7 @@ def carried_over(error: FormError, before: Equations, after: Equations) -> FormE
     old, new = before.design, after.design
     own2 = []
     for j, active in enumerate(new.active):
-        size2 = (new.columns[j] ** 2).mean(axis=0)
+        size2 = new.size2(j)
         variance = np.where(new.own[active], error.joint2[j] / size2, 0.0)
         for term, places in new.places.items():
             if term not in old.places:
@@ -86,13 +107,13 @@ def carried_over(error: FormError, before: Equations, after: Equations) -> FormE
                 ratio = (new.units[term] / old.units[term])[np.isin(places, active)]
                 variance[here] = error.own2[j][there] * ratio**2
         own2.append(variance)
-    return FormError(error.noise2, error.white2, own2, error.joint2)
+    return replace(error, own2=own2)
 
 
 def _learn_joint(
     equations: Equations, j: int, cells: list[Cell]
-) -> tuple[float, float, np.ndarray, float]:
-    """Noise variance, that of a row by itself, variances of the columns, and that of the joint."""
+) -> tuple[float, float, np.ndarray, float, float]:
+    """Noise variance, that of a row by itself, variances of the columns, that of the joint, and what is missed."""
     design = equations.design
     active = design.active[j]
     prior, own = design.prior[active], design.own[active]
@@ -100,8 +121,9 @@ def _learn_joint(
     unit = prior[shared]
     groups = sorted({cell.group for cell in cells})
     # amplitudes count in torque of this joint
-    size2 = np.maximum((design.columns[j][:, free] ** 2).mean(axis=0), 1e-12)
-    noise2, white2, missed2 = _noise(equations, j, cells, free, size2)
+    size2 = np.maximum(design.size2(j)[free], 1e-12)
+    left, noise2, white2, missed2 = _noise(equations, j, cells, free, size2)
+    rows = np.sort(np.concatenate([cell.rows for cell in cells]))
     joint2 = FIRST_FORM**2
     own2 = joint2 / size2
     variance = np.zeros(len(active))
@@ -113,25 +135,31 @@ def _learn_joint(
             parts = [eliminated(cell, variance, noise2) for cell in mine]
             total = np.sum([part.information for part in parts], axis=0)
             total = total[np.ix_(shared, shared)]
-            back = forward(lower(total * unit[:, None] * unit), np.diag(unit))
+            back = inverse(lower(total * unit[:, None] * unit)) * unit
             right = np.sum([part.pull for part in parts], axis=0)[shared]
             beta = back.T @ (back @ right)
             for cell, part in zip(mine, parts, strict=True):
                 open_right = cell.right[free] - cell.gram[np.ix_(free, shared)] @ beta
-                half = forward(part.factor, np.diag(part.size))
+                half = inverse(part.factor) * part.size
                 theta = half.T @ (half @ open_right) / noise2
                 by_shared = half.T @ (half @ cell.gram[np.ix_(free, shared)]) / noise2
                 of_theta = (half**2).sum(axis=0)
                 of_theta += ((by_shared @ back.T) ** 2).sum(axis=1)
                 squares += theta**2
                 determined += np.clip(1.0 - of_theta / own2, 0.0, 1.0)
+        before2 = joint2
         joint2 = max(squares @ size2 / max(determined.sum(), 1e-3), LEAST_FORM**2)
         own2 = (squares + OF_THE_JOINT * joint2 / size2) / (determined + OF_THE_JOINT)
-    # no less than what is missed on motions held out
+        if abs(joint2 - before2) <= SETTLED * before2:
+            break
+    # as much as is missed on motions held out
     variance[free] = own2
     variance *= _growth(cells, shared, unit, variance, noise2, missed2)
     joint2 = float((variance[free] * size2).mean())
-    return noise2, white2, variance, float(joint2)
+    # only now: what is noise by a vibration may be form error as well
+    segment = design.rows.segment[rows]
+    noise2 = max(noise2, _vibration(left[rows], segment, noise2))
+    return noise2, white2, variance, joint2, missed2
 
 
 def _others(cell: Cell, cells: list[Cell]) -> list[Cell]:
@@ -148,11 +176,11 @@ def _growth(
     noise2: float,
     missed2: float,
 ) -> float:
-    """Factor, 1 or more, by which form error has to grow to miss motions held out as far as the arm is missed.
+    """Factor by which form error has to change to miss motions held out as far as they are missed.
 
-    ``missed2`` is the mean square that is missed beyond noise. What is shared is not known exactly either.
+    ``missed2`` is the mean square that is missed. What is shared is not known exactly either.
     """
-    count = sum(len(cell.rows) for cell in cells)
+    count = sum(cell.count for cell in cells)
     parts = [eliminated(cell, own2, noise2) for cell in cells]
     estimated, form = 0.0, 0.0
     for cell in cells:
@@ -167,7 +195,10 @@ def _growth(
         covariance = np.linalg.inv(normal) * unit[:, None] * unit
         estimated += float((cell.gram[np.ix_(shared, shared)] * covariance).sum())
         form += float(np.diag(cell.gram) @ own2)
-    return max((missed2 - estimated / count) / max(form / count, 1e-12), 1.0)
+    form = max(form, 1e-12)
+    least, most = missed2 * count - estimated, missed2 * count
+    # no less than what is missed beyond what is not known, no more than all of it
+    return max(least / form, min(1.0, most / form))
 
 
 def _held_out(equations: Equations, j: int, cells: list[Cell]) -> np.ndarray:
@@ -176,7 +207,7 @@ def _held_out(equations: Equations, j: int, cells: list[Cell]) -> np.ndarray:
     prior = design.prior[design.active[j]]
     shared = np.flatnonzero(prior > 0)
     unit, x, y = prior[shared], design.columns[j], design.gap[:, j]
-    count = sum(len(cell.rows) for cell in cells)
+    count = sum(cell.count for cell in cells)
     missed2 = max(sum(cell.power for cell in cells) / count, LEAST_NOISE**2)
     missed = np.zeros(len(y))
     # the noise by which the prior counts is what is missed
@@ -199,13 +230,13 @@ def _noise(
     cells: list[Cell],
     free: np.ndarray,
     size2: np.ndarray,
-) -> tuple[float, float, float]:
-    """Variance of the noise, neighbours counted once and each for itself, and mean square of what is missed.
+) -> tuple[np.ndarray, float, float, float]:
+    """Noise (M,), its variance, neighbours counted once and each for itself, and mean square of what is missed.
 
     Noise is what is left of motions held out, each predicted from others of its group, with values of its own.
     """
     design = equations.design
-    count = sum(len(cell.rows) for cell in cells)
+    count = sum(cell.count for cell in cells)
     x, y = design.columns[j], design.gap[:, j]
     missed = _held_out(equations, j, cells)
     missed2 = max(float(missed @ missed) / count, LEAST_NOISE**2)
@@ -220,4 +251,31 @@ def _noise(
     inflation = variance_inflation(left[rows, None], design.rows.segment[rows])[0]
     mean2 = float((left[rows] ** 2).sum()) / max(count - spent, 1.0)
     white2 = max(mean2, LEAST_NOISE**2)
-    return white2 * float(inflation), white2, missed2
+    return left, white2 * float(inflation), white2, missed2
+
+
+def _vibration(left: np.ndarray, segment: np.ndarray, noise2: float) -> float:
+    """Density of what is left at the frequency where it is strongest; 0 if noise of a density makes as much.
+
+    A vibration shakes the joint, so that columns of accelerations and delays hold it as well as the gap: they are as
+    uncertain as it is strong.
+
+    Args:
+        left: what is left, (m,).
+        segment: number of the segment of each row, (m,).
+        noise2: the density.
+    """
+    parts = np.split(left, np.flatnonzero(np.diff(segment)) + 1)
+    cuts = [max(1, round(LEAST_MOTIONS * len(part) / len(left))) for part in parts]
+    count = min(len(part) // cut for part, cut in zip(parts, cuts, strict=True))
+    pieces = [
+        part[k * count : (k + 1) * count]
+        for part in parts
+        for k in range(len(part) // count)
+    ]
+    power = (np.abs(np.fft.rfft(pieces, axis=1)[:, 1:]) ** 2).mean(axis=0) / count
+    # of noise twice the power over its density is distributed as chi-squared; the largest of all frequencies
+    freedom = 2 * len(pieces)
+    chance = chi2.ppf((1.0 - BY_CHANCE) ** (1.0 / len(power)), freedom) / freedom
+    strongest = float(power.max())
+    return strongest if strongest > chance * noise2 else 0.0

@@ -16,12 +16,12 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import External
 from gapscope.effects.parametrisation import JointSeries
 from gapscope.model.candidate_columns import JointSignals, unit_columns
-from gapscope.model.contrast import SIZES, Candidate, Contrast, OwnTerms
+from gapscope.model.contrast import SIZES, Contrast, OwnTerms
 from gapscope.model.design import FreeArm
 from gapscope.model.equations import forward, lower
 from gapscope.model.prediction import Prediction
 from gapscope.model.rows import Rows
-from gapscope.model.terms import Term, Terms
+from gapscope.model.terms import Candidate, Term, Terms
 
 WINDOW_EDGES = 40
 """Edges between which windows of a force are tried. (budget)"""
@@ -32,9 +32,10 @@ LEAST_WINDOW = 0.05
 
 
 class Found(NamedTuple):
-    """The best nonlinear parameters of a term, and what it takes to say which [nats]."""
+    """The best nonlinear parameters of a term, their deviations, and what it takes to say which [nats]."""
 
     values: tuple[float, ...]
+    deviations: tuple[float, ...]
     charge: float
 
 
@@ -44,10 +45,10 @@ class Scanner:
     Args:
         rows: the rows.
         arm: what all groups share.
-        group: whose own effects are looked for.
+        group: whose own effects are looked for; ``None`` for those that everybody has.
     """
 
-    def __init__(self, rows: Rows, arm: FreeArm, group: int) -> None:
+    def __init__(self, rows: Rows, arm: FreeArm, group: int | None) -> None:
         self.rows, self.arm, self.group = rows, arm, group
         self._columns: dict[Term, np.ndarray] = {}
         # torque and friction that the shared arm predicts on every segment
@@ -86,6 +87,8 @@ class Scanner:
                 continue
             others = [one for one in chosen if one.term != term and one in own.places]
             if isinstance(term.definition, External):
+                if self.group is None:
+                    continue
                 window = self._window(term, contrast, own, others)
                 if window is not None:
                     found[term] = window
@@ -135,7 +138,7 @@ class Scanner:
         best = int(np.argmax(gain))
         value = _peak(values, gain, best)
         charge = float(gain.max() - np.logaddexp.reduce(gain) + np.log(len(gain)))
-        return Found((value,), charge)
+        return Found((value,), (_spread(values, value, gain),), charge)
 
     def _recorded(self, j: int) -> np.ndarray:
         """Recorded torque of a joint on the rows [N m], (M, 1)."""
@@ -175,8 +178,9 @@ class Scanner:
 
         What a window needs is a sum over its bins, whose products with all else are computed once.
         """
-        rows = self.rows
-        mine = np.flatnonzero(rows.group == self.group)
+        rows, group = self.rows, self.group
+        assert group is not None
+        mine = np.flatnonzero(rows.group == group)
         begin, end = rows.t[mine].min(), rows.t[mine].max()
         width = max((end - begin) / WINDOW_EDGES, LEAST_WINDOW)
         bins = int(np.ceil((end - begin) / width + 1e-9))
@@ -196,13 +200,14 @@ class Scanner:
             x = np.zeros((len(rows.t), bins, 3))
             x[mine, place[mine]] = force[mine, joint]
             columns.append(x.reshape(len(x), -1))
-        further = contrast.beside(columns, self.group)
+        further = contrast.beside(columns)
         gram, right = further.gram, further.right
         places = own.joined(others)
         if len(places):
-            factor = lower(own.gram[np.ix_(places, places)].copy())
+            factor = lower(own.products(places, places))
             known = own.back[:, places].T @ further.back
-            inner = forward(factor, own.rows(further.cross, places) - known)
+            shared = own.products_beside(places, further.cross)
+            inner = forward(factor, shared - known)
             gram = gram - inner.T @ inner
             right = right - inner.T @ forward(factor, own.right[places])
         spans = _spans(bins)
@@ -210,30 +215,34 @@ class Scanner:
         k = int(np.argmax(gain))
         charge = float(gain.max() - np.logaddexp.reduce(gain) + np.log(len(gain)))
         # something unknown on one joint for a while is no push
-        alone = self._on_one_joint(contrast, place, bins, spans)
+        alone = self._on_one_joint(contrast, group, place, bins, spans)
         charge += max(alone + float(np.log(UNKNOWN)), 0.0)
         first, last = spans
+        ends = [begin + edges * width for edges in (first, last)]
         return Found(
-            (float(begin + first[k] * width), float(begin + last[k] * width)), charge
+            tuple(float(edges[k]) for edges in ends),
+            tuple(_spread(edges, edges[k], gain) for edges in ends),
+            charge,
         )
 
     def _on_one_joint(
         self,
         contrast: Contrast,
+        group: int,
         place: np.ndarray,
         bins: int,
         spans: tuple[np.ndarray, np.ndarray],
     ) -> float:
         """Log evidence of a constant torque on some joint in some window, each as likely [nats]."""
         rows, gains = self.rows, []
-        mine = np.flatnonzero(rows.group == self.group)
+        mine = np.flatnonzero(rows.group == group)
         column = np.zeros((len(rows.t), bins))
         column[mine, place[mine]] = 1.0
         none = np.zeros_like(column)
         for j in range(rows.torque.shape[1]):
             own = column * rows.trust[:, j, None]
             columns = [own if k == j else none for k in range(rows.torque.shape[1])]
-            found = contrast.beside(columns, self.group)
+            found = contrast.beside(columns)
             gains.append(_of_spans(found.gram, found.right, spans, np.ones(1)))
         every = np.concatenate(gains)
         return float(np.logaddexp.reduce(every) - np.log(len(every)))
@@ -305,7 +314,7 @@ def _gains(
     j: int,
     x: np.ndarray,
     term: Term,
-    group: int,
+    group: int | None,
     noise: np.ndarray | None,
 ) -> np.ndarray:
     """Log evidence of candidates on a joint, a group's own or everybody's, by columns (M, K c), beside other terms."""
@@ -334,17 +343,20 @@ def _gains(
             of_group += gram
             right_group += pull
         cross[one.cell.group, active] += products - one.cross.T @ inner
-    cross_group = np.zeros_like(cross)
-    cross_group[group] = cross[group]
     places = own.joined(others)
-    factor = lower(own.gram[np.ix_(places, places)].copy())
+    factor = lower(own.products(places, places))
     solved = forward(factor, own.right[places])
+    sides = [(of_all, right_all, cross)]
+    if group is not None:
+        cross_group = np.zeros_like(cross)
+        cross_group[group] = cross[group]
+        sides.append((of_group, right_group, cross_group))
     gains = []
-    sides = (of_all, right_all, cross), (of_group, right_group, cross_group)
     for gram, right, products in sides:
         back = contrast.nuisance_rows(products)
         known = own.back[:, places].T @ back
-        inner = forward(factor, own.rows(cross[group], places) - known)
+        shared = own.products_beside(places, products)
+        inner = forward(factor, shared - known)
         gram = gram - _squares(split(back)) - _squares(split(inner))
         right = right - back.T @ contrast.solved - inner.T @ solved
         gains.append((gram, right.reshape(k, count)))
@@ -354,6 +366,17 @@ def _gains(
     # what both have is no difference: the value may be that of either
     best = np.max([_evidence(gram, right, unit) for gram, right in gains], axis=0)
     return np.where(shown, np.nan_to_num(best), 0.0)
+
+
+def _spread(values: np.ndarray, best: float, gain: np.ndarray) -> float:
+    """Deviation of a value from the best one of those tried, each as likely as its evidence says.
+
+    No less than what the distance between those tried leaves open: that of a uniform distribution.
+    """
+    weight = np.exp(gain - np.logaddexp.reduce(gain))
+    step = np.diff(np.unique(values))
+    least = float(step.min()) / np.sqrt(12.0) if len(step) else 0.0
+    return float(np.hypot(np.sqrt(weight @ (values - best) ** 2), least))
 
 
 def _peak(values: np.ndarray, gain: np.ndarray, best: int) -> float:

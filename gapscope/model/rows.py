@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
+from gapscope.arm.nominal import smooth_sign
 from gapscope.arm.recording import Recording
 from gapscope.ident.signals.conditioning import (
     TORQUE_CUTOFF,
@@ -20,10 +21,12 @@ from gapscope.model.torque_gap import torque_scale
 LEAST_MOTIONS = 4
 """Parts of a group at least, each of which counts as a motion of its own: one motion says nothing of another."""
 SAME_STATE = 0.1
-"""States closer than this share of the deviation of positions and velocities are passed again [1]: less than what
-changes friction or gravity, more than what a controller misses its reference by."""
+"""States closer than this share of the deviation of positions, velocities and accelerations are passed again [1]: less
+than what changes friction or gravity, more than what a controller misses its reference by."""
 SAME_SHARE = 0.9
-"""A part is a motion that comes again if this share of its rows passes through states of that motion [1]."""
+"""A segment has no motion of its own if this share of its rows passes through states that were passed before [1]."""
+LOOKS = 128
+"""Times that a group is looked back upon: what is passed twice between two is not seen. (budget)"""
 
 
 class Rows(DecimatedSegments):
@@ -31,13 +34,18 @@ class Rows(DecimatedSegments):
 
     Args:
         groups: recordings of each group; a recording that is listed again counts once.
+        set_aside: further recordings of the last group, which are predicted and teach nothing.
 
     Attributes:
         group, recording, segment: numbers of the group, of the recording and of the segment of each row, (M,).
+        set_aside: which rows are set aside, mask (M,).
         group_of: number of the group of each segment.
         motion: number of the motion of each row, (M,): one that comes again in a group keeps its number.
         torque: recorded [N m], (M, n).
-        trust: square root of the weight of each row, (M, n): 1 unless its torque was not measured.
+        trust: square root of the weight of each row, (M, n): 1 unless its torque was not measured, or dry friction
+            holds the joint.
+        measured: the same but for friction, (M, n).
+        sticking: RMS of what dry friction hides at rest, over the joint's scale [1], (M, n).
         scale: normalisation of the torque gap over all rows of the first group [N m], (n,).
         t: time since the start of the recording [s], (M,).
         position, velocity: [rad], [rad/s], (M, n).
@@ -46,8 +54,14 @@ class Rows(DecimatedSegments):
         InputError: a recording has no stretch without gaps that is long enough.
     """
 
-    def __init__(self, groups: Sequence[Sequence[Recording]]) -> None:
-        groups = [_listed_once(recordings) for recordings in groups]
+    def __init__(
+        self,
+        groups: Sequence[Sequence[Recording]],
+        set_aside: Sequence[Recording] = (),
+    ) -> None:
+        groups = [listed_once(recordings) for recordings in groups]
+        taught = sum(len(recordings) for recordings in groups)
+        groups[-1] = [*groups[-1], *(r for r in set_aside if r.tau is not None)]
         cutoff = position_cutoff(tuple(r for group in groups for r in group))
         segments, self.group_of, of_recording, count = [], [], [], 0
         for number, recordings in enumerate(groups):
@@ -63,8 +77,11 @@ class Rows(DecimatedSegments):
         self.recording = np.repeat(of_recording, counts)
         self.segment = np.repeat(np.arange(len(segments)), counts)
         self.group = np.repeat(self.group_of, counts)
+        self.set_aside = self.recording >= taught
         self.torque = self.rows([_torque(s) for s in segments])
-        self.trust = np.sqrt(np.vstack([self.known(s) for s in segments]))
+        self.measured = np.sqrt(np.vstack([self.known(s) for s in segments]))
+        self.trust = self.measured
+        self.sticking = np.zeros_like(self.trust)
         self.scale = torque_scale(self.torque[self.group == 0])
         self.t = np.concatenate([self.time(s) for s in segments])
         kept = [slice(s.inner.start, s.inner.stop, self.step(s)) for s in segments]
@@ -77,6 +94,34 @@ class Rows(DecimatedSegments):
         """Which rows belong to a group, mask (M,)."""
         return np.asarray(self.group == group)
 
+    def held(
+        self, friction: np.ndarray, noise: np.ndarray, per_radian: np.ndarray
+    ) -> None:
+        """Trust rows less on which dry friction holds a joint: there it takes any value, one in each stop.
+
+        Args:
+            friction: dry friction of the joints [N m], (n,).
+            noise: what a model leaves of their torque, over their scale [1], (n,).
+            per_radian: what counts as a radian of each joint, (n,).
+        """
+        # of a smoothed direction s the share sqrt(1 - s^2) is not known
+        direction = [smooth_sign(s.motion.dq / per_radian) for s in self.segments]
+        share = self.rows([np.sqrt(1.0 - s**2) for s in direction])
+        self.sticking = np.abs(friction / self.scale * share)
+        hidden = self.sticking / noise
+        self.trust = self.measured / np.sqrt(1.0 + self._stop(hidden > 1) * hidden**2)
+
+    def _stop(self, stopped: np.ndarray) -> np.ndarray:
+        """Rows of the stop to which each row belongs, of stopped rows, mask (M, n); 1 of all others, (M, n)."""
+        count = np.ones(stopped.shape)
+        for j, mine in enumerate(stopped.T):
+            begins = np.diff(mine, prepend=False) | (
+                np.diff(self.segment, prepend=0) > 0
+            )
+            stop = np.cumsum(begins)
+            count[mine, j] = np.bincount(stop)[stop[mine]]
+        return count
+
     def part_of_motion(self, count: int) -> np.ndarray:
         """Number of the part of its motion in which each row lies, of parts of equal length, (M,)."""
         out = np.empty(len(self.motion), dtype=int)
@@ -86,44 +131,58 @@ class Rows(DecimatedSegments):
         return out
 
     def _motions(self) -> np.ndarray:
-        """Numbers of the motions, (M,): parts of the groups, those that come again under one number."""
-        parts = self._parts()
-        deviation = [
-            np.maximum(x.std(axis=0), 1e-9) for x in (self.position, self.velocity)
-        ]
-        state = np.hstack([self.position / deviation[0], self.velocity / deviation[1]])
-        reach = SAME_STATE * np.sqrt(state.shape[1])
-        motion = parts.copy()
-        for part in range(1, parts.max() + 1):
-            own, earlier = parts == part, parts < part
-            # a part goes on from the one before: only another recording of the group can repeat it
-            earlier &= ~np.isin(self.recording, self.recording[own])
-            earlier &= self.group == self.group[own][0]
-            if not earlier.any():
-                continue
-            distance, place = cKDTree(state[earlier]).query(
-                state[own], distance_upper_bound=reach
-            )
-            near = np.isfinite(distance)
-            if near.mean() >= SAME_SHARE:
-                motion[own] = np.bincount(motion[earlier][place[near]]).argmax()
+        """Numbers of the motions, (M,): parts of what a group passes for the first time, and all that repeats them."""
+        kept = [s.motion.ddq[s.inner][:: self.step(s)] for s in self.segments]
+        every = (self.position, self.velocity, np.vstack(kept))
+        state = np.hstack([x / np.maximum(x.std(axis=0), 1e-9) for x in every])
+        motion, count = np.empty(len(state), dtype=int), 0
+        kinds = np.column_stack([self.group, self.set_aside])
+        for kind in np.unique(kinds, axis=0):
+            rows = np.flatnonzero((kinds == kind).all(axis=1))
+            segment = self.segment[rows]
+            first = _first_passed(state[rows], segment)
+            new = np.flatnonzero(first == np.arange(len(rows)))
+            for number in np.unique(segment[new]):
+                own = new[segment[new] == number]
+                pieces = max(1, round(LEAST_MOTIONS * len(own) / len(new)))
+                for piece in np.array_split(own, pieces):
+                    motion[rows[piece]] = count
+                    count += 1
+            motion[rows] = motion[rows[first]]
         return motion
 
-    def _parts(self) -> np.ndarray:
-        """Numbers of the parts, (M,): segments; those of a group with few of them are cut into equal parts."""
-        parts, count = np.empty(len(self.group), dtype=int), 0
-        for number in range(self.group.max() + 1):
-            rows = np.flatnonzero(self.group == number)
-            for segment in np.unique(self.segment[rows]):
-                own = rows[self.segment[rows] == segment]
-                pieces = max(1, round(LEAST_MOTIONS * len(own) / len(rows)))
-                for piece in np.array_split(own, pieces):
-                    parts[piece] = count
-                    count += 1
-        return parts
+
+def _first_passed(state: np.ndarray, segment: np.ndarray) -> np.ndarray:
+    """Number of the row that passed a row's state first, (M,): its own if none did.
+
+    Args:
+        state: over its deviation, (M, d).
+        segment: number of the segment of each row, (M,).
+    """
+    first = np.arange(len(state))
+    reach = SAME_STATE * np.sqrt(state.shape[1])
+    new: np.ndarray = np.zeros(0, dtype=int)
+    for number in np.unique(segment):
+        own = np.flatnonzero(segment == number)
+        begin = len(new)
+        for piece in np.array_split(own, max(1, LOOKS * len(own) // len(state))):
+            if not len(new):
+                new = piece
+                continue
+            distance, place = cKDTree(state[new]).query(state[piece])
+            near = distance <= reach
+            first[piece[near]] = new[place[near]]
+            new = np.concatenate([new, piece[~near]])
+        # a remainder is no motion of its own
+        rest = new[begin:]
+        if begin and len(rest) <= (1.0 - SAME_SHARE) * len(own):
+            new = new[:begin]
+            first[rest] = new[cKDTree(state[new]).query(state[rest])[1]]
+            first[own] = first[first[own]]
+    return first
 
 
-def _listed_once(recordings: Sequence[Recording]) -> list[Recording]:
+def listed_once(recordings: Sequence[Recording]) -> list[Recording]:
     """Recordings with a torque, without those that repeat another one to the last digit."""
     kept: list[Recording] = []
     for recording in recordings:

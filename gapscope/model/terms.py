@@ -59,6 +59,33 @@ class Term:
 
 
 @dataclass(frozen=True)
+class Candidate:
+    """A term that groups have of their own, with one value, or one with a searched form that everybody has.
+
+    Attributes:
+        term: the term.
+        groups: numbers of the groups; ``None`` for everybody.
+    """
+
+    term: Term
+    groups: tuple[int, ...] | None
+
+    @property
+    def everybody(self) -> bool:
+        """Whether everybody has it."""
+        return self.groups is None
+
+    def has(self, group: int) -> bool:
+        """Whether a group has it."""
+        return self.groups is None or group in self.groups
+
+    @property
+    def effect(self) -> str:
+        """Name of its effect."""
+        return self.term.effect
+
+
+@dataclass(frozen=True)
 class Terms:
     """All terms for an arm with n joints, the vector theta of their linear coordinates, and their shapes.
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from gapscope.diagnosis.document.diagnosis_json import write_document
 from gapscope.diagnosis.reference.change import Change
 from gapscope.diagnosis.reference.reference_file import FOLDER, write_reference
@@ -53,18 +55,24 @@ def write_change(change: Change, case_file: Path, folder: Path) -> tuple[Path, .
     kept = []
     if change.reference.file is None:
         kept.append(write_reference(change.reference, folder / FOLDER))
-    paths = _write(change.diagnosis, change.corrected, folder)
+    paths = _write(change.diagnosis, change.effects, folder, CASE, change.remainder)
     return (*paths, folder / CASE, folder / URDF, *kept)
 
 
 def _write(
-    result: Diagnosis, effects: Sequence[AppliedEffect], folder: Path
+    result: Diagnosis,
+    effects: Sequence[AppliedEffect],
+    folder: Path,
+    corrects: str | None = None,
+    remainder: np.ndarray | None = None,
 ) -> tuple[Path, ...]:
     write_corrected(
         str(result.document["case"]),
         tuple(effects),
         folder / CORRECTED,
         presliding=result.presliding,
+        corrects=corrects,
+        remainder=remainder,
     )
     render(result, folder / REPORT)
     write_document(result.document, folder / DOCUMENT)

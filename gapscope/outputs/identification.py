@@ -11,6 +11,7 @@ from gapscope.ident.output.base_file import write_base
 from gapscope.ident.output.identification_json import document, write_document
 from gapscope.ident.output.identified_arm import (
     effects,
+    identified_bodies,
     presliding,
     urdf_text,
     with_sheet,
@@ -58,7 +59,7 @@ def write_identification(
 
 
 def _write_arm(result: Identification, case_file: Path, folder: Path) -> None:
-    text = urdf_text(result)
+    text = urdf_text(result.case.arm, identified_bodies(result))
     with atomic_write(folder / URDF) as aside:
         aside.write_text(text, encoding="utf-8")
     write_case_beside(with_sheet(result), case_file, folder / CASE, URDF)

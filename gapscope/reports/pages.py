@@ -12,7 +12,8 @@ from markupsafe import Markup
 
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.diagnosis import display
-from gapscope.diagnosis.document.wording import acts_on, capital, effect_name
+from gapscope.diagnosis.display import effect_name
+from gapscope.diagnosis.document.wording import acts_on, capital
 
 
 def write_html(template: str, path: Path | str, **content: Any) -> None:

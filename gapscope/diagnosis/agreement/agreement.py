@@ -1,12 +1,17 @@
-"""Do these recordings agree? For each parameter: agrees or differs, with what, and which value to trust."""
+"""Do these recordings agree? For each parameter: agrees or differs, with what, and which value to trust.
+
+The contrast of the recordings (``gapscope.model``), each a group: what all share is free, and each may have some of its
+own. The best set of what recordings have of their own says which parameters differ.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case
 from gapscope.arm.errors import InputError
@@ -17,20 +22,64 @@ from gapscope.diagnosis.agreement.covariates import (
     covariates,
     explain,
 )
-from gapscope.diagnosis.agreement.difference_test import (
-    RecordingValues,
-    difference,
-    information_ratio,
-    recording_values,
-)
-from gapscope.diagnosis.agreement.equations import Equations, equations
-from gapscope.diagnosis.agreement.hypotheses import Hypothesis, hypotheses
-from gapscope.diagnosis.agreement.selection import Selection, select
-from gapscope.diagnosis.agreement.stretch_model import StretchModel
-from gapscope.diagnosis.fleet.heterogeneity import pooled
+from gapscope.diagnosis.display import effect_name
+from gapscope.diagnosis.thresholds import NAMED_PROBABILITY, OPEN_ALTERNATIVE
 from gapscope.ident.checks.plausible_samples import check_recordings
+from gapscope.ident.signals.conditioning import pieces
+from gapscope.model.contrast import SIZES
+from gapscope.model.design import fitted_arm, lasts
+from gapscope.model.difference import Difference, Search, in_a_row
+from gapscope.model.rows import Rows, listed_once
+from gapscope.model.terms import Candidate, Term
 
 AGREES, DIFFERS, NOT_DETERMINED = "agrees", "differs", "not determined"
+LOAD = "load"
+"""Key of the load on the last link."""
+SHORT = {
+    "friction": ("c", "Coulomb friction"),
+    "damping": ("b", "viscous friction"),
+    "offset": ("o", "torque offset"),
+    "scale": ("gain", "torque gain"),
+}
+"""Key and name of an effect of a joint by its quantity; others go by their own name."""
+TOLD = 0.05
+"""A recording tells a value if its deviation is less than the value, or moves less than this of a joint's torque [1].
+(physical)"""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What may have another value in each recording.
+
+    Attributes:
+        key: short name, ``c2``, ``load`` or ``gain2``.
+        name: in words.
+        unit: of its value.
+        joint: from 1; ``None`` if it acts on several.
+        term: of which the first coordinate is its value.
+    """
+
+    key: str
+    name: str
+    unit: str
+    joint: int | None
+    term: Term
+
+
+@dataclass(frozen=True)
+class RecordingValues:
+    """A quantity's values in each recording; nan in a recording that does not determine it.
+
+    Attributes:
+        value: (R,).
+        std: (R,).
+        parameters: of the effect, by name, in each recording that has some of its own; but for friction differences
+            from the first.
+    """
+
+    value: np.ndarray
+    std: np.ndarray
+    parameters: tuple[dict[str, np.ndarray], ...]
 
 
 @dataclass(frozen=True)
@@ -40,9 +89,8 @@ class ParameterAgreement:
     Attributes:
         quantity: what it is.
         verdict: ``agrees``, ``differs``, or ``not determined`` by two recordings.
-        p: of its F-test [1]; ``None`` if it was not tested.
-        information: prior variance over the variance that each recording leaves [1], (R,); one that leaves more than
-            was known before does not determine the parameter.
+        p: probability that all recordings have one value [1]; ``None`` if it was not tested.
+        information: square of what tells the value over the variance that each recording leaves [1], (R,).
         values: in each recording.
         birge: sqrt(Q / (k - 1)) of the k values that are determined [1]; ``None`` if not tested. Source: cochran1954.
         trusted: value and deviation, widened by the Birge ratio if that exceeds 1; ``None`` if there is none to trust.
@@ -51,7 +99,7 @@ class ParameterAgreement:
         alternatives: keys of other quantities that would explain the difference about as well.
     """
 
-    quantity: Hypothesis
+    quantity: Quantity
     verdict: str
     p: float | None
     information: np.ndarray
@@ -72,16 +120,14 @@ class Agreement:
         recordings: those with torque, (R,).
         labels: their names, told apart by a number if they are parts of one file, (R,).
         parameters: one by one, what differs first.
-        level: probability below which one parameter differs [1].
-        law: form of the dry friction, in words.
+        unknown: joints, from 1, and numbers of the recordings in which something else differs.
     """
 
     case: Case
     recordings: tuple[Recording, ...]
     labels: tuple[str, ...]
     parameters: tuple[ParameterAgreement, ...]
-    level: float
-    law: str
+    unknown: tuple[tuple[int, int], ...]
 
     def having(self, verdict: str) -> tuple[ParameterAgreement, ...]:
         """Parameters of a verdict."""
@@ -105,28 +151,32 @@ def agreement(
             "list at least two recordings with tau1..taun under recordings: in the case",
             file=case.name,
         )
-    progress("fits each recording alone, and all together")
-    of = equations(case, recordings)
-    quantities = hypotheses(of)
-    shared = StretchModel.shared(of)
-    information = {one.key: information_ratio(shared, one) for one in quantities}
-    determined = {k: np.flatnonzero(ratio >= 1.0) for k, ratio in information.items()}
-    progress(f"compares {len(quantities)} parameters")
-    selection = select(of, quantities, determined)
-    lines = [
-        _line(recordings, of, selection, one, determined[one.key], information[one.key])
-        for one in quantities
-    ]
-    place = {key: number for number, key in enumerate(selection.differences)}
-    lines.sort(key=lambda line: place.get(line.quantity.key, len(place)))
-    return Agreement(
-        case,
-        recordings,
-        _labels(recordings),
-        tuple(lines),
-        selection.level,
-        str(of.law),
-    )
+    return compared(case, recordings, progress)
+
+
+def compared(
+    case: Case,
+    recordings: tuple[Recording, ...],
+    progress: Callable[[str], None] = lambda message: None,
+) -> Agreement:
+    """Compare recordings that have a torque and are long enough, two or more."""
+    with threadpool_limits(1):
+        progress("fits what all recordings share")
+        rows = Rows([[recording] for recording in recordings])
+        groups = tuple(range(len(recordings)))
+        # the first is the arm: fitted to all, it would have part of what some have of their own
+        arm = fitted_arm(rows, case.arm, (0,))
+        progress("looks for what some have of their own")
+        found = Search(rows, arm, in_a_row(len(recordings)), groups, days=0.0).run()
+        progress("compares the values")
+        lines = _lines(recordings, rows, found)
+    unknown = sorted({(j + 1, group) for j, group, _ in found.fit.grown})
+    return Agreement(case, recordings, _labels(recordings), lines, tuple(unknown))
+
+
+def comparable(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
+    """The recordings that can be compared: with a torque, each once, and a stretch that is long enough."""
+    return tuple(r for r in listed_once(recordings) if pieces(r))
 
 
 def _labels(recordings: tuple[Recording, ...]) -> tuple[str, ...]:
@@ -137,48 +187,166 @@ def _labels(recordings: tuple[Recording, ...]) -> tuple[str, ...]:
     )
 
 
+def quantities(found: Difference) -> tuple[Quantity, ...]:
+    """What is compared: all that may change on an arm that stays as it was built, joint by joint, the load last."""
+    terms = [
+        term
+        for term in found.fit.contrast.design.places
+        if not (lasts(term) or term.parametrisation.nonlinear)
+    ]
+    every = [_quantity(term) for term in terms]
+    return tuple(sorted(every, key=lambda one: (one.joint is None, one.joint or 0)))
+
+
+def _quantity(term: Term) -> Quantity:
+    unit = term.definition.parameters[0].unit
+    if term.is_load:
+        return Quantity(LOAD, "load on the last link", unit, None, term)
+    plain = term.effect, effect_name(term.effect)
+    quantity = "".join(term.definition.quantities.values())
+    short, name = SHORT.get(quantity, plain) if term.joint else plain
+    if not term.joint:
+        return Quantity(short, name, unit, None, term)
+    place = "motor" if term.definition.reach == "motor" else "joint"
+    name = f"{name} of {place} {term.joint}"
+    return Quantity(f"{short}{term.joint}", name, unit, term.joint, term)
+
+
+def _lines(
+    recordings: Sequence[Recording], rows: Rows, found: Difference
+) -> tuple[ParameterAgreement, ...]:
+    """Verdicts on all quantities, what differs first."""
+    every = quantities(found)
+    keys = {one.term: one.key for one in every}
+    lines = [_line(recordings, rows, found, one, keys) for one in every]
+    return tuple(sorted(lines, key=lambda line: line.verdict != DIFFERS))
+
+
 def _line(
-    recordings: tuple[Recording, ...],
-    of: Equations,
-    selection: Selection,
-    one: Hypothesis,
-    among: np.ndarray,
-    information: np.ndarray,
+    recordings: Sequence[Recording],
+    rows: Rows,
+    found: Difference,
+    one: Quantity,
+    keys: Mapping[Term, str],
 ) -> ParameterAgreement:
-    """Verdict on one parameter, all others as the selection has them."""
-    found = covariates(recordings, of, one.joint)
-    differs = one.key in selection.differences
+    """Verdict on one quantity, all others as the search has them."""
+    probability = found.probabilities_of(lambda c: c.term).get(one.term, 0.0)
+    differs = probability >= NAMED_PROBABILITY
+    values, information = _values(found, one)
+    there = covariates(recordings, rows, one.joint)
+    among = np.flatnonzero(np.isfinite(values.std))
     if len(among) < 2:
-        nothing = np.full((of.count, len(one.directions)), np.nan)
-        values = RecordingValues(nothing, nothing[:, 0])
+        verdict = DIFFERS if differs else NOT_DETERMINED
         return ParameterAgreement(
-            one, NOT_DETERMINED, None, information, values, None, None, found, None, ()
+            one, verdict, None, information, values, None, None, there, None, ()
         )
-    others = selection.model.without(one.key)
-    test = selection.differences.get(one.key) or difference(others, one, among)
-    values = recording_values(others, one, among, test.scatter)
     value, std = values.value[among], values.std[among]
-    birge = float(np.sqrt(pooled(value, std, 0.0).q / (len(among) - 1)))
+    trusted, birge = _weighted_mean(value, std)
+    others = _alternatives(found, one.term) if differs else ()
     return ParameterAgreement(
         quantity=one,
         verdict=DIFFERS if differs else AGREES,
-        p=test.p,
+        p=1.0 - probability,
         information=information,
         values=values,
         birge=birge,
-        trusted=None if differs else _weighted_mean(value, std, birge),
-        covariates=found,
-        explanation=explain(values.value, values.std, among, found)
+        trusted=None if differs else trusted,
+        covariates=there,
+        explanation=explain(values.value, values.std, among, there)
         if differs
         else None,
-        alternatives=selection.alternatives.get(one.key, ()),
+        alternatives=tuple(keys[term] for term in others if term in keys),
     )
 
 
+def _alternatives(found: Difference, term: Term) -> list[Term]:
+    """What the likely sets without a term have in its place."""
+    total = float(np.logaddexp.reduce(list(found.sets.values())))
+    best = {one.term for one in found.fit.mine}
+    likely = [
+        some
+        for some, value in found.sets.items()
+        if np.exp(value - total) >= OPEN_ALTERNATIVE
+    ]
+    others = {one.term for some in likely for one in some} - best
+    without = [some for some in likely if all(one.term != term for one in some)]
+    return [t for t in others if any(one.term == t for some in without for one in some)]
+
+
+def _values(found: Difference, one: Quantity) -> tuple[RecordingValues, np.ndarray]:
+    """Values of a quantity in each recording beside what else differs, and what each tells of it, (R,).
+
+    Friction is that of each recording, whatever the others have; of all else, which cannot be told from the arm that
+    all share, differences from the first.
+    """
+    term, fit = one.term, found.fit
+    design, groups = fit.contrast.design, range(fit.contrast.groups)
+    absolute = term.parametrisation.data_sheet is not None
+    contrast = fit.contrast
+    mine = {g: c for c in fit.mine if c.term == term for g in c.groups or ()}
+    # one that has none of its own is what all share
+    base = None
+    if absolute:
+        contrast = contrast.unshared(design.places[term])
+    else:
+        base = next((g for g in groups if g not in mine), 0)
+    own = np.array([group for group in groups if group != base])
+    each = [Candidate(term, (group,)) for group in own.tolist()]
+    others = [other for other in fit.mine if other.term != term]
+    known = dict(zip(fit.chosen, fit.answer.sizes, strict=True))
+    sizes = [known[other] for other in others]
+    sizes += [known[mine[g]] if g in mine else float(SIZES[-1]) for g in own.tolist()]
+    answer = fit.own.within(contrast).answer([*others, *each], sizes)
+    linear, count = len(design.places[term]), len(groups)
+    values, covariance = np.zeros((count, linear)), np.zeros((count, count))
+    values[own] = [answer.values[c] for c in each]
+    first = len(answer.covariance) - linear * len(each)
+    covariance[np.ix_(own, own)] = answer.covariance[first::linear, first::linear]
+    told = TOLD / design.units[term][0]
+    if absolute:
+        values += found.arm.theta[list(term.columns)]
+        told = max(told, float(np.abs(values[:, 0]).mean()))
+        variance = np.diag(covariance)
+    else:
+        values = values - values[0]
+        # from the mean of all, of which each is a part
+        apart = np.eye(count) - 1.0 / count
+        variance = np.diag(apart @ covariance @ apart) * count / (count - 1)
+        told = max(told, float(np.abs(values[:, 0]).max()))
+    information = told**2 / variance
+    std = np.where(information >= 1.0, np.sqrt(variance), np.nan)
+    shown = _shown(one, values, np.isfinite(std))
+    # a centre of what is not there is nowhere
+    parameters = tuple(
+        _parameters(term, values[g]) if g in mine or absolute else {} for g in groups
+    )
+    return RecordingValues(shown, std, parameters), information
+
+
+def _parameters(term: Term, value: np.ndarray) -> dict[str, np.ndarray]:
+    """Parameters of an effect by its coordinates, (linear,)."""
+    given = term.parametrisation.values(value[:, None], np.zeros((0, 1)))
+    return {name: np.squeeze(np.asarray(x), axis=-1) for name, x in given.items()}
+
+
+def _shown(one: Quantity, values: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """The value that stands for a quantity in each recording, (R,), from its coordinates, (R, linear)."""
+    if "scale" in one.term.definition.quantities.values():
+        # recorded over true torque
+        return np.where(known, 1.0 / (1.0 + values[:, 0]), np.nan)
+    if one.term.is_load:
+        return np.where(known, values[:, 0], np.nan)
+    name = one.term.definition.parameters[0].name
+    each = [np.ravel(_parameters(one.term, value)[name])[0] for value in values]
+    return np.where(known, each, np.nan)
+
+
 def _weighted_mean(
-    value: np.ndarray, std: np.ndarray, birge: float
-) -> tuple[float, float]:
-    """Mean with weights 1 / std^2, and its deviation, widened by the Birge ratio if that exceeds 1."""
+    value: np.ndarray, std: np.ndarray
+) -> tuple[tuple[float, float], float]:
+    """Mean with weights 1 / std^2 and its deviation, widened by the Birge ratio if that exceeds 1; and that ratio."""
     weight = std**-2.0
     mean = float((weight * value).sum() / weight.sum())
-    return mean, max(1.0, birge) / float(np.sqrt(weight.sum()))
+    scatter = float((weight * (value - mean) ** 2).sum())
+    birge = float(np.sqrt(scatter / (len(value) - 1)))
+    return (mean, max(1.0, birge) / float(np.sqrt(weight.sum()))), birge

@@ -5,9 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 from gapscope.arm.io.json_file import plain
-from gapscope.diagnosis.agreement.agreement import Agreement, ParameterAgreement
+from gapscope.diagnosis.agreement.agreement import (
+    DIFFERS,
+    Agreement,
+    ParameterAgreement,
+)
 from gapscope.diagnosis.agreement.wording import goes_with, settles
-from gapscope.diagnosis.thresholds import FALSE_ALARM_RATE
+from gapscope.diagnosis.thresholds import FALSE_ALARM_RATE, NAMED_PROBABILITY
 
 
 def document(found: Agreement) -> dict[str, Any]:
@@ -22,13 +26,49 @@ def document(found: Agreement) -> dict[str, Any]:
         "case": found.case.name,
         "joints": list(found.case.arm.joints),
         "recordings": list(found.labels),
-        "friction_law": found.law,
+        "friction_law": "Coulomb and viscous friction",
         "false_alarm_rate": FALSE_ALARM_RATE,
-        "level": found.level,
+        "level": 1.0 - NAMED_PROBABILITY,
         "parameters": [_parameter(line, found) for line in found.parameters],
+        "unknown": [
+            {"joint": joint, "recording": found.labels[number]}
+            for joint, number in found.unknown
+        ],
     }
     result: dict[str, Any] = plain(content, null_if_not_finite=True)
     return result
+
+
+def states(found: Agreement) -> dict[str, Any]:
+    """Whether recordings share a state, and what differs, as an entry of ``diagnosis.json``."""
+    differing = found.having(DIFFERS)
+    content = {
+        "shared": not differing,
+        "recordings": list(found.labels),
+        "differs": [
+            {
+                "name": line.quantity.name,
+                "unit": line.quantity.unit,
+                "joints": [] if line.quantity.joint is None else [line.quantity.joint],
+                "probability": 1.0 - (line.p or 0.0),
+                "values": line.values.value,
+                "std": line.values.std,
+                "parameters": _per_recording(line),
+            }
+            for line in differing
+        ],
+        "command": f"gapscope agree {found.case.name}",
+    }
+    result: dict[str, Any] = plain(content, null_if_not_finite=True)
+    return result
+
+
+def _per_recording(line: ParameterAgreement) -> list[dict[str, Any]]:
+    """Parameters of the effect in each recording."""
+    return [
+        {name: value.tolist() for name, value in each.items()}
+        for each in line.values.parameters
+    ]
 
 
 def _parameter(line: ParameterAgreement, found: Agreement) -> dict[str, Any]:
@@ -43,6 +83,7 @@ def _parameter(line: ParameterAgreement, found: Agreement) -> dict[str, Any]:
         "verdict": line.verdict,
         "p": line.p,
         "values": line.values.value,
+        "parameters": _per_recording(line),
         "std": line.values.std,
         "information": line.information,
         "birge": line.birge,

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.arm.recording import Recording
-from gapscope.diagnosis.agreement.equations import Equations
 from gapscope.diagnosis.thresholds import (
     COVARIATE_CHANGE,
     COVARIATE_SHARE,
     COVARIATE_TEMPERATURE,
 )
+from gapscope.model.rows import Rows
 
 SPEED, TEMPERATURE, LOAD, START, ORDER = (
     "speed",
@@ -72,13 +72,25 @@ class Explanation:
 
 
 def covariates(
-    recordings: Sequence[Recording], of: Equations, joint: int | None
+    recordings: Sequence[Recording], rows: Rows, joint: int | None
 ) -> tuple[Covariate, ...]:
-    """Covariates of a joint, from 1, or of the whole arm: mean |dq|, temperature, |torque of the bodies|, start."""
+    """Covariates of a joint, from 1, or of the whole arm: mean |dq|, temperature, |torque|, start.
+
+    Args:
+        recordings: R recordings.
+        rows: of them, a group each.
+        joint: the joint; ``None`` for all.
+    """
     places = slice(None) if joint is None else slice(joint - 1, joint)
+    numbers = range(len(recordings))
+
+    def mean(series: np.ndarray) -> np.ndarray:
+        """Mean size in each recording, (R,)."""
+        return np.array([np.abs(series[rows.of(k)][:, places]).mean() for k in numbers])
+
     found = [
-        Covariate(SPEED, "rad/s", of.speed[:, places].mean(axis=1)),
-        Covariate(LOAD, "N m", of.load[:, places].mean(axis=1)),
+        Covariate(SPEED, "rad/s", mean(rows.velocity)),
+        Covariate(LOAD, "N m", mean(rows.torque)),
     ]
     logged = [r.temperature for r in recordings if r.temperature is not None]
     if len(logged) == len(recordings):

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from gapscope.diagnosis.agreement.agreement import LOAD as LAST_LINK
 from gapscope.diagnosis.agreement.agreement import ParameterAgreement
 from gapscope.diagnosis.agreement.covariates import (
     LOAD,
@@ -15,7 +16,6 @@ from gapscope.diagnosis.agreement.covariates import (
     TEMPERATURE,
     Covariate,
 )
-from gapscope.diagnosis.agreement.hypotheses import LOAD as LAST_LINK
 from gapscope.diagnosis.display import percent
 
 QUANTITY = {

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import chi2
-from scipy.stats import f as f_distribution
 
 from gapscope.diagnosis.selection.search import Selection
 from gapscope.diagnosis.thresholds import (
@@ -84,9 +83,7 @@ def elementwise_max(one: ExcessResidual, other: ExcessResidual) -> ExcessResidua
     )
 
 
-def excess_residual(
-    selection: Selection, gap: np.ndarray, least_floor: np.ndarray | float = 0.0
-) -> ExcessResidual:
+def excess_residual(selection: Selection, gap: np.ndarray) -> ExcessResidual:
     """What is above the floor before and after the effects found, on the folds.
 
     The gap is measured twice: by the evidence, on the decimated rows of the search with the effects linearised, and
@@ -96,7 +93,6 @@ def excess_residual(
     Args:
         selection: result of the search.
         gap: RMS of the gap with the effects found on all held-out rows, at the full rate [N m], (n,).
-        least_floor: RMS that remains on this arm in any case [N m], (n,).
     """
     evidence, terms = selection.evidence, selection.fit.terms
     rows = evidence.rows
@@ -109,7 +105,7 @@ def excess_residual(
     # Mean squares [N^2 m^2], (n,).
     before2 = pooled(selection.nominal_mse)
     after2 = np.minimum(pooled(evidence.likely_mse(terms)), gap**2)
-    floor2 = np.maximum(pooled(evidence.floor2), np.square(least_floor))
+    floor2 = pooled(evidence.floor2)
 
     expected2 = pooled(evidence.expected2)
 
@@ -153,18 +149,14 @@ def excess_residual_set_aside(
 def ratio_by_chance(selection: Selection) -> np.ndarray:
     """Ratio of RMS to floor that healthy arms exceed on one of n joints in ``FALSE_ALARM_RATE`` of cases, (n,).
 
-    Of independent samples with the floor's variance, which is known of a data sheet and estimated on a reference from
-    as many samples as it has: the root of a quantile of F. Source: bendat2010.
+    Of independent samples with the floor's variance: the root of a quantile of chi2 over its degrees of freedom.
+    Source: bendat2010.
     """
     evidence = selection.evidence
     joints = evidence.linear.arm.n_joints
     samples = evidence.scored.independent.sum(axis=0)[:joints]
-    reference = evidence.linear.data.reference
     level = FALSE_ALARM_RATE / joints
-    if reference is None:
-        # of infinitely many samples F is chi2 over its degrees of freedom, which scipy's F does not cover
-        return np.asarray(np.sqrt(chi2.isf(level, samples) / samples))
-    return np.asarray(np.sqrt(f_distribution.isf(level, samples, reference.samples)))
+    return np.asarray(np.sqrt(chi2.isf(level, samples) / samples))
 
 
 def _has_compliance(selection: Selection) -> bool:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gapscope.diagnosis.assessment.baseline import Baseline
 from gapscope.diagnosis.assessment.excess_residual import (
     ExcessResidual,
     elementwise_max,
@@ -37,18 +36,15 @@ class MeasuredGap:
     residual: ExcessResidual
 
 
-def measured_gap(predictor: HeldOutPredictor, baseline: Baseline | None) -> MeasuredGap:
-    """Gap, floor and excess residual with the selection of a predictor; ``baseline`` if compared with a reference."""
+def measured_gap(predictor: HeldOutPredictor) -> MeasuredGap:
+    """Gap, floor and excess residual with the selection of a predictor."""
     selection, terms = predictor.selection, predictor.selection.fit.terms
     gap_before, gap_after = predictor.gap(frozenset()), predictor.gap(terms)
     corrected = selection.corrected(selection.fit.theta, terms)
     fitted_gap = torque_gap(corrected, predictor.body, predictor.segments)
     inertial_mse = _inertial_error_mse(selection, fitted_gap)
     floor = np.sqrt(_noise_mse(predictor, corrected, fitted_gap) + inertial_mse)
-    least_floor = baseline.floor(gap_after) if baseline else np.zeros_like(floor)
-    floor = np.maximum(floor, least_floor)
-
-    residual = excess_residual(selection, gap_after.rmse, least_floor)
+    residual = excess_residual(selection, gap_after.rmse)
     if predictor.set_aside:
         on_set_aside = excess_residual_set_aside(
             selection, gap_before, gap_after, floor

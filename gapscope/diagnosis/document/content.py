@@ -10,7 +10,12 @@ from gapscope.diagnosis.assessment.predictable_share import Predictable, predict
 from gapscope.diagnosis.assessment.sensor_sides import sides_entry
 from gapscope.diagnosis.document.change_findings import change_finding
 from gapscope.diagnosis.document.context import context
-from gapscope.diagnosis.document.entries import known_numbers, numbers, region_entry
+from gapscope.diagnosis.document.entries import (
+    known_numbers,
+    numbers,
+    region_entry,
+    states_entry,
+)
 from gapscope.diagnosis.document.fault_findings import (
     GapStages,
     with_faults,
@@ -53,6 +58,7 @@ def diagnosis_content(study: Study) -> dict[str, Any]:
         "effects": effects,
         "possible": possible,
         "changes": [change_finding(found) for found in study.changes],
+        **states_entry(study.states),
         "closed": gap.closed,
         "unexplained": {
             "share": 0.0 if gap.closed is None else 1.0 - gap.closed,

@@ -9,7 +9,7 @@ import numpy as np
 from gapscope.arm.nominal import NominalArm, arm_entry
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.assessment.rejection import Rejection
-from gapscope.diagnosis.document.wording import effect_name
+from gapscope.diagnosis.display import effect_name
 from gapscope.diagnosis.gap.commanded_torque import WARNING
 from gapscope.diagnosis.gap.plausible_motion import short_note, still_note
 from gapscope.diagnosis.selection.evidence import Fit
@@ -30,11 +30,11 @@ def context(study: Study) -> dict[str, Any]:
     inferred = WARNING in case.warnings
     return {
         "arm": arm_entry(case.arm),
-        "nominal": {"friction": _nominal_friction(case.arm)},
+        "nominal": {"friction": nominal_friction(case.arm)},
         "presliding": study.selection.presliding_of(study.selection.fit.terms).tolist(),
         "recordings": [
-            *(_recording_entry(r, "fit") for r in case.recordings),
-            *(_recording_entry(r, "judge") for r in case.judged),
+            *(recording_entry(r, "fit") for r in case.recordings),
+            *(recording_entry(r, "judge") for r in case.judged),
         ],
         "conditioning": {
             "rate": study.predictor.segments[0].motion.rate,
@@ -61,7 +61,7 @@ def context(study: Study) -> dict[str, Any]:
     }
 
 
-def _nominal_friction(arm: NominalArm) -> dict[str, Any]:
+def nominal_friction(arm: NominalArm) -> dict[str, Any]:
     """The friction that the nominal arm has, and where it comes from."""
     return {
         "source": arm.friction_source or None,
@@ -70,7 +70,8 @@ def _nominal_friction(arm: NominalArm) -> dict[str, Any]:
     }
 
 
-def _recording_entry(recording: Recording, role: str) -> dict[str, Any]:
+def recording_entry(recording: Recording, role: str) -> dict[str, Any]:
+    """A recording, and whether effects are fitted to it or judged on it."""
     entry = {
         "name": recording.name,
         "duration": recording.duration,

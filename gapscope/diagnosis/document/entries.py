@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from gapscope.diagnosis.agreement.agreement import Agreement
+from gapscope.diagnosis.agreement.agreement_json import states
 from gapscope.diagnosis.localisation.region import Region
 
 
@@ -30,3 +32,8 @@ def region_entry(region: Region) -> dict[str, Any]:
         "enrichment": region.enrichment,
         **region.detail,
     }
+
+
+def states_entry(found: Agreement | None) -> dict[str, Any]:
+    """``states`` of the document: whether the recordings share a state; nothing if that was not asked."""
+    return {} if found is None else {"states": states(found)}

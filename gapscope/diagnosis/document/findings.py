@@ -124,7 +124,7 @@ def _finding(
         },
         "where": _where(applied, predictor, without, rows),
         "alternatives": [
-            _alternative_entry(applied.name, other)
+            alternative_entry(applied.name, other)
             for other in sure.alternatives
             if other.probability > LISTED_ALTERNATIVE
         ],
@@ -149,7 +149,8 @@ def _where(
     return [region_entry(r) for r in regions(closed, rows, load, joints, most=1)]
 
 
-def _alternative_entry(effect: str, other: Alternative) -> dict[str, Any]:
+def alternative_entry(effect: str, other: Alternative) -> dict[str, Any]:
+    """An alternative to an effect as the document holds it."""
     return {
         "effect": other.effect,
         "joints": list(other.joints),

@@ -51,7 +51,7 @@ def parameters(
         elif name == "link":
             std = np.zeros(1)
         else:
-            std = _std_of_draws(parameter, value, samples)
+            std = std_of_draws(parameter, value, samples)
 
         # A skew of sampling acts as a delay: delays and lags are not known better than it.
         skew = SKEWS[1] if applied.effect.delays else 0.0
@@ -87,7 +87,7 @@ def _samples(
     return [dict(to_values(draw[columns], nonlinear)) for draw in draws]
 
 
-def _std_of_draws(
+def std_of_draws(
     parameter: Parameter, value: np.ndarray, samples: list[dict[str, np.ndarray]]
 ) -> np.ndarray:
     """The deviation whose 1.96-fold holds 95 % of the draws to either side of a value.

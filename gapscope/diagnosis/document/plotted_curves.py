@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,6 @@ from scipy.signal import welch
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.joint_units import joint_unit
-from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.document.wording import worst_joint
 from gapscope.diagnosis.localisation.locate import locate
 from gapscope.diagnosis.localisation.stacked_rows import MotionRows, stack
@@ -56,13 +55,12 @@ def located(
 
 
 def traces(
-    arm: NominalArm,
+    nominal: CorrectedArm,
     corrected: CorrectedArm,
     body: RigidBody,
     segments: list[Segment],
 ) -> tuple[Trace, ...]:
     """Measured, nominal and corrected torque of each segment."""
-    nominal = CorrectedArm(arm)
     out = []
     for segment in segments:
         before = torque_gap(nominal, body, [segment])
@@ -110,14 +108,19 @@ def _power_density(
 
 
 def signatures(
-    corrected: CorrectedArm, body: RigidBody, segments: list[Segment]
+    corrected: CorrectedArm,
+    body: RigidBody,
+    segments: list[Segment],
+    shown: Collection[str] | None = None,
 ) -> tuple[Signature, ...]:
-    """For each effect, on up to seven joints, the gap without it against the quantity that drives it."""
+    """For each effect, or those shown, on up to seven joints, the gap without it over the quantity that drives it."""
     full = torque_gap(corrected, body, segments)
     rows = stack(segments)
     step = max(1, len(rows.t) // MOST_POINTS)
     out = []
     for applied in corrected.effects:
+        if shown is not None and applied.name not in shown:
+            continue
         others = tuple(e for e in corrected.effects if e is not applied)
         without = torque_gap(CorrectedArm(corrected.arm, others), body, segments)
         explained = full.predicted - without.predicted

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from gapscope.arm.joint_units import joint_unit
-from gapscope.diagnosis.display import display_unit, percent, significant
+from gapscope.diagnosis.display import (
+    display_unit,
+    effect_name,
+    percent,
+    significant,
+    uncertain,
+)
 from gapscope.diagnosis.document.change_findings import change_text
 from gapscope.diagnosis.document.wording import (
     Document,
     acts_on,
     capital,
     coupling_text,
-    effect_name,
     gap_rows,
     joint_ranges,
     joint_slides,
@@ -31,6 +36,38 @@ HEALTHY_REAL = 0.23
 
 
 def verdict_sentence(document: Document) -> str:
+    """The main cause, its share of the gap, and what stays; first, whether the recordings share a state."""
+    return states_sentence(document) + _cause_sentence(document)
+
+
+def states_sentence(document: Document) -> str:
+    """What differs between the recordings, if they do not share a state; else empty."""
+    states = document.get("states")
+    if states is None or states["shared"]:
+        return ""
+    differs = states["differs"]
+    texts = [_differing(entry, states["recordings"]) for entry in differs[:MOST_CAUSES]]
+    if len(texts) < len(differs):
+        texts.append(f"{len(differs) - len(texts)} more")
+    return (
+        f"The recordings do not share a state: {listing(texts)} ({states['command']} compares them; diagnose each "
+        "state by itself). Of all together: "
+    )
+
+
+def _differing(entry: Mapping[str, Any], recordings: Sequence[str]) -> str:
+    """A quantity that differs, with its value in each recording."""
+    _, unit = display_unit(entry["unit"], 1.0)
+    values = [
+        "?" if std is None else f"{uncertain(value, std)}"
+        for value, std in zip(entry["values"], entry["std"], strict=True)
+    ]
+    pairs = [f"{v} in {name}" for v, name in zip(values, recordings, strict=True)]
+    unit = "" if entry["unit"] == "1" else f" [{unit}]"
+    return f"{entry['name']}{unit} is {', '.join(pairs)}"
+
+
+def _cause_sentence(document: Document) -> str:
     """The main cause, its share of the gap, and what stays, in one sentence of plain English."""
     if document["verdict"] == "no_gap":
         return "The nominal arm predicts every joint's torque as well as a healthy arm of this kind allows."

@@ -19,7 +19,6 @@ VERDICTS = {
     "no_gap": "No gap",
     "unexplained": "Unexplained gap",
 }
-_PROPER = {"coulomb": "Coulomb", "stribeck": "Stribeck"}
 
 
 @dataclass(frozen=True)
@@ -46,11 +45,6 @@ class ParameterText:
         no_space = not self.unit or self.unit.startswith("°")
         unit = self.unit if no_space else f" {self.unit}"
         return ", ".join(values) + unit
-
-
-def effect_name(name: str) -> str:
-    """Readable name of an effect: ``coulomb_friction`` becomes ``Coulomb friction``."""
-    return " ".join(_PROPER.get(word, word) for word in name.split("_"))
 
 
 def capital(text: str) -> str:

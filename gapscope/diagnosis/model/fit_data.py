@@ -12,10 +12,7 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.model.compliant_bodies import CompliantCandidates
 from gapscope.diagnosis.model.inertial_errors import inertial_errors
 from gapscope.diagnosis.model.nuisance_prior import (
-    NuisancePrior,
-    ReferenceErrors,
     data_sheet_prior,
-    reference_prior,
 )
 from gapscope.ident.signals.conditioning import Segment
 from gapscope.model.body_point import Bodies
@@ -31,14 +28,13 @@ class FitData(DecimatedSegments):
         arm, body: the nominal arm and its dynamics.
         folds: segments per fold.
         cutoff: cut-off of the fit's filter, on both sides [Hz].
-        reference: what a reference leaves open of the arm; ``None`` if the arm is that of a data sheet.
 
     Attributes:
         torque_deviation: normalisation of the torque gap over all folds [N m], (n,).
         sensed: whether some segment carries a joint torque sensor.
         units: what a relative error of each inertial parameter would change it by, (10 n,).
         nuisance: the filtered inertial regressor of each segment, per unit.
-        own: of each segment the filtered columns of the joints' parameters that a reference leaves open, (M, n, q).
+        sensor_errors: number of the nuisances of joint torque sensors, beside those of the inertials.
         prior: of the nuisances.
         bodies: what the columns need of each segment's bodies.
         candidates: columns of what a search for nonlinear parameters tries.
@@ -51,7 +47,6 @@ class FitData(DecimatedSegments):
         body: RigidBody,
         folds: list[list[Segment]],
         cutoff: float,
-        reference: ReferenceErrors | None = None,
     ) -> None:
         super().__init__([s for fold in folds for s in fold], cutoff)
         self.arm, self.body, self.folds = arm, body, folds
@@ -59,25 +54,17 @@ class FitData(DecimatedSegments):
         self.torque_deviation = torque_scale(
             np.vstack([filtered_torque(s) for s in self.segments])
         )
-        self.units, self.reference = inertial_scale(body), reference
-        self.prior = self._prior()
-        self.nuisance, self.own, self.bodies = [], [], []
+        self.units = inertial_scale(body)
+        errors = inertial_errors(body.inertial_parameters(), self.units)
+        self.sensor_errors = 3 * arm.n_joints if self.sensed else 0
+        self.prior = data_sheet_prior(errors, self.sensor_errors)
+        self.nuisance, self.bodies = [], []
         for s in self.segments:
             regressor = body.regressor(s.motion.q, s.motion.dq, s.motion.ddq)
             self.bodies.append(Bodies(s.bodies(body), s.motion, regressor))
             self.nuisance.append(self.thin(regressor * self.units, s))
-            if reference is not None:
-                self.own.append(self.thin(reference.columns(s.motion), s))
         self.candidates = CandidateColumns(self, arm.per_radian)
         self.compliance = CompliantCandidates(self, body)
-
-    def _prior(self) -> NuisancePrior:
-        """What is believed of the nuisances: of the inertials, then of the sensors or of the reference."""
-        joints = self.arm.n_joints
-        if self.reference is None:
-            errors = inertial_errors(self.body.inertial_parameters(), self.units)
-            return data_sheet_prior(errors, 3 * joints if self.sensed else 0)
-        return reference_prior(self.reference, self.units, joints)
 
     def on(self, arm: NominalArm) -> FitData:
         """The same data of an arm of the same bodies."""

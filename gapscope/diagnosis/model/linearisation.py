@@ -159,7 +159,6 @@ class Linearisation:
             data.thin(rate, segment),
             NoiseFloor(floor.steady, sticking),
             at,
-            data.thin(self._bodily_change(at), segment),
             data.known(segment),
         )
 
@@ -167,16 +166,6 @@ class Linearisation:
     def _torque_gain(self) -> np.ndarray:
         """What a recorded torque is of the one that reaches its joint, by the scale of the torque, (n,)."""
         return np.asarray(1.0 / (1.0 + self._corrected.quantity("scale")))
-
-    def _bodily_change(self, at: Prediction) -> np.ndarray:
-        """What the effects on bodies add to the torque of the nominal arm's [N m], (N, n).
-
-        Zero without a reference: only the errors that a reference leaves of the gains ask for it.
-        """
-        if self.data.reference is None:
-            return np.zeros_like(at.rigid)
-        nominal = CorrectedArm(self.arm).rigid_torque(at.body, at.motion)
-        return np.asarray(at.rigid - nominal)
 
     def _link_rows(self, k: int) -> LinkRows:
         """What the joint torque sensors measured on a segment; all zero if it has none."""
@@ -247,22 +236,7 @@ class Linearisation:
         if self._links:
             deviation = np.tile(deviation, 2)
         scored = [fold.scored for fold in self.folds]
-        learnt = discrepancy(scored, halves, deviation, self.theta)
-        if self.data.reference is None:
-            return learnt
-        least = self.data.reference.rest**2
-        return replace(learnt, mean_square=np.maximum(learnt.mean_square, least))
-
-    def _other_nuisances(self, places: list[int], rows: int) -> np.ndarray:
-        """Columns of the nuisances beside the inertials on the rows of some segments, (M, n, K - 10 n)."""
-        joints = self.arm.n_joints
-        if self.data.reference is None:
-            return np.zeros((rows, joints, 3 * joints if self._links else 0))
-        own = np.vstack([self.data.own[k] for k in places])
-        gains = np.zeros((rows, joints, joints))
-        each = np.arange(joints)
-        gains[:, each, each] = np.vstack([self._rows[k].bodily for k in places])
-        return np.concatenate([own, gains], axis=2)
+        return discrepancy(scored, halves, deviation, self.theta)
 
     def _pieces(self, places: list[int]) -> int:
         """Number of pieces of half a fold: two at least."""
@@ -280,7 +254,7 @@ class Linearisation:
         return EquationRows(
             terms=terms,
             inertials=np.vstack([self.data.nuisance[k] for k in places]),
-            others=self._other_nuisances(places, len(gap)),
+            others=np.zeros((*gap.shape, self.data.sensor_errors)),
             y=gap + terms @ self.theta,
             rate=np.vstack([part.rate for part in parts]),
             sticking=np.vstack([part.floor.sticking for part in parts]),

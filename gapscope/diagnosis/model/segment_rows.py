@@ -20,7 +20,6 @@ class SegmentRows:
         rate: d, the rate of the predicted torque [N m/s], (M, n).
         floor: what a healthy arm leaves on these rows.
         at: what the arm with the effects of theta_0 predicts, at every sample.
-        bodily: what the effects on bodies add to the nominal arm's torque [N m], (M, n).
         known: 1 for rows whose torque was measured, next to nothing for others, (M, n).
     """
 
@@ -29,7 +28,6 @@ class SegmentRows:
     rate: np.ndarray
     floor: NoiseFloor
     at: Prediction
-    bodily: np.ndarray
     known: np.ndarray
 
     @property

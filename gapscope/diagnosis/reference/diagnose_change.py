@@ -1,14 +1,4 @@
-"""What changed: the gap of a case against the arm identified on a reference, within what the reference leaves open.
-
-The gap y of the case against the identified arm is taken as
-
-    y_j = A_j theta + W_j nu + g_j eps_j + d_j T + noise
-
-with A theta what effects do, nu the error of the identified parameters on the day of the case, whose covariance the
-reference gives and to which friction adds what differs from day to day, g_j what effects on bodies add on joint j, of
-which the gain of its recorded torque is known to eps_j alone, and T a skew of sampling. An effect is a change only if
-the evidence for it exceeds what these explain. Whatever belongs to how the arm was built is not expected to change.
-"""
+"""What changed: the contrast of a case and a reference of the same arm; ``docs/contrast.md`` derives it."""
 
 from __future__ import annotations
 
@@ -19,31 +9,33 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case
-from gapscope.diagnosis.assessment.baseline import Baseline
-from gapscope.diagnosis.diagnose import conclude, examine
 from gapscope.diagnosis.gap.commanded_torque import with_commanded_torque
-from gapscope.diagnosis.reference.change import Change
-from gapscope.diagnosis.reference.identified_reference import IdentifiedReference
-from gapscope.diagnosis.reference.reference_errors import reference_errors
-from gapscope.diagnosis.reference.reference_json import comparison_entry
+from gapscope.diagnosis.reference.change import CASE, Change, Comparison
+from gapscope.diagnosis.reference.comparison_document import diagnosis_of
+from gapscope.diagnosis.reference.kept_reference import URDF, KeptReference
 from gapscope.diagnosis.reference.same_arm import (
     check_same_joints,
     check_same_places,
     place_of,
 )
+from gapscope.diagnosis.study import Prepared, prepare
+from gapscope.diagnosis.thresholds import FRICTION_DAY_TO_DAY
+from gapscope.model.design import fitted_arm
+from gapscope.model.difference import Search
+from gapscope.model.rows import Rows
 
 
 def diagnose_change(
     case: Case,
-    reference: IdentifiedReference,
+    reference: KeptReference,
     folder: Path,
     progress: Callable[[str], None] = lambda message: None,
 ) -> Change:
-    """Attribute the gap of a case against the arm identified on a reference.
+    """Find what a case has that a reference does not have.
 
     Args:
         case: the case.
-        reference: the same arm, identified when it was known to be healthy and without load.
+        reference: the same arm, when it was known to be healthy and without load.
         folder: where the URDF of the identified arm is written, ``identified.urdf``.
         progress: called with a few words at each step.
 
@@ -55,22 +47,55 @@ def diagnose_change(
     nominal = reference.on(with_commanded_torque(case), folder)
     check_same_places(case, nominal.arm, place_of(reference))
     with threadpool_limits(1):
-        baseline = Baseline(
-            reference.effects,
-            reference.rest,
-            reference.scale,
-            reference.skew,
-            reference_errors(reference, nominal.arm),
-            reference.faults,
-            case.arm,
-        )
-        study = examine(nominal, progress, baseline)
-        change = Change(
+        prepared = prepare(nominal, progress, case.arm, reference.faults)
+        comparison = _compared(prepared, case, reference, progress)
+        given = prepared.as_given(progress, reference.faults)
+        # a fault that is news has to explain more than no fault and no change do
+        if given is not None and _is_likelier(given, comparison, case, reference):
+            progress("takes the recordings as they are: no fault explains more")
+            prepared, comparison = given, _compared(given, case, reference, progress)
+        # a computed torque may be explained better by another rule of the controller: then once more by that one
+        changes = tuple(map(comparison.change, comparison.named))
+        likelier = prepared.by_likelier_rule(changes, progress, reference.faults)
+        if likelier is not None:
+            comparison = _compared(likelier, case, reference, progress)
+        progress("writes the findings")
+        found = comparison.possible_arm
+        (folder / URDF).write_bytes(found.urdf.encode())
+        return Change(
             reference=reference,
-            case=nominal,
-            baseline=baseline,
-            study=study,
-            diagnosis=conclude(study, progress),
+            case=replace(comparison.prepared.case, arm=found.arm),
+            effects=comparison.effects(comparison.named),
+            remainder=found.remainder,
+            comparison=comparison,
+            diagnosis=diagnosis_of(comparison),
         )
-        content = comparison_entry(change)
-    return replace(change, diagnosis=replace(change.diagnosis, document=content))
+
+
+def _compared(
+    prepared: Prepared,
+    case: Case,
+    reference: KeptReference,
+    progress: Callable[[str], None],
+) -> Comparison:
+    """The search for what the case has of its own."""
+    progress("compares with the reference")
+    found = _search(prepared, case, reference).run()
+    return Comparison(reference, prepared, case.arm, found)
+
+
+def _search(prepared: Prepared, case: Case, reference: KeptReference) -> Search:
+    known = prepared.case
+    rows = Rows([reference.recordings, known.recordings], known.judged)
+    # what both share is free: the vendor's arm is as good a start as any
+    arm = fitted_arm(rows, case.arm, {0})
+    return Search(rows, arm, [(CASE,)], {0}, FRICTION_DAY_TO_DAY)
+
+
+def _is_likelier(
+    given: Prepared, comparison: Comparison, case: Case, reference: KeptReference
+) -> bool:
+    """Whether a case as it was given, without any change, is likelier than with what a comparison has found."""
+    unchanged = _search(given, case, reference).unchanged()
+    fault = comparison.faults_log_probability
+    return unchanged > comparison.difference.fit.total + fault

@@ -1,4 +1,4 @@
-"""The arm of a reference: identified on its recordings, and what it shows of a healthy arm beyond that model."""
+"""A reference made ready: recordings of a healthy arm, faults of the set-up put right, and its nearest possible arm."""
 
 from __future__ import annotations
 
@@ -10,26 +10,34 @@ from tempfile import TemporaryDirectory
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case
-from gapscope.diagnosis.assessment.baseline import Baseline
 from gapscope.diagnosis.gap.commanded_torque import with_commanded_torque
+from gapscope.diagnosis.gap.excerpt import excerpt
 from gapscope.diagnosis.gap.plausible_data import (
     check_rates,
     check_stamps,
     check_torque,
 )
-from gapscope.diagnosis.gap.plausible_motion import check_moving
-from gapscope.diagnosis.reference.change import combined
-from gapscope.diagnosis.reference.identified_reference import IdentifiedReference
-from gapscope.diagnosis.reference.reference_fit import ReferenceFit, fit_reference
+from gapscope.diagnosis.gap.plausible_motion import (
+    check_moving,
+    short_note,
+    still_note,
+)
+from gapscope.diagnosis.reference.kept_reference import KeptReference
+from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.fault_search import looks_late
-from gapscope.diagnosis.study import examine
-from gapscope.ident.output.identified_arm import effects, urdf_text, with_sheet
+from gapscope.diagnosis.setup_faults.found_fault import repaired
+from gapscope.diagnosis.setup_faults.quantization import find_quantization
+from gapscope.model.design import design, fitted_arm
+from gapscope.model.equations import Equations
+from gapscope.model.form_error import learn
+from gapscope.model.predicting_arm import possible_arm
+from gapscope.model.rows import Rows
 
 
 def identify_reference(
     reference: Case, progress: Callable[[str], None] = lambda message: None
-) -> IdentifiedReference:
-    """Identify an arm on all recordings of a reference, and find what is inherent in it.
+) -> KeptReference:
+    """Make a reference ready: whatever shows on it is no change.
 
     Args:
         reference: the arm, known healthy and without load.
@@ -37,7 +45,7 @@ def identify_reference(
 
     Raises:
         InputError: no torque, no motion, too short, torque in another unit; says what to do.
-        GapscopeError: no physically consistent parameters were found.
+        GapscopeError: no physically consistent bodies were found.
     """
     reference = with_commanded_torque(reference)
     check_stamps(reference)
@@ -45,54 +53,48 @@ def identify_reference(
     check_moving(reference)
     check_rates(reference)
     with threadpool_limits(1):
-        fit = fit_reference(reference, progress)
-        progress("looks for what a healthy arm of this kind has")
-        return _with_inherent(_identified(fit), fit.case)
-
-
-def _identified(fit: ReferenceFit) -> IdentifiedReference:
-    """What a comparison needs of the identification."""
-    result = fit.result
-    arm, law = with_sheet(result), result.choice.law
-    return IdentifiedReference(
-        name=fit.case.name,
-        recordings=tuple(recording.name for recording in fit.case.recordings),
-        joints=arm.joints,
-        gravity=arm.gravity,
-        urdf=urdf_text(result),
-        armature=arm.armature,
-        coulomb=arm.coulomb,
-        viscous=arm.viscous,
-        parameters=result.columns.names(law),
-        law=law,
-        base_parameters=result.base.count,
-        value=result.physical.value,
-        precision=fit.precision,
-        rest=fit.rest,
-        samples=fit.samples,
-        scale=fit.scale,
-        skew=fit.skew,
-        torque_ratio=fit.torque_ratio,
-        effects=effects(result),
-        warnings=result.warnings,
-    )
-
-
-def _with_inherent(identified: IdentifiedReference, case: Case) -> IdentifiedReference:
-    """The arm with the inherent effects and the faults that a diagnosis of the reference itself finds."""
-    plain = Baseline(
-        identified.effects, identified.rest, identified.scale, declared=case.arm
-    )
-    with TemporaryDirectory(prefix="gapscope-") as folder:
-        nominal = identified.on(case, Path(folder))
-        study = examine(nominal, lambda message: None, plain)
-        late = looks_late(nominal)
-    inherent = tuple(e for e in study.effects if e.effect.inherent)
-    faults = {(fault.name, fault.variant) for fault in study.faults}
+        progress("identifies the arm")
+        kept = _kept(excerpt(reference))
+        progress("tests the set-up")
+        with TemporaryDirectory(prefix="gapscope-") as folder:
+            nominal = kept.on(reference, Path(folder))
+            # the gravity of an arm that was identified on a torque is in that torque
+            faults = tuple(
+                fault
+                for fault in find_setup_faults(nominal)
+                if not fault.reading(reference.arm.n_joints).differs("gravity")
+            )
+            right = excerpt(repaired(nominal, faults))
+            faults = (*faults, *find_quantization(right))
+            late = looks_late(nominal)
+        if faults:
+            # of what is put right here, the case shows the same against the arm that is right
+            kept = _kept(replace(right, arm=reference.arm))
+    names = {(fault.name, fault.variant) for fault in faults}
     if late:
-        faults.add(("late_torque", "delay"))
+        names.add(("late_torque", "delay"))
     return replace(
-        identified,
-        effects=combined(identified.effects, inherent),
-        faults=frozenset(faults),
+        kept,
+        recordings=tuple(r for r in right.recordings if r.tau is not None),
+        faults=frozenset(names),
+        warnings=(*still_note(reference), *short_note(reference)),
+    )
+
+
+def _kept(reference: Case) -> KeptReference:
+    """The reference as it was recorded, with the possible arm that predicts it best."""
+    rows = Rows([reference.recordings])
+    free = fitted_arm(rows, reference.arm, {0})
+    noise2 = learn(Equations.of(design(rows, free, {})), {0}).noise2
+    found = possible_arm(free, reference.arm, rows, noise2)
+    return KeptReference(
+        name=reference.name,
+        joints=reference.arm.joints,
+        coupled_motors=reference.arm.coupled_motors,
+        gravity=reference.arm.gravity,
+        urdf=found.urdf,
+        armature=found.arm.armature,
+        coulomb=found.arm.coulomb,
+        viscous=found.arm.viscous,
+        recordings=reference.recordings,
     )

@@ -1,4 +1,4 @@
-"""An identified reference as a folder: ``reference.json``, ``reference.npz`` and ``identified.urdf``.
+"""A reference as a folder: ``reference.json``, ``reference.npz`` and ``identified.urdf``.
 
 The JSON file is removed first and written last, and holds the hashes of the other two: a folder that was not written
 to its end, or whose files belong to two references, is refused.
@@ -26,24 +26,22 @@ from gapscope.arm.input_file import (
 )
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import read_json, write_json
+from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.npz_file import read_arrays
-from gapscope.diagnosis.reference.identified_reference import (
-    URDF,
-    IdentifiedReference,
-)
-from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.corrected_file import error_context, read_entry
-from gapscope.ident.model.friction_law import FrictionLaw
+from gapscope.arm.recording import Recording
+from gapscope.diagnosis.reference.kept_reference import URDF, KeptReference
 
-SCHEMA = 1
+SCHEMA = 2
 DOCUMENT, ARRAYS = "reference.json", "reference.npz"
 FOLDER = "identified"
-"""Folder in which a diagnosis keeps the reference that it identified, beside its results."""
-REMEDY = "identify the reference again: gapscope diagnose CASE --against REFERENCE --out DIR writes DIR/identified"
+"""Folder in which a diagnosis keeps its reference, beside its results."""
+REMEDY = "keep the reference again: gapscope diagnose CASE --against REFERENCE --out DIR writes DIR/identified"
+CHANNELS = ("t", "q", "tau")
+"""What is kept of a recording."""
 
 
 def identified_folder(path: Path) -> Path | None:
-    """The folder of an identified reference: the path itself, or ``identified`` in it; ``None`` if it is a case."""
+    """The folder of a kept reference: the path itself, or ``identified`` in it; ``None`` if it is a case."""
     if not is_folder(path) or is_file(path / "case.yaml"):
         return None
     for folder in (path, path / FOLDER):
@@ -52,8 +50,8 @@ def identified_folder(path: Path) -> Path | None:
     return None
 
 
-def write_reference(reference: IdentifiedReference, folder: Path) -> Path:
-    """Write an identified reference; ``reference.json`` comes last.
+def write_reference(reference: KeptReference, folder: Path) -> Path:
+    """Write a reference; ``reference.json`` comes last.
 
     Returns:
         The path of ``reference.json``.
@@ -68,7 +66,11 @@ def write_reference(reference: IdentifiedReference, folder: Path) -> Path:
         raise GapscopeError(
             f"{document}: cannot be replaced ({error.strerror})", "remove it"
         ) from None
-    arrays = {name: getattr(reference, name) for name in _shapes(reference.joints, ())}
+    arrays = {
+        f"{channel}{k + 1}": getattr(recording, channel)
+        for k, recording in enumerate(reference.recordings)
+        for channel in CHANNELS
+    }
     with atomic_write(folder / ARRAYS) as aside, aside.open("wb") as stream:
         np.savez_compressed(stream, allow_pickle=False, **arrays)
     with atomic_write(folder / URDF) as aside:
@@ -78,45 +80,33 @@ def write_reference(reference: IdentifiedReference, folder: Path) -> Path:
     return document
 
 
-def _content(reference: IdentifiedReference) -> dict[str, Any]:
+def _content(reference: KeptReference) -> dict[str, Any]:
     """What ``reference.json`` says of the reference."""
-    law = reference.law
     return {
         "schema": SCHEMA,
         "reference": reference.name,
-        "recordings": reference.recordings,
+        "recordings": [_entry(recording) for recording in reference.recordings],
         "made_from": reference.made_from,
         "joints": reference.joints,
+        "coupled_motors": reference.coupled_motors,
         "gravity": reference.gravity,
         "armature": reference.armature,
         "coulomb": reference.coulomb,
         "viscous": reference.viscous,
-        "friction_law": {
-            "stribeck_speed": law.stribeck_speed,
-            "saturation_speeds": law.saturation_speeds,
-            "presliding": law.presliding,
-        },
-        "parameters": reference.parameters,
-        "base_parameters": reference.base_parameters,
-        "torque_ratio_to_nominal": reference.torque_ratio,
-        "sampling_skew": reference.skew,
-        "effects": [_entry(effect) for effect in reference.effects],
         "faults": sorted(reference.faults),
         "warnings": reference.warnings,
     }
 
 
-def _entry(applied: AppliedEffect) -> dict[str, Any]:
-    """An effect as an entry of ``corrected.yaml``."""
-    return {
-        "effect": applied.name,
-        "joints": applied.joints,
-        "parameters": applied.parameters,
-    }
+def _entry(recording: Recording) -> dict[str, Any]:
+    """What ``reference.json`` says of a recording: its name, its length, and the body that it carried."""
+    load = recording.payload
+    carried = None if load is None else {"mass": load.mass, "com": list(load.com)}
+    return {"name": recording.name, "samples": len(recording.t), "payload": carried}
 
 
-def read_reference(folder: Path) -> IdentifiedReference:
-    """Read an identified reference.
+def read_reference(folder: Path) -> KeptReference:
+    """Read a reference.
 
     Args:
         folder: that ``write_reference`` wrote.
@@ -127,7 +117,7 @@ def read_reference(folder: Path) -> IdentifiedReference:
     path = folder / DOCUMENT
     if not is_file(path):
         raise InputError(
-            "is missing: the identified reference was not written to its end",
+            "is missing: the reference was not written to its end",
             REMEDY,
             file=path,
         )
@@ -135,42 +125,21 @@ def read_reference(folder: Path) -> IdentifiedReference:
     _check(content, path)
     for name in (URDF, ARRAYS):
         _check_unchanged(folder / name, content)
-    joints, parameters = tuple(content["joints"]), tuple(content["parameters"])
-    return IdentifiedReference(
+    return KeptReference(
         name=content["reference"],
-        recordings=tuple(content["recordings"]),
-        joints=joints,
+        joints=tuple(content["joints"]),
+        coupled_motors=tuple(content["coupled_motors"]),
         gravity=np.array(content["gravity"], dtype=float),
         urdf=read_text(folder / URDF, REMEDY),
         armature=_per_joint("armature", content, path),
         coulomb=_per_joint("coulomb", content, path),
         viscous=_per_joint("viscous", content, path),
-        parameters=parameters,
-        law=_law(content["friction_law"]),
-        base_parameters=content["base_parameters"],
-        **_read_arrays(folder / ARRAYS, _shapes(joints, parameters)),
-        skew=float(content["sampling_skew"]),
-        torque_ratio=float(content["torque_ratio_to_nominal"]),
-        effects=_read_effects(content["effects"], path, len(joints)),
+        recordings=_read_recordings(folder / ARRAYS, content),
         faults=frozenset((name, variant) for name, variant in content["faults"]),
         warnings=tuple(content["warnings"]),
         made_from=content["made_from"],
         file=path,
     )
-
-
-def _shapes(
-    joints: tuple[str, ...], parameters: tuple[str, ...]
-) -> dict[str, tuple[int, ...]]:
-    """Arrays of ``reference.npz`` with their shapes."""
-    n, p = len(joints), len(parameters)
-    return {
-        "value": (p,),
-        "precision": (p, p),
-        "rest": (n,),
-        "samples": (n,),
-        "scale": (n,),
-    }
 
 
 def _check_unchanged(path: Path, content: Mapping[str, Any]) -> None:
@@ -198,45 +167,35 @@ def _per_joint(name: str, content: Mapping[str, Any], path: Path) -> np.ndarray:
     return value
 
 
-def _law(content: Mapping[str, Any]) -> FrictionLaw:
-    """Form of the friction."""
-    saturation, presliding = content["saturation_speeds"], content["presliding"]
-    return FrictionLaw(
-        content["stribeck_speed"],
-        None if saturation is None else tuple(saturation),
-        None if presliding is None else tuple(presliding),
-    )
+def _read_recordings(path: Path, content: Mapping[str, Any]) -> tuple[Recording, ...]:
+    """The recordings of ``reference.npz``, finite and of the shapes that the document states."""
+    arrays, n = read_arrays(path, REMEDY), len(content["joints"])
+    recordings = []
+    for k, entry in enumerate(content["recordings"], 1):
+        samples, carried = entry["samples"], entry["payload"]
+        shapes = {"t": (samples,), "q": (samples, n), "tau": (samples, n)}
+        t, q, tau = (
+            _finite(f"{name}{k}", arrays, shape, path) for name, shape in shapes.items()
+        )
+        load = carried and KnownLoad(carried["mass"], tuple(carried["com"]))
+        recordings.append(Recording(entry["name"], t, q, tau, payload=load))
+    return tuple(recordings)
 
 
-def _read_arrays(
-    path: Path, shapes: Mapping[str, tuple[int, ...]]
-) -> dict[str, np.ndarray]:
-    """The arrays of ``reference.npz``, finite and of these shapes."""
-    arrays = read_arrays(path, REMEDY)
-    for name, shape in shapes.items():
-        found = arrays.get(name, np.array(np.nan))
-        numeric = found.dtype.kind in "fiu"
-        if found.shape != shape or not numeric or not np.isfinite(found).all():
-            raise InputError(
-                f"expected finite numbers of shape {shape}",
-                REMEDY,
-                file=path,
-                where=name,
-            )
-    return {name: arrays[name] for name in shapes}
-
-
-def _read_effects(
-    entries: list[Any], path: Path, n_joints: int
-) -> tuple[AppliedEffect, ...]:
-    """The inherent effects, on joints that the arm has."""
-    effects = tuple(
-        read_entry(entry, f"effects[{i}]", path) for i, entry in enumerate(entries)
-    )
-    with error_context(path, effects):
-        for effect in effects:
-            effect.check(n_joints)
-    return effects
+def _finite(
+    name: str, arrays: Mapping[str, np.ndarray], shape: tuple[int, ...], path: Path
+) -> np.ndarray:
+    """An array of finite numbers of a shape."""
+    found = arrays.get(name, np.array(np.nan))
+    numeric = found.dtype.kind in "fiu"
+    if found.shape != shape or not numeric or not np.isfinite(found).all():
+        raise InputError(
+            f"expected finite numbers of shape {shape}",
+            REMEDY,
+            file=path,
+            where=name,
+        )
+    return found
 
 
 def _check(content: Any, path: Path) -> None:
@@ -246,7 +205,8 @@ def _check(content: Any, path: Path) -> None:
     schema = content.get("schema") if isinstance(content, dict) else None
     if schema is not None and schema != SCHEMA:
         raise InputError(
-            f"is of schema {schema!r}, this version of Gapscope reads {SCHEMA}",
+            f"is of schema {schema!r}, this version of Gapscope reads {SCHEMA}: "
+            "it compares with the recordings of a reference",
             REMEDY,
             file=path,
             where="field schema",

@@ -8,16 +8,16 @@ from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm
-from gapscope.diagnosis.reference.identified_reference import IdentifiedReference
+from gapscope.diagnosis.reference.kept_reference import KeptReference
 from gapscope.diagnosis.thresholds import SAME_GRAVITY, SAME_JOINT_PLACE
 
 
-def place_of(reference: Case | IdentifiedReference) -> str:
+def place_of(reference: Case | KeptReference) -> str:
     """How messages call a reference: by its file, or by its name."""
     return f"--against {reference.file or reference.name}"
 
 
-def check_same_joints(case: Case, reference: Case | IdentifiedReference) -> None:
+def check_same_joints(case: Case, reference: Case | KeptReference) -> None:
     """Check that number, names and order of the joints, coupled motors, and gravity, agree.
 
     Raises:

@@ -80,13 +80,11 @@ def starts(model: Model, joints: Iterable[int] | None = None) -> list[Start]:
 
 
 def _joints_above_floor(model: Model) -> set[int]:
-    """Joints, from 1, whose residual exceeds the floor, or what a reference leaves, by enough to look for compliance.
+    """Joints, from 1, whose residual exceeds the floor by enough to look for compliance.
 
     What bends or rattles shows on its own joint, whatever it does to the others.
     """
     rows, floor2 = model.evidence.rows, model.evidence.floor2
-    if model.data.reference is not None:
-        floor2 = np.maximum(floor2, model.data.reference.rest**2)
     residual2 = (model.fit.held_out_mse * rows).sum(axis=0)
     ratio2 = residual2 / (floor2 * rows).sum(axis=0)
     return {int(j) + 1 for j in np.flatnonzero(ratio2 >= COMPLIANCE_RATIO**2)}

@@ -34,7 +34,6 @@ from gapscope.diagnosis.selection.coordinate_limits import (
 )
 from gapscope.diagnosis.selection.fold_equations import FoldEquations, mean_squares
 from gapscope.diagnosis.thresholds import (
-    BUILT_IN_CHANGE,
     NEW_EFFECT,
     PRIOR_EXPONENT,
     SKEW_CHARGE,
@@ -128,12 +127,7 @@ class Evidence:
     @property
     def inertial_error(self) -> float:
         """Relative error of the nominal inertials that is allowed for [1]."""
-        return self.level * self.linear.data.prior.unit
-
-    @property
-    def misfit_factor(self) -> float:
-        """(1 + nu) / 2: how much the logarithm of what is left counts [1]."""
-        return 0.5 if self.linear.data.reference is None else 1.0
+        return self.level
 
     @property
     def sensed(self) -> bool:
@@ -215,7 +209,7 @@ class Evidence:
         cost = self._cost(terms, theta, self._all.nuisance(theta, columns))
         relative = np.log1p(scored_mse / self.scored.expected2)
         misfit = float((self.scored.independent * relative).sum())
-        score = -self.misfit_factor * misfit - cost
+        score = -misfit / 2 - cost
         impossible = self._impossible(theta, terms)
         return Fit(
             terms,
@@ -236,11 +230,7 @@ class Evidence:
 
     def charge(self, terms: frozenset[Term]) -> float:
         """What a set costs [nats]: half the logarithm of the samples per parameter, and so much per effect named."""
-        charge = self._per_parameter * cost(terms) + NEW_EFFECT * count_findings(terms)
-        if self.linear.data.reference is None:
-            return charge
-        built_in = frozenset(t for t in terms if t.definition.built_in)
-        return charge + BUILT_IN_CHANGE * count_findings(built_in)
+        return self._per_parameter * cost(terms) + NEW_EFFECT * count_findings(terms)
 
     def held_out_mse(
         self, terms: frozenset[Term], *, corrected: bool = True
@@ -265,9 +255,7 @@ class Evidence:
         return corrected + remaining * np.maximum(plain - corrected, 0.0)
 
     def _likely_share(self, terms: frozenset[Term]) -> float:
-        """Share of the nuisances that a data sheet's errors can have [1]; 1 against a reference."""
-        if self.linear.data.reference is not None:
-            return 1.0
+        """Share of the nuisances that a data sheet's errors can have [1]."""
         delta = self.nuisances(terms)
         told = solve_positive(self._all.nuisance_precision, self.prior)
         freedom = max(len(delta) - float(np.trace(told)), 1.0)

@@ -11,7 +11,6 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.model.linearisation import Linearisation
-from gapscope.diagnosis.model.nuisance_prior import ReferenceErrors
 from gapscope.diagnosis.selection.evidence import Evidence, Fit, evidences
 from gapscope.diagnosis.thresholds import LINEAR_ENOUGH, RELINEARISATIONS
 from gapscope.ident.signals.conditioning import Segment
@@ -74,7 +73,7 @@ class Model:
             float((samples * np.log1p(model.fit.scored_mse / expected2)).sum())
             for model in (self, other)
         )
-        closed = self.evidence.misfit_factor * (my_misfit - its_misfit)
+        closed = (my_misfit - its_misfit) / 2
         return closed - other.fit.cost + self.fit.cost
 
 
@@ -83,7 +82,6 @@ def nominal_model(
     body: RigidBody,
     folds: list[list[Segment]],
     cutoff: float,
-    reference: ReferenceErrors | None = None,
 ) -> Model:
     """The model without any term.
 
@@ -91,9 +89,8 @@ def nominal_model(
         arm, body: the nominal arm and its dynamics.
         folds: segments per fold.
         cutoff: cut-off of the fit's filter [Hz].
-        reference: what a reference leaves open of the arm, if it was identified on one.
     """
-    data = FitData(arm, body, folds, cutoff, reference)
+    data = FitData(arm, body, folds, cutoff)
     terms = Terms(arm.n_joints, motors=arm.coupled_motors)
     linear = Linearisation(data, np.zeros(terms.size), terms)
     mean_squares = [

@@ -10,7 +10,6 @@ import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
-from gapscope.diagnosis.model.nuisance_prior import ReferenceErrors
 from gapscope.diagnosis.selection.compliant_joints import (
     best_compliant_joint,
     compliant,
@@ -94,9 +93,6 @@ def search(
     folds: list[list[Segment]],
     cutoff: float,
     progress: Progress = lambda message: None,
-    reference: ReferenceErrors | None = None,
-    *,
-    quick: bool = False,
 ) -> Selection:
     """Find the terms that explain the gap of recordings, by evidence on halves of recordings left out of the fit.
 
@@ -105,12 +101,9 @@ def search(
         folds: segments per fold.
         cutoff: cut-off of the fit's filter [Hz].
         progress: called with a few words at each step.
-        reference: what a reference leaves open of the arm, if it was identified on one.
-        quick: leave out compliant joints and pairs of effects, which are costly to try.
     """
-    nominal = nominal_model(arm, body, searched_folds(folds), cutoff, reference)
-    add = add_groups if quick else add_terms
-    model, considered = add(add_turned_base(nominal), progress)
+    nominal = nominal_model(arm, body, searched_folds(folds), cutoff)
+    model, considered = add_terms(add_turned_base(nominal), progress)
     model, replaced = compare_near_equivalents(model)
     model, unlike = settle_compliance(model)
     model = relinearise(drop_unneeded(prune(model)))
@@ -122,7 +115,7 @@ def search(
         {**replaced, **unlike},
         nominal.fit.held_out_mse,
         body.last_link + 1,
-        np.zeros(arm.n_joints) if quick else presliding_distances(model),
+        presliding_distances(model),
     )
 
 

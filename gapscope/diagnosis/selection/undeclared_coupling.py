@@ -51,7 +51,7 @@ def undeclared_coupling(
     """
     linear = selection.evidence.linear
     pairs = [(j, j + 1) for j in open_joints if j + 1 in open_joints]
-    if linear.arm.coupled_motors or linear.data.reference is not None or not pairs:
+    if linear.arm.coupled_motors or not pairs:
         return None
     found = []
     for ratio in (1.0, -1.0):

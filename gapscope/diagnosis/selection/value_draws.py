@@ -73,13 +73,12 @@ def _posteriors(evidence: Evidence, terms: frozenset[Term]) -> list[Posterior]:
 def _precision(evidence: Evidence, terms: frozenset[Term]) -> np.ndarray:
     """Prior precision of the coordinates, (P,): of changed links that of ``LINK_CHANGE``, of gains, others are flat."""
     out = np.zeros(evidence.terms.size)
-    if evidence.linear.data.reference is None:
-        gains = [
-            t
-            for t in evidence.terms.all
-            if "scale" in t.definition.quantities.values() and t not in terms
-        ]
-        out[columns_of(gains)] = GAIN_ERROR**-2.0
+    gains = [
+        t
+        for t in evidence.terms.all
+        if "scale" in t.definition.quantities.values() and t not in terms
+    ]
+    out[columns_of(gains)] = GAIN_ERROR**-2.0
     units = evidence.linear.data.units.reshape(-1, 10)
     for term in terms:
         if term.definition.scope == "link":

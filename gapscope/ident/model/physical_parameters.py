@@ -22,6 +22,8 @@ LENGTH = 0.1
 """Length by which pseudo-inertias are made comparable with masses [m]."""
 FLOOR = 1e-4
 """Least eigenvalue of the scaled pseudo-inertia over the link's nominal mass [1]: a radius of gyration of 1 mm."""
+TOLERANCES = (1e-11, 1e-8)
+"""Of the solver: the second, its own, where the first is beyond double precision [1]."""
 NOT_NEGATIVE = ("I", "b", "c", "d", "s")
 """Symbols of rotor inertia and of viscous, Coulomb, Stribeck and saturating friction: none can be negative."""
 
@@ -157,25 +159,47 @@ def _solve(
     """The unconstrained solution if it is possible, else the best possible one, shape (p,)."""
     C = base.combination
     normal = C.T @ information @ C + np.diag(penalty)
-    # columns differ by orders of magnitude: scaled to a unit diagonal
-    unit = 1.0 / np.sqrt(np.diag(normal))
-    scaled = normal * unit[:, None] * unit
-    root = np.linalg.cholesky(scaled + 1e-13 * np.eye(len(unit))).T
     right = C.T @ information @ (beta - C @ nominal)
-    target = np.linalg.solve(root.T, unit * right)
-    free = nominal + unit * np.linalg.solve(root, target)
     bounded = [
         k
         for k in range(10 * links, len(base.names))
         if _symbol(base.names[k]) in NOT_NEGATIVE
     ]
+    return nearest_possible(normal, right, nominal, links, bounded)
+
+
+def nearest_possible(
+    normal: np.ndarray,
+    right: np.ndarray,
+    nominal: np.ndarray,
+    links: int,
+    bounded: Sequence[int] = (),
+) -> np.ndarray:
+    """X that minimises (x - x0)^T N (x - x0) / 2 - r^T (x - x0), its bodies consistent, shape (p,).
+
+    Args:
+        normal: N, shape (p, p), positive definite.
+        right: r, shape (p,).
+        nominal: x0, shape (p,); x begins with ten parameters of each link.
+        links: number of links.
+        bounded: places of x that may not be negative.
+
+    Raises:
+        GapscopeError: the solver finds no solution.
+    """
+    # columns differ by orders of magnitude: scaled to a unit diagonal
+    unit = 1.0 / np.sqrt(np.diag(normal))
+    scaled = normal * unit[:, None] * unit
+    root = np.linalg.cholesky(scaled + 1e-13 * np.eye(len(unit))).T
+    target = np.linalg.solve(root.T, unit * right)
+    free = nominal + unit * np.linalg.solve(root, target)
     bodies = free[: 10 * links].reshape(-1, 10)
     least = np.linalg.eigvalsh(_scaled(pseudo_inertia(bodies)))[:, 0]
     mass = np.maximum(nominal[: 10 * links : 10], 1e-2)
     # no constraint is active: the semidefinite programme would only add its tolerance
-    if (least >= FLOOR * mass).all() and (free[bounded] >= 0).all():
+    if (least >= FLOOR * mass).all() and (free[list(bounded)] >= 0).all():
         return free
-    value = _constrained(root, target, unit, nominal, mass, bounded)
+    value = _constrained(root, target, unit, nominal, mass, list(bounded))
     if not is_consistent(value[: 10 * links].reshape(-1, 10)).all():
         raise GapscopeError("no physically consistent parameters were found", _REMEDY)
     return value
@@ -207,16 +231,23 @@ def _constrained(
     problem = cp.Problem(
         cp.Minimize(cp.sum_squares(root @ change - target / size)), constraints
     )
-    try:
-        with warnings.catch_warnings():  # an inaccurate solution is checked afterwards
-            warnings.simplefilter("ignore", UserWarning)
-            problem.solve(
-                solver=cp.CLARABEL, tol_gap_abs=1e-11, tol_gap_rel=1e-11, tol_feas=1e-10
+    with warnings.catch_warnings():  # an inaccurate solution is checked afterwards
+        warnings.simplefilter("ignore", UserWarning)
+        for tolerance in TOLERANCES:
+            try:
+                problem.solve(
+                    solver=cp.CLARABEL,
+                    tol_gap_abs=tolerance,
+                    tol_gap_rel=tolerance,
+                    tol_feas=10 * tolerance,
+                )
+                break
+            except cp.error.SolverError as error:
+                failure = error
+        else:
+            raise GapscopeError(
+                f"no physically consistent parameters were found ({failure})", _REMEDY
             )
-    except cp.error.SolverError as error:
-        raise GapscopeError(
-            f"no physically consistent parameters were found ({error})", _REMEDY
-        ) from None
     if change.value is None:
         raise GapscopeError(
             f"no physically consistent parameters were found ({problem.status})",

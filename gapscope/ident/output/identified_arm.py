@@ -16,6 +16,7 @@ import numpy as np
 import yaml
 
 from gapscope.arm.dynamics.plain_urdf import moving_links, numbers, plain_urdf
+from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.case_file import read_case_file
 from gapscope.arm.io.case_paths import moved
@@ -44,16 +45,19 @@ def presliding(result: Identification) -> np.ndarray:
     return np.array(distances)[:n] * size
 
 
-def urdf_text(result: Identification) -> str:
-    """URDF of the identified bodies: the nominal arm's kinematics and limits, one link per joint, no shapes.
+def identified_bodies(result: Identification) -> RigidBody:
+    """The identified bodies: base parameters describe none, the consistent ones do."""
+    body = result.columns.body
+    links = result.physical.value[: 10 * result.case.arm.n_joints]
+    return body.changed((links - body.inertial_parameters()).reshape(-1, 10))
+
+
+def urdf_text(arm: NominalArm, body: RigidBody) -> str:
+    """URDF of bodies of an arm: the nominal arm's kinematics and limits, one link per joint, no shapes.
 
     Frames and axes are those of the nominal arm's joints; inertial frames lie along the principal axes.
     """
-    arm, body = result.case.arm, result.columns.body
-    n = arm.n_joints
-    # base parameters describe no bodies: the consistent ones do
-    change = result.physical.value[: 10 * n] - body.inertial_parameters()
-    links = moving_links(body.changed(change.reshape(n, 10)))
+    links = moving_links(body)
     root = ET.fromstring(plain_urdf(links))
     root.set("name", arm.name)
     # principal moments in full precision

@@ -9,7 +9,7 @@ from gapscope.diagnosis.display import MISSING, display_unit, uncertain
 
 Line = Mapping[str, Any]
 
-RELATIVE = "Gains and the load on the last link count from the first recording."
+RELATIVE = "Friction is that of each recording; all else counts from the first one."
 """What is to be known of the values."""
 
 

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from math import log
 from typing import Any
 
-from gapscope.diagnosis.display import MISSING, display_unit, percent, uncertain
-from gapscope.diagnosis.document.wording import (
-    capital,
+from gapscope.diagnosis.display import (
+    MISSING,
+    display_unit,
     effect_name,
-    joint_ranges,
-    listing,
+    percent,
+    uncertain,
 )
+from gapscope.diagnosis.document.wording import capital, joint_ranges, listing
 from gapscope.diagnosis.fleet.compare_units import DIFFERING, ONE, SHARED, SOME
 from gapscope.diagnosis.fleet.confusion import NOMINAL
 from gapscope.diagnosis.thresholds import ALIKE_NRMSE, FLEET_LEVEL

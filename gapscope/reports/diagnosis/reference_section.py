@@ -6,15 +6,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from gapscope.diagnosis.display import display_unit, percent, significant, uncertain
-from gapscope.diagnosis.document.wording import (
+from gapscope.diagnosis.display import (
+    MISSING,
+    display_unit,
     effect_name,
-    joint_names,
-    joint_ranges,
-    listing,
+    percent,
+    significant,
+    uncertain,
 )
+from gapscope.diagnosis.document.wording import joint_names, joint_ranges, listing
 from gapscope.diagnosis.result import Diagnosis
-from gapscope.diagnosis.thresholds import LEAST_REFERENCE_SKEW
 from gapscope.effects.catalogue import of_quantity
 from gapscope.effects.effect import SHEET, Effect
 
@@ -55,29 +56,42 @@ def against(diagnosis: Diagnosis) -> dict[str, Any] | None:
         "parameters": content["base_parameters"],
         "law": content["friction_law"],
         "ratio": percent(content["torque_ratio_to_nominal"]),
-        "skew": _skew(content["sampling_skew"]),
         "joints": _joints(content, joint_names(diagnosis.document)),
         "sheet": [_titled(effect) for effect in ADDING.values()],
         "allowed": percent(today["friction_allowed"]),
         "inherent": [
             _with_joints(e["effect"], e["joints"]) for e in content["inherent"]
         ],
+        "lacking": _lacking(content),
+        "expected": _expected(content, len(joint_names(diagnosis.document))),
     }
+
+
+def _expected(content: Mapping[str, Any], n_joints: int) -> list[tuple[str, list[str]]]:
+    """How large an effect would have to be to be named in nine cases of ten: name and unit, then a text per joint."""
+    rows: dict[str, list[str]] = {}
+    for entry in content.get("expected", ()):
+        factor, unit = display_unit(entry["unit"], 1.0)
+        unit = "" if entry["unit"] == "1" else f" [{unit}]"
+        name = f"{effect_name(entry['effect'])}, {entry['parameter'].replace('_', ' ')}{unit}"
+        texts = rows.setdefault(name, [""] * n_joints)
+        value = entry["nine_of_ten"]
+        text = MISSING if value is None else significant(factor * value, 2)
+        for joint in entry["joints"] or [1]:
+            texts[joint - 1] = text
+    return list(rows.items())
+
+
+def _lacking(content: Mapping[str, Any]) -> str:
+    """What possible bodies lack at most of a joint's torque; empty in a document that does not say so."""
+    remainder = content.get("remainder")
+    return percent(max(remainder["torque_nrmse"])) if remainder else ""
 
 
 def _titled(effect: Effect) -> str:
     """Name and unit of an effect of one parameter."""
     _, unit = display_unit(effect.parameters[0].unit, 1.0)
     return f"{effect_name(effect.name)} [{unit}]"
-
-
-def _skew(skew: float) -> str:
-    """By how much the recorded torque is off in time, in words; empty if that is too little to be taken out."""
-    if abs(skew) <= LEAST_REFERENCE_SKEW:
-        return ""
-    return (
-        f"{significant(1e3 * abs(skew), 2)} ms {'ahead of' if skew > 0 else 'behind'}"
-    )
 
 
 def _joints(content: Mapping[str, Any], names: Sequence[str]) -> list[ReferenceJoint]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gapscope.diagnosis.display import MISSING, display_unit, significant
+from gapscope.diagnosis.display import MISSING, display_unit, effect_name, significant
 from gapscope.diagnosis.document.sentences import (
     nominal_friction_sentence,
     presliding_sentence,
@@ -18,7 +18,6 @@ from gapscope.diagnosis.document.sentences import (
 from gapscope.diagnosis.document.wording import (
     VERDICTS,
     ParameterText,
-    effect_name,
     gap_rows,
     joint_names,
     joint_slides,

@@ -4,14 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from gapscope.diagnosis.display import significant
+from gapscope.diagnosis.display import effect_name, significant
 from gapscope.diagnosis.document.sentences import sides_sentence
-from gapscope.diagnosis.document.wording import (
-    acts_on,
-    effect_name,
-    joint_names,
-    short_names,
-)
+from gapscope.diagnosis.document.wording import acts_on, joint_names, short_names
 from gapscope.diagnosis.result import Diagnosis
 
 TITLES = {"actuator": "Actuator side", "link": "Link side"}

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from gapscope.diagnosis.display import nrmse, percent
+from gapscope.diagnosis.display import effect_name, nrmse, percent
 from gapscope.diagnosis.document.change_findings import change_text
 from gapscope.diagnosis.document.sentences import (
     nominal_friction_sentence,
@@ -23,7 +23,6 @@ from gapscope.diagnosis.document.wording import (
     VERDICTS,
     acts_on,
     capital,
-    effect_name,
     gap_rows,
     joint_names,
     joint_ranges,

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from gapscope.diagnosis.display import display_unit, percent, uncertain
-from gapscope.diagnosis.document.wording import capital, effect_name
+from gapscope.diagnosis.display import display_unit, effect_name, percent, uncertain
+from gapscope.diagnosis.document.wording import capital
 
 Entry = Mapping[str, Any]
 

@@ -1,0 +1,97 @@
+"""Expected evidence: how large an effect would have to be for these recordings to show it.
+
+Of an effect of size x along its first coordinate e the right side of the information S on it, beside all that is
+shared, is b = S e x + n with n ~ N(0, S). With the prior W of its coordinates and M = (S + W^-2)^-1 its evidence
+
+    g = 1/2 b^T M b - 1/2 log det(I + W S W) + prior odds
+
+has mean 1/2 (x^2 e^T S M S e + tr M S) - 1/2 log det(I + W S W) + prior odds and variance
+x^2 e^T S M S M S e + 1/2 tr (M S)^2. It is named if g > 0; with g taken as normal, that has probability p at the x at
+which the mean is Phi^-1(p) deviations above 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.stats import norm
+
+from gapscope.model.contrast import SIZES
+from gapscope.model.difference import Difference, Weigher
+from gapscope.model.terms import Candidate
+
+HALF, MOST = 0.5, 0.9
+"""Probabilities of being named for which sizes are given. (definition)"""
+LARGEST = 10.0
+"""Largest torque of an effect that is looked at, over the joint's scale [1]. (budget)"""
+
+
+@dataclass(frozen=True)
+class Detectable:
+    """Sizes of a term's first coordinate at which it would be named.
+
+    Attributes:
+        candidate: the term, in its group.
+        half: named with a probability of 0.5.
+        most: named with a probability of 0.9.
+    """
+
+    candidate: Candidate
+    half: float
+    most: float
+
+
+def detectable(found: Difference, group: int) -> Iterator[Detectable]:
+    """Sizes of each further term of a group at which it would be named beside what was found."""
+    fit, own = found.fit, found.fit.own
+    charges = {term: searched.charge for term, searched in found.found.items()}
+    weigher = Weigher(own, found.arm, charges, sets=1)
+    places = own.joined(fit.chosen)
+    unit = own.deviations(fit.chosen, fit.answer.sizes)
+    inner = own.products(places, places) * unit[:, None] * unit
+    back = np.linalg.inv(inner + np.eye(len(places))) * unit[:, None] * unit
+    known = weigher.odds(fit.chosen)
+    for one, mine in own.places.items():
+        # a limit has no size: it is there or not
+        if one.groups != (group,) or one in fit.chosen or one.term.definition.limits:
+            continue
+        cross = own.products(places, mine)
+        information = own.products(mine, mine) - cross.T @ back @ cross
+        odds = weigher.odds([*fit.chosen, one]) - known - float(np.log(len(SIZES)))
+        widths = [own.deviations([one], [size]) for size in SIZES]
+        sizes = [
+            min(_size(information, width, odds, p) for width in widths)
+            for p in (HALF, MOST)
+        ]
+        scale = own.design.units[one.term][0]
+        yield Detectable(one, *(float(size / scale) for size in sizes))
+
+
+def _size(
+    information: np.ndarray, width: np.ndarray, odds: float, probability: float
+) -> float:
+    """Size of the first coordinate at which evidence is above zero with a probability; infinite if it never is."""
+    count = len(width)
+    middle = np.linalg.inv(information + np.diag(width**-2.0))
+    told = middle @ information
+    first = information[0]
+    slope, spread = (
+        first @ middle @ first,
+        first @ middle @ information @ middle @ first,
+    )
+    normal = np.eye(count) + width[:, None] * information * width
+    charge = odds - float(np.linalg.slogdet(normal)[1]) / 2 + float(np.trace(told)) / 2
+    scatter = float((told * told.T).sum()) / 2
+    deviations = float(norm.ppf(probability))
+
+    def above(size: float) -> float:
+        """Mean of the evidence less so many deviations of it [nats]."""
+        mean = slope * size**2 / 2 + charge
+        return float(mean - deviations * np.sqrt(spread * size**2 + scatter))
+
+    if slope <= 0 or above(LARGEST) < 0:
+        return float(np.inf)
+    return float(brentq(above, 0.0, LARGEST)) if above(0.0) < 0 else 0.0
