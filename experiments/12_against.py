@@ -115,7 +115,7 @@ def judged(robot: str, loaded: bool, seed: tuple[int, ...]) -> dict[str, Any]:
         "verdict": document["verdict"],
         "effects": sorted(found),
         "seconds": time.perf_counter() - started,
-        "inertials": change.reference.torque_ratio,
+        "inertials": document["against"]["torque_ratio_to_nominal"],
     }
     if loaded:
         mass = truth["mass"]["value"]

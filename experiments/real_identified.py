@@ -16,7 +16,12 @@ from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.nominal import smooth_sign
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.identification import IdentificationSettings
-from gapscope.ident.output.identified_arm import effects, sheet, urdf_text
+from gapscope.ident.output.identified_arm import (
+    effects,
+    identified_bodies,
+    sheet,
+    urdf_text,
+)
 from gapscope.ident.signals.conditioning import (
     TORQUE_CUTOFF,
     condition,
@@ -47,7 +52,9 @@ def identified(case: Case, other: Case, folder: Path) -> None:
     result = gapscope.identify(case, IdentificationSettings(plain=True)).identification
     urdf = folder.parent / f".{folder.name}.urdf"
     with atomic_write(urdf) as aside:
-        aside.write_text(urdf_text(result), encoding="utf-8")
+        aside.write_text(
+            urdf_text(result.case.arm, identified_bodies(result)), encoding="utf-8"
+        )
     stated = sheet(result)
     # the other case declares the same coupled motors
     stated.pop("coupling", None)

@@ -54,12 +54,12 @@ DIAGNOSIS_LAYERS: tuple[set[str], ...] = (
     {"gap", "setup_faults"},
     {"model", "localisation"},
     {"selection"},
-    {"assessment"},
+    {"assessment", "agreement"},
     {"result"},
     {"study"},
     {"document"},
     {"diagnose"},
-    {"reference", "fleet", "agreement", "advice"},
+    {"reference", "fleet", "advice"},
 )
 """The same inside ``diagnosis``."""
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from arms import iiwa_of_three
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
@@ -225,3 +226,19 @@ def test_effects_that_add_may_occur_twice(
     for arm in arms:
         arm.check()
     np.testing.assert_allclose(*(arm.predict(body, motion) for arm in arms), rtol=1e-9)
+
+
+def test_what_bodies_lack_adds_its_own_torque_and_need_not_be_possible() -> None:
+    """Minus two kilograms on the second link: as the regressor has it, whatever the arm carries."""
+    t = np.arange(50) / 50
+    q = np.column_stack([np.sin((k + 1) * t) for k in range(3)])
+    motion = Motion(t, q, np.gradient(q, t, axis=0), np.cos(q))
+    arm, remainder = iiwa_of_three(), np.zeros((3, 10))
+    remainder[1, :2] = -2.0, 0.3
+    body = RigidBody(arm)
+    plain = CorrectedArm(arm, (PAYLOAD,))
+    lacking = replace(plain, remainder=remainder)
+    lacking.check()
+    added = lacking.predict(body, motion) - plain.predict(body, motion)
+    own = body.regressor(motion.q, motion.dq, motion.ddq) @ remainder.ravel()
+    assert added == pytest.approx(own, abs=1e-9)

@@ -8,14 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from arms import iiwa_of_three
 from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 
-from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.errors import GapscopeError, InputError, ModelWarning
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected_file import (
     read_corrected,
+    read_corrected_arm,
     read_with_faults,
     write_corrected,
 )
@@ -218,3 +220,32 @@ def test_setup_faults_that_cannot_be_made_name_their_entry(
     assert message in str(caught.value)
     with pytest.raises(InputError, match="fault of the set-up"):
         read_corrected(path)
+
+
+REMAINDER = np.arange(30.0).reshape(3, 10) / 7.0
+"""What the links of a three-joint arm lack."""
+
+
+def test_what_bodies_lack_comes_back_and_is_left_out_by_simulators(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "corrected.yaml"
+    write_corrected("c", (), path, corrects="identified_case.yaml", remainder=REMAINDER)
+    assert yaml.safe_load(path.read_text())["corrects"] == "identified_case.yaml"
+    assert np.array_equal(
+        read_corrected_arm(iiwa_of_three(), path).remainder, REMAINDER
+    )
+    with pytest.warns(ModelWarning, match="remainder"):
+        assert read_corrected(path) == ()
+
+
+@pytest.mark.parametrize("remainder", [[1.0, 2.0], "heavy", [[1.0] * 9] * 3])
+def test_a_remainder_that_is_not_ten_numbers_a_link_is_refused(
+    remainder: object, tmp_path: Path
+) -> None:
+    path = tmp_path / "corrected.yaml"
+    content = {"schema": 1, "effects": [], "remainder": remainder}
+    path.write_text(yaml.safe_dump(content))
+    with pytest.raises(InputError, match="remainder") as error:
+        read_corrected_arm(iiwa_of_three(), path)
+    assert error.value.file == path

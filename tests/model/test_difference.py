@@ -9,12 +9,23 @@ from tempfile import mkdtemp
 
 import numpy as np
 import pytest
-from diagnosis.synthetic import COULOMB, URDF, VISCOUS, Truth, arm, recordings
+from diagnosis.synthetic import (
+    COULOMB,
+    URDF,
+    VISCOUS,
+    Truth,
+    arm,
+    motion,
+    recording,
+    recordings,
+)
 
 from gapscope.arm.nominal import NominalArm
-from gapscope.model.design import fitted_arm
-from gapscope.model.difference import Difference, Search
-from gapscope.model.rows import Rows
+from gapscope.model.design import design, fitted_arm
+from gapscope.model.difference import Difference, Search, in_a_row
+from gapscope.model.equations import Equations
+from gapscope.model.form_error import learn
+from gapscope.model.rows import LEAST_MOTIONS, Rows
 
 HEALTHY = Truth(offset=(0.6, -0.5, 0.2))
 """Torque offsets that the arm has on both days [N m]."""
@@ -48,11 +59,11 @@ def changed(truth: Truth, healthy: Truth = HEALTHY, times: int = 1) -> Differenc
     """What a day has that the day before has not; each recording listed so many times."""
     groups = [times * list(day(healthy, 1)), times * list(day(truth, 2))]
     rows = Rows(groups)
-    return Search(rows, fitted_arm(rows, vendor(), {0}), 1, {0}, DAYS).run()
+    return Search(rows, fitted_arm(rows, vendor(), {0}), [(1,)], {0}, DAYS).run()
 
 
 def named(found: Difference) -> dict[tuple[str, int], np.ndarray]:
-    return {(t.effect, t.joint): found.value(t) for t in found.terms}
+    return {(one.effect, one.term.joint): x for one, x in found.fit.values.items()}
 
 
 def test_another_day_and_motion_is_no_difference():
@@ -93,6 +104,59 @@ def test_what_both_days_have_is_no_difference():
     assert not named(changed(both, both))
 
 
+class Stopping:
+    """A motion that stops for 0.6 s in every 2 s."""
+
+    duration = 12.0
+
+    def __init__(self, seed: int) -> None:
+        self._going = motion(seed, duration=self.duration)
+
+    def _time(self, t: np.ndarray) -> list[np.ndarray]:
+        """Time of the motion that goes on, and its derivatives, (N, 1) each."""
+        x = np.clip((t % 2.0) / 1.4, 0.0, 1.0)
+        slow = 2.0 * (t // 2.0 + x**3 * (10.0 - 15.0 * x + 6.0 * x**2))
+        rate = 2.0 * 30.0 * (x * (1.0 - x)) ** 2 / 1.4
+        gain = 2.0 * 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / 1.4**2
+        return [slow[:, None], rate[:, None], gain[:, None]]
+
+    def position(self, t: np.ndarray) -> np.ndarray:
+        return self._going.position(self._time(t)[0][:, 0])
+
+    def velocity(self, t: np.ndarray) -> np.ndarray:
+        slow, rate, _ = self._time(t)
+        return self._going.velocity(slow[:, 0]) * rate
+
+    def acceleration(self, t: np.ndarray) -> np.ndarray:
+        slow, rate, gain = self._time(t)
+        going = self._going
+        return (
+            going.acceleration(slow[:, 0]) * rate**2 + going.velocity(slow[:, 0]) * gain
+        )
+
+
+def test_friction_that_holds_a_joint_is_no_difference():
+    def holding(t, q, dq):
+        stop = np.sin(5.0 * (t // 2.0)[:, None] + np.arange(3))
+        return COULOMB * stop * (1.0 - np.abs(np.tanh(dq / 0.005)))
+
+    rng, truth = np.random.default_rng(3), replace(HEALTHY, extra=holding)
+    stops = [recording(truth, Stopping(seed), rng, f"stops{seed}") for seed in (4, 5)]
+    rows = Rows([list(day(HEALTHY, 1)), stops])
+    found = Search(rows, fitted_arm(rows, vendor(), {0}), [(1,)], {0}, DAYS).run()
+    assert not named(found)
+
+
+def test_a_vibration_counts_as_noise_at_its_own_frequency():
+    def shaking(t, q, dq):
+        return np.outer(np.sin(40.0 * t), [0.0, 4.0, 0.0])
+
+    rows = Rows([list(day(replace(HEALTHY, extra=shaking), 1))])
+    error = learn(Equations.of(design(rows, fitted_arm(rows, vendor(), {0}), {})), {0})
+    counted_once = error.noise2 / error.white2
+    assert counted_once[1] > 4.0 * max(counted_once[0], counted_once[2])
+
+
 def test_recordings_listed_ten_times_add_nothing():
     truth = replace(HEALTHY, coulomb=(0.0, 0.8 * COULOMB[1], 0.0))
     once, often = changed(truth), changed(truth, times=10)
@@ -107,4 +171,60 @@ def test_a_torque_that_no_effect_makes_is_unknown():
         return 2.0 * wave[:, None] * np.array([0.0, 1.0, 0.0])
 
     found = changed(replace(HEALTHY, extra=extra))
-    assert 1 in {joint for joint, _ in found.fit.grown}
+    assert 1 in {joint for joint, *_ in found.fit.grown}
+
+
+def test_recordings_of_one_day_that_do_not_share_a_load():
+    """One recording of three with a load: what each has of its own, with no reference."""
+    loaded = recordings(
+        replace(HEALTHY, mass=1.0, com=(0.05, 0.0, 0.1)), 1, duration=6.0
+    )
+    healthy = day(HEALTHY, 1)
+    rows = Rows([[healthy[0]], [loaded[1]], [healthy[2]]])
+    every = (0, 1, 2)
+    found = of_one_day(rows, every)
+    (one,) = found.fit.mine
+    assert (one.effect, one.groups) == ("payload", (1,))
+    assert found.fit.values[one][0] == pytest.approx(1.0, rel=0.1)
+    same = Rows([[recording] for recording in healthy])
+    assert not of_one_day(same, every).fit.mine
+
+
+def of_one_day(rows: Rows, every: tuple[int, ...]) -> Difference:
+    arm_of_all = fitted_arm(rows, vendor(), every)
+    return Search(rows, arm_of_all, in_a_row(len(every)), every, 0.0).run()
+
+
+def test_two_recordings_with_one_load_have_one_value():
+    truth = replace(HEALTHY, mass=1.0, com=(0.05, 0.0, 0.1))
+    healthy, loaded = day(HEALTHY, 1), recordings(truth, 1, duration=6.0)
+    rows = Rows([[healthy[0]], [loaded[1]], [loaded[2]]])
+    (one,) = of_one_day(rows, (0, 1, 2)).fit.mine
+    assert (one.effect, one.groups) == ("payload", (1, 2))
+
+
+class Cycle:
+    """A motion that comes again every 5 s."""
+
+    duration = 30.0
+
+    def __init__(self, seed: int) -> None:
+        self._going = motion(seed, duration=2.0 * self.duration)
+
+    def position(self, t: np.ndarray) -> np.ndarray:
+        return self._going.position(t + 10.0)
+
+    def velocity(self, t: np.ndarray) -> np.ndarray:
+        return self._going.velocity(t + 10.0)
+
+    def acceleration(self, t: np.ndarray) -> np.ndarray:
+        return self._going.acceleration(t + 10.0)
+
+
+def test_a_cycle_in_one_recording_is_one_motion():
+    rng = np.random.default_rng(6)
+    rows = Rows([[recording(HEALTHY, Cycle(4), rng, "cycle")]])
+    first = rows.t < rows.t[0] + 4.9
+    later = np.searchsorted(rows.t, rows.t[first] + 5.0)
+    assert (rows.motion[later] == rows.motion[first]).mean() > 0.95
+    assert len(np.unique(rows.motion)) == LEAST_MOTIONS

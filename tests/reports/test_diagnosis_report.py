@@ -176,7 +176,7 @@ def test_what_it_was_compared_with_is_told(tmp_path: Path) -> None:
         *(
             "Compared with friday",
             "2 recordings: a.csv, b.csv",
-            "43 base parameters",
+            "determine 43 values",
             "2.000 ± 0.020",
             "0.013",
         ),
@@ -189,7 +189,7 @@ def test_what_it_was_compared_with_is_told(tmp_path: Path) -> None:
         *(
             "torque offset (joints 1–3)",
             "94 %",
-            "0.40 ms behind",
+            "lack up to 1 %",
             "on top of what it was then",
         ),
     ):

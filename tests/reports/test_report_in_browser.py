@@ -94,8 +94,10 @@ def test_a_report_is_small(report):
 
 
 def test_torque_and_arm_are_drawn(page):
-    assert page.locator("#torque-figure .scatterlayer .trace").count() >= 3
-    assert page.locator("#arm-view canvas").count() == 1
+    page.wait_for_function(
+        "document.querySelectorAll('#torque-figure .scatterlayer .trace').length >= 3"
+    )
+    page.wait_for_function("document.querySelectorAll('#arm-view canvas').length === 1")
 
 
 def test_joints_are_chosen_by_mouse_and_by_keyboard(page):

@@ -17,6 +17,7 @@ from gapscope.serving.server import ArchiveServer
 playwright = pytest.importorskip(
     "playwright.sync_api", reason="Playwright is not installed: make setup"
 )
+PLOT = ".js-plotly-plot .main-svg"  # drawn some time after the page is there
 CHROMIUM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))),
     None,
@@ -71,13 +72,13 @@ def test_from_the_table_to_a_unit_and_to_a_report(page):
     assert "2 of the 3 rows" in page.inner_text("#shown")
 
     page.click("a[href='/unit/arm'] >> nth=0")
-    assert page.locator(".js-plotly-plot .main-svg").count() > 0
+    page.wait_for_selector(PLOT)
     points = "document.querySelector('.js-plotly-plot').data[0].x.length"
     assert page.evaluate(points) == 2
 
     page.click("text=report >> nth=0")
     assert "Torque over time" in page.inner_text("main")
-    assert page.locator(".js-plotly-plot .main-svg").count() > 0
+    page.wait_for_selector(PLOT)
     assert page.evaluate("window.origin") == "null"  # shut in
 
 

@@ -113,11 +113,6 @@ class TestOnFolds:
         louder = excess_residual(found([81.0, 81.0], [81.0, 9.0], [1.0, 1.0]), far)
         assert louder.ratio == pytest.approx([4.5, 1.5])
 
-    def test_a_least_floor_is_kept(self) -> None:
-        selection = found([25.0, 1.0], [4.0, 1.0], [1.0, 1.0])
-        out = excess_residual(selection, np.array([9.0, 9.0]), np.array([2.0, 1.0]))
-        assert out.ratio == pytest.approx([1.0, 1.0])
-
     def test_folds_count_by_their_rows(self) -> None:
         evidence = TableEvidence(
             mse=lambda terms: np.array([[4.0, 1.0], [1.0, 1.0]]),

@@ -19,13 +19,11 @@ from gapscope.arm.io.write_case import write_case
 from gapscope.arm.nominal import NominalArm
 from gapscope.cli import main
 from gapscope.diagnosis.document.diagnosis_json import validate
-from gapscope.diagnosis.reference.change import combined
+from gapscope.diagnosis.reference.comparison_document import SCALED
 from gapscope.diagnosis.reference.diagnose_change import diagnose_change
-from gapscope.diagnosis.reference.identified_reference import IdentifiedReference
 from gapscope.diagnosis.reference.identify_reference import identify_reference
-from gapscope.diagnosis.reference.reference_json import SCALED
+from gapscope.diagnosis.reference.kept_reference import KeptReference
 from gapscope.diagnosis.reference.same_arm import check_same_arm
-from gapscope.effects.applied import AppliedEffect
 
 OFFSET = (0.6, -0.5, 0.2)
 """Torque offsets that the arm has on both days [N m]."""
@@ -66,7 +64,7 @@ def reference() -> Case:
 
 
 @cache
-def identified() -> IdentifiedReference:
+def identified() -> KeptReference:
     return identify_reference(reference())
 
 
@@ -123,8 +121,11 @@ def test_offset_that_changed_is_told_as_the_change(tmp_path):
     assert found["torque_offset"]["parameters"]["torque"]["value"][0] == pytest.approx(
         1.5, rel=0.1
     )
-    (whole,) = (e for e in change.corrected if e.name == "torque_offset")
-    assert whole.per_joint("torque", 3)[1] == pytest.approx(OFFSET[1] + 1.5, rel=0.15)
+    then, now = (
+        next(e for e in effects if e.name == "torque_offset").per_joint("torque", 3)
+        for effects in (change.comparison.effects(), change.effects)
+    )
+    assert now - then == pytest.approx([0.0, 1.5, 0.0], abs=0.15)
 
 
 def test_torque_constant_wrong_on_both_days_is_no_load(tmp_path):
@@ -239,15 +240,3 @@ def test_reference_without_torque_or_too_short_is_refused():
     short = replace(only, t=only.t[rows], q=only.q[rows], tau=only.tau[rows])
     with pytest.raises(InputError, match="last|hold"):
         identify_reference(replace(reference(), recordings=(short,)))
-
-
-def test_offsets_add_up_below_a_new_scale():
-    def offset(joints, values):
-        return AppliedEffect("torque_offset", joints, {"torque": np.array(values)})
-
-    scale = AppliedEffect("torque_scale", (1,), {"scale": np.array([0.1])})
-    first, *rest = combined(
-        (offset((1, 2), [1.0, 2.0]),), (scale, offset((2, 3), [0.5, 0.3]))
-    )
-    assert first.per_joint("torque", 3) == pytest.approx([1.1, 2.5, 0.3])
-    assert rest == [scale]
