@@ -196,6 +196,14 @@ class Contrast:
         other._eliminate_nuisances()
         return other
 
+    def beside_own(self, own: Mapping[int, np.ndarray]) -> Contrast:
+        """The same question if groups have more of their own that is no term, of prior variances (P,)."""
+        other, none = copy(self), np.zeros(self.design.size)
+        groups = {*self._day, *own}
+        other._day = {g: self._day.get(g, none) + own.get(g, none) for g in groups}
+        other._eliminate_nuisances()
+        return other
+
     def unshared(self, places: np.ndarray) -> Contrast:
         """The same question if some columns are nobody's but each group's own."""
         other = copy(self)

@@ -14,6 +14,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from gapscope.arm.dynamics.inertial_scale import inertial_scale
 from gapscope.model.contrast import Answer, Contrast, OwnTerms
 from gapscope.model.design import (
     LEAST_TORQUE,
@@ -336,7 +337,7 @@ class Search:
             asked, own = contrast, OwnTerms(contrast, self.sets)
             if any(bends(one.term) for one in start):
                 there = about(made, self.arm, start)
-                asked = contrast.for_gap(there.gap)
+                asked = contrast.beside_own(self._extents(start)).for_gap(there.gap)
                 own = OwnTerms(asked, self.sets, there.columns)
             fit = self._weighed(asked, own, chosen, grown)
             before, values = start, fit.values
@@ -344,6 +345,25 @@ class Search:
                 break
         self._fits[key] = fit
         return fit
+
+    def _extents(self, values: Mapping[Candidate, np.ndarray]) -> dict[int, np.ndarray]:
+        """Prior variance of moments of inertia of loads about their centres, of all columns, (P,), by group.
+
+        A body of mass m within r of its centre has moments between -m r^2 and m r^2, each as likely.
+        """
+        out: dict[int, np.ndarray] = {}
+        last = 10 * self.arm.body.last_link
+        unit = inertial_scale(self.arm.body)[last + 4]
+        for one, value in values.items():
+            if not one.term.is_load or not value.any():
+                continue
+            proportions = one.term.parametrisation.proportions
+            assert proportions is not None
+            moments = np.zeros(self._equations.design.size)
+            extent = value[0] * proportions[1] ** 2
+            moments[last + 4 : last + 10] = (extent / unit) ** 2 / 3.0
+            out.update(dict.fromkeys(one.groups or (), moments))
+        return out
 
     def _weighed(
         self,
