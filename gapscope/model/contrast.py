@@ -38,6 +38,9 @@ SIZES = np.array([0.01, 0.03, 0.1, 0.3, 1.0])
 LARGEST = 2.0
 """Prior deviation of an effect, over its usual size, at most [1]."""
 
+Nuisance = tuple[tuple[int, ...], np.ndarray]
+"""Groups with one value of each column, which the others do not have, and its prior variances, (P,)."""
+
 
 @dataclass(frozen=True)
 class Beside:
@@ -61,7 +64,8 @@ class Contrast:
     Args:
         equations: of all groups.
         error: noise and form error.
-        day: of a group, prior variance of what differs from day to day of each column, (P,).
+        nuisances: what groups have, alone or together, that is no term: the groups, and prior variances of the columns,
+            (P,).
         grown: of a joint from 0 and a motion, by how much more variance form error has there than elsewhere [1].
 
     Attributes:
@@ -74,7 +78,7 @@ class Contrast:
         self,
         equations: Equations,
         error: FormError,
-        day: Mapping[int, np.ndarray],
+        nuisances: Sequence[Nuisance],
         grown: Mapping[tuple[int, int], float],
     ) -> None:
         self.equations, self.design, self.error = equations, equations.design, error
@@ -91,7 +95,7 @@ class Contrast:
             ]
             for j, cells in enumerate(equations.cells)
         ]
-        self._day = day
+        self._nuisances = tuple(nuisances)
         self.gram = self._information()
         self.right = self._right_sides()
         self._eliminate_nuisances()
@@ -116,18 +120,22 @@ class Contrast:
         return right
 
     def _eliminate_nuisances(self) -> None:
-        """Eliminate what is shared, and what differs from day to day."""
-        prior, day = self.design.prior, self._day
+        """Eliminate what is shared by all, and what groups have that is no term."""
+        prior, unit = self.design.prior, []
         self._shared = np.flatnonzero(prior > 0)
-        self._days = [(g, p) for g, own in day.items() for p in np.flatnonzero(own > 0)]
-        of_days = [np.sqrt(day[g][p]) for g, p in self._days]
-        self._units = np.array([*prior[self._shared], *of_days])
+        # the groups and the column of each nuisance that is not shared by all
+        self._own: list[tuple[list[int], int]] = []
+        for groups, variance in self._nuisances:
+            places = np.flatnonzero(variance > 0)
+            self._own += [(list(groups), p) for p in places.tolist()]
+            unit.append(np.sqrt(variance[places]))
+        self._units = np.concatenate([prior[self._shared], *unit])
         by_shared = self.gram[:, self._shared]
-        by_days = np.zeros((len(self._days), self.groups, self.design.size))
-        for row, (g, p) in zip(by_days, self._days, strict=True):
-            row[g] = self.gram[g, p]
+        by_own = np.zeros((len(self._own), self.groups, self.design.size))
+        for row, (some, p) in zip(by_own, self._own, strict=True):
+            row[some] = self.gram[some, p]
         # (nuisances, G, P): products of each nuisance with the columns of each group
-        cross = np.concatenate([by_shared.transpose(1, 0, 2), by_days])
+        cross = np.concatenate([by_shared.transpose(1, 0, 2), by_own])
         normal = self._of_nuisances(cross.transpose(1, 2, 0))
         self._factor = lower(normal * self._units[:, None] * self._units)
         scaled = self._units[:, None] * cross.reshape(len(cross), -1)
@@ -137,8 +145,8 @@ class Contrast:
     def _of_nuisances(self, of_groups: np.ndarray) -> np.ndarray:
         """Products of the nuisances with something, from those of the columns of each group, (G, P, ...)."""
         shared = of_groups[:, self._shared].sum(axis=0)
-        days = [of_groups[g, p][None] for g, p in self._days]
-        return np.concatenate([shared, *days])
+        own = [of_groups[some, p].sum(axis=0)[None] for some, p in self._own]
+        return np.concatenate([shared, *own])
 
     def _solve(self) -> np.ndarray:
         right = self._units * self._of_nuisances(self.right)
@@ -196,11 +204,12 @@ class Contrast:
         other._eliminate_nuisances()
         return other
 
-    def beside_own(self, own: Mapping[int, np.ndarray]) -> Contrast:
-        """The same question if groups have more of their own that is no term, of prior variances (P,)."""
-        other, none = copy(self), np.zeros(self.design.size)
-        groups = {*self._day, *own}
-        other._day = {g: self._day.get(g, none) + own.get(g, none) for g in groups}
+    def further(self, nuisances: Sequence[Nuisance]) -> Contrast:
+        """The same question beside further nuisances of some groups."""
+        if not nuisances:
+            return self
+        other = copy(self)
+        other._nuisances = (*self._nuisances, *nuisances)
         other._eliminate_nuisances()
         return other
 
@@ -293,15 +302,15 @@ class Contrast:
         return self.nuisance_values(self._solved)[0]
 
     def nuisance_values(self, solved: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Values of what is shared, (P,), and of what differs on the day of each group, (G, P), from L^-1 U b."""
-        shared, days = np.zeros(self.design.size), np.zeros(self.right.shape)
+        """Values of what is shared, (P,), and of the nuisances of each group, (G, P), from L^-1 U b."""
+        shared, own = np.zeros(self.design.size), np.zeros(self.right.shape)
         back = solve_triangular(self._factor.T, solved, check_finite=False)
         value = self._units * back
         count = len(self._shared)
         shared[self._shared] = value[:count]
-        for (g, p), own in zip(self._days, value[count:], strict=True):
-            days[g, p] = own
-        return shared, days
+        for (some, p), one in zip(self._own, value[count:], strict=True):
+            own[some, p] += one
+        return shared, own
 
     def covariance(self) -> np.ndarray:
         """Covariance of what is shared, (P, P)."""
@@ -498,7 +507,7 @@ class OwnTerms:
     def nuisances(
         self, values: Mapping[Candidate, np.ndarray]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """What is shared, (P,), and what differs on the day of each group, (G, P), beside values of candidates."""
+        """What is shared, (P,), and the nuisances of each group, (G, P), beside values of candidates."""
         solved = self._contrast.solved
         for one, value in values.items():
             scaled = value * self.design.units[one.term]

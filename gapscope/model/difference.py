@@ -15,7 +15,7 @@ from typing import TypeVar
 import numpy as np
 
 from gapscope.arm.dynamics.inertial_scale import inertial_scale
-from gapscope.model.contrast import Answer, Contrast, OwnTerms
+from gapscope.model.contrast import Answer, Contrast, Nuisance, OwnTerms
 from gapscope.model.design import (
     LEAST_TORQUE,
     FreeArm,
@@ -240,7 +240,7 @@ class Search:
     def _shared(self) -> np.ndarray:
         """Likeliest values of what is shared that the arm can take, (P,): beside those at a bound the others differ."""
         made = self._first.design
-        contrast = Contrast(self._first, self._taught, {}, {})
+        contrast = Contrast(self._first, self._taught, (), {})
         held = np.full(made.size, np.nan)
         while True:
             # the first group is the arm: others may have changed
@@ -310,7 +310,7 @@ class Search:
             self._contrasts[key] = Contrast(
                 self._equations,
                 self._error,
-                dict.fromkeys(self.groups, day) if self.days else {},
+                [((group,), day) for group in self.groups if self.days],
                 larger,
             )
         return self._contrasts[key]
@@ -337,7 +337,7 @@ class Search:
             asked, own = contrast, OwnTerms(contrast, self.sets)
             if any(bends(one.term) for one in start):
                 there = about(made, self.arm, start)
-                asked = contrast.beside_own(self._extents(start)).for_gap(there.gap)
+                asked = contrast.further(self._extents(start)).for_gap(there.gap)
                 own = OwnTerms(asked, self.sets, there.columns)
             fit = self._weighed(asked, own, chosen, grown)
             before, values = start, fit.values
@@ -346,23 +346,22 @@ class Search:
         self._fits[key] = fit
         return fit
 
-    def _extents(self, values: Mapping[Candidate, np.ndarray]) -> dict[int, np.ndarray]:
-        """Prior variance of moments of inertia of loads about their centres, of all columns, (P,), by group.
+    def _extents(self, values: Mapping[Candidate, np.ndarray]) -> list[Nuisance]:
+        """Moments of inertia of loads about their centres.
 
         A body of mass m within r of its centre has moments between -m r^2 and m r^2, each as likely.
         """
-        out: dict[int, np.ndarray] = {}
+        out = []
         last = 10 * self.arm.body.last_link
         unit = inertial_scale(self.arm.body)[last + 4]
         for one, value in values.items():
-            if not one.term.is_load or not value.any():
-                continue
             proportions = one.term.parametrisation.proportions
-            assert proportions is not None
+            if not one.term.is_load or proportions is None:
+                continue
             moments = np.zeros(self._equations.design.size)
             extent = value[0] * proportions[1] ** 2
             moments[last + 4 : last + 10] = (extent / unit) ** 2 / 3.0
-            out.update(dict.fromkeys(one.groups or (), moments))
+            out.append((one.groups or (), moments))
         return out
 
     def _weighed(
