@@ -330,11 +330,9 @@ class _Document:
             known, known_joints = places.get(effect, (0.0, set()))
             probability = known + float(np.exp(value - total))
             places[effect] = probability, known_joints | joints
-        given = self._comparison.probabilities[name]
+        given = max(self._comparison.probabilities[name], LISTED_ALTERNATIVE)
         ranked = [
-            Alternative(
-                effect, tuple(sorted(joints)), p, float(np.log(max(p, 1e-300) / given))
-            )
+            Alternative(effect, tuple(sorted(joints)), p, float(np.log(p / given)))
             for effect, (p, joints) in places.items()
             if p > LISTED_ALTERNATIVE
         ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case
+from gapscope.arm.recording import Recording
 from gapscope.diagnosis.gap.commanded_torque import with_commanded_torque
 from gapscope.diagnosis.gap.excerpt import excerpt
 from gapscope.diagnosis.gap.plausible_data import (
@@ -77,7 +78,21 @@ def identify_reference(
         kept,
         recordings=tuple(r for r in right.recordings if r.tau is not None),
         faults=frozenset(names),
-        warnings=(*still_note(reference), *short_note(reference)),
+        warnings=(
+            *still_note(reference),
+            *short_note(reference),
+            *_single_note(right.recordings),
+        ),
+    )
+
+
+def _single_note(recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """A sentence on a reference of one recording."""
+    if len([r for r in recordings if r.tau is not None]) > 1:
+        return ()
+    return (
+        "one recording does not show how differently the model misses other motions, which then looks like a change: "
+        "record the healthy arm in two other motions at least, or take what is found as a suspicion",
     )
 
 

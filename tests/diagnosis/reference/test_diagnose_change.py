@@ -134,6 +134,16 @@ def test_torque_constant_wrong_on_both_days_is_no_load(tmp_path):
     assert change.diagnosis.document["verdict"] == "no_gap"
 
 
+def test_a_reference_of_one_recording_is_doubted():
+    several = reference()
+    one = replace(several, recordings=several.recordings[:1])
+    assert [
+        text for text in identify_reference(one).warnings if "one recording" in text
+    ]
+    kept = identify_reference(several)
+    assert not [text for text in kept.warnings if "one recording" in text]
+
+
 def test_load_with_intervals_and_files_that_predict_what_was_recorded(
     tmp_path, monkeypatch
 ):
