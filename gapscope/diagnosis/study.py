@@ -10,7 +10,7 @@ import numpy as np
 from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
-from gapscope.diagnosis.agreement.agreement import Agreement, comparable, compared
+from gapscope.diagnosis.agreement.agreement import Agreement, compared
 from gapscope.diagnosis.assessment.confidence import Confidence
 from gapscope.diagnosis.assessment.excess_residual import ExcessResidual
 from gapscope.diagnosis.assessment.held_out_prediction import HeldOutPredictor
@@ -20,7 +20,11 @@ from gapscope.diagnosis.assessment.naming import divide
 from gapscope.diagnosis.assessment.rejection import Rejection, reject
 from gapscope.diagnosis.assessment.replay_gap import ReplayGap, replay_gap
 from gapscope.diagnosis.assessment.sensor_sides import SensorSides, find_sides
-from gapscope.diagnosis.gap.changes_during import changes_during, up_to_changes
+from gapscope.diagnosis.gap.changes_during import (
+    RecordingChange,
+    changes_during,
+    up_to_changes,
+)
 from gapscope.diagnosis.gap.commanded_torque import (
     WARNING,
     with_commanded_torque,
@@ -40,13 +44,13 @@ from gapscope.diagnosis.setup_faults.quantization import find_quantization
 from gapscope.diagnosis.setup_faults.references.detection import find_reference_faults
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
-from gapscope.ident.kalman.changes import RecordingChange
 from gapscope.ident.signals.conditioning import (
     TORQUE_CUTOFF,
     Segment,
     condition,
     position_cutoff,
 )
+from gapscope.model.rows import comparable
 from gapscope.model.terms import Term
 from gapscope.model.torque_gap import TorqueGap
 
@@ -217,7 +221,7 @@ def _repaired(
         progress(f"finds {fault}")
     progress("looks for changes during recordings")
     cutoff = position_cutoff(case.recordings)
-    changes = changes_during(excerpt(case), cutoff)
+    changes = changes_during(excerpt(case), progress)
     for change in changes:
         progress(f"finds {change}")
     case = excerpt(up_to_changes(case, changes))

@@ -177,24 +177,31 @@ def about(made: Design, arm: FreeArm, values: Mapping[Candidate, np.ndarray]) ->
         for one, x in moved.items()
     }
     for k, segment in enumerate(rows.segments):
-        here = {one: x for one, x in moved.items() if one.has(rows.group_of[k])}
-        if not here:
-            continue
-        theta = _with_own(arm, terms, here)
-        names = {one.effect for one in here}
-        mine = np.flatnonzero(rows.segment == k)
-        trust = rows.trust[mine]
-        corrected, body = arm.corrected(terms, theta), segment.bodies(arm.bodies)
-        at = Prediction.of(corrected, body, segment.motion)
-        assert segment.torque is not None
-        left = rows.thin(segment.bridged(segment.torque - at.torque), segment)
-        gap[mine] = left / rows.scale * trust
-        matrix = columns(at, rows, k, terms, theta, names) / rows.scale[:, None]
-        for one in here:
-            unit, places = made.units[one.term], list(one.term.columns)
-            own = matrix[:, :, places] / unit * trust[:, :, None]
-            for j, x in enumerate(columns_of[one]):
-                x[mine] = own[:, j]
+        rows_of = np.flatnonzero(rows.segment == k)
+        group = rows.group[rows_of]
+        # groups of a segment that have the same of their own
+        alike: dict[tuple[Candidate, ...], list[int]] = {}
+        for number in np.unique(group).tolist():
+            some = tuple(one for one in moved if one.has(number))
+            alike.setdefault(some, []).append(number)
+        for some, numbers in alike.items():
+            if not some:
+                continue
+            there = np.isin(group, numbers)
+            mine, trust = rows_of[there], rows.trust[rows_of[there]]
+            theta = _with_own(arm, terms, {one: moved[one] for one in some})
+            corrected, body = arm.corrected(terms, theta), segment.bodies(arm.bodies)
+            at = Prediction.of(corrected, body, segment.motion)
+            assert segment.torque is not None
+            left = rows.thin(segment.bridged(segment.torque - at.torque), segment)
+            gap[mine] = left[there] / rows.scale * trust
+            names = {one.effect for one in some}
+            matrix = columns(at, rows, k, terms, theta, names) / rows.scale[:, None]
+            for one in some:
+                unit, places = made.units[one.term], list(one.term.columns)
+                own = matrix[there][:, :, places] / unit * trust[:, :, None]
+                for j, x in enumerate(columns_of[one]):
+                    x[mine] = own[:, j]
     for one, value in moved.items():
         scaled = value * made.units[one.term]
         gap += np.stack([x @ scaled for x in columns_of[one]], axis=1)
@@ -282,7 +289,9 @@ def design(
         places[term] = np.arange(count, count + len(unit))
         used[term] = unit
         count += len(unit)
-        prior.append(_shared(term, unit))
+        # free bodies and free torque constants cannot be told apart: torque counts as the strongest joint records it
+        is_unit = "scale" in effect.quantities.values() and j == np.argmax(scale)
+        prior.append(np.zeros(len(unit)) if is_unit else _shared(term, unit))
         may_own.append(np.full(len(unit), _is_form(term)))
     # pushes in parts of a motion: what form error can do to a force
     push = np.concatenate(forces) / scale[:, None]
@@ -330,13 +339,16 @@ def fitted_arm(rows: Rows, arm: NominalArm, groups: Collection[int]) -> FreeArm:
         motion, body = segment.motion, segment.bodies(start.body)
         regressor = body.regressor(motion.q, motion.dq, motion.ddq)
         rows.bodies.append(Bodies(body, motion, regressor))
-        if rows.group_of[k] not in groups:
+        mine = told[rows.segment == k]
+        if not mine.any():
             continue
         at = Prediction.of(start.corrected(terms), body, motion)
         own = columns(at, rows, k, terms, start.theta, names)[:, :, places]
-        matrices.append(np.concatenate([rows.thin(regressor, segment), own], axis=2))
+        matrix = np.concatenate([rows.thin(regressor, segment), own], axis=2)
+        matrices.append(matrix[mine])
         assert segment.torque is not None
-        gaps.append(rows.thin(segment.bridged(segment.torque - at.torque), segment))
+        gap = rows.thin(segment.bridged(segment.torque - at.torque), segment)
+        gaps.append(gap[mine])
     x = np.concatenate(matrices) / rows.scale[:, None]
     y = np.concatenate(gaps) / rows.scale
     size = np.sqrt((x**2).mean(axis=0)).max(axis=0)

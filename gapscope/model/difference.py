@@ -102,12 +102,14 @@ class Difference:
         sets: log probability of the best hypothesis with each set of what groups have, over that with none [nats].
         found: nonlinear parameters of the terms that were searched.
         arm: what all groups share.
+        odds: prior odds of each candidate of the best hypothesis, alone [nats].
     """
 
     fit: Fit
     sets: Mapping[frozenset[Candidate], float]
     found: Mapping[Term, Found]
     arm: FreeArm
+    odds: Mapping[Candidate, float]
 
     @property
     def probabilities(self) -> dict[Candidate, float]:
@@ -122,6 +124,14 @@ class Difference:
             for key in {name(one) for one in some}:
                 out[key] = out.get(key, 0.0) + float(np.exp(value - total))
         return {key: min(p, 1.0) for key, p in out.items()}
+
+    def support(self, one: Candidate) -> float:
+        """Evidence of a candidate over what its prior odds ask for [1]."""
+        sides: dict[bool, list[float]] = {True: [], False: []}
+        for some, value in self.sets.items():
+            sides[one in some].append(value)
+        gain = np.logaddexp.reduce(sides[True]) - np.logaddexp.reduce(sides[False])
+        return float((gain - self.odds[one]) / -self.odds[one])
 
     @property
     def shapes(self) -> dict[Term, tuple[float, ...]]:
@@ -148,6 +158,8 @@ class Search:
         taught_by: groups in each of which nothing changes, which teach noise and form error.
         days: share by which their friction differs from that of the others from day to day [1]; 0 if all are of a day,
             on which nothing changes that lasts.
+        basis: groups that the arm predicts.
+        asked: number of sets of groups that there might be, if not those of ``sets``.
     """
 
     rows: Rows
@@ -155,6 +167,8 @@ class Search:
     sets: Sequence[tuple[int, ...]]
     taught_by: Collection[int]
     days: float
+    basis: tuple[int, ...] = (0,)
+    asked: int = 0
     _found: dict[Term, Found] = field(default_factory=dict)
     _charges: dict[Term, float] = field(default_factory=dict)
     _totals: dict[frozenset[Candidate], float] = field(default_factory=dict)
@@ -169,6 +183,21 @@ class Search:
         self._linearise(LINEARISATIONS)
         self._prepare()
         return self._fit((), {}, {}).total
+
+    def step(self, known: Sequence[Candidate]) -> tuple[Fit, Fit | None]:
+        """What groups have that is known, fitted, and with the candidate that promises most beside it, if any does."""
+        self._linearise(LINEARISATIONS)
+        self._prepare()
+        fit = self._fit(known, {}, {})
+        if known:
+            self._linearise(1, fit.own.torque(fit.values))
+            self._prepare()
+            fit = self._fit(known, fit.values, {})
+        proposed = [p for p in self._proposals(fit) if not p[1].everybody]
+        value, one = max(proposed, key=lambda p: p[0])
+        if value <= fit.total:
+            return fit, None
+        return fit, self._fit((*fit.chosen, one), fit.values, {})
 
     def run(self) -> Difference:
         """Terms join one by one, each fitted about its own values; then each is asked again."""
@@ -193,7 +222,11 @@ class Search:
         best = self._best()
         least = self._totals[frozenset()]
         sets = {terms: total - least for terms, total in self._totals.items()}
-        return Difference(best, sets, dict(self._found), self.arm)
+        odds = {one: self._weigher(best.own).odds([one]) for one in best.mine}
+        return Difference(best, sets, dict(self._found), self.arm, odds)
+
+    def _weigher(self, own: OwnTerms) -> Weigher:
+        return Weigher(own, self.arm, self._charges, self.asked or len(self.sets))
 
     def _linearise(self, times: int, known: np.ndarray | float = 0.0) -> None:
         """Columns about what all share, noise and form error; the arm moves while that makes it predict better.
@@ -205,7 +238,7 @@ class Search:
         arm, least = self.arm, np.inf
         for _ in range(times):
             first = Equations.of(design(self.rows, arm, {}))
-            gap = first.design.gap[self.rows.of(0)]
+            gap = first.design.gap[np.isin(self.rows.group, self.basis)]
             left = float(np.log((gap**2).mean(axis=0) + LEAST_TORQUE**2).sum())
             # what is shared stays linear there: columns that cancel lead astray
             if left >= least:
@@ -244,7 +277,7 @@ class Search:
         held = np.full(made.size, np.nan)
         while True:
             # the first group is the arm: others may have changed
-            value = contrast.values_of((0,), held)
+            value = contrast.values_of(self.basis, held)
             inside = possible(self.arm, made, value)
             beyond = np.isnan(held) & (np.abs(inside - value) > LEAST_TORQUE)
             if not beyond.any():
@@ -371,7 +404,7 @@ class Search:
         chosen: Sequence[Candidate],
         grown: Mapping[Place, float],
     ) -> Fit:
-        weigh = Weigher(own, self.arm, self._charges, len(self.sets))
+        weigh = self._weigher(own)
         weight, answer = weigh(chosen)
         while not np.isfinite(weight):
             # what everybody has is there to help: without what cannot be beside the others
@@ -402,7 +435,7 @@ class Search:
 
     def _proposals(self, fit: Fit) -> list[tuple[float, Candidate]]:
         """Each further candidate whose values can be, with about the total of the hypothesis with it."""
-        weigh = Weigher(fit.own, self.arm, self._charges, len(self.sets))
+        weigh = self._weigher(fit.own)
         others = [
             one
             for one in fit.own.places

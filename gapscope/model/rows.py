@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -13,6 +14,7 @@ from gapscope.ident.signals.conditioning import (
     TORQUE_CUTOFF,
     Segment,
     condition,
+    pieces,
     position_cutoff,
 )
 from gapscope.model.decimated_segments import DecimatedSegments
@@ -90,6 +92,22 @@ class Rows(DecimatedSegments):
         self.velocity = np.vstack([s.motion.dq[rows] for s, rows in pairs])
         self.motion = self._motions()
 
+    def regrouped(self, group: np.ndarray, least: int, left_out: np.ndarray) -> Rows:
+        """The same rows in other groups.
+
+        Args:
+            group: number of the group of each row, (M,).
+            least: parts of a group at least, each of which counts as a motion of its own.
+            left_out: rows that say nothing, mask (M,).
+        """
+        other = copy(self)
+        other.group = group
+        other.motion = other._motions(least)
+        other.measured = np.where(left_out[:, None], 0.0, self.measured)
+        other.trust = other.measured
+        other.sticking = np.zeros_like(other.trust)
+        return other
+
     def of(self, group: int) -> np.ndarray:
         """Which rows belong to a group, mask (M,)."""
         return np.asarray(self.group == group)
@@ -130,7 +148,7 @@ class Rows(DecimatedSegments):
             out[rows] = np.arange(len(rows)) * count // len(rows)
         return out
 
-    def _motions(self) -> np.ndarray:
+    def _motions(self, least: int = LEAST_MOTIONS) -> np.ndarray:
         """Numbers of the motions, (M,): parts of what a group passes for the first time, and all that repeats them."""
         kept = [s.motion.ddq[s.inner][:: self.step(s)] for s in self.segments]
         every = (self.position, self.velocity, np.vstack(kept))
@@ -144,7 +162,7 @@ class Rows(DecimatedSegments):
             new = np.flatnonzero(first == np.arange(len(rows)))
             for number in np.unique(segment[new]):
                 own = new[segment[new] == number]
-                pieces = max(1, round(LEAST_MOTIONS * len(own) / len(new)))
+                pieces = max(1, round(least * len(own) / len(new)))
                 for piece in np.array_split(own, pieces):
                     motion[rows[piece]] = count
                     count += 1
@@ -190,6 +208,11 @@ def listed_once(recordings: Sequence[Recording]) -> list[Recording]:
             continue
         kept.append(recording)
     return kept
+
+
+def comparable(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
+    """The recordings that can be compared: with a torque, each once, and a stretch that is long enough."""
+    return tuple(r for r in listed_once(recordings) if pieces(r))
 
 
 def _same(one: Recording, other: Recording) -> bool:

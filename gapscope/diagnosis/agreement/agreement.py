@@ -25,11 +25,10 @@ from gapscope.diagnosis.agreement.covariates import (
 from gapscope.diagnosis.display import effect_name
 from gapscope.diagnosis.thresholds import NAMED_PROBABILITY, OPEN_ALTERNATIVE
 from gapscope.ident.checks.plausible_samples import check_recordings
-from gapscope.ident.signals.conditioning import pieces
 from gapscope.model.contrast import SIZES
 from gapscope.model.design import fitted_arm, lasts
 from gapscope.model.difference import Difference, Search, in_a_row
-from gapscope.model.rows import Rows, listed_once
+from gapscope.model.rows import Rows
 from gapscope.model.terms import Candidate, Term
 
 AGREES, DIFFERS, NOT_DETERMINED = "agrees", "differs", "not determined"
@@ -172,11 +171,6 @@ def compared(
         lines = _lines(recordings, rows, found)
     unknown = sorted({(j + 1, group) for j, group, _ in found.fit.grown})
     return Agreement(case, recordings, _labels(recordings), lines, tuple(unknown))
-
-
-def comparable(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
-    """The recordings that can be compared: with a torque, each once, and a stretch that is long enough."""
-    return tuple(r for r in listed_once(recordings) if pieces(r))
 
 
 def _labels(recordings: tuple[Recording, ...]) -> tuple[str, ...]:

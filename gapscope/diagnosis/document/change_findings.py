@@ -2,43 +2,113 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from gapscope.diagnosis.display import uncertain
-from gapscope.ident.kalman.change_hypothesis import PAYLOAD
-from gapscope.ident.kalman.changes import RecordingChange
+import numpy as np
 
-PARAMETERS = {
-    "m": ("mass", "kg"),
-    "mx": ("first_moment_x", "kg m"),
-    "my": ("first_moment_y", "kg m"),
-    "mz": ("first_moment_z", "kg m"),
-    "b": ("viscous", "N m s/rad"),
-    "c": ("coulomb", "N m"),
-}
-"""Name and unit of a parameter, by its symbol."""
+from gapscope.diagnosis.display import effect_name, uncertain
+from gapscope.diagnosis.gap.changes_during import RecordingChange
+from gapscope.model.changes import Change
+
+LOAD = (
+    ("mass", "kg"),
+    ("first_moment_x", "kg m"),
+    ("first_moment_y", "kg m"),
+    ("first_moment_z", "kg m"),
+)
+"""Coordinates of a load that are told."""
+FRICTION = {"viscous_friction": "viscous", "coulomb_friction": "coulomb"}
+"""Plain friction of a joint: its name beside the other one."""
+PAYLOAD, PLAIN_FRICTION = "payload", "friction"
 
 
-def change_finding(found: RecordingChange) -> dict[str, Any]:
-    """An entry of ``changes``: what changed, in which recording, when, by how much."""
+def change_findings(changes: Sequence[RecordingChange]) -> list[dict[str, Any]]:
+    """Entries of ``changes``: what changed, in which recording, when, by how much."""
+    out: list[dict[str, Any]] = []
+    for found in changes:
+        entry = _finding(found)
+        same = ("recording", "what", "joints", "time")
+        # friction of a joint that changes at one moment is one change
+        twin = next(
+            (
+                other
+                for other in out
+                if entry["what"] == PLAIN_FRICTION
+                and all(other[key] == entry[key] for key in same)
+            ),
+            None,
+        )
+        if twin is None:
+            out.append(entry)
+        else:
+            twin["parameters"] |= entry["parameters"]
+    return out
+
+
+def _finding(found: RecordingChange) -> dict[str, Any]:
     change = found.change
-    parameters = {}
-    entries = zip(change.hypothesis.names, change.size, change.deviation, strict=True)
-    for symbol, size, deviation in entries:
-        name, unit = PARAMETERS[symbol.rstrip("0123456789")]
-        parameters[name] = {"unit": unit, "value": float(size), "std": float(deviation)}
-    payload = change.hypothesis.name == PAYLOAD
-    joint = [] if payload else [_joint(change.hypothesis.names[0])]
+    effect, joint = change.term.effect, change.term.joint
+    what = PLAIN_FRICTION if effect in FRICTION else effect
+    if change.term.is_load:
+        what = PAYLOAD
     return {
         "recording": found.recording,
-        "what": PAYLOAD if payload else "friction",
-        "joints": joint,
-        "time": change.time,
-        "interval": list(change.interval),
-        "parameters": parameters,
-        "times_threshold": change.statistic,
+        "what": what,
+        "effect": effect,
+        "joints": [joint] if joint else [],
+        "time": found.time,
+        "interval": list(found.interval),
+        "parameters": _parameters(change),
+        "probability": change.probability,
+        "times_threshold": change.support,
     }
+
+
+def _parameters(change: Change) -> dict[str, dict[str, Any]]:
+    """By how much each parameter changed, with its standard deviation."""
+    if change.term.is_load:
+        names = list(LOAD)
+    elif change.term.effect in FRICTION:
+        unit = change.term.definition.parameters[0].unit
+        names = [(FRICTION[change.term.effect], unit)]
+    else:
+        return _of_effect(change)
+    return {
+        name: {"unit": unit, "value": float(value), "std": float(std)}
+        for (name, unit), value, std in zip(
+            names, change.value, change.deviation, strict=False
+        )
+    }
+
+
+def _of_effect(change: Change) -> dict[str, dict[str, Any]]:
+    """Parameters of an effect that a joint or the arm has from then on."""
+    value, deviations = change.value, change.deviation
+    middle = _values(change, value)
+    # each coordinate by a deviation up, and down
+    steps = [
+        (_values(change, value + step), _values(change, value - step))
+        for step in np.diag(deviations)
+    ]
+    out = {}
+    for parameter in change.term.definition.parameters:
+        name = parameter.name
+        half = [(up[name] - down[name]) / 2 for up, down in steps]
+        std = np.sqrt((np.array(half) ** 2).sum(axis=0))
+        unit = parameter.unit
+        out[name] = {"unit": unit, "value": _plain(middle[name]), "std": _plain(std)}
+    return out
+
+
+def _values(change: Change, value: np.ndarray) -> dict[str, np.ndarray]:
+    """Parameters by the term's coordinates, (linear,)."""
+    given = change.term.parametrisation.values(value[:, None], np.zeros((0, 1)))
+    return {name: np.ravel(np.asarray(x, dtype=float)) for name, x in given.items()}
+
+
+def _plain(values: np.ndarray) -> float | list[float]:
+    return float(values[0]) if len(values) == 1 else values.tolist()
 
 
 def change_text(entry: Mapping[str, Any]) -> str:
@@ -50,13 +120,16 @@ def change_text(entry: Mapping[str, Any]) -> str:
         size = f"{uncertain(abs(mass['value']), mass['std'])} kg"
         return f"load of {size} {done} {when}"
     sizes = [
-        f"{name} by {uncertain(part['value'], part['std'])} {part['unit']}"
+        f"{name} by {uncertain(value, std)} {part['unit']}"
         for name, part in entry["parameters"].items()
+        for value, std in zip(
+            np.ravel(part["value"]).tolist(),
+            np.ravel(part["std"]).tolist(),
+            strict=True,
+        )
     ]
-    (joint,) = entry["joints"]
-    return f"friction of joint {joint} changed {when}: {', '.join(sizes)}"
-
-
-def _joint(symbol: str) -> int:
-    """Joint of a parameter such as ``b3``."""
-    return int(symbol.lstrip("abcdefghijklmnopqrstuvwxyz"))
+    plain = entry["what"] == PLAIN_FRICTION
+    name = PLAIN_FRICTION if plain else effect_name(entry["what"])
+    joints = entry["joints"]
+    where = f" of joint {joints[0]}" if joints else ""
+    return f"{name}{where} changed {when}: {', '.join(sizes)}"

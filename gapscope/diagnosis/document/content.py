@@ -8,7 +8,7 @@ import numpy as np
 
 from gapscope.diagnosis.assessment.predictable_share import Predictable, predictable
 from gapscope.diagnosis.assessment.sensor_sides import sides_entry
-from gapscope.diagnosis.document.change_findings import change_finding
+from gapscope.diagnosis.document.change_findings import change_findings
 from gapscope.diagnosis.document.context import context
 from gapscope.diagnosis.document.entries import (
     known_numbers,
@@ -57,7 +57,7 @@ def diagnosis_content(study: Study) -> dict[str, Any]:
         "gap": _gap_entry(study, gap),
         "effects": effects,
         "possible": possible,
-        "changes": [change_finding(found) for found in study.changes],
+        "changes": change_findings(study.changes),
         **states_entry(study.states),
         "closed": gap.closed,
         "unexplained": {

@@ -1,89 +1,111 @@
-"""What changed during a recording, a load picked up or put down, or friction; and the recordings up to that moment."""
+"""What changes during recordings of a case, by their own clocks; and the recordings up to the first moment."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
-
-import numpy as np
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from gapscope.arm.case import Case
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.thresholds import LEAST_UNCHANGED
-from gapscope.ident.kalman.changes import (
-    RecordingChange,
-    find_changes,
-    samples_of_each,
-)
-from gapscope.ident.model.base_parameters import base_parameters
-from gapscope.ident.model.friction_law import FrictionLaw
-from gapscope.ident.model.model_columns import ModelColumns
-from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
-from gapscope.ident.signals.samples import Band
+from gapscope.model.changes import Change, changes_of
+from gapscope.model.rows import comparable
 
 
-def changes_during(case: Case, cutoff: float) -> tuple[RecordingChange, ...]:
-    """At most one change in each recording (``gapscope.ident.kalman.changes``); all base parameters are unknown.
+@dataclass(frozen=True)
+class RecordingChange:
+    """A change during a recording.
 
-    What is wrong from the first to the last sample is no change: it is among the unknown parameters.
-
-    Args:
-        case: with a torque in its recordings.
-        cutoff: of the positions [Hz]; torque is compared below that of the torque gap.
+    Attributes:
+        recording: its name.
+        start: first time of its clock [s].
+        change: what changed, when, and by how much.
     """
-    columns, law = ModelColumns(case.arm), FrictionLaw()
-    band = Band(min(TORQUE_CUTOFF, cutoff))
-    found = samples_of_each((*case.recordings, *case.judged), columns, band)
-    matrix = np.concatenate([each.samples.matrix(law) for each in found])
-    names = columns.names(law)
-    rows = matrix.reshape(-1, len(names))
-    # too short to determine the parameters once, let alone twice
-    if len(rows) < len(names):
+
+    recording: str
+    start: float
+    change: Change
+
+    @property
+    def time(self) -> float:
+        """Likeliest moment, by the clock of the recording [s]."""
+        return self.start + self.change.moment.time
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Times between which it lies with 95 % confidence, by the same clock [s]."""
+        low, high = self.change.moment.interval
+        return self.start + low, self.start + high
+
+    def __str__(self) -> str:
+        """What changes when, in words."""
+        where = f" of joint {self.change.term.joint}" * bool(self.change.term.joint)
+        return (
+            f"{self.change.term.effect}{where} at {self.time:.2f} s of {self.recording}"
+        )
+
+
+def changes_during(
+    case: Case, progress: Callable[[str], None] = lambda message: None
+) -> tuple[RecordingChange, ...]:
+    """What changes during recordings (``gapscope.model.changes``), whatever the arm is that they share.
+
+    What is wrong from the first to the last sample is no change.
+    """
+    recordings = comparable((*case.recordings, *case.judged))
+    if not recordings:
         return ()
-    return find_changes(found, law, base_parameters(rows, names))
+    changed = [
+        (recordings[change.moment.recording], change)
+        for change in changes_of(recordings, case.arm, progress)
+    ]
+    return tuple(RecordingChange(r.name, float(r.t[0]), one) for r, one in changed)
 
 
 def up_to_changes(case: Case, changes: Sequence[RecordingChange]) -> Case:
-    """The case with each recording that has a change cut at its moment: the arm as it was before.
+    """The case with each recording that has a change cut at the first one: the arm as it was before.
 
     A part of less than ``LEAST_UNCHANGED`` seconds is left out. If nothing would remain to fit, the longest part
-    after a change is kept in its place.
+    after the last change of a recording is kept in its place.
     """
     if not changes:
         return case
-    moments = {found.recording: found for found in changes}
-    kept = _cut(case.recordings, moments)
+    by_name: dict[str, list[RecordingChange]] = {}
+    for found in sorted(changes, key=lambda found: found.time):
+        by_name.setdefault(found.recording, []).append(found)
+    kept = _cut(case.recordings, by_name)
     if not kept:
-        kept = (_longer_part(case.recordings, moments),)
-    return replace(case, recordings=kept, judged=_cut(case.judged, moments))
+        kept = (_longer_part(case.recordings, by_name),)
+    return replace(case, recordings=kept, judged=_cut(case.judged, by_name))
 
 
 def _cut(
-    recordings: Sequence[Recording], moments: dict[str, RecordingChange]
+    recordings: Sequence[Recording], changes: Mapping[str, list[RecordingChange]]
 ) -> tuple[Recording, ...]:
-    """The recordings up to their changes, those long enough."""
+    """The recordings up to their first changes, those long enough."""
     kept = []
     for recording in recordings:
-        found = moments.get(recording.name)
-        if found is None:
+        if recording.name not in changes:
             kept.append(recording)
-        elif found.change.time - recording.t[0] >= LEAST_UNCHANGED:
-            before = recording.t < found.change.interval[0]
-            note = f"used up to {found.change.time:.2f} s only, since it changes there"
+            continue
+        first = changes[recording.name][0]
+        if first.time - recording.t[0] >= LEAST_UNCHANGED:
+            before = recording.t < first.interval[0]
+            note = f"used up to {first.time:.2f} s only, since it changes there"
             kept.append(recording.part(before, notes=(*recording.notes, note)))
     return tuple(kept)
 
 
 def _longer_part(
-    recordings: Sequence[Recording], moments: dict[str, RecordingChange]
+    recordings: Sequence[Recording], changes: Mapping[str, list[RecordingChange]]
 ) -> Recording:
-    """The longest part of any recording after its change."""
+    """The longest part of any recording after its last change."""
 
     def left(recording: Recording) -> float:
-        return float(recording.t[-1] - moments[recording.name].change.time)
+        return float(recording.t[-1] - changes[recording.name][-1].time)
 
     longest = max(recordings, key=left)
-    found = moments[longest.name]
-    after = longest.t > found.change.interval[1]
-    note = f"used from {found.change.time:.2f} s on only, since it changes there"
+    last = changes[longest.name][-1]
+    after = longest.t > last.interval[1]
+    note = f"used from {last.time:.2f} s on only, since it changes there"
     return longest.part(after, notes=(*longest.notes, note))

@@ -8,7 +8,7 @@ import numpy as np
 
 from gapscope.arm.nominal import arm_entry
 from gapscope.diagnosis.assessment.alternatives import NONE, Alternative
-from gapscope.diagnosis.document.change_findings import change_finding
+from gapscope.diagnosis.document.change_findings import change_findings
 from gapscope.diagnosis.document.context import nominal_friction, recording_entry
 from gapscope.diagnosis.document.entries import (
     numbers,
@@ -127,7 +127,7 @@ class _Document:
             "gap": _gap_entry(gap),
             "effects": effects,
             "possible": possible,
-            "changes": [change_finding(change) for change in prepared.changes],
+            "changes": change_findings(prepared.changes),
             **states_entry(prepared.states),
             "closed": gap.closed,
             "unexplained": {

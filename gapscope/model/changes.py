@@ -1,0 +1,250 @@
+"""What changes during recordings: which parameter, in which recording, at what moment, by how much.
+
+Every recording is split into spans, each a group of the contrast (``difference.py``). A change is a value that the
+spans of a recording from some moment on, or up to it, have of their own, beside all that the others share and what each
+motion has of its own. Moments join one by one: spans of equal length show about where one lies, then the torque of the
+change says when,
+
+    p(tau) ~ exp(-1/2 sum_(t < tau) r^2 / s^2 - 1/2 sum_(t >= tau) (r - d)^2 / s^2),
+
+with r the residual without the change, d what it does to the torque, and s^2 the variance of the noise and of what is
+left. With spans that end there, all terms are asked again. A recording that differs from its first sample on is in
+another state than the others; that is no change during it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import Recording
+from gapscope.model.design import fitted_arm
+from gapscope.model.difference import Difference, Fit, Search, in_a_row
+from gapscope.model.rows import LEAST_MOTIONS, Rows
+from gapscope.model.terms import Candidate, Term
+
+SPANS = 8
+"""Spans of a recording by which a moment is looked for. (budget)"""
+PARTS = 3
+"""Motions of each of them at least. (budget)"""
+SMEARED = 1.0
+"""Rows within so many periods of the band's cut-off of a moment are left out [1]: there a filter sees both sides, and
+the reading of an encoder that slips has no velocity. (physical)"""
+MOST_MOMENTS = 6
+"""Moments of a case. (budget)"""
+SURE = 0.95
+"""Probability that a moment is within its interval. (definition)"""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """When something changes.
+
+    Attributes:
+        recording: its number.
+        time: likeliest moment, since the start of the recording [s].
+        interval: in which it lies with a probability of ``SURE`` [s].
+    """
+
+    recording: int
+    time: float
+    interval: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Change:
+    """A parameter that changes at a moment.
+
+    Attributes:
+        moment: when.
+        term: what.
+        value: by how much, the term's coordinates, (linear,).
+        deviation: standard deviations of that, (linear,).
+        probability: that it belongs to what changed [1].
+        support: evidence of the change over what its prior odds ask for [1].
+    """
+
+    moment: Moment
+    term: Term
+    value: np.ndarray
+    deviation: np.ndarray
+    probability: float
+    support: float
+
+
+class _Spans:
+    """Spans of R recordings between times: groups of rows, and sets of them that may have one value.
+
+    Args:
+        rows: each recording a group.
+        ends: per recording the times at which a span ends [s], rising.
+        parts: motions of each span at least.
+        smeared: time on both sides of an end of which the rows are left out [s].
+    """
+
+    def __init__(
+        self,
+        rows: Rows,
+        ends: Sequence[Sequence[float]],
+        parts: int = LEAST_MOTIONS,
+        smeared: float = 0.0,
+    ) -> None:
+        self.ends = [np.array([-np.inf, *some, np.inf]) for some in ends]
+        first = np.cumsum([0, *(len(some) + 1 for some in ends)]).tolist()
+        self.groups = [list(range(a, b)) for a, b in pairwise(first)]
+        group, left_out = rows.group.copy(), np.zeros(len(rows.group), dtype=bool)
+        for number, some in enumerate(ends):
+            mine = rows.recording == number
+            group[mine] = first[number] + np.searchsorted(some, rows.t[mine])
+            for end in some:
+                left_out |= mine & (np.abs(rows.t - end) < smeared)
+        self.rows = rows.regrouped(group, parts, left_out)
+
+    def search(
+        self, arm: NominalArm, sets: Sequence[tuple[int, ...]], asked: int
+    ) -> Search:
+        """The search for what sets of spans have of their own, of ``asked`` that there might be."""
+        every = tuple(range(self.groups[-1][-1] + 1))
+        free = fitted_arm(self.rows, arm, every)
+        return Search(self.rows, free, sets, every, 0.0, every, asked)
+
+    def sets(self, *, single: bool) -> list[tuple[int, ...]]:
+        """Spans of a recording in a row, and all of one that is not the first; or only those with one end within it."""
+        out = []
+        for number, some in enumerate(self.groups):
+            own = [tuple(some[k] for k in row) for row in in_a_row(len(some))]
+            if single:
+                own = [row for row in own if some[0] in row or some[-1] in row]
+            out += own
+            if number:
+                out.append(tuple(some))
+        return out
+
+    def place(self, one: Candidate) -> tuple[int, float, float]:
+        """Recording of a candidate, and the times between which it has its value [s]: infinite at an end."""
+        groups = one.groups or ()
+        number = next(r for r, some in enumerate(self.groups) if groups[0] in some)
+        first = self.groups[number][0]
+        ends = self.ends[number]
+        return (
+            number,
+            float(ends[groups[0] - first]),
+            float(ends[groups[-1] - first + 1]),
+        )
+
+    def candidate(self, term: Term, place: tuple[int, float, float]) -> Candidate:
+        """A term with a value of its own between two times of a recording."""
+        number, start, end = place
+        ends, groups = self.ends[number], np.array(self.groups[number])
+        inside = (ends[:-1] >= start) & (ends[1:] <= end)
+        return Candidate(term, tuple(groups[inside].tolist()))
+
+    def moments(self, fit: Fit, one: Candidate) -> list[Moment]:
+        """When a candidate begins and ends, each time between the ends before and after it."""
+        number, start, end = self.place(one)
+        return [
+            self._moment(fit, one, number, time, begins)
+            for time, begins in ((start, True), (end, False))
+            if np.isfinite(time)
+        ]
+
+    def _moment(
+        self, fit: Fit, one: Candidate, number: int, time: float, begins: bool
+    ) -> Moment:
+        """When a candidate begins or ends in a recording."""
+        rows, made, values = self.rows, fit.contrast.design, fit.answer.values
+        shared, _ = fit.own.nuisances(values)
+        left = fit.contrast.gap - fit.own.torque(values)
+        for j, active in enumerate(made.active):
+            left[:, j] -= made.columns[j] @ shared[active]
+        moved = made.torque(one.term, values[one])
+        without = left + moved * np.isin(rows.group, one.groups)[:, None]
+        variance = fit.contrast.error.noise2 + (left**2).mean(axis=0)
+        ends = self.ends[number]
+        k = int(np.argmin(np.abs(ends - time)))
+        here = (rows.t > ends[k - 1]) & (rows.t <= ends[k + 1])
+        mine = np.flatnonzero((rows.recording == number) & here)
+        off, on = (
+            (r[mine] ** 2 / variance).sum(axis=1) / 2
+            for r in (without, without - moved)
+        )
+        # before each row, or after the last
+        cost = np.append(0.0, np.cumsum(off - on if begins else on - off))
+        likely = np.exp(cost.min() - cost)
+        total = np.cumsum(likely) / likely.sum()
+        t = rows.t[mine]
+        edges = np.concatenate([t[:1], (t[1:] + t[:-1]) / 2, t[-1:]])
+        # anywhere between two rows
+        half = float(np.median(np.diff(t))) / 2
+        first, last = np.searchsorted(total, [(1 - SURE) / 2, (1 + SURE) / 2])
+        interval = float(edges[first]) - half, float(edges[last]) + half
+        return Moment(number, float(edges[np.argmin(cost)]), interval)
+
+
+def changes_of(
+    recordings: Sequence[Recording],
+    arm: NominalArm,
+    progress: Callable[[str], None] = lambda message: None,
+) -> tuple[Change, ...]:
+    """What changes during recordings that have a torque, in the order of recordings and moments.
+
+    Raises:
+        InputError: a recording has no stretch without gaps that is long enough.
+    """
+    rows = Rows([[recording] for recording in recordings])
+    times = [rows.t[rows.recording == k] for k in range(len(recordings))]
+    grid = [np.quantile(t, np.arange(1, SPANS) / SPANS) for t in times]
+    smeared = SMEARED / rows.cutoff
+    ends: list[list[float]] = [[] for _ in recordings]
+    spans, found = _Spans(rows, ends), None
+    moments: list[list[Moment]] = []
+    while True:
+        looked = _Spans(rows, list(map(_apart, grid, ends)), PARTS)
+        sets = looked.sets(single=True)
+        mine = found.fit.mine if found else []
+        known = [looked.candidate(one.term, spans.place(one)) for one in mine]
+        fit, step = looked.search(arm, sets, len(sets)).step(known)
+        moments = [looked.moments(fit, one) for one in known]
+        if step is None or sum(map(len, ends)) >= MOST_MOMENTS:
+            break
+        one = step.mine[-1]
+        tried = [list(some) for some in ends]
+        for moment in looked.moments(step, one):
+            own = tried[moment.recording]
+            tried[moment.recording] = sorted({*own, moment.time})
+        progress("asks what changed")
+        split = _Spans(rows, tried, smeared=smeared)
+        larger = split.search(arm, split.sets(single=False), len(sets)).run()
+        if len(larger.fit.mine) <= len(mine):
+            break
+        found, spans, ends = larger, split, tried
+    return _changes(found, spans, moments) if found else ()
+
+
+def _apart(grid: np.ndarray, ends: Sequence[float]) -> list[float]:
+    """Times of a grid and of the moments that are known, none closer to a moment than half a span."""
+    half = float(np.diff(grid).mean()) / 2
+    kept = [t for t in grid.tolist() if all(abs(t - end) > half for end in ends)]
+    return sorted([*kept, *ends])
+
+
+def _changes(
+    found: Difference, spans: _Spans, moments: Sequence[Sequence[Moment]]
+) -> tuple[Change, ...]:
+    """Each moment at which what spans have of their own comes or goes."""
+    out = []
+    for one, own in zip(found.fit.mine, moments, strict=True):
+        _, start, _ = spans.place(one)
+        probability, support = found.probabilities[one], found.support(one)
+        deviations = found.fit.answer.deviation(one)
+        for k, moment in enumerate(own):
+            comes = np.isfinite(start) and k == 0
+            value = found.fit.values[one] * (1.0 if comes else -1.0)
+            out.append(
+                Change(moment, one.term, value, deviations, probability, support)
+            )
+    return tuple(sorted(out, key=lambda c: (c.moment.recording, c.moment.time)))
