@@ -1,9 +1,10 @@
 """Changes during a recording: found, missed and false, over arms, sizes, noise, healthy and real recordings.
 
 Tables: (1) arms of the blind check's generator, another simulator with other laws of friction, vendor inertials 5 %
-off: a load is picked up, or friction of a joint rises, at a random moment of one recording; and the same arms without
-change, also with every effect of the generator present throughout; (2) real arms, as they were recorded, and with the
-torque of a load or of friction on the recorded motion added from some moment on. ``--out FILE.md`` writes them.
+off: a load is picked up, friction of a joint rises, an encoder slips, or a torque constant falls, at a random moment of
+one recording; and the same arms without change, also with every effect of the generator present throughout; (2) real
+arms, as they were recorded, and with the torque of a load or of friction on the recorded motion added from some moment
+on. ``--out FILE.md`` writes them.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -30,9 +32,12 @@ from gapscope.blind_check.generator.law import Cause
 from gapscope.blind_check.generator.laws import LAWS, SETUP
 from gapscope.blind_check.generator.sizing import draw_cause
 from gapscope.blind_check.generator.true_arm import Columns, TrueArm
+from gapscope.diagnosis.document.change_findings import (
+    PAYLOAD,
+    PLAIN_FRICTION,
+    change_findings,
+)
 from gapscope.diagnosis.gap.changes_during import changes_during
-from gapscope.ident.kalman.change_hypothesis import PAYLOAD
-from gapscope.ident.kalman.changes import RecordingChange
 from gapscope.ident.signals.conditioning import condition, position_cutoff
 
 CASES = Path(__file__).parent / "cases"
@@ -51,6 +56,10 @@ LOADS = (0.1, 0.3, 0.7)
 """Loads picked up, over the largest that the arm carries [1]."""
 RISES = (0.3, 0.6, 1.0)
 """Rise of a joint's friction, over that of its data sheet [1]."""
+SLIPS = (1.0, 2.0, 5.0)
+"""An encoder slips by so much [degrees]."""
+FALLS = (0.1, 0.15, 0.2)
+"""A torque constant falls by this share [1]."""
 MASSES = (0.25, 0.5, 1.0, 2.0)
 """Loads put into recordings of real arms [kg]."""
 SHARES = (0.05, 0.1, 0.2)
@@ -61,9 +70,11 @@ SOON, CLOSE = 0.5, 0.2
 
 @dataclass(frozen=True)
 class Truth:
-    """What was changed: ``what`` as the hypothesis calls it, size of the parameter that is judged, when and where."""
+    """What was changed: ``what`` as the diagnosis calls it, size of the parameter that is judged, when and where."""
 
     what: str
+    joints: list[int]
+    parameter: str
     label: str
     recording: str
     moment: float
@@ -77,21 +88,20 @@ class Outcome:
     group: str
     label: str
     truth: Truth | None
-    found: tuple[RecordingChange, ...]
+    found: list[dict[str, Any]]
 
     @property
-    def hit(self) -> RecordingChange | None:
+    def hit(self) -> dict[str, Any] | None:
         """The finding of the change that was put in."""
         truth = self.truth
         for entry in self.found:
-            same = truth is not None and entry.change.hypothesis.name == truth.what
-            if same and entry.recording == truth.recording and self._near(entry):
+            if truth is None or entry["what"] != truth.what:
+                continue
+            same = entry["recording"] == truth.recording
+            near = abs(entry["time"] - truth.moment) <= SOON
+            if same and near and entry["joints"] == truth.joints:
                 return entry
         return None
-
-    def _near(self, entry: RecordingChange) -> bool:
-        assert self.truth is not None
-        return abs(entry.change.time - self.truth.moment) <= SOON
 
     @property
     def false(self) -> int:
@@ -102,13 +112,20 @@ class Outcome:
     def error(self) -> float:
         """Relative error of mass or Coulomb friction [1]."""
         assert self.hit is not None and self.truth is not None
-        place = 0 if self.truth.what == PAYLOAD else 1
-        return float(abs(self.hit.change.size[place] / self.truth.size - 1))
+        found = self.hit["parameters"].get(self.truth.parameter, {"value": 0.0})
+        return float(abs(found["value"] / self.truth.size - 1))
+
+    @property
+    def inside(self) -> bool:
+        """Whether the interval holds the moment."""
+        assert self.hit is not None and self.truth is not None
+        low, high = self.hit["interval"]
+        return bool(low <= self.truth.moment <= high)
 
 
 def looked(case: Case, group: str, label: str, truth: Truth | None = None) -> Outcome:
     """What is found in a case."""
-    found = changes_during(case, position_cutoff(case.recordings))
+    found = change_findings(changes_during(case))
     return Outcome(group, label, truth, found)
 
 
@@ -127,6 +144,7 @@ def generated(seeds: range, effects: bool, console: Console) -> Iterator[Outcome
         kind = f"encoder noise x {noise:g}"
         yield looked(written(setup, plain, rows), "generator", f"healthy, {kind}")
         yield from changed(setup, rows, rng, kind)
+        yield from spoiled(written(setup, plain, rows), rng, kind)
         if effects:
             yield from constant(setup, rng)
 
@@ -162,6 +180,35 @@ def changed(
         yield from _one(setup, plain, rows, rng, share, load=False, kind=kind)
 
 
+def spoiled(case: Case, rng: np.random.Generator, kind: str) -> Iterator[Outcome]:
+    """Encoders that slip and torque constants that fall, each in one recording."""
+    for label, sizes in (("slip", SLIPS), ("constant", FALLS)):
+        for size in sizes:
+            which = int(rng.integers(len(case.recordings)))
+            joint = int(rng.integers(case.arm.n_joints))
+            own = case.recordings[which]
+            moment = float(rng.uniform(0.25, 0.75) * own.duration)
+            q, tau = own.q.copy(), np.asarray(own.tau).copy()
+            after = own.t - own.t[0] > moment
+            if label == "slip":
+                slip = float(np.radians(size) * rng.choice([-1.0, 1.0]))
+                q[after, joint] += slip
+                what, parameter, value = "encoder_offset", "offset", slip
+                text = f"encoder slips by {size:g} degrees"
+            else:
+                tau[after, joint] *= 1.0 - size
+                # applied = (1 + s) recorded
+                what, parameter = "torque_scale", "scale"
+                value = 1.0 / (1.0 - size) - 1.0
+                text = f"torque constant falls by {size:.0%}"
+            changed_one = replace(own, q=q, tau=tau)
+            recordings = tuple(changed_one if r is own else r for r in case.recordings)
+            when = float(own.t[0]) + moment
+            truth = Truth(what, [joint + 1], parameter, text, own.name, when, value)
+            given = replace(case, recordings=recordings)
+            yield looked(given, "generator", f"{text}, {kind}", truth)
+
+
 def _one(
     setup: CaseSetup,
     plain: TrueArm,
@@ -179,6 +226,7 @@ def _one(
         mass = share * setup.arm.payload
         later = setup.plant([_load(mass, rng)])
         what, size, label = PAYLOAD, mass, f"load, {share:.0%} of the largest"
+        joints, parameter = [], "mass"
     else:
         joint = int(rng.integers(setup.arm.n))
         size = share * float(setup.arm.coulomb[joint])
@@ -186,12 +234,13 @@ def _one(
         later.add("coulomb", np.array([joint]), size)
         viscous = share * float(setup.arm.viscous[joint])
         later.add("viscous", np.array([joint]), viscous)
-        what, label = f"friction of joint {joint + 1}", f"friction, +{share:.0%}"
+        what, label = PLAIN_FRICTION, f"friction, +{share:.0%}"
+        joints, parameter = [joint + 1], "coulomb"
     run = setup.run(plain, which, (moment, later))
     if run is None:
         return
     with_change = [run if k == which else own for k, own in enumerate(rows)]
-    truth = Truth(what, label, recording, moment, size)
+    truth = Truth(what, joints, parameter, label, recording, moment, size)
     yield looked(
         written(setup, plain, with_change), "generator", f"{label}, {kind}", truth
     )
@@ -239,7 +288,8 @@ def _put_in(
     for mass in MASSES:
         one = [mass, 0.0, 0.0, 0.05 * mass, *np.zeros(6)]
         added = _on_rows(recording, body, np.array(one))
-        truth = Truth(PAYLOAD, f"load of {mass:g} kg", recording.name, moment, mass)
+        label = f"load of {mass:g} kg"
+        truth = Truth(PAYLOAD, [], "mass", label, recording.name, moment, mass)
         yield _with(case, recording, added, truth, name)
     for k, share in enumerate(SHARES):
         joint = k % case.arm.n_joints
@@ -247,9 +297,9 @@ def _put_in(
         speed = np.gradient(recording.q[:, joint], recording.t)
         added = np.zeros_like(torque)
         added[:, joint] = size * np.tanh(_smooth(speed, recording.rate) / 0.01)
-        what = f"friction of joint {joint + 1}"
+        place = [joint + 1], "coulomb"
         label = f"Coulomb friction, {share:.0%} of the joint's torque"
-        truth = Truth(what, label, recording.name, moment, size)
+        truth = Truth(PLAIN_FRICTION, *place, label, recording.name, moment, size)
         yield _with(case, recording, added, truth, name)
 
 
@@ -289,8 +339,8 @@ def table(outcomes: list[Outcome]) -> str:
     """A row per group and kind: changes put in, found, missed, false, and how far off."""
     lines = [
         "| recordings | change | cases | found | missed | false | moment off by (median, s) "
-        f"| size off by (median) | within {SOON:g} s and {CLOSE:.0%} |",
-        "|" + "---|" * 9,
+        f"| in its interval | size off by (median) | within {SOON:g} s and {CLOSE:.0%} |",
+        "|" + "---|" * 10,
     ]
     keys = list(dict.fromkeys((o.group, o.label) for o in outcomes))
     for group, label in keys:
@@ -298,18 +348,19 @@ def table(outcomes: list[Outcome]) -> str:
         given = [o for o in own if o.truth is not None]
         hits = [o for o in given if o.hit is not None]
         false = sum(o.false for o in own)
-        off = [
-            abs(o.hit.change.time - o.truth.moment) for o in hits if o.hit and o.truth
-        ]
+        off = [abs(o.hit["time"] - o.truth.moment) for o in hits if o.hit and o.truth]
         errors = [o.error for o in hits]
         missed = len(given) - len(hits)
+        inside = sum(o.inside for o in hits)
         good = sum(error <= CLOSE for error in errors)
         medians = (
-            (f"{np.median(off):.2f}", f"{np.median(errors):.1%}") if hits else ("", "")
+            (f"{np.median(off):.3f}", inside, f"{np.median(errors):.1%}")
+            if hits
+            else ("", "", "")
         )
         cells = [group, label, len(own), len(hits), missed, false, *medians, good]
         if not given:
-            cells[3] = cells[4] = cells[8] = ""
+            cells[3] = cells[4] = cells[9] = ""
         lines.append("| " + " | ".join(map(str, cells)) + " |")
     return "\n".join(lines)
 

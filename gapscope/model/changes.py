@@ -137,9 +137,14 @@ class _Spans:
         )
 
     def candidate(self, term: Term, place: tuple[int, float, float]) -> Candidate:
-        """A term with a value of its own between two times of a recording."""
-        number, start, end = place
+        """A term with a value of its own between the ends nearest to two times of a recording."""
+        number, *times = place
         ends, groups = self.ends[number], np.array(self.groups[number])
+        within = ends[1:-1]
+        start, end = (
+            float(within[np.argmin(np.abs(within - t))]) if np.isfinite(t) else t
+            for t in times
+        )
         inside = (ends[:-1] >= start) & (ends[1:] <= end)
         return Candidate(term, tuple(groups[inside].tolist()))
 
@@ -218,7 +223,10 @@ def changes_of(
             tried[moment.recording] = sorted({*own, moment.time})
         progress("asks what changed")
         split = _Spans(rows, tried, smeared=smeared)
-        larger = split.search(arm, split.sets(single=False), len(sets)).run()
+        likely = [
+            split.candidate(other.term, looked.place(other)) for other in (*known, one)
+        ]
+        larger = split.search(arm, split.sets(single=False), len(sets)).run(likely)
         if len(larger.fit.mine) <= len(mine):
             break
         found, spans, ends = larger, split, tried

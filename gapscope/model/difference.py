@@ -190,7 +190,7 @@ class Search:
         self._prepare()
         fit = self._fit(known, {}, {})
         if known:
-            self._linearise(1, fit.own.torque(fit.values))
+            self._move_beside(fit)
             self._prepare()
             fit = self._fit(known, fit.values, {})
         proposed = [p for p in self._proposals(fit) if not p[1].everybody]
@@ -199,23 +199,35 @@ class Search:
             return fit, None
         return fit, self._fit((*fit.chosen, one), fit.values, {})
 
-    def run(self) -> Difference:
-        """Terms join one by one, each fitted about its own values; then each is asked again."""
+    def run(self, known: Sequence[Candidate] = ()) -> Difference:
+        """Terms join one by one, each fitted about its own values; then each is asked again.
+
+        Args:
+            known: what some groups have in all likelihood, beside which the others are compared at first.
+        """
         self._linearise(LINEARISATIONS)
+        if known:
+            self._prepare()
+            self._move_beside(self._fit(known, {}, {}))
         found = self._found_about_arm()
         if len(self.sets) == 1 or not found.fit.mine:
             return found
         # each group by itself shows most; what it shows has to stand beside what one leaves of another as well
+        before = set(known)
         for _ in range(LINEARISATIONS):
-            before = set(found.fit.mine)
-            made, own = found.fit.contrast.design, found.fit.own
-            shared, _ = own.nuisances(found.fit.answer.values)
-            self.arm = moved(self.arm, made, possible(self.arm, made, shared))
-            self._linearise(1, own.torque(found.fit.values))
-            found = self._found_about_arm()
             if not found.fit.mine or set(found.fit.mine) == before:
                 break
+            before = set(found.fit.mine)
+            self._move_beside(found.fit)
+            found = self._found_about_arm()
         return found
+
+    def _move_beside(self, fit: Fit) -> None:
+        """Linearise about the arm that predicts best beside what groups have of their own."""
+        made, own = fit.contrast.design, fit.own
+        shared, _ = own.nuisances(fit.answer.values)
+        self.arm = moved(self.arm, made, possible(self.arm, made, shared))
+        self._linearise(1, own.torque(fit.values))
 
     def _found_about_arm(self) -> Difference:
         """The best hypothesis about the arm, and those that compete."""

@@ -17,7 +17,8 @@ and is no less than what makes motions held out as surprising as they are.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections import Counter
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -162,10 +163,25 @@ def _learn_joint(
     return noise2, white2, variance, joint2, missed2
 
 
-def _others(cell: Cell, cells: list[Cell]) -> list[Cell]:
-    """Cells of the same group by which one is predicted: other recordings, or other motions of the only one."""
-    group = [c for c in cells if c.group == cell.group and c is not cell]
-    return [c for c in group if c.recording != cell.recording] or group
+def _of_others(cells: list[Cell], parts: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Sum over the cells by which each is predicted: of other recordings of its group, or of the only one.
+
+    Args:
+        cells: of a joint.
+        parts: what is summed, one of each cell.
+    """
+    groups: dict[int, np.ndarray] = {}
+    recordings: dict[tuple[int, int], np.ndarray] = {}
+    for cell, part in zip(cells, parts, strict=True):
+        groups[cell.group] = groups.get(cell.group, 0.0) + part
+        own = cell.group, cell.recording
+        recordings[own] = recordings.get(own, 0.0) + part
+    count = Counter(group for group, _ in recordings)
+    return [
+        groups[cell.group]
+        - (recordings[cell.group, cell.recording] if count[cell.group] > 1 else part)
+        for cell, part in zip(cells, parts, strict=True)
+    ]
 
 
 def _growth(
@@ -183,15 +199,10 @@ def _growth(
     count = sum(cell.count for cell in cells)
     parts = [eliminated(cell, own2, noise2) for cell in cells]
     estimated, form = 0.0, 0.0
-    for cell in cells:
-        held_out = _others(cell, cells)
-        others = [
-            part.information
-            for other, part in zip(cells, parts, strict=True)
-            if any(other is one for one in held_out)
-        ]
-        normal = sum(others, np.zeros_like(cell.gram))[np.ix_(shared, shared)]
-        normal = normal * unit[:, None] * unit + np.eye(len(unit))
+    informations = _of_others(cells, [part.information for part in parts])
+    for cell, others in zip(cells, informations, strict=True):
+        normal = others[np.ix_(shared, shared)] * unit[:, None] * unit
+        normal += np.eye(len(unit))
         covariance = np.linalg.inv(normal) * unit[:, None] * unit
         estimated += float((cell.gram[np.ix_(shared, shared)] * covariance).sum())
         form += float(np.diag(cell.gram) @ own2)
@@ -210,12 +221,17 @@ def _held_out(equations: Equations, j: int, cells: list[Cell]) -> np.ndarray:
     count = sum(cell.count for cell in cells)
     missed2 = max(sum(cell.power for cell in cells) / count, LEAST_NOISE**2)
     missed = np.zeros(len(y))
+    others = list(
+        zip(
+            cells,
+            _of_others(cells, [cell.gram for cell in cells]),
+            _of_others(cells, [cell.right for cell in cells]),
+            strict=True,
+        )
+    )
     # the noise by which the prior counts is what is missed
     for _ in range(2):
-        for cell in cells:
-            others = _others(cell, cells)
-            gram = sum((c.gram for c in others), np.zeros_like(cell.gram))
-            right = sum((c.right for c in others), np.zeros_like(cell.right))
+        for cell, gram, right in others:
             normal = gram[np.ix_(shared, shared)] * unit[:, None] * unit / missed2
             normal[np.diag_indices(len(unit))] += 1.0
             beta = unit * np.linalg.solve(normal, unit * right[shared] / missed2)

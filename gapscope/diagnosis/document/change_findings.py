@@ -9,6 +9,7 @@ import numpy as np
 
 from gapscope.diagnosis.display import effect_name, uncertain
 from gapscope.diagnosis.gap.changes_during import RecordingChange
+from gapscope.ident.kalman.change_hypothesis import PAYLOAD
 from gapscope.model.changes import Change
 
 LOAD = (
@@ -18,9 +19,9 @@ LOAD = (
     ("first_moment_z", "kg m"),
 )
 """Coordinates of a load that are told."""
-FRICTION = {"viscous_friction": "viscous", "coulomb_friction": "coulomb"}
-"""Plain friction of a joint: its name beside the other one."""
-PAYLOAD, PLAIN_FRICTION = "payload", "friction"
+FRICTION = {"damping": "viscous", "friction": "coulomb"}
+"""Name of plain friction of a joint, by the quantity of the effect."""
+PLAIN_FRICTION = "friction"
 
 
 def change_findings(changes: Sequence[RecordingChange]) -> list[dict[str, Any]]:
@@ -49,7 +50,7 @@ def change_findings(changes: Sequence[RecordingChange]) -> list[dict[str, Any]]:
 def _finding(found: RecordingChange) -> dict[str, Any]:
     change = found.change
     effect, joint = change.term.effect, change.term.joint
-    what = PLAIN_FRICTION if effect in FRICTION else effect
+    what = PLAIN_FRICTION if _friction(change) else effect
     if change.term.is_load:
         what = PAYLOAD
     return {
@@ -65,13 +66,18 @@ def _finding(found: RecordingChange) -> dict[str, Any]:
     }
 
 
+def _friction(change: Change) -> str | None:
+    """Name of plain friction; ``None`` of anything else."""
+    quantities = change.term.definition.quantities.values()
+    return next((FRICTION[q] for q in quantities if q in FRICTION), None)
+
+
 def _parameters(change: Change) -> dict[str, dict[str, Any]]:
     """By how much each parameter changed, with its standard deviation."""
     if change.term.is_load:
         names = list(LOAD)
-    elif change.term.effect in FRICTION:
-        unit = change.term.definition.parameters[0].unit
-        names = [(FRICTION[change.term.effect], unit)]
+    elif friction := _friction(change):
+        names = [(friction, change.term.definition.parameters[0].unit)]
     else:
         return _of_effect(change)
     return {

@@ -12,7 +12,11 @@ from gapscope.arm.case import Case
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.change_findings import change_findings, change_text
 from gapscope.diagnosis.document.diagnosis_json import validate
-from gapscope.diagnosis.gap.changes_during import changes_during, up_to_changes
+from gapscope.diagnosis.gap.changes_during import (
+    RecordingChange,
+    changes_during,
+    up_to_changes,
+)
 from gapscope.effects.applied import AppliedEffect
 
 MOMENT = {"load": 4.1, "friction": 4.4}
@@ -30,10 +34,15 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
     return changed_during("changes", folder, later, "healthy", "load", "friction")
 
 
-def test_what_changed_is_found_with_its_moment_and_size(case: Case) -> None:
-    found = {
-        entry["recording"]: entry for entry in change_findings(changes_during(case))
-    }
+@pytest.fixture(scope="module")
+def changes(case: Case) -> tuple[RecordingChange, ...]:
+    return changes_during(case)
+
+
+def test_what_changed_is_found_with_its_moment_and_size(
+    changes: tuple[RecordingChange, ...],
+) -> None:
+    found = {entry["recording"]: entry for entry in change_findings(changes)}
     assert set(found) == {"load", "friction"}
     for name, moment in MOMENT.items():
         assert found[name]["time"] == pytest.approx(moment, abs=0.05)
@@ -48,8 +57,10 @@ def test_what_changed_is_found_with_its_moment_and_size(case: Case) -> None:
     assert change_text(friction).startswith("friction of joint 3 changed at 4.")
 
 
-def test_recordings_are_used_up_to_their_changes(case: Case) -> None:
-    cut = up_to_changes(case, changes_during(case))
+def test_recordings_are_used_up_to_their_changes(
+    case: Case, changes: tuple[RecordingChange, ...]
+) -> None:
+    cut = up_to_changes(case, changes)
     healthy, load, friction = cut.recordings
     assert healthy is case.recordings[0]
     assert load.t[-1] == pytest.approx(MOMENT["load"], abs=0.1)
@@ -57,8 +68,10 @@ def test_recordings_are_used_up_to_their_changes(case: Case) -> None:
     assert "used up to 4." in load.notes[-1]
 
 
-def test_the_longest_part_remains_if_all_change_at_once(case: Case) -> None:
-    (found,) = (f for f in changes_during(case) if f.recording == "load")
+def test_the_longest_part_remains_if_all_change_at_once(
+    case: Case, changes: tuple[RecordingChange, ...]
+) -> None:
+    (found,) = (f for f in changes if f.recording == "load")
     moment = replace(found.change.moment, time=1.5, interval=(1.5, 1.5))
     early = replace(found, start=0.0, change=replace(found.change, moment=moment))
     alone = replace(case, recordings=(case.recordings[1],))
