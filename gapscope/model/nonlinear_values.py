@@ -387,7 +387,8 @@ def _peak(values: np.ndarray, gain: np.ndarray, best: int) -> float:
     near, height = values[best - 1 : best + 2] - value, gain[best - 1 : best + 2]
     if not np.diff(near).all():
         return value
-    curve, slope, _ = np.polyfit(near, height, 2)
+    width = near[2] - near[0]
+    curve, slope, _ = np.polyfit(near / width, height, 2)
     if curve >= 0:
         return value
-    return value + float(np.clip(-slope / (2 * curve), near[0], near[2]))
+    return value + float(np.clip(-slope / (2 * curve) * width, near[0], near[2]))
