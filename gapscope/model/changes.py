@@ -112,14 +112,21 @@ class _Spans:
         free = fitted_arm(self.rows, arm, every)
         return Search(self.rows, free, sets, every, 0.0, every, asked)
 
-    def sets(self, *, single: bool) -> list[tuple[int, ...]]:
-        """Spans of a recording in a row, and all of one that is not the first; or only those with one end within it."""
+    def sets(
+        self, known: Sequence[Sequence[float]] | None = None
+    ) -> list[tuple[int, ...]]:
+        """Spans of a recording in a row, and all of one that is not the first.
+
+        Args:
+            known: per recording the times of moments [s]: rows that begin and end elsewhere are left out.
+        """
         out = []
         for number, some in enumerate(self.groups):
-            own = [tuple(some[k] for k in row) for row in in_a_row(len(some))]
-            if single:
-                own = [row for row in own if some[0] in row or some[-1] in row]
-            out += own
+            ends = self.ends[number]
+            for row in in_a_row(len(some)):
+                sides = {float(ends[row[0]]), float(ends[row[-1] + 1])}
+                if known is None or sides & {-np.inf, np.inf, *known[number]}:
+                    out.append(tuple(some[k] for k in row))
             if number:
                 out.append(tuple(some))
         return out
@@ -209,7 +216,7 @@ def changes_of(
     moments: list[list[Moment]] = []
     while True:
         looked = _Spans(rows, list(map(_apart, grid, ends)), PARTS)
-        sets = looked.sets(single=True)
+        sets = looked.sets(ends)
         mine = found.fit.mine if found else []
         known = [looked.candidate(one.term, spans.place(one)) for one in mine]
         fit, step = looked.search(arm, sets, len(sets)).step(known)
@@ -217,17 +224,22 @@ def changes_of(
         if step is None or sum(map(len, ends)) >= MOST_MOMENTS:
             break
         one = step.mine[-1]
-        tried = [list(some) for some in ends]
+        tried, new = [list(some) for some in ends], []
         for moment in looked.moments(step, one):
             own = tried[moment.recording]
-            tried[moment.recording] = sorted({*own, moment.time})
+            if moment.time not in own:
+                new.append((moment.recording, moment.time))
+                tried[moment.recording] = sorted([*own, moment.time])
         progress("asks what changed")
         split = _Spans(rows, tried, smeared=smeared)
         likely = [
             split.candidate(other.term, looked.place(other)) for other in (*known, one)
         ]
-        larger = split.search(arm, split.sets(single=False), len(sets)).run(likely)
-        if len(larger.fit.mine) <= len(mine):
+        larger = split.search(arm, split.sets(), len(sets)).run(likely)
+        places = [split.place(other) for other in larger.fit.mine]
+        used = {(number, time) for number, *times in places for time in times}
+        # also one that is not within a recording is looked for once
+        if not used & set(new) and len(places) <= len(mine):
             break
         found, spans, ends = larger, split, tried
     return _changes(found, spans, moments) if found else ()

@@ -4,23 +4,19 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
-from tempfile import mkdtemp
 
 import numpy as np
 import pytest
 from diagnosis.synthetic import (
     COULOMB,
-    URDF,
     VISCOUS,
     Truth,
-    arm,
     motion,
     recording,
     recordings,
+    vendor,
 )
 
-from gapscope.arm.nominal import NominalArm
 from gapscope.model.design import design, fitted_arm
 from gapscope.model.difference import Difference, Search, in_a_row
 from gapscope.model.equations import Equations
@@ -31,23 +27,6 @@ HEALTHY = Truth(offset=(0.6, -0.5, 0.2))
 """Torque offsets that the arm has on both days [N m]."""
 DAYS = 0.15
 """Share by which friction differs from day to day at most [1]."""
-
-
-@cache
-def vendor() -> NominalArm:
-    """The arm as a poor URDF has it: masses 15 to 25 % off, a centre of mass 2 cm off, no friction known."""
-    text = URDF
-    for wrong in (
-        ('mass value="6"', 'mass value="7"'),
-        ('mass value="5"', 'mass value="4"'),
-        ('mass value="3"', 'mass value="3.6"'),
-        ('xyz="0.15 0.03 0.02"', 'xyz="0.13 0.03 0.02"'),
-    ):
-        assert text.count(wrong[0]) == 1
-        text = text.replace(*wrong)
-    urdf = Path(mkdtemp(prefix="gapscope-tests-")) / "robot.urdf"
-    urdf.write_text(text)
-    return NominalArm("vendor", urdf, arm().joints, armature=arm().armature)
 
 
 @cache

@@ -6,17 +6,15 @@ import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from tempfile import mkdtemp
 
 import numpy as np
 import pytest
-from synthetic import COULOMB, ENCODER_STEP, URDF, VISCOUS, Truth, arm, recordings
+from synthetic import COULOMB, URDF, VISCOUS, Truth, recordings, vendor
 
 import gapscope
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.write_case import write_case
-from gapscope.arm.nominal import NominalArm
 from gapscope.cli import main
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.reference.comparison_document import SCALED
@@ -28,28 +26,6 @@ from gapscope.diagnosis.reference.same_arm import check_same_arm
 OFFSET = (0.6, -0.5, 0.2)
 """Torque offsets that the arm has on both days [N m]."""
 HEALTHY = Truth(offset=OFFSET)
-
-
-@cache
-def vendor() -> NominalArm:
-    """The arm as a poor URDF has it: masses 15 to 25 % off, a centre of mass 2 cm off, no friction known."""
-    text = URDF.replace('mass value="6"', 'mass value="7"').replace(
-        'mass value="5"', 'mass value="4"'
-    )
-    text = text.replace('mass value="3"', 'mass value="3.6"').replace(
-        'xyz="0.15 0.03 0.02"', 'xyz="0.13 0.03 0.02"'
-    )
-    assert (
-        text.count('value="7"')
-        == text.count('value="4"')
-        == text.count('value="3.6"')
-        == 1
-    )
-    urdf = Path(mkdtemp(prefix="gapscope-tests-")) / "robot.urdf"
-    urdf.write_text(text)
-    return NominalArm(
-        "vendor", urdf, arm().joints, armature=arm().armature, encoder_step=ENCODER_STEP
-    )
 
 
 def case(truth: Truth, seed: int, name: str = "case") -> Case:

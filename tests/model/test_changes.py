@@ -1,0 +1,66 @@
+"""What changes during a recording, and when, on a three-joint arm that is believed with a poor URDF."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnosis.synthetic import Truth, recordings, vendor
+
+from gapscope.arm.recording import Recording
+from gapscope.model.changes import Change, changes_of
+
+HEALTHY = Truth(offset=(0.6, -0.5, 0.2))
+"""Torque offsets that the arm has from the first to the last sample [N m]."""
+MOMENT = 5.3
+"""When something changes [s]."""
+CHANGED = {
+    ("payload", 0): (replace(HEALTHY, mass=1.0, com=(0.1, 0.0, 0.0)), 1.0),
+    ("coulomb_friction", 2): (replace(HEALTHY, coulomb=(0.0, 1.5, 0.0)), 1.5),
+    ("torque_scale", 2): (replace(HEALTHY, scale=(0.0, 0.15, 0.0)), 0.15),
+}
+"""Effect and joint that change: the arm then, and the first coordinate of the change."""
+
+
+def changing(
+    later: Truth, start: float, end: float = np.inf
+) -> tuple[Recording, Recording]:
+    """Two recordings, in the second of which the arm is another one between two moments."""
+    one, before = recordings(HEALTHY, 1, duration=9.0)[:2]
+    after = recordings(later, 1, duration=9.0)[1]
+    there = ((before.t >= start) & (before.t < end))[:, None]
+    q = np.where(there, after.q, before.q)
+    tau = np.where(there, np.asarray(after.tau), np.asarray(before.tau))
+    return one, replace(before, q=q, tau=tau)
+
+
+def found(later: Truth, start: float, end: float = np.inf) -> tuple[Change, ...]:
+    return changes_of(changing(later, start, end), vendor())
+
+
+def test_nothing_changes() -> None:
+    assert found(HEALTHY, MOMENT) == ()
+
+
+@pytest.mark.parametrize("what", CHANGED, ids=lambda what: what[0])
+def test_what_changes_when_and_by_how_much(what: tuple[str, int]) -> None:
+    later, value = CHANGED[what]
+    (change,) = found(later, MOMENT)
+    assert (change.term.effect, change.term.joint) == what
+    assert change.moment.recording == 1
+    assert change.moment.time == pytest.approx(MOMENT, abs=0.1)
+    low, high = change.moment.interval
+    assert low <= MOMENT <= high
+    assert change.value[0] == pytest.approx(value, rel=0.15)
+    assert change.probability > 0.9 and change.support > 1.0
+
+
+def test_a_load_that_is_picked_up_and_put_down() -> None:
+    later, mass = CHANGED["payload", 0]
+    up, down = found(later, 3.1, 6.4)
+    assert [c.term.effect for c in (up, down)] == ["payload", "payload"]
+    assert up.moment.time == pytest.approx(3.1, abs=0.1)
+    assert down.moment.time == pytest.approx(6.4, abs=0.1)
+    assert up.value[0] == pytest.approx(mass, rel=0.1)
+    assert down.value[0] == pytest.approx(-mass, rel=0.1)
