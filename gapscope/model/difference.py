@@ -186,7 +186,7 @@ class Search:
 
     def step(self, known: Sequence[Candidate]) -> tuple[Fit, Fit | None]:
         """What groups have that is known, fitted, and with the candidate that promises most beside it, if any does."""
-        self._linearise(LINEARISATIONS)
+        self._linearise(1)
         self._prepare()
         fit = self._fit(known, {}, {})
         if known:
