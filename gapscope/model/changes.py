@@ -174,7 +174,7 @@ class _Spans:
         for j, active in enumerate(made.active):
             left[:, j] -= made.columns[j] @ shared[active]
         moved = made.torque(one.term, values[one])
-        without = left + moved * np.isin(rows.group, one.groups)[:, None]
+        without = left + moved * np.isin(rows.group, one.groups or ())[:, None]
         variance = fit.contrast.error.noise2 + (left**2).mean(axis=0)
         ends = self.ends[number]
         k = int(np.argmin(np.abs(ends - time)))
@@ -217,7 +217,7 @@ def changes_of(
     while True:
         looked = _Spans(rows, list(map(_apart, grid, ends)), PARTS)
         sets = looked.sets(ends)
-        mine = found.fit.mine if found else []
+        mine: list[Candidate] = found.fit.mine if found else []
         known = [looked.candidate(one.term, spans.place(one)) for one in mine]
         fit, step = looked.search(arm, sets, len(sets)).step(known)
         moments = [looked.moments(fit, one) for one in known]
