@@ -93,11 +93,15 @@ class _Spans:
         parts: int = LEAST_MOTIONS,
         smeared: float = 0.0,
     ) -> None:
-        self.ends = [np.array([-np.inf, *some, np.inf]) for some in ends]
-        first = np.cumsum([0, *(len(some) + 1 for some in ends)]).tolist()
+        kept = [
+            _between(rows.t[rows.recording == number], some)
+            for number, some in enumerate(ends)
+        ]
+        self.ends = [np.array([-np.inf, *some, np.inf]) for some in kept]
+        first = np.cumsum([0, *(len(some) + 1 for some in kept)]).tolist()
         self.groups = [list(range(a, b)) for a, b in pairwise(first)]
         group, left_out = rows.group.copy(), np.zeros(len(rows.group), dtype=bool)
-        for number, some in enumerate(ends):
+        for number, some in enumerate(kept):
             mine = rows.recording == number
             group[mine] = first[number] + np.searchsorted(some, rows.t[mine])
             for end in some:
@@ -184,17 +188,17 @@ class _Spans:
             (r[mine] ** 2 / variance).sum(axis=1) / 2
             for r in (without, without - moved)
         )
-        # before each row, or after the last
-        cost = np.append(0.0, np.cumsum(off - on if begins else on - off))
+        # between two rows: each side has some
+        cost = np.cumsum(off - on if begins else on - off)[:-1]
         likely = np.exp(cost.min() - cost)
         total = np.cumsum(likely) / likely.sum()
         t = rows.t[mine]
-        edges = np.concatenate([t[:1], (t[1:] + t[:-1]) / 2, t[-1:]])
-        # anywhere between two rows
+        between = (t[1:] + t[:-1]) / 2
+        # anywhere from one row to the next
         half = float(np.median(np.diff(t))) / 2
         first, last = np.searchsorted(total, [(1 - SURE) / 2, (1 + SURE) / 2])
-        interval = float(edges[first]) - half, float(edges[last]) + half
-        return Moment(number, float(edges[np.argmin(cost)]), interval)
+        interval = float(between[first]) - half, float(between[last]) + half
+        return Moment(number, float(between[np.argmin(cost)]), interval)
 
 
 def changes_of(
@@ -243,6 +247,13 @@ def changes_of(
             break
         found, spans, ends = larger, split, tried
     return _changes(found, spans, moments) if found else ()
+
+
+def _between(t: np.ndarray, ends: Sequence[float]) -> list[float]:
+    """Ends that have rows at times t, rising, on both sides: of those between the same two rows the first."""
+    place = np.searchsorted(t, ends)
+    _, first = np.unique(place, return_index=True)
+    return [ends[k] for k in first.tolist() if 0 < place[k] < len(t)]
 
 
 def _apart(grid: np.ndarray, ends: Sequence[float]) -> list[float]:

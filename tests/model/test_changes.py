@@ -64,3 +64,8 @@ def test_a_load_that_is_picked_up_and_put_down() -> None:
     assert down.moment.time == pytest.approx(6.4, abs=0.1)
     assert up.value[0] == pytest.approx(mass, rel=0.1)
     assert down.value[0] == pytest.approx(-mass, rel=0.1)
+
+
+def test_what_changes_at_the_last_moment_is_no_error() -> None:
+    later, _ = CHANGED["payload", 0]
+    assert all(c.moment.time > 8.0 for c in found(later, 8.9))

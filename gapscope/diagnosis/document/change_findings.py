@@ -27,24 +27,24 @@ PLAIN_FRICTION = "friction"
 def change_findings(changes: Sequence[RecordingChange]) -> list[dict[str, Any]]:
     """Entries of ``changes``: what changed, in which recording, when, by how much."""
     out: list[dict[str, Any]] = []
-    for found in changes:
-        entry = _finding(found)
-        same = ("recording", "what", "joints", "time")
-        # friction of a joint that changes at one moment is one change
-        twin = next(
-            (
-                other
-                for other in out
-                if entry["what"] == PLAIN_FRICTION
-                and all(other[key] == entry[key] for key in same)
-            ),
-            None,
-        )
+    for entry in map(_finding, changes):
+        twin = next((other for other in out if _are_one(entry, other)), None)
         if twin is None:
             out.append(entry)
-        else:
-            twin["parameters"] |= entry["parameters"]
+            continue
+        twin["parameters"] |= entry["parameters"]
+        if np.ptp(entry["interval"]) < np.ptp(twin["interval"]):
+            twin |= {key: entry[key] for key in ("time", "interval")}
     return out
+
+
+def _are_one(one: dict[str, Any], other: dict[str, Any]) -> bool:
+    """Whether both are plain friction of a joint that changes at one moment."""
+    same = all(one[key] == other[key] for key in ("recording", "what", "joints"))
+    low = max(one["interval"][0], other["interval"][0])
+    high = min(one["interval"][1], other["interval"][1])
+    new = not set(one["parameters"]) & set(other["parameters"])
+    return one["what"] == PLAIN_FRICTION and same and low <= high and new
 
 
 def _finding(found: RecordingChange) -> dict[str, Any]:
