@@ -194,10 +194,10 @@ class _Spans:
         total = np.cumsum(likely) / likely.sum()
         t = rows.t[mine]
         between = (t[1:] + t[:-1]) / 2
-        # anywhere from one row to the next
-        half = float(np.median(np.diff(t))) / 2
+        # the filter sees about a row to both sides
+        step = float(np.median(np.diff(t)))
         first, last = np.searchsorted(total, [(1 - SURE) / 2, (1 + SURE) / 2])
-        interval = float(between[first]) - half, float(between[last]) + half
+        interval = float(between[first]) - step, float(between[last]) + step
         return Moment(number, float(between[np.argmin(cost)]), interval)
 
 
@@ -269,8 +269,18 @@ def _changes(
     """Each moment at which what spans have of their own comes or goes."""
     out = []
     for one, own in zip(found.fit.mine, moments, strict=True):
-        _, start, _ = spans.place(one)
-        probability, support = found.probabilities[one], found.support(one)
+        number, start, _ = spans.place(one)
+
+        def is_it(
+            other: Candidate, term: Term = one.term, number: int = number
+        ) -> bool:
+            """The same term in the same recording, wherever it begins and ends."""
+            mine = other.term == term and not other.everybody
+            return mine and spans.place(other)[0] == number
+
+        probability = found.probabilities_of(is_it)[True]
+        odds = found.odds[one]
+        support = (found.log_odds(is_it) - odds) / -odds
         deviations = found.fit.answer.deviation(one)
         for k, moment in enumerate(own):
             comes = np.isfinite(start) and k == 0

@@ -125,13 +125,14 @@ class Difference:
                 out[key] = out.get(key, 0.0) + float(np.exp(value - total))
         return {key: min(p, 1.0) for key, p in out.items()}
 
-    def support(self, one: Candidate) -> float:
-        """Evidence of a candidate over what its prior odds ask for [1]."""
+    def log_odds(self, holds: Callable[[Candidate], bool]) -> float:
+        """Log probability of the sets with a candidate of some kind over that of those without [nats]."""
         sides: dict[bool, list[float]] = {True: [], False: []}
         for some, value in self.sets.items():
-            sides[one in some].append(value)
-        gain = np.logaddexp.reduce(sides[True]) - np.logaddexp.reduce(sides[False])
-        return float((gain - self.odds[one]) / -self.odds[one])
+            sides[any(holds(one) for one in some)].append(value)
+        return float(
+            np.logaddexp.reduce(sides[True]) - np.logaddexp.reduce(sides[False])
+        )
 
     @property
     def shapes(self) -> dict[Term, tuple[float, ...]]:
@@ -190,7 +191,8 @@ class Search:
         self._prepare()
         fit = self._fit(known, {}, {})
         if known:
-            self._move_beside(fit)
+            # what is not known yet is no form error
+            self._move_beside(fit, alike=False)
             self._prepare()
             fit = self._fit(known, fit.values, {})
         proposed = [p for p in self._proposals(fit) if not p[1].everybody]
@@ -222,12 +224,12 @@ class Search:
             found = self._found_about_arm()
         return found
 
-    def _move_beside(self, fit: Fit) -> None:
-        """Linearise about the arm that predicts best beside what groups have of their own."""
+    def _move_beside(self, fit: Fit, *, alike: bool = True) -> None:
+        """Linearise about the arm that predicts best beside what groups have of their own, all they have or not."""
         made, own = fit.contrast.design, fit.own
         shared, _ = own.nuisances(fit.answer.values)
         self.arm = moved(self.arm, made, possible(self.arm, made, shared))
-        self._linearise(1, own.torque(fit.values))
+        self._linearise(1, own.torque(fit.values), alike=alike)
 
     def _found_about_arm(self) -> Difference:
         """The best hypothesis about the arm, and those that compete."""
@@ -240,12 +242,15 @@ class Search:
     def _weigher(self, own: OwnTerms) -> Weigher:
         return Weigher(own, self.arm, self._charges, self.asked or len(self.sets))
 
-    def _linearise(self, times: int, known: np.ndarray | float = 0.0) -> None:
+    def _linearise(
+        self, times: int, known: np.ndarray | float = 0.0, *, alike: bool = False
+    ) -> None:
         """Columns about what all share, noise and form error; the arm moves while that makes it predict better.
 
         Args:
             times: linearisations, at most.
-            known: torque of what groups have of their own, over the joints' scale, (M, n): in all else they are alike.
+            known: torque of what groups have of their own, over the joints' scale, (M, n).
+            alike: whether they are alike in all else.
         """
         arm, least = self.arm, np.inf
         for _ in range(times):
@@ -256,9 +261,8 @@ class Search:
             if left >= least:
                 break
             self.arm, self._first, least = arm, first, left
-            alike = bool(np.any(known))
             left_over = replace(first.design, gap=first.design.gap - known)
-            beside = Equations.of(left_over) if alike else first
+            beside = Equations.of(left_over) if np.any(known) else first
             self._taught = learn(beside, self.taught_by, alike=alike)
             arm = moved(arm, first.design, self._shared())
 

@@ -244,11 +244,8 @@ class _Document:
 
     def _log_odds(self, name: str) -> float:
         """Log probability of the sets with a finding over that of those without [nats]."""
-        sides: dict[bool, list[float]] = {True: [], False: []}
-        for some, value in self._comparison.difference.sets.items():
-            sides[any(one.term.finding == name for one in some)].append(value)
-        return float(
-            np.logaddexp.reduce(sides[True]) - np.logaddexp.reduce(sides[False])
+        return self._comparison.difference.log_odds(
+            lambda one: one.term.finding == name
         )
 
     def _support(self, name: str) -> dict[str, float]:
