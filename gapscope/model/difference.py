@@ -196,8 +196,8 @@ class Search:
             self._prepare()
             fit = self._fit(known, fit.values, {})
         proposed = [p for p in self._proposals(fit) if not p[1].everybody]
-        value, one = max(proposed, key=lambda p: p[0])
-        if value <= fit.total:
+        value, one = max(proposed, key=lambda p: p[0], default=(-np.inf, None))
+        if one is None or value <= fit.total:
             return fit, None
         return fit, self._fit((*fit.chosen, one), fit.values, {})
 
@@ -292,7 +292,7 @@ class Search:
         contrast = Contrast(self._first, self._taught, (), {})
         held = np.full(made.size, np.nan)
         while True:
-            # the first group is the arm: others may have changed
+            # others may have changed
             value = contrast.values_of(self.basis, held)
             inside = possible(self.arm, made, value)
             beyond = np.isnan(held) & (np.abs(inside - value) > LEAST_TORQUE)
