@@ -126,7 +126,7 @@ def change_text(entry: Mapping[str, Any]) -> str:
         size = f"{uncertain(abs(mass['value']), mass['std'])} kg"
         return f"load of {size} {done} {when}"
     sizes = [
-        f"{name} by {uncertain(value, std)} {part['unit']}"
+        f"{name} by {uncertain(value, std)} {part['unit']}".removesuffix(" 1")
         for name, part in entry["parameters"].items()
         for value, std in zip(
             np.ravel(part["value"]).tolist(),
