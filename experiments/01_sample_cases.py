@@ -23,7 +23,7 @@ import numpy as np
 from gapscope.arm.case import load_case
 from gapscope.arm.io.formats.table_files import read_csv
 from gapscope.arm.io.load_recording import load_recording
-from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, TRIM, low_pass
+from gapscope.model.conditioning import TORQUE_CUTOFF, TRIM, low_pass
 from gapscope.model.torque_gap import torque_scale
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -23,7 +23,7 @@ from gapscope.arm.nominal import smooth_sign
 from gapscope.commands.diagnose_path import diagnose_path
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.ident.signals.conditioning import Segment, condition, low_pass
+from gapscope.model.conditioning import Segment, condition, low_pass
 
 CASES = Path(__file__).parent / "cases"
 MOVING = 0.05

@@ -33,9 +33,9 @@ from gapscope.ident.identification import (
 )
 from gapscope.ident.model.friction_law import FrictionLaw
 from gapscope.ident.model.model_columns import ModelColumns
-from gapscope.ident.signals.conditioning import TRIM, Segment
 from gapscope.ident.signals.samples import Band
 from gapscope.ident.uncertainty.validation import MOVING
+from gapscope.model.conditioning import TRIM, Segment
 
 HERE = Path(__file__).parent
 ORDERS = (1, 2)

@@ -38,7 +38,7 @@ from gapscope.ident.residual.learnt import boosted_trees, torque_left
 from gapscope.ident.residual.rows import rows_of
 from gapscope.ident.residual.settings import ResidualSettings
 from gapscope.ident.residual.trajectory import Trajectory, from_segment
-from gapscope.ident.signals.conditioning import condition, position_cutoff
+from gapscope.model.conditioning import condition, position_cutoff
 
 CASES = Path(__file__).parent / "cases"
 DATA = Path(os.environ.get("GAPSCOPE_DATA", CASES.parents[1] / "../shared/data"))

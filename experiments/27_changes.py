@@ -38,7 +38,7 @@ from gapscope.diagnosis.document.change_findings import (
     change_findings,
 )
 from gapscope.diagnosis.gap.changes_during import changes_during
-from gapscope.ident.signals.conditioning import condition, position_cutoff
+from gapscope.model.conditioning import condition, position_cutoff
 
 CASES = Path(__file__).parent / "cases"
 KEPT = tempfile.TemporaryDirectory(prefix="gapscope-")

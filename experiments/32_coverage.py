@@ -23,7 +23,6 @@ from scipy.signal import lfilter
 
 from gapscope.ident.estimators.wls import WeightedLeastSquares
 from gapscope.ident.model.linear_problem import Problem
-from gapscope.ident.signals.conditioning import low_pass
 from gapscope.ident.uncertainty.intervals import (
     bartlett_sum,
     block_jackknife,
@@ -31,6 +30,7 @@ from gapscope.ident.uncertainty.intervals import (
     plain,
     sandwich,
 )
+from gapscope.model.conditioning import low_pass
 
 RATE = 50.0
 """Of the samples [Hz]."""

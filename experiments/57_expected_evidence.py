@@ -28,7 +28,7 @@ from gapscope.arm.recording import Recording
 from gapscope.blind_check.scoring.statistics import wilson
 from gapscope.diagnosis.reference.diagnose_change import diagnose_change
 from gapscope.diagnosis.reference.identify_reference import identify_reference
-from gapscope.ident.signals.conditioning import condition, position_cutoff
+from gapscope.model.conditioning import condition, position_cutoff
 
 pairs = import_module("12_against")
 SIZES = {

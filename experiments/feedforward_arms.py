@@ -25,8 +25,8 @@ from gapscope.envs.session import record_case
 from gapscope.ident.residual.fit import fit_residual
 from gapscope.ident.residual.settings import ResidualSettings
 from gapscope.ident.residual.trajectory import from_segment
-from gapscope.ident.signals.conditioning import condition, position_cutoff
 from gapscope.interface.identify import identify
+from gapscope.model.conditioning import condition, position_cutoff
 
 LIMITS = [87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0]
 """Torque limits of the Panda, as its maker states them [N m]."""

@@ -23,7 +23,7 @@ from gapscope.ident.estimators.wls import WeightedLeastSquares
 from gapscope.ident.model.base_parameters import BaseParameters, base_parameters
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.regressor import Regressor
-from gapscope.ident.signals.conditioning import condition, low_pass
+from gapscope.model.conditioning import condition, low_pass
 
 JOINTS = (1, 2, 4)
 """Joints of the iiwa that move, by default."""

@@ -17,7 +17,7 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.ident.signals.conditioning import condition, position_cutoff
+from gapscope.model.conditioning import condition, position_cutoff
 from gapscope.model.torque_gap import torque_gap
 from gapscope.reports.blind_check.tables import Table
 

@@ -22,7 +22,7 @@ from gapscope.ident.output.identified_arm import (
     sheet,
     urdf_text,
 )
-from gapscope.ident.signals.conditioning import (
+from gapscope.model.conditioning import (
     TORQUE_CUTOFF,
     condition,
     low_pass,

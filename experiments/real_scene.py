@@ -15,7 +15,7 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, TRIM, low_pass
+from gapscope.model.conditioning import TORQUE_CUTOFF, TRIM, low_pass
 
 Values = dict[str, Any]
 """Parameters of an effect by name, a number, one per joint or a vector."""

@@ -26,7 +26,7 @@ from gapscope.blind_check.generator.measure import nominal_torque
 from gapscope.blind_check.generator.motions import draw_motion
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.residual.trajectory import Trajectory, from_segment
-from gapscope.ident.signals.conditioning import condition, position_cutoff
+from gapscope.model.conditioning import condition, position_cutoff
 
 REMAINDERS = {
     "posture_friction": "position_dependent_friction",

@@ -32,8 +32,8 @@ PACKAGE = ROOT / "gapscope"
 LAYERS: tuple[set[str], ...] = (
     {"arm"},
     {"effects"},
-    {"envs", "ident"},
     {"model"},
+    {"envs", "ident"},
     {"diagnosis"},
     {"inspection", "installation", "archive", "watching"},
     {"provenance", "workers"},

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.case import Case
-from gapscope.ident.signals.conditioning import Segment
+from gapscope.model.conditioning import Segment
 
 # relative, because scripts beside the folder import this as well
 from .child import run_child

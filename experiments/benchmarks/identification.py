@@ -26,9 +26,9 @@ from experiments.benchmarks.simulated_cases import Simulated, simulated_case
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.ident.identification import IdentificationSettings, identify
-from gapscope.ident.signals.conditioning import Segment
 from gapscope.ident.signals.samples import Band
 from gapscope.ident.uncertainty.validation import MOVING
+from gapscope.model.conditioning import Segment
 
 CUTOFF = 10.0
 """Of the filter on both sides [Hz]."""

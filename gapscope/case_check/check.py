@@ -21,7 +21,7 @@ from gapscope.diagnosis.gap.commanded_torque import with_commanded_torque
 from gapscope.diagnosis.gap.plausible_data import check_stamps, check_torque
 from gapscope.diagnosis.gap.plausible_motion import check_moving
 from gapscope.ident.model.model_columns import ModelColumns
-from gapscope.ident.signals.conditioning import (
+from gapscope.model.conditioning import (
     Segment,
     condition,
     position_cutoff,

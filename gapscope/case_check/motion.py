@@ -28,7 +28,7 @@ from gapscope.ident.model.base_parameters import random_states, structural_base
 from gapscope.ident.model.friction_law import FrictionLaw
 from gapscope.ident.model.model_columns import ModelColumns
 from gapscope.ident.model.regressor import Regressor
-from gapscope.ident.signals.conditioning import Segment
+from gapscope.model.conditioning import Segment
 
 SEED = 0
 """Of the random postures."""

@@ -13,8 +13,8 @@ from gapscope.ident.checks.fit_evidence import nominal_similarity
 from gapscope.ident.checks.plausible_samples import UNIT_FACTOR, unit_factor
 from gapscope.ident.checks.symptoms import exchanged
 from gapscope.ident.model.model_columns import ModelColumns
-from gapscope.ident.signals.conditioning import Segment
 from gapscope.ident.signals.samples import Band, Samples
+from gapscope.model.conditioning import Segment
 
 
 def check_torque_column(

@@ -44,7 +44,7 @@ from gapscope.diagnosis.setup_faults.quantization import find_quantization
 from gapscope.diagnosis.setup_faults.references.detection import find_reference_faults
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
-from gapscope.ident.signals.conditioning import (
+from gapscope.model.conditioning import (
     TORQUE_CUTOFF,
     Segment,
     condition,

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
+from gapscope.model.conditioning import TORQUE_CUTOFF
 
 # fmt: off
 

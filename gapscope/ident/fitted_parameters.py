@@ -30,10 +30,10 @@ from gapscope.ident.model.law_choice import Choice, choose
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.model_columns import ModelColumns
 from gapscope.ident.model.physical_parameters import Physical, consistent
-from gapscope.ident.signals.conditioning import position_cutoff
 from gapscope.ident.signals.samples import Band, Samples
 from gapscope.ident.signals.split import split
 from gapscope.ident.uncertainty.intervals import Uncertainty
+from gapscope.model.conditioning import position_cutoff
 
 FILTERS = ("recursive", "unscented")
 """What follows the parameters over time; the recursive filter always does."""

@@ -10,11 +10,11 @@ from gapscope.ident.checks.fit_evidence import FitEvidence
 from gapscope.ident.model.base_parameters import BaseParameters
 from gapscope.ident.model.law_choice import Choice
 from gapscope.ident.model.linear_problem import Problem
-from gapscope.ident.signals.conditioning import Segment
 from gapscope.ident.signals.samples import Band, Samples
 from gapscope.ident.uncertainty.examination import Examination
 from gapscope.ident.uncertainty.torque_interval import PredictedTorque, predicted_torque
 from gapscope.ident.uncertainty.validation import Validation, validate
+from gapscope.model.conditioning import Segment
 
 
 def validated(

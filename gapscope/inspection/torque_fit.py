@@ -11,7 +11,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm, smooth_sign
 from gapscope.arm.recording import Recording
 from gapscope.effects.setup_faults.torque_faults import TorqueUnit
-from gapscope.ident.signals.conditioning import Segment, condition, position_cutoff
+from gapscope.model.conditioning import Segment, condition, position_cutoff
 
 READINGS = ("with gravity", "without gravity")
 STRETCHES = 20

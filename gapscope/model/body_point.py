@@ -13,7 +13,7 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Effect, LinkChange, Transmission
 from gapscope.effects.free_play import play_columns
-from gapscope.ident.signals.conditioning import Segment
+from gapscope.model.conditioning import Segment
 from gapscope.model.prediction import Prediction
 from gapscope.model.terms import Terms
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from gapscope.effects.effect import Drift, Effect, Path, Signals, TorqueLaw
 from gapscope.effects.parametrisation import JointSeries
-from gapscope.ident.signals.conditioning import Segment, low_pass
+from gapscope.model.conditioning import Segment, low_pass
 from gapscope.model.decimated_segments import DecimatedSegments
 from gapscope.model.scan import products
 from gapscope.model.terms import Term

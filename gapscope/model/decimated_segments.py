@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gapscope.ident.signals.conditioning import Segment
-from gapscope.ident.signals.decimating_filter import low_passed_rows
 from gapscope.model.body_point import Bodies
+from gapscope.model.conditioning import Segment
+from gapscope.model.decimating_filter import low_passed_rows
 
 UNMEASURED = 1e-3
 """Weight of a row whose torque was not measured [1]: not zero, as each half of a recording needs some rows."""

@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from gapscope.ident.signals.effective_samples import variance_inflation
+from gapscope.model.effective_samples import variance_inflation
 from gapscope.model.equations import Cell, Equations, eliminated, inverse, lower
 from gapscope.model.rows import LEAST_MOTIONS
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Effect, Path, TorqueLaw
-from gapscope.ident.signals.conditioning import Segment
 from gapscope.model.body_point import acts_on_bodies, bodily_columns
+from gapscope.model.conditioning import Segment
 from gapscope.model.decimated_segments import DecimatedSegments
 from gapscope.model.prediction import Prediction
 from gapscope.model.terms import Term, Terms

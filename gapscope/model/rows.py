@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from gapscope.arm.nominal import smooth_sign
 from gapscope.arm.recording import Recording
-from gapscope.ident.signals.conditioning import (
+from gapscope.model.conditioning import (
     TORQUE_CUTOFF,
     Segment,
     condition,

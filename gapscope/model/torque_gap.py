@@ -9,7 +9,7 @@ import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, Segment, low_pass
+from gapscope.model.conditioning import TORQUE_CUTOFF, Segment, low_pass
 
 LEAST_SCALE_SHARE = 0.05
 """A joint's normalisation, over the largest joint's deviation, at least [1]: part of what ``torque_nrmse`` is."""

@@ -11,7 +11,7 @@ from gapscope.arm.recording import Recording
 from gapscope.diagnosis.assessment.replay_gap import attempt
 from gapscope.diagnosis.gap.plausible_data import check_rates
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.ident.signals.conditioning import condition, position_cutoff
+from gapscope.model.conditioning import condition, position_cutoff
 from gapscope.model.torque_gap import torque_gap
 
 

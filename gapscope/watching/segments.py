@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gapscope.arm.recording import Recording
-from gapscope.ident.signals.conditioning import (
+from gapscope.model.conditioning import (
     GAP_STEPS,
     TRIM,
     Segment,

@@ -36,7 +36,7 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.transmission import BACKLASH, ELASTICITY
 from gapscope.ident.identification import IdentificationSettings, identify
-from gapscope.ident.signals.conditioning import Segment, blocks, condition, thinned
+from gapscope.model.conditioning import Segment, blocks, condition, thinned
 from gapscope.model.jacobian import columns
 from gapscope.model.prediction import Prediction
 from gapscope.model.terms import Terms

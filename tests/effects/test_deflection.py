@@ -19,7 +19,7 @@ from gapscope.effects.deflection import (
     through_springs,
 )
 from gapscope.effects.free_play import behind_play, play_columns
-from gapscope.ident.signals.conditioning import low_pass
+from gapscope.model.conditioning import low_pass
 
 INERTIA = 2.0 * 0.5**2 + 0.05
 """Of the pendulum about its axis [kg m^2]."""

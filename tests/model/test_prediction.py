@@ -9,7 +9,7 @@ from diagnosis import synthetic
 from gapscope.arm.motions.motion import Motion
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.ident.signals.conditioning import condition
+from gapscope.model.conditioning import condition
 from gapscope.model.prediction import Prediction, without
 
 EFFECTS = {

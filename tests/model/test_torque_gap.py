@@ -10,7 +10,7 @@ from scipy.signal import butter, sosfiltfilt
 from gapscope.diagnosis.gap.noise_floor import noise_floor
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.ident.signals.conditioning import Segment, condition
+from gapscope.model.conditioning import Segment, condition
 from gapscope.model.torque_gap import torque_gap, torque_scale
 
 

@@ -12,7 +12,7 @@ from gapscope.arm.case import load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.ident.signals.conditioning import (
+from gapscope.model.conditioning import (
     TORQUE_CUTOFF,
     Segment,
     condition,

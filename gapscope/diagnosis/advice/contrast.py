@@ -30,8 +30,8 @@ from gapscope.diagnosis.thresholds import (
     MODEL_FORM,
 )
 from gapscope.ident.excitation.separation import Separated
-from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
-from gapscope.ident.signals.effective_samples import band_samples
+from gapscope.model.conditioning import TORQUE_CUTOFF
+from gapscope.model.effective_samples import band_samples
 from gapscope.model.torque_gap import torque_scale
 
 RIDGE = 1e-9

@@ -19,7 +19,7 @@ from gapscope.diagnosis.advice.parameter_vector import (
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import External
-from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, low_pass
+from gapscope.model.conditioning import TORQUE_CUTOFF, low_pass
 
 STEP = 1e-3
 """Step of the finite differences, in units of a parameter's scale [1]."""

@@ -21,7 +21,7 @@ from gapscope.diagnosis.thresholds import ADVICE_RATE, FIT_DRAWS, FIT_STARTS, FI
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.severity import draw
-from gapscope.ident.signals.conditioning import (
+from gapscope.model.conditioning import (
     Segment,
     condition,
     position_cutoff,

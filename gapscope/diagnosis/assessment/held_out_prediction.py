@@ -13,7 +13,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.selection.search import Selection
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.ident.signals.conditioning import Segment
+from gapscope.model.conditioning import Segment
 from gapscope.model.terms import Term
 from gapscope.model.torque_gap import TorqueGap, torque_gap
 

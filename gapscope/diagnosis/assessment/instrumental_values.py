@@ -19,7 +19,7 @@ from gapscope.arm.case import Case
 from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.selection.search import Selection, searched_folds
 from gapscope.effects.applied import AppliedEffect
-from gapscope.ident.signals.conditioning import Segment
+from gapscope.model.conditioning import Segment
 
 
 def instrumented(

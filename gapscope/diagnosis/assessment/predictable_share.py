@@ -24,8 +24,8 @@ from gapscope.diagnosis.thresholds import (
     PREDICTABLE_LEAST_RATIO,
     ROWS_PER_CUTOFF,
 )
-from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
 from gapscope.ident.uncertainty.validation import band_correlation, whiteness
+from gapscope.model.conditioning import TORQUE_CUTOFF
 from gapscope.model.torque_gap import TorqueGap
 
 OSCILLATION = "frequency"

@@ -26,7 +26,7 @@ from gapscope.diagnosis.thresholds import (
 )
 from gapscope.effects.catalogue import known_effect
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, Segment, low_pass
+from gapscope.model.conditioning import TORQUE_CUTOFF, Segment, low_pass
 from gapscope.model.torque_gap import (
     TorqueGap,
     filtered_torque,

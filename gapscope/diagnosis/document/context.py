@@ -15,7 +15,7 @@ from gapscope.diagnosis.gap.plausible_motion import short_note, still_note
 from gapscope.diagnosis.selection.evidence import Fit
 from gapscope.diagnosis.selection.search import Selection
 from gapscope.diagnosis.study import Study
-from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
+from gapscope.model.conditioning import TORQUE_CUTOFF
 from gapscope.model.terms import Term
 
 

@@ -18,7 +18,7 @@ from gapscope.diagnosis.result import Located, Signature, Spectrum, Trace
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Effect, Transmission
-from gapscope.ident.signals.conditioning import Segment
+from gapscope.model.conditioning import Segment
 from gapscope.model.torque_gap import TorqueGap, torque_gap
 
 MOST_POINTS = 1500

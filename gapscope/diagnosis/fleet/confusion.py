@@ -16,7 +16,7 @@ from gapscope.diagnosis.thresholds import ALIKE_NRMSE
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import read_corrected
-from gapscope.ident.signals.conditioning import Segment, condition, position_cutoff
+from gapscope.model.conditioning import Segment, condition, position_cutoff
 from gapscope.model.torque_gap import torque_gap
 
 NOMINAL = "nominal"

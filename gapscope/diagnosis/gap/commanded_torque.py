@@ -21,7 +21,7 @@ from gapscope.arm.recording import Recording
 from gapscope.arm.velocity_filter import VelocityFilter
 from gapscope.diagnosis.gap.integrator_start import integrator_starts
 from gapscope.effects.applied import AppliedEffect
-from gapscope.ident.signals.conditioning import pieces
+from gapscope.model.conditioning import pieces
 
 WARNING = (
     "no torque was recorded: it was worked out as what the known controller must have commanded. Encoder noise passes "

@@ -25,7 +25,7 @@ from gapscope.diagnosis.thresholds import (
     SINGLE_RECORDING_FOLDS,
     WINDOW,
 )
-from gapscope.ident.signals.conditioning import Segment, blocks
+from gapscope.model.conditioning import Segment, blocks
 
 
 def excerpt(case: Case) -> Case:

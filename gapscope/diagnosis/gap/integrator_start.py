@@ -29,14 +29,14 @@ from gapscope.diagnosis.thresholds import (
     MOTION_INDEPENDENT_RATE,
 )
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.ident.signals.conditioning import (
+from gapscope.model.conditioning import (
     TORQUE_CUTOFF,
     Segment,
     condition,
     low_pass,
     position_cutoff,
 )
-from gapscope.ident.signals.effective_samples import motion_samples
+from gapscope.model.effective_samples import motion_samples
 from gapscope.model.torque_gap import torque_scale
 
 FITS = 3

@@ -20,7 +20,7 @@ from gapscope.diagnosis.thresholds import (
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import DryLaw
-from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, Segment, low_pass
+from gapscope.model.conditioning import TORQUE_CUTOFF, Segment, low_pass
 from gapscope.model.prediction import Prediction
 from gapscope.model.torque_gap import filtered_torque, torque_scale
 

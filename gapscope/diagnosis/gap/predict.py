@@ -9,7 +9,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.recording import Recording
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.ident.signals.conditioning import condition, pieces, position_cutoff
+from gapscope.model.conditioning import condition, pieces, position_cutoff
 
 
 def predict_torque(corrected: CorrectedArm, recording: Recording) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.signal import csd, welch
 
 from gapscope.diagnosis.localisation.stacked_rows import MotionRows
-from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
+from gapscope.model.conditioning import TORQUE_CUTOFF
 
 STRETCH = 2.0
 """Length of the stretches over which spectra are averaged [s]."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gapscope.ident.signals.conditioning import Segment
+from gapscope.model.conditioning import Segment
 
 
 @dataclass(frozen=True)

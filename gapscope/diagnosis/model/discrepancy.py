@@ -22,7 +22,7 @@ from gapscope.diagnosis.thresholds import (
     RICHEST_ROUNDS,
     RICHEST_TERM,
 )
-from gapscope.ident.signals.effective_samples import group_slices, variance_inflation
+from gapscope.model.effective_samples import group_slices, variance_inflation
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,9 @@ from gapscope.diagnosis.model.inertial_errors import inertial_errors
 from gapscope.diagnosis.model.nuisance_prior import (
     data_sheet_prior,
 )
-from gapscope.ident.signals.conditioning import Segment
 from gapscope.model.body_point import Bodies
 from gapscope.model.candidate_columns import CandidateColumns
+from gapscope.model.conditioning import Segment
 from gapscope.model.decimated_segments import DecimatedSegments
 from gapscope.model.torque_gap import filtered_torque, torque_scale
 

@@ -19,7 +19,7 @@ from gapscope.diagnosis.model.segment_rows import SegmentRows
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Drift, Effect, External
 from gapscope.ident.model.rank import orthonormal_columns
-from gapscope.ident.signals.effective_samples import independent_samples
+from gapscope.model.effective_samples import independent_samples
 from gapscope.model.jacobian import columns
 from gapscope.model.scan import NonlinearParameters, Scan
 from gapscope.model.terms import Term, Terms

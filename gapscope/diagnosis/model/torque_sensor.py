@@ -38,8 +38,8 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import explained
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Signals, TorqueLaw
-from gapscope.ident.signals.conditioning import Segment
 from gapscope.model.body_point import Bodies, bodily_columns
+from gapscope.model.conditioning import Segment
 from gapscope.model.jacobian import moved_arms, steps, torque_size
 from gapscope.model.prediction import Prediction, without
 from gapscope.model.terms import Terms

@@ -11,6 +11,7 @@ import numpy as np
 from gapscope.arm.case import Case
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.reference.kept_reference import KeptReference
+from gapscope.diagnosis.reference.possible_arm import PossibleArm, possible_arm
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.diagnosis.study import Prepared
 from gapscope.diagnosis.thresholds import NAMED_PROBABILITY
@@ -20,7 +21,6 @@ from gapscope.model.contrast import Answer
 from gapscope.model.design import FreeArm, moved
 from gapscope.model.difference import Difference
 from gapscope.model.explained import Explained, explained
-from gapscope.model.predicting_arm import PossibleArm, possible_arm
 from gapscope.model.rows import Rows
 from gapscope.model.terms import Candidate, Terms
 

@@ -42,7 +42,7 @@ from gapscope.diagnosis.thresholds import (
 from gapscope.effects.catalogue import known_effect
 from gapscope.effects.effect import LinkChange
 from gapscope.effects.parameter import Parameter
-from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
+from gapscope.model.conditioning import TORQUE_CUTOFF
 from gapscope.model.contrast import Answer
 from gapscope.model.expected import detectable
 from gapscope.model.terms import Candidate, Term

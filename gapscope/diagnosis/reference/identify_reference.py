@@ -24,6 +24,7 @@ from gapscope.diagnosis.gap.plausible_motion import (
     still_note,
 )
 from gapscope.diagnosis.reference.kept_reference import KeptReference
+from gapscope.diagnosis.reference.possible_arm import possible_arm
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.fault_search import looks_late
 from gapscope.diagnosis.setup_faults.found_fault import repaired
@@ -31,7 +32,6 @@ from gapscope.diagnosis.setup_faults.quantization import find_quantization
 from gapscope.model.design import design, fitted_arm
 from gapscope.model.equations import Equations
 from gapscope.model.form_error import learn
-from gapscope.model.predicting_arm import possible_arm
 from gapscope.model.rows import Rows
 
 

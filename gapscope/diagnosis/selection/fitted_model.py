@@ -13,7 +13,7 @@ from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.model.linearisation import Linearisation
 from gapscope.diagnosis.selection.evidence import Evidence, Fit, evidences
 from gapscope.diagnosis.thresholds import LINEAR_ENOUGH, RELINEARISATIONS
-from gapscope.ident.signals.conditioning import Segment
+from gapscope.model.conditioning import Segment
 from gapscope.model.terms import Term, Terms
 
 

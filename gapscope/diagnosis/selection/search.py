@@ -42,7 +42,7 @@ from gapscope.diagnosis.thresholds import (
     SEARCH_RATE,
 )
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.ident.signals.conditioning import Segment, thinned
+from gapscope.model.conditioning import Segment, thinned
 from gapscope.model.terms import Term
 
 Progress = Callable[[str], None]

@@ -34,7 +34,7 @@ from gapscope.diagnosis.thresholds import (
 )
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.setup_faults.inertial_fault import ShiftedInertials
-from gapscope.ident.signals.conditioning import (
+from gapscope.model.conditioning import (
     Segment,
     condition,
     position_cutoff,

@@ -17,8 +17,8 @@ from gapscope.diagnosis.thresholds import (
     TORQUE_SHIFT_STEP,
     TORQUE_SHIFTS,
 )
-from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, Segment, low_pass
-from gapscope.ident.signals.effective_samples import motion_samples
+from gapscope.model.conditioning import TORQUE_CUTOFF, Segment, low_pass
+from gapscope.model.effective_samples import motion_samples
 
 
 @dataclass(frozen=True)

@@ -51,7 +51,7 @@ from gapscope.effects.setup_faults.torque_faults import (
     LateTorque,
     TorqueUnit,
 )
-from gapscope.ident.signals.conditioning import (
+from gapscope.model.conditioning import (
     TORQUE_CUTOFF,
     condition,
     position_cutoff,

@@ -34,7 +34,7 @@ from gapscope.diagnosis.thresholds import (
 )
 from gapscope.effects.setup_faults.channel_faults import UnitMismatch
 from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
-from gapscope.ident.signals.conditioning import GAP_STEPS, SHORTEST
+from gapscope.model.conditioning import GAP_STEPS, SHORTEST
 
 VELOCITY_UNITS = {
     180 / np.pi: "positions in rad with velocities in deg/s",

@@ -32,7 +32,7 @@ from gapscope.diagnosis.thresholds import (
     STAMP_AMOUNT_STD,
 )
 from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
-from gapscope.ident.signals.conditioning import (
+from gapscope.model.conditioning import (
     TORQUE_CUTOFF,
     Segment,
     condition,

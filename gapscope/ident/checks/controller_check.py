@@ -10,7 +10,7 @@ from gapscope.arm.dynamics.rollout import Commands
 from gapscope.arm.errors import InputError
 from gapscope.arm.recording import Recording
 from gapscope.arm.velocity_filter import VelocityFilter, rule_of
-from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, TRIM, low_pass
+from gapscope.model.conditioning import TORQUE_CUTOFF, TRIM, low_pass
 
 AGREES = 0.3
 """A torque whose feedback part differs by less than this share agrees with its controller [1]."""

@@ -9,8 +9,8 @@ import numpy as np
 from gapscope.arm.errors import InputError
 from gapscope.arm.recording import Recording
 from gapscope.ident.checks.fit_evidence import NominalSimilarity
-from gapscope.ident.signals.effective_samples import band_samples
 from gapscope.ident.signals.samples import Samples
+from gapscope.model.effective_samples import band_samples
 
 STILL = 0.01
 """A joint that moves less than this does not move [rad]."""

@@ -10,8 +10,8 @@ from scipy.signal import welch
 
 from gapscope.arm.recording import Recording
 from gapscope.ident.checks.fit_evidence import FitEvidence
-from gapscope.ident.signals.conditioning import uniform
-from gapscope.ident.signals.effective_samples import variance_inflation
+from gapscope.model.conditioning import uniform
+from gapscope.model.effective_samples import variance_inflation
 
 SLOW = 0.1
 """A joint hardly moves below this share of its speed [1]."""

@@ -23,7 +23,7 @@ from gapscope.ident.checks.plausible_samples import check_bare
 from gapscope.ident.model.base_parameters import BaseParameters
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.regressor import JOINT_COLUMNS, Regressor
-from gapscope.ident.signals.conditioning import GAP_STEPS
+from gapscope.model.conditioning import GAP_STEPS
 
 AT_REST = 1e-3
 """A reference that starts slower than this starts at rest [rad/s]."""

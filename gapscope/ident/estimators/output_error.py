@@ -14,8 +14,8 @@ from gapscope.ident.estimators.estimate import Estimate
 from gapscope.ident.estimators.experiment import Experiment, diverged
 from gapscope.ident.estimators.simulating import NOT_SETTLED, checked
 from gapscope.ident.model.linear_problem import Problem
-from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, TRIM, low_pass
 from gapscope.ident.uncertainty.intervals import Uncertainty, jackknife
+from gapscope.model.conditioning import TORQUE_CUTOFF, TRIM, low_pass
 
 OVERSAMPLED = 4.0
 """Samples per period of the cut-off that are kept [1]."""

@@ -17,7 +17,7 @@ from gapscope.ident.estimators.linear_estimator import (
 )
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.solvable import check_samples, unit_warnings
-from gapscope.ident.signals.effective_samples import variance_inflation
+from gapscope.model.effective_samples import variance_inflation
 
 RELATIVE = 0.2
 """How far an inertial parameter of a simulated arm is believed to be off, relative to its value [1]."""

@@ -13,7 +13,7 @@ from gapscope.ident.kalman.recursive import Recursive
 from gapscope.ident.kalman.stretches import Stretches
 from gapscope.ident.kalman.track import Track
 from gapscope.ident.model.linear_problem import Problem
-from gapscope.ident.signals.effective_samples import variance_inflation
+from gapscope.model.effective_samples import variance_inflation
 
 WANDERS = "bcdso"
 """First letters of the parameters that may wander: friction and offsets warm up; masses and rotors stay."""

@@ -20,9 +20,9 @@ from gapscope.ident.model.base_parameters import BaseParameters
 from gapscope.ident.model.friction_law import FrictionLaw
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.model_columns import ModelColumns
-from gapscope.ident.signals.conditioning import thinned
 from gapscope.ident.signals.samples import Band, Samples
 from gapscope.ident.uncertainty.validation import MOVING
+from gapscope.model.conditioning import thinned
 
 MOST = 500
 """Samples of a recording among which a change is looked for; 10 s at a cut-off of 12 Hz."""

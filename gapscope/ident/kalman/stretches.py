@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from gapscope.ident.model.linear_problem import Problem
-from gapscope.ident.signals.effective_samples import group_slices
+from gapscope.model.effective_samples import group_slices
 
 SHORTEST = 0.25
 """Least length of a stretch [s]."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gapscope.ident.model.linear_problem import Problem
-from gapscope.ident.signals.effective_samples import group_slices
+from gapscope.model.effective_samples import group_slices
 
 ORDER = 2
 """Order of the autoregression."""

@@ -12,7 +12,7 @@ from gapscope.arm.recording import Recording
 from gapscope.ident.model.base_parameters import BaseParameters
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.regressor import Regressor
-from gapscope.ident.signals.conditioning import (
+from gapscope.model.conditioning import (
     TORQUE_CUTOFF,
     Segment,
     condition,

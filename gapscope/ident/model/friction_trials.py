@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 
 from gapscope.ident.model.friction_law import FrictionLaw
-from gapscope.ident.signals.effective_samples import group_slices
 from gapscope.ident.signals.samples import Samples
+from gapscope.model.effective_samples import group_slices
 
 FOLDS = 5
 """Least number of stretches of time, each predicted from all others."""

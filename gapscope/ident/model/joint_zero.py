@@ -15,8 +15,8 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.ident.model.friction_law import FrictionLaw
 from gapscope.ident.model.model_columns import ModelColumns
 from gapscope.ident.model.physical_parameters import check_links, inconsistent
-from gapscope.ident.signals.conditioning import Segment
 from gapscope.ident.signals.samples import PER_CUTOFF, Band
+from gapscope.model.conditioning import Segment
 
 WIDTH = 0.15
 """Standard deviation that zeros are believed to have before the data speak [rad]."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.ident.residual.learnt import LearntResidual
-from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, low_pass
+from gapscope.model.conditioning import TORQUE_CUTOFF, low_pass
 
 BINS = 30
 """Bins of a curve, each with as many samples."""

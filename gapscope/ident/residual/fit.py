@@ -18,7 +18,7 @@ from gapscope.ident.residual.rows import ResidualRows, rows_of
 from gapscope.ident.residual.settings import ResidualSettings
 from gapscope.ident.residual.settling import Choice, settled
 from gapscope.ident.residual.trajectory import Trajectory
-from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
+from gapscope.model.conditioning import TORQUE_CUTOFF
 
 LANDMARKS = 200
 """Number of training inputs kept as landmarks, from which the distance of an input is measured."""

@@ -19,13 +19,13 @@ from gapscope.ident.residual.fit import Report, fit_residual
 from gapscope.ident.residual.rows import ResidualRows, rows_of
 from gapscope.ident.residual.settings import ResidualSettings
 from gapscope.ident.residual.trajectory import Trajectory, from_segment
-from gapscope.ident.signals.conditioning import (
+from gapscope.ident.signals.split import split
+from gapscope.model.conditioning import (
     TORQUE_CUTOFF,
     condition,
     low_pass,
     position_cutoff,
 )
-from gapscope.ident.signals.split import split
 
 TREE_RATE = 50.0
 """Rate at which trees are evaluated along a motion, about [Hz]; what they say is low-passed after."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from gapscope.ident.signals.effective_samples import variance_inflation
+from gapscope.model.effective_samples import variance_inflation
 
 DEPENDENT = 1e-7
 """Singular value of unit columns, over the largest, below which a direction counts as none."""

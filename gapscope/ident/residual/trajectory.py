@@ -12,7 +12,7 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.residual.physics import effect_columns, physics_columns
-from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, Segment, low_pass
+from gapscope.model.conditioning import TORQUE_CUTOFF, Segment, low_pass
 
 PER_CUTOFF = 4.0
 """Rows per period of the cut-off; more hold no further information."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gapscope.ident.signals.effective_samples import band_samples, group_slices
 from gapscope.ident.signals.samples import Samples
+from gapscope.model.effective_samples import band_samples, group_slices
 
 ADVISED = 10.0
 """Independent samples per base parameter below which there is a warning [1]."""

@@ -12,8 +12,8 @@ from gapscope.arm.recording import Recording
 from gapscope.ident.model.friction_law import FrictionLaw
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.model_columns import ModelColumns
-from gapscope.ident.signals.conditioning import Segment, blocks, condition, low_pass
-from gapscope.ident.signals.decimating_filter import low_passed_rows
+from gapscope.model.conditioning import Segment, blocks, condition, low_pass
+from gapscope.model.decimating_filter import low_passed_rows
 
 PER_CUTOFF = 4.0
 """Samples per period of the cut-off that are kept to fit; more hold no further information."""

@@ -19,8 +19,6 @@ from gapscope.ident.model.friction_law import FrictionLaw
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.model_columns import ModelColumns
 from gapscope.ident.model.tsqr import TriangularFactor
-from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
-from gapscope.ident.signals.effective_samples import group_slices, variance_inflation
 from gapscope.ident.signals.sample_count import SampleCount, count_samples
 from gapscope.ident.uncertainty.identifiability import (
     CONDITION_LIMIT,
@@ -30,6 +28,8 @@ from gapscope.ident.uncertainty.identifiability import (
 from gapscope.ident.uncertainty.intervals import Uncertainty
 from gapscope.ident.uncertainty.repeated_groups import GroupComparison, compare_groups
 from gapscope.ident.uncertainty.torque_interval import TorqueInterval, torque_interval
+from gapscope.model.conditioning import TORQUE_CUTOFF
+from gapscope.model.effective_samples import group_slices, variance_inflation
 
 HELD_OUT = 4
 """Stretches of time, at least, that are predicted one at a time from the others."""

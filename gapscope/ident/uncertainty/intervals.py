@@ -14,7 +14,7 @@ from scipy.stats import t as student
 
 from gapscope.ident.estimators.estimate import Estimate
 from gapscope.ident.model.linear_problem import Problem
-from gapscope.ident.signals.effective_samples import autocovariance, group_slices
+from gapscope.model.effective_samples import autocovariance, group_slices
 
 MOST_BLOCKS = 200
 """Blocks of the jackknife; more only take longer, as Student's t is normal by then [1]."""

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.stats import f as fisher
 
 from gapscope.ident.model.linear_problem import Problem
-from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
-from gapscope.ident.signals.effective_samples import group_slices
+from gapscope.model.conditioning import TORQUE_CUTOFF
+from gapscope.model.effective_samples import group_slices
 
 LOW, FLOOR = 1 / 4, (1 / 3, 1 / 2)
 """Bands of the motion and of the noise floor, as shares of the cut-off: up to 3 Hz and 4 to 6 Hz at 12 Hz."""

@@ -6,8 +6,8 @@ import numpy as np
 
 from gapscope.ident.estimators.estimate import Estimator
 from gapscope.ident.model.linear_problem import Problem
-from gapscope.ident.signals.effective_samples import group_slices
 from gapscope.ident.uncertainty.intervals import Uncertainty, equal_parts
+from gapscope.model.effective_samples import group_slices
 
 STRETCHES = 20
 """About how many stretches of time are left out, one at a time."""

@@ -10,9 +10,9 @@ from scipy.stats import chi2
 from gapscope.arm.errors import InputError
 from gapscope.ident.estimators.estimate import Estimator
 from gapscope.ident.model.linear_problem import Problem
-from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
-from gapscope.ident.signals.effective_samples import low_pass_inflation
 from gapscope.ident.uncertainty.intervals import several_groups
+from gapscope.model.conditioning import TORQUE_CUTOFF
+from gapscope.model.effective_samples import low_pass_inflation
 
 DOUBT = 0.01
 """Chance below which noise alone is not believed."""

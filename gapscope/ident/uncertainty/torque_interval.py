@@ -13,9 +13,9 @@ from gapscope.ident.estimators.estimate import Estimate, Estimator
 from gapscope.ident.estimators.joint_triangles import JointTriangles
 from gapscope.ident.estimators.wls import WeightedLeastSquares
 from gapscope.ident.model.linear_problem import Problem
-from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
 from gapscope.ident.uncertainty.intervals import Uncertainty, several_groups
 from gapscope.ident.uncertainty.model_error import ModelError, model_error
+from gapscope.model.conditioning import TORQUE_CUTOFF
 
 
 @dataclass(frozen=True)

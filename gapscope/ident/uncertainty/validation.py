@@ -10,9 +10,9 @@ import numpy as np
 from scipy.signal import butter, sosfreqz
 from scipy.stats import chi2
 
-from gapscope.ident.signals.conditioning import Segment
-from gapscope.ident.signals.effective_samples import autocovariance
 from gapscope.ident.signals.samples import Band
+from gapscope.model.conditioning import Segment
+from gapscope.model.effective_samples import autocovariance
 
 MOVING = 0.05
 """A joint moves when it is faster than this [rad/s]."""

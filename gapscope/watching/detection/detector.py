@@ -8,7 +8,7 @@ import numpy as np
 
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.kalman.online.block import Equations
-from gapscope.ident.signals.conditioning import Segment
+from gapscope.model.conditioning import Segment
 from gapscope.watching.alarm import NOTE, Event
 from gapscope.watching.detection.learning import Moment, learn
 from gapscope.watching.detection.monitor import Monitor

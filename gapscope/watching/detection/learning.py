@@ -9,7 +9,7 @@ import numpy as np
 
 from gapscope.ident.kalman.online.block import LEAST_NOISE, Block, Equations
 from gapscope.ident.kalman.online.estimate import ParameterState
-from gapscope.ident.signals.effective_samples import variance_inflation
+from gapscope.model.effective_samples import variance_inflation
 from gapscope.watching.detection.scales import Scales
 from gapscope.watching.detection.watched_arm import WatchedArm
 from gapscope.watching.thresholds import LEAST_SEEN

@@ -12,8 +12,8 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.kalman.online.block import Equations
 from gapscope.ident.model.friction_law import FrictionLaw
 from gapscope.ident.model.model_columns import ModelColumns
-from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, Segment, thinned
 from gapscope.ident.signals.samples import Band
+from gapscope.model.conditioning import TORQUE_CUTOFF, Segment, thinned
 from gapscope.watching.thresholds import MOVING, RATE
 
 REMEMBERED = 2**20

@@ -11,7 +11,7 @@ import pytest
 from gapscope.diagnosis.assessment.predictable_share import Predictable, predictable
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.localisation.stacked_rows import MotionRows
-from gapscope.ident.signals.conditioning import low_pass
+from gapscope.model.conditioning import low_pass
 from gapscope.model.torque_gap import TorqueGap
 from gapscope.reports.diagnosis import render
 

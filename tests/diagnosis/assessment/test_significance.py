@@ -16,7 +16,7 @@ from gapscope.diagnosis.assessment.significance import (
 )
 from gapscope.diagnosis.selection.search import Selection, search
 from gapscope.diagnosis.thresholds import FALSE_DISCOVERY_RATE
-from gapscope.ident.signals.conditioning import (
+from gapscope.model.conditioning import (
     TORQUE_CUTOFF,
     Segment,
     condition,

@@ -10,7 +10,7 @@ from gapscope.arm.recording import Recording
 from gapscope.diagnosis.gap.excerpt import excerpt, folds_of
 from gapscope.diagnosis.thresholds import EXAMINED, LEAST_WINDOW, MOST_FOLDS, WINDOW
 from gapscope.envs.mystery_arm import iiwa
-from gapscope.ident.signals.conditioning import condition, pieces
+from gapscope.model.conditioning import condition, pieces
 
 RATE = 50.0
 

@@ -13,7 +13,7 @@ from gapscope.arm.recording import Recording
 from gapscope.diagnosis.gap.predict import predict_torque
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.ident.signals.conditioning import condition, low_pass, position_cutoff
+from gapscope.model.conditioning import condition, low_pass, position_cutoff
 from gapscope.model.torque_gap import torque_gap
 
 COULOMB = AppliedEffect("coulomb_friction", (2,), {"torque": [2.0]})

@@ -11,7 +11,7 @@ from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.localisation.regimes import Region, regions
 from gapscope.diagnosis.localisation.stacked_rows import MotionRows, stack
 from gapscope.diagnosis.thresholds import REGION_ENRICHMENT, REGION_SHARE
-from gapscope.ident.signals.conditioning import condition
+from gapscope.model.conditioning import condition
 
 RATE = 250.0
 N = 5000

@@ -9,7 +9,7 @@ from gapscope.diagnosis.model.compliant_bodies import CompliantCandidates
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.transmission import ELASTICITY
-from gapscope.ident.signals.conditioning import condition, thinned
+from gapscope.model.conditioning import condition, thinned
 from gapscope.model.decimated_segments import DecimatedSegments
 
 LOAD = AppliedEffect("payload", (), {"mass": np.array(1.0), "com": np.zeros(3)})

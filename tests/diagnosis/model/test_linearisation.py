@@ -21,8 +21,8 @@ from gapscope.effects.catalogue import explained
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Effect
 from gapscope.effects.transmission import PLAY_START, PLAY_STEP
-from gapscope.ident.signals.conditioning import Segment, condition, thinned
 from gapscope.model.body_point import Bodies, BodyPoint
+from gapscope.model.conditioning import Segment, condition, thinned
 from gapscope.model.prediction import Prediction
 from gapscope.model.terms import Term, Terms
 

@@ -10,7 +10,7 @@ from synthetic import Truth
 from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.model.force_window import force_window
 from gapscope.diagnosis.model.linearisation import Linearisation
-from gapscope.ident.signals.conditioning import condition, thinned
+from gapscope.model.conditioning import condition, thinned
 from gapscope.model.terms import Terms
 
 CUTOFF = 12.0

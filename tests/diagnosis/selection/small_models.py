@@ -9,7 +9,7 @@ from synthetic import Truth
 
 from gapscope.diagnosis.selection.fitted_model import Model, nominal_model
 from gapscope.diagnosis.selection.search import Selection, search
-from gapscope.ident.signals.conditioning import (
+from gapscope.model.conditioning import (
     TORQUE_CUTOFF,
     Segment,
     condition,

@@ -9,7 +9,7 @@ from synthetic import Truth
 
 from gapscope.diagnosis.selection.fitted_model import nominal_model
 from gapscope.diagnosis.selection.turned_base import add_turned_base
-from gapscope.ident.signals.conditioning import condition, thinned
+from gapscope.model.conditioning import condition, thinned
 
 CUTOFF = 12.0
 

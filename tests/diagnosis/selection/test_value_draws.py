@@ -9,7 +9,7 @@ from synthetic import Truth
 
 from gapscope.diagnosis.selection.fitted_model import Model, fit_terms, nominal_model
 from gapscope.diagnosis.selection.value_draws import value_draws
-from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, condition, thinned
+from gapscope.model.conditioning import TORQUE_CUTOFF, condition, thinned
 from gapscope.model.terms import Term
 
 LOAD = {"mass": 1.5, "com": (0.1, 0.0, 0.05)}

@@ -14,7 +14,7 @@ from gapscope.diagnosis.setup_faults.arm_weight import weight_penalty, weight_sh
 from gapscope.diagnosis.setup_faults.fault_samples import sample
 from gapscope.diagnosis.setup_faults.nuisance import FoldEquations, fold_equations
 from gapscope.effects.setup_faults.torque_faults import GravityCompensatedTorque
-from gapscope.ident.signals.conditioning import condition
+from gapscope.model.conditioning import condition
 
 AS_READ = Reading.identity(synthetic.N)
 

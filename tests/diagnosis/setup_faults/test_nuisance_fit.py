@@ -14,7 +14,7 @@ from gapscope.diagnosis.setup_faults.nuisance_fit import (
     held_out_gap,
 )
 from gapscope.diagnosis.thresholds import ORDINARY_PENALTY
-from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, condition
+from gapscope.model.conditioning import TORQUE_CUTOFF, condition
 
 FREE = np.full(2, -np.inf)
 IDENTITY = Reading.identity(synthetic.arm().n_joints)

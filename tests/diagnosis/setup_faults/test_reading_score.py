@@ -12,7 +12,7 @@ from gapscope.diagnosis.setup_faults.fault_samples import sample
 from gapscope.diagnosis.setup_faults.fault_search import decisive
 from gapscope.diagnosis.setup_faults.reading_score import ReadingScorer
 from gapscope.effects.setup_faults.torque_faults import TorqueUnit
-from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, condition
+from gapscope.model.conditioning import TORQUE_CUTOFF, condition
 
 AS_READ = Reading.identity(synthetic.N)
 TRUTHS = {

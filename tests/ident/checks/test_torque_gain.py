@@ -20,9 +20,9 @@ from gapscope.ident.identification import (
     identify,
 )
 from gapscope.ident.model.model_columns import ModelColumns
-from gapscope.ident.signals.conditioning import position_cutoff
 from gapscope.ident.signals.samples import Band, Samples
 from gapscope.ident.signals.split import split
+from gapscope.model.conditioning import position_cutoff
 
 CUTOFF = IdentificationSettings(cutoff=20.0)
 ROOT = Path(__file__).resolve().parents[3]

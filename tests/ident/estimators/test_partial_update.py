@@ -17,7 +17,7 @@ from gapscope.ident.estimators.partial_update import PartialUpdate
 from gapscope.ident.model.base_parameters import BaseParameters, base_parameters
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.regressor import Regressor
-from gapscope.ident.signals.conditioning import low_pass
+from gapscope.model.conditioning import low_pass
 
 SHEET = {
     "armature": [0.6, 0.6, 0.35, 0.35, 0.2, 0.1, 0.08],

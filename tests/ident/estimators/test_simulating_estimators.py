@@ -24,7 +24,7 @@ from gapscope.ident.estimators.wls import WeightedLeastSquares
 from gapscope.ident.model.assembly import Assembly
 from gapscope.ident.model.base_parameters import structural_base
 from gapscope.ident.model.regressor import Regressor
-from gapscope.ident.signals.conditioning import condition, low_pass
+from gapscope.model.conditioning import condition, low_pass
 
 SIMULATING = {
     "IDIM-IV": InstrumentalVariables,

@@ -7,7 +7,7 @@ import numpy as np
 from gapscope.ident.estimators.kalman import Kalman
 from gapscope.ident.kalman.adaptive import Opening, follow
 from gapscope.ident.model.linear_problem import Problem
-from gapscope.ident.signals.effective_samples import variance_inflation
+from gapscope.model.effective_samples import variance_inflation
 
 TRUTH = np.array([2.0, -1.0, 0.5, 3.0])
 NAMES = ("m1", "mx1", "b1", "c1")

@@ -19,8 +19,8 @@ from gapscope.ident.model.assembly import Assembly
 from gapscope.ident.model.base_parameters import structural_base
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.regressor import Regressor
-from gapscope.ident.signals.conditioning import low_pass
 from gapscope.ident.uncertainty.repeated_groups import compare_groups
+from gapscope.model.conditioning import low_pass
 
 BETA = np.array([2.0, -1.0, 0.5])
 INTERVAL, LENGTH, GROUPS = 0.02, 600, 6

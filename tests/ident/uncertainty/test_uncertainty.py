@@ -13,8 +13,6 @@ from gapscope.ident.estimators.maximum_likelihood import MaximumLikelihood
 from gapscope.ident.estimators.ols import OrdinaryLeastSquares
 from gapscope.ident.estimators.wls import WeightedLeastSquares
 from gapscope.ident.model.linear_problem import Problem
-from gapscope.ident.signals.conditioning import low_pass
-from gapscope.ident.signals.effective_samples import group_slices
 from gapscope.ident.uncertainty.intervals import (
     block_jackknife,
     block_length,
@@ -24,6 +22,8 @@ from gapscope.ident.uncertainty.intervals import (
 )
 from gapscope.ident.uncertainty.model_error import model_error
 from gapscope.ident.uncertainty.torque_interval import held_out, torque_interval
+from gapscope.model.conditioning import low_pass
+from gapscope.model.effective_samples import group_slices
 
 BETA = np.array([2.0, -1.0, 0.5, 3.0])
 INTERVAL, SAMPLES, GROUPS = 0.02, 2000, 4

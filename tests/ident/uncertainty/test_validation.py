@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from gapscope.arm.motions.motion import Motion
-from gapscope.ident.signals.conditioning import Segment, low_pass
 from gapscope.ident.signals.samples import Band
 from gapscope.ident.uncertainty.validation import (
     LAGS,
@@ -15,6 +14,7 @@ from gapscope.ident.uncertainty.validation import (
     validate,
     whiteness,
 )
+from gapscope.model.conditioning import Segment, low_pass
 
 
 def test_errors_by_hand() -> None:

@@ -20,7 +20,7 @@ from gapscope.diagnosis.thresholds import (
     LEAST_MOTION_SHARE,
 )
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.ident.signals.conditioning import (
+from gapscope.model.conditioning import (
     TORQUE_CUTOFF,
     condition,
     low_pass,

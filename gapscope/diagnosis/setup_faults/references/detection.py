@@ -36,7 +36,7 @@ from gapscope.effects.setup_faults.reference_faults import (
     SpeedScaling,
     VelocityOfReference,
 )
-from gapscope.ident.signals.conditioning import low_pass
+from gapscope.model.conditioning import low_pass
 
 COMPUTED = (
     "the torque is kp (q_ref - q) + kd (dq_ref - dq) to rounding in every row, with kp {kp} N m/rad and kd {kd} "

@@ -11,7 +11,7 @@ from gapscope.diagnosis.thresholds import (
     RATE_BAND,
     REFERENCE_VELOCITY_RATIO,
 )
-from gapscope.ident.signals.conditioning import low_pass
+from gapscope.model.conditioning import low_pass
 
 
 def is_of_reference(recording: Recording) -> bool:

@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from gapscope.ident.signals.conditioning import low_pass
+from gapscope.model.conditioning import low_pass
 
 FADED = 9.0
 """Periods of the cut-off after which the response has faded to 1e-9 of its peak [1]."""

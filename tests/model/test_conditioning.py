@@ -8,7 +8,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.recording import Recording
-from gapscope.ident.signals.conditioning import (
+from gapscope.model.conditioning import (
     TRIM,
     blocks,
     condition,

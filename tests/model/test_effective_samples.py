@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gapscope.ident.signals.conditioning import low_pass
-from gapscope.ident.signals.effective_samples import (
+from gapscope.model.conditioning import low_pass
+from gapscope.model.effective_samples import (
     autocovariance,
     band_samples,
     group_slices,

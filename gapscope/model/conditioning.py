@@ -18,7 +18,7 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.recording import Recording
-from gapscope.ident.signals.measured_torque import torque_steps, unknown_torque
+from gapscope.model.measured_torque import torque_steps, unknown_torque
 
 TORQUE_CUTOFF = 12.0
 """Cut-off of the torque gap [Hz], by definition of ``torque_nrmse``."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gapscope.ident.signals.conditioning import low_pass
-from gapscope.ident.signals.decimating_filter import low_passed_rows
+from gapscope.model.conditioning import low_pass
+from gapscope.model.decimating_filter import low_passed_rows
 
 
 @pytest.mark.parametrize("columns", [1, 9])

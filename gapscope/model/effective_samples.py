@@ -73,7 +73,7 @@ def variance_inflation(
 def low_pass_inflation(cutoff: float, interval: float) -> float:
     """1 + 2 sum_k rho_k of white noise after the low-pass filter [1]: 1 over its mean power gain.
 
-    The filter is that of ``gapscope.ident.signals.conditioning.low_pass``.
+    The filter is that of ``gapscope.model.conditioning.low_pass``.
 
     Args:
         cutoff: of the filter [Hz]; at Nyquist's frequency and above the filter has no effect.
