@@ -4,8 +4,9 @@ A simulated KUKA iiwa with rotors, friction, noise on encoders and torque, and i
 load friction that the model lacks, follows another random Fourier motion of 10 s in each recording, in PyBullet and
 MuJoCo by turns. Base parameters are unknown to the search throughout.
 
-Tables: (1) per recording the moment and the mass of the pick-up, as the two-sided fit finds them, and when the
-sequential alarm sounds; (2) how near recordings without change come to the thresholds; (3) recursive against batch
+Tables: (1) per recording the moment and the mass of the pick-up, as the contrast finds them (what changed before and
+after, ``gapscope.model.changes``), and when the sequential alarm sounds; (2) what either says of recordings without
+change; (3) recursive against batch
 estimates; (4) the time constant of friction that warms up; (5) with ``--unscented N``, when the alarm sounds on the
 innovations of the unscented filter, over the first N recordings of each kind. ``--out FILE.md`` writes the tables.
 """
@@ -33,16 +34,15 @@ from gapscope.ident.estimators.wls import WeightedLeastSquares
 from gapscope.ident.kalman.alarm import alarm
 from gapscope.ident.kalman.change_hypothesis import (
     ChangeHypothesis,
-    friction_hypothesis,
     payload_hypothesis,
 )
-from gapscope.ident.kalman.change_point import ParameterChange, find_change
 from gapscope.ident.kalman.drift import fit_warming
 from gapscope.ident.kalman.recursive import Recursive
 from gapscope.ident.kalman.unscented import Unscented
 from gapscope.ident.model.assembly import Assembly
 from gapscope.ident.model.base_parameters import structural_base
 from gapscope.ident.model.regressor import Regressor
+from gapscope.model.changes import Change, changes_of
 
 ENGINES = tuple(name for name in ("pybullet", "mujoco") if installed(name))
 DURATION = 10.0
@@ -68,7 +68,7 @@ class Run:
     label: str
     moment: float | None
     mass: float
-    change: ParameterChange | None
+    changes: tuple[Change, ...]
     heard: float | None
     nearest: float
     agreement: float
@@ -84,11 +84,6 @@ class Bench:
         self.base = structural_base(regressor, np.random.default_rng(0))
         self.assembly = Assembly(regressor, self.base, position_cutoff=20.0, every=10)
         self.payload = payload_hypothesis(self.base, self.arm.n_joints)
-        frictions = [
-            friction_hypothesis(self.base, joint)
-            for joint in range(1, self.arm.n_joints + 1)
-        ]
-        self.hypotheses = [self.payload, *frictions]
 
     def recorded(
         self,
@@ -155,7 +150,7 @@ class Bench:
             f"{seed + 1}, {engine}{', lacks effects' if lacked else ''}",
             moment if pickup else None,
             mass,
-            find_change(problem, t, self.hypotheses),
+            changes_of([recording], self.arm),
             heard.time,
             float(heard.statistic.max()),
             float((np.abs(recursive.value[-1] - batch.value) / batch.deviation).max()),
@@ -222,39 +217,29 @@ class Bench:
 def row(run: Run) -> list[str]:
     """A recording with a pick-up."""
     assert run.moment is not None
-    change = run.change
     heard = "none" if run.heard is None else f"{run.heard - run.moment:+.2f}"
-    if change is None:
-        return [
-            run.label,
-            f"{run.moment:.2f}",
-            "none",
-            f"{run.mass:.2f}",
-            "",
-            "",
-            heard,
-        ]
-    what = "" if change.hypothesis.name == "payload" else f" ({change.hypothesis.name})"
-    return [
-        run.label,
-        f"{run.moment:.2f}",
-        f"{change.time - run.moment:+.2f}{what}",
-        f"{run.mass:.2f}",
-        f"{change.size[0]:.2f}",
-        f"{change.size[0] / run.mass - 1:+.1%}",
-        heard,
-    ]
+    load = load_of(run)
+    others = ", ".join(str(c) for c in run.changes if c is not load)
+    found = ["none", "", ""]
+    if load is not None:
+        mass = float(load.value[0])
+        off = f"{load.time - run.moment:+.2f}"
+        found = [off, f"{mass:.2f}", f"{mass / run.mass - 1:+.1%}"]
+    return [run.label, f"{run.moment:.2f}", f"{run.mass:.2f}", *found, others, heard]
+
+
+def load_of(run: Run) -> Change | None:
+    """The load that was found, if any."""
+    return next((change for change in run.changes if change.term.is_load), None)
 
 
 def good(run: Run) -> bool:
     """Whether a pick-up was found within 0.5 s and 10 % of its mass."""
-    change = run.change
-    if change is None or run.moment is None or change.hypothesis.name != "payload":
+    load = load_of(run)
+    if load is None or run.moment is None:
         return False
-    return (
-        abs(change.time - run.moment) <= 0.5
-        and abs(change.size[0] / run.mass - 1) <= 0.1
-    )
+    near = abs(load.time - run.moment) <= 0.5
+    return near and abs(load.value[0] / run.mass - 1) <= 0.1
 
 
 def unscented(bench: Bench, seeds: range, console: Console) -> str:
@@ -312,10 +297,11 @@ def followed(bench: Bench, seeds: range, console: Console) -> list[str]:
             [
                 "recording",
                 "moment [s]",
-                "found off by [s]",
                 "mass [kg]",
+                "found off by [s]",
                 "found [kg]",
                 "off by",
+                "further changes",
                 "alarm after [s]",
             ],
             [row(run) for run in picked],
@@ -323,7 +309,7 @@ def followed(bench: Bench, seeds: range, console: Console) -> list[str]:
         f"{found} of {len(picked)} found within 0.5 s and 10 % of the mass. The sequential alarm sounded in "
         f"{len(delays)}, {early} of them before the pick-up, {sum(delay < 0.5 for delay in delays) - early} within "
         f"0.5 s; median delay {np.median(delays):.2f} s.",
-        f"Without change: {sum(run.change is not None for run in still)} changes found and "
+        f"Without change: {sum(len(run.changes) for run in still)} changes found and "
         f"{sum(run.heard is not None for run in still)} alarms in {len(still)} recordings; the alarm's statistic "
         f"reached {max(run.nearest for run in still):.0%} of its threshold.",
         f"Recursive against batch (weighted least squares) without change: parameters differ by at most "

@@ -50,7 +50,7 @@ APART = ({"envs", "ident"}, {"agents", "blind_check"})
 """Never import each other, although they share a layer."""
 
 DIAGNOSIS_LAYERS: tuple[set[str], ...] = (
-    {"thresholds", "display"},
+    {"thresholds"},
     {"gap", "setup_faults"},
     {"model", "localisation"},
     {"selection"},

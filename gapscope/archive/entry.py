@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from gapscope.archive.dates import split_date
-from gapscope.diagnosis.display import effect_name
-from gapscope.diagnosis.document.change_findings import change_text
+from gapscope.arm.display import effect_name
 from gapscope.diagnosis.document.wording import acts_on, parameter_texts
+from gapscope.model.change_findings import change_text
 
 UNREADABLE = "unreadable"
 """Verdict of a diagnosis that cannot be read."""

@@ -21,7 +21,6 @@ from gapscope.diagnosis.assessment.rejection import Rejection, reject
 from gapscope.diagnosis.assessment.replay_gap import ReplayGap, replay_gap
 from gapscope.diagnosis.assessment.sensor_sides import SensorSides, find_sides
 from gapscope.diagnosis.gap.changes_during import (
-    RecordingChange,
     changes_during,
     up_to_changes,
 )
@@ -44,6 +43,7 @@ from gapscope.diagnosis.setup_faults.quantization import find_quantization
 from gapscope.diagnosis.setup_faults.references.detection import find_reference_faults
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
+from gapscope.model.changes import Change
 from gapscope.model.conditioning import (
     TORQUE_CUTOFF,
     Segment,
@@ -102,7 +102,7 @@ class Study:
     excess_residual: ExcessResidual
     replay_gap: ReplayGap
     faults: tuple[FoundFault, ...]
-    changes: tuple[RecordingChange, ...]
+    changes: tuple[Change, ...]
     states: Agreement | None
     sensor_sides: SensorSides | None
     undeclared_coupling: UndeclaredCoupling | None
@@ -128,7 +128,7 @@ class Prepared:
     case: Case
     position_cutoff: float
     faults: tuple[FoundFault, ...]
-    changes: tuple[RecordingChange, ...]
+    changes: tuple[Change, ...]
     states: Agreement | None
     given: Case
     references: tuple[FoundFault, ...]

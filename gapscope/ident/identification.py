@@ -24,11 +24,6 @@ from gapscope.ident.fitted_parameters import (
     fit_parameters,
 )
 from gapscope.ident.held_out import predicted, validated
-from gapscope.ident.kalman.changes import (
-    RecordingChange,
-    find_changes,
-    samples_of_each,
-)
 from gapscope.ident.kalman.review import FilterReview, review
 from gapscope.ident.kalman.states_and_friction import (
     StatesAndFriction,
@@ -44,6 +39,8 @@ from gapscope.ident.uncertainty.examination import Examination, examine
 from gapscope.ident.uncertainty.intervals import Uncertainty
 from gapscope.ident.uncertainty.torque_interval import PredictedTorque
 from gapscope.ident.uncertainty.validation import Validation
+from gapscope.model.changes import Change, changes_of
+from gapscope.model.rows import comparable
 
 __all__ = ["Identification", "IdentificationSettings", "examine_fit", "identify"]
 
@@ -62,7 +59,7 @@ class Identification:
         estimate: of the base parameters.
         uncertainty: of the base parameters, as belongs to the estimator.
         examined: what the recordings determine of the parameters.
-        changes: changes of load or friction during recordings.
+        changes: what changed during recordings, fitted or held out.
         states: position, velocity and friction by the unscented filter, if the settings ask for it.
         predicted: intervals of the torque on the held-out recordings; ``None`` if model error cannot be estimated.
         physical: consistent parameters.
@@ -85,7 +82,7 @@ class Identification:
     estimate: Estimate
     uncertainty: Uncertainty
     examined: Examination
-    changes: tuple[RecordingChange, ...]
+    changes: tuple[Change, ...]
     states: StatesAndFriction | None
     predicted: PredictedTorque | None
     physical: Physical
@@ -138,15 +135,15 @@ def examine_fit(
     value = fitted.physical.value
     if settings.estimator != "consistent":
         value = base.spread(estimate.value)
-    progress("validates, and looks for changes")
+    progress("validates")
     held_out_segments = band.segments(fitted.held_out)
     validation = validated(evidence, value, held_out_segments, band)
     table = fill_in(evidence)
+    progress("looks for changes")
     # a change spoils the fit: it is looked for in every recording, fitted or held out
-    fit = {id(recording) for recording in fitted.fit}
-    only_held_out = [r for r in fitted.held_out if id(r) not in fit]
-    every = samples_of_each((*fitted.fit, *only_held_out), columns, band)
-    changes = find_changes(every, law, base)
+    changes = changes_of(
+        comparable((*fitted.fit, *fitted.held_out)), case.arm, progress
+    )
     states = None
     if settings.filter == "unscented":
         progress("follows states and friction together")

@@ -57,23 +57,36 @@ class Moment:
 
 @dataclass(frozen=True)
 class Change:
-    """A parameter that changes at a moment.
+    """A parameter that changes at a moment of a recording, by the recording's own clock.
 
     Attributes:
-        moment: when.
+        recording: name of the recording.
+        time: likeliest moment [s].
+        interval: in which it lies with a probability of ``SURE`` [s].
         term: what.
         value: by how much, the term's coordinates, (linear,).
         deviation: standard deviations of that, (linear,).
         probability: that it belongs to what changed [1].
         support: evidence of the change over what its prior odds ask for [1].
+        t: times of rows of the recording [s], (M,).
+        columns: torque of each coordinate there, one of each joint [N m], (M, n, linear).
     """
 
-    moment: Moment
+    recording: str
+    time: float
+    interval: tuple[float, float]
     term: Term
     value: np.ndarray
     deviation: np.ndarray
     probability: float
     support: float
+    t: np.ndarray
+    columns: np.ndarray
+
+    def __str__(self) -> str:
+        """What changes when, in a few words."""
+        where = f" of joint {self.term.joint}" * bool(self.term.joint)
+        return f"{self.term.effect}{where} at {self.time:.2f} s of {self.recording}"
 
 
 class _Spans:
@@ -211,6 +224,8 @@ def changes_of(
     Raises:
         InputError: a recording has no stretch without gaps that is long enough.
     """
+    if not recordings:
+        return ()
     rows = Rows([[recording] for recording in recordings])
     times = [rows.t[rows.recording == k] for k in range(len(recordings))]
     grid = [np.quantile(t, np.arange(1, SPANS) / SPANS) for t in times]
@@ -246,7 +261,7 @@ def changes_of(
         if not used & set(new) and len(places) <= len(mine):
             break
         found, spans, ends = larger, split, tried
-    return _changes(found, spans, moments) if found else ()
+    return _changes(found, spans, moments, recordings) if found else ()
 
 
 def _between(t: np.ndarray, ends: Sequence[float]) -> list[float]:
@@ -264,9 +279,13 @@ def _apart(grid: np.ndarray, ends: Sequence[float]) -> list[float]:
 
 
 def _changes(
-    found: Difference, spans: _Spans, moments: Sequence[Sequence[Moment]]
+    found: Difference,
+    spans: _Spans,
+    moments: Sequence[Sequence[Moment]],
+    recordings: Sequence[Recording],
 ) -> tuple[Change, ...]:
     """Each moment at which what spans have of their own comes or goes."""
+    rows, made = spans.rows, found.fit.contrast.design
     out = []
     for one, own in zip(found.fit.mine, moments, strict=True):
         number, start, _ = spans.place(one)
@@ -278,14 +297,24 @@ def _changes(
             mine = other.term == term and not other.everybody
             return mine and spans.place(other)[0] == number
 
-        probability = found.probabilities_of(is_it)[True]
         odds = found.odds[one]
-        support = (found.log_odds(is_it) - odds) / -odds
-        deviations = found.fit.answer.deviation(one)
+        units = [made.torque(one.term, unit) for unit in np.eye(len(one.term.columns))]
+        mine = rows.recording == number
+        zero = float(recordings[number].t[0])
         for k, moment in enumerate(own):
+            low, high = moment.interval
             comes = np.isfinite(start) and k == 0
-            value = found.fit.values[one] * (1.0 if comes else -1.0)
-            out.append(
-                Change(moment, one.term, value, deviations, probability, support)
+            change = Change(
+                recording=recordings[number].name,
+                time=zero + moment.time,
+                interval=(zero + low, zero + high),
+                term=one.term,
+                value=found.fit.values[one] * (1.0 if comes else -1.0),
+                deviation=found.fit.answer.deviation(one),
+                probability=found.probabilities_of(is_it)[True],
+                support=(found.log_odds(is_it) - odds) / -odds,
+                t=zero + rows.t[mine],
+                columns=np.stack(units, axis=2)[mine],
             )
-    return tuple(sorted(out, key=lambda c: (c.moment.recording, c.moment.time)))
+            out.append((number, change))
+    return tuple(c for _, c in sorted(out, key=lambda pair: (pair[0], pair[1].time)))

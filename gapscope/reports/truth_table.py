@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from rich.table import Table
 
-from gapscope.diagnosis.display import MISSING, display_unit, effect_name, significant
+from gapscope.arm.display import MISSING, display_unit, effect_name, significant
 from gapscope.effects.applied import AppliedEffect
 
 Key = tuple[str, str, str, str]

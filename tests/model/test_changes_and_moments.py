@@ -48,9 +48,9 @@ def test_what_changes_when_and_by_how_much(what: tuple[str, int]) -> None:
     later, value = CHANGED[what]
     (change,) = found(later, MOMENT)
     assert (change.term.effect, change.term.joint) == what
-    assert change.moment.recording == 1
-    assert change.moment.time == pytest.approx(MOMENT, abs=0.1)
-    low, high = change.moment.interval
+    assert change.recording == recordings(HEALTHY, 1)[1].name
+    assert change.time == pytest.approx(MOMENT, abs=0.1)
+    low, high = change.interval
     assert low <= MOMENT <= high
     assert change.value[0] == pytest.approx(value, rel=0.15)
     assert change.probability > 0.9 and change.support > 1.0
@@ -60,12 +60,12 @@ def test_a_load_that_is_picked_up_and_put_down() -> None:
     later, mass = CHANGED["payload", 0]
     up, down = found(later, 3.1, 6.4)
     assert [c.term.effect for c in (up, down)] == ["payload", "payload"]
-    assert up.moment.time == pytest.approx(3.1, abs=0.1)
-    assert down.moment.time == pytest.approx(6.4, abs=0.1)
+    assert up.time == pytest.approx(3.1, abs=0.1)
+    assert down.time == pytest.approx(6.4, abs=0.1)
     assert up.value[0] == pytest.approx(mass, rel=0.1)
     assert down.value[0] == pytest.approx(-mass, rel=0.1)
 
 
 def test_what_changes_at_the_last_moment_is_no_error() -> None:
     later, _ = CHANGED["payload", 0]
-    assert all(c.moment.time > 8.0 for c in found(later, 8.9))
+    assert all(c.time > 8.0 for c in found(later, 8.9))

@@ -10,7 +10,7 @@ import documents
 import pytest
 from rich.console import Console
 
-from gapscope.diagnosis.display import (
+from gapscope.arm.display import (
     display_unit,
     nrmse,
     percent,

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from gapscope.arm.display import percent, significant
 from gapscope.diagnosis.advice.contrast import HypothesisContrast
 from gapscope.diagnosis.advice.next_recording import Advice
-from gapscope.diagnosis.display import percent, significant
 from gapscope.diagnosis.document.wording import listing
 from gapscope.diagnosis.thresholds import MAY_SETTLE, SETTLES
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from gapscope.diagnosis.display import effect_name
+from gapscope.arm.display import effect_name
 from gapscope.diagnosis.document.wording import acts_on
 from gapscope.diagnosis.thresholds import DESIGNED_ALTERNATIVES, OPEN_ALTERNATIVE
 from gapscope.effects.catalogue import explained

@@ -14,6 +14,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case
+from gapscope.arm.display import effect_name
 from gapscope.arm.errors import InputError
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.agreement.covariates import (
@@ -22,7 +23,6 @@ from gapscope.diagnosis.agreement.covariates import (
     covariates,
     explain,
 )
-from gapscope.diagnosis.display import effect_name
 from gapscope.diagnosis.thresholds import NAMED_PROBABILITY, OPEN_ALTERNATIVE
 from gapscope.ident.checks.plausible_samples import check_recordings
 from gapscope.model.contrast import SIZES

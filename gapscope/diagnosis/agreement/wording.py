@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from gapscope.arm.display import percent
 from gapscope.diagnosis.agreement.agreement import LOAD as LAST_LINK
 from gapscope.diagnosis.agreement.agreement import ParameterAgreement
 from gapscope.diagnosis.agreement.covariates import (
@@ -16,7 +17,6 @@ from gapscope.diagnosis.agreement.covariates import (
     TEMPERATURE,
     Covariate,
 )
-from gapscope.diagnosis.display import percent
 
 QUANTITY = {
     SPEED: "mean speed",

@@ -8,7 +8,6 @@ import numpy as np
 
 from gapscope.diagnosis.assessment.predictable_share import Predictable, predictable
 from gapscope.diagnosis.assessment.sensor_sides import sides_entry
-from gapscope.diagnosis.document.change_findings import change_findings
 from gapscope.diagnosis.document.context import context
 from gapscope.diagnosis.document.entries import (
     known_numbers,
@@ -32,6 +31,7 @@ from gapscope.diagnosis.thresholds import (
     PREDICTABLE_SHARE,
     SIGNIFICANT_RESIDUAL_RATIO,
 )
+from gapscope.model.change_findings import change_findings
 from gapscope.model.torque_gap import torque_scale
 
 

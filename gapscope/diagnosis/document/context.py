@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from gapscope.arm.display import effect_name
 from gapscope.arm.nominal import NominalArm, arm_entry
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.assessment.rejection import Rejection
-from gapscope.diagnosis.display import effect_name
 from gapscope.diagnosis.gap.commanded_torque import WARNING
 from gapscope.diagnosis.gap.plausible_motion import short_note, still_note
 from gapscope.diagnosis.selection.evidence import Fit

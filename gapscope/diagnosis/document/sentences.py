@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from gapscope.arm.joint_units import joint_unit
-from gapscope.diagnosis.display import (
+from gapscope.arm.display import (
     display_unit,
     effect_name,
     percent,
     significant,
     uncertain,
 )
-from gapscope.diagnosis.document.change_findings import change_text
+from gapscope.arm.joint_units import joint_unit
 from gapscope.diagnosis.document.wording import (
     Document,
     acts_on,
@@ -26,6 +25,7 @@ from gapscope.diagnosis.document.wording import (
     worst_joint,
 )
 from gapscope.effects.catalogue import known_effect
+from gapscope.model.change_findings import change_text
 
 MOST_CHANGES = 2
 """Changes during recordings that a sentence names."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from gapscope.diagnosis.display import effect_name
+from gapscope.arm.display import effect_name
 from gapscope.diagnosis.document.wording import coupling_text
 from gapscope.diagnosis.selection.undeclared_coupling import UndeclaredCoupling
 from gapscope.diagnosis.thresholds import OPEN_ALTERNATIVE

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gapscope.diagnosis.display import display_unit, significant, uncertain
+from gapscope.arm.display import display_unit, significant, uncertain
 from gapscope.effects.catalogue import known_effect
 from gapscope.effects.coupled_motors import COUPLED_MOTORS
 

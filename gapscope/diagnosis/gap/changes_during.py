@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from gapscope.arm.case import Case
 from gapscope.arm.recording import Recording
@@ -12,57 +12,17 @@ from gapscope.model.changes import Change, changes_of
 from gapscope.model.rows import comparable
 
 
-@dataclass(frozen=True)
-class RecordingChange:
-    """A change during a recording.
-
-    Attributes:
-        recording: its name.
-        start: first time of its clock [s].
-        change: what changed, when, and by how much.
-    """
-
-    recording: str
-    start: float
-    change: Change
-
-    @property
-    def time(self) -> float:
-        """Likeliest moment, by the clock of the recording [s]."""
-        return self.start + self.change.moment.time
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """Times between which it lies with 95 % confidence, by the same clock [s]."""
-        low, high = self.change.moment.interval
-        return self.start + low, self.start + high
-
-    def __str__(self) -> str:
-        """What changes when, in words."""
-        where = f" of joint {self.change.term.joint}" * bool(self.change.term.joint)
-        return (
-            f"{self.change.term.effect}{where} at {self.time:.2f} s of {self.recording}"
-        )
-
-
 def changes_during(
     case: Case, progress: Callable[[str], None] = lambda message: None
-) -> tuple[RecordingChange, ...]:
+) -> tuple[Change, ...]:
     """What changes during recordings (``gapscope.model.changes``), whatever the arm is that they share.
 
     What is wrong from the first to the last sample is no change.
     """
-    recordings = comparable((*case.recordings, *case.judged))
-    if not recordings:
-        return ()
-    changed = [
-        (recordings[change.moment.recording], change)
-        for change in changes_of(recordings, case.arm, progress)
-    ]
-    return tuple(RecordingChange(r.name, float(r.t[0]), one) for r, one in changed)
+    return changes_of(comparable((*case.recordings, *case.judged)), case.arm, progress)
 
 
-def up_to_changes(case: Case, changes: Sequence[RecordingChange]) -> Case:
+def up_to_changes(case: Case, changes: Sequence[Change]) -> Case:
     """The case with each recording that has a change cut at the first one: the arm as it was before.
 
     A part of less than ``LEAST_UNCHANGED`` seconds is left out. If nothing would remain to fit, the longest part
@@ -70,7 +30,7 @@ def up_to_changes(case: Case, changes: Sequence[RecordingChange]) -> Case:
     """
     if not changes:
         return case
-    by_name: dict[str, list[RecordingChange]] = {}
+    by_name: dict[str, list[Change]] = {}
     for found in sorted(changes, key=lambda found: found.time):
         by_name.setdefault(found.recording, []).append(found)
     kept = _cut(case.recordings, by_name)
@@ -80,7 +40,7 @@ def up_to_changes(case: Case, changes: Sequence[RecordingChange]) -> Case:
 
 
 def _cut(
-    recordings: Sequence[Recording], changes: Mapping[str, list[RecordingChange]]
+    recordings: Sequence[Recording], changes: Mapping[str, list[Change]]
 ) -> tuple[Recording, ...]:
     """The recordings up to their first changes, those long enough."""
     kept = []
@@ -97,7 +57,7 @@ def _cut(
 
 
 def _longer_part(
-    recordings: Sequence[Recording], changes: Mapping[str, list[RecordingChange]]
+    recordings: Sequence[Recording], changes: Mapping[str, list[Change]]
 ) -> Recording:
     """The longest part of any recording after its last change."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gapscope.diagnosis.display import significant
+from gapscope.arm.display import significant
 from gapscope.diagnosis.localisation.region import Region
 from gapscope.diagnosis.localisation.spectra import DRIVES, Spectra
 from gapscope.diagnosis.thresholds import (

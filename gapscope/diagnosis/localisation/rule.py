@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from gapscope.diagnosis.display import significant
+from gapscope.arm.display import significant
 from gapscope.diagnosis.localisation.region import Region
 from gapscope.diagnosis.localisation.rule_variables import RuleVariable, rule_variables
 from gapscope.diagnosis.localisation.stacked_rows import MotionRows

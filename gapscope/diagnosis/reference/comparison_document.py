@@ -8,7 +8,6 @@ import numpy as np
 
 from gapscope.arm.nominal import arm_entry
 from gapscope.diagnosis.assessment.alternatives import NONE, Alternative
-from gapscope.diagnosis.document.change_findings import change_findings
 from gapscope.diagnosis.document.context import nominal_friction, recording_entry
 from gapscope.diagnosis.document.entries import (
     numbers,
@@ -42,6 +41,7 @@ from gapscope.diagnosis.thresholds import (
 from gapscope.effects.catalogue import known_effect
 from gapscope.effects.effect import LinkChange
 from gapscope.effects.parameter import Parameter
+from gapscope.model.change_findings import change_findings
 from gapscope.model.conditioning import TORQUE_CUTOFF
 from gapscope.model.contrast import Answer
 from gapscope.model.expected import detectable

@@ -9,10 +9,11 @@ from gapscope.ident.checks.plausible_samples import resting
 from gapscope.ident.checks.table_row import FOUND, Row
 from gapscope.ident.checks.torque_gain import torque_gain
 from gapscope.ident.estimators.estimate import Estimate
-from gapscope.ident.kalman.changes import RecordingChange
 from gapscope.ident.model.physical_parameters import inconsistent
 from gapscope.ident.uncertainty.examination import Examination
 from gapscope.ident.uncertainty.validation import Validation
+from gapscope.model.change_findings import change_findings, change_text
+from gapscope.model.changes import Change
 
 BODIES = "unphysical"
 """Row of the table that says whether parameters of no body are certain."""
@@ -30,7 +31,7 @@ def identification_warnings(
     evidence: FitEvidence,
     estimate: Estimate,
     examined: Examination,
-    changes: Sequence[RecordingChange],
+    changes: Sequence[Change],
     similarity: NominalSimilarity,
     table: Sequence[Row],
     held_out: Validation,
@@ -59,9 +60,9 @@ def _torque(similarity: NominalSimilarity, held_out: Validation) -> Iterator[str
         )
 
 
-def _changed(changes: Sequence[RecordingChange]) -> Iterator[str]:
-    for found in changes:
-        yield f"{found}; cut the recording there, and name a known load in payloads:"
+def _changed(changes: Sequence[Change]) -> Iterator[str]:
+    for entry in change_findings(changes):
+        yield f"{change_text(entry)}; cut the recording there, and name a known load in payloads:"
 
 
 def _still(evidence: FitEvidence) -> Iterator[str]:

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from gapscope.arm.errors import InputError
-from gapscope.effects.catalogue import of_quantity
-
-PAYLOAD = of_quantity("load")[0].name
-"""Name of the hypothesis that a load on the last link changed."""
+from gapscope.model.change_findings import PAYLOAD
 
 
 class Parameters(Protocol):
@@ -35,14 +32,12 @@ class ChangeHypothesis:
         names: of the elements of delta, shape (s,).
         directions: D, shape (b, s).
         beside: N, shape (b, r): what may change at the same moment and is no evidence; none by default.
-        fades: whether it may as well fade from the start of the recording on, as friction that warms up does.
     """
 
     name: str
     names: tuple[str, ...]
     directions: np.ndarray
     beside: np.ndarray | None = None
-    fades: bool = False
 
     @property
     def all_directions(self) -> np.ndarray:
@@ -50,15 +45,6 @@ class ChangeHypothesis:
         if self.beside is None:
             return self.directions
         return np.concatenate([self.directions, self.beside], axis=1)
-
-    def widened(self, count: int) -> ChangeHypothesis:
-        """The same for a problem with ``count`` more parameters, which do not change."""
-
-        def longer(directions: np.ndarray) -> np.ndarray:
-            return np.pad(directions, ((0, count), (0, 0)))
-
-        beside = None if self.beside is None else longer(self.beside)
-        return replace(self, directions=longer(self.directions), beside=beside)
 
 
 def payload_hypothesis(base: Parameters, link: int) -> ChangeHypothesis:
@@ -95,5 +81,4 @@ def friction_hypothesis(base: Parameters, joint: int) -> ChangeHypothesis:
         names,
         base.combination[:, places],
         beside=base.combination[:, offset],
-        fades=True,
     )

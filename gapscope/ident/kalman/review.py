@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.ident.kalman.adaptive import SETTLED, Followed, Opening, follow
-from gapscope.ident.kalman.changes import RecordingChange
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.signals.samples import Samples
 from gapscope.ident.uncertainty.validation import (
@@ -16,9 +15,12 @@ from gapscope.ident.uncertainty.validation import (
     band_correlation,
     whiteness,
 )
+from gapscope.model.changes import Change
 
 BAND = 4.0
 """Standard errors by which the filter departs from the batch; 3.9 is reached once in 10 000 by chance."""
+DETERMINED = 1e-6
+"""Least singular value of the columns after a change that moves parameters, over the largest [1]. (numerics)"""
 WIDER = 3.0
 """Variance of a parameter that changed, over the squared size of the change [1]."""
 
@@ -52,6 +54,7 @@ class FilterReview:
         departures: after that, one for each parameter that departs, the farthest first.
         whiteness: of the innovations after that.
         changes: those that the filter was told of: there it started anew with what changed.
+        moved: by how much each of them moved the parameters, shape (C, b).
     """
 
     followed: Followed
@@ -61,7 +64,8 @@ class FilterReview:
     converged: int | None
     departures: tuple[Departure, ...]
     whiteness: Whiteness
-    changes: tuple[RecordingChange, ...]
+    changes: tuple[Change, ...]
+    moved: np.ndarray
 
     @property
     def elapsed(self) -> np.ndarray:
@@ -79,7 +83,7 @@ def review(
     samples: Samples,
     problem: Problem,
     batch: np.ndarray | None,
-    changes: Sequence[RecordingChange],
+    changes: Sequence[Change],
 ) -> FilterReview:
     """Filter the samples of an identification, and compare with its estimate.
 
@@ -89,11 +93,18 @@ def review(
         batch: the estimate of all samples, shape (b,); weighted least squares if ``None``.
         changes: found during recordings; of those in the samples the filter is told.
     """
-    sample_names = _names(samples)
-    told = [found for found in changes if found.recording in set(sample_names)]
-    openings = []
-    for found in told:
-        openings += _openings(found, sample_names, samples.times)
+    names = np.array([samples.segments[k].recording for k in samples.group])
+    told, moved, openings = [], [], []
+    for found in changes:
+        after = np.flatnonzero(
+            (names == found.recording) & (samples.times > found.time)
+        )
+        if len(after):
+            D = _moved(found, problem, after, samples.times[after])
+            openings += _openings(found, D, after)
+            told.append(found)
+            moved.append(D @ found.value)
+    openings = [some for some in openings if some.sample < len(names)]
     openings.sort(key=lambda opening: opening.sample)
     followed = follow(problem, openings)
     ends = np.array([own.stop - 1 for own in followed.stretches.rows])
@@ -102,33 +113,39 @@ def review(
     return FilterReview(
         followed=followed,
         batch=batch,
-        recordings=tuple(sample_names[end] for end in ends),
+        recordings=tuple(names[ends].tolist()),
         times=samples.times[ends],
         converged=converged,
         departures=_departures(followed, batch, converged),
         whiteness=_whiteness(followed, samples.band.cutoff, converged),
         changes=tuple(told),
+        moved=np.array(moved),
     )
 
 
-def _names(samples: Samples) -> list[str]:
-    """Name of the recording of each sample."""
-    return [samples.segments[k].recording for k in samples.group]
+def _moved(
+    found: Change, problem: Problem, after: np.ndarray, t: np.ndarray
+) -> np.ndarray:
+    """By how much each coordinate of a change moves the parameters, as far as their torque can be its, (b, linear).
+
+    Args:
+        found: the change.
+        problem: in the base columns.
+        after: numbers of the samples of its recording after it, (K,).
+        t: their times [s], (K,).
+    """
+    series = found.columns.reshape(len(found.t), -1).T
+    torque = np.stack([np.interp(t, found.t, x) for x in series], axis=1)
+    rows = len(t) * problem.n_joints
+    W = problem.matrix[after].reshape(rows, -1)
+    return np.linalg.lstsq(W, torque.reshape(rows, -1), rcond=DETERMINED)[0]
 
 
-def _openings(
-    found: RecordingChange, names: list[str], times: np.ndarray
-) -> list[Opening]:
-    """What changed is unknown after the moment, and again at the start of the next recording."""
-    own = np.array([name == found.recording for name in names])
-    after = np.flatnonzero(own & (times > found.change.time))
-    D = found.change.hypothesis.directions
-    variance = WIDER * (found.change.size**2 + found.change.deviation**2)
-    covariance = (D * variance) @ D.T
-    if not len(after):
-        return []
-    moments = [int(after[0]), int(after[-1]) + 1]
-    return [Opening(k, covariance) for k in moments if k < len(names)]
+def _openings(found: Change, moved: np.ndarray, after: np.ndarray) -> list[Opening]:
+    """What changed is unknown after the moment, and again where the recording ends if another follows."""
+    variance = WIDER * (found.value**2 + found.deviation**2)
+    covariance = (moved * variance) @ moved.T
+    return [Opening(int(k), covariance) for k in (after[0], after[-1] + 1)]
 
 
 def _converged(followed: Followed) -> int | None:

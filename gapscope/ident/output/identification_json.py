@@ -9,6 +9,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.json_file import plain, write_json
 from gapscope.arm.joint_units import common_unit
@@ -16,12 +18,12 @@ from gapscope.arm.nominal import arm_entry
 from gapscope.ident.checks.table_row import Row
 from gapscope.ident.estimators.by_name import method
 from gapscope.ident.identification import Identification
-from gapscope.ident.kalman.changes import RecordingChange
 from gapscope.ident.model.law_choice import STRONGEST
 from gapscope.ident.model.physical_parameters import LinkCheck
 from gapscope.ident.output.examination_json import examined_document
 from gapscope.ident.output.filter_json import filter_document, states_document
 from gapscope.ident.uncertainty.validation import LEVEL, MOVING, Errors, Validation
+from gapscope.model.change_findings import change_findings
 
 
 def document(
@@ -41,7 +43,7 @@ def document(
         "settings": _settings(result),
         "base": _base(result),
         **examined_document(result.examined, result.predicted),
-        "changes": [_change(found) for found in result.changes],
+        "changes": [_change(entry) for entry in change_findings(result.changes)],
         "filter": filter_document(result.filtered, result.base.expressions(1e-4)),
         "states_and_friction": states_document(result.states),
         "parameters": [
@@ -131,17 +133,19 @@ def _base(result: Identification) -> dict[str, Any]:
     }
 
 
-def _change(found: RecordingChange) -> dict[str, Any]:
-    change = found.change
+def _change(entry: dict[str, Any]) -> dict[str, Any]:
+    """A finding of ``change_findings`` with its parameters side by side."""
+    names = list(entry["parameters"])
+    values, deviations = (
+        np.hstack([part[key] for part in entry["parameters"].values()])
+        for key in ("value", "std")
+    )
     return {
-        "recording": found.recording,
-        "what": change.hypothesis.name,
-        "time": change.time,
-        "interval": list(change.interval),
-        "parameters": list(change.hypothesis.names),
-        "size": change.size,
-        "std": change.deviation,
-        "statistic": change.statistic,
+        **{key: x for key, x in entry.items() if key != "times_threshold"},
+        "parameters": names,
+        "size": values,
+        "std": deviations,
+        "statistic": entry["times_threshold"],
     }
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from gapscope.diagnosis.display import MISSING, display_unit, uncertain
+from gapscope.arm.display import MISSING, display_unit, uncertain
 
 Line = Mapping[str, Any]
 

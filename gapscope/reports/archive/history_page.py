@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from gapscope.archive.entry import Entry
 from gapscope.archive.history import EffectHistory, Point, histories
-from gapscope.diagnosis.display import display_unit
+from gapscope.arm.display import display_unit
 from gapscope.diagnosis.document.wording import capital
 from gapscope.reports.archive.table_page import row_content
 from gapscope.reports.pages import render_html

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import log
 from typing import Any
 
-from gapscope.diagnosis.display import (
+from gapscope.arm.display import (
     MISSING,
     display_unit,
     effect_name,

@@ -9,7 +9,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from gapscope.diagnosis.display import nrmse
+from gapscope.arm.display import nrmse
 from gapscope.reports.diagnosis.fleet_section import (
     cells,
     findings,

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from gapscope.diagnosis.display import percent
+from gapscope.arm.display import percent
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.reports.diagnosis.encoding import encode
 

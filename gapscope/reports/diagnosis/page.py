@@ -6,10 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from gapscope.arm.io.json_file import plain
-from gapscope.diagnosis.document.change_findings import change_text
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.document.wording import capital
 from gapscope.diagnosis.result import Diagnosis
+from gapscope.model.change_findings import change_text
 from gapscope.reports.diagnosis import figures, sections
 from gapscope.reports.diagnosis.actions import actions
 from gapscope.reports.diagnosis.arm_scene import arm_scene

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from gapscope.diagnosis.display import (
+from gapscope.arm.display import (
     MISSING,
     display_unit,
     effect_name,

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gapscope.diagnosis.display import MISSING, display_unit, effect_name, significant
+from gapscope.arm.display import MISSING, display_unit, effect_name, significant
 from gapscope.diagnosis.document.sentences import (
     nominal_friction_sentence,
     presliding_sentence,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from gapscope.diagnosis.display import effect_name, significant
+from gapscope.arm.display import effect_name, significant
 from gapscope.diagnosis.document.sentences import sides_sentence
 from gapscope.diagnosis.document.wording import acts_on, joint_names, short_names
 from gapscope.diagnosis.result import Diagnosis

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from gapscope.diagnosis.display import effect_name
+from gapscope.arm.display import effect_name
 from gapscope.diagnosis.document.wording import VERDICTS, acts_on
 from gapscope.reports.diagnosis import fleet_section as units_words
 from gapscope.reports.pages import write_html

@@ -9,8 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from gapscope.diagnosis.display import effect_name, nrmse, percent
-from gapscope.diagnosis.document.change_findings import change_text
+from gapscope.arm.display import effect_name, nrmse, percent
 from gapscope.diagnosis.document.sentences import (
     nominal_friction_sentence,
     possible_texts,
@@ -28,6 +27,7 @@ from gapscope.diagnosis.document.wording import (
     joint_ranges,
     parameter_texts,
 )
+from gapscope.model.change_findings import change_text
 
 _COLOURS = {
     "effects_found": "bold cyan",

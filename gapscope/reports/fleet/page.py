@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from gapscope.diagnosis.display import percent
+from gapscope.arm.display import percent
 from gapscope.diagnosis.document.wording import VERDICTS
 from gapscope.reports.fleet.sparkline import sparkline
 from gapscope.reports.fleet.wording import (

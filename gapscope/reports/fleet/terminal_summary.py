@@ -8,7 +8,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from gapscope.diagnosis.display import effect_name, nrmse
+from gapscope.arm.display import effect_name, nrmse
 from gapscope.diagnosis.document.wording import VERDICTS, capital
 from gapscope.reports.fleet.wording import change_line, headline
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from gapscope.diagnosis.display import display_unit, effect_name, percent, uncertain
+from gapscope.arm.display import display_unit, effect_name, percent, uncertain
 from gapscope.diagnosis.document.wording import capital
 
 Entry = Mapping[str, Any]

@@ -8,6 +8,7 @@ import numpy as np
 
 from gapscope.ident.identification import Identification
 from gapscope.ident.kalman.review import FilterReview
+from gapscope.model.change_findings import change_findings, change_text
 from gapscope.reports.diagnosis.figures import encode, keep_extremes
 
 POINTS = 1500
@@ -93,9 +94,8 @@ def filter_curves(result: Identification) -> dict[str, Any]:
 
 def _first(review: FilterReview, names: list[str]) -> int:
     """The parameter that is drawn at first: one that changed, or that departs, or friction of the first joint."""
-    for found in review.changes:
-        shares = np.abs(found.change.hypothesis.directions @ found.change.size)
-        return int(shares.argmax())
+    for moved in review.moved:
+        return int(np.abs(moved).argmax())
     if review.departures:
         return review.departures[0].parameter
     friction = [i for i, name in enumerate(names) if name[0] in "bc"]
@@ -117,10 +117,10 @@ def _changes(review: FilterReview) -> list[dict[str, Any]]:
     """Moments of the changes in elapsed time, in words."""
     return [
         {
-            "elapsed": _elapsed(review, found.recording, found.change.time),
-            "text": str(found),
+            "elapsed": _elapsed(review, entry["recording"], entry["time"]),
+            "text": change_text(entry),
         }
-        for found in review.changes
+        for entry in change_findings(review.changes)
     ]
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from gapscope.arm.display import MISSING, uncertain
 from gapscope.arm.joint_units import common_unit
-from gapscope.diagnosis.display import MISSING, uncertain
 from gapscope.reports.pages import percent_with_decimal
 
 _FRICTION = (

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from gapscope.diagnosis.display import MISSING
+from gapscope.arm.display import MISSING
 
 MOST_PLACES = 6
 """Most places that are named of findings of a kind."""

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gapscope.diagnosis.display import percent
+from gapscope.arm.display import percent
 from gapscope.reports.plot_page import (
     COLOURS,
     PageSection,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from gapscope.diagnosis.display import percent
+from gapscope.arm.display import percent
 
 FORMS = {"additive": "sum of functions", "mlp": "MLP", "tcn": "TCN", None: "silent"}
 """What a form is called."""

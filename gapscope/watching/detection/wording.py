@@ -8,7 +8,7 @@ import numpy as np
 
 from gapscope.arm.joint_units import joint_unit
 from gapscope.effects.catalogue import effect
-from gapscope.ident.kalman.change_hypothesis import PAYLOAD
+from gapscope.model.change_findings import PAYLOAD
 from gapscope.watching.alarm import ALARM, DRIFT, MISFIT, Event, Size
 from gapscope.watching.detection.change_test import Candidate
 from gapscope.watching.detection.hypotheses import (

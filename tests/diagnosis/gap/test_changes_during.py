@@ -10,14 +10,14 @@ from cases import changed_during
 
 from gapscope.arm.case import Case
 from gapscope.diagnosis.diagnose import diagnose
-from gapscope.diagnosis.document.change_findings import change_findings, change_text
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.gap.changes_during import (
-    RecordingChange,
     changes_during,
     up_to_changes,
 )
 from gapscope.effects.applied import AppliedEffect
+from gapscope.model.change_findings import change_findings, change_text
+from gapscope.model.changes import Change
 
 MOMENT = {"load": 4.1, "friction": 4.4}
 CHANGED = {
@@ -35,12 +35,12 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
 
 
 @pytest.fixture(scope="module")
-def changes(case: Case) -> tuple[RecordingChange, ...]:
+def changes(case: Case) -> tuple[Change, ...]:
     return changes_during(case)
 
 
 def test_what_changed_is_found_with_its_moment_and_size(
-    changes: tuple[RecordingChange, ...],
+    changes: tuple[Change, ...],
 ) -> None:
     found = {entry["recording"]: entry for entry in change_findings(changes)}
     assert set(found) == {"load", "friction"}
@@ -58,7 +58,7 @@ def test_what_changed_is_found_with_its_moment_and_size(
 
 
 def test_recordings_are_used_up_to_their_changes(
-    case: Case, changes: tuple[RecordingChange, ...]
+    case: Case, changes: tuple[Change, ...]
 ) -> None:
     cut = up_to_changes(case, changes)
     healthy, load, friction = cut.recordings
@@ -69,11 +69,10 @@ def test_recordings_are_used_up_to_their_changes(
 
 
 def test_the_longest_part_remains_if_all_change_at_once(
-    case: Case, changes: tuple[RecordingChange, ...]
+    case: Case, changes: tuple[Change, ...]
 ) -> None:
     (found,) = (f for f in changes if f.recording == "load")
-    moment = replace(found.change.moment, time=1.5, interval=(1.5, 1.5))
-    early = replace(found, start=0.0, change=replace(found.change, moment=moment))
+    early = replace(found, time=1.5, interval=(1.5, 1.5))
     alone = replace(case, recordings=(case.recordings[1],))
     (kept,) = up_to_changes(alone, (early,)).recordings
     assert kept.t[0] > 1.5 and kept.t[-1] == case.recordings[1].t[-1]

@@ -5,8 +5,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from gapscope.arm.errors import InputError
+from gapscope.effects.applied import AppliedEffect
 from gapscope.ident.kalman.alarm import alarm
-from gapscope.ident.kalman.change_hypothesis import ChangeHypothesis, payload_hypothesis
+from gapscope.ident.kalman.change_hypothesis import (
+    ChangeHypothesis,
+    friction_hypothesis,
+    payload_hypothesis,
+)
 from gapscope.ident.kalman.recursive import Recursive
 from gapscope.ident.kalman.unscented import Unscented
 
@@ -94,3 +100,39 @@ def test_friction_that_the_model_lacks_on_one_joint_does_not_sound_it(world):
         ).time
         is None
     )
+
+
+def test_friction_of_a_joint_without_columns_is_refused(world):
+    with pytest.raises(InputError, match="joint 9"):
+        friction_hypothesis(world.base, 9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_payload_picked_up_is_heard(world, seed):
+    rng = np.random.default_rng(100 + seed)
+    moment, mass = rng.uniform(2.5, 5.5), rng.uniform(0.5, 3.0)
+    recording = world.recorded(seed, pickup=(moment, mass))
+    problem, t = world.assembly([recording]), world.assembly.times(recording)
+    track = Recursive(0.1 * np.ones(3)).follow(problem, t)
+    heard = alarm(track, payload_hypothesis(world.base, 3))
+    assert moment - 0.1 < heard.time < moment + 1.5
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_change_no_alarm(world, seed):
+    stribeck = AppliedEffect(
+        "stribeck_friction", (2,), {"torque": [0.5], "velocity": [0.1]}
+    )
+    recording = world.recorded(10 + seed, effects=(stribeck,))
+    problem, t = world.assembly([recording]), world.assembly.times(recording)
+    payload = payload_hypothesis(world.base, 3)
+    assert alarm(Recursive(0.1 * np.ones(3)).follow(problem, t), payload).time is None
+
+
+def test_an_alarm_needs_a_record_longer_than_its_settling(world):
+    recording = world.recorded(1, duration=3.0)
+    track = Recursive(np.ones(3)).follow(
+        world.assembly([recording]), world.assembly.times(recording)
+    )
+    with pytest.raises(InputError, match="ends before an alarm"):
+        alarm(track, payload_hypothesis(world.base, 3), settle=5.0)

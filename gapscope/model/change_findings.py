@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from gapscope.diagnosis.display import effect_name, uncertain
-from gapscope.diagnosis.gap.changes_during import RecordingChange
-from gapscope.ident.kalman.change_hypothesis import PAYLOAD
+from gapscope.arm.display import effect_name, uncertain
+from gapscope.effects.catalogue import of_quantity
 from gapscope.model.changes import Change
 
+PAYLOAD = of_quantity("load")[0].name
+"""What a load on the last link is called, picked up or put down."""
 LOAD = (
     ("mass", "kg"),
     ("first_moment_x", "kg m"),
@@ -24,7 +25,7 @@ FRICTION = {"damping": "viscous", "friction": "coulomb"}
 PLAIN_FRICTION = "friction"
 
 
-def change_findings(changes: Sequence[RecordingChange]) -> list[dict[str, Any]]:
+def change_findings(changes: Sequence[Change]) -> list[dict[str, Any]]:
     """Entries of ``changes``: what changed, in which recording, when, by how much."""
     out: list[dict[str, Any]] = []
     for entry in map(_finding, changes):
@@ -47,19 +48,18 @@ def _are_one(one: dict[str, Any], other: dict[str, Any]) -> bool:
     return one["what"] == PLAIN_FRICTION and same and low <= high and new
 
 
-def _finding(found: RecordingChange) -> dict[str, Any]:
-    change = found.change
+def _finding(change: Change) -> dict[str, Any]:
     effect, joint = change.term.effect, change.term.joint
     what = PLAIN_FRICTION if _friction(change) else effect
     if change.term.is_load:
         what = PAYLOAD
     return {
-        "recording": found.recording,
+        "recording": change.recording,
         "what": what,
         "effect": effect,
         "joints": [joint] if joint else [],
-        "time": found.time,
-        "interval": list(found.interval),
+        "time": change.time,
+        "interval": list(change.interval),
         "parameters": _parameters(change),
         "probability": change.probability,
         "times_threshold": change.support,
