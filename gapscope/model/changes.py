@@ -14,7 +14,7 @@ another state than the others; that is no change during it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -22,7 +22,7 @@ import numpy as np
 
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
-from gapscope.model.design import fitted_arm
+from gapscope.model.design import FreeArm, fitted_arm
 from gapscope.model.difference import Difference, Fit, Search, in_a_row
 from gapscope.model.rows import LEAST_MOTIONS, Rows
 from gapscope.model.terms import Candidate, Term
@@ -38,6 +38,10 @@ MOST_MOMENTS = 6
 """Moments of a case. (budget)"""
 SURE = 0.95
 """Probability that a moment is within its interval. (definition)"""
+
+
+Place = tuple[int, float, float]
+"""Number of a recording, and the times in it between which something has a value [s]: infinite at an end."""
 
 
 @dataclass(frozen=True)
@@ -68,8 +72,8 @@ class Change:
         deviation: standard deviations of that, (linear,).
         probability: that it belongs to what changed [1].
         support: evidence of the change over what its prior odds ask for [1].
-        t: times of rows of the recording [s], (M,).
-        columns: torque of each coordinate there, one of each joint [N m], (M, n, linear).
+        columns: by name of a recording, times in it by its own clock [s], (M,), and the torque that each coordinate
+            makes there [N m], (M, n, linear).
     """
 
     recording: str
@@ -80,8 +84,7 @@ class Change:
     deviation: np.ndarray
     probability: float
     support: float
-    t: np.ndarray
-    columns: np.ndarray
+    columns: Mapping[str, tuple[np.ndarray, np.ndarray]]
 
     def __str__(self) -> str:
         """What changes when, in a few words."""
@@ -122,12 +125,11 @@ class _Spans:
         self.rows = rows.regrouped(group, parts, left_out)
 
     def search(
-        self, arm: NominalArm, sets: Sequence[tuple[int, ...]], asked: int
+        self, arm: FreeArm, sets: Sequence[tuple[int, ...]], asked: int
     ) -> Search:
         """The search for what sets of spans have of their own, of ``asked`` that there might be."""
         every = tuple(range(self.groups[-1][-1] + 1))
-        free = fitted_arm(self.rows, arm, every)
-        return Search(self.rows, free, sets, every, 0.0, every, asked)
+        return Search(self.rows, arm, sets, every, 0.0, every, asked)
 
     def sets(
         self, known: Sequence[Sequence[float]] | None = None
@@ -148,7 +150,7 @@ class _Spans:
                 out.append(tuple(some))
         return out
 
-    def place(self, one: Candidate) -> tuple[int, float, float]:
+    def place(self, one: Candidate) -> Place:
         """Recording of a candidate, and the times between which it has its value [s]: infinite at an end."""
         groups = one.groups or ()
         number = next(r for r, some in enumerate(self.groups) if groups[0] in some)
@@ -160,7 +162,7 @@ class _Spans:
             float(ends[groups[-1] - first + 1]),
         )
 
-    def candidate(self, term: Term, place: tuple[int, float, float]) -> Candidate:
+    def candidate(self, term: Term, place: Place) -> Candidate:
         """A term with a value of its own between the ends nearest to two times of a recording."""
         number, *times = place
         ends, groups = self.ends[number], np.array(self.groups[number])
@@ -171,6 +173,14 @@ class _Spans:
         )
         inside = (ends[:-1] >= start) & (ends[1:] <= end)
         return Candidate(term, tuple(groups[inside].tolist()))
+
+    def refined(self, fit: Fit, one: Candidate) -> Place:
+        """Where a candidate has its value, the times taken from its torque."""
+        number, start, end = self.place(one)
+        moments = iter(self.moments(fit, one))
+        begins = next(moments).time if np.isfinite(start) else start
+        ends = next(moments).time if np.isfinite(end) else end
+        return (number, begins, ends) if begins < ends else (number, start, end)
 
     def moments(self, fit: Fit, one: Candidate) -> list[Moment]:
         """When a candidate begins and ends, each time between the ends before and after it."""
@@ -229,39 +239,54 @@ def changes_of(
     rows = Rows([[recording] for recording in recordings])
     times = [rows.t[rows.recording == k] for k in range(len(recordings))]
     grid = [np.quantile(t, np.arange(1, SPANS) / SPANS) for t in times]
-    smeared = SMEARED / rows.cutoff
-    ends: list[list[float]] = [[] for _ in recordings]
-    spans, found = _Spans(rows, ends), None
-    moments: list[list[Moment]] = []
+    about = fitted_arm(rows, arm, tuple(range(len(recordings))))
+    torque: np.ndarray | float = 0.0
+    # what changes, where, and by how much
+    mine: dict[tuple[Term, Place], np.ndarray] = {}
+    left = MOST_MOMENTS
     while True:
+        ends = _ends(mine, len(recordings))
         looked = _Spans(rows, list(map(_apart, grid, ends)), PARTS)
         sets = looked.sets(ends)
-        mine: list[Candidate] = found.fit.mine if found else []
-        known = [looked.candidate(one.term, spans.place(one)) for one in mine]
-        fit, step = looked.search(arm, sets, len(sets)).step(known)
+        known = {looked.candidate(*key): value for key, value in mine.items()}
+        search = looked.search(about, sets, len(sets))
+        fit, step = search.step(known, torque)
         moments = [looked.moments(fit, one) for one in known]
-        if step is None or sum(map(len, ends)) >= MOST_MOMENTS:
-            break
-        one = step.mine[-1]
-        tried, new = [list(some) for some in ends], []
-        for moment in looked.moments(step, one):
-            own = tried[moment.recording]
-            if moment.time not in own:
-                new.append((moment.recording, moment.time))
-                tried[moment.recording] = sorted([*own, moment.time])
+        about, torque = search.moved_by(step or fit), fit.torque
+        if step is not None and left:
+            left -= 1
+            torque = step.torque
+            mine = {
+                (one.term, looked.refined(step, one)): value
+                for one, value in step.values.items()
+            }
+            continue
+        if not mine:
+            return ()
+        # all of them at once, against what they may be taken for
         progress("asks what changed")
-        split = _Spans(rows, tried, smeared=smeared)
-        likely = [
-            split.candidate(other.term, looked.place(other)) for other in (*known, one)
-        ]
-        larger = split.search(arm, split.sets(), len(sets)).run(likely)
-        places = [split.place(other) for other in larger.fit.mine]
-        used = {(number, time) for number, *times in places for time in times}
-        # also one that is not within a recording is looked for once
-        if not used & set(new) and len(places) <= len(mine):
-            break
-        found, spans, ends = larger, split, tried
-    return _changes(found, spans, moments, recordings) if found else ()
+        spans = _Spans(rows, ends, smeared=SMEARED / rows.cutoff)
+        likely = {spans.candidate(*key): value for key, value in mine.items()}
+        found = spans.search(about, spans.sets(), len(sets)).run(likely, torque)
+        if set(found.fit.mine) == set(likely):
+            when = dict(zip(likely, moments, strict=True))
+            return _changes(found, spans, when, recordings)
+        if not left:
+            when = {one: spans.moments(found.fit, one) for one in found.fit.mine}
+            return _changes(found, spans, when, recordings)
+        left -= 1
+        mine = {(one.term, spans.place(one)): x for one, x in found.fit.values.items()}
+        torque = 0.0
+
+
+def _ends(
+    mine: Mapping[tuple[Term, Place], np.ndarray], count: int
+) -> list[list[float]]:
+    """Times at which what changes begins or ends, rising, of each of some recordings."""
+    ends: list[set[float]] = [set() for _ in range(count)]
+    for _, (number, *times) in mine:
+        ends[number] |= {time for time in times if np.isfinite(time)}
+    return [sorted(some) for some in ends]
 
 
 def _between(t: np.ndarray, ends: Sequence[float]) -> list[float]:
@@ -281,13 +306,13 @@ def _apart(grid: np.ndarray, ends: Sequence[float]) -> list[float]:
 def _changes(
     found: Difference,
     spans: _Spans,
-    moments: Sequence[Sequence[Moment]],
+    moments: Mapping[Candidate, Sequence[Moment]],
     recordings: Sequence[Recording],
 ) -> tuple[Change, ...]:
     """Each moment at which what spans have of their own comes or goes."""
     rows, made = spans.rows, found.fit.contrast.design
     out = []
-    for one, own in zip(found.fit.mine, moments, strict=True):
+    for one in found.fit.mine:
         number, start, _ = spans.place(one)
 
         def is_it(
@@ -299,9 +324,9 @@ def _changes(
 
         odds = found.odds[one]
         units = [made.torque(one.term, unit) for unit in np.eye(len(one.term.columns))]
-        mine = rows.recording == number
+        torque = np.stack(units, axis=2) * rows.scale[:, None]
         zero = float(recordings[number].t[0])
-        for k, moment in enumerate(own):
+        for k, moment in enumerate(moments[one]):
             low, high = moment.interval
             comes = np.isfinite(start) and k == 0
             change = Change(
@@ -313,8 +338,18 @@ def _changes(
                 deviation=found.fit.answer.deviation(one),
                 probability=found.probabilities_of(is_it)[True],
                 support=(found.log_odds(is_it) - odds) / -odds,
-                t=zero + rows.t[mine],
-                columns=np.stack(units, axis=2)[mine],
+                columns=_by_recording(rows, torque, recordings),
             )
             out.append((number, change))
     return tuple(c for _, c in sorted(out, key=lambda pair: (pair[0], pair[1].time)))
+
+
+def _by_recording(
+    rows: Rows, series: np.ndarray, recordings: Sequence[Recording]
+) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Times and series of rows, by name of the recording."""
+    out = {}
+    for k, recording in enumerate(recordings):
+        mine = rows.recording == k
+        out[recording.name] = float(recording.t[0]) + rows.t[mine], series[mine]
+    return out

@@ -66,7 +66,6 @@ class Contrast:
         error: noise and form error.
         nuisances: what groups have, alone or together, that is no term: the groups, and prior variances of the columns,
             (P,).
-        grown: of a joint from 0 and a motion, by how much more variance form error has there than elsewhere [1].
 
     Attributes:
         motions: per joint its motions, what they have of their own eliminated.
@@ -79,36 +78,52 @@ class Contrast:
         equations: Equations,
         error: FormError,
         nuisances: Sequence[Nuisance],
-        grown: Mapping[tuple[int, int], float],
     ) -> None:
         self.equations, self.design, self.error = equations, equations.design, error
         self.groups = int(self.design.rows.group.max()) + 1
         self.gap = self.design.gap
         self.motions = [
-            [
-                eliminated(
-                    cell,
-                    error.own2[j] * grown.get((j, cell.motion), 1.0),
-                    error.noise2[j],
-                )
-                for cell in cells
-            ]
+            [eliminated(cell, error.own2[j], error.noise2[j]) for cell in cells]
             for j, cells in enumerate(equations.cells)
         ]
         self._nuisances = tuple(nuisances)
-        self.gram = self._information()
+        size = self.design.size
+        self.gram = np.zeros((self.groups, size, size))
+        self._inform(range(self.groups))
         self.right = self._right_sides()
         self._eliminate_nuisances()
 
-    def _information(self) -> np.ndarray:
-        """Information of each group on its coefficients, (G, P, P)."""
-        size = self.design.size
-        gram = np.zeros((self.groups, size, size))
+    def grown(self, larger: Mapping[tuple[int, int], float]) -> Contrast:
+        """The same question with more form error.
+
+        Args:
+            larger: of a joint from 0 and a motion, by how much more variance form error has there than elsewhere [1].
+        """
+        if not larger:
+            return self
+        other = copy(self)
+        other.motions = [list(motions) for motions in self.motions]
+        groups = set()
+        for (j, motion), growth in larger.items():
+            for k, one in enumerate(self.motions[j]):
+                if one.cell.motion == motion:
+                    own2 = self.error.own2[j] * growth
+                    other.motions[j][k] = eliminated(one.cell, own2, one.noise2)
+                    groups.add(one.cell.group)
+        other.gram = self.gram.copy()
+        other._inform(groups)
+        other.right = other._right_sides()
+        other._eliminate_nuisances()
+        return other
+
+    def _inform(self, groups: Collection[int]) -> None:
+        """Sum the information of some groups on their coefficients, (G, P, P)."""
+        self.gram[list(groups)] = 0.0
         for j, motions in enumerate(self.motions):
             places = np.ix_(self.design.active[j], self.design.active[j])
             for one in motions:
-                gram[one.cell.group][places] += one.information
-        return gram
+                if one.cell.group in groups:
+                    self.gram[one.cell.group][places] += one.information
 
     def _right_sides(self) -> np.ndarray:
         """Right side of that information, (G, P)."""
@@ -199,7 +214,8 @@ class Contrast:
             ]
             for own in self.motions
         ]
-        other.gram = other._information()
+        other.gram = self.gram.copy()
+        other._inform([group])
         other.right = other._right_sides()
         other._eliminate_nuisances()
         return other
@@ -269,15 +285,14 @@ class Contrast:
                 cell = one.cell
                 if cell.group != group:
                     continue
-                left = replace(cell, right=cell.right - cell.gram @ beta)
-                own2 = np.zeros(len(cell.right))
-                own2[one.free] = one.size**2
-                known = eliminated(left, own2, noise2)
-                before = _half_log(known.factor, known.right)
+                left = (cell.right - cell.gram @ beta)[one.free] * one.size / noise2
+                before = _half_log(one.factor, forward(one.factor, left))
+                # L L^T = I + A
+                known = one.factor @ one.factor.T - np.eye(len(left))
                 for growth in growths:
-                    tried = eliminated(left, own2 * growth, noise2)
-                    gain = _half_log(tried.factor, tried.right) - before
-                    out[j, cell.motion, growth] = gain
+                    factor = lower(known * growth)
+                    right = forward(factor, left * np.sqrt(growth))
+                    out[j, cell.motion, growth] = _half_log(factor, right) - before
         return out
 
     def values_of(self, groups: Collection[int], held: np.ndarray) -> np.ndarray:

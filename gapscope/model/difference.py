@@ -92,6 +92,11 @@ class Fit:
         """The coordinates of that, (linear,) each."""
         return {one: self.answer.values[one] for one in self.mine}
 
+    @property
+    def torque(self) -> np.ndarray:
+        """What that does to the torque, over the joints' scale [1], (M, n)."""
+        return self.own.torque(self.values)
+
 
 @dataclass(frozen=True)
 class Difference:
@@ -185,51 +190,67 @@ class Search:
         self._prepare()
         return self._fit((), {}, {}).total
 
-    def step(self, known: Sequence[Candidate]) -> tuple[Fit, Fit | None]:
-        """What groups have that is known, fitted, and with the candidate that promises most beside it, if any does."""
-        self._linearise(1)
-        self._prepare()
-        fit = self._fit(known, {}, {})
-        if known:
-            # what is not known yet is no form error
-            self._move_beside(fit, alike=False)
-            self._prepare()
-            fit = self._fit(known, fit.values, {})
-        proposed = [p for p in self._proposals(fit) if not p[1].everybody]
-        value, one = max(proposed, key=lambda p: p[0], default=(-np.inf, None))
-        if one is None or value <= fit.total:
-            return fit, None
-        return fit, self._fit((*fit.chosen, one), fit.values, {})
+    def step(
+        self, known: Mapping[Candidate, np.ndarray], torque: np.ndarray | float
+    ) -> tuple[Fit, Fit | None]:
+        """What groups have that is known, fitted, and with the candidate that promises most beside it, if any does.
 
-    def run(self, known: Sequence[Candidate] = ()) -> Difference:
+        Args:
+            known: with about its values.
+            torque: what it does, over the joints' scale, (M, n): it is no form error.
+        """
+        self._linearise(1, torque)
+        self._prepare()
+        fit = self._fit(list(known), known, {})
+        # form error that is larger somewhere may explain more, and what explains the rest comes after it
+        grown = fit
+        while True:
+            proposed = [p for p in self._proposals(grown) if not p[1].everybody]
+            value, one = max(proposed, key=lambda p: p[0], default=(-np.inf, None))
+            if one is None or value <= grown.total:
+                return fit, None
+            promised = self._promised(grown)
+            place, growth = max(promised, key=lambda place: promised[place])
+            gain = promised[place, growth] + np.log(UNKNOWN)
+            if value - grown.total >= gain:
+                return fit, self._fit((*fit.chosen, one), fit.values, {})
+            more = {**grown.grown, place: growth}
+            grown = self._fit(grown.chosen, grown.values, more)
+
+    def run(
+        self,
+        known: Mapping[Candidate, np.ndarray] | None = None,
+        torque: np.ndarray | float = 0.0,
+    ) -> Difference:
         """Terms join one by one, each fitted about its own values; then each is asked again.
 
         Args:
-            known: what some groups have in all likelihood, beside which the others are compared at first.
+            known: what some groups have in all likelihood, with about its values: ``arm`` predicts beside it.
+            torque: what that does, over the joints' scale, (M, n).
         """
-        self._linearise(LINEARISATIONS)
         if known:
-            self._prepare()
-            self._move_beside(self._fit(known, {}, {}))
+            self._linearise(1, torque, alike=True)
+        else:
+            self._linearise(LINEARISATIONS)
         found = self._found_about_arm()
         if len(self.sets) == 1 or not found.fit.mine:
             return found
         # each group by itself shows most; what it shows has to stand beside what one leaves of another as well
-        before = set(known)
+        before = set(known or ())
         for _ in range(LINEARISATIONS):
             if not found.fit.mine or set(found.fit.mine) == before:
                 break
             before = set(found.fit.mine)
-            self._move_beside(found.fit)
+            self.arm = self.moved_by(found.fit)
+            self._linearise(1, found.fit.torque, alike=True)
             found = self._found_about_arm()
         return found
 
-    def _move_beside(self, fit: Fit, *, alike: bool = True) -> None:
-        """Linearise about the arm that predicts best beside what groups have of their own, all they have or not."""
-        made, own = fit.contrast.design, fit.own
-        shared, _ = own.nuisances(fit.answer.values)
-        self.arm = moved(self.arm, made, possible(self.arm, made, shared))
-        self._linearise(1, own.torque(fit.values), alike=alike)
+    def moved_by(self, fit: Fit) -> FreeArm:
+        """The arm that predicts best beside what groups have of their own."""
+        made = fit.contrast.design
+        shared, _ = fit.own.nuisances(fit.answer.values)
+        return moved(self.arm, made, possible(self.arm, made, shared))
 
     def _found_about_arm(self) -> Difference:
         """The best hypothesis about the arm, and those that compete."""
@@ -253,18 +274,21 @@ class Search:
             alike: whether they are alike in all else.
         """
         arm, least = self.arm, np.inf
-        for _ in range(times):
+        for count in range(times):
             first = Equations.of(design(self.rows, arm, {}))
             gap = first.design.gap[np.isin(self.rows.group, self.basis)]
             left = float(np.log((gap**2).mean(axis=0) + LEAST_TORQUE**2).sum())
             # what is shared stays linear there: columns that cancel lead astray
             if left >= least:
                 break
-            self.arm, self._first, least = arm, first, left
-            left_over = replace(first.design, gap=first.design.gap - known)
+            self.arm, self._about, self._first, least = arm, arm, first, left
+            # rows that say nothing are zero
+            counts = self.rows.measured > 0
+            left_over = replace(first.design, gap=first.design.gap - known * counts)
             beside = Equations.of(left_over) if np.any(known) else first
             self._taught = learn(beside, self.taught_by, alike=alike)
-            arm = moved(arm, first.design, self._shared())
+            if count + 1 < times:
+                arm = moved(arm, first.design, self._shared())
 
     def _best(self) -> Fit:
         """The best hypothesis about the arm."""
@@ -289,7 +313,7 @@ class Search:
     def _shared(self) -> np.ndarray:
         """Likeliest values of what is shared that the arm can take, (P,): beside those at a bound the others differ."""
         made = self._first.design
-        contrast = Contrast(self._first, self._taught, (), {})
+        contrast = Contrast(self._first, self._taught, ())
         held = np.full(made.size, np.nan)
         while True:
             # others may have changed
@@ -326,10 +350,19 @@ class Search:
 
     def _prepare(self) -> None:
         """Columns about what all share, and what follows for the group, with and without more form error."""
-        units = self._first.design.units
-        made = design(self.rows, self.arm, self._shapes, units)
+        first, made = self._first.design, self._first.design
+        if self._shapes or self._about is not self.arm:
+            made = design(self.rows, self.arm, self._shapes, first.units)
         self._equations = Equations.of(made, self._taught.white2)
         self._error = carried_over(self._taught, self._first, self._equations)
+        day = np.zeros(made.size)
+        for term, places in made.places.items():
+            fitted = term.parametrisation
+            if fitted.data_sheet is not None and not term.definition.built_in:
+                value = self.arm.theta[term.columns[0]] * made.units[term][0]
+                day[places] = (self.days * value) ** 2 / 3.0
+        days = [((group,), day) for group in self.groups if self.days]
+        self._plain = Contrast(self._equations, self._error, days)
         self._contrasts: dict[frozenset[tuple[Place, float]], Contrast] = {}
         self._fits: dict[
             tuple[frozenset[Candidate], frozenset[tuple[Place, float]]], Fit
@@ -344,24 +377,11 @@ class Search:
         """The contrast with more form error on some joints."""
         key = frozenset(grown.items())
         if key not in self._contrasts:
-            made, day = self._equations.design, np.zeros(self._equations.design.size)
-            for term, places in made.places.items():
-                if (
-                    term.parametrisation.data_sheet is not None
-                    and not term.definition.built_in
-                ):
-                    value = self.arm.theta[term.columns[0]] * made.units[term][0]
-                    day[places] = (self.days * value) ** 2 / 3.0
             larger: dict[tuple[int, int], float] = {}
             for (joint, group, motion), growth in grown.items():
                 for own in self._motions[group] if motion is None else [motion]:
                     larger[joint, own] = max(growth, larger.get((joint, own), 1.0))
-            self._contrasts[key] = Contrast(
-                self._equations,
-                self._error,
-                [((group,), day) for group in self.groups if self.days],
-                larger,
-            )
+            self._contrasts[key] = self._plain.grown(larger)
         return self._contrasts[key]
 
     def _fit(

@@ -19,6 +19,7 @@ class Cell:
         motion, group, recording: numbers; of a motion that comes again, the first recording.
         rows: numbers of the rows, (m,).
         gram: X^T X, (p, p).
+        root: no more than p rows with the same products, (min(m, p), p).
         right: X^T y, (p,).
         power: y^T y.
         count: rows that count, the sum of their weights.
@@ -29,6 +30,7 @@ class Cell:
     recording: int
     rows: np.ndarray
     gram: np.ndarray
+    root: np.ndarray
     right: np.ndarray
     power: float
     count: float
@@ -109,7 +111,9 @@ def _cell(
     trust: np.ndarray,
 ) -> Cell:
     power, count = float(y @ y), float(trust @ trust)
-    return Cell(motion, group, recording, rows, x.T @ x, x.T @ y, power, count)
+    gram, right = x.T @ x, x.T @ y
+    root = x if len(x) <= x.shape[1] else np.asarray(np.linalg.qr(x, mode="r"))
+    return Cell(motion, group, recording, rows, gram, root, right, power, count)
 
 
 def lower(matrix: np.ndarray) -> np.ndarray:
@@ -126,6 +130,17 @@ def forward(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
 def inverse(factor: np.ndarray) -> np.ndarray:
     """L^-1 of a lower triangular factor."""
     return np.asarray(dtrtri(factor, lower=1)[0])
+
+
+def whitened(cell: Cell, own2: np.ndarray, noise2: float) -> np.ndarray:
+    """Rows W with W^T W the information on the joint's columns beside what a motion has of its own, (k, p).
+
+    W = L^-1 X with L L^T = noise2 I + X diag(own2) X^T: of motions of few rows a small matrix.
+    """
+    X = cell.root
+    covariance = (X * own2) @ X.T
+    covariance[np.diag_indices(len(X))] += noise2
+    return forward(cholesky(covariance, lower=True, check_finite=False), X)
 
 
 @dataclass(frozen=True)

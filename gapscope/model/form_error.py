@@ -25,7 +25,14 @@ import numpy as np
 from scipy.stats import chi2
 
 from gapscope.model.effective_samples import variance_inflation
-from gapscope.model.equations import Cell, Equations, eliminated, inverse, lower
+from gapscope.model.equations import (
+    Cell,
+    Equations,
+    forward,
+    inverse,
+    lower,
+    whitened,
+)
 from gapscope.model.rows import LEAST_MOTIONS
 
 ROUNDS = 12
@@ -133,19 +140,24 @@ def _learn_joint(
         squares, determined = np.zeros(len(free)), np.zeros(len(free))
         for group in groups:
             mine = [cell for cell in cells if cell.group == group]
-            parts = [eliminated(cell, variance, noise2) for cell in mine]
-            total = np.sum([part.information for part in parts], axis=0)
-            total = total[np.ix_(shared, shared)]
+            white = [whitened(cell, variance, noise2) for cell in mine]
+            # what a motion leaves of right sides beside its own
+            rights = [
+                cell.right / noise2 - W.T @ (W @ (variance * cell.right)) / noise2
+                for cell, W in zip(mine, white, strict=True)
+            ]
+            rows_of_all = np.concatenate(white)[:, shared]
+            total = rows_of_all.T @ rows_of_all
             back = inverse(lower(total * unit[:, None] * unit)) * unit
-            right = np.sum([part.pull for part in parts], axis=0)[shared]
-            beta = back.T @ (back @ right)
-            for cell, part in zip(mine, parts, strict=True):
-                open_right = cell.right[free] - cell.gram[np.ix_(free, shared)] @ beta
-                half = inverse(part.factor) * part.size
-                theta = half.T @ (half @ open_right) / noise2
-                by_shared = half.T @ (half @ cell.gram[np.ix_(free, shared)]) / noise2
-                of_theta = (half**2).sum(axis=0)
-                of_theta += ((by_shared @ back.T) ** 2).sum(axis=1)
+            beta = back.T @ (back @ np.sum(rights, axis=0)[shared])
+            for cell, W in zip(mine, white, strict=True):
+                right = cell.right[free] - cell.gram[np.ix_(free, shared)] @ beta
+                mine_of_all = W[:, free] * own2
+                inner = W[:, free] @ (own2 * right)
+                theta = (own2 * right - mine_of_all.T @ inner) / noise2
+                of_theta = own2 - (mine_of_all**2).sum(axis=0)
+                by_shared = mine_of_all.T @ (W[:, shared] @ back.T)
+                of_theta += (by_shared**2).sum(axis=1)
                 squares += theta**2
                 determined += np.clip(1.0 - of_theta / own2, 0.0, 1.0)
         before2 = joint2
@@ -197,14 +209,12 @@ def _growth(
     ``missed2`` is the mean square that is missed. What is shared is not known exactly either.
     """
     count = sum(cell.count for cell in cells)
-    parts = [eliminated(cell, own2, noise2) for cell in cells]
+    white = [whitened(cell, own2, noise2)[:, shared] * unit for cell in cells]
     estimated, form = 0.0, 0.0
-    informations = _of_others(cells, [part.information for part in parts])
+    informations = _of_others(cells, [W.T @ W for W in white])
     for cell, others in zip(cells, informations, strict=True):
-        normal = others[np.ix_(shared, shared)] * unit[:, None] * unit
-        normal += np.eye(len(unit))
-        covariance = np.linalg.inv(normal) * unit[:, None] * unit
-        estimated += float((cell.gram[np.ix_(shared, shared)] * covariance).sum())
+        half = forward(lower(others), (cell.root[:, shared] * unit).T)
+        estimated += float((half**2).sum())
         form += float(np.diag(cell.gram) @ own2)
     form = max(form, 1e-12)
     least, most = missed2 * count - estimated, missed2 * count
@@ -259,10 +269,16 @@ def _noise(
     left, spent = np.zeros(len(y)), 0.0
     for cell in cells:
         own = x[np.ix_(cell.rows, free)] * (FIRST_FREEDOM / np.sqrt(size2))
-        normal = own.T @ own / missed2 + np.eye(len(free))
-        value = np.linalg.solve(normal, own.T @ missed[cell.rows] / missed2)
-        spent += len(free) - float(np.trace(np.linalg.inv(normal)))
-        left[cell.rows] = missed[cell.rows] - own @ value
+        # what is left of rows y is (I + X X^T / s^2)^-1 y
+        here = missed[cell.rows]
+        if len(own) > len(free):
+            half = inverse(lower(own.T @ own / missed2))
+            spent += len(free) - float((half**2).sum())
+            left[cell.rows] = here - own @ (half.T @ (half @ (own.T @ here))) / missed2
+        else:
+            half = inverse(lower(own @ own.T / missed2))
+            spent += len(own) - float((half**2).sum())
+            left[cell.rows] = half.T @ (half @ here)
     rows = np.sort(np.concatenate([cell.rows for cell in cells]))
     inflation = variance_inflation(left[rows, None], design.rows.segment[rows])[0]
     mean2 = float((left[rows] ** 2).sum()) / max(count - spent, 1.0)

@@ -104,8 +104,7 @@ class Rows(DecimatedSegments):
         other.group = group
         other.motion = other._motions(least)
         other.measured = np.where(left_out[:, None], 0.0, self.measured)
-        other.trust = other.measured
-        other.sticking = np.zeros_like(other.trust)
+        other.trust = np.where(left_out[:, None], 0.0, self.trust)
         return other
 
     def of(self, group: int) -> np.ndarray:

@@ -10,9 +10,9 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
+from gapscope.arm import display
 from gapscope.arm.display import effect_name
 from gapscope.arm.io.atomic_write import atomic_write
-from gapscope.diagnosis import display
 from gapscope.diagnosis.document.wording import acts_on, capital
 
 

@@ -20,7 +20,7 @@ from gapscope.model.changes import Change
 BAND = 4.0
 """Standard errors by which the filter departs from the batch; 3.9 is reached once in 10 000 by chance."""
 DETERMINED = 1e-6
-"""Least singular value of the columns after a change that moves parameters, over the largest [1]. (numerics)"""
+"""Least singular value of the columns in which a change moves parameters, over the largest [1]. (numerics)"""
 WIDER = 3.0
 """Variance of a parameter that changed, over the squared size of the change [1]."""
 
@@ -100,7 +100,7 @@ def review(
             (names == found.recording) & (samples.times > found.time)
         )
         if len(after):
-            D = _moved(found, problem, after, samples.times[after])
+            D = _moved(found, problem, names, samples.times)
             openings += _openings(found, D, after)
             told.append(found)
             moved.append(D @ found.value)
@@ -124,21 +124,27 @@ def review(
 
 
 def _moved(
-    found: Change, problem: Problem, after: np.ndarray, t: np.ndarray
+    found: Change, problem: Problem, names: np.ndarray, times: np.ndarray
 ) -> np.ndarray:
-    """By how much each coordinate of a change moves the parameters, as far as their torque can be its, (b, linear).
+    """By how much each coordinate of a change moves the parameters, as far as its torque can be theirs, (b, linear).
 
     Args:
         found: the change.
         problem: in the base columns.
-        after: numbers of the samples of its recording after it, (K,).
-        t: their times [s], (K,).
+        names: of the recordings of its samples, (N,).
+        times: of its samples [s], (N,).
     """
-    series = found.columns.reshape(len(found.t), -1).T
-    torque = np.stack([np.interp(t, found.t, x) for x in series], axis=1)
-    rows = len(t) * problem.n_joints
-    W = problem.matrix[after].reshape(rows, -1)
-    return np.linalg.lstsq(W, torque.reshape(rows, -1), rcond=DETERMINED)[0]
+    torque = np.zeros((*problem.torque.shape, len(found.value)))
+    for name, (t, columns) in found.columns.items():
+        here = np.flatnonzero(names == name)
+        for j, k in np.ndindex(columns.shape[1:]):
+            torque[here, j, k] = np.interp(times[here], t, columns[:, j, k])
+    # a joint that does not count there has a row of zeros
+    torque *= np.any(problem.matrix, axis=2, keepdims=True)
+    W = problem.matrix.reshape(torque[..., 0].size, -1)
+    scale = np.linalg.norm(W, axis=0)
+    right = torque.reshape(len(W), -1)
+    return np.linalg.lstsq(W / scale, right, rcond=DETERMINED)[0] / scale[:, None]
 
 
 def _openings(found: Change, moved: np.ndarray, after: np.ndarray) -> list[Opening]:

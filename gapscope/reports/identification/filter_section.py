@@ -95,7 +95,7 @@ def filter_curves(result: Identification) -> dict[str, Any]:
 def _first(review: FilterReview, names: list[str]) -> int:
     """The parameter that is drawn at first: one that changed, or that departs, or friction of the first joint."""
     for moved in review.moved:
-        return int(np.abs(moved).argmax())
+        return int(np.abs(moved / review.followed.track.deviation[-1]).argmax())
     if review.departures:
         return review.departures[0].parameter
     friction = [i for i, name in enumerate(names) if name[0] in "bc"]
