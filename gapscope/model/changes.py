@@ -251,7 +251,7 @@ def changes_of(
         known = {looked.candidate(*key): value for key, value in mine.items()}
         search = looked.search(about, sets, len(sets))
         fit, step = search.step(known, torque)
-        moments = [looked.moments(fit, one) for one in known]
+        moments = [looked.moments(fit, looked.candidate(*key)) for key in mine]
         about, torque = search.moved_by(step or fit), fit.torque
         if step is not None and left:
             left -= 1
@@ -266,10 +266,11 @@ def changes_of(
         # all of them at once, against what they may be taken for
         progress("asks what changed")
         spans = _Spans(rows, ends, smeared=SMEARED / rows.cutoff)
-        likely = {spans.candidate(*key): value for key, value in mine.items()}
+        candidates = [spans.candidate(*key) for key in mine]
+        likely = dict(zip(candidates, mine.values(), strict=True))
         found = spans.search(about, spans.sets(), len(sets)).run(likely, torque)
-        if set(found.fit.mine) == set(likely):
-            when = dict(zip(likely, moments, strict=True))
+        if set(found.fit.mine) <= set(likely):
+            when = dict(zip(candidates, moments, strict=True))
             return _changes(found, spans, when, recordings)
         if not left:
             when = {one: spans.moments(found.fit, one) for one in found.fit.mine}

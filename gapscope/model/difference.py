@@ -49,6 +49,8 @@ REFITS = 3
 """Linearisations of a hypothesis. (budget)"""
 REFITTED = 2
 """Candidates of those that promise most that are fitted about their own values. (budget)"""
+KEPT = 8
+"""Hypotheses and questions with more form error that are kept; of many groups each is large. (budget)"""
 MOST_TERMS = 12
 """Terms of a set. (budget)"""
 LOOKED_AT = 14
@@ -178,6 +180,7 @@ class Search:
     _found: dict[Term, Found] = field(default_factory=dict)
     _charges: dict[Term, float] = field(default_factory=dict)
     _totals: dict[frozenset[Candidate], float] = field(default_factory=dict)
+    _top: Fit | None = None
 
     @property
     def groups(self) -> list[int]:
@@ -202,20 +205,32 @@ class Search:
         self._linearise(1, torque)
         self._prepare()
         fit = self._fit(list(known), known, {})
-        # form error that is larger somewhere may explain more, and what explains the rest comes after it
         grown = fit
         while True:
             proposed = [p for p in self._proposals(grown) if not p[1].everybody]
             value, one = max(proposed, key=lambda p: p[0], default=(-np.inf, None))
             if one is None or value <= grown.total:
                 return fit, None
-            promised = self._promised(grown)
-            place, growth = max(promised, key=lambda place: promised[place])
-            gain = promised[place, growth] + np.log(UNKNOWN)
-            if value - grown.total >= gain:
+            # what larger form error explains is explained without it
+            more, gain = self._larger_error(grown)
+            if value - grown.total > gain:
                 return fit, self._fit((*fit.chosen, one), fit.values, {})
-            more = {**grown.grown, place: growth}
-            grown = self._fit(grown.chosen, grown.values, more)
+            grown = self._fit(grown.chosen, grown.values, {**grown.grown, **more})
+
+    def _larger_error(self, fit: Fit) -> tuple[dict[Place, float], float]:
+        """Where more form error explains more than it costs, each motion once, and about how much in all [nats]."""
+        out: dict[Place, float] = {}
+        total, promised = 0.0, self._promised(fit)
+        for place, growth in sorted(promised, key=lambda one: -promised[one]):
+            gain = promised[place, growth] + float(np.log(UNKNOWN))
+            if gain <= 0:
+                break
+            j, group, motion = place
+            same = [other for other in out if other[:2] == (j, group)]
+            if not any(motion is None or other[2] in (None, motion) for other in same):
+                out[place] = growth
+                total += gain
+        return out, total
 
     def run(
         self,
@@ -307,7 +322,8 @@ class Search:
         # form error that is larger may explain what an effect explains better, and the other way round
         found = self._with_growth(self._searched(start or none))
         unknown = self._with_growth(none)
-        best = max(found, unknown, *self._fits.values(), key=lambda fit: fit.total)
+        assert self._top is not None
+        best = max(found, unknown, self._top, key=_total)
         return self._searched(self._asked_again(best)) if best.grown else best
 
     def _shared(self) -> np.ndarray:
@@ -367,7 +383,7 @@ class Search:
         self._fits: dict[
             tuple[frozenset[Candidate], frozenset[tuple[Place, float]]], Fit
         ] = {}
-        self._totals = {}
+        self._totals, self._top = {}, None
         self._motions = {
             group: np.unique(self.rows.motion[self.rows.of(group)]).tolist()
             for group in self.groups
@@ -381,7 +397,8 @@ class Search:
             for (joint, group, motion), growth in grown.items():
                 for own in self._motions[group] if motion is None else [motion]:
                     larger[joint, own] = max(growth, larger.get((joint, own), 1.0))
-            self._contrasts[key] = self._plain.grown(larger)
+            last = dict(list(self._contrasts.items())[-KEPT:])
+            self._contrasts = {**last, key: self._plain.grown(larger)}
         return self._contrasts[key]
 
     def _fit(
@@ -412,7 +429,8 @@ class Search:
             before, values = start, fit.values
             if asked is contrast or _settled(values, before):
                 break
-        self._fits[key] = fit
+        self._fits = {**dict(list(self._fits.items())[-KEPT:]), key: fit}
+        self._top = fit if self._top is None else max(self._top, fit, key=_total)
         return fit
 
     def _extents(self, values: Mapping[Candidate, np.ndarray]) -> list[Nuisance]:
@@ -570,6 +588,10 @@ class Search:
                 whole = (j, group, None), growth
                 out[whole] = out.get(whole, 0.0) + gain
         return {key: gain for key, gain in out.items() if key[0] not in fit.grown}
+
+
+def _total(fit: Fit) -> float:
+    return fit.total
 
 
 def in_a_row(count: int) -> list[tuple[int, ...]]:

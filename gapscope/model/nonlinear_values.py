@@ -384,11 +384,14 @@ def _peak(values: np.ndarray, gain: np.ndarray, best: int) -> float:
     value = float(values[best])
     if not 0 < best < len(values) - 1 or gain[best] < 1.0:
         return value
-    near, height = values[best - 1 : best + 2] - value, gain[best - 1 : best + 2]
-    if not np.diff(near).all():
+    below, above = values[best - 1] - value, values[best + 1] - value
+    if not (below and above):
         return value
-    width = near[2] - near[0]
-    curve, slope, _ = np.polyfit(near / width, height, 2)
+    # chords from the best value to its neighbours
+    to_below = (gain[best - 1] - gain[best]) / below
+    to_above = (gain[best + 1] - gain[best]) / above
+    curve = (to_above - to_below) / (above - below)
     if curve >= 0:
         return value
-    return value + float(np.clip(-slope / (2 * curve) * width, near[0], near[2]))
+    slope = to_above - curve * above
+    return value + float(np.clip(-slope / (2 * curve), below, above))
