@@ -150,7 +150,7 @@ class Bench:
             f"{seed + 1}, {engine}{', lacks effects' if lacked else ''}",
             moment if pickup else None,
             mass,
-            changes_of([recording], self.arm),
+            changes_of([recording], self.arm).during,
             heard.time,
             float(heard.statistic.max()),
             float((np.abs(recursive.value[-1] - batch.value) / batch.deviation).max()),

@@ -125,7 +125,7 @@ class Outcome:
 
 def looked(case: Case, group: str, label: str, truth: Truth | None = None) -> Outcome:
     """What is found in a case."""
-    found = change_findings(changes_during(case))
+    found = change_findings(changes_during(case).during)
     return Outcome(group, label, truth, found)
 
 

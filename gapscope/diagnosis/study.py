@@ -10,7 +10,7 @@ import numpy as np
 from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
-from gapscope.diagnosis.agreement.agreement import Agreement, compared
+from gapscope.diagnosis.agreement.agreement import Agreement, alike, compared
 from gapscope.diagnosis.assessment.confidence import Confidence
 from gapscope.diagnosis.assessment.excess_residual import ExcessResidual
 from gapscope.diagnosis.assessment.held_out_prediction import HeldOutPredictor
@@ -219,24 +219,26 @@ def _repaired(
     )
     for fault in faults:
         progress(f"finds {fault}")
-    progress("looks for changes during recordings")
+    progress("asks what changes during recordings and between them")
     cutoff = position_cutoff(case.recordings)
-    changes = changes_during(excerpt(case), progress)
+    changes, between = changes_during(excerpt(case), progress)
     for change in changes:
         progress(f"finds {change}")
     case = excerpt(up_to_changes(case, changes))
-    states = _states(case, progress)
+    states = _states(case, between, progress)
     return Prepared(
         case, cutoff, faults, changes, states, given, references, setup_faults
     )
 
 
-def _states(case: Case, progress: Progress) -> Agreement | None:
-    """Whether the recordings of a case share a state, if there are two to compare."""
+def _states(case: Case, between: bool, progress: Progress) -> Agreement | None:
+    """Whether the recordings of a case share a state, if there are two; compared where one may differ."""
     recordings = comparable((*case.recordings, *case.judged))
     # what an integrator held at the start of each recording is not known of a torque that was worked out
     if len(recordings) < 2 or WARNING in case.warnings:
         return None
+    if not between:
+        return alike(case, recordings)
     progress("asks whether the recordings share a state")
     return compared(case, recordings)
 

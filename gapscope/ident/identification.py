@@ -141,9 +141,8 @@ def examine_fit(
     table = fill_in(evidence)
     progress("looks for changes")
     # a change spoils the fit: it is looked for in every recording, fitted or held out
-    changes = changes_of(
-        comparable((*fitted.fit, *fitted.held_out)), case.arm, progress
-    )
+    every = comparable((*fitted.fit, *fitted.held_out))
+    changes = changes_of(every, case.arm, progress).during
     states = None
     if settings.filter == "unscented":
         progress("follows states and friction together")

@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -90,6 +91,19 @@ class Change:
         """What changes when, in a few words."""
         where = f" of joint {self.term.joint}" * bool(self.term.joint)
         return f"{self.term.effect}{where} at {self.time:.2f} s of {self.recording}"
+
+
+class Changes(NamedTuple):
+    """What recordings and their spans have of their own.
+
+    Attributes:
+        during: what changes during recordings, in the order of recordings and moments.
+        between: whether all of a recording may differ from the others, which takes a comparison of the recordings to
+            say.
+    """
+
+    during: tuple[Change, ...]
+    between: bool
 
 
 class _Spans:
@@ -228,14 +242,14 @@ def changes_of(
     recordings: Sequence[Recording],
     arm: NominalArm,
     progress: Callable[[str], None] = lambda message: None,
-) -> tuple[Change, ...]:
-    """What changes during recordings that have a torque, in the order of recordings and moments.
+) -> Changes:
+    """What changes during recordings that have a torque, and whether some may be in another state than the others.
 
     Raises:
         InputError: a recording has no stretch without gaps that is long enough.
     """
     if not recordings:
-        return ()
+        return Changes((), False)
     rows = Rows([[recording] for recording in recordings])
     times = [rows.t[rows.recording == k] for k in range(len(recordings))]
     grid = [np.quantile(t, np.arange(1, SPANS) / SPANS) for t in times]
@@ -243,7 +257,7 @@ def changes_of(
     torque: np.ndarray | float = 0.0
     # what changes, where, and by how much
     mine: dict[tuple[Term, Place], np.ndarray] = {}
-    left = MOST_MOMENTS
+    left, between = MOST_MOMENTS, False
     while True:
         ends = _ends(mine, len(recordings))
         looked = _Spans(rows, list(map(_apart, grid, ends)), PARTS)
@@ -260,9 +274,10 @@ def changes_of(
                 (one.term, looked.refined(step, one)): value
                 for one, value in step.values.items()
             }
+            between |= any(np.isinf(place[1:]).all() for _, place in mine)
             continue
-        if not mine:
-            return ()
+        if not any(_ends(mine, len(recordings))):
+            return Changes((), between)
         # all of them at once, against what they may be taken for
         progress("asks what changed")
         spans = _Spans(rows, ends, smeared=SMEARED / rows.cutoff)
@@ -271,10 +286,10 @@ def changes_of(
         found = spans.search(about, spans.sets(), len(sets)).run(likely, torque)
         if set(found.fit.mine) <= set(likely):
             when = dict(zip(candidates, moments, strict=True))
-            return _changes(found, spans, when, recordings)
+            return Changes(_changes(found, spans, when, recordings), between)
         if not left:
             when = {one: spans.moments(found.fit, one) for one in found.fit.mine}
-            return _changes(found, spans, when, recordings)
+            return Changes(_changes(found, spans, when, recordings), between)
         left -= 1
         mine = {(one.term, spans.place(one)): x for one, x in found.fit.values.items()}
         torque = 0.0

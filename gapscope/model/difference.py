@@ -205,17 +205,34 @@ class Search:
         self._linearise(1, torque)
         self._prepare()
         fit = self._fit(list(known), known, {})
-        grown = fit
+        one, gain = self._most_promising(fit)
+        # form error that is larger may explain it
+        if one is not None and gain <= self._larger_error(fit)[1]:
+            without = self._with_larger_error(fit)
+            one, _ = self._most_promising(without)
+            if one is not None:
+                larger = self._fit((*fit.chosen, one), fit.values, {})
+                if self._with_larger_error(larger).total <= without.total:
+                    one = None
+        if one is None:
+            return fit, None
+        return fit, self._fit((*fit.chosen, one), fit.values, {})
+
+    def _most_promising(self, fit: Fit) -> tuple[Candidate | None, float]:
+        """The candidate of groups that promises most beside a hypothesis, if any does, and how much [nats]."""
+        proposed = [p for p in self._proposals(fit) if not p[1].everybody]
+        value, one = max(proposed, key=lambda p: p[0], default=(-np.inf, None))
+        return (one if value > fit.total else None), value - fit.total
+
+    def _with_larger_error(self, fit: Fit) -> Fit:
+        """The hypothesis with more form error wherever that promises to explain more than it costs."""
         while True:
-            proposed = [p for p in self._proposals(grown) if not p[1].everybody]
-            value, one = max(proposed, key=lambda p: p[0], default=(-np.inf, None))
-            if one is None or value <= grown.total:
-                return fit, None
-            # what larger form error explains is explained without it
-            more, gain = self._larger_error(grown)
-            if value - grown.total > gain:
-                return fit, self._fit((*fit.chosen, one), fit.values, {})
-            grown = self._fit(grown.chosen, grown.values, {**grown.grown, **more})
+            more, _ = self._larger_error(fit)
+            grown = {**fit.grown, **more}
+            larger = self._fit(fit.chosen, fit.values, grown) if more else fit
+            if larger.total <= fit.total:
+                return fit
+            fit = larger
 
     def _larger_error(self, fit: Fit) -> tuple[dict[Place, float], float]:
         """Where more form error explains more than it costs, each motion once, and about how much in all [nats]."""

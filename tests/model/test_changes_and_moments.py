@@ -36,7 +36,7 @@ def changing(
 
 
 def found(later: Truth, start: float, end: float = np.inf) -> tuple[Change, ...]:
-    return changes_of(changing(later, start, end), vendor())
+    return changes_of(changing(later, start, end), vendor()).during
 
 
 def test_nothing_changes() -> None:

@@ -153,6 +153,11 @@ def agreement(
     return compared(case, recordings, progress)
 
 
+def alike(case: Case, recordings: tuple[Recording, ...]) -> Agreement:
+    """Recordings of which none promises to differ: no parameter is compared."""
+    return Agreement(case, recordings, _labels(recordings), (), ())
+
+
 def compared(
     case: Case,
     recordings: tuple[Recording, ...],

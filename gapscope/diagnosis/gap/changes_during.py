@@ -8,14 +8,14 @@ from dataclasses import replace
 from gapscope.arm.case import Case
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.thresholds import LEAST_UNCHANGED
-from gapscope.model.changes import Change, changes_of
+from gapscope.model.changes import Change, Changes, changes_of
 from gapscope.model.rows import comparable
 
 
 def changes_during(
     case: Case, progress: Callable[[str], None] = lambda message: None
-) -> tuple[Change, ...]:
-    """What changes during recordings (``gapscope.model.changes``), whatever the arm is that they share.
+) -> Changes:
+    """What changes during recordings and between them (``gapscope.model.changes``), whatever the arm is they share.
 
     What is wrong from the first to the last sample is no change.
     """

@@ -36,7 +36,7 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
 
 @pytest.fixture(scope="module")
 def changes(case: Case) -> tuple[Change, ...]:
-    return changes_during(case)
+    return changes_during(case).during
 
 
 def test_what_changed_is_found_with_its_moment_and_size(
