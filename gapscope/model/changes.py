@@ -23,6 +23,7 @@ import numpy as np
 
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
+from gapscope.model.conditioning import jumps
 from gapscope.model.design import FreeArm, fitted_arm
 from gapscope.model.difference import Difference, Fit, Search, in_a_row
 from gapscope.model.rows import LEAST_MOTIONS, Rows
@@ -234,8 +235,10 @@ class _Spans:
         # the filter sees about a row to both sides
         step = float(np.median(np.diff(t)))
         first, last = np.searchsorted(total, [(1 - SURE) / 2, (1 + SURE) / 2])
-        interval = float(between[first]) - step, float(between[last]) + step
-        return Moment(number, float(between[np.argmin(cost)]), interval)
+        # between two pieces of a recording there are no rows
+        low = min(float(between[first]) - step, float(t[first]))
+        high = max(float(between[last]) + step, float(t[last + 1]))
+        return Moment(number, float(between[np.argmin(cost)]), (low, high))
 
 
 def changes_of(
@@ -341,14 +344,19 @@ def _changes(
         odds = found.odds[one]
         units = [made.torque(one.term, unit) for unit in np.eye(len(one.term.columns))]
         torque = np.stack(units, axis=2) * rows.scale[:, None]
-        zero = float(recordings[number].t[0])
+        t = recordings[number].t
+        jumped = [(float(t[k - 1]), float(t[k])) for k in jumps(recordings[number])]
         for k, moment in enumerate(moments[one]):
-            low, high = moment.interval
+            low, high = (float(t[0]) + time for time in moment.interval)
+            time = float(t[0]) + moment.time
+            for before, after in jumped:
+                if low <= before and after <= high:
+                    low, high, time = before, after, (before + after) / 2
             comes = np.isfinite(start) and k == 0
             change = Change(
                 recording=recordings[number].name,
-                time=zero + moment.time,
-                interval=(zero + low, zero + high),
+                time=time,
+                interval=(low, high),
                 term=one.term,
                 value=found.fit.values[one] * (1.0 if comes else -1.0),
                 deviation=found.fit.answer.deviation(one),

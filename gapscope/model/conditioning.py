@@ -6,6 +6,7 @@ Both sides of the equation of motion pass the same zero-phase filter, so that it
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -38,6 +39,13 @@ GAP_STEPS = 4.0
 BRIDGED_GAP = 0.04
 """Longest step of time [s] over which a log that is all gaps is interpolated: samples so far apart still show the band
 of the torque gap, 12 Hz."""
+
+
+STANDS_OUT = 3.0
+"""A reading that jumps departs from its neighbours by so many times as much as anywhere else [1]: of noise and of
+smooth motion the largest departure and the next one are about alike. (hand)"""
+MOST_JUMPS = 3
+"""Jumps of a joint in a recording. (budget)"""
 
 
 @dataclass(frozen=True)
@@ -131,7 +139,7 @@ def position_cutoff(recordings: tuple[Recording, ...]) -> float:
     """
     crossings = [LEAST_CUTOFF / 2]
     for recording in recordings:
-        for span in _pieces(recording.t, SHORTEST) or [slice(None)]:
+        for span in _pieces(recording.t, SHORTEST, jumps(recording)) or [slice(None)]:
             q = uniform(recording.t[span], recording.q[span], recording.rate)[1]
             crossings.append(_noise_crossing(q, recording.rate))
     nyquist = min(recording.rate for recording in recordings) / 2
@@ -164,21 +172,72 @@ def uniform(
 
 
 def pieces(recording: Recording) -> list[slice]:
-    """Slices of a recording between its gaps, those of at least ``SHORTEST`` seconds.
+    """Slices of a recording between its gaps and jumps, those of at least ``SHORTEST`` seconds.
 
     A log that loses rows all over has no such piece; then only steps longer than ``BRIDGED_GAP`` count as gaps.
     """
     longest_step = GAP_STEPS / recording.rate
-    found = _pieces(recording.t, longest_step)
+    apart = jumps(recording)
+    found = _pieces(recording.t, longest_step, apart)
     if not found and longest_step < BRIDGED_GAP:
-        found = _pieces(recording.t, BRIDGED_GAP)
+        found = _pieces(recording.t, BRIDGED_GAP, apart)
     return found
 
 
-def _pieces(t: np.ndarray, longest_step: float) -> list[slice]:
-    """Slices of stamps t [s] between steps longer than one given [s], those of at least ``SHORTEST`` seconds."""
+def jumps(recording: Recording) -> list[int]:
+    """First samples after the reading of an encoder jumped, as that of one that slipped does.
+
+    At a jump the difference of two samples departs from the mean of those before and after it much farther than it does
+    anywhere else, and by more than the joint moves in a sample anywhere else; and what follows stays off the line of
+    what came before.
+    """
+    t, q = recording.t, recording.q
+    if len(t) < 12:
+        return []
+    step = np.diff(t)[:, None]
+    velocity = np.diff(q, axis=0) / step
+    departure = np.zeros_like(velocity)
+    departure[1:-1] = (velocity[1:-1] - (velocity[:-2] + velocity[2:]) / 2) * step[1:-1]
+    found: set[int] = set()
+    for j, series in enumerate(np.abs(departure).T):
+        peaks = _standing_out(series)
+        moved = np.abs(np.diff(q[:, j]))
+        moved[peaks] = 0.0
+        fast = [k for k in peaks if series[k] > moved.max()]
+        found |= {k + 1 for k in fast if _stays(t, q[:, j], k)}
+    return sorted(found)
+
+
+def _standing_out(size: np.ndarray) -> list[int]:
+    """Places of the few peaks that are ``STANDS_OUT`` times as large as all that is left without them."""
+    left, peaks = size.copy(), []
+    for _ in range(MOST_JUMPS + 1):
+        k = int(left.argmax())
+        peaks.append((k, float(left[k])))
+        left[max(0, k - 3) : k + 4] = 0.0
+    for count in range(MOST_JUMPS, 0, -1):
+        if peaks[count - 1][1] > STANDS_OUT * peaks[count][1]:
+            return [k for k, _ in peaks[:count]]
+    return []
+
+
+def _stays(t: np.ndarray, q: np.ndarray, k: int) -> bool:
+    """Whether a series is off the line of what came before from sample k + 1 on: not after a row that is repeated."""
+    before, after = np.arange(max(0, k - 4), k), np.arange(k + 2, min(len(t), k + 6))
+    if min(len(before), len(after)) < 2:
+        return False
+    middle = (t[k] + t[k + 1]) / 2
+    ends = [np.polyfit(t[some] - middle, q[some], 1)[1] for some in (before, after)]
+    return bool(abs(ends[1] - ends[0]) > abs(q[k + 1] - q[k]) / 2)
+
+
+def _pieces(t: np.ndarray, longest_step: float, apart: Sequence[int]) -> list[slice]:
+    """Slices of stamps t [s] of at least ``SHORTEST`` seconds.
+
+    They end at steps longer than one given [s], and before some samples.
+    """
     first_after_gap = np.flatnonzero(np.diff(t) > longest_step) + 1
-    edges = [0, *first_after_gap.tolist(), len(t)]
+    edges = [0, *sorted({*first_after_gap.tolist(), *apart}), len(t)]
     spans = [slice(start, stop) for start, stop in itertools.pairwise(edges)]
     # stamps of one second may differ from it by rounding
     shortest = SHORTEST - 1e-6

@@ -49,8 +49,8 @@ REFITS = 3
 """Linearisations of a hypothesis. (budget)"""
 REFITTED = 2
 """Candidates of those that promise most that are fitted about their own values. (budget)"""
-KEPT = 8
-"""Hypotheses and questions with more form error that are kept; of many groups each is large. (budget)"""
+KEPT = 10_000_000
+"""Numbers of hypotheses, and of questions with more form error, that are kept, about; no fewer than two. (budget)"""
 MOST_TERMS = 12
 """Terms of a set. (budget)"""
 LOOKED_AT = 14
@@ -401,6 +401,8 @@ class Search:
             tuple[frozenset[Candidate], frozenset[tuple[Place, float]]], Fit
         ] = {}
         self._totals, self._top = {}, None
+        # what groups have in common with each other and with what is shared, about
+        self._kept = max(2, KEPT // (4 * self._plain.groups * made.size**2))
         self._motions = {
             group: np.unique(self.rows.motion[self.rows.of(group)]).tolist()
             for group in self.groups
@@ -414,7 +416,7 @@ class Search:
             for (joint, group, motion), growth in grown.items():
                 for own in self._motions[group] if motion is None else [motion]:
                     larger[joint, own] = max(growth, larger.get((joint, own), 1.0))
-            last = dict(list(self._contrasts.items())[-KEPT:])
+            last = dict(list(self._contrasts.items())[-self._kept :])
             self._contrasts = {**last, key: self._plain.grown(larger)}
         return self._contrasts[key]
 
@@ -446,7 +448,7 @@ class Search:
             before, values = start, fit.values
             if asked is contrast or _settled(values, before):
                 break
-        self._fits = {**dict(list(self._fits.items())[-KEPT:]), key: fit}
+        self._fits = {**dict(list(self._fits.items())[-self._kept :]), key: fit}
         self._top = fit if self._top is None else max(self._top, fit, key=_total)
         return fit
 

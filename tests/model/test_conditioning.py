@@ -12,6 +12,7 @@ from gapscope.model.conditioning import (
     TRIM,
     blocks,
     condition,
+    jumps,
     low_pass,
     pieces,
     position_cutoff,
@@ -350,3 +351,30 @@ class TestBlocks:
                 )
             np.testing.assert_array_equal(block.torque, segment.torque[rows])
             assert block.recording == segment.recording
+
+
+@pytest.mark.parametrize("rate", [100.0, 250.0, 1000.0])
+def test_a_reading_that_jumps_ends_a_piece(rate: float) -> None:
+    whole = sine(rate=rate)
+    slipped = whole.q.copy()
+    k = round(0.4 * len(whole.t))
+    slipped[k:, 1] += 0.1
+    found = Recording("slip.csv", whole.t, slipped, whole.tau)
+    assert jumps(whole) == [] and jumps(found) == [k]
+    assert pieces(found) == [slice(0, k), slice(k, len(whole.t))]
+    # what a joint has of its own in either piece does not reach the other
+    for segment in condition(found, 20.0):
+        assert np.abs(segment.motion.dq[segment.inner]).max() < 7.0
+    assert position_cutoff((found,)) == pytest.approx(position_cutoff((whole,)))
+
+
+def test_a_row_that_is_repeated_or_lost_or_noise_is_no_jump() -> None:
+    whole = sine()
+    rows = np.arange(len(whole.t))
+    repeated = Recording("r.csv", whole.t, whole.q[np.where(rows == 700, 699, rows)])
+    lost = without(whole, rows != 700)
+    rng = np.random.default_rng(1)
+    noisy = Recording("n.csv", whole.t, whole.q + 1e-3 * rng.normal(size=whole.q.shape))
+    coarse = Recording("c.csv", whole.t, np.round(whole.q, 2))
+    for recording in (repeated, lost, noisy, coarse):
+        assert jumps(recording) == []
