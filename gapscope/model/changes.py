@@ -268,6 +268,8 @@ def changes_of(
         known = {looked.candidate(*key): value for key, value in mine.items()}
         search = looked.search(about, sets, len(sets))
         fit, step = search.step(known, torque)
+        # what has no column about the moved arm, or cannot be beside the others, is none
+        mine = {key: x for key, x in mine.items() if looked.candidate(*key) in fit.mine}
         moments = [looked.moments(fit, looked.candidate(*key)) for key in mine]
         about, torque = search.moved_by(step or fit), fit.torque
         if step is not None and left:

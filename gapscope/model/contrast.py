@@ -408,7 +408,7 @@ class OwnTerms:
             for term, own in made.places.items()
         }
         for term, own in made.places.items():
-            if term.parametrisation.nonlinear and term.joint:
+            if term.parametrisation.nonlinear:
                 self.places[Candidate(term, None)] = own + len(sets) * size
         members = [sorted(block) for block in self._blocks]
         self.back = np.hstack([contrast.back[:, some].sum(axis=1) for some in members])

@@ -45,7 +45,7 @@ class Scanner:
     Args:
         rows: the rows.
         arm: what all groups share.
-        group: whose own effects are looked for; ``None`` for those that everybody has.
+        group: whose own effects are looked for; ``None``: those that everybody has.
     """
 
     def __init__(self, rows: Rows, arm: FreeArm, group: int | None) -> None:
@@ -87,8 +87,6 @@ class Scanner:
                 continue
             others = [one for one in chosen if one.term != term and one in own.places]
             if isinstance(term.definition, External):
-                if self.group is None:
-                    continue
                 window = self._window(term, contrast, own, others)
                 if window is not None:
                     found[term] = window
@@ -99,6 +97,12 @@ class Scanner:
             if best is not None:
                 found[term] = best
         return found
+
+    @property
+    def _mine(self) -> np.ndarray:
+        """Rows on which effects are looked for."""
+        group = self.rows.group
+        return np.flatnonzero((group == self.group) | (self.group is None))
 
     def _series(self, j: int) -> JointSeries:
         segments = self.rows.segments
@@ -178,9 +182,7 @@ class Scanner:
 
         What a window needs is a sum over its bins, whose products with all else are computed once.
         """
-        rows, group = self.rows, self.group
-        assert group is not None
-        mine = np.flatnonzero(rows.group == group)
+        rows, mine = self.rows, self._mine
         begin, end = rows.t[mine].min(), rows.t[mine].max()
         width = max((end - begin) / WINDOW_EDGES, LEAST_WINDOW)
         bins = int(np.ceil((end - begin) / width + 1e-9))
@@ -215,7 +217,7 @@ class Scanner:
         k = int(np.argmax(gain))
         charge = float(gain.max() - np.logaddexp.reduce(gain) + np.log(len(gain)))
         # something unknown on one joint for a while is no push
-        alone = self._on_one_joint(contrast, group, place, bins, spans)
+        alone = self._on_one_joint(contrast, place, bins, spans)
         charge += max(alone + float(np.log(UNKNOWN)), 0.0)
         first, last = spans
         ends = [begin + edges * width for edges in (first, last)]
@@ -228,14 +230,12 @@ class Scanner:
     def _on_one_joint(
         self,
         contrast: Contrast,
-        group: int,
         place: np.ndarray,
         bins: int,
         spans: tuple[np.ndarray, np.ndarray],
     ) -> float:
         """Log evidence of a constant torque on some joint in some window, each as likely [nats]."""
-        rows, gains = self.rows, []
-        mine = np.flatnonzero(rows.group == group)
+        rows, mine, gains = self.rows, self._mine, []
         column = np.zeros((len(rows.t), bins))
         column[mine, place[mine]] = 1.0
         none = np.zeros_like(column)
