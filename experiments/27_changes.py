@@ -76,9 +76,9 @@ class Truth:
     joints: list[int]
     parameter: str
     label: str
-    recording: str
-    moment: float
-    size: float
+    recording: str = ""
+    moment: float = 0.0
+    size: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ def generated(seeds: range, effects: bool, console: Console) -> Iterator[Outcome
         kind = f"encoder noise x {noise:g}"
         yield looked(written(setup, plain, rows), "generator", f"healthy, {kind}")
         yield from changed(setup, rows, rng, kind)
-        yield from spoiled(written(setup, plain, rows), rng, kind)
+        yield from fallen(written(setup, plain, rows), rng, kind)
         if effects:
             yield from constant(setup, rng)
 
@@ -172,85 +172,82 @@ def written(setup: CaseSetup, plant: TrueArm, rows: list[Columns]) -> Case:
 def changed(
     setup: CaseSetup, rows: list[Columns], rng: np.random.Generator, kind: str
 ) -> Iterator[Outcome]:
-    """Loads picked up and friction that rises, each in one recording."""
-    plain = setup.plant(())
-    for share in LOADS:
-        yield from _one(setup, plain, rows, rng, share, load=True, kind=kind)
-    for share in RISES:
-        yield from _one(setup, plain, rows, rng, share, load=False, kind=kind)
-
-
-def spoiled(case: Case, rng: np.random.Generator, kind: str) -> Iterator[Outcome]:
-    """Encoders that slip and torque constants that fall, each in one recording."""
-    for label, sizes in (("slip", SLIPS), ("constant", FALLS)):
+    """Loads picked up, friction that rises, encoders that slip, each in one recording."""
+    for what, sizes in ((_load, LOADS), (_friction, RISES), (_slip, SLIPS)):
         for size in sizes:
-            which = int(rng.integers(len(case.recordings)))
-            joint = int(rng.integers(case.arm.n_joints))
-            own = case.recordings[which]
-            moment = float(rng.uniform(0.25, 0.75) * own.duration)
-            q, tau = own.q.copy(), np.asarray(own.tau).copy()
-            after = own.t - own.t[0] > moment
-            if label == "slip":
-                slip = float(np.radians(size) * rng.choice([-1.0, 1.0]))
-                q[after, joint] += slip
-                what, parameter, value = "encoder_offset", "offset", slip
-                text = f"encoder slips by {size:g} degrees"
-            else:
-                tau[after, joint] *= 1.0 - size
-                # applied = (1 + s) recorded
-                what, parameter = "torque_scale", "scale"
-                value = 1.0 / (1.0 - size) - 1.0
-                text = f"torque constant falls by {size:.0%}"
-            changed_one = replace(own, q=q, tau=tau)
-            recordings = tuple(changed_one if r is own else r for r in case.recordings)
-            when = float(own.t[0]) + moment
-            truth = Truth(what, [joint + 1], parameter, text, own.name, when, value)
-            given = replace(case, recordings=recordings)
-            yield looked(given, "generator", f"{text}, {kind}", truth)
+            which = int(rng.integers(len(rows)))
+            moment = float(rng.uniform(0.25, 0.75) * setup.motions[which].t[-1])
+            later = setup.plant(())
+            truth = what(setup, later, size, rng)
+            truth = replace(
+                truth, recording=f"recording_{'abcd'[which]}.csv", moment=moment
+            )
+            run = setup.run(setup.plant(()), which, (moment, later))
+            if run is None:
+                continue
+            every = [run if k == which else own for k, own in enumerate(rows)]
+            given = written(setup, setup.plant(()), every)
+            yield looked(given, "generator", f"{truth.label}, {kind}", truth)
 
 
-def _one(
-    setup: CaseSetup,
-    plain: TrueArm,
-    rows: list[Columns],
-    rng: np.random.Generator,
-    share: float,
-    *,
-    load: bool,
-    kind: str,
-) -> Iterator[Outcome]:
-    which = int(rng.integers(len(rows)))
-    moment = float(rng.uniform(0.25, 0.75) * setup.motions[which].t[-1])
-    recording = f"recording_{'abcd'[which]}.csv"
-    if load:
-        mass = share * setup.arm.payload
-        later = setup.plant([_load(mass, rng)])
-        what, size, label = PAYLOAD, mass, f"load, {share:.0%} of the largest"
-        joints, parameter = [], "mass"
-    else:
-        joint = int(rng.integers(setup.arm.n))
-        size = share * float(setup.arm.coulomb[joint])
-        later = setup.plant(())
-        later.add("coulomb", np.array([joint]), size)
-        viscous = share * float(setup.arm.viscous[joint])
-        later.add("viscous", np.array([joint]), viscous)
-        what, label = PLAIN_FRICTION, f"friction, +{share:.0%}"
-        joints, parameter = [joint + 1], "coulomb"
-    run = setup.run(plain, which, (moment, later))
-    if run is None:
-        return
-    with_change = [run if k == which else own for k, own in enumerate(rows)]
-    truth = Truth(what, joints, parameter, label, recording, moment, size)
-    yield looked(
-        written(setup, plain, with_change), "generator", f"{label}, {kind}", truth
-    )
+def fallen(case: Case, rng: np.random.Generator, kind: str) -> Iterator[Outcome]:
+    """Torque constants that fall, each in one recording: the arm moves as before, its drives count otherwise."""
+    for share in FALLS:
+        which = int(rng.integers(len(case.recordings)))
+        joint = int(rng.integers(case.arm.n_joints))
+        own = case.recordings[which]
+        moment = float(rng.uniform(0.25, 0.75) * own.duration)
+        tau = np.asarray(own.tau).copy()
+        tau[own.t - own.t[0] > moment, joint] *= 1.0 - share
+        changed_one = replace(own, tau=tau)
+        recordings = tuple(changed_one if r is own else r for r in case.recordings)
+        # applied = (1 + s) recorded
+        value = 1.0 / (1.0 - share) - 1.0
+        truth = Truth(
+            what="torque_scale",
+            joints=[joint + 1],
+            parameter="scale",
+            label=f"torque constant falls by {share:.0%}",
+            recording=own.name,
+            moment=float(own.t[0]) + moment,
+            size=value,
+        )
+        given = replace(case, recordings=recordings)
+        yield looked(given, "generator", f"{truth.label}, {kind}", truth)
 
 
-def _load(mass: float, rng: np.random.Generator) -> Cause:
+def _load(
+    setup: CaseSetup, later: TrueArm, share: float, rng: np.random.Generator
+) -> Truth:
+    mass = share * setup.arm.payload
     x, y, z = rng.uniform([-0.04, -0.04, 0.0], [0.04, 0.04, 0.1])
     values = {"mass": np.array(mass), "com": np.array([x, y, z])}
     values |= {"radius": np.array(0.03), "top": np.array(1.0)}
-    return Cause(LAWS["payload"], np.array([], dtype=int), values)
+    Cause(LAWS["payload"], np.array([], dtype=int), values).act(later)
+    label = f"load, {share:.0%} of the largest"
+    return Truth(PAYLOAD, [], "mass", label, size=mass)
+
+
+def _friction(
+    setup: CaseSetup, later: TrueArm, share: float, rng: np.random.Generator
+) -> Truth:
+    joint = int(rng.integers(setup.arm.n))
+    size = share * float(setup.arm.coulomb[joint])
+    later.add("coulomb", np.array([joint]), size)
+    later.add("viscous", np.array([joint]), share * float(setup.arm.viscous[joint]))
+    label = f"friction, +{share:.0%}"
+    return Truth(PLAIN_FRICTION, [joint + 1], "coulomb", label, size=size)
+
+
+def _slip(
+    setup: CaseSetup, later: TrueArm, degrees: float, rng: np.random.Generator
+) -> Truth:
+    joint = int(rng.integers(setup.arm.n))
+    size = float(np.radians(degrees) * rng.choice([-1.0, 1.0]))
+    # the loop sees it, and moves the arm
+    later.put("encoder", np.array([joint]), np.array([size]))
+    label = f"encoder slips by {degrees:g} degrees"
+    return Truth("encoder_offset", [joint + 1], "offset", label, size=size)
 
 
 def constant(setup: CaseSetup, rng: np.random.Generator) -> Iterator[Outcome]:

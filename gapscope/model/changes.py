@@ -14,7 +14,7 @@ another state than the others; that is no change during it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
@@ -23,8 +23,8 @@ import numpy as np
 
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
-from gapscope.model.conditioning import jumps
-from gapscope.model.design import FreeArm, fitted_arm
+from gapscope.model.conditioning import STANDS_OUT, slips, without_slips
+from gapscope.model.design import Design, FreeArm, design, fitted_arm
 from gapscope.model.difference import Difference, Fit, Search, in_a_row
 from gapscope.model.rows import LEAST_MOTIONS, Rows
 from gapscope.model.terms import Candidate, Term
@@ -38,6 +38,8 @@ SMEARED = 1.0
 the reading of an encoder that slips has no velocity. (physical)"""
 MOST_MOMENTS = 6
 """Moments of a case. (budget)"""
+ZERO = "zero"
+"""Quantity of a drive that an encoder which slips has another value of."""
 SURE = 0.95
 """Probability that a moment is within its interval. (definition)"""
 
@@ -253,10 +255,57 @@ def changes_of(
     """
     if not recordings:
         return Changes((), False)
+    given, recordings = recordings, [without_slips(one) for one in recordings]
     rows = Rows([[recording] for recording in recordings])
+    about = fitted_arm(rows, arm, tuple(range(len(recordings))))
+    slipped = _slipped(given, rows, about)
+    found, between = _by_torque(recordings, rows, about, progress)
+    number = {recording.name: k for k, recording in enumerate(recordings)}
+    every = sorted((*slipped, *found), key=lambda c: (number[c.recording], c.time))
+    return Changes(tuple(every), between)
+
+
+def _slipped(
+    recordings: Sequence[Recording], rows: Rows, about: FreeArm
+) -> Iterator[Change]:
+    """Encoders that slipped, as their readings say by themselves.
+
+    Args:
+        recordings: as recorded.
+        rows: of these without the slips.
+        about: the arm that predicts them.
+    """
+    every = [(one, slip) for one in recordings for slip in slips(one)]
+    if not every:
+        return
+    made = design(rows, about, {})
+    zeros = [t for t in made.terms.all if ZERO in t.definition.quantities.values()]
+    by_joint = {term.joint: term for term in zeros}
+    for one, slip in every:
+        term, t = by_joint[slip.joint + 1], one.t
+        before, after = float(t[slip.sample - 1]), float(t[slip.sample])
+        yield Change(
+            recording=one.name,
+            time=(before + after) / 2,
+            interval=(before, after),
+            term=term,
+            value=np.array([slip.size]),
+            deviation=np.array([slip.error]),
+            probability=1.0,
+            support=abs(slip.size) / (STANDS_OUT * slip.error),
+            columns=_moved_by(made, term, recordings),
+        )
+
+
+def _by_torque(
+    recordings: Sequence[Recording],
+    rows: Rows,
+    about: FreeArm,
+    progress: Callable[[str], None],
+) -> tuple[tuple[Change, ...], bool]:
+    """What the torque says that changes during recordings, and whether some may be in another state."""
     times = [rows.t[rows.recording == k] for k in range(len(recordings))]
     grid = [np.quantile(t, np.arange(1, SPANS) / SPANS) for t in times]
-    about = fitted_arm(rows, arm, tuple(range(len(recordings))))
     torque: np.ndarray | float = 0.0
     # what changes, where, and by how much
     mine: dict[tuple[Term, Place], np.ndarray] = {}
@@ -282,7 +331,7 @@ def changes_of(
             between |= any(np.isinf(place[1:]).all() for _, place in mine)
             continue
         if not any(_ends(mine, len(recordings))):
-            return Changes((), between)
+            return (), between
         # all of them at once, against what they may be taken for
         progress("asks what changed")
         spans = _Spans(rows, ends, smeared=SMEARED / rows.cutoff)
@@ -291,10 +340,10 @@ def changes_of(
         found = spans.search(about, spans.sets(), len(sets)).run(likely, torque)
         if set(found.fit.mine) <= set(likely):
             when = dict(zip(candidates, moments, strict=True))
-            return Changes(_changes(found, spans, when, recordings), between)
+            return _changes(found, spans, when, recordings), between
         if not left:
             when = {one: spans.moments(found.fit, one) for one in found.fit.mine}
-            return Changes(_changes(found, spans, when, recordings), between)
+            return _changes(found, spans, when, recordings), between
         left -= 1
         mine = {(one.term, spans.place(one)): x for one, x in found.fit.values.items()}
         torque = 0.0
@@ -331,8 +380,7 @@ def _changes(
     recordings: Sequence[Recording],
 ) -> tuple[Change, ...]:
     """Each moment at which what spans have of their own comes or goes."""
-    rows, made = spans.rows, found.fit.contrast.design
-    out = []
+    made, out = found.fit.contrast.design, []
     for one in found.fit.mine:
         number, start, _ = spans.place(one)
 
@@ -344,16 +392,11 @@ def _changes(
             return mine and spans.place(other)[0] == number
 
         odds = found.odds[one]
-        units = [made.torque(one.term, unit) for unit in np.eye(len(one.term.columns))]
-        torque = np.stack(units, axis=2) * rows.scale[:, None]
+        columns = _moved_by(made, one.term, recordings)
         t = recordings[number].t
-        jumped = [(float(t[k - 1]), float(t[k])) for k in jumps(recordings[number])]
         for k, moment in enumerate(moments[one]):
             low, high = (float(t[0]) + time for time in moment.interval)
             time = float(t[0]) + moment.time
-            for before, after in jumped:
-                if low <= before and after <= high:
-                    low, high, time = before, after, (before + after) / 2
             comes = np.isfinite(start) and k == 0
             change = Change(
                 recording=recordings[number].name,
@@ -364,18 +407,20 @@ def _changes(
                 deviation=found.fit.answer.deviation(one),
                 probability=found.probabilities_of(is_it)[True],
                 support=(found.log_odds(is_it) - odds) / -odds,
-                columns=_by_recording(rows, torque, recordings),
+                columns=columns,
             )
             out.append((number, change))
     return tuple(c for _, c in sorted(out, key=lambda pair: (pair[0], pair[1].time)))
 
 
-def _by_recording(
-    rows: Rows, series: np.ndarray, recordings: Sequence[Recording]
+def _moved_by(
+    made: Design, term: Term, recordings: Sequence[Recording]
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Times and series of rows, by name of the recording."""
-    out = {}
+    """Times of rows, and the torque that each coordinate of a term makes there, by name of the recording."""
+    rows, out = made.rows, {}
+    units = [made.torque(term, unit) for unit in np.eye(len(term.columns))]
+    torque = np.stack(units, axis=2) * rows.scale[:, None]
     for k, recording in enumerate(recordings):
         mine = rows.recording == k
-        out[recording.name] = float(recording.t[0]) + rows.t[mine], series[mine]
+        out[recording.name] = float(recording.t[0]) + rows.t[mine], torque[mine]
     return out

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -139,7 +139,9 @@ def position_cutoff(recordings: tuple[Recording, ...]) -> float:
     """
     crossings = [LEAST_CUTOFF / 2]
     for recording in recordings:
-        for span in _pieces(recording.t, SHORTEST, jumps(recording)) or [slice(None)]:
+        for span in _pieces(recording.t, SHORTEST, _after_jumps(recording)) or [
+            slice(None)
+        ]:
             q = uniform(recording.t[span], recording.q[span], recording.rate)[1]
             crossings.append(_noise_crossing(q, recording.rate))
     nyquist = min(recording.rate for recording in recordings) / 2
@@ -177,15 +179,33 @@ def pieces(recording: Recording) -> list[slice]:
     A log that loses rows all over has no such piece; then only steps longer than ``BRIDGED_GAP`` count as gaps.
     """
     longest_step = GAP_STEPS / recording.rate
-    apart = jumps(recording)
+    apart = _after_jumps(recording)
     found = _pieces(recording.t, longest_step, apart)
     if not found and longest_step < BRIDGED_GAP:
         found = _pieces(recording.t, BRIDGED_GAP, apart)
     return found
 
 
-def jumps(recording: Recording) -> list[int]:
-    """First samples after the reading of an encoder jumped, as that of one that slipped does.
+@dataclass(frozen=True)
+class Jump:
+    """A reading that jumps.
+
+    Attributes:
+        sample: first one after it.
+        joint: from 0.
+        size: of the step, less what the joint moved [rad or m].
+        error: by how much the line through what follows is off that through what came before by another size, or the
+            largest departure anywhere else if that is more [rad or m].
+    """
+
+    sample: int
+    joint: int
+    size: float
+    error: float
+
+
+def jumps(recording: Recording) -> list[Jump]:
+    """Readings that jump, as that of an encoder that slips does.
 
     At a jump the difference of two samples departs from the mean of those before and after it much farther than it does
     anywhere else, and by more than the joint moves in a sample anywhere else; and what follows stays off the line of
@@ -198,18 +218,54 @@ def jumps(recording: Recording) -> list[int]:
     velocity = np.diff(q, axis=0) / step
     departure = np.zeros_like(velocity)
     departure[1:-1] = (velocity[1:-1] - (velocity[:-2] + velocity[2:]) / 2) * step[1:-1]
-    found: set[int] = set()
+    found = []
     for j, series in enumerate(np.abs(departure).T):
-        peaks = _standing_out(series)
+        peaks, error = _standing_out(series)
         moved = np.abs(np.diff(q[:, j]))
         moved[peaks] = 0.0
-        fast = [k for k in peaks if series[k] > moved.max()]
-        found |= {k + 1 for k in fast if _stays(t, q[:, j], k)}
-    return sorted(found)
+        for k in peaks:
+            size, line = departure[k, j], _off_line(t, q[:, j], k)
+            stays = abs(line) > abs(q[k + 1, j] - q[k, j]) / 2
+            if series[k] > moved.max() and stays:
+                apart = max(error, abs(line - size), np.spacing(abs(size)))
+                found.append(Jump(k + 1, j, float(size), float(apart)))
+    return sorted(found, key=lambda jump: jump.sample)
 
 
-def _standing_out(size: np.ndarray) -> list[int]:
-    """Places of the few peaks that are ``STANDS_OUT`` times as large as all that is left without them."""
+def slips(recording: Recording) -> list[Jump]:
+    """Jumps of one reading alone, which no lost rows explain: these move every joint on that is in motion."""
+    found = jumps(recording)
+    samples = [jump.sample for jump in found]
+    alone = [jump for jump in found if samples.count(jump.sample) == 1]
+    if not alone:
+        return []
+    speed = np.gradient(recording.q, recording.t, axis=0)
+    return [jump for jump in alone if not _rows_lost(jump, speed, recording)]
+
+
+def _rows_lost(jump: Jump, speed: np.ndarray, recording: Recording) -> bool:
+    """Whether the other joints may have moved on as far as lost rows would have let this one jump."""
+    before = speed[max(0, jump.sample - 6) : jump.sample - 1].mean(axis=0)
+    if before[jump.joint] * jump.size <= 0:
+        return False
+    lost = jump.size / before[jump.joint]
+    lines = [_off_line(recording.t, q, jump.sample - 1) for q in recording.q.T]
+    # half of it is more than the lines can be wrong by
+    stayed = np.abs(lines) < np.abs(before * lost) / 2
+    return not stayed.any()
+
+
+def without_slips(recording: Recording) -> Recording:
+    """The recording with its slips taken out of what follows."""
+    q = recording.q.copy()
+    found = slips(recording)
+    for jump in found:
+        q[jump.sample :, jump.joint] -= jump.size
+    return replace(recording, q=q) if found else recording
+
+
+def _standing_out(size: np.ndarray) -> tuple[list[int], float]:
+    """Places of the few peaks that are ``STANDS_OUT`` times as large as all that is left without them, and that."""
     left, peaks = size.copy(), []
     for _ in range(MOST_JUMPS + 1):
         k = int(left.argmax())
@@ -217,18 +273,25 @@ def _standing_out(size: np.ndarray) -> list[int]:
         left[max(0, k - 3) : k + 4] = 0.0
     for count in range(MOST_JUMPS, 0, -1):
         if peaks[count - 1][1] > STANDS_OUT * peaks[count][1]:
-            return [k for k, _ in peaks[:count]]
-    return []
+            return [k for k, _ in peaks[:count]], peaks[count][1]
+    return [], peaks[0][1]
 
 
-def _stays(t: np.ndarray, q: np.ndarray, k: int) -> bool:
-    """Whether a series is off the line of what came before from sample k + 1 on: not after a row that is repeated."""
+def _after_jumps(recording: Recording) -> list[int]:
+    return [jump.sample for jump in jumps(recording)]
+
+
+def _off_line(t: np.ndarray, q: np.ndarray, k: int) -> float:
+    """By how much a series is off the line of what came before from sample k + 1 on: not after a row that is repeated.
+
+    Of the first row after a jump nothing is known: it may lie between.
+    """
     before, after = np.arange(max(0, k - 4), k), np.arange(k + 2, min(len(t), k + 6))
     if min(len(before), len(after)) < 2:
-        return False
+        return 0.0
     middle = (t[k] + t[k + 1]) / 2
     ends = [np.polyfit(t[some] - middle, q[some], 1)[1] for some in (before, after)]
-    return bool(abs(ends[1] - ends[0]) > abs(q[k + 1] - q[k]) / 2)
+    return float(ends[1] - ends[0])
 
 
 def _pieces(t: np.ndarray, longest_step: float, apart: Sequence[int]) -> list[slice]:

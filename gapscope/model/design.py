@@ -139,8 +139,14 @@ class Design:
         return np.asarray(squares / (self.rows.trust[:, j] ** 2).sum())
 
     def torque(self, term: Term, value: np.ndarray) -> np.ndarray:
-        """What coordinates of a term, (linear,), do to the torque, over the joints' scale [1], (M, n)."""
-        own, out = self.places[term], np.zeros_like(self.gap)
+        """What coordinates of a term, (linear,), do to the torque, over the joints' scale [1], (M, n).
+
+        That is nothing if the rows do not show the term.
+        """
+        out = np.zeros_like(self.gap)
+        if term not in self.places:
+            return out
+        own = self.places[term]
         for j, (x, active) in enumerate(zip(self.columns, self.active, strict=True)):
             mine = np.isin(own, active)
             at = np.searchsorted(active, own[mine])

@@ -16,7 +16,9 @@ from gapscope.model.conditioning import (
     low_pass,
     pieces,
     position_cutoff,
+    slips,
     uniform,
+    without_slips,
 )
 
 
@@ -360,7 +362,7 @@ def test_a_reading_that_jumps_ends_a_piece(rate: float) -> None:
     k = round(0.4 * len(whole.t))
     slipped[k:, 1] += 0.1
     found = Recording("slip.csv", whole.t, slipped, whole.tau)
-    assert jumps(whole) == [] and jumps(found) == [k]
+    assert jumps(whole) == [] and [jump.sample for jump in jumps(found)] == [k]
     assert pieces(found) == [slice(0, k), slice(k, len(whole.t))]
     # what a joint has of its own in either piece does not reach the other
     for segment in condition(found, 20.0):
@@ -378,3 +380,23 @@ def test_a_row_that_is_repeated_or_lost_or_noise_is_no_jump() -> None:
     coarse = Recording("c.csv", whole.t, np.round(whole.q, 2))
     for recording in (repeated, lost, noisy, coarse):
         assert jumps(recording) == []
+
+
+def test_a_slip_is_a_jump_of_one_reading_that_no_lost_rows_explain() -> None:
+    whole = sine()
+    k = 700
+    slipped = whole.q.copy()
+    slipped[k:, 1] -= 0.05
+    found = Recording("slip.csv", whole.t, slipped, whole.tau)
+    (slip,) = slips(found)
+    assert (slip.sample, slip.joint) == (k, 1)
+    assert slip.size == pytest.approx(-0.05, abs=max(slip.error, 1e-3))
+    assert np.abs(without_slips(found).q - whole.q).max() < 1e-3
+    assert without_slips(whole) is whole
+    # rows that are lost without a trace in the stamps move both joints on
+    gone = np.delete(np.arange(len(whole.t)), slice(k, k + 20))
+    cut = Recording("cut.csv", whole.t[: len(gone)], whole.q[gone])
+    assert jumps(cut) and not slips(cut)
+    # as they do if one of them stands still
+    still = cut.q * [1.0, 0.0]
+    assert not slips(Recording("still.csv", cut.t, still))
