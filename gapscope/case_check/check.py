@@ -127,7 +127,7 @@ def _segments(case: Case, cutoff: float) -> Iterator[Segment]:
     """
     for recording in case.recordings:
         first = recording.part(recording.t <= recording.t[0] + SECONDS)
-        for segment in condition(first, cutoff):
+        for segment in condition(first):
             yield thinned(segment, max(RATE, 3 * cutoff))
 
 

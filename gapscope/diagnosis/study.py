@@ -263,8 +263,8 @@ def examine(case: Case, progress: Progress) -> Study:
 
 def _study(prepared: Prepared, progress: Progress) -> Study:
     """The study of a case that can be fitted."""
-    case, cutoff = prepared.case, prepared.position_cutoff
-    found, rejections = _select(case, cutoff, progress)
+    case = prepared.case
+    found, rejections = _select(case, prepared.position_cutoff, progress)
     measured = measured_gap(found)
     naming = divide(found, measured.residual)
     selection, predictor = naming.selection, found.of(naming.selection)
@@ -279,7 +279,7 @@ def _study(prepared: Prepared, progress: Progress) -> Study:
     return Study(
         case=case,
         body=predictor.body,
-        position_cutoff=cutoff,
+        position_cutoff=prepared.position_cutoff,
         selection=selection,
         rejections=rejections,
         effects=_effects(selection, selection.fit.terms),
@@ -297,7 +297,7 @@ def _study(prepared: Prepared, progress: Progress) -> Study:
         states=prepared.states,
         sensor_sides=find_sides(predictor, np.sqrt(measured.inertial_mse)),
         undeclared_coupling=undeclared_coupling(found.selection, above.tolist()),
-        instrumented_effects=_instrumented_effects(case, found.selection, cutoff),
+        instrumented_effects=_instrumented_effects(case, found.selection),
     )
 
 
@@ -315,9 +315,9 @@ def _select(
         segment
         for recording in case.judged
         if recording.tau is not None
-        for segment in condition(recording, cutoff)
+        for segment in condition(recording)
     ]
-    folds = _folds(case, cutoff)
+    folds = _folds(case)
     progress("searches for effects")
     found = search(case.arm, body, folds, min(TORQUE_CUTOFF, cutoff), progress)
     progress("predicts held-out data")
@@ -326,17 +326,17 @@ def _select(
     return predictor.of(selection), rejections
 
 
-def _folds(case: Case, cutoff: float) -> list[list[Segment]]:
+def _folds(case: Case) -> list[list[Segment]]:
     """Folds of the segments of all recordings with a torque."""
     recordings = [r for r in case.recordings if r.tau is not None]
-    return folds_of([condition(recording, cutoff) for recording in recordings])
+    return folds_of([condition(recording) for recording in recordings])
 
 
 def _instrumented_effects(
-    case: Case, selection: Selection, cutoff: float
+    case: Case, selection: Selection
 ) -> tuple[AppliedEffect, ...]:
     """The effects found with values by the commands as instruments; empty if the commands are not known."""
     commanded_case = commanded(case)
     if commanded_case is None or not selection.fit.terms:
         return ()
-    return instrumented(case, selection, _folds(commanded_case, cutoff)) or ()
+    return instrumented(case, selection, _folds(commanded_case)) or ()

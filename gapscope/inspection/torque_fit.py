@@ -11,7 +11,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm, smooth_sign
 from gapscope.arm.recording import Recording
 from gapscope.effects.setup_faults.torque_faults import TorqueUnit
-from gapscope.model.conditioning import Segment, condition, position_cutoff
+from gapscope.model.conditioning import Segment, condition
 
 READINGS = ("with gravity", "without gravity")
 STRETCHES = 20
@@ -56,8 +56,7 @@ class TorqueFit:
 
 def fits_of(arm: NominalArm, recordings: Sequence[Recording]) -> list[TorqueFit]:
     """Both readings of the torque of recordings, the better first; none if nothing is left of them."""
-    cutoff = position_cutoff(tuple(recordings))
-    segments = [s for r in recordings for s in condition(r, cutoff)]
+    segments = [s for r in recordings for s in condition(r)]
     if not segments:
         return []
     body = RigidBody(arm)

@@ -29,8 +29,12 @@ WORKING_RATE = 250.0
 """Recordings sampled at twice this rate or faster are decimated to no less than it [Hz]."""
 SHORTEST = 1.0
 """Segments shorter than this [s] are left out; what is trimmed leaves 0.4 s."""
+ORDER = 4
+"""Order of every low-pass. (definition)"""
 LEAST_CUTOFF, LARGEST_CUTOFF = 5.0, 40.0
 """Limits of the cut-off for positions [Hz]."""
+CUTOFFS = 40
+"""Cut-offs between them that are tried. (budget)"""
 LEAST_STEP = 1e-6
 """Stamps closer than this share of a period are one stamp [1]."""
 GAP_STEPS = 4.0
@@ -117,7 +121,7 @@ def _edge(rate: float) -> int:
 @cache
 def _butterworth(cutoff: float, rate: float) -> np.ndarray:
     """Second-order sections of a Butterworth low-pass of order 4; to design it takes as long as to filter 1000 rows."""
-    return np.asarray(butter(4, cutoff, output="sos", fs=rate))
+    return np.asarray(butter(ORDER, cutoff, output="sos", fs=rate))
 
 
 def low_pass(series: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
@@ -129,32 +133,49 @@ def low_pass(series: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
     return sosfiltfilt(sos, series, axis=0, padlen=padding)
 
 
-def position_cutoff(recordings: tuple[Recording, ...]) -> float:
-    """Cut-off for positions [Hz]: twice the frequency at which their spectrum meets its noise floor.
+def position_cutoffs(recording: Recording) -> np.ndarray:
+    """Cut-off of each joint's positions [Hz], (n,): that by which their accelerations are least in error.
 
-    The noise floor of a joint is the median power density in the upper half of the band; the crossing is the highest
-    frequency whose density exceeds ten times it. The largest crossing over joints and recordings counts; twice it
-    leaves the band below untouched. The result lies between 5 and 40 Hz, and below 0.8 of Nyquist. What was not
-    recorded for ``SHORTEST`` seconds or more has no spectrum: the parts before and after it count as recordings.
+    Of motion with power density S, recorded with noise of density N, the zero-phase filter H = 1 / (1 + (f / f_c)^8)
+    leaves a mean square error of the accelerations of
+
+        E(f_c) = sum_f (2 pi f)^4 ((1 - H)^2 S + H^2 N).
+
+    N is the mean density above a quarter of the rate, S what is more than that. Both are densities of second
+    differences, over their gain: of the positions themselves more leaks from slow motion into all frequencies of a
+    window than there is noise. Cut-offs lie between 5 and 40 Hz, and below 0.8 of Nyquist. What was not recorded for
+    ``SHORTEST`` seconds or more has no spectrum: the parts before and after it are looked at apart.
     """
-    crossings = [LEAST_CUTOFF / 2]
-    for recording in recordings:
-        for span in _pieces(recording.t, SHORTEST, _after_jumps(recording)) or [
-            slice(None)
-        ]:
-            q = uniform(recording.t[span], recording.q[span], recording.rate)[1]
-            crossings.append(_noise_crossing(q, recording.rate))
-    nyquist = min(recording.rate for recording in recordings) / 2
-    return float(min(2 * max(crossings), LARGEST_CUTOFF, 0.8 * nyquist))
+    rate = recording.rate
+    largest = min(LARGEST_CUTOFF, 0.4 * rate)
+    tried = np.geomspace(min(LEAST_CUTOFF, largest), largest, CUTOFFS)
+    error = np.zeros((CUTOFFS, recording.q.shape[1]))
+    spans = _pieces(recording.t, SHORTEST, _after_jumps(recording)) or [slice(None)]
+    for span in spans:
+        q = uniform(recording.t[span], recording.q[span], rate)[1]
+        error += len(q) * _acceleration_error(q, rate, tried)
+    return np.asarray(tried[error.argmin(axis=0)])
 
 
-def _noise_crossing(q: np.ndarray, rate: float) -> float:
-    """Highest frequency at which the spectrum of positions, (N, n), exceeds its noise floor [Hz]."""
-    window = min(len(q), int(4 * rate))
-    frequency, density = welch(q, rate, nperseg=window, axis=0)
-    noise = np.median(density[frequency > rate / 4], axis=0)
-    above = (density > 10 * noise).any(axis=1)
-    return float(frequency[above].max(initial=0.0))
+def _acceleration_error(q: np.ndarray, rate: float, tried: np.ndarray) -> np.ndarray:
+    """E of cut-offs that are tried, (K,), on positions (N, n): (K, n), but for what is the same for all of them."""
+    second = np.diff(q, 2, axis=0)
+    window = min(len(second), int(4 * rate))
+    frequency, density = welch(second, rate, nperseg=window, axis=0, detrend=False)
+    frequency, density = frequency[1:], density[1:]
+    density = density / (2 * np.sin(np.pi * frequency / rate)[:, None]) ** 4
+    noise = density[frequency > rate / 4].mean(axis=0)
+    # beyond twice the largest all pass alike
+    band = frequency < 2 * tried[-1]
+    weight = (2 * np.pi * frequency[band]) ** 4
+    passed = 1 / (1 + (frequency[band] / tried[:, None]) ** (2 * ORDER))
+    lost = ((1 - passed) ** 2 * weight) @ (density[band] - noise)
+    return np.asarray(lost + (passed**2 * weight).sum(axis=1)[:, None] * noise)
+
+
+def position_cutoff(recordings: Sequence[Recording]) -> float:
+    """The largest cut-off of any joint's positions in any recording [Hz]."""
+    return float(max(position_cutoffs(one).max() for one in recordings))
 
 
 def uniform(
@@ -307,8 +328,12 @@ def _pieces(t: np.ndarray, longest_step: float, apart: Sequence[int]) -> list[sl
     return [span for span in spans if t[span.stop - 1] - t[span.start] >= shortest]
 
 
-def condition(recording: Recording, cutoff: float) -> list[Segment]:
-    """Segments of a recording, positions filtered at ``cutoff`` [Hz] and differentiated by a quintic spline.
+def condition(recording: Recording, cutoff: float | None = None) -> list[Segment]:
+    """Segments of a recording, positions low-passed and differentiated by a quintic spline.
+
+    Args:
+        recording: the recording.
+        cutoff: of all positions [Hz]; ``None``: of each joint as its spectrum asks for (``position_cutoffs``).
 
     Raises:
         InputError: no piece of the recording between two gaps is long enough.
@@ -320,7 +345,9 @@ def condition(recording: Recording, cutoff: float) -> list[Segment]:
             "record for longer, or repair the time stamps",
             file=recording.name,
         )
-    return [_segment(recording, span, cutoff) for span in spans]
+    n = recording.q.shape[1]
+    cutoffs = position_cutoffs(recording) if cutoff is None else np.full(n, cutoff)
+    return [_segment(recording, span, cutoffs) for span in spans]
 
 
 def _too_short(recording: Recording) -> str:
@@ -373,14 +400,18 @@ def _cut(segment: Segment, span: slice) -> Segment:
     )
 
 
-def _segment(recording: Recording, span: slice, cutoff: float) -> Segment:
+def _segment(recording: Recording, span: slice, cutoffs: np.ndarray) -> Segment:
     """One piece of a recording without gaps: filtered, decimated and differentiated."""
     rate = recording.rate
     t, q = uniform(recording.t[span], recording.q[span], rate)
     step = max(1, int(rate / WORKING_RATE + 1e-6))
     grid = t[::step]
     # quintic: the second derivative is then a smooth cubic spline
-    spline = make_interp_spline(grid, low_pass(q, rate, cutoff)[::step], k=5)
+    smooth = np.empty_like(q)
+    for cutoff in np.unique(cutoffs):
+        mine = cutoffs == cutoff
+        smooth[:, mine] = low_pass(q[:, mine], rate, float(cutoff))
+    spline = make_interp_spline(grid, smooth[::step], k=5)
     motion = Motion(grid, spline(grid), spline(grid, 1), spline(grid, 2))
 
     def on_grid(series: np.ndarray | None) -> np.ndarray | None:

@@ -68,7 +68,7 @@ class Rows(DecimatedSegments):
         segments, self.group_of, of_recording, count = [], [], [], 0
         for number, recordings in enumerate(groups):
             for recording in recordings:
-                own = condition(recording, cutoff)
+                own = condition(recording)
                 segments += own
                 self.group_of += [number] * len(own)
                 of_recording += [count] * len(own)

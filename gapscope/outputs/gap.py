@@ -11,7 +11,7 @@ from gapscope.arm.recording import Recording
 from gapscope.diagnosis.assessment.replay_gap import attempt
 from gapscope.diagnosis.gap.plausible_data import check_rates
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.model.conditioning import condition, position_cutoff
+from gapscope.model.conditioning import condition
 from gapscope.model.torque_gap import torque_gap
 
 
@@ -37,10 +37,9 @@ def gap_document(case: Case, corrected: CorrectedArm) -> dict[str, Any]:
             f"{case.name}: no recording carries a torque", "; ".join(case.warnings)
         )
     body = RigidBody(case.arm)
-    cutoff = position_cutoff(tuple(recording for recording, _ in measured))
     rows = [
         {"recording": recording.name, "role": role}
-        | _torque(recording, corrected, body, cutoff)
+        | _torque(recording, corrected, body)
         | _replay(recording, case, corrected)
         for recording, role in measured
     ]
@@ -55,9 +54,9 @@ def gap_document(case: Case, corrected: CorrectedArm) -> dict[str, Any]:
 
 
 def _torque(
-    recording: Recording, corrected: CorrectedArm, body: RigidBody, cutoff: float
+    recording: Recording, corrected: CorrectedArm, body: RigidBody
 ) -> dict[str, Any]:
-    found = torque_gap(corrected, body, condition(recording, cutoff))
+    found = torque_gap(corrected, body, condition(recording))
     return {"torque_nrmse": found.nrmse.tolist(), "torque_rmse": found.rmse.tolist()}
 
 

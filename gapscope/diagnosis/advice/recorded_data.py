@@ -24,7 +24,6 @@ from gapscope.effects.severity import draw
 from gapscope.model.conditioning import (
     Segment,
     condition,
-    position_cutoff,
     thinned,
 )
 from gapscope.model.torque_gap import filtered_torque, torque_scale
@@ -59,9 +58,8 @@ class RecordedData:
                 f"{case.name}: no recording carries a torque",
                 "give torque in column tau1..",
             )
-        cutoff = position_cutoff(recordings)
         segments = tuple(
-            thinned(s, ADVICE_RATE) for r in recordings for s in condition(r, cutoff)
+            thinned(s, ADVICE_RATE) for r in recordings for s in condition(r)
         )
         measured = tuple(filtered_torque(s) for s in segments)
         return cls(

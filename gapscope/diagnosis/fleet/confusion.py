@@ -16,7 +16,7 @@ from gapscope.diagnosis.thresholds import ALIKE_NRMSE
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import read_corrected
-from gapscope.model.conditioning import Segment, condition, position_cutoff
+from gapscope.model.conditioning import Segment, condition
 from gapscope.model.torque_gap import torque_gap
 
 NOMINAL = "nominal"
@@ -124,10 +124,7 @@ def _segments(case: Case) -> list[Segment]:
         raise GapscopeError(
             f"{case.name}: no recording carries a torque", "; ".join(case.warnings)
         )
-    cutoff = position_cutoff(recordings)
-    return [
-        segment for recording in recordings for segment in condition(recording, cutoff)
-    ]
+    return [segment for recording in recordings for segment in condition(recording)]
 
 
 def _nrmse(

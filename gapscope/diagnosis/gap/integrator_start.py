@@ -34,7 +34,6 @@ from gapscope.model.conditioning import (
     Segment,
     condition,
     low_pass,
-    position_cutoff,
 )
 from gapscope.model.effective_samples import motion_samples
 from gapscope.model.torque_gap import torque_scale
@@ -52,9 +51,8 @@ def integrator_starts(
         arm: the nominal arm.
         stretches: of all recordings, without gaps, their torque computed with an integrator that starts from zero.
     """
-    cutoff = position_cutoff(tuple(stretches))
     body = RigidBody(arm)
-    rows = [_Rows(arm, body, condition(s, cutoff)[0]) for s in stretches]
+    rows = [_Rows(arm, body, condition(s)[0]) for s in stretches]
     seconds = sum(stretch.duration for stretch in stretches)
     independent = motion_samples(seconds, MOTION_INDEPENDENT_RATE)
     choices = [_fitted(rows, name, independent) for name in rows[0].columns]

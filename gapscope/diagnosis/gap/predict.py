@@ -9,7 +9,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.recording import Recording
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.model.conditioning import condition, pieces, position_cutoff
+from gapscope.model.conditioning import condition, pieces
 
 
 def predict_torque(corrected: CorrectedArm, recording: Recording) -> np.ndarray:
@@ -28,9 +28,7 @@ def predict_torque(corrected: CorrectedArm, recording: Recording) -> np.ndarray:
     )
     spans = pieces(motion)
     if spans:
-        for span, segment in zip(
-            spans, condition(motion, position_cutoff((motion,))), strict=True
-        ):
+        for span, segment in zip(spans, condition(motion), strict=True):
             grid = segment.motion.t
             spline = make_interp_spline(
                 grid, corrected.predict(body, segment.motion), k=3

@@ -37,7 +37,6 @@ from gapscope.effects.setup_faults.inertial_fault import ShiftedInertials
 from gapscope.model.conditioning import (
     Segment,
     condition,
-    position_cutoff,
     thinned,
 )
 from gapscope.model.torque_gap import torque_gap
@@ -163,8 +162,7 @@ def _segments(case: Case) -> list[Segment]:
     if not recordings or min(r.rate for r in recordings) < PLAUSIBLE_RATES[0]:
         return []
     try:
-        cutoff = position_cutoff(recordings)
-        return [s for r in recordings for s in condition(r, cutoff)]
+        return [s for r in recordings for s in condition(r)]
     except (GapscopeError, ValueError):
         return []
 

@@ -52,9 +52,7 @@ from gapscope.effects.setup_faults.torque_faults import (
     TorqueUnit,
 )
 from gapscope.model.conditioning import (
-    TORQUE_CUTOFF,
     condition,
-    position_cutoff,
 )
 
 _Kind = tuple[str, str, int]
@@ -126,8 +124,7 @@ def _scorer(arm: NominalArm, recordings: tuple[Recording, ...]) -> ReadingScorer
     if not recordings:
         return None
     try:
-        cutoff = min(position_cutoff(recordings), TORQUE_CUTOFF)
-        segments = [condition(r, cutoff) for r in recordings]
+        segments = [condition(r) for r in recordings]
     except GapscopeError:
         return None
     return ReadingScorer(arm, RigidBody(arm), sample(segments))

@@ -37,7 +37,6 @@ from gapscope.model.conditioning import (
     Segment,
     condition,
     low_pass,
-    position_cutoff,
 )
 
 TORQUE_CLOCK = "torque_clock"
@@ -124,11 +123,11 @@ def _samples(case: Case, recordings: tuple[Recording, ...]) -> list[_Samples]:
     """Samples of the recordings with a torque."""
     if not recordings:
         return []
-    body, cutoff = RigidBody(case.arm), position_cutoff(recordings)
+    body = RigidBody(case.arm)
     pieces = [
         (k, float(recording.t[0]), segment)
         for k, recording in enumerate(recordings)
-        for segment in condition(recording, cutoff)
+        for segment in condition(recording)
     ]
     rows = sum(len(segment.motion.t[segment.inner]) for _, _, segment in pieces)
     step = max(1, rows // CLOCK_SAMPLES)

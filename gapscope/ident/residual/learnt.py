@@ -24,7 +24,6 @@ from gapscope.model.conditioning import (
     TORQUE_CUTOFF,
     condition,
     low_pass,
-    position_cutoff,
 )
 
 TREE_RATE = 50.0
@@ -87,9 +86,8 @@ def learn_residual(
     progress("reads the residual of the corrected arm")
     plain = CorrectedArm(corrected.arm, corrected.effects)
     fit, held_out = split(case, judge)
-    cutoff = position_cutoff(tuple(fit))
     fitted, judged = (
-        _trajectories(plain, recordings, cutoff) for recordings in (fit, held_out)
+        _trajectories(plain, recordings) for recordings in (fit, held_out)
     )
     residual, report = fit_residual(fitted, settings, progress)
     progress("fits boosted trees to compare with")
@@ -108,7 +106,7 @@ def learn_residual(
 
 
 def _trajectories(
-    corrected: CorrectedArm, recordings: Sequence[Recording], cutoff: float
+    corrected: CorrectedArm, recordings: Sequence[Recording]
 ) -> list[Trajectory]:
     """Trajectories of recordings with a torque."""
     for recording in recordings:
@@ -122,7 +120,7 @@ def _trajectories(
     return [
         from_segment(corrected, body, segment)
         for recording in recordings
-        for segment in condition(recording, cutoff)
+        for segment in condition(recording)
     ]
 
 

@@ -24,7 +24,6 @@ from gapscope.model.conditioning import (
     TORQUE_CUTOFF,
     condition,
     low_pass,
-    position_cutoff,
 )
 
 CLIPPED = 0.98
@@ -138,7 +137,7 @@ def _rows(
     case: Case, body: RigidBody, recording: Recording, recorded: bool
 ) -> list[np.ndarray]:
     """Error, velocities, torque, needed torque, and rows below the limit of one recording, (M, n) each."""
-    segments = condition(recording, position_cutoff((recording,)))
+    segments = condition(recording)
     rows: list[list[np.ndarray]] = []
     for segment in segments:
         motion = segment.motion
