@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -44,6 +45,10 @@ BODIES = 3.0
 """Prior of the bodies, over their nominal size [1]: a URDF may lack a tool, or hold placeholders. (physical)"""
 PRECISE, REWEIGHTINGS = 0.02, 3
 """What a model leaves of a joint's torque at least, when joints are weighed [1]; and how often they are. (budget)"""
+WAVES = (16, 32)
+"""Waves of which an unknown function of a joint's own state consists, and one of the whole arm's. (budget)"""
+TAILS = 3
+"""Degrees of freedom of Student's t, of which their wave numbers are drawn: rough on all scales. (definition)"""
 LEAST_TORQUE = 1e-6
 """Columns that move no joint by more than this share of its torque say nothing [1]."""
 
@@ -107,6 +112,7 @@ class Design:
         prior: deviation of what all groups share, in units of the columns, (P,).
         taken: what of it the arm has already, in the same units, (P,).
         own: whether a motion may have a value of its own of a column, mask (P,).
+        waves: per joint the places of waves of which unknown functions consist: of its own state, and of the arm's.
         noisy: of columns made of the recorded torque, by joint and place among its columns, how much of that torque's
             noise passes into each row, in the unit of the column, (M,).
     """
@@ -121,6 +127,7 @@ class Design:
     prior: np.ndarray
     taken: np.ndarray
     own: np.ndarray
+    waves: list[tuple[np.ndarray, np.ndarray]]
     noisy: Mapping[tuple[int, int], np.ndarray]
 
     @property
@@ -312,19 +319,52 @@ def design(
         np.flatnonzero((whole[:, j] ** 2).mean(axis=0) > LEAST_TORQUE**2)
         for j in range(n)
     ]
+    size, waves, every = whole.shape[2], [], []
+    for j, some in enumerate(active):
+        both = [x * rows.trust[:, j, None] for x in _waves(rows, j)]
+        counts = np.cumsum([size, *(x.shape[1] for x in both)])
+        mine = tuple(np.arange(a, b) for a, b in pairwise(counts.tolist()))
+        size = int(counts[-1])
+        waves.append(mine)
+        every.append(np.hstack([whole[:, j, some], *both]))
+        active[j] = np.concatenate([some, *mine])
+    prior.append(np.zeros(size - whole.shape[2]))
+    may_own.append(np.zeros(size - whole.shape[2], dtype=bool))
     return Design(
         rows,
         terms,
         places,
         used,
-        [np.ascontiguousarray(whole[:, j, a]) for j, a in enumerate(active)],
+        every,
         active,
         gap * rows.trust,
         np.concatenate(prior),
-        _taken(arm, places, used, whole.shape[2]),
+        _taken(arm, places, used, size),
         np.concatenate(may_own),
+        waves,
         _noisy(rows, terms, places, used, active),
     )
+
+
+def _waves(rows: Rows, j: int) -> list[np.ndarray]:
+    """Waves of a joint's own state, and of the state of all joints, of RMS torque 1 together on each row, (M, K) each.
+
+    An unknown function f ~ N(0, omega^2) of the state x, over its deviation, that is alike where states are near, is
+
+        f(x) = sum_k c_k sqrt(2 / K) cos(w_k x + p_k),    c_k ~ N(0, omega^2)
+
+    with wave numbers w_k drawn from the spectral density of its covariance [rahimi2007].
+    """
+    state = np.hstack([rows.position, rows.velocity])
+    state = state / np.maximum(state.std(axis=0), 1e-9)
+    n, out = rows.position.shape[1], []
+    for count, some in zip(WAVES, ([j, n + j], list(range(2 * n))), strict=True):
+        rng = np.random.default_rng(len(some))
+        tails = np.sqrt(rng.chisquare(TAILS, count) / TAILS)
+        numbers = rng.normal(size=(len(some), count)) / tails / np.sqrt(len(some) / 2)
+        phases = rng.uniform(0, 2 * np.pi, count)
+        out.append(np.sqrt(2 / count) * np.cos(state[:, some] @ numbers + phases))
+    return out
 
 
 def fitted_arm(rows: Rows, arm: NominalArm, groups: Collection[int]) -> FreeArm:

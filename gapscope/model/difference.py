@@ -72,7 +72,9 @@ class Fit:
         chosen: candidates.
         grown: where in a group form error has more variance, and by how much [1].
         answer: evidence and values.
-        total: log probability of the data and of the hypothesis [nats], but for a constant.
+        total: log probability of the data and of the hypothesis [nats], but for a constant, with unknown functions of
+            the sizes that suit it.
+        sharp: the same with those of the sizes that were learnt.
         contrast: of all groups, about the values of those that have some of their own.
         own: what follows for these groups.
     """
@@ -83,6 +85,13 @@ class Fit:
     total: float
     contrast: Contrast
     own: OwnTerms
+    sharp: float
+    better: Fit | None = None
+
+    @property
+    def suited(self) -> Fit:
+        """The hypothesis with unknown functions of the sizes that suit it."""
+        return self.better or self
 
     @property
     def mine(self) -> list[Candidate]:
@@ -181,6 +190,12 @@ class Search:
     _charges: dict[Term, float] = field(default_factory=dict)
     _totals: dict[frozenset[Candidate], float] = field(default_factory=dict)
     _top: Fit | None = None
+    _contrasts: dict[frozenset[tuple[Place, float]], Contrast] = field(
+        default_factory=dict
+    )
+    _fits: dict[tuple[frozenset[Candidate], frozenset[tuple[Place, float]]], Fit] = (
+        field(default_factory=dict)
+    )
 
     @property
     def groups(self) -> list[int]:
@@ -222,7 +237,7 @@ class Search:
         """The candidate of groups that promises most beside a hypothesis, if any does, and how much [nats]."""
         proposed = [p for p in self._proposals(fit) if not p[1].everybody]
         value, one = max(proposed, key=lambda p: p[0], default=(-np.inf, None))
-        return (one if value > fit.total else None), value - fit.total
+        return (one if value > fit.sharp else None), value - fit.sharp
 
     def _with_larger_error(self, fit: Fit) -> Fit:
         """The hypothesis with more form error wherever that promises to explain more than it costs."""
@@ -319,6 +334,7 @@ class Search:
             left_over = replace(first.design, gap=first.design.gap - known * counts)
             beside = Equations.of(left_over) if np.any(known) else first
             self._taught = learn(beside, self.taught_by, alike=alike)
+            self._first = replace(first, design=self._taught.primed(first.design))
             if count + 1 < times:
                 arm = moved(arm, first.design, self._shared())
 
@@ -341,7 +357,27 @@ class Search:
         unknown = self._with_growth(none)
         assert self._top is not None
         best = max(found, unknown, self._top, key=_total)
-        return self._searched(self._asked_again(best)) if best.grown else best
+        best = self._searched(self._asked_again(best)) if best.grown else best
+        return best.suited
+
+    def _start_with(self, plain: Contrast) -> None:
+        """Ask about another contrast of the same rows."""
+        self._plain = plain
+        self._contrasts, self._fits = {}, {}
+        self._totals, self._top = {}, None
+
+    def _suited(self, fit: Fit) -> Fit:
+        """The hypothesis with unknown functions of the sizes that make the data likeliest beside it."""
+        left = fit.contrast.gap - fit.own.torque(fit.answer.values)
+        prior = fit.contrast.for_gap(left).likeliest_functions()
+        contrast = fit.contrast.with_prior(prior)
+        own = fit.own.within(contrast)
+        weight, answer = self._weigher(own)(fit.chosen)
+        total = contrast.evidence + weight + len(fit.grown) * np.log(UNKNOWN)
+        if total <= fit.sharp:
+            return fit
+        best = replace(fit, answer=answer, total=total, contrast=contrast, own=own)
+        return replace(fit, total=total, better=best)
 
     def _shared(self) -> np.ndarray:
         """Likeliest values of what is shared that the arm can take, (P,): beside those at a bound the others differ."""
@@ -386,6 +422,7 @@ class Search:
         first, made = self._first.design, self._first.design
         if self._shapes or self._about is not self.arm:
             made = design(self.rows, self.arm, self._shapes, first.units)
+        made = self._taught.primed(made)
         self._equations = Equations.of(made, self._taught.white2)
         self._error = carried_over(self._taught, self._first, self._equations)
         day = np.zeros(made.size)
@@ -395,12 +432,7 @@ class Search:
                 value = self.arm.theta[term.columns[0]] * made.units[term][0]
                 day[places] = (self.days * value) ** 2 / 3.0
         days = [((group,), day) for group in self.groups if self.days]
-        self._plain = Contrast(self._equations, self._error, days)
-        self._contrasts: dict[frozenset[tuple[Place, float]], Contrast] = {}
-        self._fits: dict[
-            tuple[frozenset[Candidate], frozenset[tuple[Place, float]]], Fit
-        ] = {}
-        self._totals, self._top = {}, None
+        self._start_with(Contrast(self._equations, self._error, days))
         # what groups have in common with each other and with what is shared, about
         self._kept = max(2, KEPT // (4 * self._plain.groups * made.size**2))
         self._motions = {
@@ -448,6 +480,7 @@ class Search:
             before, values = start, fit.values
             if asked is contrast or _settled(values, before):
                 break
+        fit = self._counted(fit)
         self._fits = {**dict(list(self._fits.items())[-self._kept :]), key: fit}
         self._top = fit if self._top is None else max(self._top, fit, key=_total)
         return fit
@@ -489,9 +522,13 @@ class Search:
             chosen = kept
             weight, answer = weigh(chosen)
         total = contrast.evidence + weight + len(grown) * np.log(UNKNOWN)
-        fit = Fit(tuple(chosen), dict(grown), answer, total, contrast, own)
+        return Fit(tuple(chosen), dict(grown), answer, total, contrast, own, total)
+
+    def _counted(self, fit: Fit) -> Fit:
+        """A hypothesis that counts among those that compete, with unknown functions that suit it."""
+        fit = self._suited(fit)
         some = frozenset(fit.mine)
-        self._totals[some] = max(total, self._totals.get(some, -np.inf))
+        self._totals[some] = max(fit.total, self._totals.get(some, -np.inf))
         return fit
 
     def _with_everybody(self, fit: Fit) -> Fit:
@@ -499,9 +536,10 @@ class Search:
         while True:
             proposed = [p for p in self._proposals(fit) if p[1].everybody]
             value, one = max(proposed, key=lambda p: p[0], default=(-np.inf, None))
-            if one is None or value <= fit.total:
+            if one is None or value <= fit.sharp:
                 return fit
             larger = self._weighed(fit.contrast, fit.own, (*fit.chosen, one), fit.grown)
+            larger = self._counted(larger)
             if larger.total <= fit.total:
                 return fit
             fit = larger
@@ -549,7 +587,7 @@ class Search:
         """The best hypothesis with one more term of the group; ``None`` if none is better."""
         proposed = [p for p in self._proposals(fit) if not p[1].everybody]
         proposed.sort(key=lambda p: -p[0])
-        better = [p for p in proposed[:REFITTED] if p[0] > fit.total]
+        better = [p for p in proposed[:REFITTED] if p[0] > fit.sharp]
         fitted = [
             self._fit((*fit.chosen, one), fit.values, fit.grown) for _, one in better
         ]

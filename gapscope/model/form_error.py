@@ -24,6 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
+from gapscope.model.design import Design
 from gapscope.model.effective_samples import variance_inflation
 from gapscope.model.equations import (
     Cell,
@@ -41,6 +42,8 @@ SETTLED = 0.02
 """An amplitude whose square changes by less is settled [1]."""
 FIRST_FORM, FIRST_FREEDOM = 0.02, 0.1
 """Form error at first, and what a motion may have of its own when noise is measured, of each column [1]."""
+FUNCTIONS = np.geomspace(2e-3, 0.5, 9)
+"""Sizes of an unknown function that are tried, over the joint's scale [1]. (budget)"""
 LEAST_NOISE = 4e-3
 """Noise of a joint over its torque's deviation at least [1]: recordings without noise have finite weights."""
 LEAST_FORM = 2e-3
@@ -61,6 +64,7 @@ class FormError:
         own2: per joint the variance of what a motion has of its own of each of its columns, (p_j,).
         joint2: the same of a column that was not there when it was learnt, (n,).
         missed2: mean square that was missed of motions held out, (n,).
+        function2: variance of unknown functions of the joint's own state and of the arm's, (n, 2).
     """
 
     noise2: np.ndarray
@@ -68,6 +72,15 @@ class FormError:
     own2: list[np.ndarray]
     joint2: np.ndarray
     missed2: np.ndarray
+    function2: np.ndarray
+
+    def primed(self, design: Design) -> Design:
+        """A design whose unknown functions have the sizes that were learnt."""
+        prior = design.prior.copy()
+        for places, size2 in zip(design.waves, self.function2, strict=True):
+            for some, own2 in zip(places, size2, strict=True):
+                prior[some] = np.sqrt(own2)
+        return replace(design, prior=prior)
 
 
 def learn(
@@ -80,19 +93,20 @@ def learn(
         groups: those in which nothing changes.
         alike: whether they are taken to differ in nothing: then each is predicted from the others.
     """
-    every_joint: list[tuple[float, float, np.ndarray, float, float]] = []
+    every_joint: list[tuple[float, float, np.ndarray, float, float, np.ndarray]] = []
     for j, every in enumerate(equations.cells):
         cells = [cell for cell in every if cell.group in groups]
         if alike:
             cells = [replace(cell, group=0) for cell in cells]
         every_joint.append(_learn_joint(equations, j, cells))
-    noise2, white2, own2, joint2, missed2 = zip(*every_joint, strict=True)
+    noise2, white2, own2, joint2, missed2, function2 = zip(*every_joint, strict=True)
     return FormError(
         np.array(noise2),
         np.array(white2),
         list(own2),
         np.array(joint2),
         np.array(missed2),
+        np.array(function2),
     )
 
 
@@ -120,24 +134,29 @@ def carried_over(error: FormError, before: Equations, after: Equations) -> FormE
 
 def _learn_joint(
     equations: Equations, j: int, cells: list[Cell]
-) -> tuple[float, float, np.ndarray, float, float]:
-    """Noise variance, that of a row by itself, variances of the columns, that of the joint, and what is missed."""
+) -> tuple[float, float, np.ndarray, float, float, np.ndarray]:
+    """Noise variance, that of a row by itself, variances of the columns, that of the joint, what is missed, functions."""
     design = equations.design
     active = design.active[j]
-    prior, own = design.prior[active], design.own[active]
+    prior, own = design.prior[active].copy(), design.own[active]
+    waves = [np.isin(active, some) for some in design.waves[j]]
+    for some in waves:
+        prior[some] = FIRST_FORM
     shared, free = np.flatnonzero(prior > 0), np.flatnonzero(own)
     unit = prior[shared]
+    in_shared = [some[shared] for some in waves]
     groups = sorted({cell.group for cell in cells})
     # amplitudes count in torque of this joint
     size2 = np.maximum(design.size2(j)[free], 1e-12)
-    left, noise2, white2, missed2 = _noise(equations, j, cells, free, size2)
+    left, noise2, white2, missed2 = _noise(equations, j, cells, prior, free, size2)
     rows = np.sort(np.concatenate([cell.rows for cell in cells]))
-    joint2 = FIRST_FORM**2
+    joint2 = FIRST_FORM**2 / len(free)
     own2 = joint2 / size2
     variance = np.zeros(len(active))
     for _ in range(ROUNDS):
         variance[free] = own2
         squares, determined = np.zeros(len(free)), np.zeros(len(free))
+        asked = []
         for group in groups:
             mine = [cell for cell in cells if cell.group == group]
             white = [whitened(cell, variance, noise2) for cell in mine]
@@ -148,8 +167,10 @@ def _learn_joint(
             ]
             rows_of_all = np.concatenate(white)[:, shared]
             total = rows_of_all.T @ rows_of_all
+            right_of_all = np.sum(rights, axis=0)[shared]
+            asked.append((total, right_of_all))
             back = inverse(lower(total * unit[:, None] * unit)) * unit
-            beta = back.T @ (back @ np.sum(rights, axis=0)[shared])
+            beta = back.T @ (back @ right_of_all)
             for cell, W in zip(mine, white, strict=True):
                 right = cell.right[free] - cell.gram[np.ix_(free, shared)] @ beta
                 mine_of_all = W[:, free] * own2
@@ -163,7 +184,11 @@ def _learn_joint(
         before2 = joint2
         joint2 = max(squares @ size2 / max(determined.sum(), 1e-3), LEAST_FORM**2)
         own2 = (squares + OF_THE_JOINT * joint2 / size2) / (determined + OF_THE_JOINT)
-        if abs(joint2 - before2) <= SETTLED * before2:
+        settled = abs(joint2 - before2) <= SETTLED * before2
+        before = unit.copy()
+        for some in in_shared:
+            unit = _likeliest(unit, some, asked)
+        if settled and np.array_equal(unit, before):
             break
     # as much as is missed on motions held out
     variance[free] = own2
@@ -172,7 +197,30 @@ def _learn_joint(
     # only now: what is noise by a vibration may be form error as well
     segment = design.rows.segment[rows]
     noise2 = max(noise2, _vibration(left[rows], segment, noise2))
-    return noise2, white2, variance, joint2, missed2
+    function2 = np.array([unit[some][0] ** 2 for some in in_shared])
+    return noise2, white2, variance, joint2, missed2, function2
+
+
+def _likeliest(
+    unit: np.ndarray, some: np.ndarray, asked: Sequence[tuple[np.ndarray, np.ndarray]]
+) -> np.ndarray:
+    """Prior deviations of what is shared, (k,), those of some of it of the size that makes the data likeliest.
+
+    Args:
+        unit: the deviations.
+        some: which of them, mask (k,).
+        asked: information on what is shared, (k, k), and its right side, (k,), of each group.
+    """
+    every = []
+    for size in FUNCTIONS:
+        tried = np.where(some, size, unit)
+        total = 0.0
+        for gram, right in asked:
+            factor = lower(gram * tried[:, None] * tried)
+            solved = forward(factor, tried * right)
+            total += float(solved @ solved) / 2 - float(np.log(np.diag(factor)).sum())
+        every.append((total, tried))
+    return max(every, key=lambda one: one[0])[1]
 
 
 def _of_others(cells: list[Cell], parts: Sequence[np.ndarray]) -> list[np.ndarray]:
@@ -222,10 +270,11 @@ def _growth(
     return max(least / form, min(1.0, most / form))
 
 
-def _held_out(equations: Equations, j: int, cells: list[Cell]) -> np.ndarray:
+def _held_out(
+    equations: Equations, j: int, cells: list[Cell], prior: np.ndarray
+) -> np.ndarray:
     """What is missed of motions of a joint that are predicted from others of their group, over its scale, (M,)."""
     design = equations.design
-    prior = design.prior[design.active[j]]
     shared = np.flatnonzero(prior > 0)
     unit, x, y = prior[shared], design.columns[j], design.gap[:, j]
     count = sum(cell.count for cell in cells)
@@ -254,6 +303,7 @@ def _noise(
     equations: Equations,
     j: int,
     cells: list[Cell],
+    prior: np.ndarray,
     free: np.ndarray,
     size2: np.ndarray,
 ) -> tuple[np.ndarray, float, float, float]:
@@ -264,7 +314,7 @@ def _noise(
     design = equations.design
     count = sum(cell.count for cell in cells)
     x, y = design.columns[j], design.gap[:, j]
-    missed = _held_out(equations, j, cells)
+    missed = _held_out(equations, j, cells, prior)
     missed2 = max(float(missed @ missed) / count, LEAST_NOISE**2)
     left, spent = np.zeros(len(y)), 0.0
     for cell in cells:
