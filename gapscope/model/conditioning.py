@@ -13,6 +13,7 @@ from functools import cache
 import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt, welch
+from scipy.stats import chi2
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
@@ -33,6 +34,8 @@ ORDER = 4
 """Order of every low-pass. (definition)"""
 LEAST_CUTOFF, LARGEST_CUTOFF = 5.0, 40.0
 """Limits of the cut-off for positions [Hz]."""
+BY_CHANCE = 0.01
+"""Probability that noise has as much power at some frequency as what is taken for motion, or for a vibration [1]."""
 CUTOFFS = 40
 """Cut-offs between them that are tried. (budget)"""
 LEAST_STEP = 1e-6
@@ -141,9 +144,9 @@ def position_cutoffs(recording: Recording) -> np.ndarray:
 
         E(f_c) = sum_f (2 pi f)^4 ((1 - H)^2 S + H^2 N).
 
-    N is the mean density above a quarter of the rate, S what is more than that. Both are densities of second
-    differences, over their gain: of the positions themselves more leaks from slow motion into all frequencies of a
-    window than there is noise. Cut-offs lie between 5 and 40 Hz, and below 0.8 of Nyquist. What was not recorded for
+    N is the mean density above a quarter of the rate; S is what is more than that, where noise has as much at no
+    frequency with a probability of 99 %. Both are densities of second differences, over their gain: of the positions
+    themselves more leaks from slow motion into all frequencies of a window than there is noise. Cut-offs lie between 5 and 40 Hz, and below 0.8 of Nyquist. What was not recorded for
     ``SHORTEST`` seconds or more has no spectrum: the parts before and after it are looked at apart.
     """
     rate = recording.rate
@@ -165,11 +168,15 @@ def _acceleration_error(q: np.ndarray, rate: float, tried: np.ndarray) -> np.nda
     frequency, density = frequency[1:], density[1:]
     density = density / (2 * np.sin(np.pi * frequency / rate)[:, None]) ** 4
     noise = density[frequency > rate / 4].mean(axis=0)
+    # of noise twice the sum over windows, over its density, is distributed as chi-squared
+    freedom = 2 * max(1, len(second) // window)
+    most = chi2.ppf((1.0 - BY_CHANCE) ** (1.0 / len(frequency)), freedom) / freedom
+    signal = np.where(density > most * noise, density - noise, 0.0)
     # beyond twice the largest all pass alike
     band = frequency < 2 * tried[-1]
     weight = (2 * np.pi * frequency[band]) ** 4
     passed = 1 / (1 + (frequency[band] / tried[:, None]) ** (2 * ORDER))
-    lost = ((1 - passed) ** 2 * weight) @ (density[band] - noise)
+    lost = ((1 - passed) ** 2 * weight) @ signal[band]
     return np.asarray(lost + (passed**2 * weight).sum(axis=1)[:, None] * noise)
 
 

@@ -24,6 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
+from gapscope.model.conditioning import BY_CHANCE
 from gapscope.model.design import Design
 from gapscope.model.effective_samples import variance_inflation
 from gapscope.model.equations import (
@@ -48,8 +49,6 @@ LEAST_NOISE = 4e-3
 """Noise of a joint over its torque's deviation at least [1]: recordings without noise have finite weights."""
 LEAST_FORM = 2e-3
 """Form error of one column at least [1]: no arm is modelled better than to a few thousandths."""
-BY_CHANCE = 0.01
-"""Probability that noise has a frequency as strong as a vibration [1]."""
 OF_THE_JOINT = 2.0
 """Values that the joint's amplitude counts for beside those of a column alone [1]: few motions determine it."""
 
