@@ -145,9 +145,10 @@ def position_cutoffs(recording: Recording) -> np.ndarray:
         E(f_c) = sum_f (2 pi f)^4 ((1 - H)^2 S + H^2 N).
 
     N is the mean density above a quarter of the rate; S is what is more than that, where noise has as much at no
-    frequency with a probability of 99 %. Both are densities of second differences, over their gain: of the positions
-    themselves more leaks from slow motion into all frequencies of a window than there is noise. Cut-offs lie between 5 and 40 Hz, and below 0.8 of Nyquist. What was not recorded for
-    ``SHORTEST`` seconds or more has no spectrum: the parts before and after it are looked at apart.
+    frequency with a probability of 99 %. Both are densities of second differences, over their gain: of the
+    positions themselves more leaks from slow motion into all frequencies of a window than there is noise. Cut-offs
+    lie between 5 and 40 Hz, and below 0.8 of Nyquist. What was not recorded for ``SHORTEST`` seconds or more has no
+    spectrum: the parts before and after it are looked at apart.
     """
     rate = recording.rate
     largest = min(LARGEST_CUTOFF, 0.4 * rate)

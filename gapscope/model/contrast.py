@@ -13,6 +13,7 @@ is no difference. The size of an effect is not known beforehand: u is one of ``S
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
@@ -28,7 +29,7 @@ from gapscope.model.equations import (
     inverse,
     lower,
 )
-from gapscope.model.form_error import FUNCTIONS, FormError
+from gapscope.model.form_error import FUNCTIONS, FormError, function_gains
 from gapscope.model.terms import Candidate, Term
 
 SIZES = np.array([0.01, 0.03, 0.1, 0.3, 1.0])
@@ -73,7 +74,8 @@ class Contrast:
     Attributes:
         motions: per joint its motions, what they have of their own eliminated.
         gap: that is explained [1], (M, n).
-        back: L^-1 U times the products of what is shared with the columns of each group, (N, G, P).
+        of_terms: information of each group on the columns of terms, (G, T, T).
+        back: L^-1 U times the products of what is shared with the columns of terms of each group, (N, G, T).
     """
 
     def __init__(
@@ -148,14 +150,20 @@ class Contrast:
             self._own += [(list(groups), p) for p in places.tolist()]
             unit.append(np.sqrt(variance[places]))
         self._units = np.concatenate([prior[self._shared], *unit])
-        by_shared = self.gram[:, self._shared]
         by_own = np.zeros((len(self._own), self.groups, self.design.size))
         for row, (some, p) in zip(by_own, self._own, strict=True):
             row[some] = self.gram[some, p]
-        # (nuisances, G, P): products of each nuisance with the columns of each group
-        cross = np.concatenate([by_shared.transpose(1, 0, 2), by_own])
-        normal = self._of_nuisances(cross.transpose(1, 2, 0))
+        own = self._of_nuisances(by_own.transpose(1, 2, 0))
+        count, shared = len(self._shared), self._shared
+        normal = np.empty((len(own), len(own)))
+        normal[:count, :count] = self.gram.sum(axis=0)[np.ix_(shared, shared)]
+        normal[:, count:], normal[count:] = own, own.T
         self._factor = lower(normal * self._units[:, None] * self._units)
+        # (nuisances, G, T): products of each nuisance with the columns of terms of each group
+        told = self.design.told
+        self.of_terms = self.gram[:, told[:, None], told]
+        by_shared = self.gram[:, shared[:, None], told]
+        cross = np.concatenate([by_shared.transpose(1, 0, 2), by_own[:, :, told]])
         scaled = self._units[:, None] * cross.reshape(len(cross), -1)
         self.back = forward(self._factor, scaled).reshape(cross.shape)
         self._solved = self._solve()
@@ -240,33 +248,21 @@ class Contrast:
         return other
 
     def likeliest_functions(self) -> np.ndarray:
-        """Prior deviations of what is shared, (P,), those of unknown functions such that the data are likeliest.
-
-        Of a function with information S and right side r beside all else, in units of its size, a size rho times as
-        large has the evidence 1/2 rho^2 r^T (I + rho^2 S)^-1 r - 1/2 log det(I + rho^2 S).
-        """
+        """Prior deviations of what is shared, (P,), those of unknown functions such that the data are likeliest."""
         asked = self
         for _ in range(RESIZED):
             prior = asked.design.prior.copy()
-            inverse_factor = inverse(asked._factor)
-            covariance = inverse_factor.T @ inverse_factor
-            mean = inverse_factor.T @ asked._solved
-            for places in asked.design.waves:
-                for some in places:
-                    at = np.searchsorted(asked._shared, some)
-                    known = np.linalg.inv(covariance[np.ix_(at, at)])
-                    values, vectors = np.linalg.eigh(known - np.eye(len(at)))
-                    values = np.maximum(values, 0.0)
-                    right2 = (vectors.T @ (known @ mean[at])) ** 2
-                    grown2 = (FUNCTIONS[:, None] / prior[some[0]]) ** 2
-                    determined = 1.0 + grown2 * values
-                    gain = (grown2 * right2 / determined - np.log(determined)).sum(
-                        axis=1
-                    )
-                    prior[some] = FUNCTIONS[int(gain.argmax())]
+            half = inverse(asked._factor)
+            for some in itertools.chain.from_iterable(asked.design.waves):
+                at = np.searchsorted(asked._shared, some)
+                mine = half[:, at]
+                mean = mine.T @ asked._solved
+                gain = function_gains(mine.T @ mine, mean, prior[some[0]])
+                prior[some] = FUNCTIONS[int(gain.argmax())]
             if np.array_equal(prior, asked.design.prior):
                 break
             other = asked.with_prior(prior)
+            # together they may be too large
             if other.evidence <= asked.evidence:
                 break
             asked = other
@@ -444,18 +440,22 @@ class OwnTerms:
         # the groups of each block of coordinates, one for each column
         self._blocks = [frozenset(some) for some in (*sets, every)]
         self._grams: dict[frozenset[int], np.ndarray] = {}
-        size = made.size
+        size = len(made.told)
+        of_terms = {
+            term: np.searchsorted(made.told, own) for term, own in made.places.items()
+        }
         self.places = {
             Candidate(term, some): own + k * size
             for k, some in enumerate(sets)
-            for term, own in made.places.items()
+            for term, own in of_terms.items()
         }
-        for term, own in made.places.items():
+        for term, own in of_terms.items():
             if term.parametrisation.nonlinear:
                 self.places[Candidate(term, None)] = own + len(sets) * size
         members = [sorted(block) for block in self._blocks]
         self.back = np.hstack([contrast.back[:, some].sum(axis=1) for some in members])
-        right = np.concatenate([contrast.right[some].sum(axis=0) for some in members])
+        of_groups = contrast.right[:, made.told]
+        right = np.concatenate([of_groups[some].sum(axis=0) for some in members])
         self.right = right - self.back.T @ contrast.solved
         self._further = contrast.beside(self._replacing()) if self._about else None
         if self._further is not None:
@@ -464,7 +464,7 @@ class OwnTerms:
 
     def _replacing(self) -> list[np.ndarray]:
         """Columns about their own values, in the place of those of some candidates; per joint (M, K)."""
-        count = len(self._blocks) * self.design.size
+        count = len(self._blocks) * len(self.design.told)
         for one, columns in self._about.items():
             width = columns[0].shape[1]
             self.places[one] = np.arange(count, count + width)
@@ -487,14 +487,15 @@ class OwnTerms:
         self, places: np.ndarray
     ) -> Iterator[tuple[frozenset[int] | None, np.ndarray, np.ndarray]]:
         """Coordinates by the groups that have them: which they are, and of which column; ``None``: further ones."""
-        number, column = np.divmod(places, self.design.size)
+        count = len(self.design.told)
+        number, column = np.divmod(places, count)
         number = np.minimum(number, len(self._blocks))
         for k in np.unique(number).tolist():
             mine = np.flatnonzero(number == k)
             if k < len(self._blocks):
                 yield self._blocks[k], mine, column[mine]
             else:
-                yield None, mine, places[mine] - k * self.design.size
+                yield None, mine, places[mine] - k * count
 
     def _in_common(
         self,
@@ -511,7 +512,7 @@ class OwnTerms:
         if block is None or other is None:
             there = block if other is None else other
             assert self._further is not None and there is not None
-            cross = self._further.cross[sorted(there)].sum(axis=0)
+            cross = self._further.cross[sorted(there)].sum(axis=0)[self.design.told]
             if other is None:
                 return np.asarray(cross[np.ix_(columns, other_columns)])
             return np.asarray(cross[np.ix_(other_columns, columns)].T)
@@ -519,9 +520,9 @@ class OwnTerms:
         return self._gram(both)[np.ix_(columns, other_columns)] if both else 0.0
 
     def _gram(self, groups: frozenset[int]) -> np.ndarray:
-        """Information of some groups on the columns, (P, P)."""
+        """Information of some groups on the columns of terms, (T, T)."""
         if groups not in self._grams:
-            self._grams[groups] = self._contrast.gram[sorted(groups)].sum(axis=0)
+            self._grams[groups] = self._contrast.of_terms[sorted(groups)].sum(axis=0)
         return self._grams[groups]
 
     def _alone(self, places: np.ndarray) -> np.ndarray:
@@ -597,7 +598,8 @@ class OwnTerms:
         for block, mine, columns in self._by_block(places):
             # columns about their own values are not among those of the design
             if block is not None:
-                out[mine] = cross[sorted(block)].sum(axis=0)[columns]
+                of_terms = cross[sorted(block)].sum(axis=0)[self.design.told]
+                out[mine] = of_terms[columns]
         return out
 
     def evidence(self, terms: Sequence[Candidate], sizes: Sequence[float]) -> float:

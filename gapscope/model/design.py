@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -45,7 +46,7 @@ BODIES = 3.0
 """Prior of the bodies, over their nominal size [1]: a URDF may lack a tool, or hold placeholders. (physical)"""
 PRECISE, REWEIGHTINGS = 0.02, 3
 """What a model leaves of a joint's torque at least, when joints are weighed [1]; and how often they are. (budget)"""
-WAVES = (16, 32)
+WAVES = (24, 48)
 """Waves of which an unknown function of a joint's own state consists, and one of the whole arm's. (budget)"""
 TAILS = 3
 """Degrees of freedom of Student's t, of which their wave numbers are drawn: rough on all scales. (definition)"""
@@ -127,13 +128,18 @@ class Design:
     prior: np.ndarray
     taken: np.ndarray
     own: np.ndarray
-    waves: list[tuple[np.ndarray, np.ndarray]]
+    waves: list[list[np.ndarray]]
     noisy: Mapping[tuple[int, int], np.ndarray]
 
     @property
     def size(self) -> int:
         """Number P of columns."""
         return len(self.prior)
+
+    @cached_property
+    def told(self) -> np.ndarray:
+        """Places of the columns of all terms, rising, (T,)."""
+        return np.concatenate(list(self.places.values()))
 
     def shared_torque(self, value: np.ndarray) -> np.ndarray:
         """What coefficients of all columns, (P,), do to the torque, over the joints' scale [1], (M, n)."""
@@ -323,7 +329,7 @@ def design(
     for j, some in enumerate(active):
         both = [x * rows.trust[:, j, None] for x in _waves(rows, j)]
         counts = np.cumsum([size, *(x.shape[1] for x in both)])
-        mine = tuple(np.arange(a, b) for a, b in pairwise(counts.tolist()))
+        mine = [np.arange(a, b) for a, b in pairwise(counts.tolist())]
         size = int(counts[-1])
         waves.append(mine)
         every.append(np.hstack([whole[:, j, some], *both]))

@@ -134,7 +134,7 @@ def carried_over(error: FormError, before: Equations, after: Equations) -> FormE
 def _learn_joint(
     equations: Equations, j: int, cells: list[Cell]
 ) -> tuple[float, float, np.ndarray, float, float, np.ndarray]:
-    """Noise variance, that of a row by itself, variances of the columns, that of the joint, what is missed, functions."""
+    """Variances of noise, of a row by itself, of the columns, of the joint, of what is missed, and of functions."""
     design = equations.design
     active = design.active[j]
     prior, own = design.prior[active].copy(), design.own[active]
@@ -155,7 +155,7 @@ def _learn_joint(
     for _ in range(ROUNDS):
         variance[free] = own2
         squares, determined = np.zeros(len(free)), np.zeros(len(free))
-        asked = []
+        gains = np.zeros((len(waves), len(FUNCTIONS)))
         for group in groups:
             mine = [cell for cell in cells if cell.group == group]
             white = [whitened(cell, variance, noise2) for cell in mine]
@@ -167,9 +167,13 @@ def _learn_joint(
             rows_of_all = np.concatenate(white)[:, shared]
             total = rows_of_all.T @ rows_of_all
             right_of_all = np.sum(rights, axis=0)[shared]
-            asked.append((total, right_of_all))
             back = inverse(lower(total * unit[:, None] * unit)) * unit
             beta = back.T @ (back @ right_of_all)
+            for k, some in enumerate(in_shared):
+                half = back[:, some] / unit[some]
+                gains[k] += function_gains(
+                    half.T @ half, beta[some] / unit[some], unit[some][0]
+                )
             for cell, W in zip(mine, white, strict=True):
                 right = cell.right[free] - cell.gram[np.ix_(free, shared)] @ beta
                 mine_of_all = W[:, free] * own2
@@ -185,8 +189,8 @@ def _learn_joint(
         own2 = (squares + OF_THE_JOINT * joint2 / size2) / (determined + OF_THE_JOINT)
         settled = abs(joint2 - before2) <= SETTLED * before2
         before = unit.copy()
-        for some in in_shared:
-            unit = _likeliest(unit, some, asked)
+        for some, gain in zip(in_shared, gains, strict=True):
+            unit[some] = FUNCTIONS[int(gain.argmax())]
         if settled and np.array_equal(unit, before):
             break
     # as much as is missed on motions held out
@@ -200,26 +204,27 @@ def _learn_joint(
     return noise2, white2, variance, joint2, missed2, function2
 
 
-def _likeliest(
-    unit: np.ndarray, some: np.ndarray, asked: Sequence[tuple[np.ndarray, np.ndarray]]
-) -> np.ndarray:
-    """Prior deviations of what is shared, (k,), those of some of it of the size that makes the data likeliest.
+def function_gains(covariance: np.ndarray, mean: np.ndarray, size: float) -> np.ndarray:
+    """Evidence of an unknown function of each size of ``FUNCTIONS`` over that of the one it has [nats].
+
+    Of a function with information S and right side r beside all else, in units of its size, a size rho times as large
+    has the evidence 1/2 rho^2 r^T (I + rho^2 S)^-1 r - 1/2 log det(I + rho^2 S).
 
     Args:
-        unit: the deviations.
-        some: which of them, mask (k,).
-        asked: information on what is shared, (k, k), and its right side, (k,), of each group.
+        covariance, mean: of its coefficients, in units of their size, (k, k) and (k,).
+        size: of the function, over the joint's scale [1].
     """
-    every = []
-    for size in FUNCTIONS:
-        tried = np.where(some, size, unit)
-        total = 0.0
-        for gram, right in asked:
-            factor = lower(gram * tried[:, None] * tried)
-            solved = forward(factor, tried * right)
-            total += float(solved @ solved) / 2 - float(np.log(np.diag(factor)).sum())
-        every.append((total, tried))
-    return max(every, key=lambda one: one[0])[1]
+    known = np.linalg.inv(covariance)
+    values, vectors = np.linalg.eigh(known - np.eye(len(known)))
+    right2 = (vectors.T @ (known @ mean)) ** 2
+    values = np.maximum(values, 0.0)
+
+    def evidence(ratio2: np.ndarray) -> np.ndarray:
+        determined = 1.0 + ratio2 * values
+        explained = ratio2 * right2 / determined - np.log(determined)
+        return np.asarray(explained.sum(axis=-1) / 2)
+
+    return evidence((FUNCTIONS[:, None] / size) ** 2) - evidence(np.ones(1))
 
 
 def _of_others(cells: list[Cell], parts: Sequence[np.ndarray]) -> list[np.ndarray]:

@@ -177,6 +177,9 @@ def _first_passed(state: np.ndarray, segment: np.ndarray) -> np.ndarray:
         segment: number of the segment of each row, (M,).
     """
     first = np.arange(len(state))
+    # a row that passes between two others may be half a step off
+    step = np.linalg.norm(np.diff(state, axis=0, append=state[-1:]), axis=1)
+    step[np.flatnonzero(np.diff(segment))] = 0.0
     reach = SAME_STATE * np.sqrt(state.shape[1])
     new: np.ndarray = np.zeros(0, dtype=int)
     for number in np.unique(segment):
@@ -187,7 +190,7 @@ def _first_passed(state: np.ndarray, segment: np.ndarray) -> np.ndarray:
                 new = piece
                 continue
             distance, place = cKDTree(state[new]).query(state[piece])
-            near = distance <= reach
+            near = distance <= np.hypot(reach, step[piece] / 2)
             first[piece[near]] = new[place[near]]
             new = np.concatenate([new, piece[~near]])
         # a remainder is no motion of its own
