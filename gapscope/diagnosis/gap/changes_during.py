@@ -26,7 +26,7 @@ def up_to_changes(case: Case, changes: Sequence[Change]) -> Case:
     """The case with each recording that has a change cut at the first one: the arm as it was before.
 
     A part of less than ``LEAST_UNCHANGED`` seconds is left out. If nothing would remain to fit, the longest part
-    after the last change of a recording is kept in its place.
+    after the last change of a recording is kept in its place; if that is as short, the recordings are kept whole.
     """
     if not changes:
         return case
@@ -35,7 +35,10 @@ def up_to_changes(case: Case, changes: Sequence[Change]) -> Case:
         by_name.setdefault(found.recording, []).append(found)
     kept = _cut(case.recordings, by_name)
     if not kept:
-        kept = (_longer_part(case.recordings, by_name),)
+        longest = _longer_part(case.recordings, by_name)
+        if longest.duration < LEAST_UNCHANGED:
+            return case
+        kept = (longest,)
     return replace(case, recordings=kept, judged=_cut(case.judged, by_name))
 
 
