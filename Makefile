@@ -8,7 +8,7 @@ locked = $(1) $(PIP_INSTALL) --require-hashes --no-deps -r requirements/build.tx
 		$(foreach set,$(2),-r requirements/$(set).txt)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-learn demo test lint types site wheel second-python newest benchmark lock licences sbom audit check clean
+.PHONY: help setup setup-learn demo test nightly lint types site wheel second-python newest benchmark lock licences sbom audit check clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 20
@@ -42,6 +42,9 @@ demo: setup ## record and diagnose a mystery arm
 
 test: setup ## run the tests, a file at a time on every core
 	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n auto --dist loadfile
+
+nightly: setup ## run the tests that make test leaves out
+	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n auto --dist loadfile -m nightly
 
 lint: setup ## check style, format and the licences of dependencies
 	.venv/bin/python -m ruff check

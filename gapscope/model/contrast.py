@@ -14,7 +14,7 @@ is no difference. The size of an effect is not known beforehand: u is one of ``S
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 
@@ -73,6 +73,7 @@ class Contrast:
 
     Attributes:
         motions: per joint its motions, what they have of their own eliminated.
+        information: per joint and group on the coefficients of the joint's columns, (p_j, p_j).
         gap: that is explained [1], (M, n).
         of_terms: information of each group on the columns of terms, (G, T, T).
         back: L^-1 U times the products of what is shared with the columns of terms of each group, (N, G, T).
@@ -92,9 +93,12 @@ class Contrast:
             for j, cells in enumerate(equations.cells)
         ]
         self._nuisances = tuple(nuisances)
-        size = self.design.size
-        self.gram = np.zeros((self.groups, size, size))
-        self._inform(range(self.groups))
+        every = itertools.product(range(len(self.motions)), range(self.groups))
+        self.information = [
+            [np.zeros((len(a), len(a))) for _ in range(self.groups)]
+            for a in self.design.active
+        ]
+        self._inform(every)
         self.right = self._right_sides()
         self._eliminate_nuisances()
 
@@ -108,27 +112,61 @@ class Contrast:
             return self
         other = copy(self)
         other.motions = [list(motions) for motions in self.motions]
-        groups = set()
+        touched = set()
         for (j, motion), growth in larger.items():
             for k, one in enumerate(self.motions[j]):
                 if one.cell.motion == motion:
                     own2 = self.error.own2[j] * growth
                     other.motions[j][k] = eliminated(one.cell, own2, one.noise2)
-                    groups.add(one.cell.group)
-        other.gram = self.gram.copy()
-        other._inform(groups)
+                    touched.add((j, one.cell.group))
+        other._inform(touched)
         other.right = other._right_sides()
         other._eliminate_nuisances()
         return other
 
-    def _inform(self, groups: Collection[int]) -> None:
-        """Sum the information of some groups on their coefficients, (G, P, P)."""
-        self.gram[list(groups)] = 0.0
-        for j, motions in enumerate(self.motions):
-            places = np.ix_(self.design.active[j], self.design.active[j])
-            for one in motions:
-                if one.cell.group in groups:
-                    self.gram[one.cell.group][places] += one.information
+    def _inform(self, some: Iterable[tuple[int, int]]) -> None:
+        """Sum the information of some joints and groups on the coefficients."""
+        self.information = [list(groups) for groups in self.information]
+        for j, group in some:
+            total = np.zeros_like(self.information[j][group])
+            for one in self.motions[j]:
+                if one.cell.group == group:
+                    total += one.information
+            self.information[j][group] = total
+
+    def _total(self, groups: Collection[int]) -> np.ndarray:
+        """Information of some groups on all columns, (P, P)."""
+        out = np.zeros((self.design.size, self.design.size))
+        for active, information in zip(
+            self.design.active, self.information, strict=True
+        ):
+            out[np.ix_(active, active)] += sum(information[g] for g in groups)
+        return out
+
+    def _row(self, place: int, groups: Sequence[int]) -> np.ndarray:
+        """Information of some groups on one column and all others, (G, P): nothing of the other groups."""
+        out = np.zeros((self.groups, self.design.size))
+        for active, information in zip(
+            self.design.active, self.information, strict=True
+        ):
+            for k in np.flatnonzero(active == place):
+                for group in groups:
+                    out[group, active] += information[group][k]
+        return out
+
+    def _with_terms(self, some: np.ndarray) -> np.ndarray:
+        """Information of each group on some columns, rising, and those of terms, (K, G, T)."""
+        told = self.design.told
+        out = np.zeros((len(some), self.groups, len(told)))
+        for active, information in zip(
+            self.design.active, self.information, strict=True
+        ):
+            mine, theirs = np.isin(active, some), np.isin(active, told)
+            here = np.searchsorted(some, active[mine])
+            there = np.searchsorted(told, active[theirs])
+            for group, own in enumerate(information):
+                out[here[:, None], group, there] += own[np.ix_(mine, theirs)]
+        return out
 
     def _right_sides(self) -> np.ndarray:
         """Right side of that information, (G, P)."""
@@ -152,18 +190,18 @@ class Contrast:
         self._units = np.concatenate([prior[self._shared], *unit])
         by_own = np.zeros((len(self._own), self.groups, self.design.size))
         for row, (some, p) in zip(by_own, self._own, strict=True):
-            row[some] = self.gram[some, p]
+            row[:] = self._row(p, some)
         own = self._of_nuisances(by_own.transpose(1, 2, 0))
         count, shared = len(self._shared), self._shared
         normal = np.empty((len(own), len(own)))
-        normal[:count, :count] = self.gram.sum(axis=0)[np.ix_(shared, shared)]
+        every = self._total(range(self.groups))
+        normal[:count, :count] = every[np.ix_(shared, shared)]
         normal[:, count:], normal[count:] = own, own.T
         self._factor = lower(normal * self._units[:, None] * self._units)
         # (nuisances, G, T): products of each nuisance with the columns of terms of each group
         told = self.design.told
-        self.of_terms = self.gram[:, told[:, None], told]
-        by_shared = self.gram[:, shared[:, None], told]
-        cross = np.concatenate([by_shared.transpose(1, 0, 2), by_own[:, :, told]])
+        self.of_terms = self._with_terms(told).transpose(1, 0, 2)
+        cross = np.concatenate([self._with_terms(shared), by_own[:, :, told]])
         scaled = self._units[:, None] * cross.reshape(len(cross), -1)
         self.back = forward(self._factor, scaled).reshape(cross.shape)
         self._solved = self._solve()
@@ -225,8 +263,7 @@ class Contrast:
             ]
             for own in self.motions
         ]
-        other.gram = self.gram.copy()
-        other._inform([group])
+        other._inform((j, group) for j in range(len(self.motions)))
         other.right = other._right_sides()
         other._eliminate_nuisances()
         return other
@@ -324,7 +361,8 @@ class Contrast:
                 cell = one.cell
                 if cell.group != group:
                     continue
-                left = (cell.right - cell.gram @ beta)[one.free] * one.size / noise2
+                of_all = cell.root.T @ (cell.root @ beta)
+                left = (cell.right - of_all)[one.free] * one.size / noise2
                 before = _half_log(one.factor, forward(one.factor, left))
                 # L L^T = I + A
                 known = one.factor @ one.factor.T - np.eye(len(left))
@@ -343,7 +381,7 @@ class Contrast:
         """
         chosen, free = list(groups), (self.design.prior > 0) & np.isnan(held)
         value = np.where(free, 0.0, np.nan_to_num(held))
-        gram = self.gram[chosen].sum(axis=0)[free]
+        gram = self._total(chosen)[free]
         right = self.right[chosen].sum(axis=0)[free] - gram @ value
         unit = self.design.prior[free]
         factor = lower(gram[:, free] * unit[:, None] * unit)

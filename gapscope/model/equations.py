@@ -18,8 +18,7 @@ class Cell:
     Attributes:
         motion, group, recording: numbers; of a motion that comes again, the first recording.
         rows: numbers of the rows, (m,).
-        gram: X^T X, (p, p).
-        root: no more than p rows with the same products, (min(m, p), p).
+        root: no more than p rows with the products of the columns X, (min(m, p), p).
         right: X^T y, (p,).
         power: y^T y.
         count: rows that count, the sum of their weights.
@@ -29,11 +28,15 @@ class Cell:
     group: int
     recording: int
     rows: np.ndarray
-    gram: np.ndarray
     root: np.ndarray
     right: np.ndarray
     power: float
     count: float
+
+    @property
+    def gram(self) -> np.ndarray:
+        """X^T X, (p, p)."""
+        return self.root.T @ self.root
 
 
 @dataclass(frozen=True)
@@ -111,9 +114,8 @@ def _cell(
     trust: np.ndarray,
 ) -> Cell:
     power, count = float(y @ y), float(trust @ trust)
-    gram, right = x.T @ x, x.T @ y
     root = x if len(x) <= x.shape[1] else np.asarray(np.linalg.qr(x, mode="r"))
-    return Cell(motion, group, recording, rows, gram, root, right, power, count)
+    return Cell(motion, group, recording, rows, root, x.T @ y, power, count)
 
 
 def lower(matrix: np.ndarray) -> np.ndarray:
@@ -184,8 +186,8 @@ def eliminated(cell: Cell, own2: np.ndarray, noise2: float) -> Eliminated:
     """Eliminate what a motion has of its own, of variance ``own2``, (p,)."""
     free = np.flatnonzero(own2 > 0)
     size = np.sqrt(own2[free])
-    gram = cell.gram[np.ix_(free, free)]
-    factor = lower(gram * size[:, None] * size / noise2)
-    cross = forward(factor, size[:, None] * cell.gram[free] / noise2)
+    own = cell.root[:, free] * size
+    factor = lower(own.T @ own / noise2)
+    cross = forward(factor, own.T @ cell.root / noise2)
     right = forward(factor, size * cell.right[free] / noise2)
     return Eliminated(cell, free, size, factor, cross, right, noise2)

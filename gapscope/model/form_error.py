@@ -175,7 +175,8 @@ def _learn_joint(
                     half.T @ half, beta[some] / unit[some], unit[some][0]
                 )
             for cell, W in zip(mine, white, strict=True):
-                right = cell.right[free] - cell.gram[np.ix_(free, shared)] @ beta
+                of_all = cell.root[:, shared] @ beta
+                right = cell.right[free] - cell.root[:, free].T @ of_all
                 mine_of_all = W[:, free] * own2
                 inner = W[:, free] @ (own2 * right)
                 theta = (own2 * right - mine_of_all.T @ inner) / noise2
@@ -267,7 +268,7 @@ def _growth(
     for cell, others in zip(cells, informations, strict=True):
         half = forward(lower(others), (cell.root[:, shared] * unit).T)
         estimated += float((half**2).sum())
-        form += float(np.diag(cell.gram) @ own2)
+        form += float((cell.root**2 @ own2).sum())
     form = max(form, 1e-12)
     least, most = missed2 * count - estimated, missed2 * count
     # no less than what is missed beyond what is not known, no more than all of it
