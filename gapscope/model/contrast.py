@@ -37,6 +37,8 @@ SIZES = np.array([0.01, 0.03, 0.1, 0.3, 1.0])
 """
 
 
+MANY = 20
+"""Columns of terms of which what is shared is eliminated for all at once. (budget)"""
 RESIZED = 6
 """Times that unknown functions are resized. (budget)"""
 LARGEST = 2.0
@@ -75,8 +77,6 @@ class Contrast:
         motions: per joint its motions, what they have of their own eliminated.
         information: per joint and group on the coefficients of the joint's columns, (p_j, p_j).
         gap: that is explained [1], (M, n).
-        of_terms: information of each group on the columns of terms, (G, T, T).
-        back: L^-1 U times the products of what is shared with the columns of terms of each group, (N, G, T).
     """
 
     def __init__(
@@ -127,6 +127,7 @@ class Contrast:
     def _inform(self, some: Iterable[tuple[int, int]]) -> None:
         """Sum the information of some joints and groups on the coefficients."""
         self.information = [list(groups) for groups in self.information]
+        self._of_terms: np.ndarray | None = None
         for j, group in some:
             total = np.zeros_like(self.information[j][group])
             for one in self.motions[j]:
@@ -193,18 +194,54 @@ class Contrast:
             row[:] = self._row(p, some)
         own = self._of_nuisances(by_own.transpose(1, 2, 0))
         count, shared = len(self._shared), self._shared
-        normal = np.empty((len(own), len(own)))
+        self._normal = np.empty((len(own), len(own)))
         every = self._total(range(self.groups))
-        normal[:count, :count] = every[np.ix_(shared, shared)]
-        normal[:, count:], normal[count:] = own, own.T
-        self._factor = lower(normal * self._units[:, None] * self._units)
-        # (nuisances, G, T): products of each nuisance with the columns of terms of each group
-        told = self.design.told
-        self.of_terms = self._with_terms(told).transpose(1, 0, 2)
-        cross = np.concatenate([self._with_terms(shared), by_own[:, :, told]])
-        scaled = self._units[:, None] * cross.reshape(len(cross), -1)
-        self.back = forward(self._factor, scaled).reshape(cross.shape)
+        self._normal[:count, :count] = every[np.ix_(shared, shared)]
+        self._normal[:, count:], self._normal[count:] = own, own.T
+        self._by_own = by_own[:, :, self.design.told]
+        self._cross: np.ndarray | None = None
+        self._factorise()
+
+    def _factorise(self) -> None:
+        unit = self._units
+        self._factor = lower(self._normal * unit[:, None] * unit)
+        self._back: np.ndarray | None = None
         self._solved = self._solve()
+
+    @property
+    def of_terms(self) -> np.ndarray:
+        """Information of each group on the columns of terms, (G, T, T)."""
+        if self._of_terms is None:
+            told = self.design.told
+            self._of_terms = self._with_terms(told).transpose(1, 0, 2)
+        return self._of_terms
+
+    @property
+    def _crossed(self) -> np.ndarray:
+        """Products of the nuisances with the columns of terms of each group, (N, G, T)."""
+        if self._cross is None:
+            by_shared = self._with_terms(self._shared)
+            self._cross = np.concatenate([by_shared, self._by_own])
+        return self._cross
+
+    @property
+    def taken_by_nuisances(self) -> np.ndarray:
+        """What the likeliest nuisances take of the right sides of the columns of terms of each group, (G, T)."""
+        value = self._units * solve_triangular(
+            self._factor.T, self._solved, check_finite=False
+        )
+        return np.tensordot(value, self._crossed, 1)
+
+    def back(self, groups: Sequence[int], columns: np.ndarray) -> np.ndarray:
+        """L^-1 U times the products of the nuisances with columns of terms of some groups, (N, K): once for many."""
+        if len(columns) < MANY and self._back is None:
+            cross = self._crossed[:, groups][:, :, columns].sum(axis=1)
+            return forward(self._factor, self._units[:, None] * cross)
+        if self._back is None:
+            cross = self._crossed
+            scaled = self._units[:, None] * cross.reshape(len(cross), -1)
+            self._back = forward(self._factor, scaled).reshape(cross.shape)
+        return self._back[:, groups][:, :, columns].sum(axis=1)
 
     def _of_nuisances(self, of_groups: np.ndarray) -> np.ndarray:
         """Products of the nuisances with something, from those of the columns of each group, (G, P, ...)."""
@@ -281,7 +318,9 @@ class Contrast:
         """The same question with other prior deviations of what is shared, (P,)."""
         other = copy(self)
         other.design = replace(self.design, prior=prior)
-        other._eliminate_nuisances()
+        count = len(self._shared)
+        other._units = np.concatenate([prior[self._shared], self._units[count:]])
+        other._factorise()
         return other
 
     def likeliest_functions(self) -> np.ndarray:
@@ -463,7 +502,6 @@ class OwnTerms:
     Attributes:
         places: of the coordinates of each candidate.
         right: right side of the information on the coordinates beside all that is shared, (K,).
-        back: L^-1 U times their products with what is shared, (N, K).
     """
 
     def __init__(
@@ -490,15 +528,27 @@ class OwnTerms:
         for term, own in of_terms.items():
             if term.parametrisation.nonlinear:
                 self.places[Candidate(term, None)] = own + len(sets) * size
-        members = [sorted(block) for block in self._blocks]
-        self.back = np.hstack([contrast.back[:, some].sum(axis=1) for some in members])
-        of_groups = contrast.right[:, made.told]
-        right = np.concatenate([of_groups[some].sum(axis=0) for some in members])
-        self.right = right - self.back.T @ contrast.solved
+        self._members = [sorted(block) for block in self._blocks]
+        of_groups = contrast.right[:, made.told] - contrast.taken_by_nuisances
+        self.right = np.concatenate([of_groups[g].sum(axis=0) for g in self._members])
         self._further = contrast.beside(self._replacing()) if self._about else None
         if self._further is not None:
             self.right = np.concatenate([self.right, self._further.right])
-            self.back = np.hstack([self.back, self._further.back])
+
+    def back(self, places: np.ndarray) -> np.ndarray:
+        """L^-1 U times the products of coordinates with what is shared, (N, K)."""
+        out = np.empty((len(self._contrast.solved), len(places)))
+        count, told = len(self._blocks), len(self.design.told)
+        number, column = np.divmod(places, told)
+        for k in np.unique(np.minimum(number, count)).tolist():
+            if k == count:
+                mine = number >= count
+                assert self._further is not None
+                out[:, mine] = self._further.back[:, places[mine] - k * told]
+            else:
+                mine = number == k
+                out[:, mine] = self._contrast.back(self._members[k], column[mine])
+        return out
 
     def _replacing(self) -> list[np.ndarray]:
         """Columns about their own values, in the place of those of some candidates; per joint (M, K)."""
@@ -513,7 +563,9 @@ class OwnTerms:
 
     def products(self, some: np.ndarray, others: np.ndarray) -> np.ndarray:
         """Information that coordinates have in common beside all that is shared, (K, K')."""
-        out = -self.back[:, some].T @ self.back[:, others]
+        of_others = self.back(others)
+        mine = of_others if some is others else self.back(some)
+        out = -mine.T @ of_others
         for block, mine, columns in self._by_block(some):
             for other, theirs, other_columns in self._by_block(others):
                 out[np.ix_(mine, theirs)] += self._in_common(
@@ -566,7 +618,7 @@ class OwnTerms:
     def _alone(self, places: np.ndarray) -> np.ndarray:
         """Information on each of m candidates, coordinates in rows of ``places``, (m, k): (m, k, k)."""
         out = np.empty((*places.shape, places.shape[1]))
-        back = self.back[:, places]
+        back = self.back(places.ravel()).reshape(-1, *places.shape)
         for block, mine, columns in self._by_block(places[:, 0]):
             if block is None:
                 for k in mine:
@@ -608,7 +660,7 @@ class OwnTerms:
         solved = self._contrast.solved
         for one, value in values.items():
             scaled = value * self.design.units[one.term]
-            solved = solved - self.back[:, self.places[one]] @ scaled
+            solved = solved - self.back(self.places[one]) @ scaled
         return self._contrast.nuisance_values(solved)
 
     def torque(self, values: Mapping[Candidate, np.ndarray]) -> np.ndarray:

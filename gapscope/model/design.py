@@ -46,8 +46,9 @@ BODIES = 3.0
 """Prior of the bodies, over their nominal size [1]: a URDF may lack a tool, or hold placeholders. (physical)"""
 PRECISE, REWEIGHTINGS = 0.02, 3
 """What a model leaves of a joint's torque at least, when joints are weighed [1]; and how often they are. (budget)"""
-WAVES = (24, 48)
-"""Waves of which an unknown function of a joint's own state consists, and one of the whole arm's. (budget)"""
+WAVES, FEWER_WAVES = (24, 48), (8, 16)
+"""Waves of which an unknown function of a joint's own state consists, and one of the whole arm's: of two groups, and of
+more. (budget)"""
 TAILS = 3
 """Degrees of freedom of Student's t, of which their wave numbers are drawn: rough on all scales. (definition)"""
 LEAST_TORQUE = 1e-6
@@ -364,7 +365,8 @@ def _waves(rows: Rows, j: int) -> list[np.ndarray]:
     state = np.hstack([rows.position, rows.velocity])
     state = state / np.maximum(state.std(axis=0), 1e-9)
     n, out = rows.position.shape[1], []
-    for count, some in zip(WAVES, ([j, n + j], list(range(2 * n))), strict=True):
+    counts = WAVES if rows.group.max() < 2 else FEWER_WAVES
+    for count, some in zip(counts, ([j, n + j], list(range(2 * n))), strict=True):
         rng = np.random.default_rng(len(some))
         tails = np.sqrt(rng.chisquare(TAILS, count) / TAILS)
         numbers = rng.normal(size=(len(some), count)) / tails / np.sqrt(len(some) / 2)

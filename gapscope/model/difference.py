@@ -623,7 +623,7 @@ class Search:
         """The hypothesis with more form error, on a joint or in a motion, where that explains more than it costs."""
         while True:
             promised = self._promised(fit)
-            places = sorted(promised, key=lambda place: -promised[place])[:REFITTED]
+            places = sorted(promised, key=lambda place: -promised[place])[:1]
             tried = [
                 self._fit(fit.chosen, fit.values, {**fit.grown, place: growth})
                 for place, growth in places

@@ -207,7 +207,7 @@ class Scanner:
         places = own.joined(others)
         if len(places):
             factor = lower(own.products(places, places))
-            known = own.back[:, places].T @ further.back
+            known = own.back(places).T @ further.back
             shared = own.products_beside(places, further.cross)
             inner = forward(factor, shared - known)
             gram = gram - inner.T @ inner
@@ -354,7 +354,7 @@ def _gains(
     gains = []
     for gram, right, products in sides:
         back = contrast.nuisance_rows(products)
-        known = own.back[:, places].T @ back
+        known = own.back(places).T @ back
         shared = own.products_beside(places, products)
         inner = forward(factor, shared - known)
         gram = gram - _squares(split(back)) - _squares(split(inner))

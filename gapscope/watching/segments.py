@@ -32,7 +32,7 @@ class SegmentStream:
     that comes in small parts no more than ``FIRST`` seconds are held.
 
     Args:
-        cutoff: of the positions [Hz]; ``None``: chosen on the first motion (``position_cutoff``).
+        cutoff: of the positions [Hz], the largest that a motion asked for so far (``position_cutoff``).
         held: samples that were not used yet, from an earlier run.
     """
 
@@ -99,6 +99,8 @@ class SegmentStream:
         assert self.cutoff is not None
         # gaps may leave nothing that is long enough
         if pieces(piece):
+            # a motion may be faster than all before it
+            self.cutoff = max(self.cutoff, position_cutoff((piece,)))
             yield from condition(piece, self.cutoff)
 
     @staticmethod

@@ -13,7 +13,7 @@ from gapscope.arm.recording import Recording
 from gapscope.diagnosis.gap.predict import predict_torque
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.model.conditioning import condition, low_pass, position_cutoff
+from gapscope.model.conditioning import condition, low_pass
 from gapscope.model.torque_gap import torque_gap
 
 COULOMB = AppliedEffect("coulomb_friction", (2,), {"torque": [2.0]})
@@ -74,7 +74,7 @@ def test_of_the_recording_only_t_and_q_are_used() -> None:
 def test_agrees_with_the_prediction_of_the_gap() -> None:
     """At one cut-off both are the same series."""
     r = recording(Truth(coulomb=(0.0, 2.0, 0.0)))
-    segments = condition(r, position_cutoff((r,)))
+    segments = condition(r)
     gap = torque_gap(corrected(COULOMB, DELAY, PAYLOAD), synthetic.body(), segments)
     predicted = low_pass(
         predict_torque(corrected(COULOMB, DELAY, PAYLOAD), r), 250.0, 12.0
