@@ -14,6 +14,7 @@ FOLDER = Path(__file__).parents[1] / "docs" / "notebooks"
 
 @pytest.mark.slow
 @pytest.mark.parametrize("path", sorted(FOLDER.glob("*.ipynb")), ids=lambda p: p.stem)
+@pytest.mark.nightly
 def test_notebook_runs(path):
     notebook = nbformat.read(path, as_version=4)
     NotebookClient(notebook, timeout=int(HANG), kernel_name="python3").execute()

@@ -113,6 +113,7 @@ def test_the_environment_variable_stands_for_the_option(folder: Path) -> None:
     assert again == (folder / "predicted.csv").read_text()
 
 
+@pytest.mark.nightly
 def test_several_cases_are_diagnosed_with_it_in_processes_of_their_own(
     folder: Path,
 ) -> None:

@@ -170,6 +170,7 @@ def test_another_ending_is_refused(gapscope: Command, tmp_path: Path) -> None:
     assert done.code == 2 and ".csv" in done.err
 
 
+@pytest.mark.nightly
 def test_boxes_that_stand_in_for_missing_shapes_are_said(
     gapscope: Command, sick: Path, tmp_path: Path
 ) -> None:

@@ -131,6 +131,7 @@ class TestJudgedRecordings:
         assert result.document["gap"]["after"]["torque_nrmse"][0] > 0.1
         assert result.document["verdict"] == "unexplained"
 
+    @pytest.mark.nightly
     def test_motion_of_a_judged_recording_changes_no_value(
         self, judged: Case, found: Diagnosis
     ) -> None:

@@ -255,6 +255,7 @@ def test_probabilities_and_alternatives() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_standard_deviations_cover_the_errors() -> None:
     """Over six seeds, for three effects at once; an arm without errors of its own does better than its intervals."""
     truth = Truth(

@@ -82,6 +82,7 @@ def _rows(out: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_a_worker_killed_in_the_middle_changes_nothing_but_the_tries(
     cluster: Any, fleet_folder: Path, tmp_path: Path
 ) -> None:
@@ -102,6 +103,7 @@ def test_a_worker_killed_in_the_middle_changes_nothing_but_the_tries(
         pd.testing.assert_frame_equal(ray_rows, local_rows, check_exact=True)
 
 
+@pytest.mark.nightly
 def test_several_cases_of_one_diagnose_are_the_same_by_ray(
     cluster: Any, fleet_folder: Path, tmp_path: Path
 ) -> None:

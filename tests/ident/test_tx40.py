@@ -18,6 +18,7 @@ MOST = 0.11
 
 @pytest.mark.shared_data
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_rows_that_were_not_fitted_are_predicted_by_bodies_that_can_exist(data_root):
     case = load_case(
         ROOT / "experiments" / "cases" / "staubli_tx40.yaml", data_root=data_root

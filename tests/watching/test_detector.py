@@ -72,6 +72,7 @@ def test_change_without_a_name_is_a_misfit_and_no_alarm(at_work: Any) -> None:
     assert found[0].sizes == {}
 
 
+@pytest.mark.nightly
 def test_memory_does_not_grow_with_the_stream(at_work: Any) -> None:
     detector = Detector(CorrectedArm(at_work.arm), learning=LEARNING)
     stream = SegmentStream()

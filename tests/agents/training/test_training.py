@@ -104,6 +104,7 @@ def test_interrupted_and_resumed_equals_uninterrupted_bit_by_bit(
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_processes_of_their_own_change_nothing(task: Task, tmp_path: Path) -> None:
     for parallel in (False, True):
         Training(

@@ -195,6 +195,7 @@ def test_two_recordings_cannot_say_with_what_a_difference_goes() -> None:
     assert entry["settled_by"]
 
 
+@pytest.mark.nightly
 def test_healthy_arms_differ_no_more_often_than_stated() -> None:
     alarms = 0
     for seed in range(DRAWS):

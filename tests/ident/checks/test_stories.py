@@ -148,6 +148,7 @@ class TestTroubleshooting:
     def test_zero_fires_its_row(self) -> None:
         assert found(off(3))["joint_zero"] == (3,)
 
+    @pytest.mark.nightly
     def test_torque_in_another_unit_fires_its_row_where_it_is_let_pass(self) -> None:
         case = each(panda_case(), lambda r: replace(r, tau=1e3 * np.asarray(r.tau)))
         assert "torque_unit" in found(identify(case, replace(CUTOFF, any_torque=True)))

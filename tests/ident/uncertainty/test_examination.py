@@ -71,6 +71,7 @@ def test_essential_parameters_explain_the_torque() -> None:
     assert essential.residual[1] <= 1.021 * essential.residual[0]
 
 
+@pytest.mark.nightly
 def test_a_joint_that_rests_costs_rank_and_is_said() -> None:
     def resting(r: Recording) -> Recording:
         return replace(r, q=np.where(np.arange(7) == 6, 0.3, r.q))
