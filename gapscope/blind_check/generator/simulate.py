@@ -59,17 +59,18 @@ def simulate(
     simulation = _Simulation(plant, motion.q[0])
     out = np.zeros((len(motion.t), 3, plant.arm.n))
     change = np.inf if later is None else later[0]
+    settled = SETTLING
     for k in range(len(motion.t)):
         fed = ahead[k]
         if steer is not None:
             fed = steer(k, motion.q[0] if k == 0 else out[k - 1, 0])
         if later is not None and motion.t[k] >= change:
             simulation = simulation.taken_over_by(later[1])
-            change = np.inf
+            change, settled = np.inf, motion.t[k] + SETTLING
         clipped = simulation.command(
             noise[k], motion.q[k], motion.dq[k], fed, out[k], k == 0
         )
-        if clipped and motion.t[k] > SETTLING:
+        if clipped and motion.t[k] > settled:
             return None
         # written so that a position that is not a number counts as lost
         if not np.abs(out[k, 0] - motion.q[k]).max() < MAX_ERROR:
