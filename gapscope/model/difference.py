@@ -592,14 +592,15 @@ class Search:
             self._fit((*fit.chosen, one), fit.values, fit.grown) for _, one in better
         ]
         best = max(fitted, key=lambda f: f.total, default=None)
-        # what is not fitted promises as much less than the best one as it does here
-        promised = (
-            proposed[0][0] - max(best.total, fit.total) if best and proposed else 0.0
-        )
+        # what is not fitted would be as much more or less than it promises as the best one is
+        shift = 0.0
+        if best is not None:
+            kept = max(best.total, fit.total) - proposed[0][0]
+            shift = min(kept, best.total - best.sharp)
         for value, one in proposed[len(better) : LOOKED_AT]:
             some = frozenset([*fit.mine, one])
             least = self._totals.get(some, -np.inf)
-            self._totals[some] = max(value - max(promised, 0.0), least)
+            self._totals[some] = max(value + shift, least)
         return best if best is not None and best.total > fit.total else None
 
     def _asked_again(self, fit: Fit) -> Fit:
