@@ -2,9 +2,10 @@
 
 The gap y_j of joint j against that arm is taken as
 
-    y_j = X_j beta_g + A_j theta_b + noise
+    y_j = X_j beta_g + f_j(x) + A_j theta_b + noise
 
-with X all columns, beta_g their coefficients in group g, and theta_b what each motion b has of its own (form error).
+with X all columns, beta_g their coefficients in group g, f_j an unknown function of the state x that all groups share,
+and theta_b what each motion b has of its own (form error).
 """
 
 from __future__ import annotations
@@ -327,8 +328,9 @@ def design(
         for j in range(n)
     ]
     size, waves, every = whole.shape[2], [], []
+    of_joints, of_arm = _waves(rows)
     for j, some in enumerate(active):
-        both = [x * rows.trust[:, j, None] for x in _waves(rows, j)]
+        both = [x * rows.trust[:, j, None] for x in (of_joints[j], of_arm)]
         counts = np.cumsum([size, *(x.shape[1] for x in both)])
         mine = [np.arange(a, b) for a, b in pairwise(counts.tolist())]
         size = int(counts[-1])
@@ -353,8 +355,8 @@ def design(
     )
 
 
-def _waves(rows: Rows, j: int) -> list[np.ndarray]:
-    """Waves of a joint's own state, and of the state of all joints, of RMS torque 1 together on each row, (M, K) each.
+def _waves(rows: Rows) -> tuple[list[np.ndarray], np.ndarray]:
+    """Waves of each joint's own state, and of the state of all joints, of RMS torque 1 together on each row, (M, K).
 
     An unknown function f ~ N(0, omega^2) of the state x, over its deviation, that is alike where states are near, is
 
@@ -364,15 +366,20 @@ def _waves(rows: Rows, j: int) -> list[np.ndarray]:
     """
     state = np.hstack([rows.position, rows.velocity])
     state = state / np.maximum(state.std(axis=0), 1e-9)
-    n, out = rows.position.shape[1], []
-    counts = WAVES if rows.group.max() < 2 else FEWER_WAVES
-    for count, some in zip(counts, ([j, n + j], list(range(2 * n))), strict=True):
-        rng = np.random.default_rng(len(some))
-        tails = np.sqrt(rng.chisquare(TAILS, count) / TAILS)
-        numbers = rng.normal(size=(len(some), count)) / tails / np.sqrt(len(some) / 2)
-        phases = rng.uniform(0, 2 * np.pi, count)
-        out.append(np.sqrt(2 / count) * np.cos(state[:, some] @ numbers + phases))
-    return out
+    n = rows.position.shape[1]
+    of_joint, of_arm = WAVES if rows.group.max() < 2 else FEWER_WAVES
+    own = [_drawn(state[:, [j, n + j]], of_joint) for j in range(n)]
+    return own, _drawn(state, of_arm)
+
+
+def _drawn(state: np.ndarray, count: int) -> np.ndarray:
+    """Waves of a state, (M, d), the same ones whenever they are drawn: (M, K)."""
+    d = state.shape[1]
+    rng = np.random.default_rng(d)
+    tails = np.sqrt(rng.chisquare(TAILS, count) / TAILS)
+    numbers = rng.normal(size=(d, count)) / tails / np.sqrt(d / 2)
+    phases = rng.uniform(0, 2 * np.pi, count)
+    return np.sqrt(2 / count) * np.cos(state @ numbers + phases)
 
 
 def fitted_arm(rows: Rows, arm: NominalArm, groups: Collection[int]) -> FreeArm:

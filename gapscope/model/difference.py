@@ -360,12 +360,6 @@ class Search:
         best = self._searched(self._asked_again(best)) if best.grown else best
         return best.suited
 
-    def _start_with(self, plain: Contrast) -> None:
-        """Ask about another contrast of the same rows."""
-        self._plain = plain
-        self._contrasts, self._fits = {}, {}
-        self._totals, self._top = {}, None
-
     def _suited(self, fit: Fit) -> Fit:
         """The hypothesis with unknown functions of the sizes that make the data likeliest beside it."""
         left = fit.contrast.gap - fit.own.torque(fit.answer.values)
@@ -432,7 +426,9 @@ class Search:
                 value = self.arm.theta[term.columns[0]] * made.units[term][0]
                 day[places] = (self.days * value) ** 2 / 3.0
         days = [((group,), day) for group in self.groups if self.days]
-        self._start_with(Contrast(self._equations, self._error, days))
+        self._plain = Contrast(self._equations, self._error, days)
+        self._contrasts, self._fits = {}, {}
+        self._totals, self._top = {}, None
         # what groups have in common with each other and with what is shared, about
         self._kept = max(2, KEPT // (4 * self._plain.groups * made.size**2))
         self._motions = {

@@ -2,9 +2,10 @@
 
 No catalogue has the whole truth of an arm. On joint j, motion b is taken to leave
 
-    A_j theta_bj + e_j,    theta_bj ~ N(0, diag omega_j^2),    e_j ~ N(0, sigma_j^2)
+    f_j(x) + A_j theta_bj + e_j,    theta_bj ~ N(0, diag omega_j^2),    e_j ~ N(0, sigma_j^2)
 
-beside what all motions of a group share: a repeatable function of the motion, spanned by the columns A_j of the
+beside what all motions share: unknown functions f_j of the joint's own state and of the arm's (``design.py``), each of
+the size of a grid that makes the data likeliest, and what each motion has of its own, spanned by the columns A_j of the
 candidates themselves, with an amplitude omega per joint. The same motion again has the same theta: it teaches noise,
 not form. Noise is what is left of motions held out when each has values of its own; neighbours in time resemble each
 other, so that 1 + 2 sum_k rho_k of them count as one (bayley1946). The amplitude follows from the evidence of the

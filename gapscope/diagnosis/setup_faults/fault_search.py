@@ -51,9 +51,7 @@ from gapscope.effects.setup_faults.torque_faults import (
     LateTorque,
     TorqueUnit,
 )
-from gapscope.model.conditioning import (
-    condition,
-)
+from gapscope.model.conditioning import condition
 
 _Kind = tuple[str, str, int]
 """Name and variant of a candidate, and the number of its joints."""
