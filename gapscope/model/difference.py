@@ -591,8 +591,10 @@ class Search:
         # what is not fitted would be as much more or less than it promises as the best one is
         shift = 0.0
         if best is not None:
-            kept = max(best.total, fit.total) - proposed[0][0]
-            shift = min(kept, best.total - best.sharp)
+            shift = max(best.total, fit.total) - proposed[0][0]
+            # a hypothesis whose values are out of bounds has no evidence of either kind
+            if np.isfinite(best.sharp):
+                shift = min(shift, best.total - best.sharp)
         for value, one in proposed[len(better) : LOOKED_AT]:
             some = frozenset([*fit.mine, one])
             least = self._totals.get(some, -np.inf)

@@ -38,6 +38,10 @@ class Watch:
         settings: what the user chooses.
         case: how files are read, and known bodies they had mounted; ``None``: in the columns of the case format.
 
+    Attributes:
+        read: names of the recordings of which something was used.
+        resumed: whether it goes on with what an earlier run learnt.
+
     Raises:
         InputError: source, settings or state cannot be used.
     """
@@ -53,6 +57,7 @@ class Watch:
         self.detector = Detector(corrected, settings.false_alarms, settings.learning)
         self.stream = SegmentStream()
         self.alarms = self.misfits = 0
+        self.read: set[str] = set()
         self.resumed = False
         self._arm = fingerprint(corrected, settings.learning)
         earlier = self._earlier()
@@ -68,10 +73,12 @@ class Watch:
     def run(self, stopped: Callable[[], bool] = lambda: False) -> Iterator[Event]:
         """Events as they happen, until the source has rested for ``until_idle`` or ``stopped`` says so.
 
+        Files that are there at the start but may not be whole yet are waited for until one that rests would be.
+
         Raises:
             InputError: the source ended, and nothing of it could be used.
         """
-        idle_since = saved = time.monotonic()
+        begun = idle_since = saved = time.monotonic()
         until_idle = self.settings.until_idle
         while not stopped():
             new = False
@@ -86,7 +93,9 @@ class Watch:
                     break
             now = time.monotonic()
             idle_since = now if new else idle_since
-            if until_idle is not None and now - idle_since >= until_idle:
+            waits = self.source.unfinished and now - begun < self.settings.rest
+            idle = until_idle is not None and now - idle_since >= until_idle
+            if idle and not waits:
                 break
             if not new:
                 time.sleep(self.settings.poll)
@@ -99,6 +108,7 @@ class Watch:
         if isinstance(item, Event):
             yield item
             return
+        self.read.add(item.name)
         if item.tau is None:
             yield Event(event=NOTE, sentence=f"{item.name}: has no torque, left out")
         for segment in self.stream.add(item):

@@ -76,6 +76,28 @@ def test_restarted_watch_says_the_same_as_one_that_ran_through(
         jsonschema.validate(entry, json.loads(schema.read_text(encoding="utf-8")))
 
 
+def test_once_reads_a_folder_that_was_just_copied_and_counts_what_it_read(
+    at_work: Any, write_csv: Write, case: Path, tmp_path: Path
+) -> None:
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    write_csv(at_work.recording(24.0), logs / "a.csv")
+    write_csv(at_work.recording(8.0, start=40.0), logs / "b.csv")
+    options = (case, "--learn", 20, "--once", "--rest", 1, "--out", tmp_path / "out")
+    assert "read 2 recordings" in run(logs, "--case", *options)
+    # nothing new is no failure of a later run
+    assert "read 0 recordings" in run(logs, "--case", *options)
+
+
+def test_once_fails_where_there_is_nothing_to_read(case: Path, tmp_path: Path) -> None:
+    empty = tmp_path / "logs"
+    empty.mkdir()
+    arguments = ["watch", str(empty), "--case", str(case), "--once"]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 1
+    assert "no recording was read" in result.output + str(result.exception)
+
+
 def test_state_of_another_arm_is_not_gone_on_with(
     at_work: Any, write_csv: Write, tmp_path: Path
 ) -> None:

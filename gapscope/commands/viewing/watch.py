@@ -78,7 +78,7 @@ def watch(
 ) -> None:
     """Follow a recording while it grows, and name what changes: a load, friction, an offset, an encoder."""
     from gapscope.arm.case import load_case
-    from gapscope.arm.errors import InputError
+    from gapscope.arm.errors import GapscopeError, InputError
     from gapscope.arm.folder_lock import locked
     from gapscope.arm.robots import load_nominal_arm
     from gapscope.interface.models import corrected_arm
@@ -119,9 +119,17 @@ def watch(
     share = watched.detector.learnt
     if share < 1:
         note(f"ended while learning, at {share:.0%} of {learn:g} s of motion")
-    note(f"{watched.alarms} alarms, {watched.misfits} misfits")
+    files = (
+        "1 recording" if len(watched.read) == 1 else f"{len(watched.read)} recordings"
+    )
+    note(f"read {files}: {watched.alarms} alarms, {watched.misfits} misfits")
     if out is not None:
         say(f"wrote {out}")
+    if not (watched.read or watched.resumed):
+        raise GapscopeError(
+            f"{source}: no recording was read",
+            "check the path and the endings of the files; one that is still written to is read by the next run",
+        )
 
 
 @contextmanager

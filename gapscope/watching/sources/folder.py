@@ -44,6 +44,9 @@ class Folder:
         position: where an earlier run ended, or ``None``.
         without: a folder that is none of the source's, such as that of the results.
         payload_of: known body that was mounted in the recording of a file.
+
+    Attributes:
+        unfinished: whether the last call of ``poll`` left out a file that may not be whole yet.
     """
 
     def __init__(
@@ -58,6 +61,7 @@ class Folder:
         self.path, self.reading, self.rest = path, reading, rest
         self._without = None if without is None else without.resolve()
         self._payload_of = payload_of
+        self.unfinished = False
         done = {} if position is None else position["done"]
         self._done: dict[str, int] = {str(k): int(v) for k, v in done.items()}
 
@@ -70,8 +74,12 @@ class Folder:
         files = self._files()
         present = {self._key(file) for file in files}
         self._done = {k: v for k, v in self._done.items() if k in present}
+        self.unfinished = False
         for file in files:
-            if not file.exists() or not self._is_complete(file, files):
+            if not file.exists():
+                continue
+            if not self._is_complete(file, files):
+                self.unfinished |= self._done.get(self._key(file)) != READ
                 continue
             key, size = self._key(file), file.stat().st_size
             tried = self._done.get(key)

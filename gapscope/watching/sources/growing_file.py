@@ -34,6 +34,9 @@ class GrowingFile:
         position: where an earlier run ended, or ``None``.
     """
 
+    unfinished = False
+    """Its rows are used as they come."""
+
     def __init__(
         self, path: Path, reading: Reading, position: Mapping[str, Any] | None = None
     ) -> None:

@@ -15,7 +15,13 @@ from gapscope.watching.alarm import NOTE, Event
 
 
 class Source(Protocol):
-    """Samples of an arm, part by part as they come."""
+    """Samples of an arm, part by part as they come.
+
+    Attributes:
+        unfinished: whether something is there that may not be whole yet.
+    """
+
+    unfinished: bool
 
     def poll(self) -> Iterator[Recording | Event]:
         """What is new since the last call: parts of recordings in the order of time, and notes about the source."""
