@@ -57,6 +57,8 @@ def test_effect_and_joints_are_those_of_the_label(
     assert [(e.name, list(e.joints)) for e in result.effects] == [
         (e["effect"], e["joints"]) for e in label["effects"]
     ]
+    # nothing is unexplained, so that nothing has to be placed
+    assert "unexplained" not in (result.document["next_recording"] or "")
     for found, true in zip(result.effects, label["effects"], strict=True):
         for key, parameter in true["parameters"].items():
             np.testing.assert_allclose(

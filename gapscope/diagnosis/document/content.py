@@ -50,6 +50,8 @@ def diagnosis_content(study: Study) -> dict[str, Any]:
         significant=_significant(study, predictions),
         rejected=bool(study.rejections),
     )
+    # what stays on a joint is worth a recording only where the verdict says that it is unexplained
+    unexplained = open_joints if reached == "unexplained" else []
     content: dict[str, Any] = {
         "schema": 1,
         "case": study.case.name,
@@ -62,11 +64,11 @@ def diagnosis_content(study: Study) -> dict[str, Any]:
         "closed": gap.closed,
         "unexplained": {
             "share": 0.0 if gap.closed is None else 1.0 - gap.closed,
-            "above_floor": reached == "unexplained" and bool(open_joints),
+            "above_floor": bool(unexplained),
             **_unexplained_entry(study, rows, open_joints, predictions),
         },
         "next_recording": suggested_recording(
-            effects, possible, open_joints, study.undeclared_coupling
+            effects, possible, unexplained, study.undeclared_coupling
         ),
         "where": _where_before(study, rows, gap),
     }

@@ -21,7 +21,7 @@ def suggested_recording(
     Args:
         effects: findings that are named, the one with the largest share first.
         possible: findings that are possible only, likewise.
-        open_joints: joints whose residual is above the floor, from 1.
+        open_joints: joints whose residual the verdict calls unexplained, from 1.
         coupling: two joints that seem to be turned by one motor.
     """
     if coupling is not None:

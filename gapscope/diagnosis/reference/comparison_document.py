@@ -120,6 +120,7 @@ class _Document:
             significant=bool(open_joints),
             rejected=False,
         )
+        unexplained = open_joints if reached == "unexplained" else []
         content = {
             "schema": 1,
             "case": prepared.case.name,
@@ -132,14 +133,14 @@ class _Document:
             "closed": gap.closed,
             "unexplained": {
                 "share": 0.0 if gap.closed is None else 1.0 - gap.closed,
-                "above_floor": reached == "unexplained" and bool(open_joints),
+                "above_floor": bool(unexplained),
                 "joints": open_joints,
                 "times_floor": numbers(gap.corrected / gap.floor),
                 "where": self._where(self._explained.after, open_joints),
                 "predictable": [],
                 "coupling": None,
             },
-            "next_recording": suggested_recording(effects, possible, open_joints),
+            "next_recording": suggested_recording(effects, possible, unexplained),
             "where": self._where(self._explained.before, _widest_first(gap)),
             "against": self._against(),
         }
