@@ -380,7 +380,7 @@ def score(tasks: Sequence[Task], out: Path, results: Path) -> None:
         )
         said.append((task.name, true, said_at_all, states[:400]))
     head = ("", "question", "cases", "first right", "exact", "false names")
-    head = (*head, "unexplained", "states said", "failed", "seconds: median, worst")
+    head = (*head, "unexplained", "states given", "failed", "seconds: median, worst")
     rows = [
         (ROWS[row].text, mode, *_figures(several))
         for (row, mode), several in groups.items()

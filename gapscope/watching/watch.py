@@ -39,7 +39,7 @@ class Watch:
         case: how files are read, and known bodies they had mounted; ``None``: in the columns of the case format.
 
     Attributes:
-        read: names of the recordings of which something was used.
+        read: names of the recordings that were read.
         resumed: whether it goes on with what an earlier run learnt.
 
     Raises:
@@ -73,7 +73,7 @@ class Watch:
     def run(self, stopped: Callable[[], bool] = lambda: False) -> Iterator[Event]:
         """Events as they happen, until the source has rested for ``until_idle`` or ``stopped`` says so.
 
-        Files that are there at the start but may not be whole yet are waited for until one that rests would be.
+        For the first ``rest`` seconds it does not end while a file is there that may not be whole yet.
 
         Raises:
             InputError: the source ended, and nothing of it could be used.

@@ -84,9 +84,9 @@ def test_once_reads_a_folder_that_was_just_copied_and_counts_what_it_read(
     write_csv(at_work.recording(24.0), logs / "a.csv")
     write_csv(at_work.recording(8.0, start=40.0), logs / "b.csv")
     options = (case, "--learn", 20, "--once", "--rest", 1, "--out", tmp_path / "out")
-    assert "read 2 recordings" in run(logs, "--case", *options)
+    assert "2 recordings read" in run(logs, "--case", *options)
     # nothing new is no failure of a later run
-    assert "read 0 recordings" in run(logs, "--case", *options)
+    assert "0 recordings read" in run(logs, "--case", *options)
 
 
 def test_once_fails_where_there_is_nothing_to_read(case: Path, tmp_path: Path) -> None:

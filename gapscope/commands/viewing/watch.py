@@ -119,13 +119,12 @@ def watch(
     share = watched.detector.learnt
     if share < 1:
         note(f"ended while learning, at {share:.0%} of {learn:g} s of motion")
-    files = (
-        "1 recording" if len(watched.read) == 1 else f"{len(watched.read)} recordings"
+    note(
+        f"{watched.alarms} alarms, {watched.misfits} misfits, {len(watched.read)} recordings read"
     )
-    note(f"read {files}: {watched.alarms} alarms, {watched.misfits} misfits")
     if out is not None:
         say(f"wrote {out}")
-    if not (watched.read or watched.resumed):
+    if not (watched.read or watched.resumed or asked):
         raise GapscopeError(
             f"{source}: no recording was read",
             "check the path and the endings of the files; one that is still written to is read by the next run",
