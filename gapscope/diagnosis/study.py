@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -50,6 +50,7 @@ from gapscope.model.conditioning import (
     condition,
     position_cutoff,
 )
+from gapscope.model.difference import Difference
 from gapscope.model.rows import comparable
 from gapscope.model.terms import Term
 from gapscope.model.torque_gap import TorqueGap
@@ -225,22 +226,27 @@ def _repaired(
     for change in changes:
         progress(f"finds {change}")
     case = excerpt(up_to_changes(case, changes))
-    states = _states(case, between, progress)
+    states = _states(case, changes, between, progress)
     return Prepared(
         case, cutoff, faults, changes, states, given, references, setup_faults
     )
 
 
-def _states(case: Case, between: bool, progress: Progress) -> Agreement | None:
+def _states(
+    case: Case,
+    changes: Sequence[Change],
+    between: Difference | None,
+    progress: Progress,
+) -> Agreement | None:
     """Whether the recordings of a case share a state, if there are two; compared where one may differ."""
     recordings = comparable((*case.recordings, *case.judged))
     # what an integrator held at the start of each recording is not known of a torque that was worked out
     if len(recordings) < 2 or WARNING in case.warnings:
         return None
-    if not between:
+    if between is None:
         return alike(case, recordings)
-    progress("asks whether the recordings share a state")
-    return compared(case, recordings)
+    # beside what changes during them, they were compared as they are
+    return compared(case, recordings, progress, None if changes else between)
 
 
 def examine(case: Case, progress: Progress) -> Study:

@@ -101,12 +101,12 @@ class Changes(NamedTuple):
 
     Attributes:
         during: what changes during recordings, in the order of recordings and moments.
-        between: whether all of a recording may differ from the others, which takes a comparison of the recordings to
-            say.
+        between: what whole recordings have of their own beside that, whatever changes during them; ``None`` if nothing
+            is promised.
     """
 
     during: tuple[Change, ...]
-    between: bool
+    between: Difference | None
 
 
 class _Spans:
@@ -248,21 +248,29 @@ def changes_of(
     arm: NominalArm,
     progress: Callable[[str], None] = lambda message: None,
 ) -> Changes:
-    """What changes during recordings that have a torque, and whether some may be in another state than the others.
+    """What changes during recordings that have a torque, and what some have of their own from first to last sample.
 
     Raises:
         InputError: a recording has no stretch without gaps that is long enough.
     """
     if not recordings:
-        return Changes((), False)
+        return Changes((), None)
     given, recordings = recordings, [without_slips(one) for one in recordings]
     rows = Rows([[recording] for recording in recordings])
     about = fitted_arm(rows, arm, tuple(range(len(recordings))))
     slipped = _slipped(given, rows, about)
-    found, between = _by_torque(recordings, rows, about, progress)
+    found, between = _by_torque(recordings, rows, arm, about, progress)
     number = {recording.name: k for k, recording in enumerate(recordings)}
     every = sorted((*slipped, *found), key=lambda c: (number[c.recording], c.time))
     return Changes(tuple(every), between)
+
+
+def between_recordings(rows: Rows, arm: NominalArm) -> Difference:
+    """What whole recordings, each a group of the rows, have of their own."""
+    every = tuple(range(int(rows.group.max()) + 1))
+    # the first is the arm: fitted to all, it would have part of what some have of their own
+    about = fitted_arm(rows, arm, (0,))
+    return Search(rows, about, in_a_row(len(every)), every, days=0.0).run()
 
 
 def _slipped(
@@ -300,16 +308,18 @@ def _slipped(
 def _by_torque(
     recordings: Sequence[Recording],
     rows: Rows,
+    arm: NominalArm,
     about: FreeArm,
     progress: Callable[[str], None],
-) -> tuple[tuple[Change, ...], bool]:
-    """What the torque says that changes during recordings, and whether some may be in another state."""
+) -> tuple[tuple[Change, ...], Difference | None]:
+    """What the torque says that changes during recordings, and what whole ones have of their own."""
     times = [rows.t[rows.recording == k] for k in range(len(recordings))]
     grid = [np.quantile(t, np.arange(1, SPANS) / SPANS) for t in times]
     torque: np.ndarray | float = 0.0
     # what changes, where, and by how much
     mine: dict[tuple[Term, Place], np.ndarray] = {}
-    left, between = MOST_MOMENTS, False
+    left = MOST_MOMENTS
+    between: Difference | None = None
     while True:
         ends = _ends(mine, len(recordings))
         looked = _Spans(rows, list(map(_apart, grid, ends)), PARTS)
@@ -320,6 +330,18 @@ def _by_torque(
         # what has no column about the moved arm, or cannot be beside the others, is none
         mine = {key: x for key, x in mine.items() if looked.candidate(*key) in fit.mine}
         moments = [looked.moments(fit, looked.candidate(*key)) for key in mine]
+        if step is not None and between is None and len(recordings) > 1:
+            # what moves another load all along a recording looks like much else in its parts: whole ones first
+            progress("asks whether the recordings share a state")
+            between = between_recordings(rows, arm)
+            mine = {
+                (one.term, (group, -np.inf, np.inf)): value
+                for one, value in between.fit.values.items()
+                for group in one.groups or ()
+            }
+            if mine:
+                about, torque = between.arm, between.fit.torque
+                continue
         about, torque = search.moved_by(step or fit), fit.torque
         if step is not None and left:
             left -= 1
@@ -328,7 +350,6 @@ def _by_torque(
                 (one.term, looked.refined(step, one)): value
                 for one, value in step.values.items()
             }
-            between |= any(np.isinf(place[1:]).all() for _, place in mine)
             continue
         if not any(_ends(mine, len(recordings))):
             return (), between

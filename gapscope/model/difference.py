@@ -198,6 +198,11 @@ class Search:
     )
 
     @property
+    def may_be_exchanged(self) -> bool:
+        """Whether no group is known to be without load: then groups may differ by a load for another."""
+        return not self.days
+
+    @property
     def groups(self) -> list[int]:
         """All groups that may have some of their own."""
         return sorted({group for some in self.sets for group in some})
@@ -308,7 +313,8 @@ class Search:
         return Difference(best, sets, dict(self._found), self.arm, odds)
 
     def _weigher(self, own: OwnTerms) -> Weigher:
-        return Weigher(own, self.arm, self._charges, self.asked or len(self.sets))
+        asked = self.asked or len(self.sets)
+        return Weigher(own, self.arm, self._charges, asked, self.may_be_exchanged)
 
     def _linearise(
         self, times: int, known: np.ndarray | float = 0.0, *, alike: bool = False
@@ -469,7 +475,13 @@ class Search:
             }
             asked, own = contrast, OwnTerms(contrast, self.sets)
             if any(bends(one.term) for one in start):
-                there = about(made, self.arm, start)
+                # two loads may differ by what is no body: that has no centre to be linear about
+                bodies = {
+                    one: x
+                    for one, x in start.items()
+                    if not one.term.is_load or is_within(one.term, x, 0.0)
+                }
+                there = about(made, self.arm, bodies)
                 asked = contrast.further(self._extents(start)).for_gap(there.gap)
                 own = OwnTerms(asked, self.sets, there.columns)
             fit = self._weighed(asked, own, chosen, grown)
@@ -484,7 +496,8 @@ class Search:
     def _extents(self, values: Mapping[Candidate, np.ndarray]) -> list[Nuisance]:
         """Moments of inertia of loads about their centres.
 
-        A body of mass m within r of its centre has moments between -m r^2 and m r^2, each as likely.
+        A body of mass m within r of its centre has moments between -m r^2 and m r^2, each as likely. Two loads that
+        differ by a first moment b about the flange have b / r more mass in all, about, than the difference m.
         """
         out = []
         last = 10 * self.arm.body.last_link
@@ -494,8 +507,11 @@ class Search:
             if not one.term.is_load or proportions is None:
                 continue
             moments = np.zeros(self._equations.design.size)
-            extent = value[0] * proportions[1] ** 2
-            moments[last + 4 : last + 10] = (extent / unit) ** 2 / 3.0
+            r = proportions[1]
+            mass = np.abs(value[0])
+            if self.may_be_exchanged:
+                mass += np.linalg.norm(value[1:]) / r
+            moments[last + 4 : last + 10] = (mass * r**2 / unit) ** 2 / 3.0
             out.append((one.groups or (), moments))
         return out
 
@@ -668,13 +684,19 @@ class Weigher:
         arm: what all groups share.
         charges: what it takes to say which nonlinear parameters a term has [nats].
         sets: number of sets of groups that may have some of their own.
+        exchanged: whether a load for another is one of the differences there may be, and not bodies alone.
     """
 
     def __init__(
-        self, own: OwnTerms, arm: FreeArm, charges: Mapping[Term, float], sets: int
+        self,
+        own: OwnTerms,
+        arm: FreeArm,
+        charges: Mapping[Term, float],
+        sets: int,
+        exchanged: bool,
     ) -> None:
         self._own, self._arm, self._charges = own, arm, charges
-        self._sets = sets
+        self._sets, self._exchanged = sets, exchanged
         self._places: dict[str, int] = {}
         for term in own.design.places:
             self._places[term.effect] = self._places.get(term.effect, 0) + 1
@@ -714,15 +736,13 @@ class Weigher:
 
     def within(self, term: Term, value: np.ndarray, std: np.ndarray) -> bool:
         """Whether coordinates of a term can be, to a standard deviation."""
-        fitted, lowest = term.parametrisation, self._lowest(term)
-        if value[0] < lowest - std[0]:
+        if term.is_load and self._exchanged:
+            return True
+        if value[0] < self._lowest(term) - std[0]:
             return False
         if term.definition.limits and value[0] > BEYOND_SATURATION + std[0]:
             return False
-        if fitted.clip is None or is_link_change(term):
-            return True
-        inside = fitted.clip(value[:, None])[:, 0]
-        return bool((np.abs(inside - value) <= std + 1e-9 * np.abs(value)).all())
+        return is_link_change(term) or is_within(term, value, std)
 
     def _lowest(self, term: Term) -> float:
         """Least value of the first coordinate of a term."""
@@ -734,6 +754,15 @@ class Weigher:
             return fitted.lowest
         every = np.asarray(fitted.lowest(self._masses, self._arm.body.last_link))
         return float(every[term.joint - 1] if every.ndim else every)
+
+
+def is_within(term: Term, value: np.ndarray, std: np.ndarray | float) -> bool:
+    """Whether coordinates of a term are within the bounds of its parameters, to a standard deviation."""
+    clip = term.parametrisation.clip
+    if clip is None:
+        return True
+    inside = clip(value[:, None])[:, 0]
+    return bool((np.abs(inside - value) <= std + 1e-9 * np.abs(value)).all())
 
 
 def _settled(

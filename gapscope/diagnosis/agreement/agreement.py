@@ -25,9 +25,10 @@ from gapscope.diagnosis.agreement.covariates import (
 )
 from gapscope.diagnosis.thresholds import NAMED_PROBABILITY, OPEN_ALTERNATIVE
 from gapscope.ident.checks.plausible_samples import check_recordings
+from gapscope.model.changes import between_recordings
 from gapscope.model.contrast import SIZES
-from gapscope.model.design import fitted_arm, lasts
-from gapscope.model.difference import Difference, Search, in_a_row
+from gapscope.model.design import lasts
+from gapscope.model.difference import Difference
 from gapscope.model.rows import Rows
 from gapscope.model.terms import Candidate, Term
 
@@ -162,18 +163,23 @@ def compared(
     case: Case,
     recordings: tuple[Recording, ...],
     progress: Callable[[str], None] = lambda message: None,
+    found: Difference | None = None,
 ) -> Agreement:
-    """Compare recordings that have a torque and are long enough, two or more."""
+    """Compare recordings that have a torque and are long enough, two or more.
+
+    Args:
+        case: the case.
+        recordings: two or more.
+        progress: called with a few words at each step.
+        found: what they have of their own, if that is known.
+    """
     with threadpool_limits(1):
-        progress("fits what all recordings share")
-        rows = Rows([[recording] for recording in recordings])
-        groups = tuple(range(len(recordings)))
-        # the first is the arm: fitted to all, it would have part of what some have of their own
-        arm = fitted_arm(rows, case.arm, (0,))
-        progress("looks for what some have of their own")
-        found = Search(rows, arm, in_a_row(len(recordings)), groups, days=0.0).run()
+        if found is None:
+            progress("looks for what some recordings have of their own")
+            rows = Rows([[recording] for recording in recordings])
+            found = between_recordings(rows, case.arm)
         progress("compares the values")
-        lines = _lines(recordings, rows, found)
+        lines = _lines(recordings, found)
     unknown = sorted({(j + 1, group) for j, group, _ in found.fit.grown})
     return Agreement(case, recordings, _labels(recordings), lines, tuple(unknown))
 
@@ -212,18 +218,17 @@ def _quantity(term: Term) -> Quantity:
 
 
 def _lines(
-    recordings: Sequence[Recording], rows: Rows, found: Difference
+    recordings: Sequence[Recording], found: Difference
 ) -> tuple[ParameterAgreement, ...]:
     """Verdicts on all quantities, what differs first."""
     every = quantities(found)
     keys = {one.term: one.key for one in every}
-    lines = [_line(recordings, rows, found, one, keys) for one in every]
+    lines = [_line(recordings, found, one, keys) for one in every]
     return tuple(sorted(lines, key=lambda line: line.verdict != DIFFERS))
 
 
 def _line(
     recordings: Sequence[Recording],
-    rows: Rows,
     found: Difference,
     one: Quantity,
     keys: Mapping[Term, str],
@@ -232,7 +237,7 @@ def _line(
     probability = found.probabilities_of(lambda c: c.term).get(one.term, 0.0)
     differs = probability >= NAMED_PROBABILITY
     values, information = _values(found, one)
-    there = covariates(recordings, rows, one.joint)
+    there = covariates(recordings, found.fit.contrast.design.rows, one.joint)
     among = np.flatnonzero(np.isfinite(values.std))
     if len(among) < 2:
         verdict = DIFFERS if differs else NOT_DETERMINED
