@@ -61,12 +61,14 @@ def replay_path(
     from gapscope.effects.corrected_file import error_context, read_corrected_arm
     from gapscope.envs.engines import check_engine
     from gapscope.envs.replay import replay as replay_recording
+    from gapscope.interface.models import say_state
 
     progress("reads")
     case, recording = read_recording(case_path, file)
     corrected = CorrectedArm(case.arm)
     if model is not None:
         corrected = read_corrected_arm(case.arm, model)
+        say_state(corrected, recording)
     effects = corrected.effects
     with error_context(model, effects):
         engine = check_engine(engine)
@@ -78,5 +80,6 @@ def replay_path(
             case.controller,
             engine=engine,
             residual=corrected.residual,
+            states=corrected.states,
         )
     return replace(replayed, t=recording.stamps)

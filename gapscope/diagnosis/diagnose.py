@@ -61,6 +61,7 @@ def conclude(study: Study, progress: Progress = lambda message: None) -> Diagnos
         faults=study.faults,
         arm=study.case.arm,
         replayed=study.replay_gap.motion,
+        states=study.states.effects(study.terms, study.theta),
     )
 
 

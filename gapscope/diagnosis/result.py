@@ -13,6 +13,7 @@ from gapscope.diagnosis.assessment.replay_gap import ReplayedMotion
 from gapscope.diagnosis.localisation.locate import JointLocalisation
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault
 from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.states import State
 
 
 @dataclass(frozen=True)
@@ -92,6 +93,7 @@ class Diagnosis:
         faults: faults of the set-up, in the order in which they must be put right.
         arm: the nominal arm, as its set-up was put right; ``None`` if it is not known any more.
         replayed: the motion that was replayed, or ``None``.
+        states: all effects in each recording, or span of one; none if all share a state.
     """
 
     document: Mapping[str, Any]
@@ -105,3 +107,4 @@ class Diagnosis:
     faults: tuple[FoundFault, ...] = ()
     arm: NominalArm | None = None
     replayed: ReplayedMotion | None = None
+    states: tuple[State, ...] = ()

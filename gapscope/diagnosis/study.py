@@ -11,6 +11,11 @@ from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.agreement.agreement import Agreement, alike, compared
+from gapscope.diagnosis.agreement.states import (
+    States,
+    of_first_state,
+    states_of,
+)
 from gapscope.diagnosis.assessment.confidence import Confidence
 from gapscope.diagnosis.assessment.excess_residual import ExcessResidual
 from gapscope.diagnosis.assessment.held_out_prediction import HeldOutPredictor
@@ -52,7 +57,7 @@ from gapscope.model.conditioning import (
 )
 from gapscope.model.difference import Difference
 from gapscope.model.rows import comparable
-from gapscope.model.terms import Term
+from gapscope.model.terms import Term, Terms
 from gapscope.model.torque_gap import TorqueGap
 
 Progress = Callable[[str], None]
@@ -81,7 +86,7 @@ class Study:
         replay_gap: replay gap, before and after.
         faults: set-up faults, which are repaired in ``case``, and what shows in the recordings themselves.
         changes: what changed during a recording.
-        states: whether the recordings share a state; ``None`` if that was not asked.
+        states: the states of all recordings; the arm was diagnosed in the first.
         sensor_sides: the gap on either side of the joint torque sensors; ``None`` without sensors.
         undeclared_coupling: two joints that seem to be turned by one motor of which the case says nothing, or ``None``.
         instrumented_effects: all effects found with values by the commands as instruments; empty if not known.
@@ -104,10 +109,24 @@ class Study:
     replay_gap: ReplayGap
     faults: tuple[FoundFault, ...]
     changes: tuple[Change, ...]
-    states: Agreement | None
+    states: States
     sensor_sides: SensorSides | None
     undeclared_coupling: UndeclaredCoupling | None
     instrumented_effects: tuple[AppliedEffect, ...]
+
+    @property
+    def terms(self) -> Terms:
+        """All terms, with the nonlinear parameters of those that have some."""
+        return self.selection.evidence.terms
+
+    @property
+    def theta(self) -> np.ndarray:
+        """Coordinates of the effects that are named, (P,)."""
+        theta = np.zeros(self.terms.size)
+        for term in self.selection.fit.terms:
+            places = list(term.columns)
+            theta[places] = self.selection.fit.theta[places]
+        return theta
 
 
 @dataclass(frozen=True)
@@ -120,7 +139,7 @@ class Prepared:
         position_cutoff: cut-off of the positions [Hz].
         faults: set-up faults, which are repaired in ``case``, and what shows in the recordings themselves.
         changes: what changed during a recording.
-        states: whether its recordings share a state; ``None`` of a single one, or of a torque that was worked out.
+        states: of all recordings; ``case`` has those that share the first.
         given: the case with a torque, nothing but its references put right.
         references: faults of its references.
         setup_faults: those that were found beside these and put right.
@@ -130,7 +149,7 @@ class Prepared:
     position_cutoff: float
     faults: tuple[FoundFault, ...]
     changes: tuple[Change, ...]
-    states: Agreement | None
+    states: States
     given: Case
     references: tuple[FoundFault, ...]
     setup_faults: tuple[FoundFault, ...]
@@ -225,14 +244,27 @@ def _repaired(
     changes, between = changes_during(excerpt(case), progress)
     for change in changes:
         progress(f"finds {change}")
+    recordings = *case.recordings, *case.judged
     case = excerpt(up_to_changes(case, changes))
-    states = _states(case, changes, between, progress)
+    agreement = _agreement(case, changes, between, progress)
+    parts = *case.recordings, *case.judged
+    states = states_of(recordings, parts, agreement, changes)
+    if agreement is not None and states.others:
+        progress("diagnoses the recordings that share a state")
+        case = of_first_state(case, agreement)
     return Prepared(
-        case, cutoff, faults, changes, states, given, references, setup_faults
+        case=case,
+        position_cutoff=cutoff,
+        faults=faults,
+        changes=changes,
+        states=states,
+        given=given,
+        references=references,
+        setup_faults=setup_faults,
     )
 
 
-def _states(
+def _agreement(
     case: Case,
     changes: Sequence[Change],
     between: Difference | None,

@@ -39,6 +39,7 @@ from gapscope.effects.passivity import check_totals, is_movable
 from gapscope.effects.residual.model import ResidualNetwork
 from gapscope.effects.rigid_body import ARMATURE
 from gapscope.effects.series import MotionSeries, slow_with_rates
+from gapscope.effects.states import State
 from gapscope.effects.transmission import BACKLASH, ELASTICITY
 
 K = TypeVar("K", bound=Effect)
@@ -51,16 +52,48 @@ class CorrectedArm:
 
     Attributes:
         arm: the nominal arm.
-        effects: the effects, each once per joint or arm; those that add (payload, link errors, forces) at will.
+        effects: the effects, each once per joint or arm; those that add (payload, link errors, forces) at will. Of an
+            arm with states those of the last one.
         residual: adds to the predicted torque what no effect explains, or ``None``.
         remainder: inertial parameters that the links lack to predict the torque best, (n, 10), in the order of
             ``INERTIAL_PARAMETERS``; or ``None``. Links with them need not be possible: no simulator has them.
+        states: what it has in some recordings, or spans of them, in place of ``effects``.
     """
 
     arm: NominalArm
     effects: tuple[AppliedEffect, ...] = ()
     residual: ResidualNetwork | None = None
     remainder: np.ndarray | None = None
+    states: tuple[State, ...] = ()
+
+    @property
+    def known(self) -> tuple[str, ...]:
+        """Recordings of which the state is known, if that differs; the last one last."""
+        every = (name for state in self.states for name in state.place.recordings)
+        return tuple(dict.fromkeys(every))
+
+    def taken_as(self, recording: str) -> str | None:
+        """What is said of a recording whose state is not known; ``None`` if it is, or there is one state only."""
+        if not self.states or recording in self.known:
+            return None
+        return f"{recording}: its state is not known; taken as in {self.known[-1]}, the last one"
+
+    def spans(
+        self, recording: str, t: np.ndarray
+    ) -> list[tuple[np.ndarray, CorrectedArm]]:
+        """The samples of a recording at times t [s], (N,), that share a state, and the arm in that state.
+
+        A recording whose state is not known has the last one.
+        """
+        everywhere = np.ones(len(t), dtype=bool)
+        mine = [s for s in self.states if recording in s.place.recordings]
+        if not mine:
+            return [(everywhere, replace(self, states=()))]
+        return [
+            (inside, replace(self, effects=state.effects, states=()))
+            for state in mine
+            if (inside := (t >= state.place.start) & (t < state.place.end)).any()
+        ]
 
     def check(self) -> None:
         """Check that every joint, coupled motor and link named exists, and that no effect contradicts itself.
@@ -72,6 +105,8 @@ class CorrectedArm:
         if self.residual is not None:
             self.residual.check(self.arm.n_joints)
         self._check_remainder()
+        for state in self.states:
+            replace(self, effects=state.effects, states=()).check()
         places: set[tuple[str, int]] = set()
         for applied in self.effects:
             applied.check(self.arm.n_joints)

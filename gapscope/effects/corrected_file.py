@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, replace
 from pathlib import Path
@@ -23,6 +23,7 @@ from gapscope.effects.residual.file import read_residual
 from gapscope.effects.residual.model import ResidualNetwork
 from gapscope.effects.setup_faults.fault import Fault
 from gapscope.effects.setup_faults.fault_catalogue import FAULTS
+from gapscope.effects.states import Entry, Place, State, states_of
 
 _KEYS = {
     "schema",
@@ -32,7 +33,9 @@ _KEYS = {
     "presliding",
     "corrects",
     "remainder",
+    "recordings",
 }
+_PLACE = {"recordings", "from", "to"}
 
 
 def write_corrected(
@@ -44,6 +47,7 @@ def write_corrected(
     presliding: Iterable[float] = (),
     corrects: str | None = None,
     remainder: np.ndarray | None = None,
+    states: Sequence[State] = (),
 ) -> None:
     """Write effects as ``corrected.yaml``; ``path`` never holds half of one.
 
@@ -58,6 +62,7 @@ def write_corrected(
         corrects: file of the case whose nominal arm is corrected, relative to the folder of ``path``; ``None`` if it is
             that of the case.
         remainder: inertial parameters that the links lack to predict best, (n, 10).
+        states: what the arm has in some recordings, or spans of them, in place of ``effects``; the last one last.
 
     Raises:
         GapscopeError: the file cannot be written.
@@ -66,17 +71,14 @@ def write_corrected(
         "schema": 1,
         "case": case,
         "effects": [
-            {
-                "effect": applied.name,
-                "joints": list(applied.joints),
-                "parameters": {
-                    name: value.tolist() for name, value in applied.parameters.items()
-                },
-            }
-            for applied in effects
-        ]
-        + [described_fault(fault) for fault in faults],
+            *(_with_states(states) if states else map(_described, effects)),
+            *map(described_fault, faults),
+        ],
     }
+    if states:
+        # in their order: a recording that is not among them has the state of the last
+        names = (name for state in states for name in state.place.recordings)
+        content["recordings"] = list(dict.fromkeys(names))
     distances = [float(distance) for distance in presliding]
     if any(distances):
         content["presliding"] = distances
@@ -91,6 +93,41 @@ def write_corrected(
             yaml.safe_dump(content, sort_keys=False, default_flow_style=None),
             encoding="utf-8",
         )
+
+
+def _described(applied: AppliedEffect) -> dict[str, Any]:
+    """An effect as an entry of the file."""
+    values = {name: value.tolist() for name, value in applied.parameters.items()}
+    return {
+        "effect": applied.name,
+        "joints": list(applied.joints),
+        "parameters": values,
+    }
+
+
+def _with_states(states: Sequence[State]) -> list[dict[str, Any]]:
+    """Entries of all states, what all of them have without a place, first."""
+    each = [(state.place, list(map(_described, state.effects))) for state in states]
+    every = [entry for _, entries in each for entry in entries]
+    common = [
+        entry
+        for k, entry in enumerate(every)
+        if entry not in every[:k] and all(entry in entries for _, entries in each)
+    ]
+    placed: list[dict[str, Any]] = []
+    for place, entries in each:
+        times = {"from": place.start, "to": place.end}
+        times = {name: t for name, t in times.items() if np.isfinite(t)}
+        for entry in entries:
+            if entry in common:
+                continue
+            mine = {**entry, "recordings": list(place.recordings), **times}
+            same = [x for x in placed if {**mine, "recordings": x["recordings"]} == x]
+            if same:
+                same[0]["recordings"] += place.recordings
+            else:
+                placed.append(mine)
+    return common + placed
 
 
 def read_corrected(path: Path | str) -> tuple[AppliedEffect, ...]:
@@ -132,11 +169,7 @@ def read_with_faults(
         for i, x in enumerate(entries)
         if isinstance(x, dict) and str(x.get("effect")) in FAULTS
     }
-    effects = tuple(
-        read_entry(x, f"effects[{i}]", path)
-        for i, x in enumerate(entries)
-        if i not in faults
-    )
+    effects = _effects(content, path, leave_out=faults)
     return effects, tuple(_fault(x, f"effects[{i}]", path) for i, x in faults.items())
 
 
@@ -197,9 +230,10 @@ def read_corrected_arm(arm: NominalArm, path: Path | str) -> CorrectedArm:
     """
     content, path = _content(Path(path)), Path(path)
     effects = _effects(content, path)
+    states = _states(_entries(content, path), content, path)
     arm = _with_presliding(arm, content, path)
-    residual = _residual(content, path)
-    corrected = CorrectedArm(arm, effects, residual, _remainder(content, path))
+    residual, remainder = _residual(content, path), _remainder(content, path)
+    corrected = CorrectedArm(arm, effects, residual, remainder, states)
     with error_context(path, effects):
         corrected.check()
     return corrected
@@ -270,11 +304,75 @@ def _content(path: Path) -> dict[str, Any]:
     return content
 
 
-def _effects(content: dict[str, Any], path: Path) -> tuple[AppliedEffect, ...]:
-    return tuple(
-        read_entry(entry, f"effects[{i}]", path)
-        for i, entry in enumerate(content["effects"])
+def _effects(
+    content: dict[str, Any], path: Path, leave_out: Collection[int] = ()
+) -> tuple[AppliedEffect, ...]:
+    """The effects of a file but for some entries, those of the last state if it has several."""
+    entries = _entries(content, path, leave_out)
+    states = _states(entries, content, path)
+    return states[-1].effects if states else tuple(effect for effect, _ in entries)
+
+
+def _states(
+    entries: Sequence[Entry], content: dict[str, Any], path: Path
+) -> tuple[State, ...]:
+    """The states that the entries of a file make; none if no entry says where it holds."""
+    listed = content.get("recordings") or []
+    if not _are_names(listed):
+        raise InputError(
+            "expected names of recordings",
+            "list them in the order in which they were made, recordings: [a.csv, b.csv]",
+            file=path,
+            where="recordings",
+        )
+    return states_of(entries, listed)
+
+
+def _entries(
+    content: dict[str, Any], path: Path, leave_out: Collection[int] = ()
+) -> list[Entry]:
+    """The effects of a file, each with where it holds, but for some entries."""
+    out = []
+    for i, entry in enumerate(content["effects"]):
+        if i in leave_out:
+            continue
+        effect = read_entry(entry, f"effects[{i}]", path)
+        out.append((effect, _place(entry, f"effects[{i}]", path)))
+    return out
+
+
+def _place(entry: Any, where: str, path: Path) -> Place | None:
+    """Where an entry says that its effect holds; ``None`` for everywhere."""
+    given = {key: entry[key] for key in _PLACE & set(entry)}
+    if not given:
+        return None
+    names, times = given.get("recordings"), [given.get("from"), given.get("to")]
+    numbers = all(t is None or isinstance(t, int | float) for t in times)
+    if not (names and _are_names(names) and numbers):
+        raise InputError(
+            "recordings, from and to say where an effect holds: names of recordings, and times in s",
+            "write for instance recordings: [b.csv], from: 3.5",
+            file=path,
+            where=where,
+        )
+    start, end = times
+    place = Place(
+        tuple(names),
+        -np.inf if start is None else float(start),
+        np.inf if end is None else float(end),
     )
+    if place.start >= place.end:
+        raise InputError(
+            f"holds from {place.start:g} to {place.end:g} s, which is no time",
+            "give from before to",
+            file=path,
+            where=where,
+        )
+    return place
+
+
+def _are_names(value: Any) -> bool:
+    return isinstance(value, list) and all(isinstance(x, str) for x in value)
 
 
 @contextmanager

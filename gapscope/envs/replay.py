@@ -8,6 +8,7 @@ error of the torque grows into any error of the position.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,6 +32,7 @@ from gapscope.arm.velocity_filter import VelocityFilter, rule_of
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.residual.model import ResidualNetwork
+from gapscope.effects.states import State
 from gapscope.envs.network_torque import NetworkTorque
 from gapscope.envs.simulated_arm import SimulatedArm
 
@@ -79,6 +81,7 @@ def replay(
     *,
     engine: str | None = None,
     residual: ResidualNetwork | None = None,
+    states: tuple[State, ...] = (),
 ) -> Replay:
     """Run the simulated arm under the commands of a recording.
 
@@ -89,6 +92,7 @@ def replay(
         controller: the controller, if known.
         engine: ``pybullet``, ``mujoco`` or ``dart``; by default PyBullet if it is installed, else MuJoCo.
         residual: a residual network of the arm with these effects, or ``None``: its torque is taken off the command.
+        states: what it has in this recording, or spans of it, in place of ``effects``; the replay starts anew at each.
 
     Raises:
         InputError: the recording has neither a reference for a known controller nor a torque, or lasts less than
@@ -100,11 +104,11 @@ def replay(
             f"lasts {recording.duration:.3g} s, a replay needs {3 * TRIM:.2g} s",
             file=recording.name,
         )
-    corrected = CorrectedArm(arm, effects, residual)
-    corrected.check()
+    whole = CorrectedArm(arm, effects, residual, states=states)
+    whole.check()
     q, tau = recording.q.copy(), np.zeros_like(recording.q)
     through_controller = controller is not None and recording.q_ref is not None
-    for rows in _stretches(recording):
+    for rows, corrected in _stretches(recording, whole):
         if controller is not None and recording.q_ref is not None:
             q[rows], tau[rows] = _tracked(
                 corrected, recording, rows, controller, engine
@@ -123,11 +127,17 @@ def replay(
     return Replay(t, q, tau, rmse, through_controller, arm.sliding)
 
 
-def _stretches(recording: Recording) -> list[slice]:
-    """Slices of a recording between its gaps, those of at least four samples."""
-    cuts = np.flatnonzero(np.diff(recording.t) > GAP_STEPS / recording.rate) + 1
-    spans = itertools.pairwise([0, *cuts.tolist(), len(recording.t)])
-    return [slice(a, b) for a, b in spans if b - a >= 4]
+def _stretches(
+    recording: Recording, whole: CorrectedArm
+) -> Iterator[tuple[slice, CorrectedArm]]:
+    """Slices of a recording between its gaps and within a state, those of at least four samples, and the arm there."""
+    gaps = np.flatnonzero(np.diff(recording.t) > GAP_STEPS / recording.rate) + 1
+    for inside, corrected in whole.spans(recording.name, recording.t):
+        first, *_, last = np.flatnonzero(inside).repeat(2).tolist()
+        cuts = [first, *(c for c in gaps.tolist() if first < c <= last), last + 1]
+        for a, b in itertools.pairwise(cuts):
+            if b - a >= 4:
+                yield slice(a, b), corrected
 
 
 def _commands(

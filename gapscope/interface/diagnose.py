@@ -80,7 +80,9 @@ class DiagnosisResult(Result):
         arm = self.case.arm
         if self.diagnosis.presliding:
             arm = replace(arm, presliding=np.array(self.diagnosis.presliding))
-        return CorrectedArm(arm, self.effects)
+        states = self.diagnosis.states
+        last = states[-1].effects if states else self.effects
+        return CorrectedArm(arm, last, states=states)
 
     def save(self, folder: str | Path) -> tuple[Path, ...]:
         """Write ``corrected.yaml``, ``report.html`` and, as the last, ``diagnosis.json``.

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from gapscope.arm.case import Case, load_case
+from gapscope.arm.errors import ModelWarning
 from gapscope.arm.input_file import is_folder
 from gapscope.arm.io.write_case import write_case
 from gapscope.arm.nominal import NominalArm
@@ -80,6 +82,13 @@ def corrected_arm(arm: NominalArm, model: Model) -> CorrectedArm:
     if isinstance(model, (str, Path)):
         return read_corrected_arm(arm, Path(model))
     return CorrectedArm(arm, tuple(model or ()))
+
+
+def say_state(corrected: CorrectedArm, recording: Recording) -> None:
+    """Warn if the state of an arm in a recording is not known."""
+    text = corrected.taken_as(recording.name)
+    if text is not None:
+        warnings.warn(text, ModelWarning, stacklevel=3)
 
 
 def case_file(case: Case, folder: Path) -> Path:

@@ -13,7 +13,13 @@ from gapscope.arm.io.write_case import write_columns
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.gap.predict import predict_torque
-from gapscope.interface.models import Model, corrected_arm, make_arm, recording_of
+from gapscope.interface.models import (
+    Model,
+    corrected_arm,
+    make_arm,
+    recording_of,
+    say_state,
+)
 from gapscope.interface.result import Result
 from gapscope.outputs.folder import make_folder
 
@@ -83,7 +89,9 @@ def predict(
     else:
         loaded = _case(case)
         chosen, arm = recording_of(loaded, recording), loaded.arm
-    torque = predict_torque(corrected_arm(arm, model), chosen)
+    corrected = corrected_arm(arm, model)
+    say_state(corrected, chosen)
+    torque = predict_torque(corrected, chosen)
     return Prediction(chosen.name, chosen.stamps, torque)
 
 

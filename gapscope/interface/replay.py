@@ -13,7 +13,7 @@ from gapscope.arm.io.write_case import write_columns
 from gapscope.arm.recording import Recording
 from gapscope.envs.replay import Replay
 from gapscope.envs.replay import replay as replay_recording
-from gapscope.interface.models import Model, corrected_arm, recording_of
+from gapscope.interface.models import Model, corrected_arm, recording_of, say_state
 from gapscope.interface.result import Result
 from gapscope.outputs.folder import make_folder
 from gapscope.reports.gap_tables import replay_line
@@ -88,6 +88,7 @@ def replay(
     loaded = case if isinstance(case, Case) else load_case(case)
     chosen = recording_of(loaded, recording)
     corrected = corrected_arm(loaded.arm, model)
+    say_state(corrected, chosen)
     result = replay_recording(
         loaded.arm,
         corrected.effects,
@@ -95,5 +96,6 @@ def replay(
         loaded.controller,
         engine=engine,
         residual=corrected.residual,
+        states=corrected.states,
     )
     return ReplayResult(chosen.name, replace(result, t=chosen.stamps))

@@ -213,10 +213,7 @@ class _Spans:
     ) -> Moment:
         """When a candidate begins or ends in a recording."""
         rows, made, values = self.rows, fit.contrast.design, fit.answer.values
-        shared, _ = fit.own.nuisances(values)
-        left = fit.contrast.gap - fit.own.torque(values)
-        for j, active in enumerate(made.active):
-            left[:, j] -= made.columns[j] @ shared[active]
+        left = fit.left
         moved = made.torque(one.term, values[one])
         without = left + moved * np.isin(rows.group, one.groups or ())[:, None]
         variance = fit.contrast.error.noise2 + (left**2).mean(axis=0)

@@ -108,6 +108,16 @@ class Fit:
         """What that does to the torque, over the joints' scale [1], (M, n)."""
         return self.own.torque(self.values)
 
+    @property
+    def left(self) -> np.ndarray:
+        """What it leaves of the torque, over the joints' scale [1], (M, n): form error and noise."""
+        values, made = self.answer.values, self.contrast.design
+        shared, _ = self.own.nuisances(values)
+        out = self.contrast.gap - self.own.torque(values)
+        for j, active in enumerate(made.active):
+            out[:, j] -= made.columns[j] @ shared[active]
+        return out
+
 
 @dataclass(frozen=True)
 class Difference:

@@ -48,7 +48,7 @@ def detectable(found: Difference, group: int) -> Iterator[Detectable]:
     """Sizes of each further term of a group at which it would be named beside what was found."""
     fit, own = found.fit, found.fit.own
     charges = {term: searched.charge for term, searched in found.found.items()}
-    weigher = Weigher(own, found.arm, charges, sets=1)
+    weigher = Weigher(own, found.arm, charges, sets=1, exchanged=False)
     places = own.joined(fit.chosen)
     unit = own.deviations(fit.chosen, fit.answer.sizes)
     inner = own.products(places, places) * unit[:, None] * unit

@@ -53,34 +53,33 @@ class TorqueGap:
 def torque_gap(
     corrected: CorrectedArm, body: RigidBody, segments: list[Segment]
 ) -> TorqueGap:
-    """Torque gap of an arm on segments that carry a torque; ``body``: of the nominal arm without known loads."""
+    """Torque gap of an arm on segments that carry a torque; ``body``: of the nominal arm without known loads.
+
+    An arm that has states has that of each recording, or of its spans.
+    """
     measured, predicted = [], []
     for segment in segments:
         rate, inner = segment.motion.rate, segment.inner
-        prediction = corrected.unlimited.predict(segment.bodies(body), segment.motion)
+        assert segment.torque is not None
+        prediction, delivered = np.empty((2, *segment.torque.shape))
+        for there, arm in corrected.spans(segment.recording, segment.motion.t):
+            torque = arm.unlimited.predict(segment.bodies(body), segment.motion)
+            prediction[there] = torque[there]
+            delivered[there] = arm.delivered(segment.torque)[there]
         prediction_rows = low_pass(prediction, rate, TORQUE_CUTOFF)[inner]
         predicted.append(prediction_rows)
         if segment.unknown is None:
-            measured.append(filtered_torque(segment, corrected))
+            measured.append(low_pass(delivered, rate, TORQUE_CUTOFF)[inner])
             continue
         # what was not measured leaves no gap
-        assert segment.torque is not None
-        gap = segment.bridged(corrected.delivered(segment.torque) - prediction)
+        gap = segment.bridged(delivered - prediction)
         gap = low_pass(gap, rate, TORQUE_CUTOFF)[inner] * ~segment.unknown[inner]
         measured.append(prediction_rows + gap)
     edges = (0, *itertools.accumulate(len(rows) for rows in measured))
     return TorqueGap(np.vstack(measured), np.vstack(predicted), edges)
 
 
-def filtered_torque(
-    segment: Segment, corrected: CorrectedArm | None = None
-) -> np.ndarray:
-    """Recorded torque of a segment as the gap sees it: filtered at 12 Hz and trimmed [N m], (M, n).
-
-    Of an arm with saturation it is the torque that saturation lets through.
-    """
+def filtered_torque(segment: Segment) -> np.ndarray:
+    """Recorded torque of a segment as the gap sees it: filtered at 12 Hz and trimmed [N m], (M, n)."""
     assert segment.torque is not None
-    torque = segment.torque
-    if corrected is not None:
-        torque = corrected.delivered(torque)
-    return low_pass(torque, segment.motion.rate, TORQUE_CUTOFF)[segment.inner]
+    return low_pass(segment.torque, segment.motion.rate, TORQUE_CUTOFF)[segment.inner]

@@ -73,6 +73,7 @@ def _write(
         presliding=result.presliding,
         corrects=corrects,
         remainder=remainder,
+        states=result.states,
     )
     render(result, folder / REPORT)
     write_document(result.document, folder / DOCUMENT)

@@ -49,7 +49,10 @@ def gap_document(case: Case, corrected: CorrectedArm) -> dict[str, Any]:
         "joints": list(case.arm.joints),
         "sliding": [j for j, slides in enumerate(case.arm.sliding, 1) if slides],
         "recordings": rows,
-        "warnings": [f"{r.name}: {note}" for r, _ in roles for note in r.notes],
+        "warnings": [
+            *(f"{r.name}: {note}" for r, _ in roles for note in r.notes),
+            *filter(None, (corrected.taken_as(r.name) for r, _ in measured)),
+        ],
     }
 
 
@@ -64,7 +67,11 @@ def _replay(
     recording: Recording, case: Case, corrected: CorrectedArm
 ) -> dict[str, Any]:
     replayed, problem, _ = attempt(
-        case, corrected.effects, recording, residual=corrected.residual
+        case,
+        corrected.effects,
+        recording,
+        residual=corrected.residual,
+        states=corrected.states,
     )
     through_controller = case.controller is not None and recording.q_ref is not None
     how = "controller" if through_controller else "torque"

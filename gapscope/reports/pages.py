@@ -13,7 +13,7 @@ from markupsafe import Markup
 from gapscope.arm import display
 from gapscope.arm.display import effect_name
 from gapscope.arm.io.atomic_write import atomic_write
-from gapscope.diagnosis.document.wording import acts_on, capital
+from gapscope.diagnosis.document.wording import acts_on, capital, holds_in
 
 
 def write_html(template: str, path: Path | str, **content: Any) -> None:
@@ -60,6 +60,7 @@ def environment() -> jinja2.Environment:
         "unit": _unit,
         "effect_name": effect_name,
         "acts_on": acts_on,
+        "holds_in": holds_in,
         "capital": capital,
     }
     return made

@@ -28,7 +28,7 @@ from gapscope.ident.checks.plausible_samples import check_recordings
 from gapscope.model.changes import between_recordings
 from gapscope.model.contrast import SIZES
 from gapscope.model.design import lasts
-from gapscope.model.difference import Difference
+from gapscope.model.difference import Difference, is_within
 from gapscope.model.rows import Rows
 from gapscope.model.terms import Candidate, Term
 
@@ -73,8 +73,8 @@ class RecordingValues:
     Attributes:
         value: (R,).
         std: (R,).
-        parameters: of the effect, by name, in each recording that has some of its own; but for friction differences
-            from the first.
+        parameters: of the effect, by name, in each recording that has some of its own; but for friction beside those
+            that have none.
     """
 
     value: np.ndarray
@@ -121,6 +121,7 @@ class Agreement:
         labels: their names, told apart by a number if they are parts of one file, (R,).
         parameters: one by one, what differs first.
         unknown: joints, from 1, and numbers of the recordings in which something else differs.
+        found: what they have of their own, of which all follows; ``None`` if none promises to differ.
     """
 
     case: Case
@@ -128,10 +129,31 @@ class Agreement:
     labels: tuple[str, ...]
     parameters: tuple[ParameterAgreement, ...]
     unknown: tuple[tuple[int, int], ...]
+    found: Difference | None = None
 
     def having(self, verdict: str) -> tuple[ParameterAgreement, ...]:
         """Parameters of a verdict."""
         return tuple(one for one in self.parameters if one.verdict == verdict)
+
+    def own(self, number: int) -> list[Candidate]:
+        """What a recording has of its own, of what differs."""
+        differing = {line.quantity.term for line in self.having(DIFFERS)}
+        mine = [] if self.found is None else self.found.fit.mine
+        return [one for one in mine if one.has(number) and one.term in differing]
+
+    @property
+    def states(self) -> list[list[int]]:
+        """Numbers of the recordings that share a state; first the state that most time was recorded in to fit."""
+        same: dict[frozenset[Candidate], list[int]] = {}
+        for number in range(len(self.recordings)):
+            same.setdefault(frozenset(self.own(number)), []).append(number)
+        fitted = {recording.name for recording in self.case.recordings}
+
+        def recorded(numbers: list[int]) -> float:
+            every = (self.recordings[k] for k in numbers)
+            return sum(r.duration for r in every if r.name in fitted)
+
+        return sorted(same.values(), key=recorded, reverse=True)
 
 
 def agreement(
@@ -181,7 +203,8 @@ def compared(
         progress("compares the values")
         lines = _lines(recordings, found)
     unknown = sorted({(j + 1, group) for j, group, _ in found.fit.grown})
-    return Agreement(case, recordings, _labels(recordings), lines, tuple(unknown))
+    labels = _labels(recordings)
+    return Agreement(case, recordings, labels, lines, tuple(unknown), found)
 
 
 def _labels(recordings: tuple[Recording, ...]) -> tuple[str, ...]:
@@ -307,6 +330,8 @@ def _values(found: Difference, one: Quantity) -> tuple[RecordingValues, np.ndarr
     first = len(answer.covariance) - linear * len(each)
     covariance[np.ix_(own, own)] = answer.covariance[first::linear, first::linear]
     told = TOLD / design.units[term][0]
+    # beside those that have none of their own
+    beside = values
     if absolute:
         values += found.arm.theta[list(term.columns)]
         told = max(told, float(np.abs(values[:, 0]).mean()))
@@ -322,7 +347,7 @@ def _values(found: Difference, one: Quantity) -> tuple[RecordingValues, np.ndarr
     shown = _shown(one, values, np.isfinite(std))
     # a centre of what is not there is nowhere
     parameters = tuple(
-        _parameters(term, values[g]) if g in mine or absolute else {} for g in groups
+        _parameters(term, beside[g]) if g in mine or absolute else {} for g in groups
     )
     return RecordingValues(shown, std, parameters), information
 
@@ -330,7 +355,13 @@ def _values(found: Difference, one: Quantity) -> tuple[RecordingValues, np.ndarr
 def _parameters(term: Term, value: np.ndarray) -> dict[str, np.ndarray]:
     """Parameters of an effect by its coordinates, (linear,)."""
     given = term.parametrisation.values(value[:, None], np.zeros((0, 1)))
-    return {name: np.squeeze(np.asarray(x), axis=-1) for name, x in given.items()}
+    out = {name: np.squeeze(np.asarray(x), axis=-1) for name, x in given.items()}
+    if term.is_load:
+        out["first_moment"] = value[1:]
+        if not is_within(term, value, 0.0):
+            # of two loads of about one mass that differ in place there is no centre
+            del out["com"]
+    return out
 
 
 def _shown(one: Quantity, values: np.ndarray, known: np.ndarray) -> np.ndarray:

@@ -58,6 +58,7 @@ def states(found: Agreement) -> dict[str, Any]:
             for line in differing
         ],
         "command": f"gapscope agree {found.case.name}",
+        "diagnosed": [found.labels[k] for k in found.states[0]],
     }
     result: dict[str, Any] = plain(content, null_if_not_finite=True)
     return result

@@ -17,6 +17,7 @@ from gapscope.diagnosis.selection.moves import by_finding
 from gapscope.diagnosis.thresholds import REPLAYED_TICKS, REPLAYED_TICKS_COMPLIANT
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.residual.model import ResidualNetwork
+from gapscope.effects.states import State
 from gapscope.envs.engines import default_engine, installed
 from gapscope.envs.replay import replay
 from gapscope.model.terms import Term
@@ -139,6 +140,7 @@ def attempt(
     recording: Recording,
     engine: str | None = None,
     residual: ResidualNetwork | None = None,
+    states: tuple[State, ...] = (),
 ) -> Attempt:
     """Replay, which fails with an effect that cannot be simulated or an arm that diverges."""
     try:
@@ -149,6 +151,7 @@ def attempt(
             case.controller,
             engine=engine,
             residual=residual,
+            states=states,
         )
     # LinAlgError is a ValueError.
     except (GapscopeError, ArithmeticError, ValueError) as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from gapscope.diagnosis.document.fault_findings import (
 )
 from gapscope.diagnosis.document.findings import effect_findings, possible_findings
 from gapscope.diagnosis.document.slide_units import with_slide_units
+from gapscope.diagnosis.document.state_findings import with_states
 from gapscope.diagnosis.document.suggested_recording import suggested_recording
 from gapscope.diagnosis.document.verdict import verdict
 from gapscope.diagnosis.localisation.regimes import located
@@ -40,16 +42,20 @@ def diagnosis_content(study: Study) -> dict[str, Any]:
     gap = _gap_stages(study)
     rows = stack(study.predictor.segments)
     named = with_torques_turned(effect_findings(study, rows), study.case.arm.n_joints)
-    effects = with_faults(named, study.faults, gap)
+    here = with_faults(named, study.faults, gap)
+    effects = with_states(here, study.states, study.terms, study.theta)
     possible = possible_findings(study, rows)
     open_joints = [int(j) + 1 for j in np.flatnonzero(study.excess_residual.above)]
     predictions = predictable(study.gap_after, rows, study.floor, open_joints)
-    reached = verdict(
-        found=bool(effects) or bool(study.changes),
+    reach = partial(
+        verdict,
         explained=_explained(study, gap),
         significant=_significant(study, predictions),
         rejected=bool(study.rejections),
     )
+    reached = reach(found=bool(effects or study.changes))
+    # where the arm was diagnosed nothing need be missing
+    closed = gap.closed if reach(found=bool(here)) == reached else None
     # what stays on a joint is worth a recording only where the verdict says that it is unexplained
     unexplained = open_joints if reached == "unexplained" else []
     content: dict[str, Any] = {
@@ -60,10 +66,10 @@ def diagnosis_content(study: Study) -> dict[str, Any]:
         "effects": effects,
         "possible": possible,
         "changes": change_findings(study.changes),
-        **states_entry(study.states),
-        "closed": gap.closed,
+        **states_entry(study.states.found),
+        "closed": closed,
         "unexplained": {
-            "share": 0.0 if gap.closed is None else 1.0 - gap.closed,
+            "share": 0.0 if closed is None else 1.0 - closed,
             "above_floor": bool(unexplained),
             **_unexplained_entry(study, rows, open_joints, predictions),
         },

@@ -37,7 +37,10 @@ HEALTHY_REAL = 0.23
 
 def verdict_sentence(document: Document) -> str:
     """The main cause, its share of the gap, and what stays; first, whether the recordings share a state."""
-    return states_sentence(document) + _cause_sentence(document)
+    states, cause = states_sentence(document), _cause_sentence(document)
+    if states and cause.startswith(("No", "The")):
+        cause = cause[0].lower() + cause[1:]
+    return states + cause
 
 
 def states_sentence(document: Document) -> str:
@@ -49,14 +52,14 @@ def states_sentence(document: Document) -> str:
     texts = [_differing(entry, states["recordings"]) for entry in differs[:MOST_CAUSES]]
     if len(texts) < len(differs):
         texts.append(f"{len(differs) - len(texts)} more")
-    return (
-        f"The recordings do not share a state: {listing(texts)} ({states['command']} compares them; diagnose each "
-        "state by itself). Of all together: "
-    )
+    where = listing(states.get("diagnosed", states["recordings"]))
+    return f"The recordings do not share a state: {listing(texts)} ({states['command']} compares them). In {where}: "
 
 
 def _differing(entry: Mapping[str, Any], recordings: Sequence[str]) -> str:
     """A quantity that differs, with its value in each recording."""
+    if any("first_moment" in each for each in entry["parameters"]):
+        return _other_loads(entry, recordings)
     _, unit = display_unit(entry["unit"], 1.0)
     values = [
         "?" if std is None else f"{uncertain(value, std)}"
@@ -65,6 +68,25 @@ def _differing(entry: Mapping[str, Any], recordings: Sequence[str]) -> str:
     pairs = [f"{v} in {name}" for v, name in zip(values, recordings, strict=True)]
     unit = "" if entry["unit"] == "1" else f" [{unit}]"
     return f"{entry['name']}{unit} is {', '.join(pairs)}"
+
+
+def _other_loads(entry: Mapping[str, Any], recordings: Sequence[str]) -> str:
+    """Which recordings have another load than the rest, and by what it differs."""
+    texts = []
+    for name, load, std in zip(
+        recordings, entry["parameters"], entry["std"], strict=True
+    ):
+        if not load:
+            continue
+        sign = "more" if load["mass"] > 0 else "less"
+        mass = f"{uncertain(abs(load['mass']), std)} kg {sign}"
+        if "com" in load:
+            place = ", ".join(significant(1e3 * x) for x in load["com"])
+            texts.append(f"{mass} in {name} (a body centred at ({place}) mm)")
+        else:
+            moment = ", ".join(significant(x) for x in load["first_moment"])
+            texts.append(f"{mass} in {name}, its first moment ({moment}) kg m more")
+    return f"{entry['name']} is another, {'; '.join(texts)}"
 
 
 def _cause_sentence(document: Document) -> str:
@@ -94,8 +116,10 @@ def _before_changes(document: Document) -> str:
 
 def _explained(document: Document) -> str:
     """The main cause, its share of the gap, and what stays."""
-    if document["effects"]:
+    if _diagnosed(document):
         text = f"{capital(_causes(document))}; {_left(document)}."
+    elif document["effects"] and document["verdict"] != "unexplained":
+        text = "Nothing stands out: the nominal arm predicts every joint's torque as a healthy arm allows."
     elif document["possible"]:
         text = f"No effect is sure enough to be named as the cause: {_left(document)}."
     else:
@@ -117,9 +141,19 @@ def _as_much_as_real_arms(document: Document) -> str:
     )
 
 
+def _diagnosed(document: Document) -> list[Mapping[str, Any]]:
+    """The effects named, without those that only recordings in another state have."""
+    here = document.get("states", {}).get("diagnosed")
+    return [
+        entry
+        for entry in document["effects"]
+        if here is None or entry.get("recordings", here) == here
+    ]
+
+
 def _causes(document: Document) -> str:
     """The effects named with their shares; of more than three the largest two and the sum of the others."""
-    effects = list(document["effects"])
+    effects = _diagnosed(document)
     if document["closed"] is None:
         names = [with_amount(entry) for entry in effects[:MOST_CAUSES]]
         more = len(effects) - len(names)

@@ -84,6 +84,18 @@ def joint_ranges(joints: Sequence[int]) -> list[str]:
     return parts
 
 
+def holds_in(entry: Mapping[str, Any]) -> list[str]:
+    """In which recordings an effect has its values, and what it is in others; nothing if it is the same in all."""
+    if "recordings" not in entry:
+        return []
+    texts = [f"in {listing(entry['recordings'])}"]
+    for other in entry["elsewhere"]:
+        values = parameter_texts({"effect": entry["effect"], **other})
+        sizes = ", ".join(f"{value.name} {value.text}" for value in values)
+        texts.append(f"in {listing(other['recordings'])} {sizes}")
+    return texts
+
+
 def acts_on(entry: Mapping[str, Any]) -> str:
     """What an effect of the document acts on, as in a sentence: ``joints 4 and 5``, ``link 3``, ``the whole arm``."""
     joints = entry["joints"]

@@ -15,8 +15,17 @@ from gapscope.model.conditioning import condition, pieces
 def predict_torque(corrected: CorrectedArm, recording: Recording) -> np.ndarray:
     """Torque [N m], shape (N, n), finite at every sample; of the recording t, q and its known payload are used.
 
-    If a stretch between gaps is too short to differentiate, the arm is taken to stand still.
+    An arm that has states has that of the recording, or of each of its spans; the last one if it is not known. If a
+    stretch between gaps is too short to differentiate, the arm is taken to stand still.
     """
+    out = np.empty_like(recording.q)
+    for inside, arm in corrected.spans(recording.name, recording.t):
+        out[inside] = _predicted(arm, recording)[inside]
+    return out
+
+
+def _predicted(corrected: CorrectedArm, recording: Recording) -> np.ndarray:
+    """The torque of an arm in one state, (N, n)."""
     body = RigidBody(corrected.arm).carrying(recording.payload)
     t, first, back = np.unique(recording.t, return_index=True, return_inverse=True)
     motion = Recording(recording.name, t, recording.q[first])

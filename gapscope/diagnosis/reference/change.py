@@ -17,6 +17,7 @@ from gapscope.diagnosis.study import Prepared
 from gapscope.diagnosis.thresholds import NAMED_PROBABILITY
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.states import State
 from gapscope.model.contrast import Answer
 from gapscope.model.design import FreeArm, moved
 from gapscope.model.difference import Difference
@@ -137,6 +138,19 @@ class Comparison:
         theta = self._theta(self.of(names), self.possible_arm.theta)
         return self.terms.effects(self.terms.clipped(theta))
 
+    @property
+    def own_theta(self) -> np.ndarray:
+        """Coordinates of what is named, on top of what the arm was, (P,)."""
+        named = [one for name in self.named for one in self.findings[name]]
+        return self._theta(named, np.zeros(self.terms.size))
+
+    @property
+    def states(self) -> tuple[State, ...]:
+        """Effects beside the data sheet in each recording and span; none if all share a state."""
+        without = self._theta(self.of(()), self.possible_arm.theta)
+        theta = self._theta(self.of(self.named), self.possible_arm.theta)
+        return self.prepared.states.effects(self.terms, theta, without)
+
     def change(self, name: str) -> AppliedEffect:
         """A finding as an effect on top of what the arm was."""
         terms = [one.term for one in self.findings[name]]
@@ -206,4 +220,7 @@ class Change:
     @property
     def corrected(self) -> CorrectedArm:
         """The arm that predicts the torque recorded in the case."""
-        return CorrectedArm(self.case.arm, self.effects, remainder=self.remainder)
+        states = self.diagnosis.states
+        last = states[-1].effects if states else self.effects
+        remainder = self.remainder
+        return CorrectedArm(self.case.arm, last, remainder=remainder, states=states)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from gapscope.diagnosis.document.plotted_curves import (
     traces,
 )
 from gapscope.diagnosis.document.slide_units import with_slide_units
+from gapscope.diagnosis.document.state_findings import with_states
 from gapscope.diagnosis.document.suggested_recording import suggested_recording
 from gapscope.diagnosis.document.verdict import verdict
 from gapscope.diagnosis.gap.commanded_torque import WARNING
@@ -93,6 +95,7 @@ def diagnosis_of(comparison: Comparison) -> Diagnosis:
         presliding=tuple(comparison.vendor.presliding.tolist()),
         faults=comparison.prepared.faults,
         arm=comparison.possible_arm.arm,
+        states=comparison.states,
     )
 
 
@@ -111,15 +114,21 @@ class _Document:
         comparison, prepared = self._comparison, self._comparison.prepared
         gap = self._stages()
         found = [self._finding(name) for name in comparison.named]
-        effects = with_faults(_by_share(found), prepared.faults, gap)
+        here = with_faults(_by_share(found), prepared.faults, gap)
+        effects = with_states(
+            here, prepared.states, comparison.terms, comparison.own_theta
+        )
         possible = _by_share([self._finding(name) for name in comparison.possible])
         open_joints = self._open_joints()
-        reached = verdict(
-            found=bool(effects or prepared.changes),
+        reach = partial(
+            verdict,
             explained=self._leaves_little(open_joints),
             significant=bool(open_joints),
             rejected=False,
         )
+        reached = reach(found=bool(effects or prepared.changes))
+        # where the arm was compared nothing need have changed
+        closed = gap.closed if reach(found=bool(here)) == reached else None
         unexplained = open_joints if reached == "unexplained" else []
         content = {
             "schema": 1,
@@ -129,10 +138,10 @@ class _Document:
             "effects": effects,
             "possible": possible,
             "changes": change_findings(prepared.changes),
-            **states_entry(prepared.states),
-            "closed": gap.closed,
+            **states_entry(prepared.states.found),
+            "closed": closed,
             "unexplained": {
-                "share": 0.0 if gap.closed is None else 1.0 - gap.closed,
+                "share": 0.0 if closed is None else 1.0 - closed,
                 "above_floor": bool(unexplained),
                 "joints": open_joints,
                 "times_floor": numbers(gap.corrected / gap.floor),

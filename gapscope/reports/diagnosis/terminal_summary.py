@@ -23,6 +23,7 @@ from gapscope.diagnosis.document.wording import (
     acts_on,
     capital,
     gap_rows,
+    holds_in,
     joint_names,
     joint_ranges,
     parameter_texts,
@@ -90,10 +91,8 @@ def _effects(document: Mapping[str, Any]) -> Table:
         joints = ", ".join(joint_ranges(effect["joints"]))
         if not joints or place.startswith("motor"):
             joints = place
-        values = "\n".join(
-            f"{parameter.name} {parameter.text}"
-            for parameter in parameter_texts(effect)
-        )
+        lines = [f"{value.name} {value.text}" for value in parameter_texts(effect)]
+        values = "\n".join([*lines, *holds_in(effect)])
         table.add_row(
             Text(capital(effect_name(effect["effect"]))),
             joints,

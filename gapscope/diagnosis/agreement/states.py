@@ -1,0 +1,236 @@
+"""What an arm has in recordings, or spans of them, beside what it has where it was diagnosed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+
+from gapscope.arm.case import Case
+from gapscope.arm.recording import Recording
+from gapscope.diagnosis.agreement.agreement import Agreement
+from gapscope.diagnosis.thresholds import VISIBLE_EFFECT
+from gapscope.effects.states import Place, State
+from gapscope.model.changes import Change
+from gapscope.model.terms import Term, Terms
+from gapscope.model.torque_gap import torque_scale
+
+
+@dataclass(frozen=True)
+class Increment:
+    """What a term has at a place beside what it has where the arm was diagnosed.
+
+    Attributes:
+        value, deviation: of its coordinates, (linear,).
+        columns: torque that each coordinate makes there [N m], (M, n, linear).
+        scale: deviation of the torque there [N m], (n,).
+    """
+
+    value: np.ndarray
+    deviation: np.ndarray
+    columns: np.ndarray
+    scale: np.ndarray
+
+    @property
+    def torque(self) -> np.ndarray:
+        """What it does to the torque there [N m], (M, n)."""
+        return self.columns @ self.value
+
+    def shows(self, value: np.ndarray) -> bool:
+        """Whether a value of the term moves the torque of some joint by as much as an effect that is named."""
+        torque = self.columns @ value
+        share = np.sqrt((torque**2).mean(axis=0)) / self.scale
+        return bool((share >= VISIBLE_EFFECT).any())
+
+    def __add__(self, other: Increment) -> Increment:
+        """Both together, seen where this one is."""
+        deviation = np.hypot(self.deviation, other.deviation)
+        return replace(self, value=self.value + other.value, deviation=deviation)
+
+    def __neg__(self) -> Increment:
+        """The same undone."""
+        return replace(self, value=-self.value)
+
+
+Increments = Mapping[Term, Increment]
+
+
+@dataclass(frozen=True)
+class OtherState:
+    """What an arm has at a place beside what it has where it was diagnosed.
+
+    Attributes:
+        place: where.
+        increments: by term; none where it was diagnosed.
+    """
+
+    place: Place
+    increments: Increments = field(default_factory=dict)
+
+    def theta(
+        self, terms: Terms, theta: np.ndarray, least: np.ndarray | float = 0.0
+    ) -> np.ndarray:
+        """Coordinates of effects at the place, (P,).
+
+        What shows too little there to be named is none.
+
+        Args:
+            terms: terms.
+            theta: their coordinates where the arm was diagnosed, (P,).
+            least: what they are without any effect, (P,).
+        """
+        theta, base = theta.copy(), np.broadcast_to(least, theta.shape)
+        for term, increment in self.increments.items():
+            (own,) = (t for t in terms.of(term.effect) if t.joint == term.joint)
+            places = list(own.columns)
+            theta[places] += increment.value
+            if not increment.shows(theta[places] - base[places]):
+                theta[places] = base[places]
+        return terms.clipped(theta)
+
+
+@dataclass(frozen=True)
+class States:
+    """The states of an arm in a case.
+
+    Attributes:
+        found: whether its recordings share a state; ``None`` of a single one, or of a torque that was worked out.
+        others: the states of whole recordings that are not those in which the arm was diagnosed.
+        spans: the states of all recordings, a span of one each, in their order; none if they share one.
+    """
+
+    found: Agreement | None
+    others: tuple[OtherState, ...] = ()
+    spans: tuple[OtherState, ...] = ()
+
+    def effects(
+        self, terms: Terms, theta: np.ndarray, least: np.ndarray | float = 0.0
+    ) -> tuple[State, ...]:
+        """All effects in each recording and span.
+
+        Args:
+            terms: terms.
+            theta: their coordinates where the arm was diagnosed, (P,).
+            least: the same without any effect, (P,).
+        """
+        return tuple(
+            State(span.place, terms.effects(span.theta(terms, theta, least)))
+            for span in self.spans
+        )
+
+
+def states_of(
+    recordings: Sequence[Recording],
+    compared: Sequence[Recording],
+    found: Agreement | None,
+    changes: Sequence[Change],
+) -> States:
+    """The states of a case.
+
+    Args:
+        recordings: of the case.
+        compared: those, or parts of them, that were compared.
+        found: whether they share a state; ``None`` if that was not asked.
+        changes: what changes during recordings.
+    """
+    others = () if found is None else _others(found)
+    if not (others or changes):
+        return States(found)
+    between = {name: s.increments for s in others for name in s.place.recordings}
+    spans: list[OtherState] = []
+    for recording in recordings:
+        part = next((r for r in compared if r.name == recording.name), None)
+        if part is None:
+            # too short a part of it was left to tell
+            continue
+        mine = [c for c in changes if c.recording == recording.name]
+        mine.sort(key=lambda c: c.time)
+        # what changed before the part that was compared is there already
+        own, begins = between.get(recording.name, {}), float(part.t[0])
+        spans += _spans(recording, own, mine, begins)
+    return States(found, others, tuple(spans))
+
+
+def of_first_state(case: Case, found: Agreement) -> Case:
+    """The case with the recordings alone that share the first state of those compared."""
+    first = [id(found.recordings[k]) for k in found.states[0]]
+    recordings = tuple(r for r in case.recordings if id(r) in first)
+    judged = tuple(r for r in case.judged if id(r) in first)
+    return replace(case, recordings=recordings, judged=judged)
+
+
+def _others(found: Agreement) -> tuple[OtherState, ...]:
+    """What recordings have that do not share the first state."""
+    first, *others = found.states
+    return tuple(
+        OtherState(
+            Place(tuple(found.recordings[k].name for k in numbers)),
+            _beside(found, numbers[0], first[0]),
+        )
+        for numbers in others
+    )
+
+
+def _beside(found: Agreement, number: int, first: int) -> Increments:
+    """What a recording has beside another one, of what differs."""
+    assert found.found is not None
+    fit = found.found.fit
+    design = fit.contrast.design
+    rows = design.rows
+    mine = rows.of(number)
+    scale = torque_scale(rows.torque[mine])
+    parts: list[Increments] = []
+    for sign, own in ((1.0, found.own(number)), (-1.0, found.own(first))):
+        for one in own:
+            units = np.eye(len(one.term.columns))
+            torque = [design.torque(one.term, x)[mine] * rows.scale for x in units]
+            increment = Increment(
+                sign * fit.values[one],
+                fit.answer.deviation(one),
+                np.stack(torque, axis=2),
+                scale,
+            )
+            parts.append({one.term: increment})
+    return _sum(parts)
+
+
+def _spans(
+    recording: Recording, own: Increments, changes: Sequence[Change], begins: float
+) -> Iterator[OtherState]:
+    """The states of a recording, one after the other.
+
+    Args:
+        recording: it.
+        own: what the part has that was compared.
+        changes: its changes, in their order.
+        begins: when that part does [s].
+    """
+    times = [-np.inf, *(change.time for change in changes), np.inf]
+    moved = [{c.term: _increment(c, recording)} for c in changes]
+    before = [
+        {t: -x for t, x in m.items()}
+        for m, c in zip(moved, changes, strict=True)
+        if c.time <= begins
+    ]
+    for k, (start, end) in enumerate(pairwise(times)):
+        increments = _sum([own, *before, *moved[:k]])
+        yield OtherState(Place((recording.name,), start, end), increments)
+
+
+def _increment(change: Change, recording: Recording) -> Increment:
+    """What an arm has from a change on."""
+    columns = change.columns[recording.name][1]
+    assert recording.tau is not None
+    scale = torque_scale(recording.tau)
+    return Increment(change.value, change.deviation, columns, scale)
+
+
+def _sum(parts: Sequence[Increments]) -> Increments:
+    """Increments of all parts, term by term."""
+    out: dict[Term, Increment] = {}
+    for part in parts:
+        for term, increment in part.items():
+            out[term] = out[term] + increment if term in out else increment
+    return out
