@@ -151,7 +151,7 @@ class _Spans:
     def sets(
         self, known: Sequence[Sequence[float]] | None = None
     ) -> list[tuple[int, ...]]:
-        """Spans of a recording in a row, and all of one that is not the first.
+        """Spans of a recording in a row, and all of each if there are several.
 
         Args:
             known: per recording the times of moments [s]: rows that begin and end elsewhere are left out.
@@ -163,7 +163,7 @@ class _Spans:
                 sides = {float(ends[row[0]]), float(ends[row[-1] + 1])}
                 if known is None or sides & {-np.inf, np.inf, *known[number]}:
                     out.append(tuple(some[k] for k in row))
-            if number:
+            if len(self.groups) > 1:
                 out.append(tuple(some))
         return out
 

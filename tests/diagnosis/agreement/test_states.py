@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from synthetic import Truth, arm, motion, recording
 
+import gapscope
 from gapscope.arm.case import Case
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.document.sentences import verdict_sentence
+from gapscope.interface.diagnose import DiagnosisResult
 
 LOAD = Truth(mass=1.5, com=(0.2, 0.0, 0.05))
 
@@ -24,11 +26,21 @@ def case(*truths: Truth) -> Case:
     return Case("tools", arm().urdf.parent, arm(), found)
 
 
-def test_a_tool_on_one_recording_is_said_first() -> None:
-    document = dict(diagnose(case(Truth(), LOAD, Truth())).document)
+def left(result: DiagnosisResult, name: str) -> float:
+    """What the corrected arm leaves of the torque of a recording, over its deviation, on the worst joint."""
+    (recording,) = (r for r in result.case.recordings if r.name == name)
+    predicted = gapscope.predict(result.case, name, result.corrected).tau
+    gap = (recording.tau - predicted)[100:-100]
+    return float((gap.std(axis=0) / recording.tau.std(axis=0)).max())
+
+
+def test_a_tool_on_one_recording_is_said_first_and_named_there() -> None:
+    result = gapscope.diagnose(case(Truth(), LOAD, Truth()))
+    document = dict(result.document)
     validate(document)
     states = document["states"]
     assert not states["shared"]
+    assert states["diagnosed"] == ["recording_0.csv", "recording_2.csv"]
     (load,) = states["differs"]
     assert load["name"] == "load on the last link" and load["probability"] > 0.9
     assert load["values"] == pytest.approx([0.0, 1.5, 0.0], abs=0.05)
@@ -36,6 +48,38 @@ def test_a_tool_on_one_recording_is_said_first() -> None:
     text = verdict_sentence(document)
     assert text.startswith("The recordings do not share a state: load on the last link")
     assert "1.5" in text and "gapscope agree" in text
+    (found,) = document["effects"]
+    assert document["verdict"] == "effects_found"
+    assert found["effect"] == "payload" and found["recordings"] == ["recording_1.csv"]
+    assert found["parameters"]["mass"]["value"] == pytest.approx(1.5, abs=0.05)
+    for made in result.case.recordings:
+        assert left(result, made.name) < 0.1
+
+
+def test_a_tool_on_the_other_side_is_another_load() -> None:
+    other = Truth(mass=1.5, com=(0.05, 0.0, 0.05))
+    result = gapscope.diagnose(case(LOAD, other))
+    document = result.document
+    (found,) = (e for e in document["effects"] if e["effect"] == "payload")
+    assert found["recordings"] == ["recording_0.csv"]
+    (there,) = found["elsewhere"]
+    assert there["recordings"] == ["recording_1.csv"]
+    values = [place["parameters"] for place in (found, there)]
+    assert [v["mass"]["value"] for v in values] == pytest.approx([1.5, 1.5], abs=0.1)
+    levers = [v["com"]["value"][0] for v in values]
+    assert levers == pytest.approx([0.2, 0.05], abs=0.02)
+    for made in result.case.recordings:
+        assert left(result, made.name) < 0.1
+
+
+def test_a_reference_tells_the_load_of_each_recording() -> None:
+    reference = case(Truth(), Truth())
+    result = gapscope.diagnose(case(Truth(), LOAD), against=reference)
+    (found,) = result.document["effects"]
+    assert found["effect"] == "payload" and found["recordings"] == ["recording_1.csv"]
+    validate(dict(result.document))
+    for made in result.case.recordings:
+        assert left(result, made.name) < 0.1
 
 
 def test_recordings_that_share_a_state_need_no_sentence() -> None:

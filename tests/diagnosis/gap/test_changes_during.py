@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from cases import changed_during
@@ -78,9 +77,17 @@ def test_the_longest_part_remains_if_all_change_at_once(
     assert kept.t[0] > 1.5 and kept.t[-1] == case.recordings[1].t[-1]
 
 
-def test_a_diagnosis_names_the_change_and_no_effect(case: Case, tmp_path: Path) -> None:
-    document = diagnose(replace(case, recordings=case.recordings[:2])).document
+def test_a_diagnosis_names_the_change_and_no_effect(case: Case) -> None:
+    found = diagnose(replace(case, recordings=case.recordings[:2]))
+    document = found.document
     validate(document)
     (change,) = document["changes"]
     assert change["what"] == "payload" and change["recording"] == "load"
     assert document["verdict"] == "effects_found" and document["effects"] == []
+    # what is corrected has the load from then on
+    *before, after = found.states
+    assert [s.place.recordings for s in before] == [("healthy",), ("load",)]
+    assert all(state.effects == () for state in before)
+    (load,) = after.effects
+    assert load.parameters["mass"] == pytest.approx(1.5, abs=0.1)
+    assert after.place.start == change["time"]
