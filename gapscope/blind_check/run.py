@@ -113,8 +113,13 @@ def _one(case: Path, out: Path) -> tuple[str, str]:
     begin, problem = time.perf_counter(), None
     try:
         result = diagnose(load_case(case, any_unit=True))
-        file, presliding = out / "corrected.yaml", result.presliding
-        write_corrected(case.name, result.effects, file, presliding=presliding)
+        write_corrected(
+            case.name,
+            result.effects,
+            out / "corrected.yaml",
+            presliding=result.presliding,
+            states=result.states,
+        )
         write_document(result.document, out / "diagnosis.json")
     except GapscopeError as error:
         problem = str(error)

@@ -46,8 +46,14 @@ def write_learnt(
         files["onnx"] = ONNX
     progress("writes the report")
     write_residual(found.residual, folder / NETWORK)
-    effects = found.corrected.effects
-    write_corrected(found.case.name, effects, folder / CORRECTED, NETWORK)
+    corrected = found.corrected
+    write_corrected(
+        found.case.name,
+        corrected.effects,
+        folder / CORRECTED,
+        NETWORK,
+        states=corrected.states,
+    )
     content = document(found, files)
     write_page(content, folder / REPORT)
     write_document(content, folder / DOCUMENT)

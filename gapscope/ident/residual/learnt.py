@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from gapscope.model.conditioning import (
     TORQUE_CUTOFF,
     condition,
     low_pass,
+    pieces,
 )
 
 TREE_RATE = 50.0
@@ -84,7 +85,7 @@ def learn_residual(
         InputError: a recording has no torque, or a name is not that of a recording.
     """
     progress("reads the residual of the corrected arm")
-    plain = CorrectedArm(corrected.arm, corrected.effects)
+    plain = replace(corrected, residual=None, remainder=None)
     fit, held_out = split(case, judge)
     fitted, judged = (
         _trajectories(plain, recordings) for recordings in (fit, held_out)
@@ -95,7 +96,7 @@ def learn_residual(
     return LearntResidual(
         case=case,
         settings=settings,
-        corrected=CorrectedArm(corrected.arm, corrected.effects, residual),
+        corrected=replace(plain, residual=residual),
         report=report,
         fitted=fitted,
         judged=judged,
@@ -118,10 +119,22 @@ def _trajectories(
             )
     body = RigidBody(corrected.arm)
     return [
-        from_segment(corrected, body, segment)
+        from_segment(arm, body, segment)
         for recording in recordings
-        for segment in condition(recording)
+        for part, arm in _parts(corrected, recording)
+        for segment in condition(part)
     ]
+
+
+def _parts(
+    corrected: CorrectedArm, recording: Recording
+) -> Iterator[tuple[Recording, CorrectedArm]]:
+    """The parts of a recording that share a state, and the arm there; of several, those long enough."""
+    spans = corrected.spans(recording.name, recording.t)
+    for inside, arm in spans:
+        part = recording.part(inside)
+        if len(spans) == 1 or pieces(part):
+            yield part, arm
 
 
 def torque_left(
