@@ -692,37 +692,34 @@ class OwnTerms:
                 out[mine] = of_terms[columns]
         return out
 
-    def evidence(self, terms: Sequence[Candidate], sizes: Sequence[float]) -> float:
-        """Log evidence of terms of given sizes over none [nats]."""
-        return self._fit(terms, sizes)[0]
-
-    def _fit(
-        self, terms: Sequence[Candidate], sizes: Sequence[float]
-    ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
-        places = self.joined(terms)
-        unit = self.deviations(terms, sizes)
-        factor = lower(self.products(places, places) * unit[:, None] * unit)
-        solved = forward(factor, unit * self.right[places])
-        return _half_log(factor, solved), solved, factor, unit
-
     def answer(
         self, terms: Sequence[Candidate], sizes: Sequence[float] | None = None
     ) -> Answer:
         """Evidence and values of a set, each term of its likeliest size."""
+        if not terms:
+            return Answer(0.0, {}, np.zeros((0, 0)), ())
+        places = self.joined(terms)
+        gram, right = self.products(places, places), self.right[places]
+
+        def fitted(sizes: Sequence[float]) -> tuple[float, np.ndarray, np.ndarray]:
+            """Evidence of terms of given sizes over none [nats], what solves for their values, and its factor."""
+            unit = self.deviations(terms, sizes)
+            factor = lower(gram * unit[:, None] * unit)
+            solved = forward(factor, unit * right)
+            return _half_log(factor, solved), solved, factor
+
         found = list(sizes) if sizes is not None else [float(SIZES[2])] * len(terms)
-        for _ in range(3 if terms and sizes is None else 0):
+        for _ in range(3 if sizes is None else 0):
             before = list(found)
             for k in range(len(terms)):
                 tried = [
-                    self.evidence(terms, [*found[:k], size, *found[k + 1 :]])
-                    for size in SIZES
+                    fitted([*found[:k], size, *found[k + 1 :]])[0] for size in SIZES
                 ]
                 found[k] = float(SIZES[int(np.argmax(tried))])
             if found == before:
                 break
-        if not terms:
-            return Answer(0.0, {}, np.zeros((0, 0)), ())
-        evidence, solved, factor, unit = self._fit(terms, found)
+        evidence, solved, factor = fitted(found)
+        unit = self.deviations(terms, found)
         # prior of the sizes
         evidence -= len(terms) * float(np.log(len(SIZES)))
         back = solve_triangular(factor.T, np.eye(len(unit)), check_finite=False)
