@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import math
 import re
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -9,7 +11,6 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from uuid import uuid4
 
 from pyarrow import compute as pc
 
@@ -34,10 +35,8 @@ from gapscope.workers.as_completed import TRIES, Ended, as_completed
 from gapscope.workers.backends import LOCAL, check_backend
 
 DIAGNOSES = "diagnoses"
-BATCH = 200
-"""Cases after which rows are written, so that a run that is killed loses no more [1]..."""
-PAUSE = 60.0
-"""...and the time after which they are written, in any case [s]."""
+PAUSE = 1.0
+"""Time between files of rows [s], so that no run leaves 100 000 files; a case is reported with its row. (budget)"""
 
 
 @dataclass(frozen=True)
@@ -93,7 +92,9 @@ def run_fleet(plan: FleetPlan, progress: Callable[[str], None]) -> FleetCounts:
         store = FleetStore(plan.out)
         counts = FleetCounts()
         writer = _Writer(store, plan, counts)
-        run = uuid4().hex[:12]
+        # one run at a time has these results: what an earlier one has left, if it was killed, bears the same name
+        run = hashlib.sha256(str(plan.out.resolve()).encode()).hexdigest()[:12]
+        clear_scratch(plan.scratch, run)
         tasks = ((task,) for task in _tasks(plan, run, store, counts))
         calls = as_completed(
             diagnose_fleet_case, tasks, plan.jobs, plan.backend, plan.tries
@@ -105,6 +106,7 @@ def run_fleet(plan: FleetPlan, progress: Callable[[str], None]) -> FleetCounts:
                     writer.add(call)
                     progress(str(counts))
         except KeyboardInterrupt:
+            writer.flush()
             raise InterruptedRunError(
                 f"interrupted: {counts}",
                 "run the same command again to resume: what has been diagnosed is kept",
@@ -181,7 +183,7 @@ class _Writer:
         self._store, self._plan = store, plan
         self._cases: list[dict[str, Any]] = []
         self._effects: list[Mapping[str, Any]] = []
-        self._last = time.monotonic()
+        self._last = -math.inf
 
     def add(self, call: Ended) -> None:
         """Take a call that has ended."""
@@ -189,21 +191,19 @@ class _Writer:
         if not result.row:
             self._counts.kept += 1
             return
-        if result.row["error"]:
-            self._counts.failed += 1
-        else:
-            self._counts.diagnosed += 1
         kept = _keep(result, self._plan.out)
         self._cases.append({**result.row, "tries": call.tries, "kept": kept})
         self._effects += result.effects
-        late = time.monotonic() - self._last > PAUSE
-        if late or len(self._cases) >= BATCH:
+        if time.monotonic() - self._last >= PAUSE:
             self.flush()
 
     def flush(self) -> None:
-        """Write the rows that have come since the last time."""
+        """Write the rows that have come since the last time, and count them."""
         if self._cases:
             self._store.append(self._cases, [dict(row) for row in self._effects])
+        failed = sum(bool(row["error"]) for row in self._cases)
+        self._counts.failed += failed
+        self._counts.diagnosed += len(self._cases) - failed
         self._cases, self._effects = [], []
         self._last = time.monotonic()
 

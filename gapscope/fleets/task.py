@@ -36,7 +36,7 @@ class FleetTask:
         case: where it is.
         known: fingerprints and hashes of this case that have been diagnosed by this program.
         program: hash of the program that asks for it.
-        run: name of the run, which no other has.
+        run: name of the run's results: no two runs write to them at a time.
         keep: ``nothing``, ``json`` or ``report``.
         units_by: what names the unit: ``case`` or ``folder``.
         largest: bytes that the case may have.

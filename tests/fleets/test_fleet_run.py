@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import fsspec
@@ -16,7 +17,6 @@ from gapscope.arm.errors import GapscopeError, InputError, InterruptedRunError
 from gapscope.cli import main
 from gapscope.fleets.run import FleetPlan, run_fleet
 from gapscope.fleets.store import FleetStore
-from gapscope.fleets.task import clear_scratch
 
 
 def run(*arguments: object) -> int:
@@ -116,6 +116,20 @@ def test_what_was_done_before_an_interruption_is_kept(
     assert list(FleetStore(tmp_path).cases()["case"]) == [str(broken)]
 
 
+def test_what_was_reported_is_kept_by_a_run_that_is_killed(
+    fleet_folder: Path, tmp_path: Path
+) -> None:
+    broken, out = fleet_folder / "arm_C_2026-03-14", tmp_path / "out"
+
+    def see(message: str) -> None:
+        if message.startswith("0 diagnosed, 1 failed"):
+            # what a run that ends here leaves behind
+            shutil.copytree(out, tmp_path / "killed")
+
+    run_fleet(FleetPlan((str(broken),), out), see)
+    assert list(FleetStore(tmp_path / "killed").cases()["case"]) == [str(broken)]
+
+
 @pytest.mark.parametrize(
     ("option", "value"),
     [("--keep", "all"), ("--units-by", "robot"), ("--backend", "slurm")],
@@ -132,17 +146,33 @@ def test_options_are_checked_before_any_work(
     assert not (tmp_path / "out").exists()
 
 
-def test_nothing_is_left_in_scratch(fleet_folder: Path, tmp_path: Path) -> None:
+def see_nothing(message: str) -> None:
+    """No progress."""
+
+
+def test_nothing_is_left_in_scratch(
+    fleet_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A case that fails while it is there, and what a killed worker would have left."""
     scratch = tmp_path / "scratch"
     broken = str(fleet_folder / "arm_C_2026-03-14")
+    plan = FleetPlan((broken,), tmp_path / "out", scratch=scratch)
+    made: list[str] = []
+
+    def fetched(*arguments: object) -> None:
+        made.extend(path.name for path in scratch.iterdir())
+        raise GapscopeError("ended there", "")
 
     def see(message: str) -> None:
         # removed before the result is there
         assert not list(scratch.glob("*"))
 
-    run_fleet(FleetPlan((broken,), tmp_path / "out", scratch=scratch), see)
-    (scratch / "gapscope-fleet-r1-k").mkdir()
-    (scratch / "gapscope-fleet-r2-k").mkdir()
-    clear_scratch(scratch, "r1")
-    assert [path.name for path in scratch.iterdir()] == ["gapscope-fleet-r2-k"]
+    with monkeypatch.context() as patch:
+        patch.setattr("gapscope.fleets.task.fetch", fetched)
+        run_fleet(plan, see)
+    (name,) = made
+    (scratch / name).mkdir()
+    (scratch / "gapscope-fleet-other-k").mkdir()
+    # the next run with these results, whatever its cases, removes what a killed one has left
+    run_fleet(replace(plan, cases=()), see_nothing)
+    assert [path.name for path in scratch.iterdir()] == ["gapscope-fleet-other-k"]
