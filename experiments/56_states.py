@@ -83,6 +83,12 @@ class Row:
 
 
 BOTH = ("against", "plain")
+IN_ONE = {
+    "zero_in_one": "encoder_offset",
+    "friction_in_one": "coulomb_friction",
+    "constant_in_one": "torque_scale",
+}
+"""Rows of which one recording has an effect of one joint."""
 ROWS = {
     "same_load": Row("the same load in both recordings", BOTH, False),
     "two_loads": Row("two loads, one in each", BOTH, False),
@@ -96,6 +102,9 @@ ROWS = {
     "poor_log_coulomb": Row(
         "1 kHz, repeated rows, coarse encoders; Coulomb friction", rate=1000
     ),
+    "zero_in_one": Row("an encoder zero off in one", BOTH, False),
+    "friction_in_one": Row("friction of one joint higher in one", BOTH, False),
+    "constant_in_one": Row("a torque constant off in one", BOTH, False),
 }
 
 
@@ -183,9 +192,11 @@ def plants(
     """The arm in each recording of the case, and what it has that the reference has not."""
     n = setup.arm.n
     causes = loads(row, setup, rng)
-    if row == "poor_log_coulomb":
-        law, joint = LAWS["coulomb_friction"], rng.integers(n, size=1)
+    if row == "poor_log_coulomb" or row in IN_ONE:
+        law, joint = LAWS[IN_ONE.get(row, "coulomb_friction")], rng.integers(n, size=1)
         causes = [[Cause(law, joint, law.draw(rng, setup.context, joint))]] * 2
+        if row in IN_ONE:
+            causes[int(rng.integers(2))] = []
     today = [setup.plant(several) for several in causes]
     labels = [[cause.label() for cause in several] for several in causes]
     cold = int(rng.integers(2)) if row == "cold_warm" else None
