@@ -194,6 +194,9 @@ def plants(
     causes = loads(row, setup, rng)
     if row == "poor_log_coulomb" or row in IN_ONE:
         law, joint = LAWS[IN_ONE.get(row, "coulomb_friction")], rng.integers(n, size=1)
+        if row == "zero_in_one":
+            # a zero about the vertical shows in no torque, one of the last joint hardly
+            joint = rng.integers(1, n - 2, size=1)
         causes = [[Cause(law, joint, law.draw(rng, setup.context, joint))]] * 2
         if row in IN_ONE:
             causes[int(rng.integers(2))] = []
