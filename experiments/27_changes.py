@@ -32,12 +32,12 @@ from gapscope.blind_check.generator.law import Cause
 from gapscope.blind_check.generator.laws import LAWS, SETUP
 from gapscope.blind_check.generator.sizing import draw_cause
 from gapscope.blind_check.generator.true_arm import Columns, TrueArm
-from gapscope.diagnosis.gap.changes_during import changes_during
 from gapscope.model.change_findings import (
     PAYLOAD,
     PLAIN_FRICTION,
     change_findings,
 )
+from gapscope.model.changes import changes_of
 from gapscope.model.conditioning import condition, position_cutoff
 
 CASES = Path(__file__).parent / "cases"
@@ -125,7 +125,7 @@ class Outcome:
 
 def looked(case: Case, group: str, label: str, truth: Truth | None = None) -> Outcome:
     """What is found in a case."""
-    found = change_findings(changes_during(case).during)
+    found = change_findings(changes_of(case.recordings, case.arm).during)
     return Outcome(group, label, truth, found)
 
 

@@ -13,7 +13,6 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.agreement.agreement import Agreement, alike, compared
 from gapscope.diagnosis.agreement.states import (
     States,
-    of_first_state,
     states_of,
 )
 from gapscope.diagnosis.assessment.confidence import Confidence
@@ -25,10 +24,7 @@ from gapscope.diagnosis.assessment.naming import divide
 from gapscope.diagnosis.assessment.rejection import Rejection, reject
 from gapscope.diagnosis.assessment.replay_gap import ReplayGap, replay_gap
 from gapscope.diagnosis.assessment.sensor_sides import SensorSides, find_sides
-from gapscope.diagnosis.gap.changes_during import (
-    changes_during,
-    up_to_changes,
-)
+from gapscope.diagnosis.gap.changes_during import up_to_changes
 from gapscope.diagnosis.gap.commanded_torque import (
     WARNING,
     with_commanded_torque,
@@ -48,7 +44,7 @@ from gapscope.diagnosis.setup_faults.quantization import find_quantization
 from gapscope.diagnosis.setup_faults.references.detection import find_reference_faults
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
-from gapscope.model.changes import Change
+from gapscope.model.changes import Change, changes_of
 from gapscope.model.conditioning import (
     TORQUE_CUTOFF,
     Segment,
@@ -241,17 +237,20 @@ def _repaired(
         progress(f"finds {fault}")
     progress("asks what changes during recordings and between them")
     cutoff = position_cutoff(case.recordings)
-    changes, between = changes_during(excerpt(case), progress)
+    looked = excerpt(case)
+    changes, between = changes_of(looked.recordings, case.arm, progress)
+    # what is judged on changes no value: it is asked by itself
+    apart, _ = changes_of(looked.judged, case.arm, progress)
+    changes += apart
     for change in changes:
         progress(f"finds {change}")
-    recordings = *case.recordings, *case.judged
+    whole = *case.recordings, *case.judged
     case = excerpt(up_to_changes(case, changes))
     agreement = _agreement(case, changes, between, progress)
-    parts = *case.recordings, *case.judged
-    states = states_of(recordings, parts, agreement, changes)
-    if agreement is not None and states.others:
+    states = states_of(case, whole, agreement, changes)
+    if states.others:
         progress("diagnoses the recordings that share a state")
-        case = of_first_state(case, agreement)
+        case = states.first(case)
     return Prepared(
         case=case,
         position_cutoff=cutoff,
@@ -271,7 +270,7 @@ def _agreement(
     progress: Progress,
 ) -> Agreement | None:
     """Whether the recordings of a case share a state, if there are two; compared where one may differ."""
-    recordings = comparable((*case.recordings, *case.judged))
+    recordings = comparable(case.recordings)
     # what an integrator held at the start of each recording is not known of a torque that was worked out
     if len(recordings) < 2 or WARNING in case.warnings:
         return None

@@ -40,7 +40,6 @@ from gapscope.ident.uncertainty.intervals import Uncertainty
 from gapscope.ident.uncertainty.torque_interval import PredictedTorque
 from gapscope.ident.uncertainty.validation import Validation
 from gapscope.model.changes import Change, changes_of
-from gapscope.model.rows import comparable
 
 __all__ = ["Identification", "IdentificationSettings", "examine_fit", "identify"]
 
@@ -141,7 +140,7 @@ def examine_fit(
     table = fill_in(evidence)
     progress("looks for changes")
     # a change spoils the fit: it is looked for in every recording, fitted or held out
-    every = comparable((*fitted.fit, *fitted.held_out))
+    every = (*fitted.fit, *fitted.held_out)
     changes = changes_of(every, case.arm, progress).during
     states = None
     if settings.filter == "unscented":

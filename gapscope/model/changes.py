@@ -26,7 +26,7 @@ from gapscope.arm.recording import Recording
 from gapscope.model.conditioning import STANDS_OUT, slips, without_slips
 from gapscope.model.design import Design, FreeArm, design, fitted_arm
 from gapscope.model.difference import Difference, Fit, Search, in_a_row
-from gapscope.model.rows import LEAST_MOTIONS, Rows
+from gapscope.model.rows import LEAST_MOTIONS, Rows, comparable
 from gapscope.model.terms import Candidate, Term
 
 SPANS = 8
@@ -245,14 +245,14 @@ def changes_of(
     arm: NominalArm,
     progress: Callable[[str], None] = lambda message: None,
 ) -> Changes:
-    """What changes during recordings that have a torque, and what some have of their own from first to last sample.
+    """What changes during recordings, and what some have of their own from first to last sample.
 
-    Raises:
-        InputError: a recording has no stretch without gaps that is long enough.
+    Those without a torque, or a stretch that is long enough, are left out. What is wrong all along is no change.
     """
-    if not recordings:
+    given = comparable(recordings)
+    if not given:
         return Changes((), None)
-    given, recordings = recordings, [without_slips(one) for one in recordings]
+    recordings = [without_slips(one) for one in given]
     rows = Rows([[recording] for recording in recordings])
     about = fitted_arm(rows, arm, tuple(range(len(recordings))))
     slipped = _slipped(given, rows, about)

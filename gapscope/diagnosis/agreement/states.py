@@ -10,10 +10,11 @@ import numpy as np
 
 from gapscope.arm.case import Case
 from gapscope.arm.recording import Recording
-from gapscope.diagnosis.agreement.agreement import Agreement
+from gapscope.diagnosis.agreement.agreement import Agreement, compared
 from gapscope.diagnosis.thresholds import VISIBLE_EFFECT
 from gapscope.effects.states import Place, State
 from gapscope.model.changes import Change
+from gapscope.model.rows import comparable
 from gapscope.model.terms import Term, Terms
 from gapscope.model.torque_gap import torque_scale
 
@@ -99,11 +100,21 @@ class States:
         found: whether its recordings share a state; ``None`` of a single one, or of a torque that was worked out.
         others: the states of whole recordings that are not those in which the arm was diagnosed.
         spans: the states of all recordings, a span of one each, in their order; none if they share one.
+        like: a recording that is fitted for each that is judged, whose state it shares.
     """
 
     found: Agreement | None
     others: tuple[OtherState, ...] = ()
     spans: tuple[OtherState, ...] = ()
+    like: Mapping[str, str] = field(default_factory=dict)
+
+    def first(self, case: Case) -> Case:
+        """The case with the recordings alone that share the first state; one that is judged and shares none stays."""
+        assert self.found is not None
+        here = [self.found.recordings[k].name for k in self.found.states[0]]
+        recordings = tuple(r for r in case.recordings if r.name in here)
+        judged = tuple(r for r in case.judged if self.like.get(r.name, here[0]) in here)
+        return replace(case, recordings=recordings, judged=judged)
 
     def effects(
         self, terms: Terms, theta: np.ndarray, least: np.ndarray | float = 0.0
@@ -122,43 +133,56 @@ class States:
 
 
 def states_of(
-    recordings: Sequence[Recording],
-    compared: Sequence[Recording],
+    case: Case,
+    whole: Sequence[Recording],
     found: Agreement | None,
     changes: Sequence[Change],
 ) -> States:
     """The states of a case.
 
     Args:
-        recordings: of the case.
-        compared: those, or parts of them, that were compared.
-        found: whether they share a state; ``None`` if that was not asked.
+        case: its recordings, or the parts of them that were compared.
+        whole: the same recordings from first to last sample.
+        found: whether those that are fitted share a state; ``None`` if that was not asked.
         changes: what changes during recordings.
     """
     others = () if found is None else _others(found)
     if not (others or changes):
         return States(found)
+    like = _like(case) if others else {}
     between = {name: s.increments for s in others for name in s.place.recordings}
     spans: list[OtherState] = []
-    for recording in recordings:
-        part = next((r for r in compared if r.name == recording.name), None)
+    for recording in whole:
+        name = recording.name
+        part = next(
+            (r for r in (*case.recordings, *case.judged) if r.name == name), None
+        )
         if part is None:
             # too short a part of it was left to tell
             continue
-        mine = [c for c in changes if c.recording == recording.name]
+        mine = [c for c in changes if c.recording == name]
         mine.sort(key=lambda c: c.time)
         # what changed before the part that was compared is there already
-        own, begins = between.get(recording.name, {}), float(part.t[0])
+        own, begins = between.get(like.get(name, name), {}), float(part.t[0])
         spans += _spans(recording, own, mine, begins)
-    return States(found, others, tuple(spans))
+    return States(found, others, tuple(spans), like)
 
 
-def of_first_state(case: Case, found: Agreement) -> Case:
-    """The case with the recordings alone that share the first state of those compared."""
-    first = [id(found.recordings[k]) for k in found.states[0]]
-    recordings = tuple(r for r in case.recordings if id(r) in first)
-    judged = tuple(r for r in case.judged if id(r) in first)
-    return replace(case, recordings=recordings, judged=judged)
+def _like(case: Case) -> dict[str, str]:
+    """A recording that is fitted for each that is judged, whose state it shares; none where it has one of its own.
+
+    Its torque tells where it is judged, and no value.
+    """
+    if not case.judged:
+        return {}
+    found = compared(case, comparable((*case.recordings, *case.judged)))
+    fitted, judged = ({r.name for r in some} for some in (case.recordings, case.judged))
+    like: dict[str, str] = {}
+    for numbers in found.states:
+        names = [found.recordings[k].name for k in numbers]
+        known = [name for name in names if name in fitted]
+        like |= {name: known[0] for name in names if known and name in judged}
+    return like
 
 
 def _others(found: Agreement) -> tuple[OtherState, ...]:

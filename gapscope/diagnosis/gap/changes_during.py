@@ -1,25 +1,14 @@
-"""What changes during recordings of a case, by their own clocks; and the recordings up to the first moment."""
+"""The recordings of a case up to the first moment at which something changes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from gapscope.arm.case import Case
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.thresholds import LEAST_UNCHANGED
-from gapscope.model.changes import Change, Changes, changes_of
-from gapscope.model.rows import comparable
-
-
-def changes_during(
-    case: Case, progress: Callable[[str], None] = lambda message: None
-) -> Changes:
-    """What changes during recordings and between them (``gapscope.model.changes``), whatever the arm is they share.
-
-    What is wrong from the first to the last sample is no change.
-    """
-    return changes_of(comparable((*case.recordings, *case.judged)), case.arm, progress)
+from gapscope.model.changes import Change
 
 
 def up_to_changes(case: Case, changes: Sequence[Change]) -> Case:

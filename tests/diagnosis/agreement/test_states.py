@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from synthetic import Truth, arm, motion, recording
@@ -87,6 +89,25 @@ def test_recordings_that_share_a_state_need_no_sentence() -> None:
     assert document["states"]["shared"] and document["states"]["differs"] == []
     assert "share a state" not in verdict_sentence(document)
     assert [effect["effect"] for effect in document["effects"]] == ["payload"]
+
+
+def test_what_is_judged_is_judged_in_the_state_it_shares() -> None:
+    made = case(Truth(), LOAD, Truth(), LOAD)
+    first, second, *judged = made.recordings
+    apart = replace(made, recordings=(first, second), judged=tuple(judged))
+    result = gapscope.diagnose(apart)
+    document = result.document
+    assert document["states"]["recordings"] == ["recording_0.csv", "recording_1.csv"]
+    (diagnosed,) = document["states"]["diagnosed"]
+    judges = [r["name"] for r in document["recordings"] if r["role"] == "judge"]
+    assert judges == (
+        ["recording_2.csv"] if diagnosed == "recording_0.csv" else ["recording_3.csv"]
+    )
+    assert document["verdict"] == "effects_found"
+    for recording in judged:
+        predicted = gapscope.predict(apart, recording.name, result.corrected).tau
+        gap = (recording.tau - predicted)[100:-100]
+        assert (gap.std(axis=0) < 0.1 * recording.tau.std(axis=0)).all()
 
 
 def test_a_single_recording_is_not_asked() -> None:

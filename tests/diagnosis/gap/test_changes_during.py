@@ -10,13 +10,10 @@ from cases import changed_during
 from gapscope.arm.case import Case
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.diagnosis_json import validate
-from gapscope.diagnosis.gap.changes_during import (
-    changes_during,
-    up_to_changes,
-)
+from gapscope.diagnosis.gap.changes_during import up_to_changes
 from gapscope.effects.applied import AppliedEffect
 from gapscope.model.change_findings import change_findings, change_text
-from gapscope.model.changes import Change
+from gapscope.model.changes import Change, changes_of
 
 MOMENT = {"load": 4.1, "friction": 4.4}
 CHANGED = {
@@ -35,7 +32,7 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
 
 @pytest.fixture(scope="module")
 def changes(case: Case) -> tuple[Change, ...]:
-    return changes_during(case).during
+    return changes_of(case.recordings, case.arm).during
 
 
 def test_what_changed_is_found_with_its_moment_and_size(
