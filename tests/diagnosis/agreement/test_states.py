@@ -104,10 +104,10 @@ def test_what_is_judged_is_judged_in_the_state_it_shares() -> None:
         ["recording_2.csv"] if diagnosed == "recording_0.csv" else ["recording_3.csv"]
     )
     assert document["verdict"] == "effects_found"
-    for recording in judged:
-        predicted = gapscope.predict(apart, recording.name, result.corrected).tau
-        gap = (recording.tau - predicted)[100:-100]
-        assert (gap.std(axis=0) < 0.1 * recording.tau.std(axis=0)).all()
+    for one in judged:
+        predicted = gapscope.predict(apart, one.name, result.corrected).tau
+        gap = (one.tau - predicted)[100:-100]
+        assert (gap.std(axis=0) < 0.1 * one.tau.std(axis=0)).all()
 
 
 def test_a_single_recording_is_not_asked() -> None:
