@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
-from scipy.linalg.lapack import dtrtri
+from scipy.linalg.lapack import dpotrf, dtrtri, dtrtrs
 
 from gapscope.model.design import Design
 
@@ -119,14 +118,28 @@ def _cell(
 
 
 def lower(matrix: np.ndarray) -> np.ndarray:
-    """Lower Cholesky factor of I + a matrix, which is written over."""
+    """Lower Cholesky factor of I + a matrix, which is written over.
+
+    Raises:
+        LinAlgError: the sum is not positive definite.
+    """
     matrix[np.diag_indices(len(matrix))] += 1.0
-    return np.asarray(cholesky(matrix, lower=True, check_finite=False))
+    return _cholesky(matrix)
+
+
+def _cholesky(matrix: np.ndarray) -> np.ndarray:
+    # the matrices are small and many: what checks their shape would cost more than they do
+    factor, failed = dpotrf(matrix, lower=1, clean=1)
+    if failed:
+        raise np.linalg.LinAlgError("the matrix is not positive definite")
+    return np.asarray(factor)
 
 
 def forward(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
     """L^-1 of a lower triangular factor times a right side."""
-    return np.asarray(solve_triangular(factor, right, lower=True, check_finite=False))
+    if not right.size:
+        return np.array(right, dtype=float)
+    return np.asarray(dtrtrs(factor, right, lower=1)[0])
 
 
 def inverse(factor: np.ndarray) -> np.ndarray:
@@ -142,7 +155,7 @@ def whitened(cell: Cell, own2: np.ndarray, noise2: float) -> np.ndarray:
     X = cell.root
     covariance = (X * own2) @ X.T
     covariance[np.diag_indices(len(X))] += noise2
-    return forward(cholesky(covariance, lower=True, check_finite=False), X)
+    return forward(_cholesky(covariance), X)
 
 
 @dataclass(frozen=True)
