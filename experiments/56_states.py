@@ -328,21 +328,26 @@ class Judged:
     Attributes:
         first, exact: whether the first name is right, and the set with its joints; without a truth, no name at all.
         false: names that are not true.
-        states: whether the document says anything of states.
+        placed: whether what one recording has and the other has not is said to be in that one alone.
         failed, unexplained, seconds: of the diagnosis.
     """
 
     first: bool
     exact: bool
     false: int
-    states: bool
+    placed: bool
     failed: bool
     unexplained: bool
     seconds: float
 
 
-def judged(truth: list[dict[str, Any]], result: dict[str, Any], n: int) -> Judged:
-    """Set a result beside its truth."""
+def judged(
+    truth: list[dict[str, Any]],
+    recordings: list[list[dict[str, Any]]],
+    result: dict[str, Any],
+    n: int,
+) -> Judged:
+    """Set a result beside its truth: what the case has, and what each of its recordings."""
     document = result.get("document") or {"effects": [], "verdict": "failed"}
     true = [named(entry) for entry in truth]
     found = [named(entry) for entry in document["effects"]]
@@ -355,11 +360,44 @@ def judged(truth: list[dict[str, Any]], result: dict[str, Any], n: int) -> Judge
         first=done and right,
         exact=done and whole and all(_joints(true[i], found[j]) for i, j in pairs),
         false=len(found) - len(pairs),
-        states=bool(said_of_states(result)),
+        placed=done and placed(recordings, document),
         failed=not done,
         unexplained=document["verdict"] == "unexplained",
         seconds=float(result["cpu_seconds"]),
     )
+
+
+def placed(recordings: list[list[dict[str, Any]]], document: dict[str, Any]) -> bool:
+    """Whether what differs between recordings is said to be where it is, and nowhere else.
+
+    Friction that the day changes too is in both where the data sheet is asked.
+    """
+    names = document["states"]["recordings"]
+    true = [{part for entry in some for part in _parts(entry)} for some in recordings]
+    found = [
+        {part for place in _places(document, name) for part in _parts(place)}
+        for name in names
+    ]
+    differing = set.union(*true) - set.intersection(*true)
+    return all(
+        mine & differing == other & differing
+        for mine, other in zip(true, found, strict=True)
+    )
+
+
+def _parts(entry: dict[str, Any]) -> list[tuple[str, int]]:
+    """An effect joint by joint."""
+    return [(entry["effect"], joint) for joint in entry["joints"] or [0]]
+
+
+def _places(document: dict[str, Any], name: str) -> list[dict[str, Any]]:
+    """Effects that a recording has, as a document says."""
+    out = []
+    for entry in document["effects"]:
+        places = [entry, *entry.get("elsewhere", [])]
+        here = [p for p in places if name in p.get("recordings", [name])]
+        out += [{**place, "effect": entry["effect"]} for place in here[:1]]
+    return out
 
 
 def _joints(true: Named, found: Named) -> bool:
@@ -385,16 +423,17 @@ def score(tasks: Sequence[Task], out: Path, results: Path) -> None:
             told = result["document"]["effects"]
             kept = [e for e in told if e["effect"] not in DAILY - stated]
             result["document"]["effects"] = kept
-        one = judged(effects, result, len(arm["nominal"]["armature"]))
+        n = len(arm["nominal"]["armature"])
+        one = judged(effects, truth["recordings"], result, n)
         groups.setdefault((task.row, task.mode), []).append(one)
-        states = json.dumps(said_of_states(result)) if one.states else "–"
+        states = json.dumps(said_of_states(result))
         true = " / ".join(
             ", ".join(_short(entry) for entry in several) or "–"
             for several in truth["recordings"]
         )
         said.append((task.name, true, said_at_all, states[:400]))
     head = ("", "question", "cases", "first right", "exact", "false names")
-    head = (*head, "unexplained", "states given", "failed", "seconds: median, worst")
+    head = (*head, "unexplained", "where it is", "failed", "seconds: median, worst")
     rows = [
         (ROWS[row].text, mode, *_figures(several))
         for (row, mode), several in groups.items()
@@ -427,7 +466,7 @@ def _figures(several: Sequence[Judged]) -> tuple[str, ...]:
         of("exact"),
         str(sum(one.false for one in several)),
         of("unexplained"),
-        of("states"),
+        of("placed"),
         of("failed"),
         f"{np.median(seconds):.1f}, {max(seconds):.1f}",
     )
