@@ -402,19 +402,13 @@ class Contrast:
                     continue
                 of_all = cell.root.T @ (cell.root @ beta)
                 left = (cell.right - of_all)[one.free] * one.size / noise2
-                # L L^T = I + A, A = V diag(a) V^T
-                known, vectors = np.linalg.eigh(one.factor @ one.factor.T)
-                known, power = (known - 1.0).clip(0.0), (vectors.T @ left) ** 2
-                before, *after = (
-                    float(
-                        g * (power / (1.0 + g * known)).sum()
-                        - np.log1p(g * known).sum()
-                    )
-                    / 2
-                    for g in (1.0, *growths)
-                )
-                for growth, value in zip(growths, after, strict=True):
-                    out[j, cell.motion, growth] = value - before
+                before = _half_log(one.factor, forward(one.factor, left))
+                # L L^T = I + A
+                known = one.factor @ one.factor.T - np.eye(len(left))
+                for growth in growths:
+                    factor = lower(known * growth)
+                    right = forward(factor, left * np.sqrt(growth))
+                    out[j, cell.motion, growth] = _half_log(factor, right) - before
         return out
 
     def values_of(self, groups: Collection[int], held: np.ndarray) -> np.ndarray:
