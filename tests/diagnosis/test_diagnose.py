@@ -232,6 +232,7 @@ def test_order_of_the_columns() -> None:
     np.testing.assert_allclose(payload.parameters["com"], [0.2, 0.0, 0.0], atol=0.01)
 
 
+@pytest.mark.nightly
 def test_order_of_the_columns_of_other_effects() -> None:
     """As above, of effects that are no load."""
     order = np.array([2, 0, 1])

@@ -8,12 +8,13 @@ import pytest
 from cases import changed_during
 
 from gapscope.arm.case import Case
-from gapscope.diagnosis.diagnose import diagnose
+from gapscope.diagnosis.diagnose import conclude
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.gap.changes_during import up_to_changes
+from gapscope.diagnosis.study import Study, examine
 from gapscope.effects.applied import AppliedEffect
 from gapscope.model.change_findings import change_findings, change_text
-from gapscope.model.changes import Change, changes_of
+from gapscope.model.changes import Change
 
 MOMENT = {"load": 4.1, "friction": 4.4}
 CHANGED = {
@@ -31,8 +32,13 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
 
 
 @pytest.fixture(scope="module")
-def changes(case: Case) -> tuple[Change, ...]:
-    return changes_of(case.recordings, case.arm).during
+def study(case: Case) -> Study:
+    return examine(case, lambda message: None)
+
+
+@pytest.fixture(scope="module")
+def changes(study: Study) -> tuple[Change, ...]:
+    return study.changes
 
 
 def test_what_changed_is_found_with_its_moment_and_size(
@@ -74,17 +80,27 @@ def test_the_longest_part_remains_if_all_change_at_once(
     assert kept.t[0] > 1.5 and kept.t[-1] == case.recordings[1].t[-1]
 
 
-def test_a_diagnosis_names_the_change_and_no_effect(case: Case) -> None:
-    found = diagnose(replace(case, recordings=case.recordings[:2]))
+def test_a_diagnosis_names_the_changes_and_no_effect(study: Study) -> None:
+    found = conclude(study)
     document = found.document
     validate(document)
-    (change,) = document["changes"]
-    assert change["what"] == "payload" and change["recording"] == "load"
+    changes = {change["recording"]: change for change in document["changes"]}
+    assert {name: change["what"] for name, change in changes.items()} == {
+        "load": "payload",
+        "friction": "friction",
+    }
     assert document["verdict"] == "effects_found" and document["effects"] == []
-    # what is corrected has the load from then on
-    *before, after = found.states
-    assert [s.place.recordings for s in before] == [("healthy",), ("load",)]
-    assert all(state.effects == () for state in before)
+    # what is corrected has each from its moment on
+    states = {
+        name: [s for s in found.states if name in s.place.recordings]
+        for name in ("healthy", *MOMENT)
+    }
+    assert [state.effects for state in states["healthy"]] == [()]
+    before, after = states["load"]
+    assert before.effects == () and after.place.start == changes["load"]["time"]
     (load,) = after.effects
     assert load.parameters["mass"] == pytest.approx(1.5, abs=0.1)
-    assert after.place.start == change["time"]
+    before, after = states["friction"]
+    (friction,) = after.effects
+    assert before.effects == () and friction.joints == (3,)
+    assert friction.parameters["torque"] == pytest.approx(2.0, abs=0.4)

@@ -128,11 +128,11 @@ class TestTroubleshooting:
         ("fault", "row", "joints"),
         [
             (swapped, "swapped_joints", (3, 4)),
-            (turned, "torque_sign", (4,)),
+            pytest.param(turned, "torque_sign", (4,), marks=pytest.mark.nightly),
             (late, "time_offset", None),
             (noisy, "derivative_noise", None),
             (saturated, "saturated_torque", (1, 2, 3, 4, 5, 6, 7)),
-            (resting, "resting_joint", (7,)),
+            pytest.param(resting, "resting_joint", (7,), marks=pytest.mark.nightly),
         ],
     )
     def test_planted_fault_fires_its_row(
