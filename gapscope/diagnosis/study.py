@@ -11,10 +11,7 @@ from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.agreement.agreement import Agreement, alike, compared
-from gapscope.diagnosis.agreement.states import (
-    States,
-    states_of,
-)
+from gapscope.diagnosis.agreement.states import States, states_of
 from gapscope.diagnosis.assessment.confidence import Confidence
 from gapscope.diagnosis.assessment.excess_residual import ExcessResidual
 from gapscope.diagnosis.assessment.held_out_prediction import HeldOutPredictor
