@@ -10,6 +10,7 @@ left out. Some comparisons are made again with every recording listed twice and 
 
 Resumable: run it again for the rest; each comparison has a result file. ``--results NAME`` keeps the results of several
 versions side by side, ``--sketch PROGRAM`` lets an outside program answer (``outside_program.py``).
+``--step agree`` compares the six repeats of each leg of the Go2 with each other, in a table of its own.
 """
 
 from __future__ import annotations
@@ -38,6 +39,13 @@ from gapscope.arm.io.write_case import write_case
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.blind_check.scoring.statistics import wilson
+from gapscope.diagnosis.agreement.agreement import (
+    AGREES,
+    DIFFERS,
+    NOT_DETERMINED,
+    Agreement,
+    agreement,
+)
 from gapscope.reports.blind_check.tables import Table
 
 REAL = ("ur10", "panda", "tx40", "emps")
@@ -54,6 +62,8 @@ TIMES = (2, 10)
 LEGS = ("FL", "FR", "RL", "RR")
 GAINS = {"hip": (20.0, 1.0), "thigh": (20.0, 1.0), "calf": (40.0, 2.0)}
 """Proportional [N m/rad] and damping gain [N m s/rad] of the drives of a leg, as asked for."""
+SCATTERED = ("Coulomb friction", "viscous friction", "torque gain")
+"""Quantities whose scatter from repeat to repeat is shown."""
 SAMPLES = 9
 LETTERS = "abcd"
 
@@ -372,6 +382,36 @@ def score(plans: Sequence[Comparison], results: Path) -> None:
     results.with_suffix(".md").write_text(text, encoding="utf-8")
 
 
+def agree(out: Path, data: Path) -> None:
+    """Print whether the six repeats of each leg agree, and how far values scatter from repeat to repeat."""
+    rows = []
+    for leg in LEGS:
+        case, _ = of_leg(leg, data, out)
+        found = agreement(case)
+        differing = [line.quantity.name for line in found.having(DIFFERS)]
+        cells = (
+            str(len(found.having(AGREES))),
+            ", ".join(differing) or "–",
+            str(len(found.having(NOT_DETERMINED))),
+        )
+        rows.append(
+            (leg, *cells, *(scatter(found, quantity) for quantity in SCATTERED))
+        )
+    head = ("leg", "agree", "differ", "not determined", *SCATTERED)
+    print(Table("Repeats of the Go2", head, tuple(rows)).markdown())
+
+
+def scatter(found: Agreement, quantity: str) -> str:
+    """Deviation of a quantity from repeat to repeat over its mean, joint by joint [%]."""
+    texts = []
+    for line in found.parameters:
+        if line.quantity.name.startswith(quantity):
+            value = line.values.value
+            share = 100 * value.std(ddof=1) / abs(value.mean())
+            texts.append(f"{share:.1f}" if np.isfinite(share) else "–")
+    return ", ".join(texts)
+
+
 def main() -> None:
     """Make, run and score."""
     parser = argparse.ArgumentParser(
@@ -386,13 +426,16 @@ def main() -> None:
     parser.add_argument(
         "--sketch", type=Path, help="an outside program in place of Gapscope"
     )
-    steps = ("make", "run", "score", "all")
+    steps = ("make", "run", "score", "all", "agree")
     parser.add_argument("--step", choices=steps, default="all")
     arguments = parser.parse_args()
     warnings.simplefilter("ignore", ModelWarning)
     groups, out = arguments.groups.split(","), arguments.out
     results = out / arguments.results
     threadpool_limits(1)
+    if arguments.step == "agree":
+        agree(out, Path(os.environ["GAPSCOPE_DATA"]))
+        return
     if arguments.step in ("make", "all"):
         make(groups, out, Path(os.environ["GAPSCOPE_DATA"]))
     plans = read_plans(groups, out)
