@@ -41,8 +41,7 @@ from gapscope.arm.io.json_file import read_json, write_json
 from gapscope.arm.recording import Recording
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.watching.alarm import ALARM, DRIFT, MISFIT, Event
-from gapscope.watching.detection.detector import Detector
-from gapscope.watching.segments import SegmentStream
+from gapscope.watching.detector import Detector
 
 CASES = Path(__file__).parent / "cases"
 REAL = ("ur10", "panda", "kuka_med7", "unitree_z1")
@@ -63,29 +62,32 @@ FOUND = (ALARM, MISFIT)
 """Events that say that something has changed."""
 
 
-class Watched:
-    """A stream and a detector without files.
+def feed(watched: Detector, parts: Iterable[Recording]) -> Iterator[Event]:
+    """Events of some parts of recordings."""
+    for part in parts:
+        yield from watched.add(part)
 
-    Args:
-        arm: nominal arm.
-    """
 
-    def __init__(self, arm: Any) -> None:
-        self.stream, self.detector = SegmentStream(), Detector(CorrectedArm(arm))
-
-    def feed(self, parts: Iterable[Recording]) -> Iterator[Event]:
-        """Events of some parts of recordings."""
-        for part in parts:
-            for segment in self.stream.add(part):
-                yield from self.detector.add(segment)
+def fork(watched: Detector) -> Detector:
+    """A detector in the same state that goes on by itself."""
+    other, state = copy.copy(watched), watched.state
+    other.stream = copy.copy(watched.stream)
+    other.state = replace(
+        state,
+        drift=state.drift.copy(),
+        now=list(state.now),
+        known=dict(state.known),
+        free=dict(state.free),
+    )
+    return other
 
 
 def healthy(seed: int, hours: float) -> dict[str, Any]:
     """Alarms of an arm without a change."""
     arm = WorkingArm(seed, start_cold=seed % 2 == 0)
-    watched = Watched(arm.nominal)
+    watched = Detector(CorrectedArm(arm.nominal))
     begin = time.process_time()
-    events = list(watched.feed(arm.chunks(3600 * hours)))
+    events = list(feed(watched, arm.chunks(3600 * hours)))
     return {
         "robot": arm.kind,
         "noise": arm.colour,
@@ -127,9 +129,9 @@ def draws(arm: WorkingArm) -> Iterator[Change]:
 def changes(seed: int) -> list[dict[str, Any]]:
     """Every change on one arm, each from the same state before it."""
     arm = WorkingArm(seed)
-    watched = Watched(arm.nominal)
-    before = [e.sentence for e in watched.feed(arm.chunks(BEFORE)) if e.event == ALARM]
-    kept = copy.deepcopy(watched.detector.monitor.state), watched.stream.held
+    watched = Detector(CorrectedArm(arm.nominal))
+    events = feed(watched, arm.chunks(BEFORE))
+    before = [e.sentence for e in events if e.event == ALARM]
     rows = []
     for change in draws(arm):
         own = copy.copy(arm)
@@ -137,10 +139,9 @@ def changes(seed: int) -> list[dict[str, Any]]:
         own.c, own.b, own.load = arm.c.copy(), arm.b.copy(), arm.load.copy()
         own.offset, own.zero = arm.offset.copy(), arm.zero.copy()
         own._queue, own._filters = list(arm._queue), dict(arm._filters)
-        watched.detector.monitor.state = copy.deepcopy(kept[0])
-        watched.stream.held = kept[1]
         own.change(change)
-        events = [e for e in watched.feed(own.chunks(AFTER)) if e.event in FOUND]
+        told = feed(fork(watched), own.chunks(AFTER))
+        events = [e for e in told if e.event in FOUND]
         rows.append(judged(change, events, own.t - AFTER))
     return [{"robot": arm.kind, "before": before, **row} for row in rows]
 
@@ -176,23 +177,20 @@ def real(name: str, hours: float) -> dict[str, Any]:
     """Alarms of stretches of a real arm's recordings, and of changes that are added to them."""
     case = load_case(CASES / f"{name}.yaml", any_unit=True)
     recordings = [r for r in case.recordings if r.tau is not None]
-    watched = Watched(case.arm)
+    watched = Detector(CorrectedArm(case.arm))
     rng = np.random.default_rng([46, REAL.index(name)])
     begin = time.process_time()
-    events = list(watched.feed(stretches(recordings, 120.0, rng, (0.0, 0.6))))
+    events = list(feed(watched, stretches(recordings, 120.0, rng, (0.0, 0.6))))
     rest = 3600 * hours - 120.0
-    events += watched.feed(stretches(recordings, rest, rng, (0.0, 1.0)))
+    events += feed(watched, stretches(recordings, rest, rng, (0.0, 1.0)))
     used = time.process_time() - begin
     alarms = [e for e in events if e.event == ALARM]
-    kept = copy.deepcopy(watched.detector.monitor.state), watched.stream.held
     rows = []
     body = RigidBody(case.arm)
     for change in real_changes(recordings, case.arm.n_joints):
         changed = [with_change(r, change, body) for r in recordings]
-        watched.detector.monitor.state = copy.deepcopy(kept[0])
-        watched.stream.held = None
         parts = stretches(changed, AFTER, np.random.default_rng(1), (0.0, 1.0))
-        found = [e for e in watched.feed(parts) if e.event in FOUND]
+        found = [e for e in feed(fork(watched), parts) if e.event in FOUND]
         row = judged(change, found, float("nan"))
         row["delay"] = None
         rows.append(row)

@@ -10,6 +10,7 @@ import numpy as np
 from gapscope.arm.display import effect_name, uncertain
 from gapscope.effects.catalogue import of_quantity
 from gapscope.model.changes import Change
+from gapscope.model.terms import Term
 
 PAYLOAD = of_quantity("load")[0].name
 """What a load on the last link is called, picked up or put down."""
@@ -48,16 +49,21 @@ def _are_one(one: dict[str, Any], other: dict[str, Any]) -> bool:
     return one["what"] == PLAIN_FRICTION and same and low <= high and new
 
 
-def _finding(change: Change) -> dict[str, Any]:
-    effect, joint = change.term.effect, change.term.joint
-    what = PLAIN_FRICTION if _friction(change) else effect
-    if change.term.is_load:
+def called(term: Term) -> tuple[str, tuple[int, ...]]:
+    """What a change of a term is called, and on which joints: plain friction together, a load by one name."""
+    what = PLAIN_FRICTION if _friction(term) else term.effect
+    if term.is_load:
         what = PAYLOAD
+    return what, (term.joint,) if term.joint else ()
+
+
+def _finding(change: Change) -> dict[str, Any]:
+    what, joints = called(change.term)
     return {
         "recording": change.recording,
         "what": what,
-        "effect": effect,
-        "joints": [joint] if joint else [],
+        "effect": change.term.effect,
+        "joints": list(joints),
         "time": change.time,
         "interval": list(change.interval),
         "parameters": _parameters(change),
@@ -66,9 +72,9 @@ def _finding(change: Change) -> dict[str, Any]:
     }
 
 
-def _friction(change: Change) -> str | None:
+def _friction(term: Term) -> str | None:
     """Name of plain friction; ``None`` of anything else."""
-    quantities = change.term.definition.quantities.values()
+    quantities = term.definition.quantities.values()
     return next((FRICTION[q] for q in quantities if q in FRICTION), None)
 
 
@@ -76,7 +82,7 @@ def _parameters(change: Change) -> dict[str, dict[str, Any]]:
     """By how much each parameter changed, with its standard deviation."""
     if change.term.is_load:
         names = list(LOAD)
-    elif friction := _friction(change):
+    elif friction := _friction(change.term):
         names = [(friction, change.term.definition.parameters[0].unit)]
     else:
         return _of_effect(change)
@@ -100,6 +106,9 @@ def _of_effect(change: Change) -> dict[str, dict[str, Any]]:
     out = {}
     for parameter in change.term.definition.parameters:
         name = parameter.name
+        # the number of a link is no value
+        if name not in middle:
+            continue
         half = [(up[name] - down[name]) / 2 for up, down in steps]
         std = np.sqrt((np.array(half) ** 2).sum(axis=0))
         unit = parameter.unit

@@ -10,12 +10,17 @@ change says when,
 with r the residual without the change, d what it does to the torque, and s^2 the variance of the noise and of what is
 left. With spans that end there, all terms are asked again. A recording that differs from its first sample on is in
 another state than the others; that is no change during it.
+
+Of a stream (``changes_since``) the first recording is what was learnt: nothing changes in it, and it teaches noise and
+form error. What the second one has since a moment, or has had all along, is asked beside friction, which may be
+anything in it: it warms up.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -25,7 +30,9 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.model.conditioning import STANDS_OUT, slips, without_slips
 from gapscope.model.design import Design, FreeArm, design, fitted_arm
-from gapscope.model.difference import Difference, Fit, Search, in_a_row
+from gapscope.model.difference import GROWTHS, Difference, Fit, Search, in_a_row
+from gapscope.model.equations import Equations
+from gapscope.model.form_error import noise_of_motions
 from gapscope.model.rows import LEAST_MOTIONS, Rows, comparable
 from gapscope.model.terms import Candidate, Term
 
@@ -40,10 +47,16 @@ MOST_MOMENTS = 6
 """Moments of a case. (budget)"""
 ZERO = "zero"
 """Quantity of a drive that an encoder which slips has another value of."""
+ANY_FRICTION = 1.0
+"""Share by which friction now may differ from that which was learnt: a cold arm has up to twice as much [1]. (physical)
+"""
 SURE = 0.95
 """Probability that a moment is within its interval. (definition)"""
 
 
+Moved = Mapping[str, tuple[np.ndarray, np.ndarray]]
+"""By name of a recording, times in it by its own clock [s], (M,), and the torque that each coordinate of a term makes
+there [N m], (M, n, linear)."""
 Place = tuple[int, float, float]
 """Number of a recording, and the times in it between which something has a value [s]: infinite at an end."""
 
@@ -76,8 +89,7 @@ class Change:
         deviation: standard deviations of that, (linear,).
         probability: that it belongs to what changed [1].
         support: evidence of the change over what its prior odds ask for [1].
-        columns: by name of a recording, times in it by its own clock [s], (M,), and the torque that each coordinate
-            makes there [N m], (M, n, linear).
+        columns: what it moves.
     """
 
     recording: str
@@ -88,7 +100,7 @@ class Change:
     deviation: np.ndarray
     probability: float
     support: float
-    columns: Mapping[str, tuple[np.ndarray, np.ndarray]]
+    columns: Moved
 
     def __str__(self) -> str:
         """What changes when, in a few words."""
@@ -109,6 +121,19 @@ class Changes(NamedTuple):
     between: Difference | None
 
 
+@dataclass(frozen=True)
+class Learnt:
+    """That the first recording is what was learnt of an arm, and the second what it does now.
+
+    Attributes:
+        asked: sets of spans that there are until as many false changes may be named as a user wants [1].
+        free: what the second may have another value of all along, standard deviations of its coordinates, (linear,).
+    """
+
+    asked: float
+    free: Mapping[Term, np.ndarray]
+
+
 class _Spans:
     """Spans of R recordings between times: groups of rows, and sets of them that may have one value.
 
@@ -116,7 +141,9 @@ class _Spans:
         rows: each recording a group.
         ends: per recording the times at which a span ends [s], rising.
         parts: motions of each span at least.
-        smeared: time on both sides of an end of which the rows are left out [s].
+        smeared: time on both sides of a moment of which the rows are left out [s].
+        moments: per recording, if not the ends of spans.
+        learnt: if the first is what was learnt.
     """
 
     def __init__(
@@ -125,7 +152,10 @@ class _Spans:
         ends: Sequence[Sequence[float]],
         parts: int = LEAST_MOTIONS,
         smeared: float = 0.0,
+        moments: Sequence[Sequence[float]] | None = None,
+        learnt: Learnt | None = None,
     ) -> None:
+        self.learnt = learnt
         kept = [
             _between(rows.t[rows.recording == number], some)
             for number, some in enumerate(ends)
@@ -137,7 +167,7 @@ class _Spans:
         for number, some in enumerate(kept):
             mine = rows.recording == number
             group[mine] = first[number] + np.searchsorted(some, rows.t[mine])
-            for end in some:
+            for end in some if moments is None else moments[number]:
                 left_out |= mine & (np.abs(rows.t - end) < smeared)
         self.rows = rows.regrouped(group, parts, left_out)
 
@@ -146,16 +176,24 @@ class _Spans:
     ) -> Search:
         """The search for what sets of spans have of their own, of ``asked`` that there might be."""
         every = tuple(range(self.groups[-1][-1] + 1))
-        return Search(self.rows, arm, sets, every, 0.0, every, asked)
+        if self.learnt is None:
+            return Search(self.rows, arm, sets, every, 0.0, every, asked)
+        told, now = tuple(self.groups[0]), tuple(self.groups[1])
+        free = self.learnt.free
+        asked = self.learnt.asked
+        return Search(self.rows, arm, sets, told, ANY_FRICTION, told, asked, [now], free)
 
     def sets(
         self, known: Sequence[Sequence[float]] | None = None
     ) -> list[tuple[int, ...]]:
-        """Spans of a recording in a row, and all of each if there are several.
+        """Spans of a recording in a row, and all of each if there are several; of a stream those up to now.
 
         Args:
             known: per recording the times of moments [s]: rows that begin and end elsewhere are left out.
         """
+        if self.learnt is not None:
+            now = self.groups[1]
+            return [tuple(now[k:]) for k in range(len(now))]
         out = []
         for number, some in enumerate(self.groups):
             ends = self.ends[number]
@@ -200,8 +238,16 @@ class _Spans:
         return (number, begins, ends) if begins < ends else (number, start, end)
 
     def moments(self, fit: Fit, one: Candidate) -> list[Moment]:
-        """When a candidate begins and ends, each time between the ends before and after it."""
+        """When a candidate begins and ends, each time between the ends before and after it.
+
+        What a stream has all along began between what was learnt and now.
+        """
         number, start, end = self.place(one)
+        if self.learnt is not None and np.isinf(start):
+            learnt = self.rows.recording == 0
+            first = float(self.rows.t[~learnt].min())
+            since = min(float(self.rows.t[learnt].max()), first)
+            return [Moment(number, first, (since, first))]
         return [
             self._moment(fit, one, number, time, begins)
             for time, begins in ((start, True), (end, False))
@@ -253,13 +299,17 @@ def changes_of(
     if not given:
         return Changes((), None)
     recordings = [without_slips(one) for one in given]
-    rows = Rows([[recording] for recording in recordings])
+    rows = Rows.recorded([[recording] for recording in recordings])
     about = fitted_arm(rows, arm, tuple(range(len(recordings))))
     slipped = _slipped(given, rows, about)
-    found, between = _by_torque(recordings, rows, arm, about, progress)
+    ask = partial(between_recordings, rows, arm) if len(recordings) > 1 else None
+    told = _by_torque(rows, about, {}, None, ask, progress)
+    clocks = [Clock(one.name, float(one.t[0])) for one in recordings]
+    moved = partial(_moved_by, recordings=recordings)
+    found = _changes(told, clocks, moved) if told.found else ()
     number = {recording.name: k for k, recording in enumerate(recordings)}
     every = sorted((*slipped, *found), key=lambda c: (number[c.recording], c.time))
-    return Changes(tuple(every), between)
+    return Changes(tuple(every), told.between)
 
 
 def between_recordings(rows: Rows, arm: NominalArm) -> Difference:
@@ -268,6 +318,81 @@ def between_recordings(rows: Rows, arm: NominalArm) -> Difference:
     # the first is the arm: fitted to all, it would have part of what some have of their own
     about = fitted_arm(rows, arm, (0,))
     return Search(rows, about, in_a_row(len(every)), every, days=0.0).run()
+
+
+class Since(NamedTuple):
+    """What a look at a stream says.
+
+    Attributes:
+        changes: all that the second recording has had since a moment, or all along; ``None`` if nothing new is promised.
+        others: probability of every term of which it may have something.
+        fit: what is left beside what was known.
+        unknown: joints from 1 on which form error is larger, and since when [s].
+        louder: joints from 1 with more noise: how much more, a ratio of RMS [1], and since when [s].
+    """
+
+    changes: tuple[Change, ...] | None
+    others: Mapping[Term, float]
+    fit: Fit
+    unknown: Mapping[int, float]
+    louder: Mapping[int, tuple[float, float]]
+
+
+def changes_since(
+    rows: Rows,
+    about: FreeArm,
+    known: Mapping[tuple[Term, float], np.ndarray],
+    learnt: Learnt,
+) -> Since:
+    """What the second recording of rows has had since a moment that the first one, which was learnt, had not.
+
+    Args:
+        rows: both, on one clock.
+        about: the arm that predicts the first.
+        known: what is known to have changed, since when [s], and about by how much.
+        learnt: how often, and beside what.
+    """
+    given = {(term, (1, t, np.inf)): value for (term, t), value in known.items()}
+    odds = float(np.log(learnt.asked))
+    told = _by_torque(
+        rows, about, given, learnt, None, stop=lambda fit: bool(_louder(fit, odds))
+    )
+    if told.found is None:
+        louder = _louder(told.fit, odds)
+        gain, joint, group = told.looked.unknown_since(told.fit)
+        since = float(rows.t[told.spans.rows.group == group].min())
+        unknown = {joint + 1: since} if gain > odds else {}
+        return Since(None, {}, told.fit, unknown, louder)
+    clocks = [Clock("", 0.0), Clock("", 0.0)]
+    changes = _changes(told, clocks, lambda made, term: {})
+    others = told.found.probabilities_of(lambda one: one.term)
+    return Since(changes, others, told.fit, {}, {})
+
+
+def _louder(fit: Fit, odds: float) -> dict[int, tuple[float, float]]:
+    """Joints from 1 with more noise from some motion on: how much more, a ratio of RMS [1], and since when [s].
+
+    The noise of motions scatters, its logarithms alike before and after. Of two means of N of them in all that are t
+    deviations apart the evidence that they differ is N / 2 ln(1 + t^2 / (N - 2)).
+    """
+    contrast = fit.contrast
+    rows, out = contrast.design.rows, {}
+    gap = contrast.gap - fit.own.torque(fit.answer.values)
+    beside = Equations.of(replace(contrast.design, gap=gap))
+    for j in range(len(beside.cells)):
+        begin, level = noise_of_motions(beside, j)
+        level, count = np.log(level), len(level)
+        best = 0.0
+        for first in range(int((begin < len(rows.t[rows.recording == 0])).sum()), count - 1):
+            then, now = level[:first], level[first:]
+            growth = now.mean() - then.mean()
+            within = ((then - then.mean()) ** 2).sum() + ((now - now.mean()) ** 2).sum()
+            parted = growth**2 * len(then) * len(now) / count
+            evidence = count / 2 * float(np.log1p(parted / max(within, 1e-12)))
+            if growth >= np.log(GROWTHS[0]) and evidence > max(best, odds):
+                best = evidence
+                out[j + 1] = float(np.exp(growth / 2)), float(rows.t[begin[first]])
+    return out
 
 
 def _slipped(
@@ -302,35 +427,72 @@ def _slipped(
         )
 
 
+class _Told(NamedTuple):
+    """What the torque says that changes.
+
+    Attributes:
+        found: the best hypothesis; ``None`` if nothing new is promised.
+        spans: of it.
+        when: moments of what it holds.
+        between: what whole recordings have of their own, if that was asked.
+        fit: what the last look left, beside what was known.
+        looked: the search of the last look.
+    """
+
+    found: Difference | None
+    spans: _Spans
+    when: Mapping[Candidate, Sequence[Moment]]
+    between: Difference | None
+    fit: Fit
+    looked: Search
+
+
 def _by_torque(
-    recordings: Sequence[Recording],
     rows: Rows,
-    arm: NominalArm,
     about: FreeArm,
-    progress: Callable[[str], None],
-) -> tuple[tuple[Change, ...], Difference | None]:
-    """What the torque says that changes during recordings, and what whole ones have of their own."""
-    times = [rows.t[rows.recording == k] for k in range(len(recordings))]
+    known: Mapping[tuple[Term, Place], np.ndarray],
+    learnt: Learnt | None,
+    ask: Callable[[], Difference] | None,
+    progress: Callable[[str], None] = lambda message: None,
+    stop: Callable[[Fit], bool] = lambda fit: False,
+) -> _Told:
+    """What the torque says that changes during recordings.
+
+    Args:
+        rows: each recording a group.
+        about: the arm that predicts.
+        known: what is known to have changed, where, and about by how much.
+        learnt: if the first recording is what was learnt.
+        ask: asks what whole recordings have of their own.
+        progress: is told.
+        stop: whether what changes leave makes all further questions vain.
+    """
+    count = int(rows.recording.max()) + 1
+    times = [rows.t[rows.recording == k] for k in range(count)]
     grid = [np.quantile(t, np.arange(1, SPANS) / SPANS) for t in times]
+    if learnt is not None:
+        grid[0] = np.zeros(0)
     torque: np.ndarray | float = 0.0
     # what changes, where, and by how much
-    mine: dict[tuple[Term, Place], np.ndarray] = {}
+    mine, new = dict(known), False
+    before, smeared = _ends(known, count), SMEARED / rows.cutoff
     left = MOST_MOMENTS
     between: Difference | None = None
     while True:
-        ends = _ends(mine, len(recordings))
-        looked = _Spans(rows, list(map(_apart, grid, ends)), PARTS)
+        ends = _ends(mine, count)
+        cuts = list(map(_apart, grid, ends))
+        looked = _Spans(rows, cuts, PARTS, smeared, before, learnt)
         sets = looked.sets(ends)
-        known = {looked.candidate(*key): value for key, value in mine.items()}
+        there = {looked.candidate(*key): value for key, value in mine.items()}
         search = looked.search(about, sets, len(sets))
-        fit, step = search.step(known, torque)
+        fit, step = search.step(there, torque)
         # what has no column about the moved arm, or cannot be beside the others, is none
         mine = {key: x for key, x in mine.items() if looked.candidate(*key) in fit.mine}
         moments = [looked.moments(fit, looked.candidate(*key)) for key in mine]
-        if step is not None and between is None and len(recordings) > 1:
+        if step is not None and between is None and ask is not None:
             # what moves another load all along a recording looks like much else in its parts: whole ones first
             progress("asks whether the recordings share a state")
-            between = between_recordings(rows, arm)
+            between = ask()
             mine = {
                 (one.term, (group, -np.inf, np.inf)): value
                 for one, value in between.fit.values.items()
@@ -339,29 +501,31 @@ def _by_torque(
             if mine:
                 about, torque = between.arm, between.fit.torque
                 continue
+        if learnt is not None and (stop(fit) if new else step is None):
+            return _Told(None, looked, {}, between, fit, search)
         about, torque = search.moved_by(step or fit), fit.torque
         if step is not None and left:
-            left -= 1
+            left, new = left - 1, True
             torque = step.torque
             mine = {
                 (one.term, looked.refined(step, one)): value
                 for one, value in step.values.items()
             }
             continue
-        if not any(_ends(mine, len(recordings))):
-            return (), between
+        if not mine or (learnt is None and not any(_ends(mine, count))):
+            return _Told(None, looked, {}, between, fit, search)
         # all of them at once, against what they may be taken for
         progress("asks what changed")
-        spans = _Spans(rows, ends, smeared=SMEARED / rows.cutoff)
+        spans = _Spans(rows, ends, smeared=smeared, learnt=learnt)
         candidates = [spans.candidate(*key) for key in mine]
         likely = dict(zip(candidates, mine.values(), strict=True))
         found = spans.search(about, spans.sets(), len(sets)).run(likely, torque)
         if set(found.fit.mine) <= set(likely):
             when = dict(zip(candidates, moments, strict=True))
-            return _changes(found, spans, when, recordings), between
+            return _Told(found, spans, when, between, fit, search)
         if not left:
             when = {one: spans.moments(found.fit, one) for one in found.fit.mine}
-            return _changes(found, spans, when, recordings), between
+            return _Told(found, spans, when, between, fit, search)
         left -= 1
         mine = {(one.term, spans.place(one)): x for one, x in found.fit.values.items()}
         torque = 0.0
@@ -386,18 +550,32 @@ def _between(t: np.ndarray, ends: Sequence[float]) -> list[float]:
 
 def _apart(grid: np.ndarray, ends: Sequence[float]) -> list[float]:
     """Times of a grid and of the moments that are known, none closer to a moment than half a span."""
+    if not len(grid):
+        return list(ends)
     half = float(np.diff(grid).mean()) / 2
     kept = [t for t in grid.tolist() if all(abs(t - end) > half for end in ends)]
     return sorted([*kept, *ends])
 
 
+class Clock(NamedTuple):
+    """Name of a recording, and the time by its own clock at which the rows of it begin to count [s]."""
+
+    name: str
+    start: float
+
+
 def _changes(
-    found: Difference,
-    spans: _Spans,
-    moments: Mapping[Candidate, Sequence[Moment]],
-    recordings: Sequence[Recording],
+    told: _Told, clocks: Sequence[Clock], moved: Callable[[Design, Term], Moved]
 ) -> tuple[Change, ...]:
-    """Each moment at which what spans have of their own comes or goes."""
+    """Each moment at which what spans have of their own comes or goes.
+
+    Args:
+        told: what changes.
+        clocks: of the recordings.
+        moved: what a term moves in them.
+    """
+    found, spans, moments = told.found, told.spans, told.when
+    assert found is not None
     made, out = found.fit.contrast.design, []
     for one in found.fit.mine:
         number, start, _ = spans.place(one)
@@ -410,15 +588,14 @@ def _changes(
             return mine and spans.place(other)[0] == number
 
         odds = found.odds[one]
-        columns = _moved_by(made, one.term, recordings)
-        t = recordings[number].t
+        columns = moved(made, one.term)
+        name, zero = clocks[number]
         for k, moment in enumerate(moments[one]):
-            low, high = (float(t[0]) + time for time in moment.interval)
-            time = float(t[0]) + moment.time
-            comes = np.isfinite(start) and k == 0
+            low, high = (zero + time for time in moment.interval)
+            comes = k == 0 and (np.isfinite(start) or spans.learnt is not None)
             change = Change(
-                recording=recordings[number].name,
-                time=time,
+                recording=name,
+                time=zero + moment.time,
                 interval=(low, high),
                 term=one.term,
                 value=found.fit.values[one] * (1.0 if comes else -1.0),
@@ -433,7 +610,7 @@ def _changes(
 
 def _moved_by(
     made: Design, term: Term, recordings: Sequence[Recording]
-) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+) -> Moved:
     """Times of rows, and the torque that each coordinate of a term makes there, by name of the recording."""
     rows, out = made.rows, {}
     units = [made.torque(term, unit) for unit in np.eye(len(term.columns))]

@@ -32,7 +32,7 @@ from gapscope.effects.effect import (
 from gapscope.model.body_point import Bodies
 from gapscope.model.jacobian import as_recorded, columns
 from gapscope.model.prediction import Prediction
-from gapscope.model.rows import Rows
+from gapscope.model.rows import PartOfDesign, Rows
 from gapscope.model.terms import Candidate, Term, Terms
 
 WIDE = 2.0
@@ -269,21 +269,9 @@ def design(
     """
     n = arm.arm.n_joints
     terms = Terms(n, dict(shapes), arm.arm.coupled_motors)
-    matrices, inertial, gaps, forces = [], [], [], []
     rows.bodies = []
-    for k, segment in enumerate(rows.segments):
-        corrected, motion = arm.corrected(terms), segment.motion
-        body = segment.bodies(arm.bodies)
-        regressor = body.regressor(motion.q, motion.dq, motion.ddq)
-        at = Prediction.of(corrected, body, motion)
-        rows.bodies.append(Bodies(body, motion, regressor))
-        matrices.append(columns(at, rows, k, terms, arm.theta))
-        # bodies of both groups as their torque is recorded, whatever lies on the way to it
-        inertial.append(rows.thin(as_recorded(at, regressor), segment))
-        forces.append(rows.thin(rows.bodies[k].force, segment))
-        assert segment.torque is not None
-        gap = segment.bridged(corrected.delivered(segment.torque) - at.torque)
-        gaps.append(rows.thin(gap, segment))
+    parts_of = [_part(rows, k, arm, terms) for k in range(len(rows.segments))]
+    _, matrices, inertial, forces, gaps = zip(*parts_of, strict=True)
     scale = rows.scale
     bodies = np.concatenate(inertial) / scale[:, None]
     matrix = np.concatenate(matrices) / scale[:, None]
@@ -353,6 +341,35 @@ def design(
         waves,
         _noisy(rows, terms, places, used, active),
     )
+
+
+def _part(rows: Rows, k: int, arm: FreeArm, terms: Terms) -> PartOfDesign:
+    """What a design takes of a segment, as it was kept if it was."""
+    segment = rows.segments[k]
+    key = id(segment), id(arm), tuple(terms.shapes.items())
+    kept = None if rows.made is None else rows.made.get(key)
+    if kept is not None:
+        rows.bodies.append(kept.bodies)
+        return kept
+    corrected, motion = arm.corrected(terms), segment.motion
+    body = segment.bodies(arm.bodies)
+    regressor = body.regressor(motion.q, motion.dq, motion.ddq)
+    at = Prediction.of(corrected, body, motion)
+    bodies = Bodies(body, motion, regressor)
+    rows.bodies.append(bodies)
+    assert segment.torque is not None
+    gap = segment.bridged(corrected.delivered(segment.torque) - at.torque)
+    part = PartOfDesign(
+        bodies,
+        columns(at, rows, k, terms, arm.theta),
+        # bodies of both groups as their torque is recorded, whatever lies on the way to it
+        rows.thin(as_recorded(at, regressor), segment),
+        rows.thin(bodies.force, segment),
+        rows.thin(gap, segment),
+    )
+    if rows.made is not None:
+        rows.made[key] = part
+    return part
 
 
 def _waves(rows: Rows) -> tuple[list[np.ndarray], np.ndarray]:

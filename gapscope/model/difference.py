@@ -186,7 +186,9 @@ class Search:
         days: share by which their friction differs from that of the others from day to day [1]; 0 if all are of a day,
             on which nothing changes that lasts.
         basis: groups that the arm predicts.
-        asked: number of sets of groups that there might be, if not those of ``sets``.
+        asked: number of sets of groups that there might be, if not those of ``sets``; 0: those.
+        together: groups that differ from the others by the same, each set of them; ``None``: every group by its own.
+        free: what else such groups differ by, standard deviations of its coordinates, (linear,).
     """
 
     rows: Rows
@@ -195,7 +197,9 @@ class Search:
     taught_by: Collection[int]
     days: float
     basis: tuple[int, ...] = (0,)
-    asked: int = 0
+    asked: float = 0.0
+    together: Sequence[tuple[int, ...]] | None = None
+    free: Mapping[Term, np.ndarray] = field(default_factory=dict)
     _found: dict[Term, Found] = field(default_factory=dict)
     _charges: dict[Term, float] = field(default_factory=dict)
     _totals: dict[frozenset[Candidate], float] = field(default_factory=dict)
@@ -210,7 +214,7 @@ class Search:
     @property
     def may_be_exchanged(self) -> bool:
         """Whether no group is known to be without load: then groups may differ by a load for another."""
-        return not self.days
+        return not self.days or self.together is not None
 
     @property
     def groups(self) -> list[int]:
@@ -237,7 +241,7 @@ class Search:
         fit = self._fit(list(known), known, {})
         one, gain = self._most_promising(fit)
         # form error that is larger may explain it
-        if one is not None and gain <= self._larger_error(fit)[1]:
+        if one is not None and gain <= self.larger_error(fit)[1]:
             without = self._with_larger_error(fit)
             one, _ = self._most_promising(without)
             if one is not None:
@@ -257,14 +261,36 @@ class Search:
     def _with_larger_error(self, fit: Fit) -> Fit:
         """The hypothesis with more form error wherever that promises to explain more than it costs."""
         while True:
-            more, _ = self._larger_error(fit)
+            more, _ = self.larger_error(fit)
             grown = {**fit.grown, **more}
             larger = self._fit(fit.chosen, fit.values, grown) if more else fit
             if larger.total <= fit.total:
                 return fit
             fit = larger
 
-    def _larger_error(self, fit: Fit) -> tuple[dict[Place, float], float]:
+    def unknown_since(self, fit: Fit) -> tuple[float, int, int]:
+        """The likeliest more form error of a joint from some group of the last set on.
+
+        Returns:
+            Log odds without those of a change at all [nats]; joint from 0; the group.
+        """
+        gains: dict[tuple[int, int, float], float] = {}
+        found = [(-np.inf, 0, 0)]
+        places = {key: gain for key, gain in self._promised(fit).items()}
+        for (j, group, motion), growth in places:
+            if motion is None:
+                gains[j, group, growth] = places[(j, group, motion), growth]
+        joints = {j for j, _, _ in gains}
+        for j in joints:
+            for growth in GROWTHS:
+                total = 0.0
+                for group in reversed(self.groups):
+                    total += gains[j, group, growth]
+                    odds = total + float(np.log(UNKNOWN / len(joints) / len(GROWTHS)))
+                    found.append((odds, j, group))
+        return max(found)
+
+    def larger_error(self, fit: Fit) -> tuple[dict[Place, float], float]:
         """Where more form error explains more than it costs, each motion once, and about how much in all [nats]."""
         out: dict[Place, float] = {}
         total, promised = 0.0, self._promised(fit)
@@ -441,7 +467,10 @@ class Search:
             if fitted.data_sheet is not None and not term.definition.built_in:
                 value = self.arm.theta[term.columns[0]] * made.units[term][0]
                 day[places] = (self.days * value) ** 2 / 3.0
-        days = [((group,), day) for group in self.groups if self.days]
+            if term in self.free:
+                day[places] += (self.free[term] * made.units[term]) ** 2
+        together = self.together or [(group,) for group in self.groups]
+        days = [(some, day) for some in together if self.days]
         self._plain = Contrast(self._equations, self._error, days)
         self._contrasts, self._fits = {}, {}
         self._totals, self._top = {}, None
@@ -601,9 +630,10 @@ class Search:
 
     def _may_differ(self, term: Term) -> bool:
         """Whether a group may have a term of its own."""
-        if self.days:
-            return True
-        return not (lasts(term) or term.parametrisation.nonlinear)
+        searched = bool(term.parametrisation.nonlinear)
+        if self.together is not None:
+            return not searched
+        return bool(self.days) or not (lasts(term) or searched)
 
     def _larger(self, fit: Fit) -> Fit | None:
         """The best hypothesis with one more term of the group; ``None`` if none is better."""
@@ -702,7 +732,7 @@ class Weigher:
         own: OwnTerms,
         arm: FreeArm,
         charges: Mapping[Term, float],
-        sets: int,
+        sets: float,
         exchanged: bool,
     ) -> None:
         self._own, self._arm, self._charges = own, arm, charges

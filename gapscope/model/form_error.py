@@ -110,6 +110,32 @@ def learn(
     )
 
 
+def noise_of_motions(
+    equations: Equations, j: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """First row of each motion, (B,), rising, and variance of a joint's noise in it, over its scale's square [1], (B,).
+
+    All groups are taken to be alike.
+    """
+    cells = [replace(cell, group=0) for cell in equations.cells[j]]
+    cells.sort(key=lambda cell: int(cell.rows[0]))
+    prior, free, size2 = _at_first(equations.design, j)
+    left, *_ = _noise(equations, j, cells, prior, free, size2)
+    own = [(left[cell.rows] ** 2).sum() / max(cell.count, 1.0) for cell in cells]
+    first = np.array([cell.rows[0] for cell in cells])
+    return first, np.maximum(own, LEAST_NOISE**2)
+
+
+def _at_first(design: Design, j: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Prior of what is shared of a joint, (p_j,), columns that a motion may have of its own, and their mean squares."""
+    active = design.active[j]
+    prior, free = design.prior[active].copy(), np.flatnonzero(design.own[active])
+    for some in design.waves[j]:
+        prior[np.isin(active, some)] = FIRST_FORM
+    # amplitudes count in torque of this joint
+    return prior, free, np.maximum(design.size2(j)[free], 1e-12)
+
+
 def carried_over(error: FormError, before: Equations, after: Equations) -> FormError:
     """The same amplitudes for other columns of the same joints: by term, and of new terms that of the joint."""
     old, new = before.design, after.design
@@ -138,16 +164,12 @@ def _learn_joint(
     """Variances of noise, of a row by itself, of the columns, of the joint, of what is missed, and of functions."""
     design = equations.design
     active = design.active[j]
-    prior, own = design.prior[active].copy(), design.own[active]
-    waves = [np.isin(active, some) for some in design.waves[j]]
-    for some in waves:
-        prior[some] = FIRST_FORM
-    shared, free = np.flatnonzero(prior > 0), np.flatnonzero(own)
+    prior, free, size2 = _at_first(design, j)
+    shared = np.flatnonzero(prior > 0)
     unit = prior[shared]
+    waves = [np.isin(active, some) for some in design.waves[j]]
     in_shared = [some[shared] for some in waves]
     groups = sorted({cell.group for cell in cells})
-    # amplitudes count in torque of this joint
-    size2 = np.maximum(design.size2(j)[free], 1e-12)
     left, noise2, white2, missed2 = _noise(equations, j, cells, prior, free, size2)
     rows = np.sort(np.concatenate([cell.rows for cell in cells]))
     joint2 = FIRST_FORM**2 / len(free)

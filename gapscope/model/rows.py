@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from copy import copy
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from gapscope.arm.nominal import smooth_sign
 from gapscope.arm.recording import Recording
+from gapscope.model.body_point import Bodies
 from gapscope.model.conditioning import (
     TORQUE_CUTOFF,
     Segment,
@@ -31,12 +33,31 @@ LOOKS = 128
 """Times that a group is looked back upon: what is passed twice between two is not seen. (budget)"""
 
 
+class PartOfDesign(NamedTuple):
+    """What a design takes of a segment, on its rows, M of n joints, before scales and units.
+
+    Attributes:
+        bodies: of the segment.
+        terms: columns of the terms [N m] per unit, (M, n, P).
+        inertial: of the inertial parameters, as their torque is recorded [N m], (M, n, 10 n).
+        force: of a force on the tip [N m/N], (M, n, 3).
+        gap: of the arm that predicts [N m], (M, n).
+    """
+
+    bodies: Bodies
+    terms: np.ndarray
+    inertial: np.ndarray
+    force: np.ndarray
+    gap: np.ndarray
+
+
 class Rows(DecimatedSegments):
     """Rows of groups of recordings with a torque, M in all, of n joints.
 
     Args:
-        groups: recordings of each group; a recording that is listed again counts once.
-        set_aside: further recordings of the last group, which are predicted and teach nothing.
+        groups: the segments of each recording of each group.
+        cutoff: of the positions [Hz].
+        taught: recordings, by their number in the order of groups, that teach something: the first so many.
 
     Attributes:
         group, recording, segment: numbers of the group, of the recording and of the segment of each row, (M,).
@@ -51,29 +72,25 @@ class Rows(DecimatedSegments):
         scale: normalisation of the torque gap over all rows of the first group [N m], (n,).
         t: time since the start of the recording [s], (M,).
         position, velocity: [rad], [rad/s], (M, n).
-
-    Raises:
-        InputError: a recording has no stretch without gaps that is long enough.
+        holding: what ``held`` was told.
+        made: what a design took of segments (``design.py``), to be kept from one look at a stream to the next.
     """
 
     def __init__(
         self,
-        groups: Sequence[Sequence[Recording]],
-        set_aside: Sequence[Recording] = (),
+        groups: Sequence[Sequence[Sequence[Segment]]],
+        cutoff: float,
+        taught: int,
     ) -> None:
-        groups = [listed_once(recordings) for recordings in groups]
-        taught = sum(len(recordings) for recordings in groups)
-        groups[-1] = [*groups[-1], *(r for r in set_aside if r.tau is not None)]
-        cutoff = position_cutoff(tuple(r for group in groups for r in group))
         segments, self.group_of, of_recording, count = [], [], [], 0
         for number, recordings in enumerate(groups):
-            for recording in recordings:
-                own = condition(recording)
+            for own in recordings:
                 segments += own
                 self.group_of += [number] * len(own)
                 of_recording += [count] * len(own)
                 count += 1
         super().__init__(segments, min(TORQUE_CUTOFF, cutoff))
+        self.made: dict[Hashable, PartOfDesign] | None = None
         self.bodies = []
         counts = [len(self.time(s)) for s in segments]
         self.recording = np.repeat(of_recording, counts)
@@ -91,6 +108,28 @@ class Rows(DecimatedSegments):
         self.position = np.vstack([s.motion.q[rows] for s, rows in pairs])
         self.velocity = np.vstack([s.motion.dq[rows] for s, rows in pairs])
         self.motion = self._motions()
+
+    @classmethod
+    def recorded(
+        cls,
+        groups: Sequence[Sequence[Recording]],
+        set_aside: Sequence[Recording] = (),
+    ) -> Rows:
+        """Rows of recordings.
+
+        Args:
+            groups: recordings of each group; a recording that is listed again counts once.
+            set_aside: further recordings of the last group, which are predicted and teach nothing.
+
+        Raises:
+            InputError: a recording has no stretch without gaps that is long enough.
+        """
+        groups = [listed_once(recordings) for recordings in groups]
+        taught = sum(len(recordings) for recordings in groups)
+        groups[-1] = [*groups[-1], *(r for r in set_aside if r.tau is not None)]
+        cutoff = position_cutoff(tuple(r for group in groups for r in group))
+        own = [[condition(recording) for recording in group] for group in groups]
+        return cls(own, cutoff, taught)
 
     def regrouped(self, group: np.ndarray, least: int, left_out: np.ndarray) -> Rows:
         """The same rows in other groups.
@@ -121,6 +160,7 @@ class Rows(DecimatedSegments):
             noise: what a model leaves of their torque, over their scale [1], (n,).
             per_radian: what counts as a radian of each joint, (n,).
         """
+        self.holding = friction, noise, per_radian
         # of a smoothed direction s the share sqrt(1 - s^2) is not known
         direction = [smooth_sign(s.motion.dq / per_radian) for s in self.segments]
         share = self.rows([np.sqrt(1.0 - s**2) for s in direction])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,9 +15,13 @@ from gapscope.model.conditioning import (
     condition,
     pieces,
     position_cutoff,
+    slips,
 )
-from gapscope.watching.thresholds import BLOCK, FIRST
 
+BLOCK = 2.0
+"""Samples are conditioned in blocks of this length [s]. (budget)"""
+FIRST = 10.0
+"""The cut-off of the positions is chosen on this much of the first motion [s]. (budget)"""
 WINDOW = BLOCK + 2 * TRIM
 """Length of a piece [s]: a block, and what trimming takes from both ends."""
 LEAST_LEFT = 2.0
@@ -25,8 +30,29 @@ STILL = 1e-3
 """A first motion in which no joint travels farther shows no band [rad]."""
 
 
+@dataclass(frozen=True)
+class Slip:
+    """An encoder that slipped: its reading jumped, and stays off.
+
+    Attributes:
+        recording: in which.
+        before, after: times of the samples on both sides [s].
+        joint: from 1.
+        size, error: of the jump, and its standard deviation [rad or m].
+    """
+
+    recording: str
+    before: float
+    after: float
+    joint: int
+    size: float
+    error: float
+
+
 class SegmentStream:
     """Recordings that arrive in parts, as segments of ``WINDOW`` seconds whose trimmed samples follow each other.
+
+    An encoder that slips is told, and what it slipped by is taken out of all that follows.
 
     Both ends of a recording lose ``TRIM`` seconds, as they do in a diagnosis. Of a recording
     that comes in small parts no more than ``FIRST`` seconds are held.
@@ -34,15 +60,18 @@ class SegmentStream:
     Args:
         cutoff: of the positions [Hz], the largest that a motion asked for so far (``position_cutoff``).
         held: samples that were not used yet, from an earlier run.
+        slipped: by how much encoders have slipped so far [rad or m], (n,), or 0.
     """
 
     def __init__(
-        self, cutoff: float | None = None, held: Recording | None = None
+        self,
+        cutoff: float | None = None,
+        held: Recording | None = None,
+        slipped: np.ndarray | float = 0.0,
     ) -> None:
-        self.cutoff = cutoff
-        self.held = held
+        self.cutoff, self.held, self.slipped = cutoff, held, slipped
 
-    def add(self, part: Recording) -> Iterator[Segment]:
+    def add(self, part: Recording) -> Iterator[Segment | Slip]:
         """The segments that are complete with the next part of a recording, of this name or a new one.
 
         Parts without torque end what came before them.
@@ -51,6 +80,7 @@ class SegmentStream:
             yield from self.finish()
         if part.tau is None:
             return
+        part = replace(part, q=part.q - self.slipped)
         own = part if self.held is None else _joined(self.held, part)
         if self.cutoff is None:
             own = self._from_motion_on(own)
@@ -58,7 +88,7 @@ class SegmentStream:
         if self.cutoff is not None:
             yield from self._windows(own, WINDOW)
 
-    def finish(self) -> Iterator[Segment]:
+    def finish(self) -> Iterator[Segment | Slip]:
         """The last segments of a recording that has ended, if what is left is long enough."""
         own, self.held = self.held, None
         if own is None or own.duration < LEAST_LEFT:
@@ -67,13 +97,24 @@ class SegmentStream:
             yield from self._windows(own, LEAST_LEFT)
             self.held = None
 
-    def _windows(self, own: Recording, least: float) -> Iterator[Segment]:
+    def _windows(self, own: Recording, least: float) -> Iterator[Segment | Slip]:
         """Segments of windows that begin ``BLOCK`` seconds after each other while ``least`` seconds are left."""
         first = 0
         while own.t[-1] - own.t[first] >= least:
             begin = own.t[first]
             stop = int(np.searchsorted(own.t, begin + WINDOW)) + 1
             following = int(np.searchsorted(own.t, begin + BLOCK))
+            for jump in slips(own.part(slice(first, stop))):
+                k = first + jump.sample
+                before, after = float(own.t[k - 1]), float(own.t[k])
+                yield Slip(
+                    own.name, before, after, jump.joint + 1, jump.size, jump.error
+                )
+                gone = np.zeros(own.q.shape[1])
+                gone[jump.joint] = jump.size
+                self.slipped = self.slipped + gone
+                late = np.arange(len(own.t)) >= k
+                own = replace(own, q=own.q - gone * late[:, None])
             piece = own.part(slice(first, stop))
             first = min(following, len(own.t) - 1)
             yield from self._conditioned(piece)

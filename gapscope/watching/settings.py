@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gapscope.arm.errors import InputError
-from gapscope.watching.thresholds import BLOCK, LEARN
+from gapscope.watching.detector import LEARN, LEAST_BLOCKS
+from gapscope.watching.segments import BLOCK
 
-LEAST_LEARNING = 10 * BLOCK
-"""Motion to learn from at least [s]: less holds fewer equations than there are parameters."""
+LEAST_LEARNING = LEAST_BLOCKS * BLOCK
+"""Motion to learn from at least [s]."""
 
 
 @dataclass(frozen=True)
@@ -19,7 +20,7 @@ class WatchSettings:
     Attributes:
         source: file or folder to follow.
         out: folder for alarms and state; ``None``: neither is written.
-        learning: motion from which normal behaviour is learnt [s].
+        learning: motion from which normal behaviour is learnt [s]; 0: the case's recordings show it.
         false_alarms: wanted per 24 h of motion at most, if the model had no errors.
         rest: time without a write after which a file in a folder is complete [s].
         until_idle: end when nothing new came for this long [s]; ``None``: never; 0: at once.
@@ -39,9 +40,10 @@ class WatchSettings:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        if self.learning < LEAST_LEARNING:
+        if self.learning and self.learning < LEAST_LEARNING:
             raise InputError(
-                f"expected at least {LEAST_LEARNING:g} s to learn from, got {self.learning:g}",
+                f"expected at least {LEAST_LEARNING:g} s to learn from, or 0 for the case's recordings, "
+                f"got {self.learning:g}",
                 where="--learn",
             )
         if self.false_alarms <= 0:

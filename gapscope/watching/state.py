@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import zipfile
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any
@@ -16,20 +17,15 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.recording import Recording
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.ident.kalman.online.block import Block
-from gapscope.ident.kalman.online.estimate import ParameterState
-from gapscope.watching.detection.detector import Detector
-from gapscope.watching.detection.learning import Moment, Normal
-from gapscope.watching.detection.monitor import Monitor, MonitorState
-from gapscope.watching.detection.noise_rise import NoiseRise
-from gapscope.watching.detection.scales import Scales
-from gapscope.watching.detection.slow_drift import SlowDrift
-from gapscope.watching.detection.usual import UsualSize
-from gapscope.watching.segments import SegmentStream
+from gapscope.arm.known_load import KnownLoad
+from gapscope.arm.motions.motion import Motion
+from gapscope.model.conditioning import Segment
+from gapscope.model.terms import Term, Terms
+from gapscope.watching.detector import Block, Detector, State
 
 STATE = "watch_state.npz"
 """Name of the file in the folder of the results."""
-SCHEMA = 1
+SCHEMA = 2
 """Version of its form."""
 
 
@@ -66,37 +62,38 @@ def fingerprint(corrected: CorrectedArm, learning: float) -> str:
 def save_state(
     file: Path,
     detector: Detector,
-    stream: SegmentStream,
     resumed: Resumed,
     arm: str,
 ) -> None:
     """Write a state whole or not at all.
 
-    While normal behaviour is still being learnt, the position is that of the start: the next run learns anew.
-
     Raises:
         GapscopeError: the file cannot be written.
     """
-    content: dict[str, Any] = {"arm": arm, "schema": SCHEMA, "count": resumed.count}
+    stream, state = detector.stream, detector.state
+    content: dict[str, Any] = {
+        "arm": arm,
+        "schema": SCHEMA,
+        "count": resumed.count,
+        "position": resumed.position,
+        "cutoff": stream.cutoff,
+        "slipped": np.asarray(stream.slipped).tolist(),
+    }
     arrays: dict[str, Any] = {}
-    if detector.monitor is not None:
-        content["position"] = resumed.position
-        content["cutoff"] = stream.cutoff
-        content["last"] = None if detector.last is None else vars(detector.last)
-        if stream.held is not None:
-            held = stream.held
-            content["held"] = held.name
-            arrays |= {"held_t": held.t, "held_q": held.q}
-            arrays["held_tau"] = np.asarray(held.tau)
-        _pack(detector.monitor.state, content, arrays)
+    if stream.held is not None:
+        held = stream.held
+        content["held"] = held.name
+        arrays |= {"held_t": held.t, "held_q": held.q}
+        arrays["held_tau"] = np.asarray(held.tau)
+    _pack(state, content, arrays)
     with atomic_write(file) as aside:
         np.savez(aside, **{"content": np.array(json.dumps(content)), **arrays})
 
 
 def load_state(
-    file: Path, detector: Detector, stream: SegmentStream, arm: str
+    file: Path, detector: Detector, arm: str
 ) -> Resumed | None:
-    """Put detector and stream into the state of a file; ``None`` if it is of another arm or other settings.
+    """Put a detector into the state of a file; ``None`` if it is of another arm or other settings.
 
     Raises:
         InputError: the file is no state of a watch.
@@ -107,20 +104,18 @@ def load_state(
         content = json.loads(str(arrays.pop("content")))
         if content["schema"] != SCHEMA or content["arm"] != arm:
             return None
-        if "position" not in content:
-            return Resumed({}, int(content["count"]))
-        stream.cutoff = content["cutoff"]
+        stream = detector.stream
+        stream.cutoff, stream.slipped = content["cutoff"], np.array(content["slipped"])
         if "held" in content:
-            stream.held = Recording(
-                content["held"],
-                arrays["held_t"],
-                arrays["held_q"],
-                tau=arrays["held_tau"],
-            )
-        if content["last"] is not None:
-            detector.last = Moment(**content["last"])
-        state = _unpacked(content, arrays)
-        detector.monitor = Monitor(detector.arm, state, detector.false_alarms)
+            held = (arrays[f"held_{name}"] for name in ("t", "q", "tau"))
+            t, q, tau = held
+            stream.held = Recording(content["held"], t, q, tau=tau)
+        arm_of = detector.corrected.arm
+        terms = Terms(arm_of.n_joints, {}, arm_of.coupled_motors)
+        by_name = {(term.effect, term.joint): term for term in terms.all}
+        detector.state = _unpacked(content, arrays, by_name)
+        if detector.state.band:
+            detector.prepare()
         return Resumed(content["position"], int(content["count"]))
     except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(
@@ -130,59 +125,80 @@ def load_state(
         ) from None
 
 
+SERIES = ("t", "q", "dq", "ddq")
+"""Of a motion."""
+
+
 def _pack(
-    state: MonitorState, content: dict[str, Any], arrays: dict[str, np.ndarray]
+    state: State, content: dict[str, Any], arrays: dict[str, np.ndarray]
 ) -> None:
-    """Numbers of a monitor as arrays, and what is left as data for JSON."""
-    normal = state.normal
-    arrays |= {
-        f"scale_{f.name}": getattr(normal.scales, f.name) for f in fields(Scales)
-    }
-    arrays |= {
-        "noise": normal.noise,
-        "inflation": normal.inflation,
-        "fluctuation": normal.fluctuation,
-        "base_value": state.base.value,
-        "base_covariance": state.base.covariance,
-        "rise_sums": state.rise.sums,
-        "rise_blocks": state.rise.blocks,
-        "rise_powers": state.rise.powers,
-        "drift_places": state.drift.places,
-        "drift_reference": state.drift.reference,
-        "drift_noted": state.drift.noted,
-    }
-    if state.ring:
-        arrays["ring_information"] = np.array([b.information for b in state.ring])
-        arrays["ring_score"] = np.array([b.score for b in state.ring])
-    content["ring"] = [(b.recording, b.start, b.end, b.duration) for b in state.ring]
-    content["since"], content["beyond"] = state.since, state.beyond
-    content["suspected"] = state.suspected
-    content["usual"] = {key: list(size.values) for key, size in state.usual.items()}
-    content["pending"] = [dict(entry) for entry in state.pending]
+    """Samples as arrays, and what is left as data for JSON."""
+    segments = [block.segment for block in state.blocks]
+    content["blocks"] = [
+        {
+            "recording": segment.recording,
+            "offset": block.offset,
+            "count": len(segment.motion.t),
+            "payload": None if segment.payload is None else asdict(segment.payload),
+            "step": None
+            if segment.torque_step is None
+            else segment.torque_step.tolist(),
+            "unknown": segment.unknown is not None,
+        }
+        for block, segment in zip(state.blocks, segments, strict=True)
+    ]
+    content["seen"] = len(state.seen)
+    if segments:
+        for name in SERIES:
+            arrays[name] = np.concatenate([getattr(s.motion, name) for s in segments])
+        arrays["torque"] = np.concatenate([np.asarray(s.torque) for s in segments])
+        arrays["unknown"] = np.concatenate([~s.measured for s in segments])
+    content["band"], content["looked"] = state.band, state.looked
+    content["drift"] = state.drift.tolist()
+    content["unknown"] = list(state.unknown.items())
+    content["known"] = [
+        (term.effect, term.joint, since, value.tolist())
+        for (term, since), value in state.known.items()
+    ]
+    content["free"] = [
+        (term.effect, term.joint, value.tolist()) for term, value in state.free.items()
+    ]
 
 
-def _unpacked(content: dict[str, Any], arrays: dict[str, np.ndarray]) -> MonitorState:
+def _unpacked(
+    content: dict[str, Any],
+    arrays: dict[str, np.ndarray],
+    terms: Mapping[tuple[str, int], Term],
+) -> State:
     """The opposite of ``_pack``."""
-    scales = Scales(**{f.name: arrays[f"scale_{f.name}"] for f in fields(Scales)})
-    normal = Normal(scales, arrays["noise"], arrays["inflation"], arrays["fluctuation"])
-    ring = []
-    for k, (name, start, end, duration) in enumerate(content["ring"]):
-        A, s = arrays["ring_information"][k], arrays["ring_score"][k]
-        ring.append(Block(name, start, end, duration, A, s))
-    state = MonitorState(
-        normal=normal,
-        base=ParameterState(arrays["base_value"], arrays["base_covariance"]),
-        rise=NoiseRise(
-            arrays["rise_sums"], arrays["rise_blocks"], arrays["rise_powers"]
-        ),
-        drift=SlowDrift(
-            arrays["drift_places"], arrays["drift_reference"], arrays["drift_noted"]
-        ),
-        ring=ring,
-        since=content["since"],
-        beyond=content["beyond"],
-        suspected=content["suspected"],
-        usual={key: UsualSize(values) for key, values in content["usual"].items()},
+    blocks, first = [], 0
+    for entry in content["blocks"]:
+        own = slice(first, first + entry["count"])
+        first = own.stop
+        motion = Motion(*(arrays[name][own] for name in SERIES))
+        payload, step = entry["payload"], entry["step"]
+        segment = Segment(
+            recording=entry["recording"],
+            motion=motion,
+            torque=arrays["torque"][own],
+            payload=None if payload is None else KnownLoad(**payload),
+            unknown=arrays["unknown"][own] if entry["unknown"] else None,
+            torque_step=None if step is None else np.array(step),
+        )
+        blocks.append(Block(segment, entry["offset"]))
+    return State(
+        drift=np.array(content["drift"], dtype=int),
+        seen=blocks[: content["seen"]],
+        now=blocks[content["seen"] :],
+        band=content["band"],
+        known={
+            (terms[effect, joint], since): np.array(value)
+            for effect, joint, since, value in content["known"]
+        },
+        free={
+            terms[effect, joint]: np.array(value)
+            for effect, joint, value in content["free"]
+        },
+        looked=content["looked"],
+        unknown=dict(content["unknown"]),
     )
-    state.pending.extend(content["pending"])
-    return state

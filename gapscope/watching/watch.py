@@ -12,9 +12,8 @@ from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.recording import Recording
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.watching.alarm import ALARM, MISFIT, NOTE, Event
-from gapscope.watching.detection.detector import Detector
+from gapscope.watching.detector import Detector
 from gapscope.watching.event_file import EVENTS, EventFile
-from gapscope.watching.segments import SegmentStream
 from gapscope.watching.settings import WatchSettings
 from gapscope.watching.sources.folder import Folder
 from gapscope.watching.sources.growing_file import GrowingFile
@@ -55,7 +54,6 @@ class Watch:
         check_readable(settings.source)
         self.settings = settings
         self.detector = Detector(corrected, settings.false_alarms, settings.learning)
-        self.stream = SegmentStream()
         self.alarms = self.misfits = 0
         self.read: set[str] = set()
         self.resumed = False
@@ -63,7 +61,12 @@ class Watch:
         earlier = self._earlier()
         importing = case.importing if case else None
         self._reading = Reading(corrected.arm, importing)
-        position = earlier.position if earlier and earlier.position else None
+        self._first: list[Event] = []
+        if not (settings.learning or self.resumed):
+            recordings = case.recordings if case else ()
+            told = [one for one in recordings if one.tau is not None]
+            self._first.append(self.detector.learn_from(told))
+        position = earlier.position if earlier else None
         self.source = self._source(position, case)
         self._events = None
         if settings.out is not None:
@@ -78,6 +81,7 @@ class Watch:
         Raises:
             InputError: the source ended, and nothing of it could be used.
         """
+        yield from self._said(iter(self._first))
         begun = idle_since = saved = time.monotonic()
         until_idle = self.settings.until_idle
         while not stopped():
@@ -111,8 +115,7 @@ class Watch:
         self.read.add(item.name)
         if item.tau is None:
             yield Event(event=NOTE, sentence=f"{item.name}: has no torque, left out")
-        for segment in self.stream.add(item):
-            yield from self.detector.add(segment)
+        yield from self.detector.add(item)
 
     def _said(self, events: Iterator[Event]) -> Iterator[Event]:
         """The events, written to the file before they are passed on."""
@@ -147,8 +150,8 @@ class Watch:
         out = self.settings.out
         if out is None or not (out / STATE).is_file():
             return None
-        earlier = load_state(out / STATE, self.detector, self.stream, self._arm)
-        self.resumed = earlier is not None and self.detector.monitor is not None
+        earlier = load_state(out / STATE, self.detector, self._arm)
+        self.resumed = earlier is not None and bool(self.detector.state.blocks)
         return earlier
 
     def _save(self) -> None:
@@ -156,4 +159,4 @@ class Watch:
         if out is None or self._events is None:
             return
         resumed = Resumed(self.source.position(), self._events.count)
-        save_state(out / STATE, self.detector, self.stream, resumed, self._arm)
+        save_state(out / STATE, self.detector, resumed, self._arm)

@@ -37,7 +37,7 @@ def day(truth: Truth, seed: int):
 def changed(truth: Truth, healthy: Truth = HEALTHY, times: int = 1) -> Difference:
     """What a day has that the day before has not; each recording listed so many times."""
     groups = [times * list(day(healthy, 1)), times * list(day(truth, 2))]
-    rows = Rows(groups)
+    rows = Rows.recorded(groups)
     return Search(rows, fitted_arm(rows, vendor(), {0}), [(1,)], {0}, DAYS).run()
 
 
@@ -121,7 +121,7 @@ def test_friction_that_holds_a_joint_is_no_difference():
 
     rng, truth = np.random.default_rng(3), replace(HEALTHY, extra=holding)
     stops = [recording(truth, Stopping(seed), rng, f"stops{seed}") for seed in (4, 5)]
-    rows = Rows([list(day(HEALTHY, 1)), stops])
+    rows = Rows.recorded([list(day(HEALTHY, 1)), stops])
     found = Search(rows, fitted_arm(rows, vendor(), {0}), [(1,)], {0}, DAYS).run()
     assert not named(found)
 
@@ -130,7 +130,7 @@ def test_a_vibration_counts_as_noise_at_its_own_frequency():
     def shaking(t, q, dq):
         return np.outer(np.sin(40.0 * t), [0.0, 4.0, 0.0])
 
-    rows = Rows([list(day(replace(HEALTHY, extra=shaking), 1))])
+    rows = Rows.recorded([list(day(replace(HEALTHY, extra=shaking), 1))])
     error = learn(Equations.of(design(rows, fitted_arm(rows, vendor(), {0}), {})), {0})
     counted_once = error.noise2 / error.white2
     assert counted_once[1] > 2.5 * max(counted_once[0], counted_once[2])
@@ -159,13 +159,13 @@ def test_recordings_of_one_day_that_do_not_share_a_load():
         replace(HEALTHY, mass=1.0, com=(0.05, 0.0, 0.1)), 1, duration=6.0
     )
     healthy = day(HEALTHY, 1)
-    rows = Rows([[healthy[0]], [loaded[1]], [healthy[2]]])
+    rows = Rows.recorded([[healthy[0]], [loaded[1]], [healthy[2]]])
     every = (0, 1, 2)
     found = of_one_day(rows, every)
     (one,) = found.fit.mine
     assert (one.effect, one.groups) == ("payload", (1,))
     assert found.fit.values[one][0] == pytest.approx(1.0, rel=0.1)
-    same = Rows([[recording] for recording in healthy])
+    same = Rows.recorded([[recording] for recording in healthy])
     assert not of_one_day(same, every).fit.mine
 
 
@@ -177,7 +177,7 @@ def of_one_day(rows: Rows, every: tuple[int, ...]) -> Difference:
 def test_two_recordings_with_one_load_have_one_value():
     truth = replace(HEALTHY, mass=1.0, com=(0.05, 0.0, 0.1))
     healthy, loaded = day(HEALTHY, 1), recordings(truth, 1, duration=6.0)
-    rows = Rows([[healthy[0]], [loaded[1]], [loaded[2]]])
+    rows = Rows.recorded([[healthy[0]], [loaded[1]], [loaded[2]]])
     (one,) = of_one_day(rows, (0, 1, 2)).fit.mine
     assert (one.effect, one.groups) == ("payload", (1, 2))
 
@@ -202,7 +202,7 @@ class Cycle:
 
 def test_a_cycle_in_one_recording_is_one_motion():
     rng = np.random.default_rng(6)
-    rows = Rows([[recording(HEALTHY, Cycle(4), rng, "cycle")]])
+    rows = Rows.recorded([[recording(HEALTHY, Cycle(4), rng, "cycle")]])
     first = rows.t < rows.t[0] + 4.9
     later = np.searchsorted(rows.t, rows.t[first] + 5.0)
     assert (rows.motion[later] == rows.motion[first]).mean() > 0.95

@@ -46,7 +46,10 @@ Out = Annotated[
     ),
 ]
 Learn = Annotated[
-    float, typer.Option(help="motion from which normal behaviour is learnt [s]")
+    float,
+    typer.Option(
+        help="motion from which normal behaviour is learnt [s]; 0: the recordings of the case show it"
+    ),
 ]
 FalseAlarms = Annotated[
     float, typer.Option(help="wanted per 24 h of motion at most, for a perfect model")
@@ -98,7 +101,7 @@ def watch(
         rest=rest,
         until_idle=0.0 if once else until_idle,
     )
-    loaded = load_case(case, read_recordings=False) if case else None
+    loaded = load_case(case, read_recordings=not learn) if case else None
     arm = loaded.arm if loaded else load_nominal_arm(str(robot))
     with locked(out):
         watched = Watch(corrected_arm(arm, corrected), settings, loaded)
@@ -111,6 +114,8 @@ def watch(
             "goes on where it ended"
             if watched.resumed
             else f"learns from {learn:g} s of motion"
+            if learn
+            else f"what the recordings of {case} show is normal"
         )
         note(f"watching {source} with {model}: {begun}; Ctrl-C ends")
         with _stop_on_signals() as asked:

@@ -198,7 +198,7 @@ def compared(
     with threadpool_limits(1):
         if found is None:
             progress("looks for what some recordings have of their own")
-            rows = Rows([[recording] for recording in recordings])
+            rows = Rows.recorded([[recording] for recording in recordings])
             found = between_recordings(rows, case.arm)
         progress("compares the values")
         lines = _lines(recordings, found)

@@ -86,7 +86,7 @@ def _compared(
 
 def _search(prepared: Prepared, case: Case, reference: KeptReference) -> Search:
     known = prepared.case
-    rows = Rows([reference.recordings, known.recordings], known.judged)
+    rows = Rows.recorded([reference.recordings, known.recordings], known.judged)
     # what both share is free: the vendor's arm is as good a start as any
     arm = fitted_arm(rows, case.arm, {0})
     return Search(rows, arm, [(CASE,)], {0}, FRICTION_DAY_TO_DAY)

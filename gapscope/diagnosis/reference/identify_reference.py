@@ -98,7 +98,7 @@ def _single_note(recordings: Sequence[Recording]) -> tuple[str, ...]:
 
 def _kept(reference: Case) -> KeptReference:
     """The reference as it was recorded, with the possible arm that predicts it best."""
-    rows = Rows([reference.recordings])
+    rows = Rows.recorded([reference.recordings])
     free = fitted_arm(rows, reference.arm, {0})
     noise2 = learn(Equations.of(design(rows, free, {})), {0}).noise2
     found = possible_arm(free, reference.arm, rows, noise2)

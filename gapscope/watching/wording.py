@@ -1,0 +1,209 @@
+"""What changed as an event: its name, its sizes with errors, and the sentence for a reader."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gapscope.arm.display import effect_name
+from gapscope.arm.joint_units import joint_unit
+from gapscope.effects.catalogue import of_quantity
+from gapscope.model.change_findings import PAYLOAD, PLAIN_FRICTION
+from gapscope.watching.alarm import ALARM, DRIFT, MISFIT, Event, Size
+from gapscope.watching.segments import Slip
+
+OTHER = "other"
+"""Effect of what has no name."""
+ENCODER = of_quantity("zero")[0].name
+NEARLY = 0.05
+"""Probability from which another name is told [1]. (definition)"""
+
+Name = tuple[str, tuple[int, ...]]
+"""What changed, as ``change_findings`` calls it, and on which joints."""
+
+
+class Time(NamedTuple):
+    """A moment by the clock of a recording, and that of the last sample that was known then [s]."""
+
+    recording: str
+    begun: float
+    interval: tuple[float, float]
+    detected: float
+
+    @property
+    def text(self) -> str:
+        """``at 3.4 s of shift.csv``."""
+        return f"at {self.begun:.1f} s of {self.recording}"
+
+
+def alarm(
+    finding: Mapping[str, Any],
+    when: Time,
+    likely: Mapping[Name, float],
+    speed: np.ndarray,
+    sliding: Sequence[bool],
+) -> Event:
+    """The alarm of a change that has a name.
+
+    Args:
+        finding: as ``change_findings`` has it.
+        when: it began.
+        likely: probability of each name.
+        speed: RMS speed of the joints in motion [rad/s], (n,).
+        sliding: which joints slide.
+    """
+    what, joints = finding["what"], list(finding["joints"])
+    sizes = _sizes(finding, speed, sliding)
+    word = _direction(what, sizes)
+    name = what, tuple(joints)
+    others = [
+        {"effect": effect, "joints": list(at), "evidence": -float(np.log(p))}
+        for (effect, at), p in sorted(likely.items(), key=lambda entry: -entry[1])
+        if p >= NEARLY and (effect, at) != name
+    ]
+    text = f"{_in_words(what, joints)} {word}"
+    if others:
+        names = [_in_words(one["effect"], one["joints"]) for one in others]
+        text += f", or it is {', or '.join(names)}"
+    size_text = ", ".join(f"{key} {size}" for key, size in sizes.items())
+    return Event(
+        event=ALARM,
+        sentence=f"{text} {when.text}: {size_text}",
+        effect=what,
+        change=word.removeprefix("was ").removeprefix("has "),
+        joints=joints,
+        recording=when.recording,
+        time=when.begun,
+        interval=when.interval,
+        detected=when.detected,
+        sizes=sizes,
+        evidence={
+            "probability": likely.get(name, finding["probability"]),
+            "times_threshold": finding["times_threshold"],
+        },
+        alternatives=others,
+    )
+
+
+def slipped(slip: Slip, sliding: Sequence[bool]) -> Event:
+    """The alarm of an encoder whose reading jumped."""
+    size = Size(slip.size, slip.error, joint_unit("rad", sliding[slip.joint - 1]))
+    when = Time(slip.recording, slip.after, (slip.before, slip.after), slip.after)
+    word = _direction(ENCODER, {"offset": size})
+    text = f"{_in_words(ENCODER, [slip.joint])} {word} {when.text}"
+    return Event(
+        event=ALARM,
+        sentence=f"{text}: its reading jumped by {size}",
+        effect=ENCODER,
+        change=word.removeprefix("has "),
+        joints=[slip.joint],
+        recording=slip.recording,
+        time=when.begun,
+        interval=when.interval,
+        detected=when.detected,
+        sizes={"offset": size},
+    )
+
+
+def noise_alarm(growth: Mapping[int, float], when: Time) -> Event:
+    """The alarm of joints that leave more torque than any parameter explains.
+
+    Args:
+        growth: by joint from 1, a ratio of RMS.
+        when: it began.
+    """
+    joints = sorted(growth)
+    shown = [f"joint {j} leaves {growth[j]:.1f} times its usual torque" for j in joints]
+    place = f"on joint {', '.join(map(str, joints))}"
+    text = f"something else changed {place} {when.text}: {', '.join(shown)}"
+    evidence = {f"growth_{j}": growth[j] for j in joints}
+    return _nameless(ALARM, text, joints, when, evidence)
+
+
+def misfit(joints: Sequence[int], when: Time) -> Event:
+    """The model fits worse since some moment, and no cause explains it."""
+    place = f" of joint {', '.join(map(str, joints))}" if joints else ""
+    text = f"since {when.begun:.1f} s of {when.recording} the torque{place} fits the arm less well"
+    text += ", and no single cause explains it: a motion that is new to the watch, or a change without a name"
+    return _nameless(MISFIT, text, joints, when, {})
+
+
+def _nameless(
+    event: str,
+    sentence: str,
+    joints: Sequence[int],
+    when: Time,
+    evidence: Mapping[str, float],
+) -> Event:
+    return Event(
+        event=event,
+        sentence=sentence,
+        effect=OTHER,
+        change="changed",
+        joints=joints,
+        recording=when.recording,
+        time=when.begun,
+        interval=when.interval,
+        detected=when.detected,
+        evidence=evidence,
+    )
+
+
+def drift_note(joint: int, size: Size, share: float, when: Time) -> Event:
+    """Friction of a joint that drifted slowly by a share of what it was."""
+    word = "risen" if share > 0 else "fallen"
+    text = f"the friction of joint {joint} has slowly {word} by {abs(share):.0%} since it was learnt: {size}"
+    return Event(
+        event=DRIFT,
+        sentence=f"{text} ({when.text})",
+        effect=PLAIN_FRICTION,
+        change=word,
+        joints=[joint],
+        recording=when.recording,
+        detected=when.detected,
+        sizes={"torque": size},
+        evidence={"share": share},
+    )
+
+
+def _direction(what: str, sizes: Mapping[str, Size]) -> str:
+    """``has risen``, ``has fallen``, or that it has changed if no single number says which."""
+    main = next(iter(sizes.values()), None)
+    up = main is not None and main.value > 0
+    if what == PAYLOAD:
+        return "was picked up" if up else "was put down"
+    if main is None or (len(sizes) > 1 and what != PLAIN_FRICTION):
+        return "has changed"
+    return "has risen" if up else "has fallen"
+
+
+def _sizes(
+    finding: Mapping[str, Any], speed: np.ndarray, sliding: Sequence[bool]
+) -> dict[str, Size]:
+    """Sizes of a change by name, the one that decides on its direction first."""
+    out: dict[str, Size] = {}
+    slides = bool(finding["joints"]) and sliding[finding["joints"][0] - 1]
+    for name, entry in finding["parameters"].items():
+        values, stds = np.ravel(entry["value"]), np.ravel(entry["std"])
+        unit = joint_unit(entry["unit"], slides)
+        for k, (value, std) in enumerate(zip(values, stds, strict=True)):
+            key = name if len(values) == 1 else f"{name}_{'xyz'[k]}"
+            out[key] = Size(float(value), float(std), unit)
+    if finding["what"] == PLAIN_FRICTION:
+        at = {"coulomb": 1.0, "viscous": float(speed[finding["joints"][0] - 1])}
+        torque = sum(at[key] * size.value for key, size in out.items())
+        std = float(np.hypot.reduce([at[key] * size.std for key, size in out.items()]))
+        unit = joint_unit("N m", slides)
+        out = {"torque_at_usual_speed": Size(torque, std, unit), **out}
+    return out
+
+
+def _in_words(effect: str, joints: Sequence[int]) -> str:
+    where = f" of joint {joints[0]}" if joints else ""
+    if effect == PAYLOAD:
+        return "a load"
+    if effect == ENCODER:
+        return f"the encoder's zero{where}"
+    return f"the {effect_name(effect)}{where}"
