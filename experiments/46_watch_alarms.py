@@ -7,8 +7,8 @@ Parts, each a JSON file per arm in ``--out`` so that a rerun goes on, and a tabl
 healthy   arms at work (``watched_arms.py``: laws, heat and noise of another form than the model's) without any change,
           ``--hours`` each: programs that change, speeds, half of them started cold. Alarms, misfits, and slow drifts
           noted.
-changes   the same arms; after six minutes a load, friction, an offset, an encoder's zero, a delay or a force changes,
-          and the watch goes on for three minutes: named right, misnamed, missed, how late, how far off.
+changes   the same arms; after three minutes a load, friction, an offset, an encoder's zero, a delay or a force changes,
+          and the watch goes on for two minutes: named right, misnamed, missed, how late, how far off.
 real      recordings of real arms, ``--hours`` each: stretches of 5 to 15 s at random places and in random order; those
           of the last 40 % of each recording come only when what is normal was learnt from the others. A stretch that
           comes again has the same noise: that is fewer different motions than the hours say. Then with loads and
@@ -48,7 +48,7 @@ REAL = ("ur10", "panda", "kuka_med7", "unitree_z1")
 """Real arms with a recording of 15 s or more."""
 TRAINING = 1000
 """Added to the seeds of arms on which thresholds were set."""
-BEFORE, AFTER = 360.0, 180.0
+BEFORE, AFTER = 180.0, 120.0
 """Work before and after a change [s]."""
 LOADS = (0.03, 0.1, 0.3)
 """Loads over the largest that the arm carries [1]."""

@@ -32,7 +32,7 @@ from gapscope.model.conditioning import STANDS_OUT, slips, without_slips
 from gapscope.model.design import Design, FreeArm, design, fitted_arm
 from gapscope.model.difference import GROWTHS, Difference, Fit, Search, in_a_row
 from gapscope.model.equations import Equations
-from gapscope.model.form_error import noise_of_motions
+from gapscope.model.form_error import FormError, noise_of_motions
 from gapscope.model.rows import LEAST_MOTIONS, Rows, comparable
 from gapscope.model.terms import Candidate, Term
 
@@ -126,12 +126,16 @@ class Learnt:
     """That the first recording is what was learnt of an arm, and the second what it does now.
 
     Attributes:
+        about: the arm that predicts the first.
         asked: sets of spans that there are until as many false changes may be named as a user wants [1].
         free: what the second may have another value of all along, standard deviations of its coordinates, (linear,).
+        taught: noise and form error that the first has taught, kept from one look to the next.
     """
 
+    about: FreeArm
     asked: float
     free: Mapping[Term, np.ndarray]
+    taught: list[tuple[FormError, Equations]]
 
 
 class _Spans:
@@ -179,9 +183,12 @@ class _Spans:
         if self.learnt is None:
             return Search(self.rows, arm, sets, every, 0.0, every, asked)
         told, now = tuple(self.groups[0]), tuple(self.groups[1])
-        free = self.learnt.free
-        asked = self.learnt.asked
-        return Search(self.rows, arm, sets, told, ANY_FRICTION, told, asked, [now], free)
+        asked, free = self.learnt.asked, self.learnt.free
+        # what another arm leaves is another matter
+        taught = self.learnt.taught if arm is self.learnt.about else None
+        return Search(
+            self.rows, arm, sets, told, ANY_FRICTION, told, asked, [now], free, taught
+        )
 
     def sets(
         self, known: Sequence[Sequence[float]] | None = None
@@ -339,30 +346,26 @@ class Since(NamedTuple):
 
 
 def changes_since(
-    rows: Rows,
-    about: FreeArm,
-    known: Mapping[tuple[Term, float], np.ndarray],
-    learnt: Learnt,
+    rows: Rows, known: Mapping[tuple[Term, float], np.ndarray], learnt: Learnt
 ) -> Since:
     """What the second recording of rows has had since a moment that the first one, which was learnt, had not.
 
     Args:
         rows: both, on one clock.
-        about: the arm that predicts the first.
         known: what is known to have changed, since when [s], and about by how much.
-        learnt: how often, and beside what.
+        learnt: beside what, and how rarely something may be named that is none.
     """
     given = {(term, (1, t, np.inf)): value for (term, t), value in known.items()}
     odds = float(np.log(learnt.asked))
     told = _by_torque(
-        rows, about, given, learnt, None, stop=lambda fit: bool(_louder(fit, odds))
+        rows, learnt.about, given, learnt, None, stop=lambda fit: bool(_louder(fit, odds))
     )
     if told.found is None:
-        louder = _louder(told.fit, odds)
         gain, joint, group = told.looked.unknown_since(told.fit)
+        if gain <= odds:
+            return Since(None, {}, told.fit, {}, {})
         since = float(rows.t[told.spans.rows.group == group].min())
-        unknown = {joint + 1: since} if gain > odds else {}
-        return Since(None, {}, told.fit, unknown, louder)
+        return Since(None, {}, told.fit, {joint + 1: since}, _louder(told.fit, odds))
     clocks = [Clock("", 0.0), Clock("", 0.0)]
     changes = _changes(told, clocks, lambda made, term: {})
     others = told.found.probabilities_of(lambda one: one.term)

@@ -391,11 +391,12 @@ class Contrast:
     ) -> dict[tuple[int, int, float], float]:
         """About what more form error explains, by joint from 0, motion of a group, and growth of its variance [nats].
 
-        What is shared is held where it is likeliest.
+        What is shared is held where it is likeliest, and so is what the group has that is no term.
         """
-        shared, out = self.shared_values(), {}
+        shared, own = self.nuisance_values(self._solved)
+        mine, out = shared + own[group], {}
         for j, motions in enumerate(self.motions):
-            noise2, beta = self.error.noise2[j], shared[self.design.active[j]]
+            noise2, beta = self.error.noise2[j], mine[self.design.active[j]]
             for one in motions:
                 cell = one.cell
                 if cell.group != group:

@@ -28,7 +28,7 @@ from gapscope.model.design import (
     possible,
 )
 from gapscope.model.equations import Equations
-from gapscope.model.form_error import carried_over, learn
+from gapscope.model.form_error import FormError, carried_over, learn
 from gapscope.model.nonlinear_values import UNKNOWN, Found, Scanner
 from gapscope.model.rows import Rows
 from gapscope.model.terms import Candidate, Term
@@ -189,6 +189,7 @@ class Search:
         asked: number of sets of groups that there might be, if not those of ``sets``; 0: those.
         together: groups that differ from the others by the same, each set of them; ``None``: every group by its own.
         free: what else such groups differ by, standard deviations of its coordinates, (linear,).
+        taught: noise and form error that were learnt about this arm, and from what: kept by whoever looks again.
     """
 
     rows: Rows
@@ -200,6 +201,7 @@ class Search:
     asked: float = 0.0
     together: Sequence[tuple[int, ...]] | None = None
     free: Mapping[Term, np.ndarray] = field(default_factory=dict)
+    taught: list[tuple[FormError, Equations]] | None = None
     _found: dict[Term, Found] = field(default_factory=dict)
     _charges: dict[Term, float] = field(default_factory=dict)
     _totals: dict[frozenset[Candidate], float] = field(default_factory=dict)
@@ -375,7 +377,12 @@ class Search:
             counts = self.rows.measured > 0
             left_over = replace(first.design, gap=first.design.gap - known * counts)
             beside = Equations.of(left_over) if np.any(known) else first
-            self._taught = learn(beside, self.taught_by, alike=alike)
+            if self.taught:
+                self._taught = carried_over(*self.taught[0], first)
+            else:
+                self._taught = learn(beside, self.taught_by, alike=alike)
+            if self.taught is not None:
+                self.taught[:] = [(self._taught, first)]
             self._first = replace(first, design=self._taught.primed(first.design))
             if count + 1 < times:
                 arm = moved(arm, first.design, self._shared())

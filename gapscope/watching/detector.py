@@ -17,6 +17,8 @@ from gapscope.model.changes import SPANS, Change, Learnt, changes_since
 from gapscope.model.conditioning import TORQUE_CUTOFF, Segment, thinned
 from gapscope.model.design import FreeArm, fitted_arm
 from gapscope.model.difference import Fit
+from gapscope.model.equations import Equations
+from gapscope.model.form_error import FormError
 from gapscope.model.rows import PartOfDesign, Rows
 from gapscope.model.terms import Term
 from gapscope.watching.alarm import NOTE, Event, Size
@@ -41,6 +43,8 @@ NOW = 60.0
 """Motion that is compared with what was learnt: a change that is slower is a drift [s]. (definition)"""
 LOOK = 6.0
 """Motion from one look to the next [s]. (budget)"""
+SLOWEST = 4
+"""Looks at most from one to the next, while what is promised turns out to be nothing new. (budget)"""
 MOVED = 0.025
 """A block in which no joint moves by this much says nothing [rad]: a quarter of it at 0.05 rad/s. (physical)"""
 APART = 1.0
@@ -90,6 +94,7 @@ class State:
         free: what changed before it, standard deviations of its coordinates.
         drift: steps of ``DRIFT`` by which each joint's friction has drifted so far, (n,).
         looked: when the last look was [s].
+        pace: looks that the next one comes after: more if what was promised turned out to be nothing new.
         unknown: joints from 1 on which the last look saw something unknown, and since when [s].
     """
 
@@ -100,6 +105,7 @@ class State:
     known: dict[tuple[Term, float], np.ndarray] = field(default_factory=dict)
     free: dict[Term, np.ndarray] = field(default_factory=dict)
     looked: float = 0.0
+    pace: int = 1
     unknown: dict[int, float] = field(default_factory=dict)
 
     @property
@@ -137,6 +143,7 @@ class Detector:
         self._about: FreeArm | None = None
         self._holding: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self._made: dict[Hashable, PartOfDesign] = {}
+        self._taught: list[tuple[FormError, Equations]] = []
 
     @property
     def learnt(self) -> float:
@@ -203,7 +210,7 @@ class Detector:
             return
         state.now = [*state.now, block][-round(NOW / BLOCK) :]
         # each span has some motion
-        if len(state.now) >= SPANS and block.end >= state.looked + LOOK:
+        if len(state.now) >= SPANS and block.end >= state.looked + LOOK * state.pace:
             state.looked = block.end
             self._forget(state.now[0].begin)
             yield from self._look()
@@ -242,7 +249,7 @@ class Detector:
         """Fit the arm that predicts what was learnt."""
         rows = self._rows([])
         self._about = fitted_arm(rows, self.corrected.arm, (0,))
-        self._holding, self._made = rows.holding, {}
+        self._holding, self._made, self._taught = rows.holding, {}, []
 
     def _rows(self, now: list[Block]) -> Rows:
         groups = [[[block.segment for block in self.state.seen]]]
@@ -259,9 +266,8 @@ class Detector:
         kept = {id(block.segment) for block in state.blocks}
         self._made = {k: x for k, x in self._made.items() if k[0] in kept}
         rows.made = self._made
-        said = changes_since(
-            rows, self._about, state.known, Learnt(self._asked, state.free)
-        )
+        learnt = Learnt(self._about, self._asked, state.free, self._taught)
+        said = changes_since(rows, state.known, learnt)
         end = state.now[-1].end
         # anything that changes looks like noise at first
         louder = {j: one for j, one in said.louder.items() if end - one[1] >= SPAN}
@@ -271,6 +277,7 @@ class Detector:
             yield noise_alarm(growth, self._time(begun))
             self._learn_anew(begun)
         elif said.changes is None:
+            state.pace = 1
             # a single look may meet an odd motion
             again = sorted(set(said.unknown) & set(state.unknown))
             state.unknown = dict(said.unknown)
@@ -288,6 +295,7 @@ class Detector:
         state = self.state
         changes = list(changes)
         new = [change for change in changes if not self._is_known(change)]
+        state.pace = 1 if new else min(2 * state.pace, SLOWEST)
         # what is in the last samples alone may be a push
         if any(state.now[-1].end - change.time < SPAN / 2 for change in new):
             return

@@ -153,7 +153,7 @@ def _pack(
             arrays[name] = np.concatenate([getattr(s.motion, name) for s in segments])
         arrays["torque"] = np.concatenate([np.asarray(s.torque) for s in segments])
         arrays["unknown"] = np.concatenate([~s.measured for s in segments])
-    content["band"], content["looked"] = state.band, state.looked
+    content |= {key: getattr(state, key) for key in ("band", "looked", "pace")}
     content["drift"] = state.drift.tolist()
     content["unknown"] = list(state.unknown.items())
     content["known"] = [
@@ -200,5 +200,6 @@ def _unpacked(
             for effect, joint, value in content["free"]
         },
         looked=content["looked"],
+        pace=content["pace"],
         unknown=dict(content["unknown"]),
     )
