@@ -75,6 +75,7 @@ def fork(watched: Detector) -> Detector:
     other.state = replace(
         state,
         drift=state.drift.copy(),
+        said=state.said.copy(),
         now=list(state.now),
         known=dict(state.known),
         free=dict(state.free),

@@ -129,13 +129,13 @@ class Learnt:
         about: the arm that predicts the first.
         asked: sets of spans that there are until as many false changes may be named as a user wants [1].
         free: what the second may have another value of all along, standard deviations of its coordinates, (linear,).
-        taught: noise and form error that the first has taught, kept from one look to the next.
+        taught: noise and form error that the first has taught about that arm, and from what.
     """
 
     about: FreeArm
     asked: float
     free: Mapping[Term, np.ndarray]
-    taught: list[tuple[FormError, Equations]]
+    taught: tuple[FormError, Equations]
 
 
 class _Spans:
@@ -183,11 +183,19 @@ class _Spans:
         if self.learnt is None:
             return Search(self.rows, arm, sets, every, 0.0, every, asked)
         told, now = tuple(self.groups[0]), tuple(self.groups[1])
-        asked, free = self.learnt.asked, self.learnt.free
         # what another arm leaves is another matter
         taught = self.learnt.taught if arm is self.learnt.about else None
         return Search(
-            self.rows, arm, sets, told, ANY_FRICTION, told, asked, [now], free, taught
+            rows=self.rows,
+            arm=arm,
+            sets=sets,
+            taught_by=told,
+            days=ANY_FRICTION,
+            basis=told,
+            asked=self.learnt.asked,
+            together=[now],
+            free=self.learnt.free,
+            taught=taught,
         )
 
     def sets(
@@ -331,7 +339,7 @@ class Since(NamedTuple):
     """What a look at a stream says.
 
     Attributes:
-        changes: all that the second recording has had since a moment, or all along; ``None`` if nothing new is promised.
+        changes: what the second recording has had since a moment, or all along; ``None`` if nothing new is promised.
         others: probability of every term of which it may have something.
         fit: what is left beside what was known.
         unknown: joints from 1 on which form error is larger, and since when [s].
@@ -358,7 +366,12 @@ def changes_since(
     given = {(term, (1, t, np.inf)): value for (term, t), value in known.items()}
     odds = float(np.log(learnt.asked))
     told = _by_torque(
-        rows, learnt.about, given, learnt, None, stop=lambda fit: bool(_louder(fit, odds))
+        rows,
+        learnt.about,
+        given,
+        learnt,
+        None,
+        stop=lambda fit: bool(_louder(fit, odds)),
     )
     if told.found is None:
         gain, joint, group = told.looked.unknown_since(told.fit)
@@ -386,7 +399,9 @@ def _louder(fit: Fit, odds: float) -> dict[int, tuple[float, float]]:
         begin, level = noise_of_motions(beside, j)
         level, count = np.log(level), len(level)
         best = 0.0
-        for first in range(int((begin < len(rows.t[rows.recording == 0])).sum()), count - 1):
+        for first in range(
+            int((begin < len(rows.t[rows.recording == 0])).sum()), count - 1
+        ):
             then, now = level[:first], level[first:]
             growth = now.mean() - then.mean()
             within = ((then - then.mean()) ** 2).sum() + ((now - now.mean()) ** 2).sum()
@@ -611,9 +626,7 @@ def _changes(
     return tuple(c for _, c in sorted(out, key=lambda pair: (pair[0], pair[1].time)))
 
 
-def _moved_by(
-    made: Design, term: Term, recordings: Sequence[Recording]
-) -> Moved:
+def _moved_by(made: Design, term: Term, recordings: Sequence[Recording]) -> Moved:
     """Times of rows, and the torque that each coordinate of a term makes there, by name of the recording."""
     rows, out = made.rows, {}
     units = [made.torque(term, unit) for unit in np.eye(len(term.columns))]

@@ -451,6 +451,16 @@ class Contrast:
         out[np.ix_(self._shared, self._shared)] = half.T @ half
         return out
 
+    def own_covariance(self, places: Sequence[int]) -> np.ndarray:
+        """Covariance of what the groups of the first nuisance have of some columns, (K, K)."""
+        count, some = len(self._shared), list(self._nuisances[0][0])
+        every = [count + k for k, own in enumerate(self._own) if own[0] == some]
+        at = [next(k for k in every if self._own[k - count][1] == p) for p in places]
+        unit = np.zeros((len(self._units), len(at)))
+        unit[at, range(len(at))] = self._units[at]
+        half = forward(self._factor, unit)
+        return half.T @ half
+
     @property
     def determined(self) -> float:
         """Number of shared values that the data determine: those of which they say more than the prior does [1]."""

@@ -189,7 +189,7 @@ class Search:
         asked: number of sets of groups that there might be, if not those of ``sets``; 0: those.
         together: groups that differ from the others by the same, each set of them; ``None``: every group by its own.
         free: what else such groups differ by, standard deviations of its coordinates, (linear,).
-        taught: noise and form error that were learnt about this arm, and from what: kept by whoever looks again.
+        taught: noise and form error that were learnt about this arm, and from what, if they are known.
     """
 
     rows: Rows
@@ -201,7 +201,7 @@ class Search:
     asked: float = 0.0
     together: Sequence[tuple[int, ...]] | None = None
     free: Mapping[Term, np.ndarray] = field(default_factory=dict)
-    taught: list[tuple[FormError, Equations]] | None = None
+    taught: tuple[FormError, Equations] | None = None
     _found: dict[Term, Found] = field(default_factory=dict)
     _charges: dict[Term, float] = field(default_factory=dict)
     _totals: dict[frozenset[Candidate], float] = field(default_factory=dict)
@@ -377,12 +377,10 @@ class Search:
             counts = self.rows.measured > 0
             left_over = replace(first.design, gap=first.design.gap - known * counts)
             beside = Equations.of(left_over) if np.any(known) else first
-            if self.taught:
-                self._taught = carried_over(*self.taught[0], first)
-            else:
+            if self.taught is None:
                 self._taught = learn(beside, self.taught_by, alike=alike)
-            if self.taught is not None:
-                self.taught[:] = [(self._taught, first)]
+            else:
+                self._taught = carried_over(*self.taught, first)
             self._first = replace(first, design=self._taught.primed(first.design))
             if count + 1 < times:
                 arm = moved(arm, first.design, self._shared())

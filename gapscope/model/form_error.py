@@ -110,9 +110,7 @@ def learn(
     )
 
 
-def noise_of_motions(
-    equations: Equations, j: int
-) -> tuple[np.ndarray, np.ndarray]:
+def noise_of_motions(equations: Equations, j: int) -> tuple[np.ndarray, np.ndarray]:
     """First row of each motion, (B,), rising, and variance of a joint's noise in it, over its scale's square [1], (B,).
 
     All groups are taken to be alike.

@@ -82,7 +82,8 @@ class Rows(DecimatedSegments):
         cutoff: float,
         taught: int,
     ) -> None:
-        segments, self.group_of, of_recording, count = [], [], [], 0
+        segments: list[Segment] = []
+        self.group_of, of_recording, count = [], [], 0
         for number, recordings in enumerate(groups):
             for own in recordings:
                 segments += own
@@ -90,7 +91,7 @@ class Rows(DecimatedSegments):
                 of_recording += [count] * len(own)
                 count += 1
         super().__init__(segments, min(TORQUE_CUTOFF, cutoff))
-        self.made: dict[Hashable, PartOfDesign] | None = None
+        self.made: dict[tuple[Hashable, ...], PartOfDesign] | None = None
         self.bodies = []
         counts = [len(self.time(s)) for s in segments]
         self.recording = np.repeat(of_recording, counts)

@@ -12,13 +12,18 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.recording import Recording
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.model.change_findings import PAYLOAD, called, change_findings
+from gapscope.model.change_findings import (
+    PAYLOAD,
+    PLAIN_FRICTION,
+    called,
+    change_findings,
+)
 from gapscope.model.changes import SPANS, Change, Learnt, changes_since
 from gapscope.model.conditioning import TORQUE_CUTOFF, Segment, thinned
-from gapscope.model.design import FreeArm, fitted_arm
+from gapscope.model.design import FreeArm, design, fitted_arm
 from gapscope.model.difference import Fit
 from gapscope.model.equations import Equations
-from gapscope.model.form_error import FormError
+from gapscope.model.form_error import FormError, learn
 from gapscope.model.rows import PartOfDesign, Rows
 from gapscope.model.terms import Term
 from gapscope.watching.alarm import NOTE, Event, Size
@@ -53,6 +58,8 @@ NAMED = 0.5
 """Probability from which a change has its name [1]. (definition)"""
 DRIFT = 0.25
 """Share by which friction has to drift for a note, and each time again [1]. (definition)"""
+ENOUGH = 2.0
+"""Standard errors of an interval of 95 %. (definition)"""
 DAY = 86_400.0
 """Seconds."""
 SPAN = NOW / SPANS
@@ -93,12 +100,14 @@ class State:
         known: what has changed in it, since when on the clock of the stream [s], and by how much.
         free: what changed before it, standard deviations of its coordinates.
         drift: steps of ``DRIFT`` by which each joint's friction has drifted so far, (n,).
+        said: friction that alarms have named so far, at the usual speed [N m], (n,).
         looked: when the last look was [s].
         pace: looks that the next one comes after: more if what was promised turned out to be nothing new.
         unknown: joints from 1 on which the last look saw something unknown, and since when [s].
     """
 
     drift: np.ndarray
+    said: np.ndarray
     seen: list[Block] = field(default_factory=list)
     now: list[Block] = field(default_factory=list)
     band: float = 0.0
@@ -134,7 +143,8 @@ class Detector:
         learning: float = LEARN,
     ) -> None:
         self.corrected, self.stream = corrected, SegmentStream()
-        self.state = State(np.zeros(corrected.arm.n_joints, dtype=int))
+        n = corrected.arm.n_joints
+        self.state = State(np.zeros(n, dtype=int), np.zeros(n))
         self._nominal = CorrectedArm(corrected.arm)
         self._body = RigidBody(corrected.arm)
         self._wanted = round((learning or LEARN) / BLOCK)
@@ -142,8 +152,8 @@ class Detector:
         self._asked = DAY / SPAN / false_alarms
         self._about: FreeArm | None = None
         self._holding: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
-        self._made: dict[Hashable, PartOfDesign] = {}
-        self._taught: list[tuple[FormError, Equations]] = []
+        self._made: dict[tuple[Hashable, ...], PartOfDesign] = {}
+        self._taught: tuple[FormError, Equations] | None = None
 
     @property
     def learnt(self) -> float:
@@ -222,6 +232,8 @@ class Detector:
             if since > begin:
                 continue
             del state.known[term, since]
+            if called(term)[0] == PLAIN_FRICTION:
+                state.said[term.joint - 1] += self._at_speed(term) * value[0]
             size, shares = np.abs(value), term.parametrisation.proportions
             if shares is not None:
                 size = np.maximum(size, size[0] * np.array(shares))
@@ -249,7 +261,9 @@ class Detector:
         """Fit the arm that predicts what was learnt."""
         rows = self._rows([])
         self._about = fitted_arm(rows, self.corrected.arm, (0,))
-        self._holding, self._made, self._taught = rows.holding, {}, []
+        self._holding, self._made = rows.holding, {}
+        first = Equations.of(design(rows, self._about, {}))
+        self._taught = learn(first, (0,)), first
 
     def _rows(self, now: list[Block]) -> Rows:
         groups = [[[block.segment for block in self.state.seen]]]
@@ -260,7 +274,7 @@ class Detector:
     def _look(self) -> Iterator[Event]:
         """What has changed, if anything has."""
         state = self.state
-        assert self._about is not None and self._holding is not None
+        assert self._about and self._holding and self._taught
         rows = self._rows(state.now)
         rows.held(*self._holding)
         kept = {id(block.segment) for block in state.blocks}
@@ -335,7 +349,8 @@ class Detector:
     def _learn_anew(self, begun: float) -> None:
         """What is like this from now on is normal."""
         after = [block for block in self.state.now if block.begin >= begun]
-        self.state = State(np.zeros_like(self.state.drift), seen=after)
+        n = len(self.state.drift)
+        self.state = State(np.zeros(n, dtype=int), np.zeros(n), after)
         self._about, self._made = None, {}
 
     def _drifted(self, fit: Fit) -> Iterator[Event]:
@@ -343,26 +358,33 @@ class Detector:
         state, about, made = self.state, self._about, fit.contrast.design
         assert about is not None
         _, own = fit.own.nuisances(fit.answer.values)
-        speed, n = self._speed(), len(state.drift)
-        level, moved = np.zeros(n), np.zeros(n)
-        for term, places in made.places.items():
-            effect, kind = called(term)
+        frictions: dict[int, list[Term]] = {}
+        for term in made.places:
             sheet = term.parametrisation.data_sheet
-            if sheet is None or term.definition.built_in or not kind:
+            if called(term)[0] == PLAIN_FRICTION and sheet is not None:
+                frictions.setdefault(term.joint - 1, []).append(term)
+        for j, terms in frictions.items():
+            at = np.array([self._at_speed(term) for term in terms])
+            places = [int(made.places[term][0]) for term in terms]
+            unit = at / np.array([made.units[term][0] for term in terms])
+            level = at @ about.theta[[term.columns[0] for term in terms]]
+            if level <= 0 or not all(own[-1, places]):
                 continue
-            j = term.joint - 1
-            at = speed[j] if sheet == "viscous" else 1.0
-            level[j] += at * about.theta[term.columns[0]]
-            moved[j] += at * own[-1, places[0]] / made.units[term][0]
-        share = moved / np.maximum(level, 1e-12)
-        steps = (share / DRIFT).astype(int)
-        for j in np.flatnonzero(level > 0).tolist():
-            before = state.drift[j]
-            if abs(steps[j]) > abs(before) or steps[j] * before < 0:
-                state.drift[j] = steps[j]
-                size = Size(float(moved[j]), 0.0, "N m")
+            moved = unit @ own[-1, places] - state.said[j]
+            spread = fit.contrast.own_covariance(places)
+            std = float(np.sqrt(unit @ spread @ unit))
+            steps, before = int(moved / level / DRIFT), state.drift[j]
+            further = abs(steps) > abs(before) or steps * before < 0
+            if further and abs(moved) > ENOUGH * std:
+                state.drift[j] = steps
+                size = Size(float(moved), std, "N m")
                 when = self._time(state.now[-1].end)
-                yield drift_note(j + 1, size, float(share[j]), when)
+                yield drift_note(j + 1, size, float(moved / level), when)
+
+    def _at_speed(self, term: Term) -> float:
+        """Torque of a friction coefficient of 1 at the joint's usual speed [N m]."""
+        viscous = term.parametrisation.data_sheet == "viscous"
+        return float(self._speed()[term.joint - 1]) if viscous else 1.0
 
     def _speed(self) -> np.ndarray:
         """RMS speed of the joints in the last motion [rad/s], (n,)."""

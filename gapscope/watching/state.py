@@ -15,10 +15,10 @@ import numpy as np
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write
-from gapscope.arm.recording import Recording
-from gapscope.effects.corrected import CorrectedArm
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.motion import Motion
+from gapscope.arm.recording import Recording
+from gapscope.effects.corrected import CorrectedArm
 from gapscope.model.conditioning import Segment
 from gapscope.model.terms import Term, Terms
 from gapscope.watching.detector import Block, Detector, State
@@ -90,9 +90,7 @@ def save_state(
         np.savez(aside, **{"content": np.array(json.dumps(content)), **arrays})
 
 
-def load_state(
-    file: Path, detector: Detector, arm: str
-) -> Resumed | None:
+def load_state(file: Path, detector: Detector, arm: str) -> Resumed | None:
     """Put a detector into the state of a file; ``None`` if it is of another arm or other settings.
 
     Raises:
@@ -129,9 +127,7 @@ SERIES = ("t", "q", "dq", "ddq")
 """Of a motion."""
 
 
-def _pack(
-    state: State, content: dict[str, Any], arrays: dict[str, np.ndarray]
-) -> None:
+def _pack(state: State, content: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
     """Samples as arrays, and what is left as data for JSON."""
     segments = [block.segment for block in state.blocks]
     content["blocks"] = [
@@ -139,7 +135,7 @@ def _pack(
             "recording": segment.recording,
             "offset": block.offset,
             "count": len(segment.motion.t),
-            "payload": None if segment.payload is None else asdict(segment.payload),
+            "mounted": None if segment.payload is None else asdict(segment.payload),
             "step": None
             if segment.torque_step is None
             else segment.torque_step.tolist(),
@@ -154,7 +150,7 @@ def _pack(
         arrays["torque"] = np.concatenate([np.asarray(s.torque) for s in segments])
         arrays["unknown"] = np.concatenate([~s.measured for s in segments])
     content |= {key: getattr(state, key) for key in ("band", "looked", "pace")}
-    content["drift"] = state.drift.tolist()
+    content |= {"drift": state.drift.tolist(), "said": state.said.tolist()}
     content["unknown"] = list(state.unknown.items())
     content["known"] = [
         (term.effect, term.joint, since, value.tolist())
@@ -176,7 +172,7 @@ def _unpacked(
         own = slice(first, first + entry["count"])
         first = own.stop
         motion = Motion(*(arrays[name][own] for name in SERIES))
-        payload, step = entry["payload"], entry["step"]
+        payload, step = entry["mounted"], entry["step"]
         segment = Segment(
             recording=entry["recording"],
             motion=motion,
@@ -188,6 +184,7 @@ def _unpacked(
         blocks.append(Block(segment, entry["offset"]))
     return State(
         drift=np.array(content["drift"], dtype=int),
+        said=np.array(content["said"]),
         seen=blocks[: content["seen"]],
         now=blocks[content["seen"] :],
         band=content["band"],

@@ -58,14 +58,18 @@ def alarm(
     sizes = _sizes(finding, speed, sliding)
     word = _direction(what, sizes)
     name = what, tuple(joints)
-    others = [
-        {"effect": effect, "joints": list(at), "evidence": -float(np.log(p))}
+    nearly = [
+        (effect, list(at), p)
         for (effect, at), p in sorted(likely.items(), key=lambda entry: -entry[1])
         if p >= NEARLY and (effect, at) != name
     ]
+    others = [
+        {"effect": effect, "joints": at, "evidence": -float(np.log(p))}
+        for effect, at, p in nearly
+    ]
     text = f"{_in_words(what, joints)} {word}"
     if others:
-        names = [_in_words(one["effect"], one["joints"]) for one in others]
+        names = [_in_words(effect, at) for effect, at, _ in nearly]
         text += f", or it is {', or '.join(names)}"
     size_text = ", ".join(f"{key} {size}" for key, size in sizes.items())
     return Event(

@@ -106,10 +106,6 @@ def test_joint_that_rested_while_learning_raises_no_alarm(at_work: Any) -> None:
     q = resting.q.copy()
     q[:, 2] = working.q[0, 2]
     resting = replace(resting, q=q)
-    found = [
-        event
-        for part in (resting, working)
-        for event in detector.add(part)
-    ]
+    found = [event for part in (resting, working) for event in detector.add(part)]
     assert "J3 rested" in found[0].sentence
     assert [e.effect for e in found if e.event == ALARM and 3 in e.joints] == []
