@@ -24,18 +24,32 @@ class Bodies:
     Args:
         body: the bodies, with the known load of the segment.
         motion: of the segment, N samples.
-        regressor: the inertial regressor on it, shape (N, n, 10 n).
-
-    Attributes:
-        last: regressor of the last link, shape (N, n, 10).
+        regressor: the inertial regressor on it, shape (N, n, 10 n); ``None``: when it is asked for.
     """
 
-    def __init__(self, body: RigidBody, motion: Motion, regressor: np.ndarray) -> None:
+    def __init__(
+        self, body: RigidBody, motion: Motion, regressor: np.ndarray | None = None
+    ) -> None:
         self._body, self._motion = body, motion
-        self._torque = regressor @ body.inertial_parameters()
-        last = 10 * body.last_link
-        self.last = regressor[:, :, last : last + 10].copy()
         self._play: dict[float, np.ndarray] = {}
+        if regressor is not None:
+            self._both = self._of(regressor)
+
+    def _of(self, regressor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        last = 10 * self._body.last_link
+        torque = regressor @ self._body.inertial_parameters()
+        return torque, regressor[:, :, last : last + 10].copy()
+
+    @cached_property
+    def _both(self) -> tuple[np.ndarray, np.ndarray]:
+        """Torque of the bodies, shape (N, n), and regressor of the last link, shape (N, n, 10)."""
+        m = self._motion
+        return self._of(self._body.regressor(m.q, m.dq, m.ddq))
+
+    @property
+    def last(self) -> np.ndarray:
+        """Regressor of the last link, shape (N, n, 10)."""
+        return self._both[1]
 
     @cached_property
     def gravity(self) -> np.ndarray:
@@ -52,7 +66,7 @@ class Bodies:
         if width not in self._play:
             widths = width * self._body.per_radian
             self._play[width] = play_columns(
-                self._body, self._motion, self._torque, widths
+                self._body, self._motion, self._both[0], widths
             )
         return self._play[width]
 

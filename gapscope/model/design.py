@@ -271,7 +271,7 @@ def design(
     terms = Terms(n, dict(shapes), arm.arm.coupled_motors)
     rows.bodies = []
     parts_of = [_part(rows, k, arm, terms) for k in range(len(rows.segments))]
-    _, matrices, inertial, forces, gaps = zip(*parts_of, strict=True)
+    matrices, inertial, forces, gaps = zip(*parts_of, strict=True)
     scale = rows.scale
     bodies = np.concatenate(inertial) / scale[:, None]
     matrix = np.concatenate(matrices) / scale[:, None]
@@ -349,7 +349,7 @@ def _part(rows: Rows, k: int, arm: FreeArm, terms: Terms) -> PartOfDesign:
     key = id(segment), id(arm), tuple(terms.shapes.items())
     kept = None if rows.made is None else rows.made.get(key)
     if kept is not None:
-        rows.bodies.append(kept.bodies)
+        rows.bodies.append(Bodies(segment.bodies(arm.bodies), segment.motion))
         return kept
     corrected, motion = arm.corrected(terms), segment.motion
     body = segment.bodies(arm.bodies)
@@ -360,7 +360,6 @@ def _part(rows: Rows, k: int, arm: FreeArm, terms: Terms) -> PartOfDesign:
     assert segment.torque is not None
     gap = segment.bridged(corrected.delivered(segment.torque) - at.torque)
     part = PartOfDesign(
-        bodies,
         columns(at, rows, k, terms, arm.theta),
         # bodies of both groups as their torque is recorded, whatever lies on the way to it
         rows.thin(as_recorded(at, regressor), segment),

@@ -11,7 +11,6 @@ from scipy.spatial import cKDTree
 
 from gapscope.arm.nominal import smooth_sign
 from gapscope.arm.recording import Recording
-from gapscope.model.body_point import Bodies
 from gapscope.model.conditioning import (
     TORQUE_CUTOFF,
     Segment,
@@ -37,14 +36,12 @@ class PartOfDesign(NamedTuple):
     """What a design takes of a segment, on its rows, M of n joints, before scales and units.
 
     Attributes:
-        bodies: of the segment.
         terms: columns of the terms [N m] per unit, (M, n, P).
         inertial: of the inertial parameters, as their torque is recorded [N m], (M, n, 10 n).
         force: of a force on the tip [N m/N], (M, n, 3).
         gap: of the arm that predicts [N m], (M, n).
     """
 
-    bodies: Bodies
     terms: np.ndarray
     inertial: np.ndarray
     force: np.ndarray
