@@ -354,7 +354,10 @@ class Since(NamedTuple):
 
 
 def changes_since(
-    rows: Rows, known: Mapping[tuple[Term, float], np.ndarray], learnt: Learnt
+    rows: Rows,
+    known: Mapping[tuple[Term, float], np.ndarray],
+    learnt: Learnt,
+    whole: Callable[[], Rows],
 ) -> Since:
     """What the second recording of rows has had since a moment that the first one, which was learnt, had not.
 
@@ -362,6 +365,7 @@ def changes_since(
         rows: both, on one clock.
         known: what is known to have changed, since when [s], and about by how much.
         learnt: beside what, and how rarely something may be named that is none.
+        whole: the same motion in as few segments as there are, in which a search is faster.
     """
     given = {(term, (1, t, np.inf)): value for (term, t), value in known.items()}
     odds = float(np.log(learnt.asked))
@@ -372,6 +376,7 @@ def changes_since(
         learnt,
         None,
         stop=lambda fit: bool(_louder(fit, odds)),
+        whole=whole,
     )
     if told.found is None:
         gain, joint, group = told.looked.unknown_since(told.fit)
@@ -473,6 +478,7 @@ def _by_torque(
     ask: Callable[[], Difference] | None,
     progress: Callable[[str], None] = lambda message: None,
     stop: Callable[[Fit], bool] = lambda fit: False,
+    whole: Callable[[], Rows] | None = None,
 ) -> _Told:
     """What the torque says that changes during recordings.
 
@@ -484,6 +490,7 @@ def _by_torque(
         ask: asks what whole recordings have of their own.
         progress: is told.
         stop: whether what changes leave makes all further questions vain.
+        whole: rows of the last search, if they are others.
     """
     count = int(rows.recording.max()) + 1
     times = [rows.t[rows.recording == k] for k in range(count)]
@@ -534,7 +541,11 @@ def _by_torque(
             return _Told(None, looked, {}, between, fit, search)
         # all of them at once, against what they may be taken for
         progress("asks what changed")
-        spans = _Spans(rows, ends, smeared=smeared, learnt=learnt)
+        asked = whole() if whole else rows
+        spans = _Spans(asked, ends, smeared=smeared, learnt=learnt)
+        if learnt is not None:
+            # nothing of it is in what teaches
+            torque = 0.0
         candidates = [spans.candidate(*key) for key in mine]
         likely = dict(zip(candidates, mine.values(), strict=True))
         found = spans.search(about, spans.sets(), len(sets)).run(likely, torque)

@@ -50,6 +50,8 @@ LOOK = 6.0
 """Motion from one look to the next [s]. (budget)"""
 SLOWEST = 4
 """Looks at most from one to the next, while what is promised turns out to be nothing new. (budget)"""
+LEAST_STEP = 1e-2
+"""Share of a step by which the grids of two blocks may differ and are one [1]. (as ``conditioning.uniform``)"""
 MOVED = 0.025
 """A block in which no joint moves by this much says nothing [rad]: a quarter of it at 0.05 rad/s. (physical)"""
 APART = 1.0
@@ -271,6 +273,14 @@ class Detector:
             groups.append([[block.segment for block in now]])
         return Rows(groups, self.state.band, len(groups))
 
+    def _whole(self) -> Rows:
+        """All motion, blocks that follow each other in one segment."""
+        groups = [[joined(self.state.seen)], [joined(self.state.now)]]
+        rows = Rows(groups, self.state.band, len(groups))
+        assert self._holding
+        rows.held(*self._holding)
+        return rows
+
     def _look(self) -> Iterator[Event]:
         """What has changed, if anything has."""
         state = self.state
@@ -281,7 +291,7 @@ class Detector:
         self._made = {k: x for k, x in self._made.items() if k[0] in kept}
         rows.made = self._made
         learnt = Learnt(self._about, self._asked, state.free, self._taught)
-        said = changes_since(rows, state.known, learnt)
+        said = changes_since(rows, state.known, learnt, self._whole)
         end = state.now[-1].end
         # anything that changes looks like noise at first
         louder = {j: one for j, one in said.louder.items() if end - one[1] >= SPAN}
@@ -336,7 +346,8 @@ class Detector:
 
     def _is_known(self, change: Change) -> bool:
         return any(
-            term == change.term and abs(change.time - since) < SPAN
+            self._name(term) == self._name(change.term)
+            and abs(change.time - since) < SPAN
             for term, since in self.state.known
         )
 
@@ -403,3 +414,42 @@ class Detector:
         return Time(
             name, begun - offset, (low - offset, high - offset), last.end - last.offset
         )
+
+
+def joined(blocks: list[Block]) -> list[Segment]:
+    """Segments of blocks, those that follow each other on one grid in one."""
+    out: list[Segment] = []
+    for block in blocks:
+        more = _joined(out[-1], block.segment) if out else None
+        if more is None:
+            out.append(block.segment)
+        else:
+            out[-1] = more
+    return out
+
+
+def _joined(before: Segment, after: Segment) -> Segment | None:
+    """Two segments in one, the overlap parted in its middle; ``None`` if they do not follow each other."""
+    t, further = before.motion.t, after.motion.t
+    step = (t[-1] - t[0]) / (len(t) - 1)
+    same = before.recording == after.recording and before.payload == after.payload
+    middle = (t[-1] + further[0]) / 2
+    first, rest = t <= middle, further > middle
+    if not same or further[0] > t[-1] or not (first.any() and rest.any()):
+        return None
+    # the grids of both are one
+    if abs(further[rest][0] - t[first][-1] - step) > LEAST_STEP * step:
+        return None
+
+    def both(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+        return np.concatenate([one[first], other[rest]])
+
+    a, b = before.motion, after.motion
+    motion = Motion(
+        both(t, further), both(a.q, b.q), both(a.dq, b.dq), both(a.ddq, b.ddq)
+    )
+    unknown = None
+    if before.unknown is not None or after.unknown is not None:
+        unknown = both(~before.measured, ~after.measured)
+    torque = both(np.asarray(before.torque), np.asarray(after.torque))
+    return replace(before, motion=motion, torque=torque, unknown=unknown)

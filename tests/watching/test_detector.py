@@ -76,7 +76,7 @@ def test_what_no_name_fits_is_something_else(at_work: Any) -> None:
 
 
 def test_change_without_a_name_is_a_misfit(at_work: Any) -> None:
-    found = [e for e in events(at_work, late=0.02) if e.event == MISFIT]
+    found = [e for e in events(at_work, late=0.05) if e.event == MISFIT]
     assert [e.effect for e in found] == ["other"]
     assert found[0].sizes == {}
 
