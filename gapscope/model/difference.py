@@ -8,6 +8,7 @@ joined, each is asked again whether the others do without it, or with another in
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
@@ -243,7 +244,7 @@ class Search:
         fit = self._fit(list(known), known, {})
         one, gain = self._most_promising(fit)
         # form error that is larger may explain it
-        if one is not None and gain <= self.larger_error(fit)[1]:
+        if one is not None and gain <= self._larger_error(fit)[1]:
             without = self._with_larger_error(fit)
             one, _ = self._most_promising(without)
             if one is not None:
@@ -263,7 +264,7 @@ class Search:
     def _with_larger_error(self, fit: Fit) -> Fit:
         """The hypothesis with more form error wherever that promises to explain more than it costs."""
         while True:
-            more, _ = self.larger_error(fit)
+            more, _ = self._larger_error(fit)
             grown = {**fit.grown, **more}
             larger = self._fit(fit.chosen, fit.values, grown) if more else fit
             if larger.total <= fit.total:
@@ -276,23 +277,16 @@ class Search:
         Returns:
             Log odds without those of a change at all [nats]; joint from 0; the group.
         """
-        gains: dict[tuple[int, int, float], float] = {}
-        found = [(-np.inf, 0, 0)]
-        places = {key: gain for key, gain in self._promised(fit).items()}
-        for (j, group, motion), growth in places:
-            if motion is None:
-                gains[j, group, growth] = places[(j, group, motion), growth]
-        joints = {j for j, _, _ in gains}
-        for j in joints:
-            for growth in GROWTHS:
-                total = 0.0
-                for group in reversed(self.groups):
-                    total += gains[j, group, growth]
-                    odds = total + float(np.log(UNKNOWN / len(joints) / len(GROWTHS)))
-                    found.append((odds, j, group))
+        promised, found = self._promised(fit), []
+        joints = {place[0] for place, _ in promised}
+        charge = float(np.log(UNKNOWN / len(joints) / len(GROWTHS)))
+        for j, growth in itertools.product(joints, GROWTHS):
+            later = [promised[(j, group, None), growth] for group in self.groups[::-1]]
+            odds = np.cumsum(later) + charge
+            found += [(o, j, g) for o, g in zip(odds, self.groups[::-1], strict=True)]
         return max(found)
 
-    def larger_error(self, fit: Fit) -> tuple[dict[Place, float], float]:
+    def _larger_error(self, fit: Fit) -> tuple[dict[Place, float], float]:
         """Where more form error explains more than it costs, each motion once, and about how much in all [nats]."""
         out: dict[Place, float] = {}
         total, promised = 0.0, self._promised(fit)

@@ -9,6 +9,7 @@ import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
+from gapscope.arm.joint_units import joint_unit
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.recording import Recording
 from gapscope.effects.corrected import CorrectedArm
@@ -165,10 +166,7 @@ class Detector:
 
     def add(self, part: Recording) -> Iterator[Event]:
         """Events of the next part of a recording, of the same name as before or a new one."""
-        yield from self._of(self.stream.add(part))
-
-    def _of(self, items: Iterable[Segment | Slip]) -> Iterator[Event]:
-        for item in items:
+        for item in self.stream.add(part):
             if isinstance(item, Slip):
                 yield slipped(item, self.corrected.arm.sliding)
             elif np.ptp(item.motion.q, axis=0).max() >= MOVED:
@@ -292,25 +290,22 @@ class Detector:
         rows.made = self._made
         learnt = Learnt(self._about, self._asked, state.free, self._taught)
         said = changes_since(rows, state.known, learnt, self._whole)
-        end = state.now[-1].end
-        # anything that changes looks like noise at first
-        louder = {j: one for j, one in said.louder.items() if end - one[1] >= SPAN}
-        if louder:
-            begun = min(since for _, since in louder.values())
-            growth = {j: ratio for j, (ratio, _) in louder.items()}
+        # a single look may meet an odd motion, or a change too new to be told
+        again = sorted(set(said.unknown) & set(state.unknown))
+        state.unknown = dict(said.unknown)
+        if said.changes is not None:
+            yield from self._changed(said.changes, said.others)
+            return
+        state.pace = 1
+        if not again:
+            yield from self._drifted(said.fit)
+        elif said.louder:
+            begun = min(since for _, since in said.louder.values())
+            growth = {j: ratio for j, (ratio, _) in said.louder.items()}
             yield noise_alarm(growth, self._time(begun))
             self._learn_anew(begun)
-        elif said.changes is None:
-            state.pace = 1
-            # a single look may meet an odd motion
-            again = sorted(set(said.unknown) & set(state.unknown))
-            state.unknown = dict(said.unknown)
-            if again:
-                yield self._misfit(again, min(said.unknown[j] for j in again))
-            else:
-                yield from self._drifted(said.fit)
         else:
-            yield from self._changed(said.changes, said.others)
+            yield self._misfit(again, min(said.unknown[j] for j in again))
 
     def _changed(
         self, changes: Iterable[Change], others: Mapping[Term, float]
@@ -327,15 +322,16 @@ class Detector:
         for term, probability in others.items():
             name = self._name(term)
             likely[name] = min(likely.get(name, 0.0) + probability, 1.0)
-        if new and max(likely[self._name(change.term)] for change in new) < NAMED:
+        named = [one for one in new if likely[self._name(one.term)] >= NAMED]
+        if new and not named:
             yield self._misfit([], min(change.time for change in new))
             return
         state.known = {(c.term, c.time): c.value for c in changes}
         said = {self._name(change.term) for change in changes}
-        mine = {self._name(change.term) for change in new}
+        mine = {self._name(change.term) for change in named}
         likely = {k: p for k, p in likely.items() if k not in said - mine}
         speed, sliding = self._speed(), self.corrected.arm.sliding
-        for finding in change_findings(new):
+        for finding in change_findings(named):
             when = self._time(finding["time"], tuple(finding["interval"]))
             yield alarm(finding, when, likely, speed, sliding)
 
@@ -377,18 +373,19 @@ class Detector:
         for j, terms in frictions.items():
             at = np.array([self._at_speed(term) for term in terms])
             places = [int(made.places[term][0]) for term in terms]
-            unit = at / np.array([made.units[term][0] for term in terms])
+            per_column = at / np.array([made.units[term][0] for term in terms])
             level = at @ about.theta[[term.columns[0] for term in terms]]
             if level <= 0 or not all(own[-1, places]):
                 continue
-            moved = unit @ own[-1, places] - state.said[j]
+            moved = per_column @ own[-1, places] - state.said[j]
             spread = fit.contrast.own_covariance(places)
-            std = float(np.sqrt(unit @ spread @ unit))
+            std = float(np.sqrt(per_column @ spread @ per_column))
             steps, before = int(moved / level / DRIFT), state.drift[j]
             further = abs(steps) > abs(before) or steps * before < 0
             if further and abs(moved) > ENOUGH * std:
                 state.drift[j] = steps
-                size = Size(float(moved), std, "N m")
+                unit = joint_unit("N m", self.corrected.arm.sliding[j])
+                size = Size(float(moved), std, unit)
                 when = self._time(state.now[-1].end)
                 yield drift_note(j + 1, size, float(moved / level), when)
 

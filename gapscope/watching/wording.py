@@ -72,16 +72,13 @@ def alarm(
         names = [_in_words(effect, at) for effect, at, _ in nearly]
         text += f", or it is {', or '.join(names)}"
     size_text = ", ".join(f"{key} {size}" for key, size in sizes.items())
-    return Event(
-        event=ALARM,
-        sentence=f"{text} {when.text}: {size_text}",
+    return _event(
+        ALARM,
+        f"{text} {when.text}: {size_text}",
+        when,
         effect=what,
         change=word.removeprefix("was ").removeprefix("has "),
         joints=joints,
-        recording=when.recording,
-        time=when.begun,
-        interval=when.interval,
-        detected=when.detected,
         sizes=sizes,
         evidence={
             "probability": likely.get(name, finding["probability"]),
@@ -97,16 +94,13 @@ def slipped(slip: Slip, sliding: Sequence[bool]) -> Event:
     when = Time(slip.recording, slip.after, (slip.before, slip.after), slip.after)
     word = _direction(ENCODER, {"offset": size})
     text = f"{_in_words(ENCODER, [slip.joint])} {word} {when.text}"
-    return Event(
-        event=ALARM,
-        sentence=f"{text}: its reading jumped by {size}",
+    return _event(
+        ALARM,
+        f"{text}: its reading jumped by {size}",
+        when,
         effect=ENCODER,
         change=word.removeprefix("has "),
         joints=[slip.joint],
-        recording=slip.recording,
-        time=when.begun,
-        interval=when.interval,
-        detected=when.detected,
         sizes={"offset": size},
     )
 
@@ -134,6 +128,19 @@ def misfit(joints: Sequence[int], when: Time) -> Event:
     return _nameless(MISFIT, text, joints, when, {})
 
 
+def _event(event: str, sentence: str, when: Time, **more: Any) -> Event:
+    """An event at a moment."""
+    return Event(
+        event=event,
+        sentence=sentence,
+        recording=when.recording,
+        time=when.begun,
+        interval=when.interval,
+        detected=when.detected,
+        **more,
+    )
+
+
 def _nameless(
     event: str,
     sentence: str,
@@ -141,16 +148,13 @@ def _nameless(
     when: Time,
     evidence: Mapping[str, float],
 ) -> Event:
-    return Event(
-        event=event,
-        sentence=sentence,
+    return _event(
+        event,
+        sentence,
+        when,
         effect=OTHER,
         change="changed",
         joints=joints,
-        recording=when.recording,
-        time=when.begun,
-        interval=when.interval,
-        detected=when.detected,
         evidence=evidence,
     )
 

@@ -75,9 +75,10 @@ def test_what_no_name_fits_is_something_else(at_work: Any) -> None:
     assert found.evidence["growth_1"] > 2
 
 
-def test_change_without_a_name_is_a_misfit(at_work: Any) -> None:
-    found = [e for e in events(at_work, late=0.05) if e.event == MISFIT]
-    assert [e.effect for e in found] == ["other"]
+def test_change_without_a_name_is_a_misfit_and_no_alarm(at_work: Any) -> None:
+    found = [e for e in events(at_work, late=0.05) if e.event != NOTE]
+    assert [e.event for e in found] == [MISFIT]
+    assert abs(found[0].time - at_work.change) < 5.0
     assert found[0].sizes == {}
 
 
