@@ -76,7 +76,7 @@ def test_what_no_name_fits_is_something_else(at_work: Any) -> None:
 
 
 def test_change_without_a_name_is_a_misfit_and_no_alarm(at_work: Any) -> None:
-    found = [e for e in events(at_work, late=0.05) if e.event != NOTE]
+    found = [e for e in events(at_work, late=0.03) if e.event != NOTE]
     assert [e.event for e in found] == [MISFIT]
     assert abs(found[0].time - at_work.change) < 5.0
     assert found[0].sizes == {}
