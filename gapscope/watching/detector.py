@@ -308,7 +308,7 @@ class Detector:
             yield self._misfit(again, min(said.unknown[j] for j in again))
 
     def _changed(
-        self, changes: Iterable[Change], others: Mapping[Term, float]
+        self, changes: Iterable[Change], by_term: Mapping[Term, float]
     ) -> Iterator[Event]:
         """Alarms of what has changed."""
         state = self.state
@@ -319,7 +319,7 @@ class Detector:
         if any(state.now[-1].end - change.time < SPAN / 2 for change in new):
             return
         likely: dict[Name, float] = {}
-        for term, probability in others.items():
+        for term, probability in by_term.items():
             name = self._name(term)
             likely[name] = min(likely.get(name, 0.0) + probability, 1.0)
         named = [one for one in new if likely[self._name(one.term)] >= NAMED]
@@ -328,12 +328,14 @@ class Detector:
             return
         state.known = {(c.term, c.time): c.value for c in changes}
         said = {self._name(change.term) for change in changes}
-        mine = {self._name(change.term) for change in named}
-        likely = {k: p for k, p in likely.items() if k not in said - mine}
+        others = {name: p for name, p in likely.items() if name not in said}
         speed, sliding = self._speed(), self.corrected.arm.sliding
         for finding in change_findings(named):
+            name = finding["what"], tuple(finding["joints"])
+            # friction as a whole, not a coefficient of it
+            finding["probability"] = likely.get(name, finding["probability"])
             when = self._time(finding["time"], tuple(finding["interval"]))
-            yield alarm(finding, when, likely, speed, sliding)
+            yield alarm(finding, when, others, speed, sliding)
 
     def _name(self, term: Term) -> Name:
         """What a term is called: the last link carries what it is itself."""
@@ -405,6 +407,8 @@ class Detector:
         here = next((b for b in blocks if b.end >= begun), blocks[-1])
         name, offset = here.segment.recording, here.offset
         mine = [b for b in blocks if b.segment.recording == name]
+        # what changed between two recordings shows from the first sample on
+        begun = max(begun, mine[0].begin)
         low, high = interval or (begun, begun)
         low, high = max(low, mine[0].begin), min(high, mine[-1].end)
         last = blocks[-1]

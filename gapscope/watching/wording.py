@@ -41,7 +41,7 @@ class Time(NamedTuple):
 def alarm(
     finding: Mapping[str, Any],
     when: Time,
-    likely: Mapping[Name, float],
+    others: Mapping[Name, float],
     speed: np.ndarray,
     sliding: Sequence[bool],
 ) -> Event:
@@ -50,25 +50,24 @@ def alarm(
     Args:
         finding: as ``change_findings`` has it.
         when: it began.
-        likely: probability of each name.
+        others: probability of other names.
         speed: RMS speed of the joints in motion [rad/s], (n,).
         sliding: which joints slide.
     """
     what, joints = finding["what"], list(finding["joints"])
     sizes = _sizes(finding, speed, sliding)
     word = _direction(what, sizes)
-    name = what, tuple(joints)
     nearly = [
         (effect, list(at), p)
-        for (effect, at), p in sorted(likely.items(), key=lambda entry: -entry[1])
-        if p >= NEARLY and (effect, at) != name
+        for (effect, at), p in sorted(others.items(), key=lambda entry: -entry[1])
+        if p >= NEARLY
     ]
-    others = [
+    listed = [
         {"effect": effect, "joints": at, "evidence": -float(np.log(p))}
         for effect, at, p in nearly
     ]
     text = f"{_in_words(what, joints)} {word}"
-    if others:
+    if nearly:
         names = [_in_words(effect, at) for effect, at, _ in nearly]
         text += f", or it is {', or '.join(names)}"
     size_text = ", ".join(f"{key} {size}" for key, size in sizes.items())
@@ -81,10 +80,10 @@ def alarm(
         joints=joints,
         sizes=sizes,
         evidence={
-            "probability": likely.get(name, finding["probability"]),
+            "probability": finding["probability"],
             "times_threshold": finding["times_threshold"],
         },
-        alternatives=others,
+        alternatives=listed,
     )
 
 
