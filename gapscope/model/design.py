@@ -345,12 +345,11 @@ def design(
 
 def _part(rows: Rows, k: int, arm: FreeArm, terms: Terms) -> PartOfDesign:
     """What a design takes of a segment, as it was kept if it was."""
-    segment = rows.segments[k]
-    key = id(segment), id(arm), tuple(terms.shapes.items())
-    kept = None if rows.made is None else rows.made.get(key)
-    if kept is not None:
+    segment, kept = rows.segments[k], rows.kept
+    mine = kept is not None and kept.about is arm and not terms.shapes
+    if kept is not None and mine and id(segment) in kept.parts:
         rows.bodies.append(Bodies(segment.bodies(arm.bodies), segment.motion))
-        return kept
+        return kept.parts[id(segment)][1]
     corrected, motion = arm.corrected(terms), segment.motion
     body = segment.bodies(arm.bodies)
     regressor = body.regressor(motion.q, motion.dq, motion.ddq)
@@ -366,8 +365,8 @@ def _part(rows: Rows, k: int, arm: FreeArm, terms: Terms) -> PartOfDesign:
         rows.thin(bodies.force, segment),
         rows.thin(gap, segment),
     )
-    if rows.made is not None:
-        rows.made[key] = part
+    if kept is not None and mine:
+        kept.parts[id(segment)] = segment, part
     return part
 
 

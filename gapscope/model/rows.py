@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from copy import copy
 from typing import NamedTuple
 
@@ -48,6 +48,18 @@ class PartOfDesign(NamedTuple):
     gap: np.ndarray
 
 
+class Kept(NamedTuple):
+    """What a design takes of segments, kept from one look at a stream to the next.
+
+    Attributes:
+        about: the arm that it is about, the same object.
+        parts: by identity of a segment the segment, which so stays alive, and what is taken of it.
+    """
+
+    about: object
+    parts: dict[int, tuple[Segment, PartOfDesign]]
+
+
 class Rows(DecimatedSegments):
     """Rows of groups of recordings with a torque, M in all, of n joints.
 
@@ -70,7 +82,7 @@ class Rows(DecimatedSegments):
         t: time since the start of the recording [s], (M,).
         position, velocity: [rad], [rad/s], (M, n).
         holding: what ``held`` was told.
-        made: what a design took of segments (``design.py``), to be kept from one look at a stream to the next.
+        kept: what a design about some arm took of segments before, if that is kept.
     """
 
     def __init__(
@@ -88,7 +100,7 @@ class Rows(DecimatedSegments):
                 of_recording += [count] * len(own)
                 count += 1
         super().__init__(segments, min(TORQUE_CUTOFF, cutoff))
-        self.made: dict[tuple[Hashable, ...], PartOfDesign] | None = None
+        self.kept: Kept | None = None
         self.bodies = []
         counts = [len(self.time(s)) for s in segments]
         self.recording = np.repeat(of_recording, counts)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -25,7 +25,7 @@ from gapscope.model.design import FreeArm, design, fitted_arm
 from gapscope.model.difference import Fit
 from gapscope.model.equations import Equations
 from gapscope.model.form_error import FormError, learn
-from gapscope.model.rows import PartOfDesign, Rows
+from gapscope.model.rows import Kept, Rows
 from gapscope.model.terms import Term
 from gapscope.watching.alarm import NOTE, Event, Size
 from gapscope.watching.segments import BLOCK, SegmentStream, Slip
@@ -155,7 +155,7 @@ class Detector:
         self._asked = DAY / SPAN / false_alarms
         self._about: FreeArm | None = None
         self._holding: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
-        self._made: dict[tuple[Hashable, ...], PartOfDesign] = {}
+        self._kept: Kept | None = None
         self._taught: tuple[FormError, Equations] | None = None
 
     @property
@@ -261,7 +261,7 @@ class Detector:
         """Fit the arm that predicts what was learnt."""
         rows = self._rows([])
         self._about = fitted_arm(rows, self.corrected.arm, (0,))
-        self._holding, self._made = rows.holding, {}
+        self._holding, self._kept = rows.holding, Kept(self._about, {})
         first = Equations.of(design(rows, self._about, {}))
         self._taught = learn(first, (0,)), first
 
@@ -282,12 +282,14 @@ class Detector:
     def _look(self) -> Iterator[Event]:
         """What has changed, if anything has."""
         state = self.state
-        assert self._about and self._holding and self._taught
+        assert self._about and self._holding and self._taught and self._kept
         rows = self._rows(state.now)
         rows.held(*self._holding)
-        kept = {id(block.segment) for block in state.blocks}
-        self._made = {k: x for k, x in self._made.items() if k[0] in kept}
-        rows.made = self._made
+        now = {id(block.segment) for block in state.blocks}
+        parts = self._kept.parts
+        for gone in parts.keys() - now:
+            del parts[gone]
+        rows.kept = self._kept
         learnt = Learnt(self._about, self._asked, state.free, self._taught)
         said = changes_since(rows, state.known, learnt, self._whole)
         # a single look may meet an odd motion, or a change too new to be told
@@ -360,7 +362,7 @@ class Detector:
         after = [block for block in self.state.now if block.begin >= begun]
         n = len(self.state.drift)
         self.state = State(np.zeros(n, dtype=int), np.zeros(n), after)
-        self._about, self._made = None, {}
+        self._about = self._kept = None
 
     def _drifted(self, fit: Fit) -> Iterator[Event]:
         """Notes on friction that has drifted by a further step."""
