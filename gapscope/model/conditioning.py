@@ -262,8 +262,11 @@ def jumps(recording: Recording) -> list[Jump]:
 
 
 def slips(recording: Recording) -> list[Jump]:
-    """Jumps of one reading alone, which no lost rows explain: these move every joint on that is in motion."""
-    found = jumps(recording)
+    """Jumps of one reading alone, which no lost rows explain: these move every joint on that is in motion.
+
+    They are clearly larger than their own error: a joint that starts or stops jerks a little.
+    """
+    found = [x for x in jumps(recording) if abs(x.size) > STANDS_OUT * x.error]
     samples = [jump.sample for jump in found]
     alone = [jump for jump in found if samples.count(jump.sample) == 1]
     if not alone:

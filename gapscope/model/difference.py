@@ -631,7 +631,8 @@ class Search:
         """Whether a group may have a term of its own."""
         searched = bool(term.parametrisation.nonlinear)
         if self.together is not None:
-            return not searched
+            # at work an arm is not built anew
+            return not (searched or term.definition.built_in)
         return bool(self.days) or not (lasts(term) or searched)
 
     def _larger(self, fit: Fit) -> Fit | None:

@@ -14,7 +14,6 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.recording import Recording
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.model.change_findings import (
-    PAYLOAD,
     PLAIN_FRICTION,
     called,
     change_findings,
@@ -322,14 +321,14 @@ class Detector:
             return
         likely: dict[Name, float] = {}
         for term, probability in by_term.items():
-            name = self._name(term)
+            name = called(term)
             likely[name] = min(likely.get(name, 0.0) + probability, 1.0)
-        named = [one for one in new if likely[self._name(one.term)] >= NAMED]
+        named = [one for one in new if likely[called(one.term)] >= NAMED]
         if new and not named:
             yield self._misfit([], min(change.time for change in new))
             return
         state.known = {(c.term, c.time): c.value for c in changes}
-        said = {self._name(change.term) for change in changes}
+        said = {called(change.term) for change in changes}
         others = {name: p for name, p in likely.items() if name not in said}
         speed, sliding = self._speed(), self.corrected.arm.sliding
         for finding in change_findings(named):
@@ -339,15 +338,9 @@ class Detector:
             when = self._time(finding["time"], tuple(finding["interval"]))
             yield alarm(finding, when, others, speed, sliding)
 
-    def _name(self, term: Term) -> Name:
-        """What a term is called: the last link carries what it is itself."""
-        last = self._body.last_link + 1
-        return (PAYLOAD, ()) if term.changes_link(last) else called(term)
-
     def _is_known(self, change: Change) -> bool:
         return any(
-            self._name(term) == self._name(change.term)
-            and abs(change.time - since) < SPAN
+            called(term) == called(change.term) and abs(change.time - since) < SPAN
             for term, since in self.state.known
         )
 
