@@ -175,7 +175,7 @@ def _widened(kalman: Recursive, tracks: list[Track], added: np.ndarray) -> Recur
 
 def _joined(tracks: list[Track]) -> Track:
     """Tracks one after the other."""
-    series = ("t", "value", "covariance", "innovation", "whitened", "walk")
+    series = ("t", "value", "covariance", "innovation", "walk")
     joined = {
         name: np.concatenate([getattr(track, name) for track in tracks])
         for name in series

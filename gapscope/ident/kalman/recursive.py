@@ -57,7 +57,6 @@ class Recursive:
         walk, kalman = self._walk(problem), self._filter(problem)
         value, spread = np.empty((count, b)), np.empty((count, b, b))
         innovation = np.empty_like(problem.torque)
-        whitened = np.empty_like(problem.matrix)
         # gaps between recordings let the parameters wander for longer
         steps = np.maximum(np.diff(t, prepend=t[0] - problem.interval), 1e-9)
         for k in range(count):
@@ -69,7 +68,6 @@ class Recursive:
             # L^-1 with S = L L^T gives innovations unit variance
             root = np.linalg.cholesky(kalman.S)
             innovation[k] = np.linalg.solve(root, kalman.y)
-            whitened[k] = np.linalg.solve(root, W)
             value[k] = kalman.x
             spread[k] = 0.5 * (kalman.P + kalman.P.T)
         added = np.diff(t, append=t[-1])[:, None] * walk**2
@@ -79,7 +77,6 @@ class Recursive:
             value=value,
             covariance=spread,
             innovation=innovation,
-            whitened=whitened,
             walk=added,
         )
 

@@ -18,8 +18,6 @@ class Track:
         covariance: shape (N, b, b).
         innovation: measured minus predicted over its standard deviation, white with unit variance if the model
             holds [1], shape (N, n).
-        whitened: the regressor over the same standard deviation, so that a change delta of the parameters adds
-            ``whitened @ delta`` to the innovations, shape (N, n, b).
         walk: variance that the random walk adds between a sample and the next, shape (N, b).
     """
 
@@ -28,7 +26,6 @@ class Track:
     value: np.ndarray
     covariance: np.ndarray
     innovation: np.ndarray
-    whitened: np.ndarray
     walk: np.ndarray
 
     @property

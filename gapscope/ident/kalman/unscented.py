@@ -91,12 +91,11 @@ class Unscented:
         size = 2 * n + len(self.names)
         kalman = self._filter(q[0], float(np.median(np.diff(t))))
         value, spread = np.empty((len(t), size)), np.empty((len(t), size, size))
-        innovation, whitened = np.zeros((len(t), n)), np.zeros((len(t), n, size))
+        innovation = np.zeros((len(t), n))
         value[0], spread[0] = kalman.x, kalman.P
         for k in range(1, len(t)):
             try:
                 kalman.predict(dt=t[k] - t[k - 1], torque=tau[k - 1])
-                sensitivity = self._sensitivity(kalman.P)
                 kalman.update(q[k])
             except np.linalg.LinAlgError as error:
                 raise GapscopeError(
@@ -107,7 +106,6 @@ class Unscented:
             # L^-1 with S = L L^T gives innovations unit variance
             root = np.linalg.cholesky(kalman.S)
             innovation[k] = np.linalg.solve(root, kalman.y)
-            whitened[k, :, 2 * n :] = np.linalg.solve(root, sensitivity)
             value[k], spread[k] = kalman.x, kalman.P
         joints = range(1, n + 1)
         states = [f"{kind}{j}" for kind in ("q", "dq") for j in joints]
@@ -120,17 +118,8 @@ class Unscented:
             value=value,
             covariance=spread,
             innovation=innovation,
-            whitened=whitened,
             walk=walk,
         )
-
-    def _sensitivity(self, covariance: np.ndarray) -> np.ndarray:
-        """Change of the predicted positions per unit of the parameters, P_q,theta P_theta^-1, (n, s)."""
-        n = self.regressor.arm.n_joints
-        own, cross = covariance[2 * n :, 2 * n :], covariance[:n, 2 * n :]
-        scale = np.sqrt(np.diag(own))
-        correlation = own / np.outer(scale, scale)
-        return np.linalg.solve(correlation, (cross / scale).T).T / scale
 
     def _filter(self, start: np.ndarray, period: float) -> UnscentedKalmanFilter:
         n, s = len(start), len(self.names)
