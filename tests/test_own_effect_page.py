@@ -51,6 +51,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.nightly
 def test_the_diagnosis_of_a_recording_finds_the_effect(folder: Path) -> None:
     document = json.loads((folder / "found/diagnosis.json").read_text())
     (found,) = document["effects"]

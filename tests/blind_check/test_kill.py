@@ -20,6 +20,7 @@ from gapscope.effects.catalogue import CATALOGUE, remove
 pytestmark = pytest.mark.slow
 
 
+@pytest.mark.nightly
 def test_each_effect_is_found_with_its_own_label(solved: dict[str, Solved]) -> None:
     assert all(
         compare(name, case.label, case.document).top for name, case in solved.items()
@@ -56,6 +57,7 @@ def test_an_effect_that_is_no_longer_in_the_catalogue_is_called_unexplained(
     assert "torque_ripple" not in [finding["effect"] for finding in document["effects"]]
 
 
+@pytest.mark.nightly
 def test_nominal_and_real_exchanged_give_the_same_effect_with_the_other_sign(
     tmp_path: Path,
 ) -> None:

@@ -77,6 +77,7 @@ def test_its_torque_acts_on_the_true_arm(cable_drag: Effect) -> None:
     assert np.std(added) == pytest.approx(np.std(expected), rel=0.2)
 
 
+@pytest.mark.nightly
 def test_it_is_sized_found_labelled_and_scored_apart(
     cable_drag: Effect, tmp_path: Path
 ) -> None:

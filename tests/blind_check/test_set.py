@@ -63,6 +63,7 @@ def copied(made: tuple[Path, Path], tmp_path: Path) -> tuple[Path, Path]:
     return tmp_path / "cases", tmp_path / "elsewhere" / "vault"
 
 
+@pytest.mark.nightly
 def test_the_same_seed_gives_the_same_cases_whatever_the_number_of_jobs(
     made: tuple[Path, Path], tmp_path: Path
 ) -> None:

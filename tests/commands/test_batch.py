@@ -37,6 +37,7 @@ def texts(out: Path) -> dict[str, bytes]:
     }
 
 
+@pytest.mark.nightly
 def test_units_are_compared(
     gapscope: Command, sick: Path, healthy: Path, other: Path, tmp_path: Path
 ) -> None:
@@ -200,7 +201,7 @@ def heeding_interrupts() -> None:
 @pytest.mark.skipif(
     sys.platform == "win32", reason="sends SIGINT to a group of processes"
 )
-@pytest.mark.parametrize("jobs", ["1", "2"])
+@pytest.mark.parametrize("jobs", ["1", pytest.param("2", marks=pytest.mark.nightly)])
 def test_interrupted_says_how_to_go_on_and_leaves_nothing_half(
     gapscope: Command, sick: Path, healthy: Path, other: Path, tmp_path: Path, jobs: str
 ) -> None:

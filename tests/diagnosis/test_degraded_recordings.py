@@ -92,7 +92,16 @@ DIAGNOSED: dict[str, Callable[[], Case]] = {
 }
 
 
-@pytest.mark.parametrize("label", DIAGNOSED)
+SLOW = ("a joint that never moves", "a constant torque", "no torque on a joint")
+
+
+@pytest.mark.parametrize(
+    "label",
+    [
+        pytest.param(label, marks=[pytest.mark.nightly] if label in SLOW else [])
+        for label in DIAGNOSED
+    ],
+)
 def test_it_is_diagnosed(label: str) -> None:
     validate(diagnose(DIAGNOSED[label]()).document)
 

@@ -106,10 +106,15 @@ OTHERS: dict[str, dict[str, tuple[list[float], float]]] = {
     "external_force": {"start": ([2.0], 0.1), "end": ([4.0], 0.1)},
 }
 """Further parameters: what they have to be, and how nearly."""
-MARKS = {
-    name: (pytest.mark.slow,)
-    for name in ("joint_elasticity", "backlash", "torque_saturation")
-}
+SLOW = (
+    "joint_elasticity",
+    "backlash",
+    "torque_saturation",
+    "external_force",
+    "friction_drift",
+    "torque_ripple",
+)
+MARKS = {name: (pytest.mark.nightly,) for name in SLOW}
 
 
 def test_every_effect_of_the_catalogue_is_here() -> None:

@@ -353,6 +353,7 @@ class TestPrediction:
         assert (left[1:] < 0.1 * more[1:]).all()
 
 
+@pytest.mark.nightly
 def test_identification_takes_it_out_of_the_torque() -> None:
     """The arm identified on recordings with and without a declared load is the arm without it."""
     few = IdentificationSettings(plain=True)

@@ -70,7 +70,9 @@ def document(folder: Path) -> Mapping[str, Any]:
     return diagnose(load_case(folder)).document
 
 
-@pytest.mark.parametrize("name", ["joints", "mirrored", "unix"])
+@pytest.mark.parametrize(
+    "name", [pytest.param("joints", marks=pytest.mark.nightly), "mirrored", "unix"]
+)
 def test_a_twin_has_the_same_diagnosis(
     name: str, case: CaseFiles, document: Mapping[str, Any], tmp_path: Path
 ) -> None:

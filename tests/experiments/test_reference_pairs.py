@@ -9,6 +9,7 @@ import pytest
 pairs = import_module("experiments.12_against")
 
 
+@pytest.mark.nightly
 def test_a_load_alone_is_named_though_the_controller_feeds_the_vendors_arm_forward() -> (
     None
 ):

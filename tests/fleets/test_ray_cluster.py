@@ -123,6 +123,7 @@ def test_several_cases_of_one_diagnose_are_the_same_by_ray(
         assert texts[0] == texts[1]
 
 
+@pytest.mark.nightly
 def test_a_worker_that_is_lost_costs_its_own_call_only(cluster: Any) -> None:
     made = list(in_order(_inverse(), [(2,), (0,), (4,)], jobs=2, backend="ray"))
     assert made[0] == 0.5 and made[2] == 0.25

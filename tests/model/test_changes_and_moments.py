@@ -56,6 +56,7 @@ def test_what_changes_when_and_by_how_much(what: tuple[str, int]) -> None:
     assert change.probability > 0.9 and change.support > 1.0
 
 
+@pytest.mark.nightly
 def test_a_load_that_is_picked_up_and_put_down() -> None:
     later, mass = CHANGED["payload", 0]
     up, down = found(later, 3.1, 6.4)

@@ -45,6 +45,7 @@ def test_load_is_named_with_its_mass(at_work: Any) -> None:
     assert found.interval[0] <= at_work.change <= found.interval[1]
 
 
+@pytest.mark.nightly
 def test_friction_is_named_with_its_joint(at_work: Any) -> None:
     (found,) = alarms(at_work, friction=1.8)
     assert (found.effect, found.change, list(found.joints)) == (
@@ -100,6 +101,7 @@ def test_memory_does_not_grow_with_the_stream(at_work: Any) -> None:
     assert len(detector.state.now) * BLOCK <= NOW
 
 
+@pytest.mark.nightly
 def test_joint_that_rested_while_learning_raises_no_alarm(at_work: Any) -> None:
     detector = Detector(CorrectedArm(at_work.arm), learning=LEARNING)
     resting = at_work.recording(30.0)

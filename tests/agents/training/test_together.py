@@ -61,6 +61,7 @@ def test_evaluations_together_are_those_one_by_one(task: Task) -> None:
     assert scores[0] == scores[1] and len(scores[0]) == 4
 
 
+@pytest.mark.nightly
 def test_an_arm_that_cannot_be_stepped_beside_others_is_trained_one_by_one(
     task: Task, tmp_path: Path
 ) -> None:

@@ -64,7 +64,9 @@ def same(one: Path, other: Path) -> None:
     "settings",
     [
         short("ppo", steps=5120, round_steps=2560),
-        short("sac", steps=3600, round_steps=1800),
+        pytest.param(
+            short("sac", steps=3600, round_steps=1800), marks=pytest.mark.nightly
+        ),
     ],
     ids=["ppo", "sac"],
 )

@@ -168,6 +168,7 @@ def test_the_roll_out_that_runs_away_is_named_by_its_time(rod):
         )
 
 
+@pytest.mark.nightly
 def test_close_ticks_share_a_step_of_the_sensitivity(rod):
     """At 4 kHz a derivative is taken every fourth tick, and is off by less than a fiftieth (RMS)."""
     t = np.arange(8001) / 4000

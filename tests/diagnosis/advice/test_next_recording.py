@@ -101,6 +101,7 @@ def advised(case: Case, effect: AppliedEffect, rival: str, **request: Any) -> Ad
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_a_delay_on_slow_motions_leads_to_a_motion_that_tells_it_from_a_lag() -> None:
     case = slow_case(synthetic.Truth(delay=(0.0, 0.0, 0.01)))
     result = diagnose(case)

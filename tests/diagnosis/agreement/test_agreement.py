@@ -98,6 +98,7 @@ def test_the_same_arm_agrees_with_values_to_trust(same: Agreement) -> None:
         assert std == pytest.approx(max(one.birge, 1.0) / np.sqrt(precision))
 
 
+@pytest.mark.nightly
 def test_more_friction_in_one_recording_differs_alone(rubbing: Agreement) -> None:
     assert differing(rubbing) == ["c2"]
     one = line(rubbing, "c2")

@@ -91,6 +91,7 @@ def test_recordings_that_share_a_state_need_no_sentence() -> None:
     assert [effect["effect"] for effect in document["effects"]] == ["payload"]
 
 
+@pytest.mark.nightly
 def test_what_is_judged_is_judged_in_the_state_it_shares() -> None:
     made = case(Truth(), LOAD, Truth(), LOAD)
     first, second, *judged = made.recordings

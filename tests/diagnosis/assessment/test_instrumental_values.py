@@ -52,6 +52,7 @@ def test_good_encoders_need_none() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_loud_encoders_pull_the_value_and_not_that_by_commands() -> None:
     value, _, by_commands = rotor(case(1e-2))
     assert abs(by_commands - 0.5) < 0.5 * abs(value - 0.5)

@@ -170,6 +170,7 @@ def test_a_gap_in_time_is_not_bridged() -> None:
 
 @pytest.mark.slow
 @pytest.mark.shared_data
+@pytest.mark.nightly
 def test_a_sample_case_without_its_torque(sample_cases: Path) -> None:
     """Delays of case005 on all joints, by another simulator, from positions and references alone."""
     document = diagnose(without(load_case(sample_cases / "case005"), "tau")).document

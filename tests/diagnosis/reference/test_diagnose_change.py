@@ -67,6 +67,7 @@ def test_another_day_and_motion_is_no_gap(tmp_path):
     assert max(against["held_out"]["torque_nrmse"]) < 0.05
 
 
+@pytest.mark.nightly
 def test_friction_that_rose_on_one_joint(tmp_path):
     found = named(
         changed(replace(HEALTHY, coulomb=(0.0, 0.6 * COULOMB[1], 0.0)), tmp_path)
@@ -87,6 +88,7 @@ def test_torque_constant_that_changed_on_one_joint(tmp_path):
     )
 
 
+@pytest.mark.nightly
 def test_offset_that_changed_is_told_as_the_change(tmp_path):
     change = changed(
         replace(HEALTHY, offset=(OFFSET[0], OFFSET[1] + 1.5, OFFSET[2])), tmp_path
@@ -104,6 +106,7 @@ def test_offset_that_changed_is_told_as_the_change(tmp_path):
     assert now - then == pytest.approx([0.0, 1.5, 0.0], abs=0.15)
 
 
+@pytest.mark.nightly
 def test_torque_constant_wrong_on_both_days_is_no_load(tmp_path):
     wrong = replace(HEALTHY, scale=(0.15, 0.15, 0.15))
     change = changed(wrong, tmp_path, case(wrong, 1, "reference"))

@@ -59,6 +59,7 @@ def test_free_play_in_the_place_of_elasticity_is_replaced() -> None:
     assert settled.contested["joint_elasticity", "backlash"] < 0
 
 
+@pytest.mark.nightly
 def test_the_column_of_free_play_predicts_another_width() -> None:
     """A tenth more or less of the width: of what that changes the column leaves no more than a part."""
     nominal = model(LOOSE)

@@ -46,7 +46,7 @@ def compared(case: Case) -> NominalSimilarity:
     return nominal_similarity(Samples(columns, band.segments(fit), band))
 
 
-@pytest.mark.parametrize("factor", [5.0, 1 / 5, 9.81, 1 / 9.81, 0.738, 1 / 0.738])
+@pytest.mark.parametrize("factor", [1 / 5, 9.81, 0.738])
 def test_a_wrong_factor_is_quoted(factor: float) -> None:
     result = identified(factor)
     (warning,) = (w for w in result.warnings if "times the nominal arm's" in w)

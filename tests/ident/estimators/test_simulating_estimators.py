@@ -122,7 +122,15 @@ def test_parameters_are_recovered_from_a_clean_recording(clean, world, name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", SIMULATING)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.nightly)
+        if name == "output error"
+        else name
+        for name in SIMULATING
+    ],
+)
 def test_encoder_noise_that_biases_least_squares_does_not_bias_them(
     clean, noisy, world, name
 ):

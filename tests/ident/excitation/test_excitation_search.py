@@ -117,6 +117,7 @@ def test_optimiser_keeps_all_limits_and_repeats_itself(
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_every_optimiser_at_most_halves_what_random_search_finds(
     arm: NominalArm, body: RigidBody, limits: Limits
 ) -> None:

@@ -20,6 +20,7 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
     return changed_during("picked_up", tmp_path_factory.mktemp("case"), later, *names)
 
 
+@pytest.mark.nightly
 def test_a_load_that_is_picked_up_is_told_with_moment_and_mass(case: Case) -> None:
     result = identify(case)
     (found,) = result.changes

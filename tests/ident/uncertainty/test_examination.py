@@ -31,6 +31,7 @@ def warned(result: Identification) -> list[str]:
     return [warning for warning in result.warnings if LACKS in warning]
 
 
+@pytest.mark.nightly
 def test_healthy_arm_is_told_apart_from_one_with_load_friction() -> None:
     assert not warned(healthy())
     (warning,) = warned(identify(panda_case((LOAD,), count=4), CUTOFF))
