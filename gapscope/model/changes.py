@@ -317,7 +317,7 @@ def changes_of(
     rows = Rows.recorded([[recording] for recording in recordings])
     about = fitted_arm(rows, arm, tuple(range(len(recordings))))
     slipped = _slipped(given, rows, about)
-    ask = partial(between_recordings, rows, arm) if len(recordings) > 1 else None
+    ask = partial(likely_between, rows, arm) if len(recordings) > 1 else None
     told = _by_torque(rows, about, {}, None, ask, progress)
     clocks = [Clock(one.name, float(one.t[0])) for one in recordings]
     moved = partial(_moved_by, recordings=recordings)
@@ -329,10 +329,25 @@ def changes_of(
 
 def between_recordings(rows: Rows, arm: NominalArm) -> Difference:
     """What whole recordings, each a group of the rows, have of their own."""
-    every = tuple(range(int(rows.group.max()) + 1))
-    # the first is the arm: fitted to all, it would have part of what some have of their own
+    return _of_recordings(rows, fitted_arm(rows, arm, (0,))).run()
+
+
+def likely_between(rows: Rows, arm: NominalArm) -> Difference | None:
+    """The same; ``None`` if at a first look no recording promises anything."""
     about = fitted_arm(rows, arm, (0,))
-    return Search(rows, about, in_a_row(len(every)), every, days=0.0).run()
+    _, step = _of_recordings(rows, about).step({}, 0.0)
+    return None if step is None else _of_recordings(rows, about).run()
+
+
+def _of_recordings(rows: Rows, about: FreeArm) -> Search:
+    """The search among whole recordings, each a group of the rows.
+
+    Args:
+        rows: the rows.
+        about: the arm of the first one: fitted to all, it would have part of what some have of their own.
+    """
+    every = tuple(range(int(rows.group.max()) + 1))
+    return Search(rows, about, in_a_row(len(every)), every, days=0.0)
 
 
 class Since(NamedTuple):
@@ -475,7 +490,7 @@ def _by_torque(
     about: FreeArm,
     known: Mapping[tuple[Term, Place], np.ndarray],
     learnt: Learnt | None,
-    ask: Callable[[], Difference] | None,
+    ask: Callable[[], Difference | None] | None,
     progress: Callable[[str], None] = lambda message: None,
     stop: Callable[[Fit], bool] = lambda fit: False,
     whole: Callable[[], Rows] | None = None,
@@ -511,19 +526,22 @@ def _by_torque(
         there = {looked.candidate(*key): value for key, value in mine.items()}
         search = looked.search(about, sets, len(sets))
         fit, step = search.step(there, torque)
+        if step is None and learnt is None:
+            # what promised something may be nothing at its own moment
+            fit = search.needed(fit)
         # what has no column about the moved arm, or cannot be beside the others, is none
         mine = {key: x for key, x in mine.items() if looked.candidate(*key) in fit.mine}
         moments = [looked.moments(fit, looked.candidate(*key)) for key in mine]
-        if step is not None and between is None and ask is not None:
+        if step is not None and ask is not None:
             # what moves another load all along a recording looks like much else in its parts: whole ones first
             progress("asks whether the recordings share a state")
-            between = ask()
-            mine = {
-                (one.term, (group, -np.inf, np.inf)): value
-                for one, value in between.fit.values.items()
-                for group in one.groups or ()
-            }
-            if mine:
+            between, ask = ask(), None
+            if between is not None and between.fit.mine:
+                mine = {
+                    (one.term, (group, -np.inf, np.inf)): value
+                    for one, value in between.fit.values.items()
+                    for group in one.groups or ()
+                }
                 about, torque = between.arm, between.fit.torque
                 continue
         if learnt is not None and (stop(fit) if new else step is None):

@@ -255,6 +255,15 @@ class Search:
             return fit, None
         return fit, self._fit((*fit.chosen, one), fit.values, {})
 
+    def needed(self, fit: Fit) -> Fit:
+        """The hypothesis without what makes it no better, one after the other."""
+        for one in fit.mine:
+            rest = [other for other in fit.chosen if other != one]
+            without = self._fit(rest, fit.values, fit.grown)
+            if without.total >= fit.total:
+                fit = without
+        return fit
+
     def _most_promising(self, fit: Fit) -> tuple[Candidate | None, float]:
         """The candidate of groups that promises most beside a hypothesis, if any does, and how much [nats]."""
         proposed = [p for p in self._proposals(fit) if not p[1].everybody]

@@ -152,9 +152,22 @@ class Scanner:
         self, term: Term, values: np.ndarray, known: float | None
     ) -> np.ndarray:
         """Columns of each value, side by side, over the joint's scale, (M, K c); those of first values are kept."""
+        j, rows = term.joint - 1, self.rows
+        weight = rows.trust[:, j, None] / rows.scale[j]
         first = known is None and not term.definition.limits
+        # what follows from the recordings alone is the same about every arm
+        kept = rows.candidates(self.arm.arm.per_radian).of(term) if first else None
+        if kept is not None:
+            return kept.columns * weight
         if first and term in self._columns:
             return self._columns[term]
+        x = self._about_arm(term, values) * weight
+        if first:
+            self._columns[term] = x
+        return x
+
+    def _about_arm(self, term: Term, values: np.ndarray) -> np.ndarray:
+        """Columns of each value, side by side [N m], (M, K c)."""
         j, parts = term.joint - 1, []
         for k, segment in enumerate(self.rows.segments):
             motion = segment.motion
@@ -170,10 +183,7 @@ class Scanner:
             parts.append(
                 self.rows.thin(unit_columns(term.definition, values, signals), segment)
             )
-        x = np.concatenate(parts) / self.rows.scale[j] * self.rows.trust[:, j, None]
-        if first:
-            self._columns[term] = x
-        return x
+        return np.concatenate(parts)
 
     def _window(
         self, term: Term, contrast: Contrast, own: OwnTerms, others: Sequence[Candidate]

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from gapscope.arm.nominal import smooth_sign
 from gapscope.arm.recording import Recording
+from gapscope.model.candidate_columns import CandidateColumns
 from gapscope.model.conditioning import (
     TORQUE_CUTOFF,
     Segment,
@@ -101,6 +102,7 @@ class Rows(DecimatedSegments):
                 count += 1
         super().__init__(segments, min(TORQUE_CUTOFF, cutoff))
         self.kept: Kept | None = None
+        self._candidates: list[CandidateColumns] = []
         self.bodies = []
         counts = [len(self.time(s)) for s in segments]
         self.recording = np.repeat(of_recording, counts)
@@ -155,6 +157,17 @@ class Rows(DecimatedSegments):
         other.measured = np.where(left_out[:, None], 0.0, self.measured)
         other.trust = np.where(left_out[:, None], 0.0, self.trust)
         return other
+
+    def candidates(self, per_radian: np.ndarray) -> CandidateColumns:
+        """Columns of what a search tries that follow from the recordings alone, whatever the groups are.
+
+        Args:
+            per_radian: what counts as a radian of each joint, (n,).
+        """
+        # regrouped rows share the list
+        if not self._candidates:
+            self._candidates.append(CandidateColumns(self, per_radian))
+        return self._candidates[0]
 
     def of(self, group: int) -> np.ndarray:
         """Which rows belong to a group, mask (M,)."""
