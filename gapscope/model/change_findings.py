@@ -9,7 +9,7 @@ import numpy as np
 
 from gapscope.arm.display import effect_name, uncertain
 from gapscope.effects.catalogue import of_quantity
-from gapscope.model.changes import Change
+from gapscope.model.changes import Change, when_text
 from gapscope.model.terms import Term
 
 PAYLOAD = of_quantity("load")[0].name
@@ -36,7 +36,7 @@ def change_findings(changes: Sequence[Change]) -> list[dict[str, Any]]:
             continue
         twin["parameters"] |= entry["parameters"]
         if np.ptp(entry["interval"]) < np.ptp(twin["interval"]):
-            twin |= {key: entry[key] for key in ("time", "interval")}
+            twin |= {key: entry[key] for key in ("time", "interval", "until")}
     return out
 
 
@@ -66,6 +66,7 @@ def _finding(change: Change) -> dict[str, Any]:
         "joints": list(joints),
         "time": change.time,
         "interval": list(change.interval),
+        "until": change.until,
         "parameters": _parameters(change),
         "probability": change.probability,
         "times_threshold": change.support,
@@ -128,7 +129,8 @@ def _plain(values: np.ndarray) -> float | list[float]:
 
 def change_text(entry: Mapping[str, Any]) -> str:
     """A finding in words: ``load of 1.50 ± 0.01 kg picked up at 3.70 s of recording_1.csv``."""
-    when = f"at {entry['time']:.2f} s of {entry['recording']}"
+    # documents written before changes could take a while have none
+    when = f"{when_text(entry['time'], entry.get('until'))} of {entry['recording']}"
     if entry["what"] == PAYLOAD:
         mass = entry["parameters"]["mass"]
         done = "picked up" if mass["value"] > 0 else "put down"

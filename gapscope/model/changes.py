@@ -19,6 +19,7 @@ anything in it: it warms up.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -30,9 +31,17 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.model.conditioning import STANDS_OUT, slips, without_slips
 from gapscope.model.design import Design, FreeArm, design, fitted_arm
-from gapscope.model.difference import GROWTHS, Difference, Fit, Search, in_a_row
+from gapscope.model.difference import (
+    GROWTHS,
+    UNUSUAL,
+    Difference,
+    Fit,
+    Search,
+    in_a_row,
+)
 from gapscope.model.equations import Equations
 from gapscope.model.form_error import FormError, noise_of_motions
+from gapscope.model.ramps import Ramp, best_ramp
 from gapscope.model.rows import LEAST_MOTIONS, Rows, comparable
 from gapscope.model.terms import Candidate, Term
 
@@ -90,6 +99,7 @@ class Change:
         probability: that it belongs to what changed [1].
         support: evidence of the change over what its prior odds ask for [1].
         columns: what it moves.
+        until: when it has its whole value, which it takes in equal steps from ``time`` on [s]; ``None`` if at once.
     """
 
     recording: str
@@ -101,11 +111,23 @@ class Change:
     probability: float
     support: float
     columns: Moved
+    until: float | None = None
+
+    @property
+    def ends(self) -> float:
+        """From when on all has changed, for certain [s]."""
+        return self.interval[1] if self.until is None else self.until
 
     def __str__(self) -> str:
         """What changes when, in a few words."""
         where = f" of joint {self.term.joint}" * bool(self.term.joint)
-        return f"{self.term.effect}{where} at {self.time:.2f} s of {self.recording}"
+        when = when_text(self.time, self.until)
+        return f"{self.term.effect}{where} {when} of {self.recording}"
+
+
+def when_text(time: float, until: float | None) -> str:
+    """``at 3.70 s``, or ``from 3.00 to 6.00 s``."""
+    return f"at {time:.2f} s" if until is None else f"from {time:.2f} to {until:.2f} s"
 
 
 class Changes(NamedTuple):
@@ -315,9 +337,11 @@ def changes_of(
         return Changes((), None)
     recordings = [without_slips(one) for one in given]
     rows = Rows.recorded([[recording] for recording in recordings])
+    # what whole recordings have of their own is told first, and then what it goes with
+    ask = partial(likely_between, copy(rows), arm) if len(recordings) > 1 else None
+    rows.follow_temperature()
     about = fitted_arm(rows, arm, tuple(range(len(recordings))))
     slipped = _slipped(given, rows, about)
-    ask = partial(likely_between, rows, arm) if len(recordings) > 1 else None
     told = _by_torque(rows, about, {}, None, ask, progress)
     clocks = [Clock(one.name, float(one.t[0])) for one in recordings]
     moved = partial(_moved_by, recordings=recordings)
@@ -623,7 +647,9 @@ def _changes(
     """
     found, spans, moments = told.found, told.spans, told.when
     assert found is not None
-    made, out = found.fit.contrast.design, []
+    made = found.fit.contrast.design
+    # by number of the recording and joint
+    out: dict[tuple[int, int], list[tuple[Candidate, Change]]] = {}
     for one in found.fit.mine:
         number, start, _ = spans.place(one)
 
@@ -651,8 +677,70 @@ def _changes(
                 support=(found.log_odds(is_it) - odds) / -odds,
                 columns=columns,
             )
-            out.append((number, change))
-    return tuple(c for _, c in sorted(out, key=lambda pair: (pair[0], pair[1].time)))
+            out.setdefault((number, one.term.joint), []).append((one, change))
+    every: list[tuple[int, Change]] = []
+    for (number, _), some in out.items():
+        ramp = _gradual(found.fit, number, some, clocks[number].start)
+        # a stream tells what there is now: the rest of a ramp is still to come
+        if ramp is not None and spans.learnt is None:
+            every.append((number, ramp))
+        else:
+            every += [(number, change) for _, change in some]
+    every.sort(key=lambda pair: (pair[0], pair[1].time))
+    return tuple(change for _, change in every)
+
+
+def _gradual(
+    fit: Fit, number: int, some: Sequence[tuple[Candidate, Change]], zero: float
+) -> Change | None:
+    """One even change in the place of those of a joint in a recording; ``None`` if it explains less.
+
+    Several are replaced by a ramp that explains as much: it has fewer values. One is, if a ramp between any two moments
+    is likelier than a change at once at any moment, by more than what a further parameter costs.
+
+    Args:
+        fit: what was found.
+        number: of the recording.
+        some: the changes, and what has them.
+        zero: by the recording's own clock when its rows begin to count [s].
+    """
+    made, left = fit.contrast.design, fit.left
+    rows, mine = made.rows, made.rows.recording == number
+    variance = fit.contrast.error.noise2 + (left**2).mean(axis=0)
+    without = left.copy()
+    for one in {one for one, _ in some}:
+        there = np.isin(rows.group, one.groups or ())[:, None]
+        without += made.torque(one.term, fit.values[one]) * there
+    before, after = ((x[mine] ** 2 / variance).sum() / 2 for x in (without, left))
+    found: list[tuple[Ramp, Change]] = []
+    for term in {change.term for _, change in some}:
+        own = [change for _, change in some if change.term == term]
+        largest = max(own, key=lambda c: float(np.abs(c.value / c.deviation).max()))
+        moved = made.torque(term, largest.value)[mine]
+        ramp = best_ramp(
+            rows.t[mine],
+            (without[mine] * moved / variance).sum(axis=1),
+            (moved**2 / variance).sum(axis=1),
+            4 * SMEARED / rows.cutoff,
+            SURE,
+        )
+        if ramp is not None:
+            found.append((ramp, largest))
+    if not found:
+        return None
+    ramp, like = max(found, key=lambda pair: pair[0].explained)
+    if len(some) > 1 and ramp.explained < before - after:
+        return None
+    if len(some) == 1 and ramp.mean + np.log(UNUSUAL) < ramp.at_once:
+        return None
+    return replace(
+        like,
+        time=zero + ramp.begin,
+        interval=(zero + ramp.begins[0], zero + ramp.begins[1]),
+        until=zero + ramp.end,
+        value=ramp.share * like.value,
+        deviation=np.abs(ramp.share) * like.deviation,
+    )
 
 
 def _moved_by(made: Design, term: Term, recordings: Sequence[Recording]) -> Moved:

@@ -68,6 +68,7 @@ class Segment:
         unknown: samples whose torque was not measured, and what the filters make of them, mask (N, n): limits that were
             reached, stuck sensors; ``None`` if there are none.
         torque_step: in which the torque was recorded [N m], (n,), 0 for none; ``None`` if no joint's has any.
+        temperature: of the joints on the same grid [deg C], (N, n), or ``None``.
     """
 
     recording: str
@@ -77,6 +78,7 @@ class Segment:
     payload: KnownLoad | None = None
     unknown: np.ndarray | None = None
     torque_step: np.ndarray | None = None
+    temperature: np.ndarray | None = None
 
     def bodies(self, nominal: RigidBody) -> RigidBody:
         """Bodies of the nominal arm with the known body that was mounted, the same object if there was none."""
@@ -381,6 +383,7 @@ def thinned(segment: Segment, rate: float) -> Segment:
         payload=segment.payload,
         unknown=None if segment.unknown is None else segment.unknown[::step],
         torque_step=segment.torque_step,
+        temperature=_decimate(segment.temperature, m.rate, step),
     )
 
 
@@ -399,7 +402,7 @@ def blocks(segment: Segment, count: int) -> list[Segment]:
 def _cut(segment: Segment, span: slice) -> Segment:
     """The samples of a segment within a slice."""
     m, torque, sensor = segment.motion, segment.torque, segment.torque_sensor
-    unknown = segment.unknown
+    unknown, warmth = segment.unknown, segment.temperature
     return Segment(
         recording=segment.recording,
         motion=Motion(m.t[span], m.q[span], m.dq[span], m.ddq[span]),
@@ -408,6 +411,7 @@ def _cut(segment: Segment, span: slice) -> Segment:
         payload=segment.payload,
         unknown=None if unknown is None else unknown[span],
         torque_step=segment.torque_step,
+        temperature=None if warmth is None else warmth[span],
     )
 
 
@@ -440,6 +444,7 @@ def _segment(recording: Recording, span: slice, cutoffs: np.ndarray) -> Segment:
         payload=recording.payload,
         unknown=unknown_torque(recording, span, grid),
         torque_step=torque_steps(recording),
+        temperature=on_grid(recording.temperature),
     )
 
 

@@ -47,6 +47,8 @@ BODIES = 3.0
 """Prior of the bodies, over their nominal size [1]: a URDF may lack a tool, or hold placeholders. (physical)"""
 PRECISE, REWEIGHTINGS = 0.02, 3
 """What a model leaves of a joint's torque at least, when joints are weighed [1]; and how often they are. (budget)"""
+PER_KELVIN = 0.02
+"""Share of its friction by which a joint's changes per kelvin [1/K] [bittencourt2012]. (physical)"""
 WAVES, FEWER_WAVES = (24, 48), (8, 16)
 """Waves of which an unknown function of a joint's own state consists, and one of the whole arm's: of two groups, and of
 more. (budget)"""
@@ -309,6 +311,11 @@ def design(
     parts += [push * (part == k)[:, None, None] for k in range(PUSHES)]
     prior.append(np.zeros(3 * PUSHES))
     may_own.append(np.ones(3 * PUSHES, dtype=bool))
+    if rows.warmth is not None:
+        warm, of_warmth = _warm(arm, rows.warmth, matrix, terms)
+        parts.append(warm)
+        prior.append(of_warmth)
+        may_own.append(np.zeros(len(of_warmth), dtype=bool))
     whole = np.concatenate(parts, axis=2) * rows.trust[:, :, None]
     gap = np.concatenate(gaps) / scale
     active = [
@@ -341,6 +348,35 @@ def design(
         waves,
         _noisy(rows, terms, places, used, active),
     )
+
+
+def _warm(
+    arm: FreeArm, warmth: np.ndarray, matrix: np.ndarray, terms: Terms
+) -> tuple[np.ndarray, np.ndarray]:
+    """Friction that follows the temperature of its joint, F (1 + a (T - mean)), to first order in a.
+
+    Returns:
+        Columns, (M, n, K), each with a joint's torque as its largest, and the deviation of each, (K,).
+    """
+    columns, deviations = [], []
+    for term in terms.all:
+        if not is_day_friction(term):
+            continue
+        place = term.columns[0]
+        friction = matrix[:, :, place] * arm.theta[place]
+        column = friction * warmth[:, term.joint - 1, None]
+        unit = float(np.sqrt((column**2).mean(axis=0)).max())
+        if unit > LEAST_TORQUE:
+            columns.append(column / unit)
+            deviations.append(PER_KELVIN * unit)
+    shape = *matrix.shape[:2], 0
+    every = np.stack(columns, axis=2) if columns else np.zeros(shape)
+    return every, np.array(deviations)
+
+
+def is_day_friction(term: Term) -> bool:
+    """Whether a term is friction as a data sheet has it, which differs from day to day."""
+    return term.parametrisation.data_sheet is not None and not term.definition.built_in
 
 
 def _part(rows: Rows, k: int, arm: FreeArm, terms: Terms) -> PartOfDesign:

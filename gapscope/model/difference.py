@@ -23,6 +23,7 @@ from gapscope.model.design import (
     about,
     bends,
     design,
+    is_day_friction,
     is_link_change,
     lasts,
     moved,
@@ -471,8 +472,7 @@ class Search:
         self._error = carried_over(self._taught, self._first, self._equations)
         day = np.zeros(made.size)
         for term, places in made.places.items():
-            fitted = term.parametrisation
-            if fitted.data_sheet is not None and not term.definition.built_in:
+            if is_day_friction(term):
                 value = self.arm.theta[term.columns[0]] * made.units[term][0]
                 day[places] = (self.days * value) ** 2 / 3.0
             if term in self.free:

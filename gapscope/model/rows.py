@@ -84,6 +84,7 @@ class Rows(DecimatedSegments):
         position, velocity: [rad], [rad/s], (M, n).
         holding: what ``held`` was told.
         kept: what a design about some arm took of segments before, if that is kept.
+        warmth: temperature of the joints over its mean [K], (M, n), if friction is to follow it.
     """
 
     def __init__(
@@ -102,6 +103,7 @@ class Rows(DecimatedSegments):
                 count += 1
         super().__init__(segments, min(TORQUE_CUTOFF, cutoff))
         self.kept: Kept | None = None
+        self.warmth: np.ndarray | None = None
         self._candidates: list[CandidateColumns] = []
         self.bodies = []
         counts = [len(self.time(s)) for s in segments]
@@ -157,6 +159,13 @@ class Rows(DecimatedSegments):
         other.measured = np.where(left_out[:, None], 0.0, self.measured)
         other.trust = np.where(left_out[:, None], 0.0, self.trust)
         return other
+
+    def follow_temperature(self) -> None:
+        """Let friction follow the temperature of its joint, if all recordings have it."""
+        given = [s.temperature for s in self.segments if s.temperature is not None]
+        if len(given) == len(self.segments):
+            warmth = self.rows(given)
+            self.warmth = warmth - warmth.mean(axis=0)
 
     def candidates(self, per_radian: np.ndarray) -> CandidateColumns:
         """Columns of what a search tries that follow from the recordings alone, whatever the groups are.

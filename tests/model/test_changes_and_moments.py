@@ -54,6 +54,7 @@ def test_what_changes_when_and_by_how_much(what: tuple[str, int]) -> None:
     assert low <= MOMENT <= high
     assert change.value[0] == pytest.approx(value, rel=0.15)
     assert change.probability > 0.9 and change.support > 1.0
+    assert change.until is None
 
 
 @pytest.mark.nightly
@@ -65,6 +66,49 @@ def test_a_load_that_is_picked_up_and_put_down() -> None:
     assert down.time == pytest.approx(6.4, abs=0.1)
     assert up.value[0] == pytest.approx(mass, rel=0.1)
     assert down.value[0] == pytest.approx(-mass, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("what", "begin", "end"),
+    [
+        (("coulomb_friction", 2), 4.0, 5.0),
+        pytest.param(("coulomb_friction", 2), 1.0, 8.5, marks=pytest.mark.nightly),
+        pytest.param(("torque_scale", 2), 2.0, 7.0, marks=pytest.mark.nightly),
+    ],
+)
+def test_what_rises_evenly_is_one_change_that_takes_a_while(
+    what: tuple[str, int], begin: float, end: float
+) -> None:
+    later, value = CHANGED[what]
+    one, before = recordings(HEALTHY, 1, duration=9.0)[:2]
+    after = recordings(later, 1, duration=9.0)[1]
+    risen = np.clip((before.t - begin) / (end - begin), 0.0, 1.0)[:, None]
+    tau = before.tau + risen * (after.tau - before.tau)
+    (change,) = changes_of((one, replace(before, tau=tau)), vendor()).during
+    assert (change.term.effect, change.term.joint) == what
+    assert change.time == pytest.approx(begin, abs=0.7)
+    assert change.until == pytest.approx(end, abs=0.7)
+    assert change.value[0] == pytest.approx(value, rel=0.15)
+    assert f"from {change.time:.2f} to {change.until:.2f} s" in str(change)
+
+
+def test_friction_that_follows_its_temperature_is_no_change() -> None:
+    one, before = recordings(HEALTHY, 1, duration=9.0)[:2]
+    stiff, _ = CHANGED["coulomb_friction", 2]
+    cold = recordings(stiff, 1, duration=9.0)[1]
+    # warm all along, and from 20 to 50 degrees, by which 1.5 N m go
+    risen = np.clip((before.t - 3.0) / 4.0, 0.0, 1.0)[:, None]
+    warming = replace(before, tau=cold.tau + risen * (before.tau - cold.tau))
+    without = changes_of((one, warming), vendor()).during
+    assert any(
+        (c.term.effect, c.term.joint) == ("coulomb_friction", 2) for c in without
+    )
+    of_joints = np.ones((1, 3))
+    logged = (
+        replace(one, temperature=50.0 + 0.0 * one.q),
+        replace(warming, temperature=(20.0 + 30.0 * risen) * of_joints),
+    )
+    assert changes_of(logged, vendor()).during == ()
 
 
 def test_what_changes_at_the_last_moment_is_no_error() -> None:

@@ -160,7 +160,7 @@ def states_of(
         if part is None:
             # too short a part of it was left to tell
             continue
-        mine = [c for c in changes if c.recording == name]
+        mine = [step for c in changes if c.recording == name for step in _at_once(c)]
         mine.sort(key=lambda c: c.time)
         # what changed before the part that was compared is there already
         own, begins = between.get(like.get(name, name), {}), float(part.t[0])
@@ -241,6 +241,14 @@ def _spans(
     for k, (start, end) in enumerate(pairwise(times)):
         increments = _sum([own, *before, *moved[:k]])
         yield OtherState(Place((recording.name,), start, end), increments)
+
+
+def _at_once(change: Change) -> list[Change]:
+    """A change; of one that takes a while half of it, which the arm has on average meanwhile, and the other half."""
+    if change.until is None:
+        return [change]
+    half = replace(change, value=change.value / 2, deviation=change.deviation / 2)
+    return [half, replace(half, time=change.until)]
 
 
 def _increment(change: Change, recording: Recording) -> Increment:

@@ -54,10 +54,10 @@ def _longer_part(
     """The longest part of any recording after its last change."""
 
     def left(recording: Recording) -> float:
-        return float(recording.t[-1] - changes[recording.name][-1].time)
+        return float(recording.t[-1] - changes[recording.name][-1].ends)
 
     longest = max(recordings, key=left)
     last = changes[longest.name][-1]
-    after = longest.t > last.interval[1]
+    after = longest.t > last.ends
     note = f"used from {last.time:.2f} s on only, since it changes there"
     return longest.part(after, notes=(*longest.notes, note))
