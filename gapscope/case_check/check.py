@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-
-import numpy as np
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import GapscopeError, InputError, ModelWarning
@@ -16,10 +14,9 @@ from gapscope.case_check.nominal import check_controller, check_nominal, check_r
 from gapscope.case_check.recordings import check_recordings
 from gapscope.case_check.remark import Remark
 from gapscope.case_check.thresholds import RATE, SECONDS
-from gapscope.case_check.torque import check_torque_column
-from gapscope.diagnosis.gap.commanded_torque import with_commanded_torque
-from gapscope.diagnosis.gap.plausible_data import check_stamps, check_torque
-from gapscope.diagnosis.gap.plausible_motion import check_moving
+from gapscope.case_check.torque import check_set_up
+from gapscope.diagnosis.setup_faults.found_fault import FoundFault
+from gapscope.diagnosis.study import with_torque
 from gapscope.ident.model.model_columns import ModelColumns
 from gapscope.model.conditioning import (
     Segment,
@@ -71,26 +68,25 @@ def check_case(
         return CaseCheck(None, tuple(remarks))
     remarks += check_recordings(case)
     try:
-        check_stamps(case)
-        case = with_commanded_torque(case)
-        check_torque(case)
-        check_moving(case)
+        case, references = with_torque(case)
         progress("looks at the motion and the torque")
-        motions = _of_signals(case, remarks)
+        motions = _of_signals(case, references, remarks)
     except GapscopeError as error:
         remarks.append(_as_remark(error, "torque"))
         motions = None
     return CaseCheck(case, tuple(remarks), motions)
 
 
-def _of_signals(case: Case, remarks: list[Remark]) -> JointMotions:
+def _of_signals(
+    case: Case, references: Sequence[FoundFault], remarks: list[Remark]
+) -> JointMotions:
     """Add remarks on the motion, the torque and the nominal arm of a case with torque; how the joints move."""
     columns = ModelColumns(case.arm)
     cutoff = position_cutoff(case.recordings)
     segments = list(_segments(case, cutoff))
     motions = joint_motions(columns, segments)
     remarks += check_ranges(case, columns.body)
-    remarks += check_torque_column(case, columns, segments, _cutoff(segments))
+    remarks += check_set_up(case, references)
     remarks += check_motion(motions, case.arm.per_radian)
     remarks += check_nominal(case, columns.body)
     remarks += check_controller(case)
@@ -129,9 +125,3 @@ def _segments(case: Case, cutoff: float) -> Iterator[Segment]:
         first = recording.part(recording.t <= recording.t[0] + SECONDS)
         for segment in condition(first):
             yield thinned(segment, max(RATE, 3 * cutoff))
-
-
-def _cutoff(segments: list[Segment]) -> float:
-    """Cut-off of the comparison with the nominal arm [Hz]."""
-    rates = np.array([segment.motion.rate for segment in segments])
-    return float(min(10.0, 0.4 * rates.min()))

@@ -33,8 +33,6 @@ KNOWN = 0.5  # A base parameter is excited if its standard deviation is below th
 FEW_EXCITED = 0.75  # Share of base parameters that should be excited [1]. (hand)
 
 # --- torque
-EXCHANGED = 0.2  # Gain in explained variance per joint from which an exchange of columns is said [1]. (hand)
-WEIGHTY = 0.1  # A sign is told by bodies that explain this share of the torque's variance alone [1]. (hand)
 AT_LIMIT = 0.01  # Share of samples at the torque limit from which it is said [1]. (hand)
 
 # --- amount of data

@@ -1,78 +1,100 @@
-"""Whether the torque can be in N m, of the joints that its columns name, and below its limits."""
+"""What is wrong with the set-up by the torque, as a diagnosis finds it, and samples at the torque's limit."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
+import yaml
 
 from gapscope.arm.case import Case
+from gapscope.arm.display import effect_name
 from gapscope.case_check.remark import Remark, numbers
-from gapscope.case_check.thresholds import AT_LIMIT, EXCHANGED, WEIGHTY
-from gapscope.ident.checks.fit_evidence import nominal_similarity
-from gapscope.ident.checks.plausible_samples import UNIT_FACTOR, unit_factor
-from gapscope.ident.checks.symptoms import exchanged
-from gapscope.ident.model.model_columns import ModelColumns
-from gapscope.ident.signals.samples import Band, Samples
-from gapscope.model.conditioning import Segment
+from gapscope.case_check.thresholds import AT_LIMIT
+from gapscope.diagnosis.document.wording import capital, listing
+from gapscope.diagnosis.setup_faults.detection import find_setup_faults, nominal_gap
+from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
+from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
+
+NO_TORQUE = 1.0
+"""Gap over the torque's deviation beyond which no torque at all would be a better prediction [1]. (definition)"""
 
 
-def check_torque_column(
-    case: Case, columns: ModelColumns, segments: Sequence[Segment], cutoff: float
-) -> Iterator[Remark]:
-    """Unit, sign and order of the torque columns against the nominal arm, and samples at the limit."""
-    with_torque = [segment for segment in segments if segment.torque is not None]
-    if not with_torque:
+def check_set_up(case: Case, seen: Sequence[FoundFault]) -> Iterator[Remark]:
+    """Faults of the set-up that a diagnosis of the case finds, or that its torque fits the nominal arm as it is read.
+
+    Args:
+        case: the case, with references put right.
+        seen: faults of references.
+    """
+    found = find_setup_faults(case)
+    for fault in (*seen, *found):
+        yield _remark(fault, case)
+    gap = nominal_gap(repaired(case, found))
+    if gap is None:
         return
-    found = nominal_similarity(Samples(columns, with_torque, Band(cutoff)))
-    odd = [*_unit(unit_factor(found))]
-    backwards = np.flatnonzero((found.gain < 0) & (found.weight > WEIGHTY)) + 1
-    if len(backwards):
-        odd.append(
-            Remark(
-                "warn",
-                "torque",
-                numbers(backwards.tolist()),
-                "the nominal arm explains the torque with the opposite sign",
-                "the diagnosis tests for sign_flip; import: {signs: [...]} puts it right",
-            )
+    size = float(np.sqrt((gap**2).mean()))
+    if size > NO_TORQUE:
+        yield Remark(
+            "warn",
+            "torque",
+            "",
+            f"the nominal arm's torque is off by {size:.0%} of the recorded one, more than no torque would be: "
+            "probably another robot, a base that is mounted turned, or a load that is not in the case",
+            "check robot:; a base that is turned: gapscope diagnose says how, set gravity: [...]",
         )
-    gain, joints = exchanged(found.explained)
-    if gain > EXCHANGED:
-        odd.append(
-            Remark(
-                "warn",
-                "torque",
-                numbers(list(joints)),
-                f"torques fit the motion of other joints better, by {gain:.0%} of their variance",
-                "check the order of joints: and of the columns in import:; the diagnosis tests for joint_swap",
-            )
-        )
-    yield from odd
-    if not odd:
-        share = float(np.median(np.diag(found.explained)))
+    elif not found:
         yield Remark(
             "ok",
             "torque",
             "",
-            f"unit, signs and order fit the nominal arm, which explains {share:.0%} of it with its own friction and "
-            "scale (median over joints)",
+            "no other unit, sign, order or clock of the columns explains the torque better; the nominal arm is off by "
+            f"{size:.0%} of it",
         )
     yield from _limits(case)
 
 
-def _unit(factor: float) -> Iterator[Remark]:
-    if 1 / UNIT_FACTOR < factor < UNIT_FACTOR:
-        return
-    shown = f"{factor:.3g} times" if factor > 1 else f"1/{1 / factor:.3g} of"
-    yield Remark(
-        "warn",
-        "torque",
-        "",
-        f"the recorded torque is {shown} the nominal arm's: it may be a motor current, a torque on the motor's side, "
-        "or in another unit",
-        "say in the case import: {tau: {column: ..., unit: A, motor_constant: [...], gear_ratio: [...]}}, or the unit",
+def _topic(fault: FoundFault) -> str:
+    """What of a case a fault is of."""
+    if fault.name == TimeStamps.name:
+        return "time"
+    reading = fault.fault.reading(max(fault.joints, default=1))
+    topics = {
+        "positions": ("motion",),
+        "controller": ("kp_factor", "kd_factor", "law", "lead", "pace"),
+        "model": ("link_shift",),
+    }
+    return next((t for t, what in topics.items() if reading.differs(*what)), "torque")
+
+
+def _remark(fault: FoundFault, case: Case) -> Remark:
+    """A fault in words, by how much the gap falls if it is put right, and the line that does that."""
+    variant = f" ({fault.variant.replace('_', ' ')})" * bool(fault.variant)
+    said = f"{capital(effect_name(fault.name))}{variant}, probability {fault.probability:.0%}"
+    before, after = fault.gap_without_this, fault.gap_after
+    if before is not None and after is not None:
+        read, right = (float(np.sqrt((gap**2).mean())) for gap in (before, after))
+        much = f"{read:.0%}" if read < 10 else f"{read:.0f} times"
+        said += f": the nominal arm is off by {much} of the torque as it is read, by {right:.0%} if that is put right"
+    mend = _rounded(fault.reading(case.arm.n_joints).to_mend())
+    line = yaml.safe_dump(mend, default_flow_style=True, width=1000).strip()
+    remedy = (
+        f"import: {{mend: {line}}} puts it right; gapscope diagnose writes mended_case.yaml"
+        if mend
+        else "gapscope diagnose puts it right and says what to correct"
     )
+    places = [*fault.recordings, *([numbers(list(fault.joints))] * bool(fault.joints))]
+    return Remark("warn", _topic(fault), listing(places), said, remedy)
+
+
+def _rounded(entry: Any) -> Any:
+    """An entry of a case file with as many digits of its numbers as a person copies."""
+    if isinstance(entry, dict):
+        return {key: _rounded(value) for key, value in entry.items()}
+    if isinstance(entry, (list, tuple)):
+        return [_rounded(value) for value in entry]
+    return float(f"{entry:.5g}") if isinstance(entry, float) else entry
 
 
 def _limits(case: Case) -> Iterator[Remark]:

@@ -192,6 +192,24 @@ def prepare(
             reference that determines it.
         InputError: a recording holds what no arm can have.
     """
+    case, references = with_torque(case, declared)
+    return _repaired(case, progress, references, inherent)
+
+
+def with_torque(
+    case: Case, declared: NominalArm | None = None
+) -> tuple[Case, tuple[FoundFault, ...]]:
+    """The case with faults of references put right and a torque that can be trusted, and these faults.
+
+    Args:
+        case: the nominal arm and its recordings.
+        declared: the arm of which the case's controller knows, if that is not the nominal one.
+
+    Raises:
+        GapscopeError: no recording carries a torque that can be trusted, nor is there a known controller with its
+            reference that determines it.
+        InputError: a recording holds what no arm can have.
+    """
     check_stamps(case)
     # A torque is worked out of references and gains: these are put right first, on one clock; its own repair comes
     # with that of the other faults.
@@ -205,7 +223,7 @@ def prepare(
     case = with_commanded_torque(case)
     check_torque(case)
     check_moving(case)
-    return _repaired(case, progress, references, inherent)
+    return case, references
 
 
 def _repaired(

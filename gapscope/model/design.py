@@ -32,7 +32,7 @@ from gapscope.effects.effect import (
 from gapscope.model.body_point import Bodies
 from gapscope.model.jacobian import as_recorded, columns
 from gapscope.model.prediction import Prediction
-from gapscope.model.rows import PartOfDesign, Rows
+from gapscope.model.rows import Kept, PartOfDesign, Rows
 from gapscope.model.terms import Candidate, Term, Terms
 
 WIDE = 2.0
@@ -54,6 +54,8 @@ WAVES, FEWER_WAVES = (24, 48), (8, 16)
 more. (budget)"""
 TAILS = 3
 """Degrees of freedom of Student's t, of which their wave numbers are drawn: rough on all scales. (definition)"""
+MOST_KEPT = 20_000_000
+"""Numbers of columns up to which they are kept. (budget)"""
 LEAST_TORQUE = 1e-6
 """Columns that move no joint by more than this share of its torque say nothing [1]."""
 
@@ -380,16 +382,26 @@ def is_day_friction(term: Term) -> bool:
 
 
 def _part(rows: Rows, k: int, arm: FreeArm, terms: Terms) -> PartOfDesign:
-    """What a design takes of a segment, as it was kept if it was."""
-    segment, kept = rows.segments[k], rows.kept
-    mine = kept is not None and kept.about is arm and not terms.shapes
-    if kept is not None and mine and id(segment) in kept.parts:
-        rows.bodies.append(Bodies(segment.bodies(arm.bodies), segment.motion))
-        return kept.parts[id(segment)][1]
-    corrected, motion = arm.corrected(terms), segment.motion
-    body = segment.bodies(arm.bodies)
-    regressor = body.regressor(motion.q, motion.dq, motion.ddq)
+    """What a design takes of a segment; what searched parameters do not change is kept until another arm is asked for.
+
+    On long logs that is more than memory should hold.
+    """
+    segment, motion = rows.segments[k], rows.segments[k].motion
+    if rows.kept is None or rows.kept.about is not arm:
+        rows.kept = Kept(arm, {})
+    kept, body = rows.kept.parts.get(id(segment)), segment.bodies(arm.bodies)
+    searched = {term.effect for term in terms.shapes}
+    if kept is not None and not searched:
+        rows.bodies.append(Bodies(body, motion))
+        return kept[1]
+    corrected = arm.corrected(terms)
     at = Prediction.of(corrected, body, motion)
+    if kept is not None:
+        # terms without values of their searched parameters have columns of zero
+        rows.bodies.append(Bodies(body, motion))
+        own = columns(at, rows, k, terms, arm.theta, searched)
+        return kept[1]._replace(terms=kept[1].terms + own)
+    regressor = body.regressor(motion.q, motion.dq, motion.ddq)
     bodies = Bodies(body, motion, regressor)
     rows.bodies.append(bodies)
     assert segment.torque is not None
@@ -401,8 +413,8 @@ def _part(rows: Rows, k: int, arm: FreeArm, terms: Terms) -> PartOfDesign:
         rows.thin(bodies.force, segment),
         rows.thin(gap, segment),
     )
-    if kept is not None and mine:
-        kept.parts[id(segment)] = segment, part
+    if not searched and part.terms.size * len(rows.segments) < MOST_KEPT:
+        rows.kept.parts[id(segment)] = segment, part
     return part
 
 

@@ -50,7 +50,7 @@ class PartOfDesign(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """What a design takes of segments, kept from one look at a stream to the next.
+    """What a design takes of segments, kept from one design to the next.
 
     Attributes:
         about: the arm that it is about, the same object.
@@ -83,7 +83,7 @@ class Rows(DecimatedSegments):
         t: time since the start of the recording [s], (M,).
         position, velocity: [rad], [rad/s], (M, n).
         holding: what ``held`` was told.
-        kept: what a design about some arm took of segments before, if that is kept.
+        kept: what the last design, about some arm, took of segments.
         warmth: temperature of the joints over its mean [K], (M, n), if friction is to follow it.
     """
 

@@ -132,13 +132,13 @@ def _with_gaps(case: Case, faults: tuple[FoundFault, ...]) -> tuple[FoundFault, 
     """The faults with the torque gap of the nominal arm with and without each."""
     if not faults:
         return ()
-    nominal, all_repaired = _nrmse(case), _nrmse(repaired(case, faults))
+    nominal, all_repaired = nominal_gap(case), nominal_gap(repaired(case, faults))
     out = []
     for k, fault in enumerate(faults):
         only_this, without_this = all_repaired, nominal
         if len(faults) > 1:
-            only_this = _nrmse(repaired(case, (fault,)))
-            without_this = _nrmse(repaired(case, faults[:k] + faults[k + 1 :]))
+            only_this = nominal_gap(repaired(case, (fault,)))
+            without_this = nominal_gap(repaired(case, faults[:k] + faults[k + 1 :]))
         out.append(
             replace(
                 fault,
@@ -151,7 +151,7 @@ def _with_gaps(case: Case, faults: tuple[FoundFault, ...]) -> tuple[FoundFault, 
     return tuple(out)
 
 
-def _nrmse(case: Case) -> np.ndarray | None:
+def nominal_gap(case: Case) -> np.ndarray | None:
     """Torque NRMSE of the nominal arm over all recordings with a torque, (n,); ``None`` if it makes no sense."""
     return _nrmse_of(case.arm, _segments(case))
 
