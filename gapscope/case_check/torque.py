@@ -13,7 +13,11 @@ from gapscope.arm.display import effect_name
 from gapscope.case_check.remark import Remark, numbers
 from gapscope.case_check.thresholds import AT_LIMIT
 from gapscope.diagnosis.document.wording import capital, listing
-from gapscope.diagnosis.setup_faults.detection import find_setup_faults, nominal_gap
+from gapscope.diagnosis.setup_faults.detection import (
+    find_setup_faults,
+    gravity_shown,
+    nominal_gap,
+)
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
 from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
 
@@ -31,18 +35,30 @@ def check_set_up(case: Case, seen: Sequence[FoundFault]) -> Iterator[Remark]:
     found = find_setup_faults(case)
     for fault in (*seen, *found):
         yield _remark(fault, case)
-    gap = nominal_gap(repaired(case, found))
+    case = repaired(case, found)
+    gap, gravity = nominal_gap(case), gravity_shown(case)
     if gap is None:
         return
     size = float(np.sqrt((gap**2).mean()))
-    if size > NO_TORQUE:
+    if gravity is not None:
+        shown, said = (
+            [round(float(x), 2) + 0.0 for x in g] for g in (gravity, case.arm.gravity)
+        )
+        yield Remark(
+            "warn",
+            "torque",
+            "",
+            f"shows gravity {shown} m/s^2 in the frame of the base, the case says {said}: the base is mounted turned",
+            f"gravity: {shown}",
+        )
+    elif size > NO_TORQUE:
         yield Remark(
             "warn",
             "torque",
             "",
             f"the nominal arm's torque is off by {size:.0%} of the recorded one, more than no torque would be: "
-            "probably another robot, a base that is mounted turned, or a load that is not in the case",
-            "check robot:; a base that is turned: gapscope diagnose says how, set gravity: [...]",
+            "probably another robot, or a load that is not in the case",
+            "check robot: and payloads:",
         )
     elif not found:
         yield Remark(

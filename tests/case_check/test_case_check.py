@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
@@ -65,6 +66,15 @@ def test_one_fault_of_the_case_file_is_a_warning(
     check = check_case(make_case(**change))
     assert said in warned(check)
     assert check.can_be_diagnosed, warned(check)
+
+
+def test_a_base_that_is_mounted_turned_is_said_with_its_gravity(
+    make_case: Make,
+) -> None:
+    text = warned(check_case(make_case(gravity=[9.81, 0.0, 0.0])))
+    assert "mounted turned" in text
+    (shown,) = re.findall(r"-> gravity: \[(.*)\]", text)
+    assert np.allclose([float(x) for x in shown.split(",")], [0, 0, -9.81], atol=0.3)
 
 
 @pytest.mark.parametrize(
