@@ -15,8 +15,8 @@ from gapscope.case_check.thresholds import AT_LIMIT
 from gapscope.diagnosis.document.wording import capital, listing
 from gapscope.diagnosis.setup_faults.detection import (
     find_setup_faults,
-    gravity_shown,
     nominal_gap,
+    upright,
 )
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
 from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
@@ -36,11 +36,11 @@ def check_set_up(case: Case, seen: Sequence[FoundFault]) -> Iterator[Remark]:
     for fault in (*seen, *found):
         yield _remark(fault, case)
     case = repaired(case, found)
-    gap, gravity = nominal_gap(case), gravity_shown(case)
+    gap, gravity = nominal_gap(case), upright(case).arm.gravity
     if gap is None:
         return
     size = float(np.sqrt((gap**2).mean()))
-    if gravity is not None:
+    if gravity is not case.arm.gravity:
         shown, said = (
             [round(float(x), 2) + 0.0 for x in g] for g in (gravity, case.arm.gravity)
         )

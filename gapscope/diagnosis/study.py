@@ -35,7 +35,11 @@ from gapscope.diagnosis.selection.undeclared_coupling import (
     UndeclaredCoupling,
     undeclared_coupling,
 )
-from gapscope.diagnosis.setup_faults.detection import find_setup_faults, on_one_clock
+from gapscope.diagnosis.setup_faults.detection import (
+    find_setup_faults,
+    on_one_clock,
+    upright,
+)
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
 from gapscope.diagnosis.setup_faults.quantization import find_quantization
 from gapscope.diagnosis.setup_faults.references.detection import find_reference_faults
@@ -252,16 +256,18 @@ def _repaired(
         progress(f"finds {fault}")
     progress("asks what changes during recordings and between them")
     cutoff = position_cutoff(case.recordings)
-    looked = excerpt(case)
-    changes, between = changes_of(looked.recordings, case.arm, progress)
+    # about an arm that hangs otherwise everything seems to change
+    looked = upright(excerpt(case))
+    changes, between = changes_of(looked.recordings, looked.arm, progress)
     # what is judged on changes no value: it is asked by itself
-    apart, _ = changes_of(looked.judged, case.arm, progress)
+    apart, _ = changes_of(looked.judged, looked.arm, progress)
     changes += apart
     for change in changes:
         progress(f"finds {change}")
     whole = *case.recordings, *case.judged
     case = excerpt(up_to_changes(case, changes))
-    agreement = _agreement(case, changes, between, progress)
+    as_mounted = replace(case, arm=looked.arm)
+    agreement = _agreement(as_mounted, changes, between, progress)
     states = states_of(case, whole, agreement, changes)
     if states.others:
         progress("diagnoses the recordings that share a state")

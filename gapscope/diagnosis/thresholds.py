@@ -91,11 +91,6 @@ FAULT_COARSE_STEP = 4  # All candidates are compared on every so many-th sample.
 FAULT_FINALISTS = 5  # ...and this many of them on all. (budget)
 # Zeros off by less are no convention but the effect encoder_offset [rad]. (definition)
 LEAST_ZERO_OFFSET = np.deg2rad(20.0)
-# A vector fitted in gravity's place counts as gravity if its size is right within this factor [1]: inertials and
-# torque scales are off by less. (hand)
-GRAVITY_SIZE_FACTOR = 2.0
-# Gravity off by less than this is a tilt, which the linearised search finds [rad]. (hand)
-LEAST_TURN = 0.4
 # Shifts at which the recorded torque is kept: a driver's delay is looked for up to the last [s]. (physical)
 TORQUE_SHIFT_STEP = 0.005
 TORQUE_SHIFTS = tuple(TORQUE_SHIFT_STEP * k for k in range(41))
@@ -242,9 +237,6 @@ PRESLIDING_GAIN = 5.0  # A joint's presliding must narrow the gap of trusted row
 FORWARD_STEPS = 12  # Forward steps before the search gives up. (budget)
 GROUPS_TRIED = 3  # Groups that are tried around their own values at each step. (budget)
 PAIRED_GROUPS = 6  # Best groups of which all pairs are tried once none alone raises the evidence. (budget)
-# An arm that hangs or is mounted sideways is tried first if that lowers the squared gap by this share [1]: nothing
-# else comes near. (hand)
-TURNED_BASE_FALL = 0.6
 COMPLIANCE_STARTS_TRIED = 3  # Starts of compliant joints that are fitted. (budget)
 RELINEARISATIONS = 3  # Linearisations around the values of one set of terms. (budget)
 # A linearisation holds where the torque departs from it by this share of what a healthy arm leaves [1]. (hand)

@@ -40,6 +40,8 @@ from gapscope.ident.uncertainty.intervals import Uncertainty
 from gapscope.ident.uncertainty.torque_interval import PredictedTorque
 from gapscope.ident.uncertainty.validation import Validation
 from gapscope.model.changes import Change, changes_of
+from gapscope.model.conditioning import condition
+from gapscope.model.gravity_direction import as_mounted
 
 __all__ = ["Identification", "IdentificationSettings", "examine_fit", "identify"]
 
@@ -141,7 +143,8 @@ def examine_fit(
     progress("looks for changes")
     # a change spoils the fit: it is looked for in every recording, fitted or held out
     every = (*fitted.fit, *fitted.held_out)
-    changes = changes_of(every, case.arm, progress).during
+    mounted = as_mounted(case.arm, [s for r in fitted.fit for s in condition(r)])
+    changes = changes_of(every, mounted, progress).during
     states = None
     if settings.filter == "unscented":
         progress("follows states and friction together")

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from gapscope.diagnosis.selection.fitted_model import Model, fit_terms
-from gapscope.diagnosis.setup_faults.gravity_direction import (
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.effect import Turn
+from gapscope.model.gravity_direction import (
+    TURNED_BASE_FALL,
     gravity_by_torque,
     turn_of_base,
 )
-from gapscope.diagnosis.thresholds import TURNED_BASE_FALL
-from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.effect import Turn
 
 
 def add_turned_base(nominal: Model) -> Model:

@@ -20,10 +20,6 @@ from gapscope.diagnosis.gap.excerpt import excerpt
 from gapscope.diagnosis.gap.plausible_data import check_rates
 from gapscope.diagnosis.setup_faults.fault_search import faults_by_torque
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
-from gapscope.diagnosis.setup_faults.gravity_direction import (
-    gravity_by_torque,
-    turn_of_base,
-)
 from gapscope.diagnosis.setup_faults.merge import merged
 from gapscope.diagnosis.setup_faults.time_stamps import find_jitter, find_stamps
 from gapscope.diagnosis.setup_faults.torque_clock import find_torque_clock
@@ -35,7 +31,6 @@ from gapscope.diagnosis.thresholds import (
     OBVIOUS_FAULT_PROBABILITY,
     SEARCH_RATE,
     SHIFTED_INERTIALS_FALL,
-    TURNED_BASE_FALL,
 )
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.setup_faults.inertial_fault import ShiftedInertials
@@ -44,7 +39,8 @@ from gapscope.model.conditioning import (
     condition,
     thinned,
 )
-from gapscope.model.torque_gap import torque_gap, torque_scale
+from gapscope.model.gravity_direction import as_mounted
+from gapscope.model.torque_gap import torque_gap
 
 
 def find_setup_faults(case: Case) -> tuple[FoundFault, ...]:
@@ -156,32 +152,9 @@ def _with_gaps(case: Case, faults: tuple[FoundFault, ...]) -> tuple[FoundFault, 
     return tuple(out)
 
 
-def gravity_shown(case: Case) -> np.ndarray | None:
-    """Gravity in the base frame that the torque shows [m/s^2], (3,), if the base is mounted turned, else ``None``."""
-    arm, body = case.arm, RigidBody(case.arm)
-    segments = [thinned(s, SEARCH_RATE) for s in _segments(case)]
-    before = _nrmse_of(arm, segments)
-    if before is None:
-        return None
-    torque, regressor, speed = [], [], []
-    for segment in segments:
-        motion, own = segment.motion, segment.bodies(body)
-        assert segment.torque is not None
-        of_gravity = own.gravity_regressor(motion.q)
-        predicted = CorrectedArm(arm).predict(own, motion)
-        torque.append(segment.torque - predicted + of_gravity @ arm.gravity)
-        regressor.append(of_gravity)
-        speed.append(motion.dq)
-    every = np.concatenate(torque), np.concatenate(regressor), np.concatenate(speed)
-    deviation = torque_scale(np.concatenate([np.asarray(s.torque) for s in segments]))
-    found = gravity_by_torque(*every, deviation)
-    if turn_of_base(arm.gravity, found) is None:
-        return None
-    turned = found * np.linalg.norm(arm.gravity) / np.linalg.norm(found)
-    after = _nrmse_of(replace(arm, gravity=turned), segments)
-    if after is None or (after**2).sum() > (1.0 - TURNED_BASE_FALL) * (before**2).sum():
-        return None
-    return np.asarray(turned)
+def upright(case: Case) -> Case:
+    """The case with the gravity that its torque shows, if its base is mounted turned."""
+    return replace(case, arm=as_mounted(case.arm, _segments(excerpt(case))))
 
 
 def nominal_gap(case: Case) -> np.ndarray | None:

@@ -23,10 +23,6 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.reading import Reading
 from gapscope.arm.shifted_inertials import shifted_body
 from gapscope.diagnosis.setup_faults.fault_samples import FaultSamples
-from gapscope.diagnosis.setup_faults.gravity_direction import (
-    gravity_by_torque,
-    turn_of_base,
-)
 from gapscope.diagnosis.setup_faults.nuisance import (
     FoldEquations,
     fold_equations,
@@ -39,6 +35,10 @@ from gapscope.diagnosis.thresholds import (
     WORST_GAP,
 )
 from gapscope.effects.environment import tilt
+from gapscope.model.gravity_direction import (
+    gravity_by_torque,
+    turn_of_base,
+)
 
 KEPT_EQUATIONS = 8
 """Motions beyond the present one of which equations are kept."""

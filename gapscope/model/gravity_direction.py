@@ -9,16 +9,30 @@ mounted in another way than the case says, or a wrong sign of its gravity, is fo
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from gapscope.diagnosis.thresholds import (
-    FAULT_SIGN_WIDTH,
-    GRAVITY_SIZE_FACTOR,
-    LEAST_TURN,
-)
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import GapscopeError
+from gapscope.arm.nominal import NominalArm, smooth_sign
+from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.environment import tilt
+from gapscope.model.conditioning import Segment, thinned
+from gapscope.model.torque_gap import torque_gap, torque_scale
+
+GRAVITY_SIZE_FACTOR = 2.0
+"""A vector fitted in gravity's place counts as gravity if its size is right within this factor [1]: inertials and
+torque scales are off by less. (hand)"""
+LEAST_TURN = 0.4
+"""Gravity off by less than this is a tilt, which a linearised search finds [rad]. (hand)"""
+TURNED_BASE_FALL = 0.6
+"""An arm that hangs or is mounted sideways is believed if that lowers the squared gap by this share [1]: nothing else
+comes near. (hand)"""
+RATE = 100.0
+"""Segments are decimated to no less than this [Hz]. (budget)"""
 
 LARGEST_PITCH = 1.35
 """Pitch of a start [rad], short of a right angle, at which roll changes nothing."""
@@ -39,7 +53,7 @@ def gravity_by_torque(
     """
     gram, target = np.zeros((3, 3)), np.zeros(3)
     for j, size in enumerate(deviation):
-        own = [np.tanh(dq[:, j] / FAULT_SIGN_WIDTH), dq[:, j], np.ones(len(dq))]
+        own = [smooth_sign(dq[:, j]), dq[:, j], np.ones(len(dq))]
         basis, _ = np.linalg.qr(np.column_stack(own))
         x, y = regressor[:, j] / size, torque[:, j] / size
         # what the joint's own friction and offset explain is taken out of both sides
@@ -81,3 +95,41 @@ def turn_of_base(nominal: np.ndarray, found: np.ndarray) -> tuple[float, float] 
         return None
     roll, pitch = best.x.tolist()
     return roll, pitch
+
+
+def as_mounted(arm: NominalArm, segments: Sequence[Segment]) -> NominalArm:
+    """The arm with the gravity that its torque shows, if its base is mounted turned."""
+    segments = [thinned(s, RATE) for s in segments if s.torque is not None]
+    before = _gap(arm, segments) if segments else None
+    if before is None:
+        return arm
+    body, predicting = RigidBody(arm), CorrectedArm(arm)
+    torque, regressor, speed = [], [], []
+    for segment in segments:
+        motion, own = segment.motion, segment.bodies(body)
+        assert segment.torque is not None
+        of_gravity = own.gravity_regressor(motion.q)
+        predicted = predicting.predict(own, motion)
+        torque.append(segment.torque - predicted + of_gravity @ arm.gravity)
+        regressor.append(of_gravity)
+        speed.append(motion.dq)
+    every = np.concatenate(torque), np.concatenate(regressor), np.concatenate(speed)
+    deviation = torque_scale(np.concatenate([np.asarray(s.torque) for s in segments]))
+    found = gravity_by_torque(*every, deviation)
+    if turn_of_base(arm.gravity, found) is None:
+        return arm
+    found *= np.linalg.norm(arm.gravity) / np.linalg.norm(found)
+    turned = replace(arm, gravity=found)
+    after = _gap(turned, segments)
+    fell = after is not None and after <= (1.0 - TURNED_BASE_FALL) * before
+    return turned if fell else arm
+
+
+def _gap(arm: NominalArm, segments: list[Segment]) -> float | None:
+    """Squared gap of an arm, over the torque's variance, summed over joints [1]; ``None`` if it is not finite."""
+    try:
+        gap = torque_gap(CorrectedArm(arm), RigidBody(arm), segments).nrmse
+    except (GapscopeError, ValueError):
+        return None
+    size = float((gap**2).sum())
+    return size if np.isfinite(size) else None

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import synthetic
-from synthetic import Truth
+from diagnosis import synthetic
+from diagnosis.synthetic import Truth
 
-from gapscope.diagnosis.setup_faults.gravity_direction import (
+from gapscope.effects.environment import tilt
+from gapscope.model.gravity_direction import (
     gravity_by_torque,
     turn_of_base,
 )
-from gapscope.effects.environment import tilt
 
 DOWN = np.array([0.0, 0.0, -9.81])
 
