@@ -42,7 +42,10 @@ HeldOut = Annotated[
 ]
 AnyTorque = Annotated[
     bool,
-    typer.Option("--any-torque", help="go on if the torque seems not to be in N m"),
+    typer.Option(
+        "--any-torque",
+        help="go on if the torque seems not to be in N m, or to show gravity in another direction",
+    ),
 ]
 
 

@@ -16,6 +16,7 @@ from gapscope.arm.recording import Recording
 from gapscope.ident.checks.fit_evidence import NominalSimilarity, nominal_similarity
 from gapscope.ident.checks.plausible_samples import (
     check_count,
+    check_mounted,
     check_recordings,
     check_unit,
 )
@@ -47,7 +48,7 @@ class IdentificationSettings:
         cutoff: of both sides [Hz]; chosen from the spectra of the positions if ``None``.
         estimator: one of ``gapscope.ident.estimators.by_name.METHODS``.
         judge: names of recordings to hold out; if empty those that the case holds out, else the last one.
-        any_torque: continue if the torque seems to be in another unit.
+        any_torque: continue if the torque seems to be in another unit, or to show gravity in another direction.
         trim: leave out both ends of a segment, where the filter settles.
         filter: ``recursive``, or ``unscented`` to follow states and friction together as well.
         plain: only what URDF, data sheet and effects can express: no friction that keeps its direction at rest.
@@ -186,6 +187,7 @@ def _samples(
     # another unit would be fitted without complaint, as heavier links
     if not settings.any_torque:
         check_unit(similarity, fit[0].name)
+        check_mounted(case, segments)
     # whether the samples suffice is known with the simplest friction law
     simplest = _sample_base(samples.matrix(FrictionLaw()), columns, FrictionLaw())
     check_count(samples, simplest.count, fit[0].name)

@@ -143,8 +143,10 @@ def examine_fit(
     progress("looks for changes")
     # a change spoils the fit: it is looked for in every recording, fitted or held out
     every = (*fitted.fit, *fitted.held_out)
-    mounted = as_mounted(case.arm, [s for r in fitted.fit for s in condition(r)])
-    changes = changes_of(every, mounted, progress).during
+    arm = case.arm
+    if settings.any_torque:
+        arm = as_mounted(arm, [s for r in fitted.fit for s in condition(r)])
+    changes = changes_of(every, arm, progress).during
     states = None
     if settings.filter == "unscented":
         progress("follows states and friction together")

@@ -6,11 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from gapscope.arm.case import Case
 from gapscope.arm.errors import InputError
 from gapscope.arm.recording import Recording
 from gapscope.ident.checks.fit_evidence import NominalSimilarity
 from gapscope.ident.signals.samples import Samples
+from gapscope.model.conditioning import Segment
 from gapscope.model.effective_samples import band_samples
+from gapscope.model.gravity_direction import as_mounted
 
 STILL = 0.01
 """A joint that moves less than this does not move [rad]."""
@@ -119,6 +122,25 @@ def check_unit(found: NominalSimilarity, name: str) -> None:
         "is right, the nominal arm is another arm: correct the URDF, or allow it with --any-torque",
         file=name,
         where="columns tau1 on",
+    )
+
+
+def check_mounted(case: Case, segments: Sequence[Segment]) -> None:
+    """Check that gravity is where the case says it is.
+
+    Raises:
+        InputError: the torque shows it in another direction.
+    """
+    arm = case.arm
+    mounted = as_mounted(arm, segments)
+    if mounted is arm:
+        return
+    shown, said = mounted.gravity.round(2).tolist(), arm.gravity.round(2).tolist()
+    raise InputError(
+        f"the torque shows gravity {shown} m/s^2 in the frame of the base, the case says {said}: the base is mounted "
+        "turned, and bodies identified so would be those of no arm",
+        f"say in the case gravity: {shown}, or go on as it is with --any-torque",
+        file=case.name,
     )
 
 

@@ -11,6 +11,7 @@ import pytest
 from cases import each, panda_case
 
 from gapscope.arm.case import Case
+from gapscope.arm.errors import InputError
 from gapscope.arm.recording import Recording
 from gapscope.effects.applied import AppliedEffect
 from gapscope.ident.checks.table_row import FOUND
@@ -152,6 +153,17 @@ class TestTroubleshooting:
     def test_torque_in_another_unit_fires_its_row_where_it_is_let_pass(self) -> None:
         case = each(panda_case(), lambda r: replace(r, tau=1e3 * np.asarray(r.tau)))
         assert "torque_unit" in found(identify(case, replace(CUTOFF, any_torque=True)))
+
+    def test_a_base_that_is_mounted_turned_is_refused_with_its_gravity(self) -> None:
+        case = panda_case()
+        sideways = replace(case.arm, gravity=np.array([0.0, 9.81, 0.0]))
+        with pytest.raises(
+            InputError, match=r"mounted turned(.|\n)*gravity: \["
+        ) as got:
+            identify(replace(case, arm=sideways), CUTOFF)
+        shown = got.value.remedy.split("[")[1].split("]")[0]
+        near = [float(x) for x in shown.split(",")]
+        assert np.allclose(near, case.arm.gravity, atol=0.7)
 
     def test_stribeck_friction_fires_its_row_and_is_recovered(self) -> None:
         planted = AppliedEffect(
