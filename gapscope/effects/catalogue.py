@@ -8,6 +8,8 @@ catalogue: so every process that this one starts, on this machine or by Ray, has
 from __future__ import annotations
 
 import os
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -177,6 +179,19 @@ def remove(name: str) -> Effect:
         del _files[path]
     _pass_files_on()
     return removed
+
+
+@contextmanager
+def without(names: Collection[str]) -> Iterator[None]:
+    """The catalogue of this process without some effects; afterwards all of it, in its order."""
+    all_of_them = dict(CATALOGUE)
+    for name in names:
+        CATALOGUE.pop(name, None)
+    try:
+        yield
+    finally:
+        CATALOGUE.clear()
+        CATALOGUE.update(all_of_them)
 
 
 def explained(*, coupled: bool = False) -> list[Effect]:

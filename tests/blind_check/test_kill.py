@@ -15,7 +15,7 @@ from gapscope.blind_check.generator.case import make_case, write_case
 from gapscope.blind_check.generator.conditions import CaseSpec
 from gapscope.blind_check.scoring.compare import compare
 from gapscope.diagnosis.diagnose import diagnose
-from gapscope.effects.catalogue import CATALOGUE, remove
+from gapscope.effects.catalogue import without
 
 pytestmark = pytest.mark.slow
 
@@ -39,12 +39,8 @@ def test_permuted_labels_score_as_chance_does(solved: dict[str, Solved]) -> None
 
 @pytest.fixture
 def no_ripple() -> Iterator[None]:
-    """The catalogue without ripple; afterwards all of it, in its order."""
-    all_of_them = dict(CATALOGUE)
-    remove("torque_ripple")
-    yield
-    CATALOGUE.clear()
-    CATALOGUE.update(all_of_them)
+    with without(["torque_ripple"]):
+        yield
 
 
 def test_an_effect_that_is_no_longer_in_the_catalogue_is_called_unexplained(

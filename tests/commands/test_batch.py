@@ -64,6 +64,31 @@ def test_units_are_compared(
     assert "sick (other): Effects found" in done.out and "sick (other)" in summary
 
 
+@pytest.mark.parametrize(
+    ("law", "taken"), [("saturating_friction", True), ("viscous_friction", False)]
+)
+def test_a_unit_has_the_law_of_its_type_where_that_explains_as_much(
+    gapscope: Command,
+    sick: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    law: str,
+    taken: bool,
+) -> None:
+    """What is found with friction that is viscous, without it and without another law."""
+    out = tmp_path / "out"
+    module = "gapscope.commands.many.diagnosis_batch.other_laws"
+    monkeypatch.setattr(module, lambda documents: {"sick": (law,)})
+    twin = shutil.copytree(sick, sick.parent / "twin")
+    done = gapscope("diagnose", sick, twin, "--out", out)
+    assert done.code == 0
+    assert ("friction law of its type" in done.out) is taken
+    document = json.loads(texts(out)["sick"])
+    assert document["effects"][0]["effect"] == "viscous_friction"
+    assert {path.name for path in out.iterdir() if path.is_dir()} == {"sick", "twin"}
+    assert finished(sick, out / "sick") is not None
+
+
 def test_cases_are_compared_with_a_reference_that_is_identified_once(
     gapscope: Command,
     sick: Path,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -20,7 +21,9 @@ from gapscope.diagnosis.fleet.confusion import (
     confusion_column,
 )
 from gapscope.diagnosis.fleet.fleet_json import FleetGroup, grouped, units_document
+from gapscope.diagnosis.fleet.friction_of_type import explains_as_much, other_laws
 from gapscope.diagnosis.reference.reference_file import FOLDER
+from gapscope.effects.catalogue import without
 from gapscope.interface.reference import kept_reference
 from gapscope.outputs.diagnosis import CASE, CORRECTED, DOCUMENT, REPORT
 from gapscope.provenance import KEY, made_from
@@ -31,6 +34,8 @@ from gapscope.workers.backends import RAY, check_backend
 from gapscope.workers.in_order import in_order
 
 SUMMARY, UNITS = "summary.html", "units.json"
+AGAIN = ".of_type"
+"""Ends the name of the folder of a unit that is asked again, until it takes the place of the first one."""
 
 
 @dataclass(frozen=True)
@@ -108,6 +113,8 @@ def _diagnose_all(batch: Batch, progress: Callable[[str], None]) -> int:
     for name in (SUMMARY, UNITS):
         (batch.out / name).unlink(missing_ok=True)
     folders = _folders(batch.cases)
+    for folder in folders:
+        shutil.rmtree(batch.out / (folder + AGAIN), ignore_errors=True)
     rows: list[SummaryRow] = []
     codes = [0]
     with _resume_hint():
@@ -119,6 +126,7 @@ def _diagnose_all(batch: Batch, progress: Callable[[str], None]) -> int:
                 f"{len(rows)} of {len(folders)} done, {row.label}: {row.verdict.lower()}{note}"
             )
             say(f"{row.label}: {row.failure or _line(row)}{note}")
+        rows = _by_law_of_type(batch, rows, progress)
         content = _compared(batch, rows, progress)
     if content["groups"]:
         write_json(content, batch.out / UNITS)
@@ -176,12 +184,65 @@ def _kept(
     }
 
 
+def _by_law_of_type(
+    batch: Batch, rows: Sequence[SummaryRow], progress: Callable[[str], None]
+) -> list[SummaryRow]:
+    """The rows, units with the friction law of their type where that explains as much as their own.
+
+    Against a reference that is itself such a unit all have its friction already.
+    """
+    documents = {row.folder: row.document for row in rows if row.document is not None}
+    asked = {} if batch.against is not None else other_laws(documents)
+    if not asked:
+        return list(rows)
+    progress(f"asks {', '.join(asked)} for the friction law of the type")
+    cases = dict(zip(_folders(batch.cases), batch.cases, strict=True))
+    place = Path.resolve if batch.backend == RAY else Path
+    calls = [
+        (str(place(cases[unit])), place(batch.out), unit + AGAIN, None, names)
+        for unit, names in asked.items()
+    ]
+    results = in_order(diagnose_one_of_many, calls, batch.jobs, batch.backend)
+    found = {}
+    for unit, result in zip(asked, results, strict=True):
+        row = None if isinstance(result, Exception) else result[0]
+        document = None if row is None else row.document
+        again = batch.out / (unit + AGAIN)
+        if document is not None and explains_as_much(document, documents[unit]):
+            _move(again, batch.out / unit)
+            found[unit] = SummaryRow(str(document["case"]), unit, document)
+            say(f"{unit}: with the friction law of its type, {_line(found[unit])}")
+        shutil.rmtree(again, ignore_errors=True)
+    return [found.get(row.folder, row) for row in rows]
+
+
+def _move(source: Path, target: Path) -> None:
+    """Move results into the place of others; until the last file is there, the folder holds no diagnosis."""
+    (target / DOCUMENT).unlink()
+    files = sorted(source.iterdir(), key=lambda path: path.name == DOCUMENT)
+    for path in files:
+        path.replace(target / path.name)
+
+
 def diagnose_one_of_many(
-    path: str, out: Path, folder: str, against: Path | None = None
+    path: str,
+    out: Path,
+    folder: str,
+    against: Path | None = None,
+    left_out: Sequence[str] = (),
 ) -> tuple[SummaryRow, int]:
-    """Diagnose the case at a path as one of several: its row of the summary, and its exit code."""
+    """Diagnose the case at a path as one of several: its row of the summary, and its exit code.
+
+    Args:
+        path: of the case.
+        out: folder of all results.
+        folder: name of that of this case.
+        against: the reference, or ``None``.
+        left_out: names of effects that it is diagnosed without.
+    """
     try:
-        result, _ = diagnose_path(Path(path), out / folder, against=against)
+        with without(left_out):
+            result, _ = diagnose_path(Path(path), out / folder, against=against)
     except GapscopeError as error:
         return SummaryRow(folder, folder, failure=str(error)), error.exit_code
     except Exception as error:

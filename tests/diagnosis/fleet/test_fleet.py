@@ -32,6 +32,7 @@ from gapscope.diagnosis.fleet.confusion import (
     confusion_column,
 )
 from gapscope.diagnosis.fleet.fleet_json import grouped, units_document
+from gapscope.diagnosis.fleet.friction_of_type import explains_as_much, other_laws
 from gapscope.diagnosis.fleet.heterogeneity import pooled
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected_file import write_corrected
@@ -382,3 +383,45 @@ class TestDocument:
             "0.050",
         ):
             assert expected in html, expected
+
+
+class TestFrictionOfAType:
+    """Most units tell the law of a joint on which all have friction; the others are asked again without their own."""
+
+    PLAIN = ("coulomb_friction", [2], {"torque": ([2.0], [0.1])})
+    CURVED = ("saturating_friction", [2], {"torque": ([2.0], [0.1])})
+
+    def test_the_odd_one_is_asked_again(self) -> None:
+        units = {"a": unit(self.PLAIN), "b": unit(self.CURVED), "c": unit(self.PLAIN)}
+        assert other_laws(units) == {"b": ("saturating_friction",)}
+
+    def test_a_law_that_the_type_has_on_another_joint_stays(self) -> None:
+        elsewhere = ("saturating_friction", [3], {"torque": ([1.0], [0.1])})
+        units = {
+            "a": unit(self.PLAIN, elsewhere),
+            "b": unit(self.CURVED, elsewhere),
+            "c": unit(self.PLAIN, elsewhere),
+        }
+        assert other_laws(units) == {}
+
+    @pytest.mark.parametrize(
+        "units",
+        [
+            {"a": unit(PLAIN), "b": unit(CURVED)},
+            {"a": unit(PLAIN), "b": unit(CURVED), "c": unit()},
+            {"a": unit(PLAIN), "b": unit(PLAIN), "c": unit(PLAIN)},
+            {f"{k}": unit(law) for k, law in enumerate([PLAIN, PLAIN, CURVED, CURVED])},
+        ],
+        ids=["two", "one without friction", "alike", "as many of each"],
+    )
+    def test_nobody_is_asked(self, units: dict[str, Any]) -> None:
+        assert other_laws(units) == {}
+
+    def test_it_explains_as_much_up_to_what_an_effect_closes(self) -> None:
+        before, asked = unit(self.CURVED), unit(self.PLAIN)
+        left = np.array(before["gap"]["after"]["torque_nrmse"])
+        for more, as_much in ((0.009, True), (0.011, False)):
+            asked["gap"]["after"]["torque_nrmse"] = (left + more).tolist()
+            assert explains_as_much(asked, before) is as_much
+        before["verdict"] = "no_gap"
+        assert not explains_as_much(before, unit(self.PLAIN))
