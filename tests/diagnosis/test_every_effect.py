@@ -143,6 +143,10 @@ def test_an_effect_is_found_with_its_joints_and_values(label: str) -> None:
         return
     assert document["verdict"] == "effects_found"
     assert found == [(name, entry.joints)]
+    if name == "base_tilt":
+        # roll of 0.05 and pitch of -0.03 rad
+        near = 9.81 * np.array([-0.03, -0.05, -1.0])
+        assert np.allclose(document["effects"][0]["gravity"], near, atol=0.1)
     (effect,) = document["effects"]
     if entry.alike and effect["probability"] < 0.9:
         assert effect["probability"] > 0.5 and _alternative(effect, entry.alike) > 0.05

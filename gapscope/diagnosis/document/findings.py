@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.assessment.alternatives import (
     LONGER_RECORDING,
     Alternative,
@@ -26,6 +27,8 @@ from gapscope.diagnosis.selection.value_draws import value_draws
 from gapscope.diagnosis.study import Study
 from gapscope.diagnosis.thresholds import FALSE_DISCOVERY_RATE
 from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.catalogue import CATALOGUE
+from gapscope.effects.effect import Turn
 from gapscope.model.torque_gap import TorqueGap
 
 LISTED_ALTERNATIVE = 1e-3
@@ -111,6 +114,7 @@ def _finding(
     return {
         "effect": applied.name,
         "joints": list(applied.joints),
+        **_gravity(applied, study.case.arm),
         "probability": sure.probability,
         "set": conformal_set(applied.name, sure.probability, sure.alternatives),
         "support": sure.support.plain(),
@@ -129,6 +133,15 @@ def _finding(
             if other.probability > LISTED_ALTERNATIVE
         ],
     }
+
+
+def _gravity(applied: AppliedEffect, arm: NominalArm) -> dict[str, Any]:
+    """Gravity in the frame of a base that is turned, R^T g [m/s^2]: what a case file says it as."""
+    effect = CATALOGUE.get(applied.name)
+    if not isinstance(effect, Turn):
+        return {}
+    angles = (float(np.ravel(applied.parameters[name])[0]) for name in effect.names)
+    return {"gravity": numbers(effect.rotation(*angles).T @ arm.gravity)}
 
 
 def _where(

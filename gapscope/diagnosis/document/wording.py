@@ -174,6 +174,14 @@ def parameter_texts(effect: Mapping[str, Any]) -> list[ParameterText]:
     definition = known_effect(effect["effect"])
     known = {p.name: p for p in definition.parameters} if definition else {}
     texts = []
+    if "gravity" in effect:
+        # angles of a base far from upright say little
+        axes = zip("xyz", effect["gravity"], strict=True)
+        entries = [
+            (axis, f"{round(value, 2) + 0.0:.2f}".replace("-", "−"))
+            for axis, value in axes
+        ]
+        texts.append(ParameterText("gravity", "", tuple(entries), "m/s²"))
     for name, parameter in effect["parameters"].items():
         values = _as_list(parameter["value"], 1)
         stds = _as_list(parameter["std"], len(values))
