@@ -92,23 +92,29 @@ def test_what_rises_evenly_is_one_change_that_takes_a_while(
     assert f"from {change.time:.2f} to {change.until:.2f} s" in str(change)
 
 
-def test_friction_that_follows_its_temperature_is_no_change() -> None:
+def warming() -> tuple[Recording, Recording]:
+    """A recording of a warm arm, and one in which 1.5 N m of friction go while it warms up."""
     one, before = recordings(HEALTHY, 1, duration=9.0)[:2]
     stiff, _ = CHANGED["coulomb_friction", 2]
     cold = recordings(stiff, 1, duration=9.0)[1]
-    # warm all along, and from 20 to 50 degrees, by which 1.5 N m go
     risen = np.clip((before.t - 3.0) / 4.0, 0.0, 1.0)[:, None]
-    warming = replace(before, tau=cold.tau + risen * (before.tau - cold.tau))
-    without = changes_of((one, warming), vendor()).during
-    assert any(
-        (c.term.effect, c.term.joint) == ("coulomb_friction", 2) for c in without
-    )
-    of_joints = np.ones((1, 3))
-    logged = (
+    tau = cold.tau + risen * (before.tau - cold.tau)
+    warmth = 20.0 + 30.0 * risen * np.ones((1, 3))
+    return (
         replace(one, temperature=50.0 + 0.0 * one.q),
-        replace(warming, temperature=(20.0 + 30.0 * risen) * of_joints),
+        replace(before, tau=tau, temperature=warmth),
     )
-    assert changes_of(logged, vendor()).during == ()
+
+
+def test_friction_that_follows_its_temperature_is_no_change() -> None:
+    assert changes_of(warming(), vendor()).during == ()
+
+
+@pytest.mark.nightly
+def test_without_the_temperature_it_is_one() -> None:
+    unlogged = [replace(one, temperature=None) for one in warming()]
+    found = changes_of(unlogged, vendor()).during
+    assert any((c.term.effect, c.term.joint) == ("coulomb_friction", 2) for c in found)
 
 
 def test_what_changes_at_the_last_moment_is_no_error() -> None:
