@@ -15,6 +15,12 @@ PAGES = sorted(
     [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")]
 )
 PATH = re.compile(r"`((?:gapscope|docs|experiments|tests)/[\w./-]+)`")
+SCRIPT = re.compile(r"(?:experiments/|`)(\d\d_\w+\.py)")
+GONE = re.compile(
+    r"`(?:experiments/)?\w+\.py[^`]*`,?\s\(?(?:at\s)?commit\s[0-9a-f]{7}\b"
+)
+"""A script that is gone, named with the commit that holds it."""
+SCRIPTS = sorted(path.name for path in (ROOT / "experiments").glob("[0-9]*.py"))
 LINK = re.compile(r"\]\(([^)#:]+)\)")
 PAGE = re.compile(r"`([\w/]+\.md)`")
 NO_FILES = {"gapscope/ArmTracking-v0", "score.md"}
@@ -32,8 +38,14 @@ def name(page: Path) -> str:
 @pytest.mark.parametrize("page", PAGES, ids=name)
 def test_named_files_exist(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
-    named = set(PATH.findall(text)) - NO_FILES
+    named = set(PATH.findall(GONE.sub("", text))) - NO_FILES
     assert {path for path in named if not (ROOT / path).exists()} == set()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_named_scripts_exist_or_have_a_commit(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert set(SCRIPT.findall(GONE.sub("", text))) <= set(SCRIPTS)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name)
