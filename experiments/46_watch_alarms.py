@@ -29,10 +29,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from benchmarks.watch import READ, WATCH, shares
 from joblib import Parallel, delayed
 from scipy.stats import chi2
 from threadpoolctl import threadpool_limits
-from watch_speed import READ, WATCH, shares
 from watched_arms import Change, WorkingArm
 
 from gapscope.arm.case import load_case

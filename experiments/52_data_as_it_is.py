@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
-from experiments.benchmarks.table import put_into
+from experiments.benchmarks.measure import put_into
 from experiments.damaged_recordings import read, sampled, write
 from experiments.damages import DAMAGES, ROBOTS, Damage, Length
 from gapscope.arm.case import load_case

@@ -22,8 +22,6 @@ import gymnasium
 import numpy as np
 from mujoco.batch import Batch
 
-from experiments.benchmarks.point import Point, Settings
-from experiments.benchmarks.row import Row, compared
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.trajectory import Fourier, urdf_limits
@@ -35,6 +33,8 @@ from gapscope.envs.engines.pybullet import pybullet
 from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.simulated_arm import SimulatedArm
 from gapscope.envs.vector.environment import VectorArmTracking
+
+from .measure import Point, Row, Settings, compared
 
 JOINTS = (1, 2, 3, 4, 5, 6, 7)
 POSTURE = np.array([0.0, 0.6, 0.0, -1.2, 0.0, 0.8, 0.0])

@@ -1,23 +1,67 @@
-"""Simulated cases of any length, rate, number of joints and of effects, to measure against."""
+"""Cases to measure against: simulated ones of any size, and sample cases and real arms from GAPSCOPE_DATA."""
 
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from experiments.benchmarks.chain_arm import chain_arm
+from gapscope.arm.case import load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.write_case import write_case
 from gapscope.arm.motions.named_motions import workspace
 from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.position_controller import position_controller
 from gapscope.envs.session import Plan, record_case
+
+LENGTH = 0.2
+"""Of a link [m]."""
+HEAVIEST, LIGHTER = 5.0, 0.85
+"""Mass of the first link [kg], and of each over the one before [1]."""
+RADIUS = 0.06
+"""Of the links, which are full cylinders [m]."""
+
+LINK = """
+  <link name="link_{i}"><inertial><origin xyz="0 0 {middle}"/><mass value="{mass:.6g}"/>
+    <inertia ixx="{across:.6g}" iyy="{across:.6g}" izz="{along:.6g}" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="joint_{i}" type="revolute"><parent link="link_{before}"/><child link="link_{i}"/>
+    <origin xyz="0 0 {offset}"/><axis xyz="{axis}"/>
+    <limit lower="-2.5" upper="2.5" effort="500" velocity="3"/></joint>"""
+
+
+def chain_arm(joints: int, folder: Path) -> NominalArm:
+    """An arm of ``joints`` links that get lighter towards the tool, its axes across and along the links by turns."""
+    links = "".join(_link(i) for i in range(1, joints + 1))
+    urdf = folder / f"chain_{joints}.urdf"
+    with atomic_write(urdf) as aside:
+        aside.write_text(
+            f'<robot name="chain_{joints}"><link name="link_0"/>{links}\n</robot>\n',
+            encoding="utf-8",
+        )
+    return load_nominal_arm(urdf)
+
+
+def _link(i: int) -> str:
+    mass = HEAVIEST * LIGHTER ** (i - 1)
+    return LINK.format(
+        i=i,
+        before=i - 1,
+        mass=mass,
+        middle=LENGTH / 2,
+        across=mass * (3 * RADIUS**2 + LENGTH**2) / 12,
+        along=mass * RADIUS**2 / 2,
+        offset=LENGTH if i > 1 else 0.0,
+        axis="0 1 0" if i % 2 else "0 0 1",
+    )
+
 
 IIWA_JOINTS = 7
 RECORDINGS = 3
@@ -130,3 +174,66 @@ def _effects(case: Simulated, arm: NominalArm) -> tuple[AppliedEffect, ...]:
     friction = AppliedEffect("coulomb_friction", (1,), {"torque": [FRICTION]})
     load = AppliedEffect("payload", (), {"mass": LOAD, "com": [0.0, 0.0, 0.2]})
     return friction, load
+
+
+CASES = Path(__file__).parents[1] / "cases"
+REAL = (
+    "kinova_gen3_current",
+    "kuka_med7",
+    "panda",
+    "staubli_tx40",
+    "unitree_z1",
+    "ur10",
+)
+"""Real arms, each with its file in ``experiments/cases``."""
+SPLIT = ("ur10", "unitree_z1")
+"""Of these the first part of a recording is the reference for the rest of it."""
+SHARE = 0.3
+"""The part that is the reference [1]."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A case, and a reference if it is diagnosed against one."""
+
+    name: str
+    case: Path
+    reference: Path | None = None
+
+
+def data_folder() -> Path | None:
+    """The folder of the recordings, if there is one."""
+    folder = Path(os.environ.get("GAPSCOPE_DATA", ""))
+    return folder if "GAPSCOPE_DATA" in os.environ and folder.is_dir() else None
+
+
+def sample_cases() -> list[Measured]:
+    """Cases from a simulator that shares no code with the project."""
+    data = data_folder()
+    folders = sorted((data / "sample_cases").glob("case*")) if data else []
+    return [Measured(folder.name, folder) for folder in folders]
+
+
+def real_cases() -> list[Measured]:
+    """The real arms whose recordings are there."""
+    if data_folder() is None:
+        return []
+    return [Measured(name, CASES / f"{name}.yaml") for name in REAL]
+
+
+def split_case(name: str, folder: Path) -> Measured:
+    """A real arm against a reference: the first part of each recording, and the rest."""
+    first, rest = folder / f"{name}_reference", folder / f"{name}_rest"
+    if not (rest / "case.yaml").is_file():
+        case = load_case(CASES / f"{name}.yaml", any_unit=True)
+        parts = [_parts(recording) for recording in case.recordings]
+        for place, k in ((first, 0), (rest, 1)):
+            recordings = tuple(part[k] for part in parts)
+            cut = replace(case, name=place.name, recordings=recordings, judged=())
+            write_case(cut, place, ending="npz", overwrite=True)
+    return Measured(f"{name} against its first part", rest, first)
+
+
+def _parts(recording: Recording) -> tuple[Recording, Recording]:
+    count = int(SHARE * len(recording.t))
+    return recording.part(slice(None, count)), recording.part(slice(count, None))
