@@ -8,7 +8,7 @@ effects of known size are put into it by laws that are not the catalogue's (``re
 
 Resumable: run it again for the rest; each case has a result file that is written whole. ``--step check`` shows that the
 injected truth closes the gap. ``--results NAME`` keeps the results of several versions of the diagnosis side by side;
-``--sketch PROGRAM`` lets an outside program answer (``outside_program.py``).
+``--sketch PROGRAM`` lets an outside program answer (``common.py``).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import warnings
 from functools import partial
 from pathlib import Path
 
-from case_runs import diagnose_to_file, run_tasks, write_no_result
+from common import diagnose_to_file, run_tasks, write_no_result
 from real_carriers import ARMS, prepare_arm, prepare_cut
 from real_check import check_table
 from real_plan import (

@@ -23,7 +23,7 @@ import coverage_carriers
 import coverage_samples
 import coverage_simulated
 from calibration_table import Stated, calibration_table, stated
-from case_runs import run_tasks
+from common import run_tasks
 from coverage_carriers import Carried
 from coverage_samples import Sample
 from coverage_simulated import Simulated

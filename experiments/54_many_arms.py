@@ -29,7 +29,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from case_runs import run_tasks
+from common import run_tasks
 
 import gapscope
 from gapscope.arm.dynamics.rigid_body import RigidBody

@@ -9,7 +9,7 @@ robot in the air (``go2``: six repeats of one motion), simulated cases (``sample
 left out. Some comparisons are made again with every recording listed twice and ten times.
 
 Resumable: run it again for the rest; each comparison has a result file. ``--results NAME`` keeps the results of several
-versions side by side, ``--sketch PROGRAM`` lets an outside program answer (``outside_program.py``).
+versions side by side, ``--sketch PROGRAM`` lets an outside program answer (``common.py``).
 ``--step agree`` compares the six repeats of each leg of the Go2 with each other, in a table of its own.
 """
 
@@ -29,7 +29,7 @@ from typing import Any
 
 import numpy as np
 import yaml
-from case_runs import diagnose_to_file, run_tasks, write_no_result
+from common import diagnose_to_file, run_tasks, write_no_result
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case, load_case

@@ -10,7 +10,7 @@ without the reference too; in the other rows it is poor, inertials 10 to 30 % of
 unknown.
 
 Resumable: run it again for the rest; each diagnosis has a result file. What a document says under ``states`` or
-``agreement`` is printed as it is. ``--sketch PROGRAM`` lets an outside program answer (``outside_program.py``), in
+``agreement`` is printed as it is. ``--sketch PROGRAM`` lets an outside program answer (``common.py``), in
 comparisons with a reference.
 """
 
@@ -28,7 +28,7 @@ from typing import Any
 
 import numpy as np
 import yaml
-from case_runs import diagnose_to_file, run_tasks, write_no_result
+from common import diagnose_to_file, run_tasks, write_no_result
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.errors import GapscopeError, ModelWarning

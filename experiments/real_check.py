@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from case_runs import run_tasks
+from common import run_tasks
 from real_carriers import load_prepared
 from real_plan import Planned, read_truth
 

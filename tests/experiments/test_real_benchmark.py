@@ -19,7 +19,7 @@ plan, carriers, scoring, case_files = (
     importlib.import_module(f"real_{name}")
     for name in ("plan", "carriers", "scoring", "case_files")
 )
-runner = importlib.import_module("case_runs")
+runner = importlib.import_module("common")
 SIZES = [2.5, 4.0, 8.0]
 
 
