@@ -18,8 +18,8 @@ out/feedforward]``: the same agent, trained on top of each model. The hidden arm
 those that are not there are made. Seed i is the arm and the seed of the training; arm 0, on which the shipped settings
 were tried out, is left out. Each agent is trained in the simulator made from its model (for ``pd`` the nominal arm),
 with the same gains, reach and number of actions; the agent that is kept is the best in that simulator, and what is told
-of it comes from motions that chose nothing. PPO is trained on all models, SAC on those of ``OFF_POLICY``. A rerun continues
-within a cell at the last round. Writes ``curves.html``.
+of it comes from motions that chose nothing. PPO is trained on all models, SAC on those of ``OFF_POLICY``. A rerun goes
+on within a cell at the last round. Writes ``curves.html``.
 
 ``other_simulator [--arms 0,1,2] [--steps 20480] [--picture docs/pictures/tracking_over_gain.svg]``: tracking error over
 gain. The arms are those of the blind check's generator (``generator_arms.py``): MuJoCo's rigid bodies with its own

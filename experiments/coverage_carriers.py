@@ -13,12 +13,18 @@ from pathlib import Path
 from zlib import crc32
 
 import numpy as np
-from real_carriers import ARMS, cut, load_carrier, prepare_arm, windows
-from real_case_files import write_piece
-from real_identified import left, model_residual
-from real_injections import draw, inject
-from real_plan import Planned, label
-from real_scene import Scene
+from real_carriers import (
+    ARMS,
+    cut,
+    left,
+    load_carrier,
+    model_residual,
+    prepare_arm,
+    windows,
+    write_piece,
+)
+from real_cases import Planned, draw, inject, label
+from real_laws import Scene
 
 from gapscope.arm.case import load_case
 from gapscope.arm.io.atomic_write import atomic_write
