@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 from pathlib import Path
 
@@ -46,6 +47,18 @@ def test_named_files_exist(page: Path) -> None:
 def test_named_scripts_exist_or_have_a_commit(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     assert set(SCRIPT.findall(GONE.sub("", text))) <= set(SCRIPTS)
+
+
+def test_every_script_has_a_page_that_names_it() -> None:
+    text = "".join(page.read_text(encoding="utf-8") for page in PAGES)
+    assert set(SCRIPT.findall(text)) >= set(SCRIPTS)
+
+
+def test_the_table_of_scripts_is_up_to_date(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(ROOT / "experiments")
+    table = importlib.import_module("20_pages").scripts_page()
+    written = (ROOT / "experiments/README.md").read_text(encoding="utf-8")
+    assert written == table, "run experiments/20_pages.py scripts"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name)
