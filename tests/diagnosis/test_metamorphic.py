@@ -17,9 +17,7 @@ import pytest
 import synthetic
 from synthetic import Truth
 
-from experiments.metamorphic.case_files import CaseFiles
-from experiments.metamorphic.compare import compare
-from experiments.metamorphic.relations import RELATIONS, Twin
+from experiments.metamorphic import RELATIONS, CaseFiles, Twin, compare
 from gapscope.arm.case import load_case
 from gapscope.diagnosis.diagnose import diagnose
 
