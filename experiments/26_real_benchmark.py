@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-import time
 import warnings
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -25,7 +24,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common import diagnose_to_file, run_tasks, write_no_result
+from common import (
+    Progress,
+    Wanted,
+    add_run_options,
+    diagnose_missing,
+    publish,
+    run_tasks,
+)
 from real_carriers import ARMS, load_prepared, prepare_arm, prepare_cut
 from real_cases import (
     MODES,
@@ -374,21 +380,6 @@ MAKE_LIMIT = 900.0
 """Longest time to prepare a carrier or to make a case [s]."""
 
 
-class Progress:
-    """Counts tasks as they end."""
-
-    def __init__(self, what: str, total: int) -> None:
-        self.what, self.total, self.done = what, total, 0
-        self.started = time.monotonic()
-
-    def __call__(self, name: str, text: str) -> None:
-        """Print that a task ended."""
-        self.done += 1
-        passed = (time.monotonic() - self.started) / 60
-        count = f"{self.done}/{self.total}"
-        print(f"{self.what} {count} {passed:5.1f} min  {name}  {text}", flush=True)
-
-
 def make(cases: list[Planned], seed: int, out: Path, jobs: int) -> None:
     """Prepare carriers and cuts, then make the cases."""
     arms = sorted({c.arm for c in cases})
@@ -413,11 +404,6 @@ def make(cases: list[Planned], seed: int, out: Path, jobs: int) -> None:
     )
 
 
-def result_file(plan: Planned, results: Path) -> Path:
-    """Where the result of a case is."""
-    return results / f"{plan.name}.json"
-
-
 def run(
     cases: list[Planned],
     out: Path,
@@ -427,52 +413,29 @@ def run(
     sketch: Path | None,
 ) -> None:
     """Diagnose all cases that have no result yet, with Gapscope or by a sketch."""
-    left = [
-        c
-        for c in cases
-        if not result_file(c, results).is_file()
-        and (out / "truth" / f"{c.name}.json").is_file()
+    wanted = [
+        Wanted(
+            out / "cases" / plan.name,
+            reference_of(plan, out) if plan.mode == "against" else None,
+            results / f"{plan.name}.json",
+        )
+        for plan in cases
+        if (out / "truth" / f"{plan.name}.json").is_file()
     ]
-    progress = Progress("diagnose", len(left))
-
-    def ended(plan: Planned, how: str, seconds: float) -> None:
-        file = result_file(plan, results)
-        if how != "ended" or not file.is_file():
-            write_no_result(plan.name, how, seconds, limit, file)
-        result = read_json(file, "")
-        document = result.get("document") or {}
-        found = [effect["effect"] for effect in document.get("effects", [])]
-        verdict = document.get("verdict", result.get("error", ""))
-        text = f"{seconds:.0f} s  {verdict}  {', '.join(found)}"
-        progress(f"{plan.name} ({plan.kind})", text)
-
-    def diagnosed(plan: Planned) -> None:
-        reference = reference_of(plan, out) if plan.mode == "against" else None
-        case, file = out / "cases" / plan.name, result_file(plan, results)
-        diagnose_to_file(case, reference, file, sketch)
-
-    run_tasks(diagnosed, left, jobs, limit, ended)
+    diagnose_missing(wanted, jobs, limit, sketch)
 
 
 def score(cases: list[Planned], out: Path, results: Path) -> None:
     """Print the tables of all cases that have a result, and write them beside the results."""
     rows: list[Scored] = []
     for plan in cases:
-        file = result_file(plan, results)
+        file = results / f"{plan.name}.json"
         if file.is_file():
             rows.append(scored(plan, read_truth(plan, out), read_json(file, "")))
     if not rows:
         print("no results yet: --step run")
         return
-    text = "\n".join(table.markdown() for table in score_tables(rows))
-    missing = len(cases) - len(rows)
-    text += f"\n{missing} of {len(cases)} planned cases have no result.\n" * bool(
-        missing
-    )
-    print(text)
-    file = results.with_suffix(".md")
-    file.write_text(text, encoding="utf-8")
-    print(file)
+    publish(score_tables(rows), len(cases) - len(rows), len(cases), results)
 
 
 def parsed() -> argparse.Namespace:
@@ -487,14 +450,7 @@ def parsed() -> argparse.Namespace:
     parser.add_argument("--per-arm", type=int, help="cases per arm and mode")
     parser.add_argument("--full", action="store_true", help="36 per arm and mode")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument(
-        "--limit", type=float, default=600.0, help="processor time per case [s]"
-    )
-    parser.add_argument("--results", default="results", help="folder in OUT")
-    parser.add_argument(
-        "--sketch", type=Path, help="an outside program in place of Gapscope"
-    )
+    add_run_options(parser, jobs=2)
     steps = ("make", "check", "run", "score", "all")
     parser.add_argument("--step", choices=steps, default="all")
     return parser.parse_args()

@@ -36,8 +36,9 @@ import gapscope
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.dynamics.plain_urdf import moving_links, plain_urdf
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.io.json_file import plain, write_json
+from gapscope.arm.io.json_file import plain, read_json, write_json
 from gapscope.arm.io.write_case import write_case
+from gapscope.reports.blind_check.tables import Table
 
 T = TypeVar("T")
 WAITING = 5.0
@@ -158,6 +159,89 @@ def write_no_result(
     """Record a diagnosis that did not end by itself."""
     result = {"case": name, "status": how, "error": how, "seconds": seconds}
     write_json({**result, "cpu_seconds": min(seconds, limit)}, file)
+
+
+class Progress:
+    """Counts tasks as they end."""
+
+    def __init__(self, what: str, total: int) -> None:
+        self.what, self.total, self.done = what, total, 0
+        self.started = time.monotonic()
+
+    def __call__(self, name: str, text: str) -> None:
+        """Print that a task ended."""
+        self.done += 1
+        passed = (time.monotonic() - self.started) / 60
+        count = f"{self.done}/{self.total}"
+        print(f"{self.what} {count} {passed:5.1f} min  {name}  {text}", flush=True)
+
+
+class Wanted(NamedTuple):
+    """A diagnosis that is wanted.
+
+    Attributes:
+        case: folder of its case.
+        reference: folder of the case that it is compared with, if any.
+        file: of its result, with the name of the diagnosis.
+    """
+
+    case: Path
+    reference: Path | None
+    file: Path
+
+
+def diagnose_missing(
+    wanted: Sequence[Wanted], jobs: int, limit: float, program: Path | None
+) -> None:
+    """Diagnose all that has no result yet, by an outside program if there is one."""
+    left = [one for one in wanted if not one.file.is_file()]
+    progress = Progress("diagnose", len(left))
+
+    def ended(one: Wanted, how: str, seconds: float) -> None:
+        name = one.file.stem
+        if how != "ended" or not one.file.is_file():
+            write_no_result(name, how, seconds, limit, one.file)
+        result = read_json(one.file, "")
+        said = "; ".join([*names_of(result), verdict_of(result)])
+        progress(name, f"{seconds:.0f} s  {said}")
+
+    run_tasks(lambda one: diagnose_to_file(*one, program), left, jobs, limit, ended)
+
+
+def names_of(result: dict[str, Any]) -> list[str]:
+    """Effects that a result names, with their joints."""
+    effects = (result.get("document") or {}).get("effects", [])
+    return [
+        " ".join([e["effect"], ",".join(map(str, e["joints"]))]).strip()
+        for e in effects
+    ]
+
+
+def verdict_of(result: dict[str, Any]) -> str:
+    """Verdict, or the error."""
+    document = result.get("document") or {}
+    return str(document.get("verdict", f"failed: {result.get('error', '')[:80]}"))
+
+
+def add_run_options(parser: argparse.ArgumentParser, jobs: int = 1) -> None:
+    """Options of scripts that make, run and score diagnoses."""
+    parser.add_argument("--results", default="results", help="folder in OUT")
+    parser.add_argument("--jobs", type=int, default=jobs)
+    parser.add_argument(
+        "--limit", type=float, default=600.0, help="processor time per diagnosis [s]"
+    )
+    parser.add_argument(
+        "--sketch", type=Path, help="an outside program in place of Gapscope"
+    )
+
+
+def publish(tables: Sequence[Table], missing: int, total: int, results: Path) -> None:
+    """Print tables, and write them beside the folder of the results."""
+    text = "\n".join(table.markdown() for table in tables)
+    if missing:
+        text += f"\n{missing} of {total} planned cases have no result.\n"
+    print(text)
+    results.with_suffix(".md").write_text(text, encoding="utf-8")
 
 
 FINDING = re.compile(r"(\w+) (\d+) .*?(\[.*\]) ")
