@@ -33,7 +33,7 @@ BOUNDS = {
 }
 CHANNELS = ("angle", "velocity", "torque", "temperature")
 """Definitions of the schema that say where a channel of a log stands."""
-HEAD = "| key | value | meaning | example |\n|---|---|---|---|"
+HEAD = "| key | value | meaning |\n|---|---|---|"
 NOTE = (
     "Generated from `gapscope/arm/io/case.schema.json` by `experiments/44_reference_pages.py`. A key in bold must be "
     "there if\nits mapping is; `[]` stands for each entry of a list, `NAME` for a name."
@@ -100,7 +100,7 @@ def _rows(mapping: Schema, schema: Schema, above: str = "") -> Iterator[str]:
         value = _resolved(given, schema)
         path = f"{above}{key}"
         name = f"**`{path}`**" if key in required else f"`{path}`"
-        cells = (name, _kind(value, schema), value["description"], _example(value))
+        cells = (name, _kind(value, schema), value["description"] + _example(value))
         yield "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
         if given.get("$ref", "").rpartition("/")[2] in CHANNELS:
             continue  # their keys stand in tables of their own
@@ -157,7 +157,8 @@ def _bounds(value: Schema) -> str:
 
 
 def _example(value: Schema) -> str:
-    return ", ".join(f"`{json.dumps(one)}`" for one in value.get("examples", ()))
+    found = ", ".join(f"`{json.dumps(one)}`" for one in value.get("examples", ()))
+    return f"; e.g. {found}" if found else ""
 
 
 def main() -> None:
