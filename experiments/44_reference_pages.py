@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -72,17 +72,24 @@ def _import_page(importing: Schema, schema: Schema) -> str:
         "case.md",
         _rows({"properties": {"import": importing}}, schema),
     )
-    parts = [text]
-    for name in CHANNELS:
+    tables = {name: list(_rows(schema["$defs"][name], schema)) for name in CHANNELS}
+    first, *others = tables.values()
+    common = [row for row in first if all(row in rows for rows in others)]
+    parts = [text, _section("Keys of every channel", common)]
+    for name, rows in tables.items():
         uses = [
             f"`{key}`"
             for key, value in importing["properties"].items()
             if value.get("$ref") == f"#/$defs/{name}"
         ]
-        channel = schema["$defs"][name]
-        rows = "\n".join(_rows(channel, schema))
-        parts.append(f"## Keys of {', '.join(uses)}\n\n{HEAD}\n{rows}\n")
+        own = [row for row in rows if row not in common]
+        parts.append(_section(f"Further keys of {', '.join(uses)}", own))
     return "\n".join(parts)
+
+
+def _section(title: str, rows: Sequence[str]) -> str:
+    """A table with a heading."""
+    return "\n".join([f"## {title}\n\n{HEAD}", *rows, ""])
 
 
 def _page(title: str, explained: str, rows: Iterator[str]) -> str:
