@@ -3,7 +3,7 @@
     python .ci/licences.py [--write PAGE] [--path FOLDER]
 
 A licence is what the metadata of the installed package states: its expression, else all of its classifiers, else its
-field. One that is not installed here, because it is for another platform or Python, keeps its row of the page. A
+field. One that is not installed here, because it is for another platform or Python, keeps its place on the page. A
 licence that is neither allowed below nor read by hand stops the check: read it, then enter it. What a wheel bundles
 beside its own code (compiled libraries of others) is not looked into.
 """
@@ -41,13 +41,13 @@ licence is not in the list of `.ci/licences.py`: permissive ones, and MPL-2.0, w
 may bundle compiled libraries of others, whose licences lie in the wheel; they are not looked into. Gapscope itself is
 under the MIT licence and contains no code of these packages, but for the script of Plotly that reports embed (MIT).
 
-"Needed by" is `core` for what every user installs, else the extra or the purpose: `learn`, `docs`, `test`, `dev`,
-`tools`, `build`.
+"Needed by" is `core` for what every user installs, else the extra or the purpose. Versions are in `requirements/`, that
+of torch in `constraints.txt`.
 
-| package | version | needed by | licence |
-|---|---|---|---|
+| needed by | licence | packages |
+|---|---|---|
 """
-ROW = re.compile(r"^\| (\S+) \| (?:\d|see )[^|]* \| \w+ \| ([^|]+) \|$", re.MULTILINE)
+ROW = re.compile(r"^\| \w+ \| ([^|]+) \| ([^|]+) \|$", re.MULTILINE)
 
 
 def normalised(name: str) -> str:
@@ -55,18 +55,23 @@ def normalised(name: str) -> str:
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
-def locked() -> dict[str, tuple[str, str]]:
-    """Versions and set of each package."""
-    found: dict[str, tuple[str, str]] = {}
+def locked() -> dict[str, str]:
+    """Set of each package."""
+    found: dict[str, str] = {}
     for name in SETS:
         text = (ROOT / "requirements" / f"{name}.txt").read_text(encoding="utf-8")
-        for package, version in re.findall(r"^([\w.-]+)==(\S+)", text, re.MULTILINE):
-            versions, by = found.get(package, ("", name))
-            several = versions.split(", ") if versions else []
-            if version not in several:
-                several.append(version)
-            found[package] = (", ".join(several), by)
+        for package in re.findall(r"^([\w.-]+)==", text, re.MULTILINE):
+            found.setdefault(package, name)
     return found
+
+
+def listed(page: str) -> dict[str, str]:
+    """Licence of each package on the page."""
+    return {
+        name: licence
+        for licence, names in ROW.findall(page)
+        for name in names.split(", ")
+    }
 
 
 def stated(package: Distribution) -> str:
@@ -103,7 +108,7 @@ def licences(path: list[str], page: str) -> dict[str, str]:
         normalised(package.metadata["Name"]): stated(package)
         for package in distributions(path=path)
     }
-    known = dict(ROW.findall(page)) | installed | READ
+    known = listed(page) | installed | READ
     return {name: known.get(name, "") for name in (*locked(), TORCH)}
 
 
@@ -119,11 +124,15 @@ def problems(found: dict[str, str]) -> list[str]:
 
 
 def page_text(found: dict[str, str]) -> str:
-    """The page."""
-    packages = locked() | {TORCH: ("see constraints.txt", "learn")}
+    """The page: packages by purpose and licence."""
+    packages = locked() | {TORCH: "learn"}
+    groups: dict[tuple[int, str], list[str]] = {}
+    for name in sorted(packages):
+        place = SETS.index(packages[name]), found[name]
+        groups.setdefault(place, []).append(name)
     rows = [
-        f"| {name} | {packages[name][0]} | {packages[name][1]} | {found[name]} |"
-        for name in sorted(packages)
+        f"| {SETS[place]} | {licence} | {', '.join(names)} |"
+        for (place, licence), names in sorted(groups.items())
     ]
     return HEAD + "\n".join(rows) + "\n"
 
@@ -139,7 +148,7 @@ def main() -> None:
     said = problems(found)
     if given.write:
         given.write.write_text(page_text(found), encoding="utf-8")
-    elif set(dict(ROW.findall(page))) != {*locked(), TORCH}:
+    elif set(listed(page)) != {*locked(), TORCH}:
         said.append(f"{PAGE.relative_to(ROOT)}: is out of date; make licences")
     print(*said, sep="\n" if said else "")
     print(f"{len(found)} packages, {len(said)} problems")

@@ -17,7 +17,7 @@ import ast
 import json
 import re
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -149,7 +149,7 @@ BOUNDS = {
 }
 CHANNELS = ("angle", "velocity", "torque", "temperature")
 """Definitions of the schema that say where a channel of a log stands."""
-KEY_HEAD = "| key | value | meaning | example |\n|---|---|---|---|"
+KEY_HEAD = "| key | value | meaning |\n|---|---|---|"
 NOTE = (
     "Generated from `gapscope/arm/io/case.schema.json` by `experiments/20_pages.py`. A key in bold must be "
     "there if\nits mapping is; `[]` stands for each entry of a list, `NAME` for a name."
@@ -188,17 +188,24 @@ def _import_page(importing: Schema, schema: Schema) -> str:
         "case.md",
         _rows({"properties": {"import": importing}}, schema),
     )
-    parts = [text]
-    for name in CHANNELS:
+    tables = {name: list(_rows(schema["$defs"][name], schema)) for name in CHANNELS}
+    first, *others = tables.values()
+    common = [row for row in first if all(row in rows for rows in others)]
+    parts = [text, _section("Keys of every channel", common)]
+    for name, rows in tables.items():
         uses = [
             f"`{key}`"
             for key, value in importing["properties"].items()
             if value.get("$ref") == f"#/$defs/{name}"
         ]
-        channel = schema["$defs"][name]
-        rows = "\n".join(_rows(channel, schema))
-        parts.append(f"## Keys of {', '.join(uses)}\n\n{KEY_HEAD}\n{rows}\n")
+        own = [row for row in rows if row not in common]
+        parts.append(_section(f"Further keys of {', '.join(uses)}", own))
     return "\n".join(parts)
+
+
+def _section(title: str, rows: Sequence[str]) -> str:
+    """A table with a heading."""
+    return "\n".join([f"## {title}\n\n{KEY_HEAD}", *rows, ""])
 
 
 def _page(title: str, explained: str, rows: Iterator[str]) -> str:
@@ -216,7 +223,7 @@ def _rows(mapping: Schema, schema: Schema, above: str = "") -> Iterator[str]:
         value = _resolved(given, schema)
         path = f"{above}{key}"
         name = f"**`{path}`**" if key in required else f"`{path}`"
-        cells = (name, _kind(value, schema), value["description"], _example(value))
+        cells = (name, _kind(value, schema), value["description"] + _example(value))
         yield "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
         if given.get("$ref", "").rpartition("/")[2] in CHANNELS:
             continue  # their keys stand in tables of their own
@@ -273,7 +280,8 @@ def _bounds(value: Schema) -> str:
 
 
 def _example(value: Schema) -> str:
-    return ", ".join(f"`{json.dumps(one)}`" for one in value.get("examples", ()))
+    found = ", ".join(f"`{json.dumps(one)}`" for one in value.get("examples", ()))
+    return f"; e.g. {found}" if found else ""
 
 
 def reference() -> None:

@@ -97,4 +97,4 @@ def test_every_dependency_has_a_licence_that_is_allowed_and_is_listed():
     page = LICENCES.PAGE.read_text(encoding="utf-8")
     found = LICENCES.licences(sys.path, page)
     assert not LICENCES.problems(found)
-    assert set(dict(LICENCES.ROW.findall(page))) == set(found), "make licences"
+    assert set(LICENCES.listed(page)) == set(found), "make licences"
