@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from diagnosis.synthetic import Truth, recordings, vendor
+from sweeps import nightly
 
 from gapscope.arm.recording import Recording
 from gapscope.model.changes import Change, changes_of
@@ -72,8 +73,8 @@ def test_a_load_that_is_picked_up_and_put_down() -> None:
     ("what", "begin", "end"),
     [
         (("coulomb_friction", 2), 4.0, 5.0),
-        pytest.param(("coulomb_friction", 2), 1.0, 8.5, marks=pytest.mark.nightly),
-        pytest.param(("torque_scale", 2), 2.0, 7.0, marks=pytest.mark.nightly),
+        nightly(("coulomb_friction", 2), 1.0, 8.5),
+        nightly(("torque_scale", 2), 2.0, 7.0),
     ],
 )
 def test_what_rises_evenly_is_one_change_that_takes_a_while(

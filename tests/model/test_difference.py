@@ -16,6 +16,7 @@ from diagnosis.synthetic import (
     recordings,
     vendor,
 )
+from sweeps import nightly
 
 from gapscope.model.design import design, fitted_arm
 from gapscope.model.difference import Difference, Search, in_a_row
@@ -54,10 +55,10 @@ def test_another_day_and_motion_is_no_difference():
     ("truth", "name", "joint", "value"),
     [
         ({"coulomb": (0.0, 0.8 * COULOMB[1], 0.0)}, "coulomb_friction", 2, 0.8 * COULOMB[1]),
-        pytest.param({"scale": (0.0, 0.15, 0.0)}, "torque_scale", 2, 0.15, marks=pytest.mark.nightly),
-        ({"offset": (0.6, 1.0, 0.2)}, "torque_offset", 2, 1.5),
-        ({"mass": 1.0, "com": (0.05, 0.0, 0.1)}, "payload", 0, 1.0),
-        pytest.param({"tilt": (0.05, 0.0)}, "base_tilt", 0, 0.05, marks=pytest.mark.nightly),
+        nightly({"scale": (0.0, 0.15, 0.0)}, "torque_scale", 2, 0.15),
+        nightly({"offset": (0.6, 1.0, 0.2)}, "torque_offset", 2, 1.5),
+        nightly({"mass": 1.0, "com": (0.05, 0.0, 0.1)}, "payload", 0, 1.0),
+        nightly({"tilt": (0.05, 0.0)}, "base_tilt", 0, 0.05),
         ({"delay": (0.0, 0.0, 0.015)}, "actuator_delay", 3, 0.015),
     ],
 )  # fmt: skip

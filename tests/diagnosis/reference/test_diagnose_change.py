@@ -79,6 +79,7 @@ def test_friction_that_rose_on_one_joint(tmp_path):
     ] == pytest.approx(0.6 * COULOMB[1], rel=0.15)
 
 
+@pytest.mark.nightly
 def test_torque_constant_that_changed_on_one_joint(tmp_path):
     found = named(changed(replace(HEALTHY, scale=(0.0, 0.12, 0.0)), tmp_path))
     assert set(found) == {"torque_scale"}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import synthetic
+from sweeps import nightly
 from synthetic import Truth
 
 from gapscope.diagnosis.selection.fitted_model import nominal_model
@@ -16,7 +17,14 @@ CUTOFF = 12.0
 
 @pytest.mark.parametrize(
     ("roll", "pitch"),
-    [(np.pi, 0.0), (3.0, 0.2), (-1.4, 0.0), (0.1, 1.4), (2.35, 0.0), (-2.2, 0.7)],
+    [
+        (np.pi, 0.0),
+        (-1.4, 0.0),
+        *(
+            nightly(*angles)
+            for angles in ((3.0, 0.2), (0.1, 1.4), (2.35, 0.0), (-2.2, 0.7))
+        ),
+    ],
 )
 def test_its_angles_are_found(roll: float, pitch: float) -> None:
     nominal = _nominal(Truth(tilt=(roll, pitch)))
@@ -29,7 +37,12 @@ def test_its_angles_are_found(roll: float, pitch: float) -> None:
 
 
 @pytest.mark.parametrize(
-    "truth", [Truth(), Truth(mass=3.0, com=(0.2, 0.0, 0.0)), Truth(tilt=(0.1, 0.1))]
+    "truth",
+    [
+        nightly(Truth()),
+        nightly(Truth(mass=3.0, com=(0.2, 0.0, 0.0))),
+        Truth(tilt=(0.1, 0.1)),
+    ],
 )
 def test_an_upright_arm_is_left_alone(truth: Truth) -> None:
     nominal = _nominal(truth)

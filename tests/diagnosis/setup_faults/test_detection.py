@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import synthetic
+from sweeps import daily, nightly
 from synthetic import Truth
 
 from gapscope.arm.case import Case, load_case
@@ -103,6 +106,35 @@ FAULTS: dict[str, tuple[Fault, tuple[int, ...], str]] = {
     "gaps": (TimeStamps("gaps", 0.06), (), "gaps"),
 }
 
+NIGHTLY = {
+    "torque read 40 % high",
+    "torque read 40 % low",
+    "triple viscous friction",
+    "no friction",
+    "load friction",
+    "torque offsets",
+    "rotor twice as heavy",
+    "beyond the catalogue",
+    "torque of the last joint turned",
+    "torques turned",
+    "all torques turned",
+    "joint turned",
+    "joints exchanged",
+    "degrees",
+    "revolutions",
+    "motor side",
+    "inertials shifted back",
+    "zero off by 60 degrees",
+    "a command times four",
+    "jitter",
+}
+"""More of what others of the lists have: another joint, another size, another cause that looks alike."""
+
+
+def labels(of: Iterable[str]) -> list[Any]:
+    """The labels, those that are asked every night marked."""
+    return daily(of, *(label for label in of if label not in NIGHTLY))
+
 
 @cache
 def sound(label: str) -> Case:
@@ -115,7 +147,7 @@ def spoilt(case: Case, fault: Fault) -> Case:
     return fault.in_case(case, np.random.default_rng(0), case.arm)
 
 
-@pytest.mark.parametrize("label", ORDINARY)
+@pytest.mark.parametrize("label", labels(ORDINARY))
 def test_ordinary_effects_are_no_setup_fault(label: str) -> None:
     assert find_setup_faults(sound(label)) == ()
 
@@ -144,13 +176,17 @@ HUNG = Truth(tilt=(np.pi, 0.0))
 ON_A_WALL = Truth(tilt=(np.pi / 2, 0.0))
 
 
-@pytest.mark.parametrize("truth", [HUNG, ON_A_WALL], ids=["hung", "on a wall"])
+@pytest.mark.parametrize(
+    "truth",
+    [HUNG, nightly(ON_A_WALL)],
+    ids=["hung", "on a wall"],
+)
 def test_an_arm_that_is_mounted_otherwise_has_no_torque_turned(truth: Truth) -> None:
     """Gravity turned looks like all torques turned, but friction then keeps its sign."""
     assert find_setup_faults(synthetic.case(truth, seed=3)) == ()
 
 
-@pytest.mark.parametrize("placeholder", [0.0, 20.0])
+@pytest.mark.parametrize("placeholder", daily((0.0, 20.0), 20.0))
 def test_all_torques_turned_are_found_whatever_friction_the_data_sheet_claims(
     placeholder: float,
 ) -> None:
@@ -171,7 +207,7 @@ def test_all_torques_turned_are_found_whatever_friction_the_data_sheet_claims(
     assert found.turned_base is not None and found.turned_base < 0.05
 
 
-@pytest.mark.parametrize("unit", [1e-3, 1e3])
+@pytest.mark.parametrize("unit", daily((1e-3, 1e3), 1e-3))
 def test_a_unit_of_torque_is_a_power_of_ten(unit: float) -> None:
     """What friction or a load adds to the nominal torque is no part of the unit."""
     milli = TorqueUnit("current", factor=(unit, unit, unit))
@@ -180,7 +216,7 @@ def test_a_unit_of_torque_is_a_power_of_ten(unit: float) -> None:
     assert found.fault.values()["factor"] == (unit,) * 3
 
 
-@pytest.mark.parametrize("label", FAULTS)
+@pytest.mark.parametrize("label", labels(FAULTS))
 def test_fault_is_found_and_put_right(label: str) -> None:
     fault, joints, variant = FAULTS[label]
     case = sound("healthy")
@@ -207,13 +243,19 @@ def test_fault_is_found_and_put_right(label: str) -> None:
         )
 
 
+OTHERS = ("large payload", "torque read 40 % low", "no friction", "delay")
+BESIDE = ("torque turned", "joints exchanged", "a joint in degrees", "repeats")
+
+
 @pytest.mark.parametrize(
-    "ordinary", ["large payload", "torque read 40 % low", "no friction", "delay"]
+    ("label", "ordinary"),
+    [
+        pytest.param(label, ordinary, marks=() if j == k else pytest.mark.nightly)
+        for j, label in enumerate(BESIDE)
+        for k, ordinary in enumerate(OTHERS)
+    ],
 )
-@pytest.mark.parametrize(
-    "label", ["torque turned", "joints exchanged", "a joint in degrees", "repeats"]
-)
-def test_fault_is_found_beside_an_ordinary_effect(ordinary: str, label: str) -> None:
+def test_fault_is_found_beside_an_ordinary_effect(label: str, ordinary: str) -> None:
     fault, joints, variant = FAULTS[label]
     (found,) = find_setup_faults(spoilt(sound(ordinary), fault))
     assert (found.name, found.joints, found.variant) == (fault.name, joints, variant)
@@ -320,16 +362,16 @@ def test_samples_taken_at_uneven_times_are_stamped_rightly() -> None:
 
 
 @pytest.mark.shared_data
-@pytest.mark.parametrize("number", range(9))
+@pytest.mark.parametrize("number", daily(range(9), 0))
 def test_sample_cases_have_no_setup_fault(number: int, sample_cases: Path) -> None:
     assert find_setup_faults(load_case(sample_cases / f"case00{number}")) == ()
 
 
+ARMS = ("ur10", "kinova_gen3_current", "kinova_gen3_sensor", "panda", "staubli_tx40")
+
+
 @pytest.mark.shared_data
-@pytest.mark.parametrize(
-    "name",
-    ["kinova_gen3_current", "kinova_gen3_sensor", "panda", "staubli_tx40", "ur10"],
-)
+@pytest.mark.parametrize("name", daily(ARMS, "ur10"))
 def test_real_arms_have_no_setup_fault(name: str, data_root: Path) -> None:
     path = Path(__file__).parents[3] / "experiments" / "cases" / f"{name}.yaml"
     assert find_setup_faults(load_case(path, data_root=data_root)) == ()
