@@ -118,24 +118,21 @@ class TestDiagnose:
     @pytest.mark.parametrize("stop", [KeyboardInterrupt, MemoryError])
     def test_interrupted_run_leaves_no_diagnosis(
         self,
-        gapscope: Command,
         sick: Path,
-        tmp_path: Path,
+        results: Path,
         monkeypatch: pytest.MonkeyPatch,
         stop: type[BaseException],
     ) -> None:
         """That of an earlier run is gone, and so is every file that was begun."""
-        out = tmp_path / "out"
-        assert gapscope("diagnose", sick, "--out", out).code == 0
 
         def interrupted(*_: object) -> None:
             raise stop
 
         monkeypatch.setattr("gapscope.outputs.diagnosis.write_document", interrupted)
         with pytest.raises(BaseException) as ended:
-            main(["diagnose", str(sick), "--out", str(out)])
-        assert not (out / "diagnosis.json").exists()
-        assert set(files(out)) <= set(RESULTS)
+            main(["diagnose", str(sick), "--out", str(results)])
+        assert not (results / "diagnosis.json").exists()
+        assert set(files(results)) <= set(RESULTS)
         if stop is KeyboardInterrupt:
             assert isinstance(ended.value, SystemExit) and ended.value.code == 130
 
@@ -143,12 +140,10 @@ class TestDiagnose:
         self,
         gapscope: Command,
         sick: Path,
-        tmp_path: Path,
+        results: Path,
         monkeypatch: pytest.MonkeyPatch,
     ) -> None:
-        out = tmp_path / "out"
-        assert gapscope("diagnose", sick, "--out", out).code == 0
-        before = (out / "corrected.yaml").read_bytes()
+        before = (results / "corrected.yaml").read_bytes()
 
         def interrupted(*_: object, **__: object) -> None:
             raise KeyboardInterrupt
@@ -156,30 +151,26 @@ class TestDiagnose:
         monkeypatch.setattr(
             "gapscope.effects.corrected_file.yaml.safe_dump", interrupted
         )
-        assert gapscope("diagnose", sick, "--out", out).code == 130
-        assert (out / "corrected.yaml").read_bytes() == before
-        assert set(files(out)) <= set(RESULTS)
-        assert not (out / "diagnosis.json").exists()
+        assert gapscope("diagnose", sick, "--out", results).code == 130
+        assert (results / "corrected.yaml").read_bytes() == before
+        assert set(files(results)) <= set(RESULTS)
+        assert not (results / "diagnosis.json").exists()
 
     def test_failed_run_leaves_no_diagnosis_of_an_earlier_one(
-        self, gapscope: Command, sick: Path, tmp_path: Path
+        self, gapscope: Command, sick: Path, results: Path
     ) -> None:
-        out = tmp_path / "out"
-        assert gapscope("diagnose", sick, "--out", out).code == 0
         for name in ("recording_0.csv", "recording_1.csv", "recording_2.csv"):
             lines = (sick / name).read_text().splitlines(keepends=True)
             (sick / name).write_text("".join(lines[:200]))
-        assert gapscope("diagnose", sick, "--out", out).code == 2
-        assert not (out / "diagnosis.json").exists()
+        assert gapscope("diagnose", sick, "--out", results).code == 2
+        assert not (results / "diagnosis.json").exists()
 
     def test_unreadable_case_leaves_no_diagnosis_of_an_earlier_run(
-        self, gapscope: Command, sick: Path, tmp_path: Path
+        self, gapscope: Command, sick: Path, results: Path
     ) -> None:
-        out = tmp_path / "out"
-        assert gapscope("diagnose", sick, "--out", out).code == 0
         (sick / "robot.urdf").unlink()
-        assert gapscope("diagnose", sick, "--out", out).code == 2
-        assert not (out / "diagnosis.json").exists()
+        assert gapscope("diagnose", sick, "--out", results).code == 2
+        assert not (results / "diagnosis.json").exists()
 
 
 class TestBadInput:
@@ -576,38 +567,33 @@ class TestBatch:
         assert f"wrote {out / 'summary.html'}" in done.out
         assert "healthy: " in done.out and "tau2" in done.out
 
-    def test_all_good(
-        self, gapscope: Command, sick: Path, healthy: Path, tmp_path: Path
-    ) -> None:
-        out = tmp_path / "out"
-        assert gapscope("diagnose", sick, healthy, "--out", out).code == 0
-        assert files(out) == sorted(
+    def test_all_good(self, both_results: Path) -> None:
+        assert files(both_results) == sorted(
             [f"{case}/{name}" for case in ("sick", "healthy") for name in RESULTS]
             + ["summary.html", "units.json"]
         )
         verdicts = {
-            c: json.loads((out / c / "diagnosis.json").read_text())["verdict"]
+            c: json.loads((both_results / c / "diagnosis.json").read_text())["verdict"]
             for c in ("sick", "healthy")
         }
         assert verdicts == {"sick": "effects_found", "healthy": "no_gap"}
 
     def test_failed_case_leaves_no_diagnosis_of_an_earlier_run(
-        self, gapscope: Command, sick: Path, healthy: Path, tmp_path: Path
+        self, gapscope: Command, sick: Path, healthy: Path, both_results: Path
     ) -> None:
-        out = tmp_path / "out"
-        assert gapscope("diagnose", sick, healthy, "--out", out).code == 0
         (healthy / "robot.urdf").unlink()
-        assert gapscope("diagnose", sick, healthy, "--out", out).code == 2
-        assert not (out / "healthy" / "diagnosis.json").exists()
+        done = gapscope("diagnose", sick, healthy, "--out", both_results)
+        assert done.code == 2
+        assert (both_results / "sick" / "diagnosis.json").exists()
+        assert not (both_results / "healthy" / "diagnosis.json").exists()
 
     def test_same_name_twice(
-        self, gapscope: Command, sick: Path, tmp_path: Path
+        self, gapscope: Command, sick: Path, both_results: Path
     ) -> None:
-        out = tmp_path / "out"
-        assert gapscope("diagnose", sick, sick / "case.yaml", "--out", out).code == 0
-        assert (out / "sick" / "diagnosis.json").is_file() and (
-            out / "sick-2" / "diagnosis.json"
-        ).is_file()
+        out, cases = both_results, (sick, sick / "case.yaml")
+        assert gapscope("diagnose", *cases, "--out", out).code == 0
+        assert (out / "sick" / "diagnosis.json").is_file()
+        assert (out / "sick-2" / "diagnosis.json").is_file()
 
     def test_unknown_backend(
         self, gapscope: Command, sick: Path, healthy: Path, tmp_path: Path

@@ -51,13 +51,13 @@ def run(*arguments: Any) -> str:
 def test_restarted_watch_says_the_same_as_one_that_ran_through(
     at_work: Any, write_csv: Write, case: Path, tmp_path: Path
 ) -> None:
-    recording = replace(at_work, change=40.0).recording(62.0, load=2.0)
+    recording = replace(at_work, change=36.0).recording(50.0, load=2.0)
     whole = write_csv(recording, tmp_path / "log.csv").read_bytes().split(b"\n")
     growing, out = tmp_path / "part" / "log.csv", tmp_path / "out"
     growing.parent.mkdir()
     options = (case, "--learn", 20, "--once", "--out", out)
     said = []
-    for stop in (3801, 4502, len(whole)):
+    for stop in (3401, 4402, len(whole)):
         growing.write_bytes(b"\n".join(whole[:stop]) + b"\n")
         said.append(run(growing, "--case", *options))
     assert "learnt 20 s" in said[0]
