@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 from sweeps import daily
 
 from gapscope.arm.case import load_case
@@ -215,128 +214,116 @@ class TestResults:
         assert np.mean(inside) > 0.6
 
 
-class TestBadInput:
-    def test_an_estimator_that_simulates_needs_the_controller(
-        self, gapscope: Command, healthy: Path, tmp_path: Path
-    ) -> None:
-        message = self.refused(gapscope, healthy, tmp_path, "--estimator", "didim")
-        assert "controller" in message and "does not simulate" in message
+Spoil = Callable[[Path], object]
 
-    def test_an_estimator_that_simulates_needs_pd(
-        self, gapscope: Command, healthy: Path, tmp_path: Path
-    ) -> None:
-        gains = "kp: [9, 9], ki: [1, 1], kd: [1, 1]"
-        with (healthy / "case.yaml").open("a") as file:
-            file.write(f"\ncontroller: {{kind: pid, rate: 250, {gains}}}\n")
-        message = self.refused(gapscope, healthy, tmp_path, "--estimator", "didim")
-        assert "knows the law pd, not pid" in message
 
-    def refused(
-        self, gapscope: Command, case: Path, tmp_path: Path, *options: object
-    ) -> str:
-        done = gapscope("identify", case, "--out", tmp_path / "out", *options)
-        assert done.code == 2
-        assert "remedy" in done.err
-        assert not (tmp_path / "out" / "identification.json").exists()
-        return " ".join(done.err.split())
+def added(text: str) -> Spoil:
+    """What adds lines to the case file."""
 
-    def test_too_few_samples(
-        self, gapscope: Command, healthy: Path, tmp_path: Path
-    ) -> None:
-        rewrite(healthy, lambda header, rows: rows[:450])
-        message = self.refused(gapscope, healthy, tmp_path, "--cutoff", 2)
-        assert (
-            "too few" in message
-            and "base parameters" in message
-            and "record for at least" in message
-        )
+    def spoil(case: Path) -> None:
+        with (case / "case.yaml").open("a") as file:
+            file.write(text)
 
-    def test_constant_trajectory(
-        self, gapscope: Command, healthy: Path, tmp_path: Path
-    ) -> None:
-        rewrite(healthy, column("q", lambda x: 0.5))
-        assert "trajectory is constant" in self.refused(gapscope, healthy, tmp_path)
+    return spoil
 
-    def test_nan(self, gapscope: Command, healthy: Path, tmp_path: Path) -> None:
-        def spoiled(header: list[str], rows: list[list[str]]) -> list[list[str]]:
-            rows[100][header.index("tau1")] = "nan"
-            return rows
 
-        rewrite(healthy, spoiled)
-        message = self.refused(gapscope, healthy, tmp_path)
-        assert "recording_0.csv" in message and "tau1" in message
+def cut(rows: int) -> Spoil:
+    return lambda case: rewrite(case, lambda header, all_rows: all_rows[:rows])
 
-    def test_torque_in_milli_newton_metres(
-        self, gapscope: Command, healthy: Path, tmp_path: Path
-    ) -> None:
-        rewrite(healthy, column("tau", lambda x: 1e3 * x))
-        message = self.refused(gapscope, healthy, tmp_path)
-        assert "looks like mN m" in message and "unit: mN m" in message
 
-    def test_raw_current(
-        self, gapscope: Command, healthy: Path, tmp_path: Path
-    ) -> None:
-        """Torque constant 0.1 N m/A and gear ratio 100 make 0.1 A of 1 N m."""
-        rewrite(healthy, column("tau", lambda x: 0.1 * x))
-        message = self.refused(gapscope, healthy, tmp_path)
-        assert "raw motor current" in message and "scale" in message and "?" in message
+def changed(name: str, change: Callable[[float], float]) -> Spoil:
+    return lambda case: rewrite(case, column(name, change))
 
-    def test_torque_let_pass_on_request(
-        self, gapscope: Command, healthy: Path, tmp_path: Path
-    ) -> None:
-        rewrite(healthy, column("tau", lambda x: 0.1 * x))
-        assert (
-            gapscope(
-                "identify", healthy, "--out", tmp_path / "out", "--any-torque"
-            ).code
-            == 0
-        )
 
-    def test_no_torque_column(
-        self, gapscope: Command, healthy: Path, tmp_path: Path
-    ) -> None:
-        for path in healthy.glob("recording_*.csv"):
-            path.write_text(
-                path.read_text(encoding="utf-8").replace("tau", "current"),
-                encoding="utf-8",
-            )
-        assert "tau1" in self.refused(gapscope, healthy, tmp_path)
+def with_nan(case: Path) -> None:
+    def spoiled(header: list[str], rows: list[list[str]]) -> list[list[str]]:
+        rows[100][header.index("tau1")] = "nan"
+        return rows
 
-    def test_torque_declared_absent(
-        self, gapscope: Command, healthy: Path, tmp_path: Path
-    ) -> None:
-        file = healthy / "case.yaml"
-        content = yaml.safe_load(file.read_text(encoding="utf-8"))
-        file.write_text(
-            yaml.safe_dump(content | {"import": {"tau": None}}), encoding="utf-8"
-        )
-        assert "no recording holds a torque" in self.refused(
-            gapscope, healthy, tmp_path
-        )
+    rewrite(case, spoiled)
 
-    @pytest.mark.parametrize("name", ["recording_0.csv", "log.db3"])
-    def test_a_recording_in_place_of_a_case(
-        self, gapscope: Command, healthy: Path, tmp_path: Path, name: str
-    ) -> None:
-        (healthy / name).touch()
-        message = self.refused(gapscope, healthy / name, tmp_path)
-        assert (
-            "is a recording, not a case" in message
-            and "case.yaml that lists it" in message
-        )
 
-    def test_too_short_a_recording(
-        self, gapscope: Command, healthy: Path, tmp_path: Path
-    ) -> None:
-        rewrite(healthy, lambda header, rows: rows[:201])
-        assert "expected at least 1 s" in self.refused(gapscope, healthy, tmp_path)
+def without_torque_column(case: Path) -> None:
+    for path in case.glob("recording_*.csv"):
+        text = path.read_text(encoding="utf-8")
+        path.write_text(text.replace("tau", "current"), encoding="utf-8")
 
-    def test_unknown_estimator_and_recording(
-        self, gapscope: Command, healthy: Path, tmp_path: Path
-    ) -> None:
-        assert "consistent" in self.refused(
-            gapscope, healthy, tmp_path, "--estimator", "magic"
-        )
-        assert "recording_0.csv" in self.refused(
-            gapscope, healthy, tmp_path, "--judge", "other.csv"
-        )
+
+PID = "\ncontroller: {kind: pid, rate: 250, kp: [9, 9], ki: [1, 1], kd: [1, 1]}\n"
+AS_IT_IS: Spoil = lambda case: None  # noqa: E731
+DIDIM = ("--estimator", "didim")
+BAD: dict[str, tuple[Spoil, tuple[object, ...], tuple[str, ...]]] = {
+    "no controller to simulate": (
+        AS_IT_IS,
+        DIDIM,
+        ("controller", "does not simulate"),
+    ),
+    "a controller that is not simulated": (
+        added(PID),
+        DIDIM,
+        ("knows the law pd, not pid",),
+    ),
+    "too few samples": (
+        cut(450),
+        ("--cutoff", 2),
+        ("too few", "base parameters", "record for at least"),
+    ),
+    "too short": (cut(201), (), ("expected at least 1 s",)),
+    "no motion": (changed("q", lambda x: 0.5), (), ("trajectory is constant",)),
+    "not a number": (with_nan, (), ("recording_0.csv", "tau1")),
+    "milli newton metres": (
+        changed("tau", lambda x: 1e3 * x),
+        (),
+        ("looks like mN m", "unit: mN m"),
+    ),
+    # torque constant 0.1 N m/A and gear ratio 100 make 0.1 A of 1 N m
+    "raw current": (
+        changed("tau", lambda x: 0.1 * x),
+        (),
+        ("raw motor current", "scale", "?"),
+    ),
+    "no torque column": (without_torque_column, (), ("tau1",)),
+    "torque declared absent": (
+        added("\nimport: {tau: null}\n"),
+        (),
+        ("no recording holds a torque",),
+    ),
+    "unknown estimator": (AS_IT_IS, ("--estimator", "magic"), ("consistent",)),
+    "unknown recording": (AS_IT_IS, ("--judge", "other.csv"), ("recording_0.csv",)),
+}
+
+
+def refused(gapscope: Command, case: Path, out: Path, *options: object) -> str:
+    """What is said of bad input."""
+    done = gapscope("identify", case, "--out", out, *options)
+    assert done.code == 2 and "remedy" in done.err
+    assert not (out / "identification.json").exists()
+    return " ".join(done.err.split())
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_bad_input_is_refused_with_a_remedy(
+    gapscope: Command, healthy: Path, tmp_path: Path, what: str
+) -> None:
+    spoil, options, words = BAD[what]
+    spoil(healthy)
+    message = refused(gapscope, healthy, tmp_path / "out", *options)
+    assert all(word in message for word in words), message
+
+
+def test_torque_is_let_pass_on_request(
+    gapscope: Command, healthy: Path, tmp_path: Path
+) -> None:
+    changed("tau", lambda x: 0.1 * x)(healthy)
+    done = gapscope("identify", healthy, "--out", tmp_path / "out", "--any-torque")
+    assert done.code == 0
+
+
+@pytest.mark.parametrize("name", ["recording_0.csv", "log.db3"])
+def test_a_recording_in_place_of_a_case_is_refused(
+    gapscope: Command, healthy: Path, tmp_path: Path, name: str
+) -> None:
+    (healthy / name).touch()
+    message = refused(gapscope, healthy / name, tmp_path / "out")
+    assert "is a recording, not a case" in message
+    assert "case.yaml that lists it" in message
