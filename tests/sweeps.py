@@ -1,4 +1,4 @@
-"""Sweeps over many cases: a few of them every day, all of them every night (``make nightly``)."""
+"""Sweeps over many cases: a few of them in ``make test``, the others in ``make nightly``."""
 
 from __future__ import annotations
 

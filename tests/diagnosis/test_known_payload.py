@@ -332,6 +332,7 @@ class TestAgainst:
         document = compared(today, before, tmp_path).diagnosis.document
         assert document["verdict"] == "no_gap"
 
+    @pytest.mark.nightly
     def test_one_that_is_not_declared_is(self, tmp_path: Path) -> None:
         change = compared(case(declared=False), synthetic.case(seed=4), tmp_path)
         assert change.diagnosis.document["verdict"] != "no_gap"

@@ -104,6 +104,7 @@ def test_a_pair_of_effects(
         assert (only < before - 0.01).any() and (without > after + 0.01).any()
 
 
+@mark.nightly
 def test_encoder_offset_beside_a_payload() -> None:
     """The pair whose columns lean on each other: values have to be right as well."""
     truth = Truth(mass=1.5, com=(0.2, 0.0, 0.0), encoder=(0.0, 0.06, 0.0))

@@ -13,7 +13,7 @@ from gapscope.watching.alarm import ALARM, MISFIT, NOTE, Event
 from gapscope.watching.detector import NOW, Detector
 from gapscope.watching.segments import BLOCK
 
-LEARNING, SECONDS = 20.0, 72.0
+LEARNING, SECONDS = 20.0, 62.0
 
 
 def events(at_work: Any, seconds: float = SECONDS, **change: float) -> list[Event]:
@@ -26,7 +26,7 @@ def alarms(at_work: Any, **change: float) -> list[Event]:
 
 
 def test_healthy_arm_raises_no_alarm(at_work: Any) -> None:
-    found = events(at_work)
+    found = events(at_work, 80.0)
     assert [e.event for e in found] == [NOTE]
     assert "learnt 20 s" in found[0].sentence
 
