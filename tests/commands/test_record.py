@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from sweeps import daily
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.control.pd import PD
@@ -240,7 +241,7 @@ def test_a_case_is_never_overwritten(effects: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize("read_back", [False, True])
+@pytest.mark.parametrize("read_back", daily((False, True), False))
 def test_torque_and_motion_belong_to_the_same_instant(
     engine: str, read_back: bool
 ) -> None:

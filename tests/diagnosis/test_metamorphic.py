@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import synthetic
+from sweeps import daily
 from synthetic import Truth
 
 from experiments.metamorphic import RELATIONS, CaseFiles, Twin, compare
@@ -68,9 +69,7 @@ def document(folder: Path) -> Mapping[str, Any]:
     return diagnose(load_case(folder)).document
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param("joints", marks=pytest.mark.nightly), "mirrored", "unix"]
-)
+@pytest.mark.parametrize("name", daily(("joints", "mirrored", "unix"), "mirrored"))
 def test_a_twin_has_the_same_diagnosis(
     name: str, case: CaseFiles, document: Mapping[str, Any], tmp_path: Path
 ) -> None:
