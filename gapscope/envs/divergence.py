@@ -75,6 +75,7 @@ def explain(
     q: np.ndarray,
     dq: np.ndarray,
     effects: tuple[AppliedEffect, ...] = (),
+    acted: bool = True,
 ) -> Divergence:
     """Why the arm diverged.
 
@@ -86,6 +87,7 @@ def explain(
         time: since the start of the episode [s].
         q, dq: last position that made sense [rad], and velocity [rad/s], each (n,).
         effects: what the arm has beyond the nominal one.
+        acted: whether an action of the episode was other than zero.
     """
     joint = fastest(dq)
     causes = (
@@ -101,12 +103,22 @@ def explain(
         causes.append(
             f"no damping: joint {joint + 1} has no viscous friction; give sheet={{'viscous': [...]}} in N m s/rad"
         )
-    smaller = SMALLER[control.kind]
-    driven = f"actions drive it: {smaller}"
-    if effects:
-        driven = f"actions or effects drive it: {smaller}, or milder effects"
-    causes.append(driven)
+    causes += _drivers(control, acted, effects)
+    if not causes:
+        causes.append("feedforward drives it: another model, or feedforward='none'")
     return Divergence(joint + 1, float(time), float(abs(dq[joint])), tuple(causes))
+
+
+def _drivers(
+    control: Control, acted: bool, effects: tuple[AppliedEffect, ...]
+) -> list[str]:
+    """What may drive the arm, each with what to change; actions that were zero do not."""
+    found = [f"actions drive it: {SMALLER[control.kind]}"] if acted else []
+    if effects:
+        found.append("effects drive it: milder effects")
+    if control.gains is None and not acted:
+        found.append("nothing holds the arm: the action, zero here, is all its torque")
+    return found
 
 
 def fastest(dq: np.ndarray) -> int:

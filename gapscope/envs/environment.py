@@ -229,6 +229,7 @@ class ArmTracking(gymnasium.Env):
         self._plant.reset(episode.effects, episode.course, seeds)
         self._count = 0
         self._action: np.ndarray = np.zeros(self._control.size)
+        self._acted = False
         if self._screen is not None:
             self._screen.begin(title(self.arm, episode.effects), episode.course.q)
         self._show({})
@@ -249,6 +250,7 @@ class ArmTracking(gymnasium.Env):
         course = self._running
         action = arguments.checked_action(action, self._control.size)
         action = np.minimum(np.maximum(action, self._lowest), self._highest)
+        self._acted |= bool(action.any())
         done = self._plant.act(self._count, action)
         self._count += 1
         error = course.q[self._count] - self._plant.position
@@ -297,7 +299,8 @@ class ArmTracking(gymnasium.Env):
         if done < steps:
             number = (self._count - 1) * steps + done
             state = plant.position, plant.simulated.dq
-            return divergence_info(self.setup, number, *state, plant.effects)
+            hidden = plant.effects
+            return divergence_info(self.setup, number, *state, hidden, self._acted)
         return stop_info(self.setup, plant.simulated.q, plant.position)
 
     def _show(self, info: dict[str, Any]) -> None:

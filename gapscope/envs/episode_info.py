@@ -25,6 +25,7 @@ def divergence_info(
     q: np.ndarray,
     dq: np.ndarray,
     effects: tuple[AppliedEffect, ...],
+    acted: bool,
 ) -> dict[str, Any]:
     """``divergence``: why the arm diverged after some steps of the episode.
 
@@ -34,10 +35,11 @@ def divergence_info(
         q: last reading of the encoders [rad], shape (n,).
         dq: true velocity [rad/s], shape (n,).
         effects: of the episode.
+        acted: whether one of its actions was other than zero.
     """
     dt = setup.timing.dt
     arm, body, control = setup.arm, setup.body, setup.control
-    divergence = explain(arm, body, control, dt, steps * dt, q, dq, effects)
+    divergence = explain(arm, body, control, dt, steps * dt, q, dq, effects, acted)
     return {"divergence": divergence.as_info()}
 
 

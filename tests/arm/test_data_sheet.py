@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -153,8 +154,9 @@ LOAD = KnownLoad(2.0, (0.0, 0.0, 0.05))
 def folder(tmp_path: Path, urdf: Path, recording: Recording) -> Path:
     """A folder with a URDF and three recordings, but no case file yet."""
     (tmp_path / "more").mkdir()
-    for name in ("a.csv", "b.csv", "more/c.npz"):
-        write_recording(recording, tmp_path / name)
+    for factor, name in enumerate(("a.csv", "b.csv", "more/c.npz"), start=1):
+        other = replace(recording, q=factor * recording.q / 3)
+        write_recording(other, tmp_path / name)
     return tmp_path
 
 
