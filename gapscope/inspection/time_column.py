@@ -73,12 +73,12 @@ def guess_time(
             column counts samples or there is none.
     """
     named = [name for name in singles if meaning_of(name).quantity == "time"]
-    rising = [name for name in singles if _runs_forward(singles[name])]
+    rising = [name for name in singles if runs_forward(singles[name])]
     for name in [*(n for n in named if n in rising), *named, *rising]:
         stamps = singles[name]
         if not np.isfinite(stamps).all():
             continue
-        if _counts(stamps):
+        if counts_rows(stamps):
             return _counted(name, length, position, velocity)
         guess = _stamped(name, stamps)
         if guess is not None:
@@ -86,13 +86,13 @@ def guess_time(
     return _counted(None, length, position, velocity)
 
 
-def _runs_forward(stamps: np.ndarray) -> bool:
+def runs_forward(stamps: np.ndarray) -> bool:
     """Whether numbers never fall and mostly rise."""
     step = np.diff(stamps)
     return bool(len(step) and (step >= 0).all() and (step > 0).mean() > 0.8)
 
 
-def _counts(stamps: np.ndarray) -> bool:
+def counts_rows(stamps: np.ndarray) -> bool:
     """Whether a column counts rows: whole numbers that rise by one."""
     step = np.diff(stamps)
     return (

@@ -172,6 +172,7 @@ def _recording(
     importing, notes = _fitting(importing, logs[importing.main_file], arm)
     sources, found = _sources(logs, arm, importing, complete)
     notes += found
+    sources, importing = _timed(sources, logs, importing)
     begun = _first_stamp(sources["q"].table, importing)
     if rows is not None:
         sources = _cut(sources, rows, importing)
@@ -216,6 +217,35 @@ def _recording(
     return replace(recording, notes=notes)
 
 
+def _timed(
+    sources: dict[str, Source], logs: Mapping[str | None, Log], importing: Import
+) -> tuple[dict[str, Source], Import]:
+    """The sources with the time of another file as a column of that of the positions, if the case says so.
+
+    Raises:
+        InputError: the entry has no such file, or it has other rows.
+    """
+    label, column = importing.time.file, importing.time.column
+    if label is None or label == importing.main_file or column is None:
+        return sources, importing
+    if label not in logs:
+        raise _missing_file("time", label, logs, importing)
+    main, other = sources["q"].table, logs[label].tables[0].table
+    if len(other) != len(main):
+        raise InputError(
+            f"has {len(other)} rows, {main.path.name} has {len(main)}",
+            "give a file of the time with the same rows",
+            file=other.path,
+        )
+    name = f"{column} of {other.path.name}"
+    timed = replace(main, columns={**main.columns, name: other.cells(column)})
+    moved = {
+        channel: replace(source, table=timed) if source.table is main else source
+        for channel, source in sources.items()
+    }
+    return moved, replace(importing, time=replace(importing.time, column=name))
+
+
 def _first_stamp(table: Table, importing: Import) -> float:
     """Time of the first row of a log [s]; 0 if it has no rows."""
     return float(stamps(table.part(0, 0), importing)[0]) if len(table) else 0.0
@@ -227,9 +257,11 @@ def _fitting(
     """The import section, or none for a file that is in the columns of the case format already; and notes."""
     channel = importing.channels["q"]
     assert channel is not None
-    main = log.tables[0].table.columns if len(log.tables) == 1 else {}
-    named = any(name in main for name in channel.names(arm.joints))
-    if named or "q1" not in main:
+    if len(log.tables) != 1:
+        return importing, ()
+    main = log.tables[0].table
+    named = any(main.named(name) in main.columns for name in channel.names(arm.joints))
+    if named or "q1" not in main.columns:
         return importing, ()
     return Import(), (
         "read in the columns of the case format, not by the import section",
@@ -256,7 +288,7 @@ def _sources(
         required = complete and (channel.named or name == "tau")
         if channel.file not in logs:
             if required:
-                raise _missing_file(name, channel, logs, importing)
+                raise _missing_file(name, channel.file, logs, importing)
             continue
         source, found = locator.other(name, channel, main)
         notes += found
@@ -335,13 +367,13 @@ def _missing_channel(
 
 def _missing_file(
     name: str,
-    channel: Channel,
+    file: str | None,
     logs: Mapping[str | None, Log],
     importing: Import,
 ) -> InputError:
-    """The error on a channel whose file an entry does not give."""
+    """The error on a channel, or the time, whose file an entry does not give."""
     return InputError(
-        f"comes from the file {channel.file}, an entry holds {', '.join(map(str, logs))}",
+        f"comes from the file {file}, an entry holds {', '.join(map(str, logs))}",
         "give each entry a file for every label of the import section",
         file=importing.source,
         where=f"field import.{name}",

@@ -22,7 +22,8 @@ class Table:
 
     Attributes:
         path: the file, for messages.
-        columns: cells per column name, N each: texts (CSV), numbers or lists.
+        columns: cells per column name, N each: texts (CSV), numbers or lists; in the order of the file. A file without
+            names calls them ``1``, ``2``, ...
         places: line of each row in a text file (the header is line 1), or number of the row, from 1, in others; (N,).
         place_kind: what ``places`` counts: ``line`` or ``row``.
         first_row: number of the first row, from 0, if the table is a part of a file.
@@ -39,6 +40,17 @@ class Table:
     def __len__(self) -> int:
         """Number of rows N."""
         return len(self.places)
+
+    @property
+    def unnamed(self) -> bool:
+        """Whether its columns are called by their numbers, for lack of names."""
+        return list(self.columns) == [str(j + 1) for j in range(len(self.columns))]
+
+    def named(self, column: str) -> str:
+        """Name of a column that is given by its name, or by its number in the file, from 1."""
+        if column in self.columns or not column.isdecimal():
+            return column
+        return dict(enumerate(self.columns, start=1)).get(int(column), column)
 
     def part(self, first: int, last: int) -> Table:
         """Rows ``first`` to ``last``, both included, counted from 0 below the header.
@@ -71,6 +83,14 @@ class Table:
         Raises:
             InputError: there is no such column.
         """
+        column = self.named(column)
+        if column not in self.columns and self.unnamed:
+            raise InputError(
+                f"has no header, and so no column {column}; it has {len(self.columns)} columns",
+                f"gapscope inspect {self.path.name} tells what they hold; a case's import: section takes their numbers "
+                "from 1, as in time: 1, q: [2, 3]",
+                file=self.path,
+            )
         if column not in self.columns:
             raise InputError(
                 f"has no column {column}; it has {shortened(list(self.columns))}",
@@ -85,7 +105,7 @@ class Table:
         Raises:
             InputError: the column is missing, or a cell is not a finite number.
         """
-        cells = self.cells(column)
+        cells, column = self.cells(column), self.named(column)
         try:
             values = np.asarray(cells, dtype=float)
         except (ValueError, TypeError):
@@ -100,8 +120,8 @@ class Table:
         Raises:
             InputError: the column is missing, or a cell is not a list of ``length`` finite numbers.
         """
-        rows = []
-        for row, cell in enumerate(self.cells(column)):
+        rows, cells, column = [], self.cells(column), self.named(column)
+        for row, cell in enumerate(cells):
             try:
                 numbers = json.loads(cell) if isinstance(cell, str) else cell
                 value = np.asarray(numbers, dtype=float)

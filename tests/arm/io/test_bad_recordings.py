@@ -62,8 +62,8 @@ BAD: list[tuple[str, Callable[[Rows], Rows], str, str]] = [
     (
         "no header",
         lambda x: x[1:],
-        "line 1: the first line holds numbers",
-        "add a header line",
+        "has no header, and so no column tau1; it has 5 columns",
+        "gapscope inspect log.csv tells what they hold",
     ),
     ("header only", lambda x: x[:1], "has a header and no rows", "samples"),
     ("empty", lambda x: [], "is empty", "give a file with a header"),
