@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.log import Log
 from gapscope.arm.nominal import NominalArm
@@ -136,11 +138,16 @@ def _by_torque(table: InspectedTable, arm: NominalArm | None) -> InspectedTable:
     unnamed = table.part.table.unnamed and len(torques) > 1
     if arm is None or position is None or not unnamed:
         return table
-    own, explained = arm_of_columns(arm, position.group), {}
+    own, rank = arm_of_columns(arm, position.group), {}
     for guess in torques:
         fits = torque_fits(own, [{MAIN: table}], guess)
-        explained[guess.group.pattern] = fits[0].overall if fits else 0.0
-    ranked = sorted(table.channels, key=lambda g: -explained.get(g.group.pattern, 2.0))
+        if fits:
+            # of a torque and the current that it was made from, the one in N m
+            size = np.log(np.abs(np.median(fits[0].factor)))
+            rank[guess.group.pattern] = (-round(fits[0].overall, 2), abs(float(size)))
+    last = (0.0, 0.0)
+    ranked = sorted(torques, key=lambda guess: rank.get(guess.group.pattern, last))
+    ranked += [guess for guess in table.channels if guess.channel != "tau"]
     return replace(table, channels=tuple(ranked))
 
 

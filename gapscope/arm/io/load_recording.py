@@ -35,7 +35,7 @@ from gapscope.arm.io.plausibility import (
 )
 from gapscope.arm.io.samples.spikes import without_spikes
 from gapscope.arm.io.samples.stuck import stuck_rows
-from gapscope.arm.io.table import Table, shortened
+from gapscope.arm.io.table import Table
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
@@ -353,16 +353,16 @@ def _missing_channel(
             f"name the column and how to join it in the case's import section, or say {name}: null to do without",
             file=log.path,
         )
-    tables = {table.name: table.table.columns for table in log.tables}
-    held = main.table.columns if main.name in tables else next(iter(tables.values()))
+    tables = {table.name: table.table for table in log.tables}
+    held = main.table if main.name in tables else next(iter(tables.values()))
     wanted = channel.names(arm.joints)[0]
     if layout_of_kind(main.kind) is not None and not channel.placed:
         wanted = f"for {name} of all joints"
-    return InputError(
-        f"has no column {wanted}; it has {shortened(list(held))}",
-        f"name the column in the case's import section, or say {name}: null to do without",
-        file=log.path,
+    null = f"say {name}: null to do without"
+    error = held.lacks(
+        wanted, f"name the column in the case's import section, or {null}"
     )
+    return error.at(log.path)
 
 
 def _missing_file(

@@ -84,20 +84,21 @@ class Table:
             InputError: there is no such column.
         """
         column = self.named(column)
-        if column not in self.columns and self.unnamed:
-            raise InputError(
-                f"has no header, and so no column {column}; it has {len(self.columns)} columns",
-                f"gapscope inspect {self.path.name} tells what they hold; a case's import: section takes their numbers "
-                "from 1, as in time: 1, q: [2, 3]",
-                file=self.path,
-            )
         if column not in self.columns:
-            raise InputError(
-                f"has no column {column}; it has {shortened(list(self.columns))}",
-                "rename the column, or say in the case's import: section which column holds it",
-                file=self.path,
-            )
+            rename = "rename the column, or say in the case's import: section which column holds it"
+            raise self.lacks(column, rename)
         return self.columns[column]
+
+    def lacks(self, column: str, remedy: str) -> InputError:
+        """The error on a column that is not there; ``remedy`` if the table has names of columns."""
+        has = f"has no column {column}; it has {shortened(list(self.columns))}"
+        if self.unnamed:
+            has = f"has no header, and so no column {column}; it has {len(self.columns)} columns"
+            remedy = (
+                f"gapscope inspect {self.path.name} tells what they hold; a case's import: section takes their numbers "
+                "from 1, as in time: 1, q: [2, 3]"
+            )
+        return InputError(has, remedy, file=self.path)
 
     def numbers(self, column: str) -> np.ndarray:
         """One column as finite numbers, shape (N,).
