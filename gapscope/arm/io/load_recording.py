@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -33,6 +34,7 @@ from gapscope.arm.io.plausibility import (
     untrusted_torque,
     without_turns,
 )
+from gapscope.arm.io.samples.damaged import damage
 from gapscope.arm.io.samples.spikes import without_spikes
 from gapscope.arm.io.samples.stuck import stuck_rows
 from gapscope.arm.io.table import Table
@@ -176,6 +178,8 @@ def _recording(
     begun = _first_stamp(sources["q"].table, importing)
     if rows is not None:
         sources = _cut(sources, rows, importing)
+    sources, found = _sound(sources, arm, importing)
+    notes += found
     main = sources["q"].table
     t = read_time(main, importing, any_unit=any_unit)
     t, values, found = _channels(t, sources, arm, importing)
@@ -247,8 +251,11 @@ def _timed(
 
 
 def _first_stamp(table: Table, importing: Import) -> float:
-    """Time of the first row of a log [s]; 0 if it has no rows."""
-    return float(stamps(table.part(0, 0), importing)[0]) if len(table) else 0.0
+    """Time of the first row of a log that has one [s]; 0 if none has."""
+    for row in range(len(table)):
+        with suppress(InputError):
+            return float(stamps(table.part(row, row), importing)[0])
+    return 0.0
 
 
 def _fitting(
@@ -312,6 +319,42 @@ def _cut(
         name: replace(source, table=parts[id(source.table)])
         for name, source in sources.items()
     }
+
+
+def _sound(
+    sources: dict[str, Source], arm: NominalArm, importing: Import
+) -> tuple[dict[str, Source], tuple[str, ...]]:
+    """The sources without rows that cannot be read, and notes on them; tables that are joined by row lose the same.
+
+    Raises:
+        InputError: there are too many.
+    """
+    main, time = sources["q"].table, importing.time.column
+    tables = {id(source.table): source.table for source in sources.values()}
+    read: dict[int, list[str]] = {key: [] for key in tables}
+    for source in sources.values():
+        read[id(source.table)] += source.channel.names(arm.joints)
+    found = {key: damage(x, read[key], time) for key, x in tables.items()}
+    beside = [
+        key
+        for key, table in tables.items()
+        if how_to_join(table, importing) == "row" and len(table) == len(main)
+    ]
+    whole = found[id(main)]
+    for key in beside:
+        whole |= found[key]
+    found |= dict.fromkeys([id(main), *beside], whole)
+    notes: list[str] = []
+    sound: dict[int, Table] = {}
+    for key, table in tables.items():
+        said = found[key].notes(table)
+        notes += said if table is main or key not in beside else []
+        sound[key] = table.some(found[key].sound) if said else table
+    moved = {
+        name: replace(source, table=sound[id(source.table)])
+        for name, source in sources.items()
+    }
+    return moved, tuple(notes)
 
 
 def _channels(

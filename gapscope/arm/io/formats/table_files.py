@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +27,7 @@ def read_csv(path: Path) -> Table:
     A header may begin with ``#`` or ``%``. Columns of a file without one are called by their numbers, from 1.
 
     Raises:
-        InputError: the file is empty, has nothing below its header, a column twice, a row of another length, or is not
-            text.
+        InputError: the file is empty, has nothing below its header, a column twice, or is not text.
     """
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
@@ -92,7 +91,8 @@ def table_of_lines(
         delimiter, text = " ", (line.strip() for line in text)
     reader = csv.reader(text, delimiter=delimiter, strict=True, skipinitialspace=True)
     skipped = first_line - 2
-    rows, lines = [], []
+    rows: list[Sequence[str | None]] = []
+    lines, cut = [], {}
     try:
         first = next(reader, [])
         names, begin = _names(first, path)
@@ -103,15 +103,11 @@ def table_of_lines(
         for row in reader:
             if not row:
                 continue
+            place = reader.line_num + skipped
             if len(row) != len(names):
-                raise InputError(
-                    f"has {len(row)} cells, the header has {len(names)}",
-                    "repair the row; was the file cut short while it was written?",
-                    file=path,
-                    where=f"line {reader.line_num + skipped}",
-                )
-            rows.append(row)
-            lines.append(reader.line_num + skipped)
+                cut[place] = f"has {len(row)} cells, the header has {len(names)}"
+            rows.append(row if place not in cut else (None,) * len(names))
+            lines.append(place)
     except csv.Error as error:
         raise InputError(
             f"is not valid CSV ({error})",
@@ -123,7 +119,7 @@ def table_of_lines(
             "has a header and no rows", "give a file with samples", file=path
         )
     columns = dict(zip(names, zip(*rows, strict=True), strict=True))
-    return Table(path, columns, lines, "line")
+    return Table(path, columns, lines, "line", cut=cut)
 
 
 def _names(first: list[str], path: Path) -> tuple[list[str], int]:
