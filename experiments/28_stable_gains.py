@@ -42,7 +42,7 @@ from gapscope.envs.position_controller import (
     position_controller,
     stiffest_mode,
 )
-from gapscope.envs.session import Plan, record_case
+from gapscope.envs.recorder import Plan, record_case
 
 BANDWIDTH = 4.0
 """Of the loop [Hz]."""

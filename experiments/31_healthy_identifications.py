@@ -31,7 +31,7 @@ from gapscope.arm.robots import load_nominal_arm
 from gapscope.blind_check.make import make
 from gapscope.blind_check.plan import BlindPlan
 from gapscope.envs.mystery_arm import iiwa
-from gapscope.envs.session import Plan, record_case
+from gapscope.envs.recorder import Plan, record_case
 
 ENGINES = ("pybullet", "mujoco")
 NOISES = ((0.0, 0.0), (0.003, 2e-6), (0.01, 1e-5), (0.03, 2e-5))

@@ -52,7 +52,7 @@ from gapscope.effects.setup_faults.reference_faults import (
 )
 from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.position_controller import position_controller
-from gapscope.envs.session import Plan, record_case
+from gapscope.envs.recorder import Plan, record_case
 
 CASES = Path(__file__).parent / "cases"
 FAULTS: dict[str, Fault] = {

@@ -28,8 +28,8 @@ from gapscope.arm.io.json_file import read_json, write_json
 from gapscope.arm.velocity_filter import filter_gains
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.mystery_arm import iiwa
-from gapscope.envs.sampled_loop import SampledLoop
-from gapscope.envs.session import Plan, record_case
+from gapscope.envs.position_controller import SampledLoop
+from gapscope.envs.recorder import Plan, record_case
 
 EFFECTS: dict[str, tuple[AppliedEffect, ...]] = {
     "healthy": (),

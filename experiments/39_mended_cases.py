@@ -39,7 +39,7 @@ from gapscope.effects.setup_faults.torque_faults import (
     TorqueUnit,
 )
 from gapscope.envs.mystery_arm import iiwa
-from gapscope.envs.session import Plan, record_case
+from gapscope.envs.recorder import Plan, record_case
 
 MADE: dict[str, Fault] = {
     "torque turned": SignFlip((4,)),

@@ -38,7 +38,7 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.severity import draw, possible
-from gapscope.envs.session import Plan, record_case
+from gapscope.envs.recorder import Plan, record_case
 
 robots = import_module("34_robots")
 

@@ -17,7 +17,7 @@ from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.position_controller import position_controller
-from gapscope.envs.session import Plan, record_case
+from gapscope.envs.recorder import Plan, record_case
 from gapscope.ident.estimators.experiment import Experiment
 from gapscope.ident.estimators.wls import WeightedLeastSquares
 from gapscope.ident.model.base_parameters import BaseParameters, base_parameters

@@ -8,8 +8,8 @@ import numpy as np
 
 from gapscope.agents.controllers import TrackingController
 from gapscope.agents.tracking import SampledReference, track
+from gapscope.envs.position_controller import VELOCITY_CUTOFF
 from gapscope.envs.simulated_arm import SimulatedArm
-from gapscope.envs.velocity_estimate import VELOCITY_CUTOFF
 
 KICK = 0.2
 """Velocity of all joints at the start of one of two runs [rad/s]."""

@@ -9,8 +9,7 @@ import numpy as np
 
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Path
-from gapscope.envs.drive.repeated import repeated
-from gapscope.envs.drive.rows import Laws, Rows
+from gapscope.envs.drive.rows import Laws, Rows, repeated
 
 
 class Moment(NamedTuple):

@@ -18,8 +18,12 @@ import numpy as np
 
 from gapscope.arm.dynamics.link_shapes import Shape
 from gapscope.arm.dynamics.plain_urdf import numbers, rotation
-from gapscope.envs.drive.substeps import mass_matrices, substeps
-from gapscope.envs.drive.two_mass import TOOTH_DAMPING, TOOTH_FREQUENCY
+from gapscope.envs.drive.two_mass import (
+    TOOTH_DAMPING,
+    TOOTH_FREQUENCY,
+    mass_matrices,
+    substeps,
+)
 from gapscope.envs.export.plain_arm import (
     JointDrive,
     PlainArm,

@@ -25,8 +25,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import QUANTITIES, LinkChange
 from gapscope.effects.passivity import total
-from gapscope.envs.drive.substeps import least_inertia, mass_matrices
-from gapscope.envs.drive.two_mass import teeth
+from gapscope.envs.drive.two_mass import least_inertia, mass_matrices, teeth
 
 NOT_NEGATIVE = {"friction": "N m", "damping": "N m s/rad", "rotor": "kg m^2"}
 """Quantities that may not be negative in total, with their unit."""

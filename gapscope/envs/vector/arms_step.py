@@ -11,9 +11,9 @@ from numpy import add, multiply, subtract
 
 from gapscope.arm.dynamics.forward_dynamics import ForwardDynamics
 from gapscope.envs.drive.arm_drive import ArmDrive
-from gapscope.envs.drive.dry_friction import DryFriction
+from gapscope.envs.drive.friction import DryFriction
 from gapscope.envs.drive.rigid_step import GUESSES, HOLD
-from gapscope.envs.engines.mujoco_batch import MuJoCoBatch
+from gapscope.envs.engines.mujoco import MuJoCoBatch
 
 
 class ArmsStep:

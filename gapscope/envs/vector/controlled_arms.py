@@ -9,11 +9,8 @@ import numpy as np
 from gapscope.arm.errors import InputError
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.actions import Gains, scaled
-from gapscope.envs.course import Course
-from gapscope.envs.drive.arm_drive import ArmDrive
-from gapscope.envs.drive.encoders import Encoders
-from gapscope.envs.episode import Setup
-from gapscope.envs.observation import FASTEST_OBSERVED
+from gapscope.envs.drive.arm_drive import ArmDrive, Encoders
+from gapscope.envs.episode import FASTEST_OBSERVED, Course, Setup
 from gapscope.envs.plant import sensor_chunk
 from gapscope.envs.vector.courses import Courses
 from gapscope.envs.vector.readings import Readings, VelocityFilters
@@ -38,7 +35,7 @@ class ControlledArms:
     Args:
         setup: of the environments.
         count: N.
-        threads: on which they are stepped, see ``gapscope.envs.engines.mujoco_batch``.
+        threads: on which they are stepped, see ``gapscope.envs.engines.mujoco``.
 
     Attributes:
         effects: of each arm beyond the base.

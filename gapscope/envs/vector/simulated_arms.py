@@ -12,7 +12,7 @@ from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.effect import Transmission
 from gapscope.envs.drive.arm_drive import ArmDrive, nominal_body
 from gapscope.envs.effect_ranges import EffectRanges
-from gapscope.envs.engines.mujoco_batch import MuJoCoBatch
+from gapscope.envs.engines.mujoco import MuJoCoBatch
 from gapscope.envs.randomisation import Randomisation
 from gapscope.envs.vector.arms_step import ArmsStep
 
