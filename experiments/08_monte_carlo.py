@@ -31,7 +31,7 @@ from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.position_controller import position_controller
-from gapscope.envs.session import Plan, record_case
+from gapscope.envs.recorder import Plan, record_case
 from gapscope.ident.estimators.consistent_sdp import ConsistentSdp
 from gapscope.ident.estimators.didim import DirectInverse
 from gapscope.ident.estimators.estimate import Estimator

@@ -79,7 +79,7 @@ from gapscope.effects.corrected_file import read_corrected, write_corrected
 from gapscope.effects.residual.file import write_residual
 from gapscope.envs.mystery_arm import HIDDEN, iiwa
 from gapscope.envs.randomisation import Randomisation, draw_effects
-from gapscope.envs.session import Plan, record_case
+from gapscope.envs.recorder import Plan, record_case
 from gapscope.ident.residual.fit import fit_residual
 from gapscope.ident.residual.settings import ResidualSettings
 from gapscope.ident.residual.trajectory import from_segment

@@ -99,9 +99,8 @@ from gapscope.effects.setup_faults.torque_faults import (
     TorqueUnit,
 )
 from gapscope.envs.mystery_arm import iiwa
-from gapscope.envs.position_controller import position_controller
-from gapscope.envs.sampled_loop import SampledLoop
-from gapscope.envs.session import Plan, record_case
+from gapscope.envs.position_controller import SampledLoop, position_controller
+from gapscope.envs.recorder import Plan, record_case
 
 REAL = ("ur10", "panda", "tx40", "kinova", "kuka")
 """Carriers; the torque of a sixth, the Z1, is computed from gains and so no measurement."""

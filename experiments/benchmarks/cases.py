@@ -20,7 +20,7 @@ from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.position_controller import position_controller
-from gapscope.envs.session import Plan, record_case
+from gapscope.envs.recorder import Plan, record_case
 
 LENGTH = 0.2
 """Of a link [m]."""

@@ -8,8 +8,8 @@ import numpy as np
 
 from gapscope.agents.controllers import TrackingController
 from gapscope.agents.tracking import SampledReference, track
+from gapscope.envs.position_controller import VELOCITY_CUTOFF
 from gapscope.envs.simulated_arm import SimulatedArm
-from gapscope.envs.velocity_estimate import VELOCITY_CUTOFF
 from gapscope.model.torque_gap import torque_scale
 
 KICK = 0.2

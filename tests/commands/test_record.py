@@ -21,7 +21,7 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected_file import read_corrected, write_corrected
 from gapscope.envs.engines import ENGINES
 from gapscope.envs.mystery_arm import iiwa
-from gapscope.envs.session import Plan, hidden_by_reading_back, record_case
+from gapscope.envs.recorder import Plan, hidden_by_reading_back, record_case
 
 PAYLOAD = AppliedEffect("payload", (), {"mass": 1.2345, "com": [0.0, 0.01, 0.05]})
 DELAY = AppliedEffect("actuator_delay", (2,), {"delay": [0.0087]})

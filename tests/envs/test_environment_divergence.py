@@ -22,7 +22,7 @@ from gapscope.effects.applied import carried  # noqa: E402
 from gapscope.envs.actions import Control, Gains, torque_limit  # noqa: E402
 from gapscope.envs.divergence import diverged, explain, longest_step  # noqa: E402
 from gapscope.envs.environment import ArmTracking  # noqa: E402
-from gapscope.envs.velocity_estimate import VELOCITY_DAMPING, cutoff  # noqa: E402
+from gapscope.envs.position_controller import VELOCITY_DAMPING, cutoff  # noqa: E402
 
 
 def message(info: dict) -> str:

@@ -16,8 +16,8 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.arguments import checked_actions, whole
+from gapscope.envs.divergence import divergence_info, stop_info, truth
 from gapscope.envs.environment import REWARDS, ArmTracking
-from gapscope.envs.episode_info import divergence_info, stop_info, truth
 from gapscope.envs.vector.controlled_arms import ControlledArms
 from gapscope.envs.vector.simulated_arms import ONE_BY_ONE, check_drawn
 

@@ -22,7 +22,7 @@ from gapscope.diagnosis.gap.commanded_torque import (
     with_commanded_torque,
 )
 from gapscope.effects.applied import AppliedEffect
-from gapscope.envs.session import Plan, record_case
+from gapscope.envs.recorder import Plan, record_case
 
 COULOMB = AppliedEffect("coulomb_friction", (2,), {"torque": [2.0]})
 

@@ -33,7 +33,7 @@ from gapscope.effects.setup_faults.torque_faults import (
 )
 from gapscope.envs.mystery_arm import HIDDEN, iiwa
 from gapscope.envs.randomisation import Randomisation, draw_effects
-from gapscope.envs.session import Plan, record_case
+from gapscope.envs.recorder import Plan, record_case
 
 ORDINARY = {
     "healthy": Truth(),

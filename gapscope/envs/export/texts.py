@@ -1,19 +1,29 @@
-"""What a format cannot hold of a corrected arm, a sentence each."""
+"""What exported files say: their templates, the comment at their head, and what a format cannot hold of an arm."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import json
+from collections.abc import Collection, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
 
+import jinja2
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from gapscope.arm.dynamics.odd_inertials import odd_inertials
-from gapscope.arm.nominal import NominalArm
+from gapscope.arm.dynamics.plain_urdf import numbers
+from gapscope.arm.nominal import FRICTION_SMOOTHING, NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import usual_load
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Effect
 from gapscope.envs.export.plain_arm import PlainArm
 
+TEMPLATES = Path(__file__).parent / "templates"
+LONGEST = 100
+"""Characters of a line of Python, beyond which a dict takes several."""
 FORMATS = ("urdf", "mjcf", "sdf")
 """Formats that can be written."""
 EVERYWHERE = {"body", "load", "gravity", "friction", "damping", "limit", "zero"}
@@ -31,6 +41,123 @@ HELD = {
     | GEAR,
 }
 """Quantities that a format holds."""
+
+
+def rendered(template: str, **content: Any) -> str:
+    """Text of a file of ``templates``; those of XML escape what they are given."""
+    return _templates().get_template(template).render(**content)
+
+
+@cache
+def _templates() -> jinja2.Environment:
+    made = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(TEMPLATES),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=lambda name: ".xml." in (name or ""),
+    )
+    made.filters |= {
+        "number": number,
+        "pair": pair,
+        "table": table,
+        "quoted": quoted,
+        "exact": lambda value: repr(float(value)),
+        "numbers": numbers,
+        "pose": _pose,
+        "quaternion": _quaternion,
+    }
+    made.globals |= {"inf": np.inf, "friction_smoothing": FRICTION_SMOOTHING}
+    return made
+
+
+def _pose(place: tuple[np.ndarray, np.ndarray]) -> str:
+    """Position [m] and roll, pitch, yaw [rad] of a position and a rotation matrix."""
+    return numbers(np.r_[place[0], Rotation.from_matrix(place[1]).as_euler("xyz")])
+
+
+def _quaternion(turn: np.ndarray) -> str:
+    """A rotation matrix as a quaternion, which MuJoCo writes with its real part first."""
+    return numbers(np.roll(Rotation.from_matrix(turn).as_quat(), 1))
+
+
+def number(value: float) -> str:
+    """A number as Python and YAML read it, with six digits; infinity as ``float("inf")``."""
+    if not np.isfinite(value):
+        return 'float("inf")'
+    return repr(float(f"{value:.6g}"))
+
+
+def pair(ends: tuple[float, float]) -> str:
+    """Two numbers in parentheses."""
+    return f"({number(ends[0])}, {number(ends[1])})"
+
+
+def quoted(name: str) -> str:
+    """A name as Python and YAML read it."""
+    return json.dumps(name, ensure_ascii=False)
+
+
+def table(values: Mapping[str, Any], indent: int = 0) -> str:
+    """A dict in Python with a number or pair for each name, a line each if it is long.
+
+    Args:
+        values: the numbers or pairs.
+        indent: of the line on which it begins.
+    """
+    items = [
+        f"{quoted(name)}: {pair(value) if isinstance(value, tuple) else number(value)}"
+        for name, value in values.items()
+    ]
+    line = "{" + ", ".join(items) + "}"
+    if len(line) + indent <= LONGEST:
+        return line
+    rows = "".join(f"{' ' * (indent + 4)}{item},\n" for item in items)
+    return "{\n" + rows + " " * indent + "}"
+
+
+def heading(arm: PlainArm, form: str, more: tuple[str, ...], relative: bool) -> str:
+    """Text of the comment.
+
+    Args:
+        arm: the arm.
+        form: the format.
+        more: what the writer of the format has to say beyond what is left out.
+        relative: whether meshes are named from the folder of the file.
+    """
+    lines = [
+        f"Corrected arm of {arm.body.file.name}, written by gapscope export; SI units. {effects_line(arm)}",
+        f"Simulate it under gravity of {arm.gravity:g} m/s^2 along -z of the world"
+        + (", as the base is turned into it." if not arm.upright else "."),
+        f"Meshes are named by paths {'from the folder of this file' if relative else 'from the root of the disk'}.",
+    ]
+    missing = [*left_out(arm, form), *more]
+    lines += (
+        ["Left out:", *(f"  {line}" for line in missing)]
+        if missing
+        else ["Nothing is left out."]
+    )
+    if odd := remarks(arm):
+        lines += [
+            "Odd, and some simulators change such inertias:",
+            *(f"  {line}" for line in odd),
+        ]
+    return xml_comment(lines)
+
+
+def effects_line(arm: PlainArm) -> str:
+    """Which effects an exported arm has."""
+    names = ", ".join(dict.fromkeys(e.name for e in arm.corrected.effects))
+    return f"Effects: {names or 'none'}."
+
+
+def xml_comment(lines: Sequence[str]) -> str:
+    """Lines as the text of a comment of XML."""
+    text = "\n".join(lines)
+    while "--" in text:  # which it may not hold
+        text = text.replace("--", "- -")
+    return f"\n{text}\n"
 
 
 def holds(held: Collection[str], effect: Effect) -> bool:
