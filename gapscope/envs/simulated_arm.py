@@ -291,8 +291,8 @@ class SimulatedArm:
         Motors of elastic joints are where they carry their link's weight. ``time`` [s] is that of the recording.
         """
         dq = np.zeros(len(q)) if dq is None else dq
-        start = (np.asarray(x, dtype=float)[self._order] for x in (q, dq))
-        self._arms.reset(0, *start, time)
+        at, moving = (np.asarray(x, dtype=float)[self._order] for x in (q, dq))
+        self._arms.reset(0, at, moving, time)
 
     def start(
         self, reading: np.ndarray, dq: np.ndarray | None = None, time: float = 0.0
