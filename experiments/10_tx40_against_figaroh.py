@@ -22,7 +22,7 @@ from pathlib import Path
 from time import perf_counter, process_time
 
 import numpy as np
-from benchmarks.foreign import FIGAROH, figaroh_fit, install
+from benchmarks.child import FIGAROH, figaroh_fit, install
 
 from gapscope.arm.case import load_case
 from gapscope.arm.nominal import smooth_sign

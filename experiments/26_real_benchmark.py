@@ -3,27 +3,37 @@
     GAPSCOPE_DATA=.../data .venv/bin/python experiments/26_real_benchmark.py --out out/real [--jobs 2] [--full]
 
 Recordings of seven real arms are carriers (``real_carriers.py``): the unchanged recording is a healthy case, and
-effects of known size are put into it by laws that are not the catalogue's (``real_injections.py``); see
+effects of known size are put into it by laws that are not the catalogue's (``real_cases.py``); see
 ``docs/real_arms.md``.
 
 Resumable: run it again for the rest; each case has a result file that is written whole. ``--step check`` shows that the
 injected truth closes the gap. ``--results NAME`` keeps the results of several versions of the diagnosis side by side;
-``--sketch PROGRAM`` lets an outside program answer (``outside_program.py``).
+``--sketch PROGRAM`` lets an outside program answer (``common.py``).
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-import time
 import warnings
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
-from case_runs import diagnose_to_file, run_tasks, write_no_result
-from real_carriers import ARMS, prepare_arm, prepare_cut
-from real_check import check_table
-from real_plan import (
+import numpy as np
+from common import (
+    Progress,
+    Wanted,
+    add_run_options,
+    diagnose_missing,
+    publish,
+    run_tasks,
+)
+from real_carriers import ARMS, load_prepared, prepare_arm, prepare_cut
+from real_cases import (
     MODES,
     SIZES,
     Planned,
@@ -33,29 +43,341 @@ from real_plan import (
     read_truth,
     reference_of,
 )
-from real_scoring import Scored, score_tables, scored
 from threadpoolctl import threadpool_limits
 
+from gapscope.arm.case import load_case
+from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import ModelWarning
-from gapscope.arm.io.json_file import read_json
+from gapscope.arm.io.json_file import read_json, write_json
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import Recording
+from gapscope.blind_check.scoring.classes import Named, matched, named, same
+from gapscope.blind_check.scoring.compare import Compared, compare
+from gapscope.blind_check.scoring.statistics import (
+    brier,
+    proportion,
+    reliability,
+    wilson,
+)
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.model.conditioning import condition, position_cutoff
+from gapscope.model.torque_gap import torque_gap
+from gapscope.reports.blind_check.tables import Table
+
+CHECK_LIMIT = 300.0
+"""Longest time to check one case [s]."""
+
+
+def rms(
+    arm: NominalArm, effects: tuple[AppliedEffect, ...], r: Recording
+) -> np.ndarray:
+    """RMS of the torque gap of an arm with effects on a recording [N m], (n,)."""
+    segments = condition(r, position_cutoff((r,)))
+    return torque_gap(CorrectedArm(arm, effects), RigidBody(arm), segments).rmse
+
+
+def truth_effects(truth: dict[str, Any]) -> tuple[AppliedEffect, ...] | None:
+    """The effects of a label; ``None`` if it holds what predicts no torque: a fault, or rounding."""
+    names = {entry["effect"] for entry in truth["effects"]}
+    if truth["measure"] == "none" or "encoder_quantization" in names:
+        return None
+    out = []
+    for entry in truth["effects"]:
+        values = {k: np.array(v["value"]) for k, v in entry["parameters"].items()}
+        out.append(AppliedEffect(entry["effect"], tuple(entry["joints"]), values))
+    return tuple(out)
+
+
+def check(plan: Planned, out: Path, file: Path) -> None:
+    """Measure the gap of one case against the identified arm, and write it to a file."""
+    truth = read_truth(plan, out)
+    effects = truth_effects(truth)
+    if not effects:
+        write_json({}, file)
+        return
+    prepared = load_prepared(plan.arm, plan.cut, out)
+    # the arm identified on all recordings fits best, and stands for the true one
+    base = prepared.whole.arm if plan.mode == "against" else prepared.identified.arm
+    unchanged = prepared.case if plan.mode == "against" else prepared.identified
+    changed = load_case(out / "cases" / plan.name).recordings[0]
+    write_json(
+        {
+            "healthy": rms(base, (), unchanged.recordings[0]),
+            "before": rms(base, (), changed),
+            "after": rms(base, effects, changed),
+        },
+        file,
+    )
+
+
+def check_table(cases: list[Planned], out: Path, jobs: int) -> Table:
+    """A row for each case with effects: RMS of the gap on the joint where it grows most."""
+    folder = out / "check"
+    chosen = [c for c in cases if c.kind != "healthy"]
+    run_tasks(
+        lambda plan: check(plan, out, folder / f"{plan.name}.json"),
+        chosen,
+        jobs,
+        CHECK_LIMIT,
+        lambda plan, how, s: print(plan.name, how, f"{s:.0f} s", flush=True),
+    )
+    rows = []
+    for plan in chosen:
+        file = folder / f"{plan.name}.json"
+        if file.is_file():
+            rows.append(_row(plan, read_truth(plan, out), read_json(file, "")))
+    head = ("case", "size", "effects", "joint", "healthy", "before", "after", "closed")
+    return Table("Gap with the true effects [N m]", head, tuple(rows))
+
+
+def _row(plan: Planned, truth: dict[str, Any], gap: dict[str, Any]) -> tuple[str, ...]:
+    names = ", ".join(e["effect"] for e in truth["effects"])
+    if not gap:
+        return (plan.name, f"{plan.size:g}", names, *["–"] * 5)
+    healthy, before, after = (np.array(gap[k]) for k in ("healthy", "before", "after"))
+    joint = int(np.argmax(truth["gap"]))
+    power = before[joint] ** 2 - healthy[joint] ** 2
+    closed = (before[joint] ** 2 - after[joint] ** 2) / max(power, 1e-12)
+    figures = [f"{x[joint]:.3g}" for x in (healthy, before, after)]
+    return (
+        plan.name,
+        f"{plan.size:g}",
+        names,
+        str(joint + 1),
+        *figures,
+        f"{100 * closed:.0f} %",
+    )
+
+
+@dataclass(frozen=True)
+class Scored:
+    """A case with its truth, its result and how they compare.
+
+    Attributes:
+        plan, truth: the case.
+        result: of the diagnosis: ``status``, ``document``, seconds.
+        compared: names, joints and parameters beside the truth.
+    """
+
+    plan: Planned
+    truth: dict[str, Any]
+    result: dict[str, Any]
+    compared: Compared
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The diagnosis, empty if there is none."""
+        return dict(self.result.get("document") or {})
+
+    @property
+    def links(self) -> tuple[bool, ...]:
+        """Per link inertia that is named rightly whether it is on the right link."""
+        found = self.compared.found
+        pairs = matched(self.compared.truth, found, len(self.truth["gap"]), ["slow"])
+        both = [(self.compared.truth[i], found[j]) for i, j in pairs]
+        return tuple(
+            a.link == b.link for a, b in both if a.effect == b.effect and a.link
+        )
+
+
+def scored(plan: Planned, truth: dict[str, Any], result: dict[str, Any]) -> Scored:
+    """Set a result beside its truth."""
+    document = result.get("document") or {}
+    slide = len(truth["gap"]) == 1
+    for entry in (*document.get("effects", []), *document.get("possible", [])):
+        for one in (entry, *entry.get("alternatives", [])):
+            if one["probability"] is None:
+                # what is no number says nothing in favour of the effect
+                one["probability"] = 0.0
+            if slide and one["effect"] in ("armature", "link_inertia"):
+                # the mass of a slide has one name
+                one["effect"], one["joints"] = "payload", []
+    compared = compare(
+        plan.name, truth, result.get("document"), result.get("cpu_seconds")
+    )
+    return Scored(plan, truth, result, compared)
+
+
+def score_tables(cases: Sequence[Scored]) -> list[Table]:
+    """All tables."""
+    faulty = [c for c in cases if c.plan.kind != "healthy"]
+    return [
+        _overview("Total", cases, lambda c: "all"),
+        _overview("By mode", cases, lambda c: c.plan.mode),
+        _overview("By arm", cases, lambda c: c.plan.arm),
+        _overview("By kind", cases, lambda c: c.plan.kind),
+        _overview("By size (times what a full model leaves)", faulty, _size),
+        _overview("By effect (singles)", _singles(cases), _effect),
+        _verdicts(cases),
+        _calibration(cases),
+        _possible(cases),
+        _wrong(cases),
+    ]
+
+
+def _singles(cases: Sequence[Scored]) -> list[Scored]:
+    return [c for c in cases if c.plan.kind == "single"]
+
+
+def _size(case: Scored) -> str:
+    return "fault" if case.truth["measure"] == "none" else f"{case.plan.size:g}"
+
+
+def _effect(case: Scored) -> str:
+    return str(case.truth["effects"][0]["effect"])
+
+
+def _share(values: Sequence[bool]) -> str:
+    """Hits of a count with the percentage."""
+    if not values:
+        return "–"
+    hits, total = proportion(values)
+    return f"{hits}/{total} ({100 * hits / total:.0f} %)"
+
+
+def _overview(
+    title: str, cases: Sequence[Scored], key: Callable[[Scored], str]
+) -> Table:
+    """One row for each value of a key."""
+    head = ("", "cases", "healthy: named", "first answer", "exact set", "joints")
+    head = (*head, "parameter error", "seconds: median, worst", "failed")
+    groups: dict[str, list[Scored]] = {}
+    for case in cases:
+        groups.setdefault(key(case), []).append(case)
+    rows = [(name, *_figures(groups[name])) for name in sorted(groups)]
+    return Table(title, head, tuple(rows))
+
+
+def _figures(cases: Sequence[Scored]) -> tuple[str, ...]:
+    healthy = [c for c in cases if c.plan.kind == "healthy"]
+    faulty = [c.compared for c in cases if c.plan.kind != "healthy"]
+    joints = [right for c in faulty for right in c.joints]
+    joints += [right for c in cases for right in c.links]
+    errors = [e for c in faulty for e in c.errors]
+    seconds = [float(c.result["cpu_seconds"]) for c in cases]
+    failed = sum(c.result["status"] != "done" for c in cases)
+    return (
+        str(len(cases)),
+        _share([bool(c.compared.found) for c in healthy]),
+        _share([c.top for c in faulty]),
+        _share([c.exact for c in faulty]),
+        _share(joints),
+        f"{100 * np.median(errors):.0f} %" if errors else "–",
+        f"{np.median(seconds):.0f}, {max(seconds):.0f}",
+        str(failed),
+    )
+
+
+def _verdicts(cases: Sequence[Scored]) -> Table:
+    """How often each verdict, by kind and mode."""
+    names = ("no_gap", "effects_found", "unexplained", "failed")
+    counts: dict[str, Counter[str]] = {}
+    for case in cases:
+        group = f"{case.plan.kind}, {case.plan.mode}"
+        counts.setdefault(group, Counter())[case.compared.verdict] += 1
+    rows = [
+        (group, *(str(counts[group][name]) for name in names))
+        for group in sorted(counts)
+    ]
+    return Table("Verdicts", ("", *names), tuple(rows))
+
+
+def _calibration(cases: Sequence[Scored]) -> Table:
+    """Stated probability of all named and possible effects against how often they are right."""
+    probability, right = [], []
+    for case in cases:
+        for entry in _stated(case):
+            probability.append(float(entry["probability"]))
+            right.append(_is_right(case, named(entry)))
+    p, r = np.array(probability), np.array(right, dtype=float)
+    rows = []
+    for row in reliability(p, r, bins=5):
+        hits = round(row["right"] * row["count"])
+        low, high = wilson(hits, int(row["count"]))
+        rows.append(
+            (
+                f"{row['from']:.1f} to {row['to']:.1f}",
+                str(row["count"]),
+                f"{row['probability']:.2f}",
+                f"{row['right']:.2f}",
+                f"{low:.2f} to {high:.2f}",
+            )
+        )
+    score = brier(p, r)
+    title = "Calibration" if score is None else f"Calibration (Brier {score:.2f})"
+    head = ("probability", "effects", "mean stated", "right", "95 % interval")
+    return Table(title, head, tuple(rows))
+
+
+def _stated(case: Scored) -> list[dict[str, Any]]:
+    """Effects that are named or possible."""
+    return [*case.document.get("effects", []), *case.document.get("possible", [])]
+
+
+def _is_right(case: Scored, one: Named) -> bool:
+    n = len(case.truth["gap"])
+    return any(same(true, one, n, ["slow"]) for true in case.compared.truth)
+
+
+def _possible(cases: Sequence[Scored]) -> Table:
+    """Effects that are only possible: how many, and how often right."""
+    rows = []
+    for kind in ("healthy", "single", "pair"):
+        entries = [
+            _is_right(c, named(e))
+            for c in cases
+            if c.plan.kind == kind
+            for e in c.document.get("possible", [])
+        ]
+        rows.append((kind, str(len(entries)), str(sum(entries))))
+    return Table("Possible effects", ("", "listed", "right"), tuple(rows))
+
+
+def _wrong(cases: Sequence[Scored]) -> Table:
+    """Cases whose answer is not the truth."""
+    head = ("case", "kind", "size", "truth", "answer", "possible", "verdict")
+    rows = []
+    for case in cases:
+        c = case.compared
+        right = not c.found if case.plan.kind == "healthy" else c.exact
+        if right and case.result["status"] == "done":
+            continue
+        document = case.document
+        rows.append(
+            (
+                case.plan.name,
+                case.plan.kind,
+                f"{case.plan.size:g}",
+                ", ".join(_short(e) for e in case.truth["effects"]) or "–",
+                ", ".join(_short(e) for e in document.get("effects", [])) or "–",
+                ", ".join(_short(e) for e in document.get("possible", [])) or "–",
+                str(document.get("verdict", case.result.get("error", "")))[:90],
+            )
+        )
+    return Table("Wrong cases", head, tuple(rows))
+
+
+def _short(entry: dict[str, Any]) -> str:
+    """``coulomb_friction [3] 1.2 N m (97 %)``."""
+    values = []
+    for parameter in list(entry["parameters"].values())[:2]:
+        value = parameter["value"]
+        text = (
+            value
+            if isinstance(value, str)
+            else np.array2string(
+                np.asarray(value, dtype=float), precision=3, separator=", "
+            )
+        )
+        values.append(f"{text} {parameter['unit']}".strip())
+    joints = entry["joints"] or ""
+    chance = f" ({100 * entry['probability']:.0f} %)" if "probability" in entry else ""
+    return f"{entry['effect']} {joints} {'; '.join(values)}{chance}".replace("  ", " ")
+
 
 MAKE_LIMIT = 900.0
 """Longest time to prepare a carrier or to make a case [s]."""
-
-
-class Progress:
-    """Counts tasks as they end."""
-
-    def __init__(self, what: str, total: int) -> None:
-        self.what, self.total, self.done = what, total, 0
-        self.started = time.monotonic()
-
-    def __call__(self, name: str, text: str) -> None:
-        """Print that a task ended."""
-        self.done += 1
-        passed = (time.monotonic() - self.started) / 60
-        count = f"{self.done}/{self.total}"
-        print(f"{self.what} {count} {passed:5.1f} min  {name}  {text}", flush=True)
 
 
 def make(cases: list[Planned], seed: int, out: Path, jobs: int) -> None:
@@ -82,11 +404,6 @@ def make(cases: list[Planned], seed: int, out: Path, jobs: int) -> None:
     )
 
 
-def result_file(plan: Planned, results: Path) -> Path:
-    """Where the result of a case is."""
-    return results / f"{plan.name}.json"
-
-
 def run(
     cases: list[Planned],
     out: Path,
@@ -96,52 +413,29 @@ def run(
     sketch: Path | None,
 ) -> None:
     """Diagnose all cases that have no result yet, with Gapscope or by a sketch."""
-    left = [
-        c
-        for c in cases
-        if not result_file(c, results).is_file()
-        and (out / "truth" / f"{c.name}.json").is_file()
+    wanted = [
+        Wanted(
+            out / "cases" / plan.name,
+            reference_of(plan, out) if plan.mode == "against" else None,
+            results / f"{plan.name}.json",
+        )
+        for plan in cases
+        if (out / "truth" / f"{plan.name}.json").is_file()
     ]
-    progress = Progress("diagnose", len(left))
-
-    def ended(plan: Planned, how: str, seconds: float) -> None:
-        file = result_file(plan, results)
-        if how != "ended" or not file.is_file():
-            write_no_result(plan.name, how, seconds, limit, file)
-        result = read_json(file, "")
-        document = result.get("document") or {}
-        found = [effect["effect"] for effect in document.get("effects", [])]
-        verdict = document.get("verdict", result.get("error", ""))
-        text = f"{seconds:.0f} s  {verdict}  {', '.join(found)}"
-        progress(f"{plan.name} ({plan.kind})", text)
-
-    def diagnosed(plan: Planned) -> None:
-        reference = reference_of(plan, out) if plan.mode == "against" else None
-        case, file = out / "cases" / plan.name, result_file(plan, results)
-        diagnose_to_file(case, reference, file, sketch)
-
-    run_tasks(diagnosed, left, jobs, limit, ended)
+    diagnose_missing(wanted, jobs, limit, sketch)
 
 
 def score(cases: list[Planned], out: Path, results: Path) -> None:
     """Print the tables of all cases that have a result, and write them beside the results."""
     rows: list[Scored] = []
     for plan in cases:
-        file = result_file(plan, results)
+        file = results / f"{plan.name}.json"
         if file.is_file():
             rows.append(scored(plan, read_truth(plan, out), read_json(file, "")))
     if not rows:
         print("no results yet: --step run")
         return
-    text = "\n".join(table.markdown() for table in score_tables(rows))
-    missing = len(cases) - len(rows)
-    text += f"\n{missing} of {len(cases)} planned cases have no result.\n" * bool(
-        missing
-    )
-    print(text)
-    file = results.with_suffix(".md")
-    file.write_text(text, encoding="utf-8")
-    print(file)
+    publish(score_tables(rows), len(cases) - len(rows), len(cases), results)
 
 
 def parsed() -> argparse.Namespace:
@@ -156,14 +450,7 @@ def parsed() -> argparse.Namespace:
     parser.add_argument("--per-arm", type=int, help="cases per arm and mode")
     parser.add_argument("--full", action="store_true", help="36 per arm and mode")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument(
-        "--limit", type=float, default=600.0, help="processor time per case [s]"
-    )
-    parser.add_argument("--results", default="results", help="folder in OUT")
-    parser.add_argument(
-        "--sketch", type=Path, help="an outside program in place of Gapscope"
-    )
+    add_run_options(parser, jobs=2)
     steps = ("make", "check", "run", "score", "all")
     parser.add_argument("--step", choices=steps, default="all")
     return parser.parse_args()

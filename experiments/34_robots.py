@@ -1,32 +1,50 @@
-"""Robots as they come: which of many published robot files load, and how far each gets.
+"""Robots as they come: which of many published robot files load and how far each gets, and effects on their arms.
 
-    .venv/bin/python experiments/34_robots.py --folder ROBOTS --out out/robots [--only NAME] [--quick]
+    .venv/bin/python experiments/34_robots.py files --folder ROBOTS --out out/robots [--only NAME] [--quick]
+    .venv/bin/python experiments/34_robots.py effects --folder ROBOTS --out out/many_arms [--per-arm 4] [--only NAME]
 
-`--folder` holds robot files (URDF, MJCF, xacro), at any depth; each is one row, named by its file. For the table of
-`docs/robots.md` it held the wheels of `example-robot-data` 6.0.0, `rtb-data` 2.0.0, `robosuite` 1.5.2 and
-`robosuite-models` 1.0.0, unpacked without meshes, and the robots of PyBullet (`pybullet_data`).
+``--folder`` holds robot files (URDF, MJCF, xacro), at any depth; each is one row, named by its file. For the table of
+``docs/robots.md`` it held the wheels of ``example-robot-data`` 6.0.0, ``rtb-data`` 2.0.0, ``robosuite`` 1.5.2 and
+``robosuite-models`` 1.0.0, unpacked without meshes, and the robots of PyBullet (``pybullet_data``).
 
 The arm of a file is its longest chain of joints, without joints at its tip that move less than 1 % of the mass of the
-chain (fingers), and of what is left the last seven joints. Then: the number of inertial base parameters; an exciting
-trajectory of 8 s within the limits, collisions unchecked; three recordings of 8 s at 200 Hz of the healthy arm and of
-the arm with Coulomb friction of 40 % of the scale of its torque on a middle joint, a quarter of that, up to three
-times, if the joint does not follow its controller; a diagnosis of both. Injected and explained by the same formula,
-this is a recovery check. A row that exists is not computed again; each robot has its own process with a time limit.
-With `--quick` robots without a row end after their base parameters. `robots.json` and `robots.md` hold the table.
+chain (fingers), and of what is left the last seven joints.
+
+``files``: the number of inertial base parameters; an exciting trajectory of 8 s within the limits, collisions
+unchecked; three recordings of 8 s at 200 Hz of the healthy arm and of the arm with Coulomb friction of 40 % of the
+scale of its torque on a middle joint, a quarter of that, up to three times, if the joint does not follow its
+controller; a diagnosis of both. Injected and explained by the same formula, this is a recovery check. A row that exists
+is not computed again; each robot has its own process with a time limit. With ``--quick`` robots without a row end after
+their base parameters. ``robots.json`` and ``robots.md`` hold the table.
+
+``effects``: of an arm with five joints or more a second one is made, two or three of its joints free and the others
+locked at zero: planar arms, arms without a base parameter of some joint, light wrists alone. The first is as its file
+says, the second has rotors as well, a fifth of what each joint moves, so that elasticities and backlash can be put into
+it. Each arm is recorded healthy and with one effect of the catalogue at a time, ``--per-arm`` of them, which follow
+from its name: two recordings of 10 s at 100 Hz. A recovery check too, on arms that no setting was made on. A healthy
+recording should be ``no_gap``; the other answers are counted as *exact* (this effect alone), *first* (others beside it,
+or a rest that stays), *another* effect, ``unexplained``, and ``no_gap``, which is right for what lies below the floor.
+Results that are there are kept; ``OUT/results.jsonl`` has one line per diagnosis.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import subprocess
 import sys
 import time
 import warnings
-from collections.abc import Callable
+import zlib
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from common import run_part, run_tasks
 
 import gapscope
 from gapscope.arm.case import Case
@@ -40,7 +58,8 @@ from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
-from gapscope.envs.session import Plan, record_case
+from gapscope.effects.severity import draw, possible
+from gapscope.envs.recorder import Plan, record_case
 from gapscope.ident.excitation.excitation_plan import ExcitationPlan, LimitPlan
 from gapscope.ident.excitation.trajectory_search import Budget
 from gapscope.ident.model.base_parameters import structural_base
@@ -50,11 +69,11 @@ MOST_JOINTS = 7
 """Joints of an arm."""
 LIGHT = 0.01
 """Joints at the tip that move less than this share of the mass are no joints of the arm [1]."""
-LIMIT = 240.0
+FILE_LIMIT = 240.0
 """Time that a robot may take [s]."""
 MOST_TRIES = 4
 """Amounts of friction that are tried."""
-PLAN = Plan(recordings=3, duration=8.0, rate=200.0)
+FILE_PLAN = Plan(recordings=3, duration=8.0, rate=200.0)
 STEPS = ("loads", "base", "excited", "recorded", "healthy", "found")
 ENDINGS = ("*.urdf", "*.xacro", "*.xml")
 
@@ -93,11 +112,13 @@ def excited(arm: NominalArm) -> str:
 def recorded(arm: NominalArm, joint: int | None) -> Case:
     """The arm as it is, or with as much friction on a joint (from 1) as its controller can move it against."""
     if joint is None:
-        return record_case("case", arm, (), PLAN, np.random.default_rng(1))
+        return record_case("case", arm, (), FILE_PLAN, np.random.default_rng(1))
     torque = 0.4 * ArmScale.of(arm).torque[joint - 1]
     for _ in range(MOST_TRIES):
         friction = AppliedEffect("coulomb_friction", (joint,), {"torque": torque})
-        case = record_case("case", arm, (friction,), PLAN, np.random.default_rng(1))
+        case = record_case(
+            "case", arm, (friction,), FILE_PLAN, np.random.default_rng(1)
+        )
         if all(_follows(recording, joint - 1) for recording in case.recordings):
             break
         torque = torque / 4
@@ -110,7 +131,7 @@ def _follows(recording: Recording, j: int) -> bool:
     return bool(np.ptp(recording.q[:, j]) > 0.5 * np.ptp(recording.q_ref[:, j]))
 
 
-def diagnosed(arm: NominalArm, joint: int | None, notes: dict[str, Any]) -> str:
+def diagnosed_file(arm: NominalArm, joint: int | None, notes: dict[str, Any]) -> str:
     """The verdict on the arm as it is, ``no gap`` if right, or whether friction on a joint (from 1) is found."""
     case = recorded(arm, joint)
     notes["recorded"] = "yes"
@@ -145,8 +166,8 @@ def row(file: Path, quick: bool = False) -> dict[str, Any]:
                     ).count
                 ),
                 "excited": lambda: excited(arm),
-                "healthy": lambda: diagnosed(arm, None, out),
-                "found": lambda: diagnosed(arm, middle, out),
+                "healthy": lambda: diagnosed_file(arm, None, out),
+                "found": lambda: diagnosed_file(arm, middle, out),
             }
         except GapscopeError as error:
             steps = {}
@@ -173,15 +194,16 @@ def run(file: Path, name: str, out: Path) -> dict[str, Any]:
     """The row of a robot, from a process of its own, unless it is there."""
     target = out / "rows" / f"{name}.json"
     if not target.exists():
-        command = [sys.executable, __file__, "--one", str(file), "--out", str(target)]
+        command = [sys.executable, __file__, "files", "--one", str(file)]
+        command += ["--out", str(target)]
         failed = ""
         try:
             done = subprocess.run(
-                command, timeout=LIMIT, check=False, capture_output=True, text=True
+                command, timeout=FILE_LIMIT, check=False, capture_output=True, text=True
             )
             failed = "" if done.returncode == 0 else done.stderr.strip()[-300:]
         except subprocess.TimeoutExpired:
-            failed = f"not done within {LIMIT:g} s"
+            failed = f"not done within {FILE_LIMIT:g} s"
         if failed:
             write_json({"robot": name, "loads": failed}, target)
     return read_json(target, "remove it")
@@ -207,9 +229,9 @@ def as_table(rows: list[dict[str, Any]]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def main() -> None:
+def files_part() -> None:
     """Compute the missing rows and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=files_part.__doc__)
     parser.add_argument("--folder", type=Path)
     parser.add_argument("--out", type=Path, default=Path("out/robots"))
     parser.add_argument("--only")
@@ -242,5 +264,154 @@ def main() -> None:
     print(as_table(rows))
 
 
+PLAN = Plan(recordings=2, duration=10.0, rate=100.0, engine="mujoco")
+LEAST_JOINTS = 5
+"""Arms with fewer joints are taken whole alone."""
+ROTORS = 0.2
+"""Rotor inertia over the largest own inertia of a joint that is free beside locked ones [1]."""
+LIMIT = 240.0
+"""Processor time that a diagnosis may take [s]."""
+HEALTHY = "healthy"
+ANSWERS = ("exact", "first", "another", "unexplained", "no_gap", "refused")
+
+
+class Task(NamedTuple):
+    """One diagnosis: an arm by its name, its robot file, its free joints from 1 (none: all), and an effect."""
+
+    arm: str
+    file: Path
+    free: tuple[int, ...]
+    effect: str
+
+
+def load(file: Path, free: tuple[int, ...]) -> NominalArm:
+    """The arm of a file, or that with some joints free alone."""
+    arm: NominalArm = arm_of(file)
+    if not free:
+        return arm
+    kept = [arm.joints[j - 1] for j in free]
+    locked = {name: 0.0 for name in arm.joints if name not in kept}
+    part = load_nominal_arm(file, joints=tuple(kept), locked=locked)
+    own = np.diag(RigidBody(part).mass_matrix(np.zeros(part.n_joints)))
+    return replace(part, armature=np.maximum(part.armature, ROTORS * own))
+
+
+def tasks(folder: Path, per_arm: int, only: str | None) -> Iterator[Task]:
+    """What is to be done, arm by arm; files without an arm are named and left out."""
+    files = {f.resolve() for ending in ENDINGS for f in folder.rglob(ending)}
+    for file in sorted(files):
+        if only and only not in file.name:
+            continue
+        try:
+            n = arm_of(file).n_joints
+        except GapscopeError as error:
+            print(f"{file.stem}: {error.message.splitlines()[0]}", flush=True)
+            continue
+        rng = np.random.default_rng(zlib.crc32(file.stem.encode()))
+        variants: list[tuple[int, ...]] = [()]
+        if n >= LEAST_JOINTS:
+            some = rng.choice(n, int(rng.integers(2, 4)), replace=False) + 1
+            variants.append(tuple(sorted(some.tolist())))
+        for free in variants:
+            name = file.stem + "".join(f" {j}" for j in free)
+            names = possible(load(file, free))
+            drawn = rng.choice(names, min(per_arm, len(names)), replace=False)
+            for effect in (HEALTHY, *drawn.tolist()):
+                yield Task(name, file, free, effect)
+
+
+def diagnosed(task: Task, file: Path) -> None:
+    """Record, diagnose, and append what came of it to a file."""
+    row: dict[str, Any] = {"arm": task.arm, "effect": task.effect}
+    try:
+        arm = load(task.file, task.free)
+        rng = np.random.default_rng(zlib.crc32(f"{task.arm} {task.effect}".encode()))
+        effects = ()
+        if task.effect != HEALTHY:
+            effects = (draw(task.effect, rng, ArmScale.of(arm)),)
+            given = effects[0].parameters
+            values = {name: np.asarray(value).tolist() for name, value in given.items()}
+            row |= {"joints": effects[0].joints, "values": values}
+        case = record_case(task.arm, arm, effects, PLAN, rng)
+        document = gapscope.diagnose(case).document
+        row |= {key: document[key] for key in ("verdict", "effects", "possible")}
+        row["gap"] = document["gap"]["before"]
+    except GapscopeError as error:
+        row["refused"] = error.message
+    _append(row, file)
+
+
+def _append(row: dict[str, Any], file: Path) -> None:
+    with file.open("a", encoding="utf-8") as lines:
+        lines.write(json.dumps(row) + "\n")
+
+
+def answer(row: dict[str, Any]) -> str:
+    """Which of ``ANSWERS`` a diagnosis gave."""
+    if "refused" in row:
+        return "refused"
+    named = [effect["effect"] for effect in row["effects"]]
+    if row["effect"] == HEALTHY:
+        return "another" if named else str(row["verdict"])
+    if not named:
+        return str(row["verdict"])
+    if named[0] != row["effect"]:
+        return "another"
+    return "exact" if len(named) == 1 and row["verdict"] != "unexplained" else "first"
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """Answers to each effect, as Markdown."""
+    counts = Counter((row["effect"], answer(row)) for row in rows)
+    lines = ["| effect | cases | " + " | ".join(ANSWERS) + " |"]
+    lines.append("|---" * (len(ANSWERS) + 2) + "|")
+    for effect in sorted({row["effect"] for row in rows}):
+        of_it = [counts[effect, each] for each in ANSWERS]
+        lines.append(
+            f"| {effect} | {sum(of_it)} | " + " | ".join(map(str, of_it)) + " |"
+        )
+    return "\n".join(lines)
+
+
+def effects_part() -> None:
+    """Do what is missing, list what is not exact, and print the table."""
+    parser = argparse.ArgumentParser(description=effects_part.__doc__)
+    parser.add_argument("--folder", type=Path, required=True)
+    parser.add_argument("--out", type=Path, default=Path("out/many_arms"))
+    parser.add_argument("--per-arm", type=int, default=4)
+    parser.add_argument("--only", help="files whose name has this")
+    args = parser.parse_args()
+    warnings.simplefilter("ignore", ModelWarning)
+    args.out.mkdir(parents=True, exist_ok=True)
+    file = args.out / "results.jsonl"
+    read = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
+    done = {(row["arm"], row["effect"]) for row in map(json.loads, read)}
+    every = list(tasks(args.folder, args.per_arm, args.only))
+    left = [task for task in every if (task.arm, task.effect) not in done]
+    print(f"{len(every)} diagnoses, {len(left)} of them to be made", flush=True)
+
+    def ended(task: Task, how: str, seconds: float) -> None:
+        if how != "ended":
+            _append({"arm": task.arm, "effect": task.effect, "refused": how}, file)
+        print(f"{task.arm}, {task.effect}: {how}, {seconds:.0f} s", flush=True)
+
+    # one at a time: they append to one file
+    run_tasks(partial(diagnosed, file=file), left, 1, LIMIT, ended)
+    rows = [json.loads(line) for line in file.read_text("utf-8").splitlines()]
+    for row in rows:
+        if answer(row) not in ("exact", "no_gap"):
+            named = [(e["effect"], e["joints"]) for e in row.get("effects", [])]
+            truth = f"{row['effect']} {row.get('joints', '')} {row.get('values', '')}"
+            said = row.get("refused") or f"{row['verdict']}, {named}"
+            print(f"{row['arm']}: {truth} -> {said}")
+    print(table(rows))
+
+
+PARTS = {
+    "files": files_part,
+    "effects": effects_part,
+}
+"""What the first word of the command line may be."""
+
 if __name__ == "__main__":
-    main()
+    run_part(__doc__, PARTS)

@@ -44,8 +44,8 @@ def write(out: Path) -> None:
     from gapscope.arm.robots import load_nominal_arm
     from gapscope.effects.applied import AppliedEffect as Effect
     from gapscope.effects.corrected import CorrectedArm
+    from gapscope.envs.effect_ranges import effect_range, within_nominal
     from gapscope.envs.export.formats import export
-    from gapscope.envs.export.unit_spread import effect_range, within_nominal
 
     effects = (
         Effect("payload", (), {"mass": 1.3, "com": [0.02, -0.01, 0.05]}),

@@ -43,7 +43,7 @@ from gapscope.arm.shifted_inertials import shifted_arm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.engines import ENGINES, installed
 from gapscope.envs.randomisation import Randomisation
-from gapscope.envs.session import Plan, record_case
+from gapscope.envs.recorder import Plan, record_case
 
 PARTS = (*ENGINES, "diagnosis")
 COPIES = 4

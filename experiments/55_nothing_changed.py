@@ -9,7 +9,7 @@ robot in the air (``go2``: six repeats of one motion), simulated cases (``sample
 left out. Some comparisons are made again with every recording listed twice and ten times.
 
 Resumable: run it again for the rest; each comparison has a result file. ``--results NAME`` keeps the results of several
-versions side by side, ``--sketch PROGRAM`` lets an outside program answer (``outside_program.py``).
+versions side by side, ``--sketch PROGRAM`` lets an outside program answer (``common.py``).
 ``--step agree`` compares the six repeats of each leg of the Go2 with each other, in a table of its own.
 """
 
@@ -18,7 +18,6 @@ from __future__ import annotations
 import argparse
 import itertools
 import os
-import time
 import warnings
 import xml.etree.ElementTree as ET
 from collections import Counter
@@ -29,7 +28,14 @@ from typing import Any
 
 import numpy as np
 import yaml
-from case_runs import diagnose_to_file, run_tasks, write_no_result
+from common import (
+    Wanted,
+    add_run_options,
+    diagnose_missing,
+    names_of,
+    publish,
+    verdict_of,
+)
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case, load_case
@@ -277,48 +283,18 @@ def run(
     limit: float,
     sketch: Path | None,
 ) -> None:
-    """Compare all that have no result yet."""
-    left = [p for p in plans if not (results / f"{p.name}.json").is_file()]
-    # the long ones last
-    left.sort(key=lambda plan: plan.times)
-    started, done = time.monotonic(), itertools.count(1)
-
-    def diagnosed(plan: Comparison) -> None:
+    """Compare all that have no result yet, the long ones last."""
+    wanted = []
+    for plan in sorted(plans, key=lambda plan: plan.times):
         folder, file = out / "cases" / plan.name, results / f"{plan.name}.json"
-        diagnose_to_file(folder / "case", folder / "reference", file, sketch)
-
-    def ended(plan: Comparison, how: str, seconds: float) -> None:
-        file = results / f"{plan.name}.json"
-        if how != "ended" or not file.is_file():
-            write_no_result(plan.name, how, seconds, limit, file)
-        result = read_json(file, "")
-        passed = (time.monotonic() - started) / 60
-        answer = f"{verdict_of(result)}  {', '.join(names_of(result))}"
-        count = f"{next(done)}/{len(left)}"
-        print(f"{count} {passed:5.1f} min  {plan.name}  {answer}", flush=True)
-
-    run_tasks(diagnosed, left, jobs, limit, ended)
-
-
-def names_of(result: dict[str, Any]) -> list[str]:
-    """Effects that a result names, with their joints."""
-    effects = (result.get("document") or {}).get("effects", [])
-    return [
-        " ".join([e["effect"], ",".join(map(str, e["joints"]))]).strip()
-        for e in effects
-    ]
+        wanted.append(Wanted(folder / "case", folder / "reference", file))
+    diagnose_missing(wanted, jobs, limit, sketch)
 
 
 def changes_of(result: dict[str, Any]) -> list[str]:
     """Changes during a recording that a result states, with their joints and times; they are false too."""
     changes = (result.get("document") or {}).get("changes") or []
     return [f"{c['what']} {c['joints']} at {c['time']:.1f} s" for c in changes]
-
-
-def verdict_of(result: dict[str, Any]) -> str:
-    """Verdict, or the error."""
-    document = result.get("document") or {}
-    return str(document.get("verdict", f"failed: {result.get('error', '')[:80]}"))
 
 
 def tables(rows: Sequence[tuple[Comparison, dict[str, Any]]]) -> list[Table]:
@@ -375,11 +351,7 @@ def score(plans: Sequence[Comparison], results: Path) -> None:
     """Print the tables of all that have a result, and write them beside the results."""
     files = [(plan, results / f"{plan.name}.json") for plan in plans]
     rows = [(plan, read_json(file, "")) for plan, file in files if file.is_file()]
-    text = "\n".join(table.markdown() for table in tables(rows))
-    missing = len(plans) - len(rows)
-    text += f"\n{missing} of {len(plans)} comparisons have no result.\n"
-    print(text)
-    results.with_suffix(".md").write_text(text, encoding="utf-8")
+    publish(tables(rows), len(plans) - len(rows), len(plans), results)
 
 
 def agree(out: Path, data: Path) -> None:
@@ -420,12 +392,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("out/nothing_changed"))
     usual = ",".join(group for group in GROUPS if group != "withheld")
     parser.add_argument("--groups", default=usual, help="default: %(default)s")
-    parser.add_argument("--results", default="results", help="folder in OUT")
-    parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--limit", type=float, default=600.0, help="per comparison [s]")
-    parser.add_argument(
-        "--sketch", type=Path, help="an outside program in place of Gapscope"
-    )
+    add_run_options(parser)
     steps = ("make", "run", "score", "all", "agree")
     parser.add_argument("--step", choices=steps, default="all")
     arguments = parser.parse_args()

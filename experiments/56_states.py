@@ -10,7 +10,7 @@ without the reference too; in the other rows it is poor, inertials 10 to 30 % of
 unknown.
 
 Resumable: run it again for the rest; each diagnosis has a result file. What a document says under ``states`` or
-``agreement`` is printed as it is. ``--sketch PROGRAM`` lets an outside program answer (``outside_program.py``), in
+``agreement`` is printed as it is. ``--sketch PROGRAM`` lets an outside program answer (``common.py``), in
 comparisons with a reference.
 """
 
@@ -19,7 +19,6 @@ from __future__ import annotations
 import argparse
 import itertools
 import json
-import time
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -28,7 +27,15 @@ from typing import Any
 
 import numpy as np
 import yaml
-from case_runs import diagnose_to_file, run_tasks, write_no_result
+from common import (
+    Wanted,
+    add_run_options,
+    diagnose_missing,
+    names_of,
+    publish,
+    run_tasks,
+    verdict_of,
+)
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.errors import GapscopeError, ModelWarning
@@ -283,36 +290,13 @@ def run(
     sketch: Path | None,
 ) -> None:
     """Diagnose all that has no result yet."""
-    left = [t for t in tasks if not (results / f"{t.name}.json").is_file()]
-    started, done = time.monotonic(), itertools.count(1)
-
-    def diagnosed(task: Task) -> None:
-        folder, file = out / "cases" / task.case, results / f"{task.name}.json"
+    wanted = []
+    for task in tasks:
+        folder = out / "cases" / task.case
         reference = folder / "reference" if task.mode == "against" else None
-        diagnose_to_file(folder / "case", reference, file, sketch)
-
-    def ended(task: Task, how: str, seconds: float) -> None:
         file = results / f"{task.name}.json"
-        if how != "ended" or not file.is_file():
-            write_no_result(task.name, how, seconds, limit, file)
-        result = read_json(file, "")
-        passed = (time.monotonic() - started) / 60
-        count = f"{next(done)}/{len(left)}"
-        print(f"{count} {passed:5.1f} min  {task.name}  {answer(result)}", flush=True)
-
-    run_tasks(diagnosed, left, jobs, limit, ended)
-
-
-def answer(result: dict[str, Any]) -> str:
-    """What a result says: effects with their joints, the verdict, or the error."""
-    document = result.get("document")
-    if document is None:
-        return f"failed: {str(result.get('error', ''))[:100]}"
-    names = [
-        " ".join([e["effect"], ",".join(map(str, e["joints"]))]).strip()
-        for e in document["effects"]
-    ]
-    return "; ".join([*names, document["verdict"]])
+        wanted.append(Wanted(folder / "case", reference, file))
+    diagnose_missing(wanted, jobs, limit, sketch)
 
 
 def said_of_states(result: dict[str, Any]) -> dict[str, Any]:
@@ -414,7 +398,7 @@ def score(tasks: Sequence[Task], out: Path, results: Path) -> None:
             continue
         truth = json.loads((out / "truth" / f"{task.case}.json").read_text())
         result = read_json(file, "")
-        said_at_all = answer(result)
+        said_at_all = "; ".join([*names_of(result), verdict_of(result)])
         arm = yaml.safe_load((out / "cases" / task.case / "case/case.yaml").read_text())
         effects = truth["effects"]
         if task.mode == "plain" and result.get("document"):
@@ -439,9 +423,8 @@ def score(tasks: Sequence[Task], out: Path, results: Path) -> None:
         for (row, mode), several in groups.items()
     ]
     second = Table("Answers", ("case", "truth", "answer", "states"), tuple(said))
-    text = Table("States", head, tuple(rows)).markdown() + "\n" + second.markdown()
-    print(text)
-    results.with_suffix(".md").write_text(text, encoding="utf-8")
+    tables = [Table("States", head, tuple(rows)), second]
+    publish(tables, len(tasks) - len(said), len(tasks), results)
 
 
 def _short(entry: dict[str, Any]) -> str:
@@ -481,12 +464,7 @@ def main() -> None:
     parser.add_argument("--rows", default=",".join(ROWS), help="default: %(default)s")
     parser.add_argument("--draws", type=int, default=6)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--results", default="results", help="folder in OUT")
-    parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--limit", type=float, default=600.0, help="per diagnosis [s]")
-    parser.add_argument(
-        "--sketch", type=Path, help="an outside program in place of Gapscope"
-    )
+    add_run_options(parser)
     steps = ("make", "run", "score", "all")
     parser.add_argument("--step", choices=steps, default="all")
     arguments = parser.parse_args()

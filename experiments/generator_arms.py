@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from feedforward_arms import find_models
 from scipy.signal import butter, sosfiltfilt
 
 from gapscope.agents.agent_controller import AgentController, AgentModel
@@ -57,15 +56,6 @@ LEARNT, LEARNT_BAND = 8, 60.0
 
 Fed = TorqueModel | AgentModel | np.ndarray | None
 """What is fed forward: a model, an agent on top of one, torques [N m], or nothing."""
-
-
-def prepare(number: int, folder: Path) -> GeneratorArm:
-    """An arm by its number, recorded in its simulator; from the files alone it is identified, diagnosed, learnt."""
-    arm = GeneratorArm(number)
-    if not (folder / "case").is_dir():
-        arm.write(folder)
-    find_models(folder)
-    return arm
 
 
 class GeneratorArm:

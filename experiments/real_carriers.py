@@ -2,7 +2,8 @@
 
 A carrier is a healthy arm whose recordings are as nature made them. What its case states wrongly is put right here, so
 that the unchanged recording is a healthy case; references (``q_ref``) are left out, since injected effects would change
-them in a way that nobody knows.
+them in a way that nobody knows. In the folders of pieces coupled motors stay declared, with recordings on the motors'
+side. The motion of a recording comes from filters of its own, not from the conditioning of the diagnosis.
 """
 
 from __future__ import annotations
@@ -13,15 +14,183 @@ from zlib import crc32
 
 import numpy as np
 import yaml
-from real_case_files import write_piece
-from real_identified import identified, left, model_residual
+from scipy.interpolate import PchipInterpolator
 from scipy.signal import butter, sosfiltfilt
 
+import gapscope
 from gapscope.arm.case import Case, load_case
+from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import read_json, write_json
+from gapscope.arm.io.write_case import write_case
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.nominal import smooth_sign
 from gapscope.arm.recording import Recording
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.ident.identification import IdentificationSettings
+from gapscope.ident.output.identified_arm import (
+    effects,
+    identified_bodies,
+    sheet,
+    urdf_text,
+)
+from gapscope.model.conditioning import (
+    TORQUE_CUTOFF,
+    condition,
+    low_pass,
+    position_cutoff,
+)
+from gapscope.model.torque_gap import torque_gap, torque_scale
+
+
+def write_piece(case: Case, folder: Path) -> None:
+    """Write a case; if motors turn several joints, as seen from the motors and with the transmission declared."""
+    matrix = case.importing.transmission if case.importing else None
+    if matrix is None:
+        write_case(case, folder, overwrite=True)
+        return
+    recordings = tuple(on_motor_side(r, matrix) for r in case.recordings)
+    file = write_case(replace(case, recordings=recordings), folder, overwrite=True)
+    content = yaml.safe_load(file.read_text(encoding="utf-8"))
+    content["import"] = {"transmission": {"matrix": matrix.tolist()}}
+    with atomic_write(file) as aside:
+        text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None)
+        aside.write_text(text, encoding="utf-8")
+
+
+def on_motor_side(recording: Recording, matrix: np.ndarray) -> Recording:
+    """q_motor = R q_joint and tau_motor = R^-T tau_joint, with R (n, n) of the case format."""
+    dq = None if recording.dq is None else recording.dq @ matrix.T
+    torque = np.asarray(recording.tau) @ np.linalg.inv(matrix)
+    return replace(recording, q=recording.q @ matrix.T, dq=dq, tau=torque)
+
+
+BAND = 15.0
+"""Positions are followed up to this frequency [Hz], or 0.35 of the sampling rate if that is lower."""
+
+
+def filtered(series: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
+    """Zero-phase Butterworth low-pass of order 2, forward and backward, along axis 0."""
+    sos = butter(2, min(cutoff, 0.35 * rate), output="sos", fs=rate)
+    padding = min(len(series) - 1, int(3 * rate / cutoff))
+    return np.asarray(sosfiltfilt(sos, series, axis=0, padlen=padding))
+
+
+def uniform_grid(t: np.ndarray) -> np.ndarray:
+    """As many uniform times as t has, from its first to its last [s]."""
+    return np.linspace(t[0], t[-1], len(t))
+
+
+def smooth_motion(recording: Recording) -> Motion:
+    """Filtered positions on a uniform grid with central differences; time from the recording's start."""
+    grid = uniform_grid(recording.t)
+    rate = (len(grid) - 1) / (grid[-1] - grid[0])
+    q = PchipInterpolator(recording.t, recording.q)(grid)
+    q = filtered(q, rate, BAND)
+    dq = np.gradient(q, grid, axis=0, edge_order=2)
+    ddq = filtered(np.gradient(dq, grid, axis=0, edge_order=2), rate, BAND)
+    return Motion(grid, q, dq, ddq)
+
+
+def at_samples(series: np.ndarray, motion: Motion, t: np.ndarray) -> np.ndarray:
+    """A series on a motion's grid, (N, n), at times t [s], (M, n)."""
+    return np.asarray(
+        PchipInterpolator(motion.t, series)(np.clip(t, *motion.t[[0, -1]]))
+    )
+
+
+SMALLEST_DIRECTION = 3e-3
+"""Singular values below this share of the largest are directions that a motion does not show [1]."""
+BLOCKS = 10
+"""Blocks of time, every other one of which belongs to the same half, for what a full model leaves."""
+
+
+def identified(case: Case, other: Case, folder: Path) -> None:
+    """Identify the arm of a case, and write another case of the same arm with it as the nominal one.
+
+    What a data sheet cannot state, constant offsets and Stribeck friction, is taken off the torque of the other case,
+    so that it is healthy as far as the identified arm is right.
+
+    Args:
+        case: recordings to identify from.
+        other: recordings that the new case gets.
+        folder: of the new case.
+    """
+    # judged by its last recording, but fitted to all
+    case = replace(case, judged=case.recordings[-1:])
+    result = gapscope.identify(case, IdentificationSettings(plain=True)).identification
+    urdf = folder.parent / f".{folder.name}.urdf"
+    with atomic_write(urdf) as aside:
+        aside.write_text(
+            urdf_text(result.case.arm, identified_bodies(result)), encoding="utf-8"
+        )
+    stated = sheet(result)
+    # the other case declares the same coupled motors
+    stated.pop("coupling", None)
+    given = {k: np.array(v) for k, v in stated.items() if isinstance(v, list)}
+    arm = replace(other.arm, urdf=urdf, **given)
+    plain, full = CorrectedArm(arm), CorrectedArm(arm, effects(result))
+    body = RigidBody(arm)
+    recordings = []
+    for recording in other.recordings:
+        motion = smooth_motion(recording)
+        extra = full.predict(body, motion) - plain.predict(body, motion)
+        torque = np.asarray(recording.tau) - at_samples(extra, motion, recording.t)
+        recordings.append(replace(recording, tau=torque))
+    healthy = replace(other, arm=arm, recordings=tuple(recordings))
+    write_piece(healthy, folder)
+    urdf.unlink()
+
+
+def model_residual(case: Case) -> np.ndarray:
+    """RMS that a full least-squares model leaves on the half that it was not fitted to [N m], (n,).
+
+    All inertial parameters, rotor, viscous and Coulomb friction and offset of each joint, as a change from the nominal
+    bodies; joints weighted by their torque's deviation; the longest recording in two halves of alternate blocks of
+    time, each half judged once.
+    """
+    longest = max(case.recordings, key=lambda r: r.duration)
+    segments = condition(longest, position_cutoff((longest,)))
+    body = RigidBody(case.arm)
+    matrices, targets = [], []
+    for segment in segments:
+        m, inner = segment.motion, segment.inner
+        own = [m.ddq, m.dq, smooth_sign(m.dq), np.ones_like(m.q)]
+        joints = [x[:, :, None] * np.eye(case.arm.n_joints) for x in own]
+        links = body.regressor(m.q, m.dq, m.ddq)
+        matrix = np.concatenate([links, *joints], axis=2)
+        gap = segment.torque - links @ body.inertial_parameters()
+        matrices.append(low_pass(matrix, m.rate, TORQUE_CUTOFF)[inner])
+        targets.append(low_pass(gap, m.rate, TORQUE_CUTOFF)[inner])
+    matrix, target = np.concatenate(matrices), np.concatenate(targets)
+    scale = torque_scale(target)
+    odd = np.arange(len(target)) * BLOCKS // len(target) % 2 == 1
+    squares = np.zeros(case.arm.n_joints)
+    for fit, judge in ((odd, ~odd), (~odd, odd)):
+        value = _least_squares(matrix[fit], target[fit], scale)
+        squares += ((target[judge] - matrix[judge] @ value) ** 2).sum(axis=0)
+    return np.sqrt(squares / len(target))
+
+
+def left(case: Case) -> np.ndarray:
+    """RMS of the torque gap of a case's nominal arm on its first recording [N m], (n,)."""
+    segments = condition(case.recordings[0], position_cutoff(case.recordings))
+    return torque_gap(CorrectedArm(case.arm), RigidBody(case.arm), segments).rmse
+
+
+def _least_squares(
+    matrix: np.ndarray, target: np.ndarray, scale: np.ndarray
+) -> np.ndarray:
+    """Weighted least squares of minimum norm in columns of equal length: matrix (N, n, p), target (N, n)."""
+    weighted = (matrix / scale[:, None]).reshape(-1, matrix.shape[2])
+    norms = np.linalg.norm(weighted, axis=0)
+    norms[norms < 1e-9 * norms.max()] = np.inf
+    value = np.linalg.lstsq(
+        weighted / norms, (target / scale).ravel(), rcond=SMALLEST_DIRECTION
+    )[0]
+    return value / norms
+
 
 CASES = Path(__file__).resolve().parent / "cases"
 ARMS = {

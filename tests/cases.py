@@ -98,11 +98,16 @@ def each(case: Case, change: Callable[[Recording], Recording]) -> Case:
 
 
 def changed_during(
-    name: str, folder: Path, later: dict[str, tuple[float, Effects]], *names: str
+    name: str,
+    folder: Path,
+    later: dict[str, tuple[float, Effects]],
+    *names: str,
+    arm: NominalArm | None = None,
 ) -> Case:
-    """Recordings of the iiwa, in those of ``later`` with other effects from a moment [s] on."""
-    arm, rng = iiwa(), np.random.default_rng(2)
-    controller, space = position_controller(arm, POSTURE), workspace(RigidBody(arm))
+    """Recordings of the iiwa or some of its joints, in those of ``later`` with other effects from a moment [s] on."""
+    arm, rng = arm or iiwa(), np.random.default_rng(2)
+    posture = POSTURE[[int(joint[-1]) - 1 for joint in arm.joints]]
+    controller, space = position_controller(arm, posture), workspace(RigidBody(arm))
     recordings = tuple(
         record(
             arm,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 from pathlib import Path
 
@@ -15,6 +16,12 @@ PAGES = sorted(
     [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")]
 )
 PATH = re.compile(r"`((?:gapscope|docs|experiments|tests)/[\w./-]+)`")
+SCRIPT = re.compile(r"(?:experiments/|`)(\d\d_\w+\.py)")
+GONE = re.compile(
+    r"`(?:experiments/)?\w+\.py[^`]*`,?\s\(?(?:at\s)?commit\s[0-9a-f]{7}\b"
+)
+"""A script that is gone, named with the commit that holds it."""
+SCRIPTS = sorted(path.name for path in (ROOT / "experiments").glob("[0-9]*.py"))
 LINK = re.compile(r"\]\(([^)#:]+)\)")
 PAGE = re.compile(r"`([\w/]+\.md)`")
 NO_FILES = {"gapscope/ArmTracking-v0", "score.md"}
@@ -32,8 +39,26 @@ def name(page: Path) -> str:
 @pytest.mark.parametrize("page", PAGES, ids=name)
 def test_named_files_exist(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
-    named = set(PATH.findall(text)) - NO_FILES
+    named = set(PATH.findall(GONE.sub("", text))) - NO_FILES
     assert {path for path in named if not (ROOT / path).exists()} == set()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_named_scripts_exist_or_have_a_commit(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert set(SCRIPT.findall(GONE.sub("", text))) <= set(SCRIPTS)
+
+
+def test_every_script_has_a_page_that_names_it() -> None:
+    text = "".join(page.read_text(encoding="utf-8") for page in PAGES)
+    assert set(SCRIPT.findall(text)) >= set(SCRIPTS)
+
+
+def test_the_table_of_scripts_is_up_to_date(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(ROOT / "experiments")
+    table = importlib.import_module("20_pages").scripts_page()
+    written = (ROOT / "experiments/README.md").read_text(encoding="utf-8")
+    assert written == table, "run experiments/20_pages.py scripts"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name)

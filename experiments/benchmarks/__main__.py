@@ -5,6 +5,8 @@
 Each point is stored as soon as it is measured, and not measured again unless ``--again`` says so: a run that was
 stopped goes on where it was. Ratios are between loops that took turns in one run. Times are of the processor unless a
 row says otherwise. A point that fails is reported at the end, and the others are measured.
+
+A part is a module of this folder with ``points(settings)``: what it measures, each a ``Point``.
 """
 
 from __future__ import annotations
@@ -12,18 +14,52 @@ from __future__ import annotations
 import argparse
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
-from experiments.benchmarks.machine import machine
-from experiments.benchmarks.measured_cases import Measured
-from experiments.benchmarks.parts import PARTS, conclusions_of, points_of
-from experiments.benchmarks.point import Point, Settings
-from experiments.benchmarks.row import Row
-from experiments.benchmarks.store import measured, point_file, stored
-from experiments.benchmarks.table import put_into, table
 from gapscope.arm.io.json_file import write_json
+
+from .cases import Measured
+from .measure import (
+    Point,
+    Row,
+    Settings,
+    machine,
+    measured,
+    point_file,
+    put_into,
+    stored,
+    table,
+)
+
+PARTS = {
+    "startup": "Start-up",
+    "regressor": "Regressor and base parameters",
+    "identification": "Identification",
+    "joint": "Friction and inertia of one joint",
+    "diagnosis": "Diagnosis",
+    "watch": "Watching a recording that grows",
+    "environment": "Environment and agents",
+}
+"""Title of each part in the table; its module has the part's name."""
+
+
+def _module(part: str) -> ModuleType:
+    return import_module(f"experiments.benchmarks.{part}")
+
+
+def points_of(part: str, settings: Settings) -> list[Point]:
+    """What a part measures; its module is imported for it."""
+    return list(_module(part).points(settings))
+
+
+def conclusions_of(part: str, rows: Iterable[Row]) -> list[Row]:
+    """Rows that follow from all rows of a part, for instance an exponent; its module may have ``conclusions(rows)``."""
+    conclude = getattr(_module(part), "conclusions", None)
+    return list(conclude(list(rows))) if conclude else []
 
 
 def arguments(words: Sequence[str] | None) -> argparse.Namespace:

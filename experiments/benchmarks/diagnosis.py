@@ -6,12 +6,19 @@ diagnosis of the same case runs in turns with this one's, and the ratio says how
 
 Sizes: the KUKA iiwa in simulation, three recordings, friction and a load, 60 s at 500 Hz but for what varies; for the
 number of joints, chains of links. Real arms are read from the folder GAPSCOPE_DATA and left out if it is absent.
+
+    python -m experiments.benchmarks.diagnosis CASE... [--reference CASE] [--against CHECKOUT] [--top 12] [--stages]
+
+prints the slowest functions or stages. CASE is a folder or case file, or a part of the name of a point: ``real ur10
+against``, ``60 s at 500 Hz, 2``. A table per case and checkout: time of the function's own, and with what it calls [s
+of the processor], under the profiler; or the time of each stage without it.
 """
 
 from __future__ import annotations
 
+import argparse
 import subprocess
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -19,19 +26,28 @@ from typing import Any
 
 import numpy as np
 
-from experiments.benchmarks.child import ROOT, run_child
-from experiments.benchmarks.growth import STOPPED, along, exponents
-from experiments.benchmarks.measured_cases import (
+from gapscope.model.terms import Terms
+
+from .cases import (
     SPLIT,
     Measured,
+    Simulated,
     real_cases,
     sample_cases,
+    simulated_case,
     split_case,
 )
-from experiments.benchmarks.point import Point, Settings
-from experiments.benchmarks.row import MEMORY, Row, half_quartiles
-from experiments.benchmarks.simulated_cases import Simulated, simulated_case
-from gapscope.model.terms import Terms
+from .child import ROOT, run_child
+from .measure import (
+    MEMORY,
+    STOPPED,
+    Point,
+    Row,
+    Settings,
+    along,
+    exponents,
+    half_quartiles,
+)
 
 LENGTHS = (10.0, 30.0, 60.0, 180.0, 600.0, 1800.0, 3600.0)
 """[s]"""
@@ -212,3 +228,71 @@ def _names(run: Mapping[str, Any]) -> str:
 
 def _numbers(joints: Sequence[int]) -> str:
     return " ".join(map(str, joints))
+
+
+HEAD = "| function | calls | own [s] | with what it calls [s] |\n|---|---|---|---|"
+
+
+def cases(
+    words: Sequence[str], reference: Path | None, out: Path
+) -> Iterator[Measured]:
+    """The cases that words name.
+
+    Raises:
+        SystemExit: a word names no point, or several; lists them.
+    """
+    planned = [*named_cases(), *sizes()]
+    for word in words:
+        if Path(word).exists():
+            yield Measured(Path(word).name, Path(word), reference)
+            continue
+        found = [each for each in planned if word == each.name]
+        found = found or [each for each in planned if word in each.name]
+        if len(found) != 1:
+            names = "\n  ".join(each.name for each in found or planned)
+            raise SystemExit(f"{word!r} names {len(found)} points\n  {names}")
+        yield found[0].place(out / "cases")
+
+
+def functions(found: dict[str, Any]) -> str:
+    """A profile as a table."""
+    lines = [
+        f"| `{row['function']}` | {row['calls']} | {row['own']:.2f} | {row['with_called']:.2f} |"
+        for row in found["slowest"]
+    ]
+    return "\n".join([HEAD, *lines])
+
+
+def stages(found: dict[str, Any]) -> str:
+    """The stages as a table."""
+    lines = [f"| {name} | {spent:.2f} |" for name, spent in found["stages"].items()]
+    return "\n".join(["| stage | processor [s] |\n|---|---|", *lines])
+
+
+def main() -> None:
+    """Profile and print."""
+    parser = argparse.ArgumentParser(description="Slowest functions of a diagnosis.")
+    parser.add_argument("cases", nargs="+", metavar="CASE")
+    parser.add_argument("--reference", type=Path, help="of a case given as a path")
+    parser.add_argument("--against", type=Path, help="another checkout, profiled first")
+    parser.add_argument("--top", type=int, default=12, help="functions in a table")
+    parser.add_argument("--stages", action="store_true", help="no profile, but stages")
+    parser.add_argument("--out", type=Path, default=Path("out/benchmarks/diagnosis"))
+    options = parser.parse_args()
+    checkouts = {"before": options.against.resolve()} if options.against else {}
+    checkouts["now"] = ROOT
+    for case in cases(options.cases, options.reference, options.out):
+        reference = ["--reference", case.reference] if case.reference else []
+        words = [case.case, *reference]
+        if not options.stages:
+            words += ["--slowest", options.top]
+        for when, checkout in checkouts.items():
+            found = run_child("diagnose_case.py", *words, checkout=checkout)
+            text = stages(found) if options.stages else functions(found)
+            print(
+                f"\n### {case.name}, {when}: {found['cpu']:.1f} s\n\n{text}", flush=True
+            )
+
+
+if __name__ == "__main__":
+    main()

@@ -16,22 +16,125 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
-from importlib import import_module
+from typing import NamedTuple
 
+import gymnasium
 import numpy as np
 from mujoco.batch import Batch
 
-from experiments.benchmarks.point import Point, Settings
-from experiments.benchmarks.row import Row, compared
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.motions.trajectory import Fourier, urdf_limits
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.engines.pybullet import pybullet
 from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.simulated_arm import SimulatedArm
 from gapscope.envs.vector.environment import VectorArmTracking
 
-speed = import_module("experiments.03_engine_speed")
-"""The loops of one environment."""
+from .measure import Point, Row, Settings, compared
+
+JOINTS = (1, 2, 3, 4, 5, 6, 7)
+POSTURE = np.array([0.0, 0.6, 0.0, -1.2, 0.0, 0.8, 0.0])
+DURATION, DT = 2.0, 1e-3
+SCALE = np.array([3.0, 3.5, 2.0, 2.5, 1.2, 0.8, 0.5])
+FRICTION = (
+    AppliedEffect("coulomb_friction", JOINTS, {"torque": SCALE}),
+    AppliedEffect("viscous_friction", JOINTS, {"coefficient": SCALE}),
+    AppliedEffect(
+        "stribeck_friction",
+        JOINTS,
+        {"torque": 0.3 * SCALE, "velocity": np.full(7, 0.1)},
+    ),
+    AppliedEffect("load_friction", JOINTS, {"coefficient": np.full(7, 0.1)}),
+    AppliedEffect(
+        "friction_drift",
+        JOINTS,
+        {"amplitude": np.full(7, 0.3), "time_constant": np.full(7, 300.0)},
+    ),
+)
+
+
+class Loop(NamedTuple):
+    """What is timed: ``run`` after ``prepare``."""
+
+    prepare: Callable[[], object]
+    run: Callable[[], None]
+
+
+def reference(arm: NominalArm) -> tuple[Fourier, np.ndarray]:
+    """A Fourier motion and its times [s]."""
+    limits = urdf_limits(RigidBody(arm), 6.0)._replace(velocity=np.full(7, 1.5))
+    motion = Fourier.random(
+        np.random.default_rng(0),
+        limits,
+        duration=DURATION,
+        centre=POSTURE,
+        frequency=0.2,
+    )
+    return motion, np.arange(0.0, DURATION, DT)
+
+
+def torques(arm: NominalArm, effects: tuple[AppliedEffect, ...]) -> np.ndarray:
+    """Torque of the motion [N m], shape (N, 7)."""
+    motion, t = reference(arm)
+    series = Motion(t, motion.position(t), motion.velocity(t), motion.acceleration(t))
+    return CorrectedArm(arm, effects).predict(RigidBody(arm), series)
+
+
+def make(
+    arm: NominalArm,
+    effects: tuple[AppliedEffect, ...],
+    engine: str,
+    substeps: int,
+    action: str = "torque",
+) -> gymnasium.Env:
+    """The environment, which follows the same motion; torque actions are scaled such that none is clipped."""
+    share = {"action_share": 100.0} if action == "torque" else {}
+    return gymnasium.make(
+        "gapscope/ArmTracking-v0",
+        robot=arm,
+        effects=effects,
+        engine=engine,
+        action=action,
+        **share,
+        motion=reference(arm)[0],
+        sub_steps=substeps,
+        time_step=DT,
+        episode_length=DURATION,
+    )
+
+
+def actions(
+    environment: gymnasium.Env, torque: np.ndarray, substeps: int
+) -> np.ndarray:
+    """Actions of the motion's torque with a weak feedback [1], shape (K, 7); the same actions give the same motion."""
+    inner = environment.unwrapped
+    gain, parts = np.diag(inner.body.mass_matrix(POSTURE)), inner.layout.slices
+    observation, _ = environment.reset(seed=0)
+    rows = []
+    for force in torque[::substeps]:
+        error, rate = observation[parts["error"]], observation[parts["reference_rate"]]
+        pd = gain * (40.0 * error + 9.0 * (rate - observation[parts["velocity"]]))
+        rows.append((force + pd) / inner.torque_scale)
+        observation, _, terminated, truncated, info = environment.step(rows[-1])
+        assert not terminated, info
+    assert truncated
+    return np.array(rows)
+
+
+def environment_loop(environment: gymnasium.Env, rows: list[np.ndarray]) -> Loop:
+    """The environment through one episode of these actions."""
+
+    def run() -> None:
+        for action in rows:
+            environment.step(action)
+
+    return Loop(lambda: environment.reset(seed=0), run)
+
+
 SUB_STEPS, ARMS, FEW = 20, (8, 64, 256), (8,)
 BEFORE = {"n_steps": 128, "batch_size": 128}
 """Of PPO, before there was a vector environment; on eight environments."""
@@ -56,40 +159,48 @@ def _arm() -> NominalArm:
 
 
 def _in_turns(
-    loops: Mapping[str, speed.Loop], settings: Settings, clock: Callable[[], float]
+    loops: Mapping[str, Loop], settings: Settings, clock: Callable[[], float]
 ) -> dict[str, list[float]]:
     """Time of each loop in each round [s], without what prepares it."""
-    times = speed.timed(list(loops.values()), settings.rounds, clock)
-    return {name: times[:, i].tolist() for i, name in enumerate(loops)}
+    times: dict[str, list[float]] = {name: [] for name in loops}
+    for _ in range(settings.rounds):
+        for name, loop in loops.items():
+            loop.prepare()
+            start = clock()
+            loop.run()
+            times[name].append(clock() - start)
+    return times
 
 
 def _one(settings: Settings, engine: str) -> list[Row]:
     """One environment against the bare loops of an engine."""
     arm = _arm()
-    free, rough = speed.torques(arm, ()), speed.torques(arm, speed.FRICTION)
-    bare = SimulatedArm(arm, (), speed.DT, engine=engine)
+    free, rough = torques(arm, ()), torques(arm, FRICTION)
+    bare = SimulatedArm(arm, (), DT, engine=engine)
     held = np.repeat(free[::SUB_STEPS], SUB_STEPS, axis=0)
-    loops = {"bare, read once an action": _bare_once(bare, held, engine)}
+    loops = {"bare, read once an action": _bare(bare, held, engine)}
     if engine == "pybullet":
-        loops["bare, read in every step"] = speed.bare_pybullet(bare, held)
-    kinds = {"no effects": ((), free), "friction": (speed.FRICTION, rough)}
+        loops["bare, read in every step"] = _bare(bare, held, engine, 1)
+    kinds = {"no effects": ((), free), "friction": (FRICTION, rough)}
     for label, (effects, torque) in kinds.items():
         for action in ("torque", "residual"):
-            env = speed.make(arm, effects, engine, SUB_STEPS, action)
+            env = make(arm, effects, engine, SUB_STEPS, action)
             rows = np.zeros((len(torque) // SUB_STEPS, 7))
             if action == "torque":
-                rows = speed.actions(env, torque, SUB_STEPS)
-            loops[f"{label}, {action}"] = speed.environment_loop(env, list(rows))
+                rows = actions(env, torque, SUB_STEPS)
+            loops[f"{label}, {action}"] = environment_loop(env, list(rows))
     times = _in_turns(loops, settings, time.process_time)
     # of an action, in microseconds
     per = len(free) / SUB_STEPS / 1e6
     return compared(times, next(iter(loops)), "µs an action", per, engine)
 
 
-def _bare_once(arm: SimulatedArm, torque: np.ndarray, engine: str) -> speed.Loop:
-    """Every step with its torque; the state is read after the last step of an action."""
+def _bare(
+    arm: SimulatedArm, torque: np.ndarray, engine: str, read_every: int = SUB_STEPS
+) -> Loop:
+    """Every step with its torque and nothing of the project; the state is read after some steps."""
     inside = arm._engine
-    prepare = partial(arm.reset, speed.POSTURE)
+    prepare = partial(arm.reset, POSTURE)
     if engine == "mujoco":
         rows = torque[::SUB_STEPS]
 
@@ -98,7 +209,7 @@ def _bare_once(arm: SimulatedArm, torque: np.ndarray, engine: str) -> speed.Loop
                 inside.step(row, SUB_STEPS)
                 inside.read()
 
-        return speed.Loop(prepare, steps)
+        return Loop(prepare, steps)
     robot, joints, client = inside._robot, inside._joints, inside._client
     forces = torque.tolist()
 
@@ -112,22 +223,22 @@ def _bare_once(arm: SimulatedArm, torque: np.ndarray, engine: str) -> speed.Loop
                 physicsClientId=client,
             )
             pybullet.stepSimulation(physicsClientId=client)
-            if number % SUB_STEPS == 0:
+            if number % read_every == 0:
                 pybullet.getJointStates(robot, joints, physicsClientId=client)
 
-    return speed.Loop(prepare, run)
+    return Loop(prepare, run)
 
 
 def _together(settings: Settings, count: int) -> list[Row]:
     """Many arms in a vector environment against the bare batch, and against as many single environments' time."""
     arm = _arm()
-    free, rough = speed.torques(arm, ()), speed.torques(arm, speed.FRICTION)
+    free, rough = torques(arm, ()), torques(arm, FRICTION)
     loops = {"bare batch": _bare_batch(arm, free, count)}
-    kinds = {"no effects": ((), free), "friction": (speed.FRICTION, rough)}
+    kinds = {"no effects": ((), free), "friction": (FRICTION, rough)}
     for label, (effects, torque) in kinds.items():
-        one = speed.make(arm, effects, "mujoco", SUB_STEPS)
-        rows = speed.actions(one, torque, SUB_STEPS)[:-1]
-        loops[f"{label}, one of them alone, times {count}"] = speed.environment_loop(
+        one = make(arm, effects, "mujoco", SUB_STEPS)
+        rows = actions(one, torque, SUB_STEPS)[:-1]
+        loops[f"{label}, one of them alone, times {count}"] = environment_loop(
             one, list(rows)
         )
         for action in ("torque", "residual"):
@@ -137,8 +248,8 @@ def _together(settings: Settings, count: int) -> list[Row]:
                 arm,
                 effects=effects,
                 action=action,
-                motion=speed.reference(arm)[0],
-                episode_length=speed.DURATION,
+                motion=reference(arm)[0],
+                episode_length=DURATION,
                 **share,
             )
             played = rows if action == "torque" else np.zeros_like(rows)
@@ -155,9 +266,9 @@ def _together(settings: Settings, count: int) -> list[Row]:
     return compared(scaled, "bare batch", "µs an action", per, what, notes)
 
 
-def _bare_batch(arm: NominalArm, torque: np.ndarray, count: int) -> speed.Loop:
+def _bare_batch(arm: NominalArm, torque: np.ndarray, count: int) -> Loop:
     """``Batch.step`` alone, a call for each action, on as many threads as the environment takes."""
-    model = SimulatedArm(arm, (), speed.DT, engine="mujoco")._engine._model
+    model = SimulatedArm(arm, (), DT, engine="mujoco")._engine._model
     env = VectorArmTracking(count, arm)
     threads = env._plant._arms._engine._batch.nthread
     batch = Batch(model, count, threads)
@@ -166,7 +277,7 @@ def _bare_batch(arm: NominalArm, torque: np.ndarray, count: int) -> speed.Loop:
 
     def prepare() -> None:
         batch.reset()
-        position[:] = speed.POSTURE
+        position[:] = POSTURE
 
     def run() -> None:
         for row in torque[:-SUB_STEPS:SUB_STEPS]:
@@ -174,10 +285,10 @@ def _bare_batch(arm: NominalArm, torque: np.ndarray, count: int) -> speed.Loop:
             batch.step(nstep=SUB_STEPS)
             seen[:] = position
 
-    return speed.Loop(prepare, run)
+    return Loop(prepare, run)
 
 
-def _stepped(env: VectorArmTracking, rows: np.ndarray, count: int) -> speed.Loop:
+def _stepped(env: VectorArmTracking, rows: np.ndarray, count: int) -> Loop:
     """All actions but the last, which would end the episodes."""
     stacked = np.repeat(rows[:, None], count, axis=1).astype(np.float32)
 
@@ -185,7 +296,7 @@ def _stepped(env: VectorArmTracking, rows: np.ndarray, count: int) -> speed.Loop
         for actions in stacked:
             env.step(actions)
 
-    return speed.Loop(lambda: env.reset(seed=0), run)
+    return Loop(lambda: env.reset(seed=0), run)
 
 
 def _ppo(settings: Settings) -> list[Row]:

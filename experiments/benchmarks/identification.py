@@ -18,17 +18,16 @@ import numpy as np
 import pinocchio as pin
 from threadpoolctl import threadpool_limits
 
-from experiments.benchmarks.foreign import FIGAROH, figaroh_fit, install
-from experiments.benchmarks.measured_cases import CASES, data_folder
-from experiments.benchmarks.point import Point, Settings
-from experiments.benchmarks.row import Row, compared, in_turns
-from experiments.benchmarks.simulated_cases import Simulated, simulated_case
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.ident.identification import IdentificationSettings, identify
 from gapscope.ident.signals.samples import Band
 from gapscope.ident.uncertainty.validation import MOVING
 from gapscope.model.conditioning import Segment
+
+from .cases import CASES, Simulated, data_folder, simulated_case
+from .child import FIGAROH, figaroh_fit, install
+from .measure import Point, Row, Settings, compared, in_turns
 
 CUTOFF = 10.0
 """Of the filter on both sides [Hz]."""

@@ -18,15 +18,14 @@ import numpy as np
 import pinocchio as pin
 from threadpoolctl import threadpool_limits
 
-from experiments.benchmarks.child import run_child
-from experiments.benchmarks.foreign import FIGAROH, install, without_meshes
-from experiments.benchmarks.point import Point, Settings
-from experiments.benchmarks.row import MEMORY, Row, compared
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.ident.model.base_parameters import base_parameters, random_states
 from gapscope.ident.model.regressor import Regressor
 from gapscope.ident.model.tsqr import JointFactors, factored
+
+from .child import FIGAROH, install, run_child, without_meshes
+from .measure import MEMORY, Point, Row, Settings, compared
 
 OURS, STREAMED, BARE = "Gapscope", "Gapscope, streamed", "bare pinocchio loop"
 STATES, FEW = 40_000, 4_000

@@ -13,9 +13,8 @@ import sys
 from collections.abc import Callable
 from functools import partial
 
-from experiments.benchmarks.child import ONE_THREAD, ROOT
-from experiments.benchmarks.point import Point, Settings
-from experiments.benchmarks.row import Row, compared, in_turns
+from .child import ONE_THREAD, ROOT
+from .measure import Point, Row, Settings, compared, in_turns
 
 BARE = "python -c pass"
 COMMANDS = {

@@ -11,7 +11,7 @@ from gapscope.agents.controllers import Feedforward
 from gapscope.agents.torque_model import TorqueModel
 from gapscope.arm.motions.motion import Motion
 from gapscope.envs.actions import Control, Gains, scaled
-from gapscope.envs.observation import Layout
+from gapscope.envs.episode import Layout
 
 
 @dataclass(frozen=True, eq=False)

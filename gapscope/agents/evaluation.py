@@ -70,6 +70,7 @@ class TrackingBench:
         self._scale = ArmScale.of(arm)
         self._truth = ArmModel(CorrectedArm(arm, effects))
         self._courses: dict[tuple[str, int], tuple[SampledReference, np.ndarray]] = {}
+        self._margins: dict[str, float] = {}
         self._inertia = self._loop_inertia()
 
     def _loop_inertia(self) -> np.ndarray:
@@ -181,20 +182,27 @@ class TrackingBench:
     def margin(self, model: Candidate, engine: str) -> float:
         """Largest bandwidth at which the loop stays stable on a held-out motion [Hz].
 
-        See ``gapscope.agents.stability``. Without torque limits, so that what is unstable grows.
+        See ``gapscope.agents.stability``. Without torque limits, so that what is unstable grows. A model that feeds
+        torque forward is outside the loop: all of them share one search, with the torque that the arm needs.
         """
+        if self.plan.law == "feedforward" and not isinstance(model, AgentModel):
+            if engine not in self._margins:
+                self._margins[engine] = self._largest_bandwidth(self._truth, engine)
+            return self._margins[engine]
+        return self._largest_bandwidth(model, engine)
+
+    def _largest_bandwidth(self, model: Candidate, engine: str) -> float:
         rng = np.random.default_rng(HELD_OUT)
         reference = draw_motion("fourier", rng, self.space, MARGIN_TIME)
         course = SampledReference.of(reference, MARGIN_TIME, DT, settle=0.0)
-        planned = course.planned(self.controller(model))
-        if planned.torque is not None:
-            course = planned
+        needed = self._truth.series(course.motion)
+        course = course.planned(self.controller(model))
         tuning = self.plan.tuning
         with self._simulated(engine) as simulated:
 
             def stable(factor: float) -> bool:
                 controller = self.controller(model, tuning.times(factor), limited=False)
-                return settles(simulated, controller, course)
+                return settles(simulated, controller, course, needed)
 
             return tuning.bandwidth * largest_factor(stable)
 

@@ -11,8 +11,8 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.trajectory import ReferenceMotion
 from gapscope.arm.velocity_filter import VelocityFilter
 from gapscope.envs.divergence import diverged
+from gapscope.envs.position_controller import VELOCITY_CUTOFF, VELOCITY_DAMPING
 from gapscope.envs.simulated_arm import SimulatedArm
-from gapscope.envs.velocity_estimate import VELOCITY_CUTOFF, VELOCITY_DAMPING
 
 SETTLE = 0.5
 """The start of the reference is held for this long before t = 0 [s]."""

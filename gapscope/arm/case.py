@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -272,7 +273,27 @@ def _read_all(
     for text in content.get("judge", []):
         judged += whole_parts(paths.entry(text, "judge"))
     found = joined_in_time([read(part) for part in (*fitted, *judged)])
-    return found[: len(fitted)], found[len(fitted) :]
+    recordings, held_out = found[: len(fitted)], found[len(fitted) :]
+    for one, other in product(recordings, held_out):
+        if _same_content(one, other):
+            raise InputError(
+                f"{other.name} is held out and is fitted too, as {one.name}",
+                "take it out of judge: or of recordings:",
+                file=paths.file,
+                where="judge",
+            )
+    return recordings, held_out
+
+
+def _same_content(one: Recording, other: Recording) -> bool:
+    """Whether two recordings hold the same motion with the same torque, whatever their names."""
+    if one.q.shape != other.q.shape or not np.array_equal(one.q, other.q):
+        return False
+    torques = [np.zeros(0) if r.tau is None else r.tau for r in (one, other)]
+    # a copy may have other dates
+    return np.allclose(one.t - one.t[0], other.t - other.t[0]) and np.array_equal(
+        *torques
+    )
 
 
 def case_files(path: str | Path, *, data_root: Path | None = None) -> tuple[Path, ...]:

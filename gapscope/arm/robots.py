@@ -16,6 +16,7 @@ from gapscope.arm.dynamics.robot_file import (
     actuated_joints,
     impossible_links,
     mjcf_entries,
+    silent_limits,
     tree_of,
 )
 from gapscope.arm.dynamics.tree.kinematic_tree import KinematicTree
@@ -75,6 +76,11 @@ def load_nominal_arm(
     others = lock(tree, names, locked or {})
     notes = [_left_out(fault) for fault in impossible_links(urdf, names)]
     notes += others.notes if default_joints is None else ()
+    if default_joints is None:
+        notes += [
+            f"{urdf}, joint {name}: <limit> does not say {' and '.join(lacking)}: none is known"
+            for name, lacking in silent_limits(urdf, names).items()
+        ]
     for note in notes:
         warnings.warn(note, ModelWarning, stacklevel=2)
     values = {**mjcf_entries(urdf, names), **given}

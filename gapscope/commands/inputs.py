@@ -8,9 +8,11 @@ from gapscope.arm.case import Case, load_case
 from gapscope.arm.controller import Controller
 from gapscope.arm.input_file import is_folder
 from gapscope.arm.io.load_recording import load_recording
+from gapscope.arm.io.samples.damaged import DAMAGED, PAUSE
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
+from gapscope.terminal import note
 
 
 def is_case(path: Path) -> bool:
@@ -53,7 +55,7 @@ def read_recording(
     Args:
         case_path: the case.
         file: the recording, relative to the current folder.
-        every_row: keep every row; the recording then may hold no more than t and q.
+        every_row: keep every row that can be read; the recording then may hold no more than t and q.
 
     Raises:
         InputError: the case or the recording cannot be used.
@@ -66,4 +68,7 @@ def read_recording(
         every_row=every_row,
         payload=case.payload_of(file),
     )
+    for said in recording.notes:
+        if said.startswith((DAMAGED, PAUSE)):
+            note(f"{file}: {said}")
     return case, recording

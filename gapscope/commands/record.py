@@ -77,7 +77,7 @@ def record(
     """
     from gapscope.commands.recorded_case import record_files
     from gapscope.envs.engines import check_engine
-    from gapscope.envs.session import Plan
+    from gapscope.envs.recorder import Plan
 
     plan = Plan(
         trajectory,

@@ -23,7 +23,7 @@ from gapscope.effects.corrected_file import (
     write_corrected,
 )
 from gapscope.effects.setup_faults.fault import Fault
-from gapscope.envs.session import Plan, hidden_by_reading_back, record_case
+from gapscope.envs.recorder import Plan, hidden_by_reading_back, record_case
 from gapscope.outputs.folder import make_folder
 
 ENDINGS = ("csv", "parquet", "npz")

@@ -6,23 +6,30 @@ import math
 import numbers
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
 from gapscope.arm.dynamics.feedforward import KINDS as FEEDFORWARDS
 from gapscope.arm.errors import InputError
 from gapscope.arm.known_robots import KNOWN_ROBOTS
+from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.named_motions import check_motion_name
 from gapscope.arm.motions.trajectory import Limits, ReferenceMotion
 from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.envs.course import FeedforwardModel
 
 READ = "read one with gapscope.effects.corrected_file.read_corrected_arm(arm, path)"
 """How to come by an arm to simulate."""
+
+
+class FeedforwardModel(Protocol):
+    """A model whose torque is fed forward."""
+
+    def series(self, motion: Motion) -> np.ndarray:
+        """Torque to command over a motion known beforehand [N m], shape (N, n)."""
 
 
 def positive(name: str, value: float, unit: str) -> float:

@@ -1,21 +1,24 @@
-"""Divergence: a simulated arm that diverges, noticed at once and explained."""
+"""How episodes and recordings of a simulated arm end before their time, noticed at once and explained."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from gapscope.arm.control.pd import PD
+from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import GapscopeError
 from gapscope.arm.nominal import NominalArm
+from gapscope.arm.velocity_filter import filter_gains
 from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.actions import Control, Gains, slower
-from gapscope.envs.observation import FASTEST_OBSERVED
-from gapscope.envs.sampled_loop import SampledLoop
-from gapscope.envs.velocity_estimate import estimate_gains
+from gapscope.envs.episode import FASTEST_OBSERVED, Setup
+from gapscope.envs.position_controller import SampledLoop, estimate_gains
 
 SMALLEST = 1e-3
 """A share of the step or of the bandwidth below this is no remedy [1]."""
@@ -75,6 +78,7 @@ def explain(
     q: np.ndarray,
     dq: np.ndarray,
     effects: tuple[AppliedEffect, ...] = (),
+    acted: bool = True,
 ) -> Divergence:
     """Why the arm diverged.
 
@@ -86,6 +90,7 @@ def explain(
         time: since the start of the episode [s].
         q, dq: last position that made sense [rad], and velocity [rad/s], each (n,).
         effects: what the arm has beyond the nominal one.
+        acted: whether an action of the episode was other than zero.
     """
     joint = fastest(dq)
     causes = (
@@ -101,12 +106,22 @@ def explain(
         causes.append(
             f"no damping: joint {joint + 1} has no viscous friction; give sheet={{'viscous': [...]}} in N m s/rad"
         )
-    smaller = SMALLER[control.kind]
-    driven = f"actions drive it: {smaller}"
-    if effects:
-        driven = f"actions or effects drive it: {smaller}, or milder effects"
-    causes.append(driven)
+    causes += _drivers(control, acted, effects)
+    if not causes:
+        causes.append("feedforward drives it: another model, or feedforward='none'")
     return Divergence(joint + 1, float(time), float(abs(dq[joint])), tuple(causes))
+
+
+def _drivers(
+    control: Control, acted: bool, effects: tuple[AppliedEffect, ...]
+) -> list[str]:
+    """What may drive the arm, each with what to change; actions that were zero do not."""
+    found = [f"actions drive it: {SMALLER[control.kind]}"] if acted else []
+    if effects:
+        found.append("effects drive it: milder effects")
+    if control.gains is None and not acted:
+        found.append("nothing holds the arm: the action, zero here, is all its torque")
+    return found
 
 
 def fastest(dq: np.ndarray) -> int:
@@ -157,7 +172,7 @@ def longest_step(
 def stable(mass: np.ndarray, arm: NominalArm, gains: Gains, dt: float) -> bool:
     """Whether all eigenvalues of the sampled PD loop lie within the unit circle.
 
-    The loop is that of ``gapscope.envs.sampled_loop``, with the environment's velocity estimate; arguments as in
+    The loop is that of ``gapscope.envs.position_controller``, with the environment's velocity estimate; arguments as in
     ``longest_step``.
     """
     law = PD(rate=1.0 / dt, kp=gains.kp, kd=gains.kd)
@@ -174,3 +189,169 @@ def largest_stable(works: Callable[[float], bool], fails: float) -> float:
         middle = float(np.sqrt(low * high))
         low, high = (middle, high) if works(middle) else (low, middle)
     return low
+
+
+def title(arm: NominalArm, effects: Sequence[AppliedEffect]) -> str:
+    """The arm with the names of its effects."""
+    names = ", ".join(applied.name.replace("_", " ") for applied in effects)
+    return f"{arm.name}: {names or 'no effects'}"
+
+
+def divergence_info(
+    setup: Setup,
+    steps: int,
+    q: np.ndarray,
+    dq: np.ndarray,
+    effects: tuple[AppliedEffect, ...],
+    acted: bool,
+) -> dict[str, Any]:
+    """``divergence``: why the arm diverged after some steps of the episode.
+
+    Args:
+        setup: of the environment.
+        steps: of the simulation.
+        q: last reading of the encoders [rad], shape (n,).
+        dq: true velocity [rad/s], shape (n,).
+        effects: of the episode.
+        acted: whether one of its actions was other than zero.
+    """
+    dt = setup.timing.dt
+    arm, body, control = setup.arm, setup.body, setup.control
+    divergence = explain(arm, body, control, dt, steps * dt, q, dq, effects, acted)
+    return {"divergence": divergence.as_info()}
+
+
+def stop_info(setup: Setup, q: np.ndarray, reading: np.ndarray) -> dict[str, str]:
+    """``limit``: which joint came to its stop, if one did; true position and reading [rad], shape (n,)."""
+    lowest, highest = setup.stops
+    stopped = (q <= lowest) | (q >= highest)
+    if not np.count_nonzero(stopped):
+        return {}
+    joint = int(stopped.argmax())
+    name, read = setup.arm.joints[joint], f"{reading[joint]:.4g} rad"
+    return {
+        "limit": f"joint {joint + 1} ({name}) came to its stop; its encoder reads {read}"
+    }
+
+
+def ending(info: Mapping[str, Any]) -> str:
+    """The first line of why an episode ended early; empty if it did not."""
+    divergence: str = info.get("divergence", {}).get("message", "")
+    return info.get("limit") or divergence.split("\n")[0]
+
+
+def truth(
+    q: np.ndarray,
+    dq: np.ndarray,
+    commanded: np.ndarray,
+    applied: np.ndarray,
+    effects: Sequence[AppliedEffect],
+) -> dict[str, Any]:
+    """The true motion [rad], [rad/s] and torque [N m], each (n,), and the effects: hidden from controllers."""
+    return {
+        "q_true": q.copy(),
+        "dq_true": dq.copy(),
+        "torque_commanded": commanded.copy(),
+        "torque_applied": applied.copy(),
+        "effects": [described(applied) for applied in effects],
+    }
+
+
+def described(applied: AppliedEffect) -> dict[str, Any]:
+    """An effect as in ``corrected.yaml``: plain data."""
+    values = {name: value.tolist() for name, value in applied.parameters.items()}
+    return {
+        "effect": applied.name,
+        "joints": list(applied.joints),
+        "parameters": values,
+    }
+
+
+SAFE = 0.7
+"""Share of the largest stable bandwidth that is advised [1]: half of kp."""
+
+
+def diverged_recording(
+    arm: NominalArm,
+    effects: tuple[AppliedEffect, ...],
+    controller: Controller,
+    postures: np.ndarray,
+    speed: np.ndarray,
+    time: float,
+) -> GapscopeError:
+    """The error that says at which joint and when the arm diverged, and what lets it.
+
+    Args:
+        arm: the nominal arm.
+        effects: what the simulated arm had beyond it.
+        controller: its controller.
+        postures: references before the divergence [rad], shape (K, n).
+        speed: of the joints [rad/s], shape (n,).
+        time: since the start of the recording [s].
+    """
+    joint = fastest(speed)
+    estimate = filter_gains(
+        controller.rate, controller.velocity_cutoff, controller.velocity_damping
+    )
+    loop = SampledLoop(controller, 1.0 / controller.rate, estimate)
+    share = _stable_share(loop, CorrectedArm(arm), postures)
+    if share < 1.0:
+        causes = [
+            f"the controller's gains are too large for this arm: {_lower(controller, share)}"
+        ]
+    elif effects:
+        causes = [_effects_at_work(loop, CorrectedArm(arm, effects), postures)]
+    else:
+        causes = []
+    if arm.torque_limit is None:
+        causes.append("nothing limits the torque: give torque_limit in the data sheet")
+    if arm.viscous[joint] == 0 and arm.armature[joint] == 0:
+        causes.append(
+            f"joint {joint + 1} has neither friction nor a rotor: give viscous and armature in the data sheet"
+        )
+    return GapscopeError(
+        f"the simulated arm diverged at joint {joint + 1}, at t = {time:.3g} s",
+        "; ".join(causes) or "lower the controller's gains",
+    )
+
+
+def _effects_at_work(
+    loop: SampledLoop, true: CorrectedArm, postures: np.ndarray
+) -> str:
+    """What the effects do to a loop that is stable without them."""
+    names = ", ".join(dict.fromkeys(effect.name for effect in true.effects))
+    delay = float(np.max(true.quantity("delay")))
+    late = replace(loop, late=round(delay / loop.dt))
+    share = _stable_share(late, true, postures)
+    if share < 1.0:
+        return f"{names} makes a stable loop unstable: milder effects, or {_lower(loop.controller, share)}"
+    return f"the loop is stable without {names}: milder effects, or lower gains of the controller"
+
+
+def _stable_share(loop: SampledLoop, arm: CorrectedArm, postures: np.ndarray) -> float:
+    """Largest share of the loop's bandwidth that is stable at all postures [1]; 1 if the loop is."""
+    nominal = arm.arm
+    body = arm.body(RigidBody(nominal))
+    rotors = arm.quantity("rotor")
+    masses = [body.mass_matrix(q) + np.diag(rotors) for q in postures]
+    believed_body, own = RigidBody(nominal), np.diag(nominal.armature)
+    believed = [believed_body.mass_matrix(q) + own for q in postures]
+
+    def stable(share: float) -> bool:
+        slower = loop.times(share)
+        pairs = zip(masses, believed, strict=True)
+        return all(
+            slower.stable(m, nominal.viscous, nominal_m) for m, nominal_m in pairs
+        )
+
+    return 1.0 if stable(1.0) else largest_stable(stable, 1.0)
+
+
+def _lower(controller: Controller, share: float) -> str:
+    """How much lower the gains must be."""
+    names = [gain.name for gain in controller.gains]
+    if share == 0.0:
+        return f"no lower gains of this ratio are stable; check {', '.join(names)}, rate and velocity_filter"
+    share *= SAFE
+    factors = [f"{gain.name} by {share**gain.order:.2g}" for gain in controller.gains]
+    return f"multiply {' and '.join(factors)}, half the stability limit"

@@ -20,22 +20,25 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs import arguments
 from gapscope.envs.actions import control
-from gapscope.envs.course import (
+from gapscope.envs.divergence import divergence_info, ending, stop_info, title, truth
+from gapscope.envs.effect_ranges import EffectRanges
+from gapscope.envs.episode import (
     LOOK_AHEAD,
     SUB_STEPS,
     TIME_STEP,
     Course,
+    Effects,
+    EpisodeOptions,
+    EpisodeSource,
     FeedforwardModel,
+    Layout,
+    Setup,
     Timing,
+    chosen_effects,
 )
-from gapscope.envs.effect_ranges import EffectRanges
-from gapscope.envs.episode import EpisodeOptions, EpisodeSource, Setup
-from gapscope.envs.episode_info import divergence_info, ending, stop_info, title, truth
-from gapscope.envs.given_effects import Effects, chosen_effects
-from gapscope.envs.observation import Layout
 from gapscope.envs.plant import ControlledArm
 from gapscope.envs.randomisation import Randomisation, checked_randomisation
-from gapscope.envs.rendering.screen import Screen
+from gapscope.envs.rendering import Screen
 from gapscope.envs.reward import Reward, RewardParts, chosen_reward
 
 REWARDS = tuple(f"reward_{name}" for name in RewardParts._fields)
@@ -48,7 +51,7 @@ class ArmTracking(gymnasium.Env):
     """An arm with effects, n joints, that is to follow a reference motion.
 
     An action is a vector of numbers in -1 .. 1, n in parts of ``torque_scale`` [N m] or 2 n factors. Observation: see
-    ``gapscope.envs.observation.Layout``; reward: see ``gapscope.envs.reward.Reward``. An episode is terminated when
+    ``gapscope.envs.episode.Layout``; reward: see ``gapscope.envs.reward.Reward``. An episode is terminated when
     the arm diverges (``info["divergence"]``) or a joint comes to its stop (``info["limit"]``), and truncated at its
     end.
 
@@ -229,6 +232,7 @@ class ArmTracking(gymnasium.Env):
         self._plant.reset(episode.effects, episode.course, seeds)
         self._count = 0
         self._action: np.ndarray = np.zeros(self._control.size)
+        self._acted = False
         if self._screen is not None:
             self._screen.begin(title(self.arm, episode.effects), episode.course.q)
         self._show({})
@@ -249,6 +253,7 @@ class ArmTracking(gymnasium.Env):
         course = self._running
         action = arguments.checked_action(action, self._control.size)
         action = np.minimum(np.maximum(action, self._lowest), self._highest)
+        self._acted |= bool(action.any())
         done = self._plant.act(self._count, action)
         self._count += 1
         error = course.q[self._count] - self._plant.position
@@ -297,7 +302,8 @@ class ArmTracking(gymnasium.Env):
         if done < steps:
             number = (self._count - 1) * steps + done
             state = plant.position, plant.simulated.dq
-            return divergence_info(self.setup, number, *state, plant.effects)
+            hidden = plant.effects
+            return divergence_info(self.setup, number, *state, hidden, self._acted)
         return stop_info(self.setup, plant.simulated.q, plant.position)
 
     def _show(self, info: dict[str, Any]) -> None:

@@ -11,12 +11,10 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.velocity_filter import VelocityFilter
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.actions import Gains, scaled
-from gapscope.envs.course import Course, Timing
 from gapscope.envs.divergence import diverged
-from gapscope.envs.episode import Setup
-from gapscope.envs.network_torque import NetworkTorque
-from gapscope.envs.simulated_arm import SimulatedArm
-from gapscope.envs.velocity_estimate import VELOCITY_DAMPING, cutoff
+from gapscope.envs.episode import Course, Setup, Timing
+from gapscope.envs.position_controller import VELOCITY_DAMPING, cutoff
+from gapscope.envs.simulated_arm import NetworkTorque, SimulatedArm
 
 SENSOR_PERIOD = 10e-3
 """The encoders are read at least this often [s], and at every step if a PD loop runs."""

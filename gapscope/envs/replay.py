@@ -33,8 +33,7 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.residual.model import ResidualNetwork
 from gapscope.effects.states import State
-from gapscope.envs.network_torque import NetworkTorque
-from gapscope.envs.simulated_arm import SimulatedArm
+from gapscope.envs.simulated_arm import NetworkTorque, SimulatedArm
 
 TRIM = 0.3
 """Time cut from both ends of a stretch before the gap is measured [s]."""

@@ -9,6 +9,7 @@ import numpy as np
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.import_section import UNITS
 from gapscope.arm.io.load_recording import recording_of_columns
+from gapscope.arm.io.samples.damaged import BEYOND
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.reading import Columns
 from gapscope.arm.recording import Recording
@@ -21,8 +22,6 @@ from gapscope.inspection.torque_fit import TorqueFit, fits_of
 
 LONGEST = 60.0
 """Duration of each recording that is looked at [s]."""
-LARGEST = 1e12
-"""Columns with larger numbers, in whatever unit, are not compared with an arm."""
 
 
 def arm_of_columns(arm: NominalArm, group: ColumnGroup) -> NominalArm:
@@ -92,7 +91,7 @@ def _recording(
         n = len(places)
         read = Columns(tuple(places), (scale,) * n, (0.0,) * n)(series[rows])
         columns |= {f"{name}{j}": x for j, x in enumerate(read.T, start=1)}
-    if max(np.abs(column).max(initial=0.0) for column in columns.values()) > LARGEST:
+    if max(np.abs(column).max(initial=0.0) for column in columns.values()) > BEYOND:
         return None
     try:
         return recording_of_columns(main.label, columns, arm)

@@ -78,7 +78,8 @@ def channels_of_table(
     for group, meaning in named:
         channel, role = _channel(meaning)
         if channel and not any(group is other for other in taken):
-            found.append(ChannelGuess(channel, group, "", BY_NAME, role))
+            why = group.seen or BY_NAME
+            found.append(ChannelGuess(channel, group, "", why, role))
     positions = _first(found, "q") or _first(found, "q_ref")
     angle, why = "rad", ""
     if positions is not None:

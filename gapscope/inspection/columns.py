@@ -29,17 +29,24 @@ class ColumnGroup:
         labels: what stands in that place, k texts; numbers from 1 for a column of lists.
         names: of the columns; one for a column of lists.
         values: (N, k); nan if a cell is empty or no number.
+        seen: what their values show, of columns that have numbers in place of names.
     """
 
     pattern: str
     labels: tuple[str, ...]
     names: tuple[str, ...]
     values: np.ndarray
+    seen: str = ""
 
     @property
     def width(self) -> int:
         """Number of columns k, or of the entries of each list."""
         return self.values.shape[1]
+
+    @property
+    def numbered(self) -> bool:
+        """Whether the columns have numbers in place of names."""
+        return all(name.isdecimal() for name in self.names)
 
     @property
     def by_name(self) -> bool:
@@ -73,7 +80,7 @@ def sorted_columns(table: Table, joints: Sequence[str] = ()) -> TableColumns:
     groups: list[ColumnGroup] = []
     texts = []
     for name, cells in table.columns.items():
-        values = _numbers(cells)
+        values = numbers_of(cells)
         if values is None:
             texts.append(name)
         elif values.ndim == 2:
@@ -88,7 +95,7 @@ def sorted_columns(table: Table, joints: Sequence[str] = ()) -> TableColumns:
     return TableColumns(tuple(groups), numbers, tuple(texts))
 
 
-def _numbers(cells: Any) -> np.ndarray | None:
+def numbers_of(cells: Any) -> np.ndarray | None:
     """Cells as numbers, (N,), or (N, k) if they hold lists; ``None`` for texts."""
     first = next((cell for cell in cells if cell is not None and cell != ""), None)
     if isinstance(first, str) and first.lstrip().startswith("["):

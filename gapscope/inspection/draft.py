@@ -18,7 +18,7 @@ from gapscope.arm.recording import CHANNELS
 from gapscope.effects.effect import SHEET
 from gapscope.inspection.against_arm import columns_of_arm
 from gapscope.inspection.channels import ChannelGuess
-from gapscope.inspection.inspection import MAIN, TORQUES, Inspection
+from gapscope.inspection.inspection import MAIN, TIME, TORQUES, Inspection
 from gapscope.inspection.units import LARGEST
 
 BESIDE = 70
@@ -131,12 +131,18 @@ def _join(found: Inspection) -> tuple[str, str]:
 
 def _time(found: Inspection) -> tuple[str, str]:
     time = found.main.time
-    if time.column is None:
+    column: str | int | None = time.column
+    table = found.sources.get(TIME, found.main).part.table
+    if column is not None and table.unnamed:
+        column = int(column)
+    if column is None:
         entry: dict[str, Any] = {"rate": _rounded(time.rate)}
     elif not time.unit:
-        entry = {"column": time.column, "rate": _rounded(time.rate)}
+        entry = {"column": column, "rate": _rounded(time.rate)}
     else:
-        entry = {"column": time.column, "unit": time.unit}
+        entry = {"column": column, "unit": time.unit}
+    if TIME in found.sources:
+        entry["file"] = TIME
     return f"time: {_flow(entry)}", time.why
 
 
@@ -180,9 +186,11 @@ def _entry(found: Inspection, label: str, guess: ChannelGuess) -> str:
     return _flow(entry)
 
 
-def _column(found: Inspection, guess: ChannelGuess) -> str | list[str]:
-    """The pattern, or a list of names if it does not give those of the arm's joints."""
+def _column(found: Inspection, guess: ChannelGuess) -> str | list[str] | list[int]:
+    """The pattern, or a list of names if it does not give those of the arm's joints; numbers for lack of names."""
     group = guess.group
+    if group.numbered:
+        return [int(name) for name in group.names[: found.n_joints]]
     if found.arm is None or len(group.names) != group.width:
         return group.pattern
     joints = found.arm.joints
@@ -206,7 +214,8 @@ def _reason(found: Inspection, label: str, guess: ChannelGuess) -> str:
     if guess.channel not in TORQUES:
         return guess.why
     facts = found.torques.get((label, guess.group.pattern), [])
-    return "; ".join(filter(None, (guess.role or guess.why, *facts)))
+    said = guess.why if guess.group.numbered else guess.role or guess.why
+    return "; ".join(filter(None, (said, *facts)))
 
 
 def _data_sheet(found: Inspection) -> Iterator[str]:

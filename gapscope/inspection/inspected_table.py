@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from gapscope.arm.io.layouts import layout_of
 from gapscope.arm.io.log import Log, LogTable
+from gapscope.arm.io.samples.damaged import without_damage
+from gapscope.arm.nominal import NominalArm
 from gapscope.inspection.channels import (
     ChannelGuess,
     channels_of_table,
@@ -14,6 +17,7 @@ from gapscope.inspection.channels import (
 )
 from gapscope.inspection.columns import TableColumns, sorted_columns
 from gapscope.inspection.time_column import TimeGuess, guess_time
+from gapscope.inspection.unnamed_columns import unnamed_columns
 
 
 @dataclass(frozen=True)
@@ -52,20 +56,25 @@ class InspectedTable:
 
 
 def inspect_table(
-    log: Log, part: LogTable, joints: Sequence[str], *, named_by_file: bool = True
+    log: Log, part: LogTable, arm: NominalArm | None, *, named_by_file: bool = True
 ) -> InspectedTable:
     """A table of a log, with what its columns are taken for.
 
     Args:
         log: that holds it.
         part: the table.
-        joints: names that columns may carry.
+        arm: the nominal arm, if it is known: columns may carry the names of its joints.
         named_by_file: whether the names of file and topic say what columns hold whose own names are silent.
     """
-    columns = sorted_columns(part.table, joints)
+    part = replace(part, table=without_damage(part.table))
     context = f"{log.path.stem} {part.name}" if named_by_file else ""
+    if part.table.unnamed:
+        columns = unnamed_columns(part.table, arm, context)
+    else:
+        columns = sorted_columns(part.table, () if arm is None else arm.joints)
     position, velocity = position_and_velocity(columns, context)
-    time = guess_time(columns.singles, len(part.table), position, velocity)
+    rows = np.asarray(part.table.row_numbers)
+    time = guess_time(columns.singles, rows, position, velocity)
     layout = layout_of(part.table, part.kind)
     channels = channels_of_table(columns, layout, time, context)
     return InspectedTable(log, part, columns, time, tuple(channels))

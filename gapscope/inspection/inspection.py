@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+
+import numpy as np
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.log import Log
@@ -18,8 +20,15 @@ from gapscope.inspection.torque_fit import what_it_is
 
 TORQUES = ("tau", "tau_sensor")
 """Channels that hold a torque."""
+TIME = "time"
+"""Label of the table that holds nothing but their time."""
 MAIN = "state"
 """Label of the table that holds the positions, if several lie side by side."""
+WITHOUT_NAMES = (
+    "its columns have no names: their numbers, from 1, stand for them, and what they hold is told by their values; "
+    "look at each line"
+)
+"""Note of a log without a header."""
 
 
 @dataclass(frozen=True)
@@ -69,15 +78,25 @@ def inspect_logs(logs: Sequence[Log], arm: NominalArm | None = None) -> Inspecti
     Raises:
         InputError: no log holds positions of joints.
     """
-    joints = arm.joints if arm is not None else ()
-    tables = _tables(logs, joints)
+    every = _tables(logs, arm)
+    tables = [table for table in every if table.channels]
     kinds = _kinds(tables)
     with_positions = [kind for kind in kinds if kind[0].best("q") is not None]
     # of several with positions the one that tells most
     main = max(with_positions, key=_told, default=None)
     if main is None:
         raise _without_positions(logs, tables)
+    times = _times([table for table in every if not table.channels], main)
+    if times:
+        main = [
+            replace(table, time=clock.time)
+            for table, clock in zip(main, times, strict=True)
+        ]
+        kinds = [main, *(kind for kind in kinds if kind[0].shape != main[0].shape)]
+        tables += times
     sources, chosen, notes = _chosen(kinds, main)
+    if times:
+        sources[TIME] = times
     entries = tuple(
         {label: kind[number] for label, kind in sources.items()}
         for number in range(len(main))
@@ -98,18 +117,49 @@ def inspect_logs(logs: Sequence[Log], arm: NominalArm | None = None) -> Inspecti
     )
 
 
-def _tables(logs: Sequence[Log], joints: Sequence[str]) -> list[InspectedTable]:
-    """Tables that hold numbers of joints."""
+def _tables(logs: Sequence[Log], arm: NominalArm | None) -> list[InspectedTable]:
+    """All tables, with what their columns are taken for."""
     for named_by_file in (True, False):
         found = [
-            inspect_table(log, part, joints, named_by_file=named_by_file)
+            inspect_table(log, part, arm, named_by_file=named_by_file)
             for log in logs
             for part in log.tables
         ]
         # names of files may call everything a reference
         if any(table.best("q") is not None for table in found):
             break
-    return [table for table in found if table.channels]
+    return [_by_torque(table, arm) for table in found]
+
+
+def _by_torque(table: InspectedTable, arm: NominalArm | None) -> InspectedTable:
+    """A table without names of columns, with what the arm explains best as the first of its torques."""
+    torques = [guess for guess in table.channels if guess.channel == "tau"]
+    position = table.best("q")
+    unnamed = table.part.table.unnamed and len(torques) > 1
+    if arm is None or position is None or not unnamed:
+        return table
+    own, rank = arm_of_columns(arm, position.group), {}
+    for guess in torques:
+        fits = torque_fits(own, [{MAIN: table}], guess)
+        if fits:
+            # of a torque and the current that it was made from, the one in N m
+            size = np.log(np.abs(np.median(fits[0].factor)))
+            rank[guess.group.pattern] = (-round(fits[0].overall, 2), abs(float(size)))
+    last = (0.0, 0.0)
+    ranked = sorted(torques, key=lambda guess: rank.get(guess.group.pattern, last))
+    ranked += [guess for guess in table.channels if guess.channel != "tau"]
+    return replace(table, channels=tuple(ranked))
+
+
+def _times(
+    tables: Sequence[InspectedTable], main: Sequence[InspectedTable]
+) -> list[InspectedTable]:
+    """Tables of nothing but a time, one for each of those with the positions, if these have none and as many rows."""
+    if main[0].time.column is not None:
+        return []
+    times = [table for table in tables if table.time.column and table.time.unit]
+    rows = [len(table.part.table) for table in main]
+    return times if [len(table.part.table) for table in times] == rows else []
 
 
 def _kinds(tables: Sequence[InspectedTable]) -> list[list[InspectedTable]]:
@@ -191,6 +241,8 @@ def _notes(logs: Sequence[Log], tables: Sequence[InspectedTable]) -> list[str]:
     used = {table.log.path for table in tables}
     notes = [f"{log.path.name}: {note}" for log in logs for note in log.notes]
     for table in tables:
+        if table.part.table.unnamed:
+            notes.append(f"{table.label}: {WITHOUT_NAMES}")
         notes += [f"{table.label}: {note}" for note in table.part.table.notes]
     idle = [log.path.name for log in logs if log.path not in used]
     return notes + [f"{name}: holds no numbers of joints" for name in idle]
@@ -202,6 +254,7 @@ def _without_positions(
     found = sorted({guess.channel for table in tables for guess in table.channels})
     return InputError(
         f"no column is told to be the positions of joints by its name; found {', '.join(found) or 'no channel'}",
-        "give --robot, whose joints' names columns may carry; or name the columns in a case, import: {q: ...}",
+        "give --robot, whose joints' names columns may carry and whose limits and gravity tell columns without names; "
+        "or name the columns in a case, import: {q: ...}",
         file=logs[0].path,
     )

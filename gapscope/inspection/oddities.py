@@ -50,7 +50,7 @@ def oddities_of(
     found = [*_time(where, time)]
     by_name = {guess.channel: guess for guess in channels}
     for guess in channels:
-        found += _column(where, guess)
+        found += _column(where, guess, time)
     found += _pairs(where, by_name)
     if "q" in by_name:
         found += _still(where, by_name["q"])
@@ -99,7 +99,7 @@ def _time(where: str, time: TimeGuess) -> Iterator[Oddity]:
         )
 
 
-def _column(where: str, guess: ChannelGuess) -> Iterator[Oddity]:
+def _column(where: str, guess: ChannelGuess, time: TimeGuess) -> Iterator[Oddity]:
     """Cells that are missing, clipped values and spikes."""
     values = guess.group.values
     missing = int((~np.isfinite(values)).sum())
@@ -107,13 +107,13 @@ def _column(where: str, guess: ChannelGuess) -> Iterator[Oddity]:
         yield Oddity(
             where,
             f"{guess.group.pattern}: {missing} cells are empty or no numbers",
-            "drop those rows; a missing value is never guessed",
+            "leave the channel out (null); a missing value is never guessed",
         )
         return
     if guess.channel in ("tau", "tau_sensor"):
         yield from _clipped(where, guess)
     if guess.channel in ("q", "tau", "tau_sensor"):
-        yield from _spikes(where, guess)
+        yield from _spikes(where, guess, time)
 
 
 def _clipped(where: str, guess: ChannelGuess) -> Iterator[Oddity]:
@@ -130,7 +130,7 @@ def _clipped(where: str, guess: ChannelGuess) -> Iterator[Oddity]:
                 )
 
 
-def _spikes(where: str, guess: ChannelGuess) -> Iterator[Oddity]:
+def _spikes(where: str, guess: ChannelGuess, time: TimeGuess) -> Iterator[Oddity]:
     """Values that leave their neighbours for one row."""
     values = guess.group.values
     if len(values) < 100:
@@ -139,6 +139,10 @@ def _spikes(where: str, guess: ChannelGuess) -> Iterator[Oddity]:
         # a position that restarts after a turn is taken back on reading
         values = np.unwrap(values, period=TURN.get(guess.unit, TURN["rad"]), axis=0)
     bend = np.abs(values[1:-1] - 0.5 * (values[:-2] + values[2:]))
+    # over rows that were lost a motion goes on
+    step = np.diff(time.seconds)
+    lost = step > 1.5 * np.median(step)
+    bend[lost[1:] | lost[:-1]] = 0.0
     usual = np.quantile(bend, 0.99, axis=0)
     for j in range(values.shape[1]):
         far = bend[:, j] > SPIKE * max(usual[j], 1e-12)

@@ -60,7 +60,7 @@ class TimeGuess:
 
 def guess_time(
     singles: Mapping[str, np.ndarray],
-    length: int,
+    rows: np.ndarray,
     position: np.ndarray | None,
     velocity: np.ndarray | None,
 ) -> TimeGuess:
@@ -68,31 +68,31 @@ def guess_time(
 
     Args:
         singles: columns of numbers that belong to no joint, (N,) each.
-        length: N.
+        rows: their numbers in the file, (N,).
         position, velocity: what is taken for q and dq, (N, n), in any unit; their ratio tells the rate if the
             column counts samples or there is none.
     """
     named = [name for name in singles if meaning_of(name).quantity == "time"]
-    rising = [name for name in singles if _runs_forward(singles[name])]
+    rising = [name for name in singles if runs_forward(singles[name])]
     for name in [*(n for n in named if n in rising), *named, *rising]:
         stamps = singles[name]
         if not np.isfinite(stamps).all():
             continue
-        if _counts(stamps):
-            return _counted(name, length, position, velocity)
+        if counts_rows(stamps):
+            return _counted(name, rows, position, velocity)
         guess = _stamped(name, stamps)
         if guess is not None:
             return guess
-    return _counted(None, length, position, velocity)
+    return _counted(None, rows, position, velocity)
 
 
-def _runs_forward(stamps: np.ndarray) -> bool:
+def runs_forward(stamps: np.ndarray) -> bool:
     """Whether numbers never fall and mostly rise."""
     step = np.diff(stamps)
     return bool(len(step) and (step >= 0).all() and (step > 0).mean() > 0.8)
 
 
-def _counts(stamps: np.ndarray) -> bool:
+def counts_rows(stamps: np.ndarray) -> bool:
     """Whether a column counts rows: whole numbers that rise by one."""
     step = np.diff(stamps)
     return (
@@ -122,7 +122,7 @@ def _stamped(name: str, stamps: np.ndarray) -> TimeGuess | None:
 
 def _counted(
     column: str | None,
-    length: int,
+    rows: np.ndarray,
     position: np.ndarray | None,
     velocity: np.ndarray | None,
 ) -> TimeGuess:
@@ -132,11 +132,11 @@ def _counted(
     why = f"{what}, and nothing in the log tells the rate: look it up"
     if position is not None and velocity is not None:
         # per row in place of per second, the ratio is the rate
-        found = derivative_ratio(np.arange(length), position, velocity)
+        found = derivative_ratio(rows, position, velocity)
         if found is not None and found > 0:
             rate, certain = _usual(found), True
             why = f"{what}; the velocity is the derivative of the position at {found:.4g} Hz"
-    seconds = np.arange(length) / rate
+    seconds = (rows - rows[:1]) / rate
     return TimeGuess(column, "", rate, seconds, why, certain=certain)
 
 

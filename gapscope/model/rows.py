@@ -13,15 +13,19 @@ from gapscope.arm.nominal import smooth_sign
 from gapscope.arm.recording import Recording
 from gapscope.model.candidate_columns import CandidateColumns
 from gapscope.model.conditioning import (
+    LARGEST_CUTOFF,
     TORQUE_CUTOFF,
     Segment,
     condition,
     pieces,
     position_cutoff,
+    thinned,
 )
 from gapscope.model.decimated_segments import DecimatedSegments
 from gapscope.model.torque_gap import torque_scale
 
+MODEL_RATE = 2.5 * LARGEST_CUTOFF
+"""Rate at which columns are computed before they are filtered [Hz]: what is left of positions lies well below half."""
 LEAST_MOTIONS = 4
 """Parts of a group at least, each of which counts as a motion of its own: one motion says nothing of another."""
 SAME_STATE = 0.1
@@ -142,7 +146,7 @@ class Rows(DecimatedSegments):
         taught = sum(len(recordings) for recordings in groups)
         groups[-1] = [*groups[-1], *(r for r in set_aside if r.tau is not None)]
         cutoff = position_cutoff(tuple(r for group in groups for r in group))
-        own = [[condition(recording) for recording in group] for group in groups]
+        own = [[_segments(recording) for recording in group] for group in groups]
         return cls(own, cutoff, taught)
 
     def regrouped(self, group: np.ndarray, least: int, left_out: np.ndarray) -> Rows:
@@ -239,6 +243,11 @@ class Rows(DecimatedSegments):
                     count += 1
             motion[rows] = motion[rows[first]]
         return motion
+
+
+def _segments(recording: Recording) -> list[Segment]:
+    """Segments of a recording at the rate at which columns are computed."""
+    return [thinned(segment, MODEL_RATE) for segment in condition(recording)]
 
 
 def _first_passed(state: np.ndarray, segment: np.ndarray) -> np.ndarray:

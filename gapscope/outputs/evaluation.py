@@ -11,7 +11,7 @@ from gapscope.agents.evaluation import Evaluation, TrackingBench
 from gapscope.agents.summary import SummaryLine, relation
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import write_json
-from gapscope.envs.episode_info import described
+from gapscope.envs.divergence import described
 from gapscope.reports.evaluation.page import write_page
 
 DOCUMENT, PAGE, TABLE = "evaluation.json", "evaluation.html", "evaluation.csv"

@@ -16,7 +16,9 @@ from gapscope.model.conditioning import (
     pieces,
     position_cutoff,
     slips,
+    thinned,
 )
+from gapscope.model.rows import MODEL_RATE
 
 BLOCK = 2.0
 """Samples are conditioned in blocks of this length [s]. (budget)"""
@@ -142,7 +144,8 @@ class SegmentStream:
         if pieces(piece):
             # a motion may be faster than all before it
             self.cutoff = max(self.cutoff, position_cutoff((piece,)))
-            yield from condition(piece, self.cutoff)
+            for segment in condition(piece, self.cutoff):
+                yield thinned(segment, MODEL_RATE)
 
     @staticmethod
     def _breaks(held: Recording, part: Recording) -> bool:

@@ -15,8 +15,8 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.motions.named_motions import draw_motion, workspace
 from gapscope.arm.nominal import NominalArm
 from gapscope.envs.actions import Control, control
-from gapscope.envs.course import LOOK_AHEAD
 from gapscope.envs.environment import ArmTracking
+from gapscope.envs.episode import LOOK_AHEAD
 from gapscope.envs.simulated_arm import SimulatedArm
 
 BANDWIDTH, REACH = 2.0, 0.05

@@ -90,10 +90,9 @@ def test_a_better_model_tracks_better(two: NominalArm) -> None:
     assert min(pushed) > max(calm)
     correlation = relation(every)
     assert correlation is not None and correlation > 0.7
-    assert all(
-        line.margin is not None and line.margin > 4.0 and line.diverged == 0
-        for line in lines.values()
-    )
+    margins = {line.margin for line in lines.values()}
+    assert len(margins) == 1 and next(iter(margins)) > 4.0  # one loop
+    assert not any(line.diverged for line in lines.values())
     again = evaluate(
         {"nominal": models["nominal"]}, TrackingBench(two, HIDDEN, SHORT)
     ).episodes

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from gapscope.agents.controllers import Feedforward
+from gapscope.agents.evaluation import TrackingBench
+from gapscope.agents.evaluation_plan import EvaluationPlan
 from gapscope.agents.gains import Tuning, gains
 from gapscope.agents.instability_demo import CASES, run_instability_demo
 from gapscope.agents.stability import (
@@ -13,10 +15,12 @@ from gapscope.agents.stability import (
     largest_factor,
     settles,
 )
-from gapscope.agents.tracking import SampledReference
+from gapscope.agents.torque_model import ArmModel, Gravity
+from gapscope.agents.tracking import SampledReference, track
 from gapscope.arm.motions.point_to_point import PointToPoint
 from gapscope.arm.nominal import NominalArm
-from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.applied import AppliedEffect, carried
+from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.simulated_arm import SimulatedArm
 
@@ -39,6 +43,12 @@ def test_bisection_without_a_limit_or_without_anything_stable() -> None:
     assert largest_factor(lambda factor: True) == HIGHEST
     assert largest_factor(lambda factor: False) == 0.0
     assert largest_factor(lambda factor: factor < 1.5 * LOWEST) >= LOWEST
+
+
+def test_gains_too_small_to_hold_the_arm_are_no_upper_limit() -> None:
+    """From 1 on downward nothing is stable; the range that is lies above."""
+    found = largest_factor(lambda factor: 3.0 < factor < 11.0)
+    assert 11.0 / (1 + RESOLUTION) <= found < 11.0
 
 
 @pytest.mark.parametrize("delay", [0.01, 0.03])
@@ -66,9 +76,43 @@ def test_margin_of_a_joint_with_a_delay(floating: NominalArm, delay: float) -> N
             controller = Feedforward(
                 gains(np.ones(1), Tuning(factor, zeta)), np.full(1, np.inf)
             )
-            return settles(simulated, controller, course, cutoff=None)
+            return settles(simulated, controller, course, course.motion.ddq, None)
 
         assert largest_factor(stable) == pytest.approx(limit, rel=0.05)
+
+
+@pytest.mark.parametrize(("bandwidth", "stable"), [(2.0, True), (20.0, False)])
+def test_shaking_between_the_limits_is_told_by_the_torque(
+    two: NominalArm, bandwidth: float, stable: bool
+) -> None:
+    """The limits keep the arm from diverging; without feedforward it tracks badly either way, which does not count."""
+    delay = AppliedEffect("actuator_delay", (1, 2), {"delay": [0.02, 0.02]})
+    course = SampledReference.of(
+        PointToPoint(np.zeros(2), np.full(2, 0.5), 1.0), 1.5, DT, settle=0.0
+    )
+    needed = ArmModel(CorrectedArm(two)).series(course.motion)
+    loop = gains(np.array([2.5, 1.0]), Tuning(bandwidth))
+    controller = Feedforward(loop, two.torque_limit)
+    with SimulatedArm(two, (delay,), DT) as simulated:
+        assert settles(simulated, controller, course, needed) == stable
+        if not stable:
+            assert not track(simulated, controller, course).diverged
+
+
+@pytest.mark.slow
+def test_the_margin_is_that_of_the_loop_whatever_is_fed_forward() -> None:
+    """A KUKA iiwa with a load and friction: models outside the loop share its margin, however badly they track."""
+    arm = iiwa()
+    friction = AppliedEffect("coulomb_friction", (2, 4), {"torque": [10.0, 8.0]})
+    hidden = (carried(2.0, (0.0, 0.0, 0.1)), friction)
+    bench = TrackingBench(arm, hidden, EvaluationPlan(motions=("fourier",)))
+    models = (None, Gravity(arm), ArmModel(CorrectedArm(arm)))
+    engine = bench.plan.engines[0]
+    margins = {bench.margin(model, engine) for model in models}
+    assert len(margins) == 1 and 20.0 < margins.pop() < 50.0
+    # the search itself hardly depends on what is fed forward
+    own = bench._largest_bandwidth(None, engine)
+    assert own == pytest.approx(bench.margin(None, engine), rel=0.1)
 
 
 @pytest.mark.slow

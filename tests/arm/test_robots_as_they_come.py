@@ -294,3 +294,83 @@ def test_missing_meshes_stop_nothing_but_collisions(tmp_path: Path) -> None:
     for name in ("a.urdf", "a.xml", "a.sdf"):
         export(CorrectedArm(arm, ()), tmp_path / "out" / name)
     assert torque(arm).shape == (20, 2)
+
+
+LIMIT = '<limit lower="-2" upper="2" effort="50" velocity="2"/>'
+CASTER = joint("caster", "base", "roll", kind="{kind}") + link("roll")
+BESIDE = {
+    "a limit without effort": CASTER.format(kind="continuous").replace(
+        LIMIT, '<limit velocity="2"/>'
+    ),
+    "an empty limit": CASTER.format(kind="revolute").replace(LIMIT, "<limit/>"),
+    "no limit": CASTER.format(kind="revolute").replace(LIMIT, ""),
+    "a limit in words": CASTER.format(kind="revolute").replace('"-2"', '"low"'),
+    "an unknown type": CASTER.format(kind="universal"),
+    "an axis of two numbers": CASTER.format(kind="fixed").replace("0 1 0", "0 1"),
+    "a mimic of nothing": CASTER.format(kind="revolute").replace(LIMIT, LIMIT + "<mimic/>"),
+    "a link twice": link("roll") + CASTER.format(kind="fixed"),
+    "a link that hangs on nothing": link("tool changer"),
+    "a joint to nowhere": joint("odd", "base", "nowhere"),
+    "tags of simulators": '<gazebo reference="base"><x/></gazebo><material/><sensor/>',
+    "meshes": '<link name="a"><visual><geometry><mesh filename="package://x/y.stl"/>'
+    "</geometry><material/></visual><collision/></link>",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("beside", BESIDE)
+def test_what_does_not_concern_the_arm_is_not_read(
+    beside: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    sound = load_nominal_arm(robot(tmp_path, BASE, ARM), chain=("torso", "hand"))
+    folder = tmp_path / "odd"
+    folder.mkdir()
+    path = robot(folder, BASE, ARM, [BESIDE[beside]])
+    found = load_nominal_arm(path, chain=("torso", "hand"))
+    assert np.array_equal(gravity_torque(found), gravity_torque(sound))
+    assert capfd.readouterr() == ("", "")
+
+
+def gravity_torque(arm: NominalArm) -> np.ndarray:
+    q = np.array([[0.3, -0.4]])
+    return RigidBody(arm).inverse_dynamics(q, 0 * q, 0 * q)
+
+
+@pytest.mark.parametrize(
+    ("limit", "lacks"),
+    [
+        ('<limit lower="-2" upper="2" velocity="2"/>', "effort"),
+        ('<limit lower="-2" upper="2" effort="50"/>', "velocity"),
+        ("", "effort and velocity"),
+    ],
+)
+def test_a_limit_of_the_arm_that_is_not_given_is_none(
+    limit: str, lacks: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    parts = [ARM[0].replace(LIMIT, limit), *ARM[1:]]
+    path = robot(tmp_path, [link("torso")], parts)
+    with pytest.warns(
+        ModelWarning, match=f"shoulder: <limit> does not say {lacks}: none"
+    ):
+        body = RigidBody(load_nominal_arm(path))
+    assert (body.effort_limits()[0] == 0) == ("effort" in lacks)
+    assert (body.velocity_limits()[0] == 0) == ("velocity" in lacks)
+    assert np.isinf(body.position_limits()[0][0]) == (not limit)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_limit_of_the_arm_in_words_is_refused(tmp_path: Path) -> None:
+    parts = [ARM[0].replace('upper="2"', 'upper="far"'), *ARM[1:]]
+    with pytest.raises(
+        InputError, match="joint shoulder, <limit upper>: expected a number"
+    ):
+        RigidBody(load_nominal_arm(robot(tmp_path, [link("torso")], parts)))
+
+
+def test_what_the_parser_says_is_part_of_the_error(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = robot(tmp_path, BASE, ARM, [link("adrift")])
+    with pytest.raises(InputError, match="Two root links found: .*adrift") as caught:
+        load_nominal_arm(path)
+    assert "chain:" in caught.value.remedy
+    assert capfd.readouterr() == ("", "")

@@ -17,10 +17,9 @@ from gapscope.blind_check.scoring.compare import compare
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.effects.catalogue import without
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.nightly]
 
 
-@pytest.mark.nightly
 def test_each_effect_is_found_with_its_own_label(solved: dict[str, Solved]) -> None:
     assert all(
         compare(name, case.label, case.document).top for name, case in solved.items()
@@ -53,7 +52,6 @@ def test_an_effect_that_is_no_longer_in_the_catalogue_is_called_unexplained(
     assert "torque_ripple" not in [finding["effect"] for finding in document["effects"]]
 
 
-@pytest.mark.nightly
 def test_nominal_and_real_exchanged_give_the_same_effect_with_the_other_sign(
     tmp_path: Path,
 ) -> None:

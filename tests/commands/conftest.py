@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import io
+import json
 import shutil
 from collections.abc import Callable
+from contextlib import redirect_stdout
+from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
 from arms import HEAVY, chain
@@ -77,6 +81,57 @@ def sick(_cases: Path, tmp_path: Path) -> Path:
 def healthy(_cases: Path, tmp_path: Path) -> Path:
     """A healthy case; a copy that may be damaged."""
     return Path(shutil.copytree(_cases / "healthy", tmp_path / "healthy"))
+
+
+def run_once(*arguments: object) -> str:
+    """What a command that succeeds writes to standard output, for fixtures of more than one test."""
+    with redirect_stdout(io.StringIO()) as said, pytest.raises(SystemExit) as ended:
+        main([str(argument) for argument in arguments])
+    assert not ended.value.code
+    return said.getvalue()
+
+
+@pytest.fixture(scope="session")
+def _results(_cases: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("results")
+    run_once("diagnose", _cases / "sick", _cases / "healthy", "--out", out)
+    return out
+
+
+class Identified(NamedTuple):
+    """What ``identify`` left: its folder, which no test changes, its document, and standard output."""
+
+    out: Path
+    document: dict[str, Any]
+    said: str
+
+
+@pytest.fixture(scope="session")
+def identified(
+    _cases: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Callable[[str], Identified]:
+    """Identifies ``sick`` or ``healthy``, once."""
+
+    @cache
+    def made(name: str) -> Identified:
+        out = tmp_path_factory.mktemp(f"{name}_identified")
+        said = run_once("identify", _cases / name, "--out", out)
+        text = (out / "identification.json").read_text(encoding="utf-8")
+        return Identified(out, json.loads(text), said)
+
+    return made
+
+
+@pytest.fixture
+def both_results(_results: Path, tmp_path: Path) -> Path:
+    """What ``diagnose sick healthy --out both`` leaves; a copy that may be damaged."""
+    return Path(shutil.copytree(_results, tmp_path / "both"))
+
+
+@pytest.fixture
+def results(_results: Path, tmp_path: Path) -> Path:
+    """What ``diagnose sick --out results`` leaves; a copy that may be damaged."""
+    return Path(shutil.copytree(_results / "sick", tmp_path / "results"))
 
 
 @pytest.fixture

@@ -14,14 +14,6 @@ Command = Callable[..., object]
 QUICK = ("--evaluations", 150, "--seed", 1, "--no-collisions", "--singular", 0)
 
 
-@pytest.fixture
-def diagnosed(gapscope: Command, sick: Path, tmp_path: Path) -> Path:
-    """The folder of a diagnosis of ``sick``."""
-    out = tmp_path / "diagnosed"
-    assert gapscope("diagnose", sick, "--out", out).code == 0
-    return out
-
-
 def reopen(folder: Path, rival: str) -> None:
     """Puts an alternative to viscous friction into a diagnosis."""
     path = folder / "diagnosis.json"
@@ -38,12 +30,12 @@ def reopen(folder: Path, rival: str) -> None:
 
 
 def test_an_open_question_gets_a_recording(
-    gapscope: Command, sick: Path, diagnosed: Path, tmp_path: Path
+    gapscope: Command, sick: Path, results: Path, tmp_path: Path
 ) -> None:
-    reopen(diagnosed, "coulomb_friction")
+    reopen(results, "coulomb_friction")
     outs = [tmp_path / f"{name}.csv" for name in "ab"]
     for out in outs:
-        done = gapscope("advise", sick, "--diagnosis", diagnosed, "--out", out, *QUICK)
+        done = gapscope("advise", sick, "--diagnosis", results, "--out", out, *QUICK)
         assert done.code == 0, done.err
     names = [out, out.with_suffix(".yaml"), out.with_suffix(".html")]
     slow = out.with_name(f"{out.stem}_slow.csv")
@@ -89,17 +81,17 @@ def test_nothing_open_is_said_and_nothing_written(
 def test_bad_options_are_refused_with_a_remedy(
     gapscope: Command,
     sick: Path,
-    diagnosed: Path,
+    results: Path,
     tmp_path: Path,
     options: tuple[object, ...],
     words: tuple[str, ...],
 ) -> None:
-    reopen(diagnosed, "coulomb_friction")
+    reopen(results, "coulomb_friction")
     done = gapscope(
         "advise",
         sick,
         "--diagnosis",
-        diagnosed,
+        results,
         "--out",
         tmp_path / "x.csv",
         *QUICK,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -118,24 +119,21 @@ class TestDiagnose:
     @pytest.mark.parametrize("stop", [KeyboardInterrupt, MemoryError])
     def test_interrupted_run_leaves_no_diagnosis(
         self,
-        gapscope: Command,
         sick: Path,
-        tmp_path: Path,
+        results: Path,
         monkeypatch: pytest.MonkeyPatch,
         stop: type[BaseException],
     ) -> None:
         """That of an earlier run is gone, and so is every file that was begun."""
-        out = tmp_path / "out"
-        assert gapscope("diagnose", sick, "--out", out).code == 0
 
         def interrupted(*_: object) -> None:
             raise stop
 
         monkeypatch.setattr("gapscope.outputs.diagnosis.write_document", interrupted)
         with pytest.raises(BaseException) as ended:
-            main(["diagnose", str(sick), "--out", str(out)])
-        assert not (out / "diagnosis.json").exists()
-        assert set(files(out)) <= set(RESULTS)
+            main(["diagnose", str(sick), "--out", str(results)])
+        assert not (results / "diagnosis.json").exists()
+        assert set(files(results)) <= set(RESULTS)
         if stop is KeyboardInterrupt:
             assert isinstance(ended.value, SystemExit) and ended.value.code == 130
 
@@ -143,12 +141,10 @@ class TestDiagnose:
         self,
         gapscope: Command,
         sick: Path,
-        tmp_path: Path,
+        results: Path,
         monkeypatch: pytest.MonkeyPatch,
     ) -> None:
-        out = tmp_path / "out"
-        assert gapscope("diagnose", sick, "--out", out).code == 0
-        before = (out / "corrected.yaml").read_bytes()
+        before = (results / "corrected.yaml").read_bytes()
 
         def interrupted(*_: object, **__: object) -> None:
             raise KeyboardInterrupt
@@ -156,115 +152,95 @@ class TestDiagnose:
         monkeypatch.setattr(
             "gapscope.effects.corrected_file.yaml.safe_dump", interrupted
         )
-        assert gapscope("diagnose", sick, "--out", out).code == 130
-        assert (out / "corrected.yaml").read_bytes() == before
-        assert set(files(out)) <= set(RESULTS)
-        assert not (out / "diagnosis.json").exists()
+        assert gapscope("diagnose", sick, "--out", results).code == 130
+        assert (results / "corrected.yaml").read_bytes() == before
+        assert set(files(results)) <= set(RESULTS)
+        assert not (results / "diagnosis.json").exists()
 
     def test_failed_run_leaves_no_diagnosis_of_an_earlier_one(
-        self, gapscope: Command, sick: Path, tmp_path: Path
+        self, gapscope: Command, sick: Path, results: Path
     ) -> None:
-        out = tmp_path / "out"
-        assert gapscope("diagnose", sick, "--out", out).code == 0
         for name in ("recording_0.csv", "recording_1.csv", "recording_2.csv"):
-            lines = (sick / name).read_text().splitlines(keepends=True)
-            (sick / name).write_text("".join(lines[:200]))
-        assert gapscope("diagnose", sick, "--out", out).code == 2
-        assert not (out / "diagnosis.json").exists()
+            shortened(name)(sick)
+        assert gapscope("diagnose", sick, "--out", results).code == 2
+        assert not (results / "diagnosis.json").exists()
 
     def test_unreadable_case_leaves_no_diagnosis_of_an_earlier_run(
-        self, gapscope: Command, sick: Path, tmp_path: Path
+        self, gapscope: Command, sick: Path, results: Path
     ) -> None:
-        out = tmp_path / "out"
-        assert gapscope("diagnose", sick, "--out", out).code == 0
         (sick / "robot.urdf").unlink()
-        assert gapscope("diagnose", sick, "--out", out).code == 2
-        assert not (out / "diagnosis.json").exists()
+        assert gapscope("diagnose", sick, "--out", results).code == 2
+        assert not (results / "diagnosis.json").exists()
 
 
-class TestBadInput:
+Spoil = Callable[[Path], object]
+
+
+def removed(name: str) -> Spoil:
+    return lambda case: (case / name).unlink()
+
+
+def replaced(name: str, old: str, new: str) -> Spoil:
+    return lambda case: replace(case / name, old, new)
+
+
+def written(name: str, text: str) -> Spoil:
+    return lambda case: (case / name).write_text(text)
+
+
+def without_number(case: Path) -> None:
+    lines = (case / "recording_2.csv").read_text().splitlines()
+    lines[7] = lines[7].replace(lines[7].split(",")[1], "oops")
+    (case / "recording_2.csv").write_text("\n".join(lines))
+
+
+def shortened(name: str) -> Spoil:
+    def spoil(case: Path) -> None:
+        lines = (case / name).read_text().splitlines(keepends=True)
+        (case / name).write_text("".join(lines[:200]))
+
+    return spoil
+
+
+BAD_CASES: dict[str, tuple[Spoil, tuple[str, ...]]] = {
+    "missing case": (shutil.rmtree, ("sick", "no such file", "case.yaml")),
+    "missing recording": (
+        removed("recording_1.csv"),
+        ("sick/recording_1.csv", "no such file"),
+    ),
+    "missing column": (
+        replaced("recording_1.csv", "tau2", "torque2"),
+        ("sick/recording_1.csv", "tau2"),
+    ),
+    "broken URDF": (
+        written("robot.urdf", "<robot><link name='base'>"),
+        ("sick/robot.urdf", "not valid XML"),
+    ),
+    "URDF without links": (written("robot.urdf", "<robot name='r'/>"), ("sick",)),
+    "missing URDF": (removed("robot.urdf"), ("sick/robot.urdf",)),
+    "joint that the URDF lacks": (
+        replaced("case.yaml", "pitch", "elbow"),
+        ("sick/case.yaml", "elbow", "yaw, pitch"),
+    ),
+    "cell that is no number": (without_number, ("recording_2.csv", "line 8", "q1")),
+    "too short": (shortened("recording_0.csv"), ("recording_0.csv", "least 1 s")),
+}
+
+
+@pytest.mark.parametrize("what", BAD_CASES)
+def test_a_bad_case_is_refused_with_file_and_place(
+    gapscope: Command, sick: Path, tmp_path: Path, what: str
+) -> None:
     """Exit code 2, and a message with file, place and remedy."""
-
-    def check(self, gapscope: Command, case: Path, out: Path, *words: str) -> None:
-        for arguments in (("diagnose", case, "--out", out), ("gap", case)):
-            done = gapscope(*arguments)
-            assert done.code == 2
-            assert "Traceback" not in done.err and done.err.splitlines()[-1]
-            for word in words:
-                assert word in done.err
-        assert not (out / "diagnosis.json").exists()
-
-    def test_missing_case(self, gapscope: Command, tmp_path: Path) -> None:
-        self.check(
-            gapscope,
-            tmp_path / "none",
-            tmp_path / "out",
-            str(tmp_path / "none"),
-            "no such file",
-            "case.yaml",
-        )
-
-    def test_missing_recording(
-        self, gapscope: Command, sick: Path, tmp_path: Path
-    ) -> None:
-        (sick / "recording_1.csv").unlink()
-        self.check(
-            gapscope,
-            sick,
-            tmp_path / "out",
-            str(sick / "recording_1.csv"),
-            "no such file",
-        )
-
-    def test_missing_column(
-        self, gapscope: Command, sick: Path, tmp_path: Path
-    ) -> None:
-        replace(sick / "recording_1.csv", "tau2", "torque2")
-        self.check(
-            gapscope, sick, tmp_path / "out", str(sick / "recording_1.csv"), "tau2"
-        )
-
-    def test_broken_urdf(self, gapscope: Command, sick: Path, tmp_path: Path) -> None:
-        (sick / "robot.urdf").write_text("<robot><link name='base'>")
-        self.check(
-            gapscope, sick, tmp_path / "out", str(sick / "robot.urdf"), "not valid XML"
-        )
-
-    def test_urdf_without_links(
-        self, gapscope: Command, sick: Path, tmp_path: Path
-    ) -> None:
-        (sick / "robot.urdf").write_text("<robot name='r'/>")
-        self.check(gapscope, sick, tmp_path / "out", str(sick))
-
-    def test_missing_urdf(self, gapscope: Command, sick: Path, tmp_path: Path) -> None:
-        (sick / "robot.urdf").unlink()
-        self.check(gapscope, sick, tmp_path / "out", str(sick / "robot.urdf"))
-
-    def test_joint_that_the_urdf_lacks(
-        self, gapscope: Command, sick: Path, tmp_path: Path
-    ) -> None:
-        replace(sick / "case.yaml", "pitch", "elbow")
-        self.check(
-            gapscope,
-            sick,
-            tmp_path / "out",
-            str(sick / "case.yaml"),
-            "elbow",
-            "yaw, pitch",
-        )
-
-    def test_cell_that_is_no_number(
-        self, gapscope: Command, sick: Path, tmp_path: Path
-    ) -> None:
-        lines = (sick / "recording_2.csv").read_text().splitlines()
-        lines[7] = lines[7].replace(lines[7].split(",")[1], "oops")
-        (sick / "recording_2.csv").write_text("\n".join(lines))
-        self.check(gapscope, sick, tmp_path / "out", "recording_2.csv", "line 8", "q1")
-
-    def test_too_short(self, gapscope: Command, sick: Path, tmp_path: Path) -> None:
-        lines = (sick / "recording_0.csv").read_text().splitlines(keepends=True)
-        (sick / "recording_0.csv").write_text("".join(lines[:200]))
-        self.check(gapscope, sick, tmp_path / "out", "recording_0.csv", "least 1 s")
+    spoil, words = BAD_CASES[what]
+    spoil(sick)
+    out = tmp_path / "out"
+    for arguments in (("diagnose", sick, "--out", out), ("gap", sick)):
+        done = gapscope(*arguments)
+        assert done.code == 2
+        assert "Traceback" not in done.err and done.err.splitlines()[-1]
+        assert all(word in done.err for word in words), done.err
+    assert not (out / "diagnosis.json").exists()
 
 
 class TestUnwritable:
@@ -576,38 +552,33 @@ class TestBatch:
         assert f"wrote {out / 'summary.html'}" in done.out
         assert "healthy: " in done.out and "tau2" in done.out
 
-    def test_all_good(
-        self, gapscope: Command, sick: Path, healthy: Path, tmp_path: Path
-    ) -> None:
-        out = tmp_path / "out"
-        assert gapscope("diagnose", sick, healthy, "--out", out).code == 0
-        assert files(out) == sorted(
+    def test_all_good(self, both_results: Path) -> None:
+        assert files(both_results) == sorted(
             [f"{case}/{name}" for case in ("sick", "healthy") for name in RESULTS]
             + ["summary.html", "units.json"]
         )
         verdicts = {
-            c: json.loads((out / c / "diagnosis.json").read_text())["verdict"]
+            c: json.loads((both_results / c / "diagnosis.json").read_text())["verdict"]
             for c in ("sick", "healthy")
         }
         assert verdicts == {"sick": "effects_found", "healthy": "no_gap"}
 
     def test_failed_case_leaves_no_diagnosis_of_an_earlier_run(
-        self, gapscope: Command, sick: Path, healthy: Path, tmp_path: Path
+        self, gapscope: Command, sick: Path, healthy: Path, both_results: Path
     ) -> None:
-        out = tmp_path / "out"
-        assert gapscope("diagnose", sick, healthy, "--out", out).code == 0
         (healthy / "robot.urdf").unlink()
-        assert gapscope("diagnose", sick, healthy, "--out", out).code == 2
-        assert not (out / "healthy" / "diagnosis.json").exists()
+        done = gapscope("diagnose", sick, healthy, "--out", both_results)
+        assert done.code == 2
+        assert (both_results / "sick" / "diagnosis.json").exists()
+        assert not (both_results / "healthy" / "diagnosis.json").exists()
 
     def test_same_name_twice(
-        self, gapscope: Command, sick: Path, tmp_path: Path
+        self, gapscope: Command, sick: Path, both_results: Path
     ) -> None:
-        out = tmp_path / "out"
-        assert gapscope("diagnose", sick, sick / "case.yaml", "--out", out).code == 0
-        assert (out / "sick" / "diagnosis.json").is_file() and (
-            out / "sick-2" / "diagnosis.json"
-        ).is_file()
+        out, cases = both_results, (sick, sick / "case.yaml")
+        assert gapscope("diagnose", *cases, "--out", out).code == 0
+        assert (out / "sick" / "diagnosis.json").is_file()
+        assert (out / "sick-2" / "diagnosis.json").is_file()
 
     def test_unknown_backend(
         self, gapscope: Command, sick: Path, healthy: Path, tmp_path: Path

@@ -12,10 +12,15 @@ import pytest
 from gapscope.arm.case import load_case
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.effects.corrected_file import read_corrected
+from gapscope.envs import mystery_arm
 
 
 @pytest.mark.slow
-def test_demo(gapscope: Callable[..., Any], tmp_path: Path) -> None:
+def test_demo(
+    gapscope: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With recordings that are shorter than those of a user's demonstration."""
+    monkeypatch.setattr(mystery_arm, "DURATION", 4.0)
     out = tmp_path / "demo"
     done = gapscope("demo", "--out", out, "--seed", 3)
     assert done.code == 0

@@ -137,19 +137,12 @@ def test_bad_input_is_refused_with_a_remedy(
 
 
 def test_a_starved_trajectory_is_written_with_a_warning(
-    gapscope: Command, tmp_path: Path
+    gapscope: Command, sick: Path, tmp_path: Path
 ) -> None:
+    options = ("--velocity", 0.01, "--no-collisions", "--singular", 0, *QUICK)
     with warnings.catch_warnings():
         warnings.simplefilter("always", ModelWarning)
-        done = gapscope(
-            "excite",
-            "kuka_iiwa",
-            "--out",
-            tmp_path / "x.csv",
-            "--velocity",
-            0.01,
-            *QUICK,
-        )
+        done = gapscope("excite", sick, "--out", tmp_path / "x.csv", *options)
     assert done.code == 0 and (tmp_path / "x.csv").exists()
     assert "velocity keeps it small; raise --velocity" in done.err
 

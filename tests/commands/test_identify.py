@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
+from sweeps import daily
 
 from gapscope.arm.case import load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -21,6 +21,9 @@ from gapscope.ident.model.physical_parameters import check_links
 from gapscope.ident.output.identification_json import check
 
 Command = Callable[..., Any]
+Once = Callable[[str], Any]
+DAILY = ("consistent", "irls", "kalman", "log_cholesky", "didim")
+"""One of the estimators of each kind of interval."""
 RESULTS = {
     "identification.json",
     "report.html",
@@ -59,79 +62,53 @@ def column(
 
 
 class TestResults:
-    def test_writes_its_files_and_names_them(
-        self, gapscope: Command, sick: Path, tmp_path: Path
-    ) -> None:
-        out = tmp_path / "out"
-        done = gapscope("identify", sick, "--out", out)
-        assert done.code == 0, done.err
+    def test_writes_its_files_and_names_them(self, identified: Once) -> None:
+        out, document, said = identified("sick")
         assert {path.name for path in out.iterdir()} == RESULTS
-        assert all(str(out / name) in done.out for name in RESULTS)
-        document = json.loads((out / "identification.json").read_text(encoding="utf-8"))
+        assert all(str(out / name) in said for name in RESULTS)
         check(document)
-        values = {p["name"]: p for p in document["parameters"]}
+        (b2,) = (p for p in document["parameters"] if p["name"] == "b2")
         # the data sheet says 1.0 and what is hidden adds 3.0
-        assert values["b2"]["value"] == pytest.approx(4.0, rel=0.05)
-        assert values["b2"]["status"] == "recovered"
-        low, high = (
-            values["b2"]["value"] - 4 * values["b2"]["std"],
-            values["b2"]["value"] + 4 * values["b2"]["std"],
-        )
-        assert low < 4.0 < high
+        assert b2["value"] == pytest.approx(4.0, rel=0.05)
+        assert b2["status"] == "recovered"
+        assert abs(b2["value"] - 4.0) < 4 * b2["std"]
         assert document["questions"] == []
 
-    def test_says_what_cannot_be_recovered(
-        self, gapscope: Command, healthy: Path, tmp_path: Path
-    ) -> None:
+    def test_says_what_cannot_be_recovered(self, identified: Once) -> None:
         """The first joint turns about the vertical: its link's mass, height and other moments do not show."""
-        gapscope("identify", healthy, "--out", tmp_path / "out")
-        document = json.loads(
-            (tmp_path / "out" / "identification.json").read_text(encoding="utf-8")
-        )
-        status = {p["name"]: p["status"] for p in document["parameters"]}
+        parameters = identified("healthy").document["parameters"]
+        status = {p["name"]: p["status"] for p in parameters}
         hidden = {"m1", "mx1", "my1", "mz1", "Ixx1", "Ixy1", "Iyy1", "Ixz1", "Iyz1"}
         assert {name for name, s in status.items() if s == "not identifiable"} >= hidden
         assert status["Izz1"] == "only in combination"
         assert status["mx2"] == status["c1"] == "recovered"
-        unknown = [p for p in document["parameters"] if p["status"] != "recovered"]
+        unknown = [p for p in parameters if p["status"] != "recovered"]
         assert all(p["std"] is None and p["reason"] for p in unknown)
 
     def test_identified_case_predicts_as_well_as_the_report_says(
-        self, gapscope: Command, sick: Path, tmp_path: Path
+        self, gapscope: Command, sick: Path, identified: Once
     ) -> None:
-        out = tmp_path / "out"
-        gapscope("identify", sick, "--out", out)
-        gap = ("gap", "--json")
-        before = json.loads(gapscope(*gap, sick).out)
-        after = json.loads(
-            gapscope(
-                *gap, out / "identified_case.yaml", "--model", out / "identified.yaml"
-            ).out
-        )
-        nrmse = [np.array(d["recordings"][-1]["torque_nrmse"]) for d in (before, after)]
+        out = identified("sick").out
+        found = (out / "identified_case.yaml", "--model", out / "identified.yaml")
+        nrmse = []
+        for case in ((sick,), found):
+            rows = json.loads(gapscope("gap", "--json", *case).out)["recordings"]
+            nrmse.append(np.array(rows[-1]["torque_nrmse"]))
         assert nrmse[0][1] > 0.1 and (nrmse[1] < 0.02).all()
 
     def test_urdf_holds_possible_bodies_and_the_sheet_is_not_negative(
-        self, gapscope: Command, sick: Path, tmp_path: Path
+        self, identified: Once
     ) -> None:
-        out = tmp_path / "out"
-        gapscope("identify", sick, "--out", out)
+        out = identified("sick").out
         arm = load_case(out / "identified_case.yaml").arm
-        assert all(
-            c.consistent for c in check_links(RigidBody(arm).inertial_parameters())
-        )
-        assert (
-            (arm.armature >= 0).all()
-            and (arm.coulomb >= 0).all()
-            and (arm.viscous >= 0).all()
-        )
+        links = check_links(RigidBody(arm).inertial_parameters())
+        assert all(link.consistent for link in links)
+        for values in (arm.armature, arm.coulomb, arm.viscous):
+            assert (values >= 0).all()
         read_corrected(out / "identified.yaml")
 
-    def test_report_is_one_file_that_loads_nothing(
-        self, gapscope: Command, sick: Path, tmp_path: Path
-    ) -> None:
-        gapscope("identify", sick, "--out", tmp_path / "out")
-        text = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    def test_report_is_one_file_that_loads_nothing(self, identified: Once) -> None:
+        text = (identified("sick").out / "report.html").read_text(encoding="utf-8")
         page = text[: text.index('id="curves"')]
         assert not re.search(r'(?:src|href)="(?!#)', page)
         for words in (
@@ -174,47 +151,34 @@ class TestResults:
         assert document["warnings"]
         assert all(warning[:60] in out for warning in document["warnings"])
 
-    def test_document_says_what_the_recordings_tell(
-        self, gapscope: Command, healthy: Path, tmp_path: Path
-    ) -> None:
-        gapscope("identify", healthy, "--out", tmp_path / "out")
-        document = json.loads(
-            (tmp_path / "out" / "identification.json").read_text(encoding="utf-8")
-        )
+    def test_document_says_what_the_recordings_tell(self, identified: Once) -> None:
+        out, document, _ = identified("healthy")
         shown, base = document["identifiability"], document["base"]
-        assert (
-            shown["rank"]
-            == shown["structural"]
-            == base["count"]
-            == len(shown["singular_values"])
-        )
-        assert shown["singular_values"][0] == 1.0 and shown[
-            "condition"
-        ] == pytest.approx(base["condition"], rel=1e-3)
+        assert shown["rank"] == shown["structural"] == base["count"]
+        assert len(shown["singular_values"]) == base["count"]
+        assert shown["singular_values"][0] == 1.0
+        assert shown["condition"] == pytest.approx(base["condition"], rel=1e-3)
         assert set(shown["column_norms"]) == {p["name"] for p in document["parameters"]}
         essential = document["essential"]
         assert len(essential["names"]) + len(essential["dropped"]) == base["count"]
         assert document["repeated_groups"]["verdict"] == "noise"
         interval = document["torque_interval"]
         assert np.min(interval["held"]) > 0.9
-        assert (
-            np.array(interval["half_width"]) < interval["half_width_recorded"]
-        ).all()
-        report = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-        assert (
-            "Identifiability" in report
-            and "spectrum-figure" in report
-            and "Intervals of the predicted" in report
-        )
+        bare = np.array(interval["half_width"])
+        assert (bare < interval["half_width_recorded"]).all()
+        report = (out / "report.html").read_text(encoding="utf-8")
+        for words in (
+            "Identifiability",
+            "spectrum-figure",
+            "Intervals of the predicted",
+        ):
+            assert words in report
 
     def test_consistent_base_values_are_those_of_the_bodies(
-        self, gapscope: Command, healthy: Path, tmp_path: Path
+        self, identified: Once
     ) -> None:
-        gapscope("identify", healthy, "--out", tmp_path / "out")
-        document = json.loads(
-            (tmp_path / "out" / "identification.json").read_text(encoding="utf-8")
-        )
-        arrays = np.load(tmp_path / "out" / "base_parameters.npz", allow_pickle=False)
+        out, document, _ = identified("healthy")
+        arrays = np.load(out / "base_parameters.npz", allow_pickle=False)
         values = [p["value"] for p in document["parameters"]]
         np.testing.assert_allclose(
             [p["consistent"] for p in document["base"]["parameters"]],
@@ -223,7 +187,10 @@ class TestResults:
             atol=1e-9,
         )
 
-    @pytest.mark.parametrize("estimator", METHODS)
+    @pytest.mark.parametrize(
+        "estimator",
+        daily(METHODS, *DAILY),
+    )
     def test_every_estimator(
         self, gapscope: Command, healthy: Path, tmp_path: Path, estimator: str
     ) -> None:
@@ -247,128 +214,116 @@ class TestResults:
         assert np.mean(inside) > 0.6
 
 
-class TestBadInput:
-    def test_an_estimator_that_simulates_needs_the_controller(
-        self, gapscope: Command, healthy: Path, tmp_path: Path
-    ) -> None:
-        message = self.refused(gapscope, healthy, tmp_path, "--estimator", "didim")
-        assert "controller" in message and "does not simulate" in message
+Spoil = Callable[[Path], object]
 
-    def test_an_estimator_that_simulates_needs_pd(
-        self, gapscope: Command, healthy: Path, tmp_path: Path
-    ) -> None:
-        gains = "kp: [9, 9], ki: [1, 1], kd: [1, 1]"
-        with (healthy / "case.yaml").open("a") as file:
-            file.write(f"\ncontroller: {{kind: pid, rate: 250, {gains}}}\n")
-        message = self.refused(gapscope, healthy, tmp_path, "--estimator", "didim")
-        assert "knows the law pd, not pid" in message
 
-    def refused(
-        self, gapscope: Command, case: Path, tmp_path: Path, *options: object
-    ) -> str:
-        done = gapscope("identify", case, "--out", tmp_path / "out", *options)
-        assert done.code == 2
-        assert "remedy" in done.err
-        assert not (tmp_path / "out" / "identification.json").exists()
-        return " ".join(done.err.split())
+def added(text: str) -> Spoil:
+    """What adds lines to the case file."""
 
-    def test_too_few_samples(
-        self, gapscope: Command, healthy: Path, tmp_path: Path
-    ) -> None:
-        rewrite(healthy, lambda header, rows: rows[:450])
-        message = self.refused(gapscope, healthy, tmp_path, "--cutoff", 2)
-        assert (
-            "too few" in message
-            and "base parameters" in message
-            and "record for at least" in message
-        )
+    def spoil(case: Path) -> None:
+        with (case / "case.yaml").open("a") as file:
+            file.write(text)
 
-    def test_constant_trajectory(
-        self, gapscope: Command, healthy: Path, tmp_path: Path
-    ) -> None:
-        rewrite(healthy, column("q", lambda x: 0.5))
-        assert "trajectory is constant" in self.refused(gapscope, healthy, tmp_path)
+    return spoil
 
-    def test_nan(self, gapscope: Command, healthy: Path, tmp_path: Path) -> None:
-        def spoiled(header: list[str], rows: list[list[str]]) -> list[list[str]]:
-            rows[100][header.index("tau1")] = "nan"
-            return rows
 
-        rewrite(healthy, spoiled)
-        message = self.refused(gapscope, healthy, tmp_path)
-        assert "recording_0.csv" in message and "tau1" in message
+def cut(rows: int) -> Spoil:
+    return lambda case: rewrite(case, lambda header, all_rows: all_rows[:rows])
 
-    def test_torque_in_milli_newton_metres(
-        self, gapscope: Command, healthy: Path, tmp_path: Path
-    ) -> None:
-        rewrite(healthy, column("tau", lambda x: 1e3 * x))
-        message = self.refused(gapscope, healthy, tmp_path)
-        assert "looks like mN m" in message and "unit: mN m" in message
 
-    def test_raw_current(
-        self, gapscope: Command, healthy: Path, tmp_path: Path
-    ) -> None:
-        """Torque constant 0.1 N m/A and gear ratio 100 make 0.1 A of 1 N m."""
-        rewrite(healthy, column("tau", lambda x: 0.1 * x))
-        message = self.refused(gapscope, healthy, tmp_path)
-        assert "raw motor current" in message and "scale" in message and "?" in message
+def changed(name: str, change: Callable[[float], float]) -> Spoil:
+    return lambda case: rewrite(case, column(name, change))
 
-    def test_torque_let_pass_on_request(
-        self, gapscope: Command, healthy: Path, tmp_path: Path
-    ) -> None:
-        rewrite(healthy, column("tau", lambda x: 0.1 * x))
-        assert (
-            gapscope(
-                "identify", healthy, "--out", tmp_path / "out", "--any-torque"
-            ).code
-            == 0
-        )
 
-    def test_no_torque_column(
-        self, gapscope: Command, healthy: Path, tmp_path: Path
-    ) -> None:
-        for path in healthy.glob("recording_*.csv"):
-            path.write_text(
-                path.read_text(encoding="utf-8").replace("tau", "current"),
-                encoding="utf-8",
-            )
-        assert "tau1" in self.refused(gapscope, healthy, tmp_path)
+def with_nan(case: Path) -> None:
+    def spoiled(header: list[str], rows: list[list[str]]) -> list[list[str]]:
+        rows[100][header.index("tau1")] = "nan"
+        return rows
 
-    def test_torque_declared_absent(
-        self, gapscope: Command, healthy: Path, tmp_path: Path
-    ) -> None:
-        file = healthy / "case.yaml"
-        content = yaml.safe_load(file.read_text(encoding="utf-8"))
-        file.write_text(
-            yaml.safe_dump(content | {"import": {"tau": None}}), encoding="utf-8"
-        )
-        assert "no recording holds a torque" in self.refused(
-            gapscope, healthy, tmp_path
-        )
+    rewrite(case, spoiled)
 
-    @pytest.mark.parametrize("name", ["recording_0.csv", "log.db3"])
-    def test_a_recording_in_place_of_a_case(
-        self, gapscope: Command, healthy: Path, tmp_path: Path, name: str
-    ) -> None:
-        (healthy / name).touch()
-        message = self.refused(gapscope, healthy / name, tmp_path)
-        assert (
-            "is a recording, not a case" in message
-            and "case.yaml that lists it" in message
-        )
 
-    def test_too_short_a_recording(
-        self, gapscope: Command, healthy: Path, tmp_path: Path
-    ) -> None:
-        rewrite(healthy, lambda header, rows: rows[:201])
-        assert "expected at least 1 s" in self.refused(gapscope, healthy, tmp_path)
+def without_torque_column(case: Path) -> None:
+    for path in case.glob("recording_*.csv"):
+        text = path.read_text(encoding="utf-8")
+        path.write_text(text.replace("tau", "current"), encoding="utf-8")
 
-    def test_unknown_estimator_and_recording(
-        self, gapscope: Command, healthy: Path, tmp_path: Path
-    ) -> None:
-        assert "consistent" in self.refused(
-            gapscope, healthy, tmp_path, "--estimator", "magic"
-        )
-        assert "recording_0.csv" in self.refused(
-            gapscope, healthy, tmp_path, "--judge", "other.csv"
-        )
+
+PID = "\ncontroller: {kind: pid, rate: 250, kp: [9, 9], ki: [1, 1], kd: [1, 1]}\n"
+AS_IT_IS: Spoil = lambda case: None  # noqa: E731
+DIDIM = ("--estimator", "didim")
+BAD: dict[str, tuple[Spoil, tuple[object, ...], tuple[str, ...]]] = {
+    "no controller to simulate": (
+        AS_IT_IS,
+        DIDIM,
+        ("controller", "does not simulate"),
+    ),
+    "a controller that is not simulated": (
+        added(PID),
+        DIDIM,
+        ("knows the law pd, not pid",),
+    ),
+    "too few samples": (
+        cut(450),
+        ("--cutoff", 2),
+        ("too few", "base parameters", "record for at least"),
+    ),
+    "too short": (cut(201), (), ("expected at least 1 s",)),
+    "no motion": (changed("q", lambda x: 0.5), (), ("trajectory is constant",)),
+    "not a number": (with_nan, (), ("recording_0.csv", "tau1")),
+    "milli newton metres": (
+        changed("tau", lambda x: 1e3 * x),
+        (),
+        ("looks like mN m", "unit: mN m"),
+    ),
+    # torque constant 0.1 N m/A and gear ratio 100 make 0.1 A of 1 N m
+    "raw current": (
+        changed("tau", lambda x: 0.1 * x),
+        (),
+        ("raw motor current", "scale", "?"),
+    ),
+    "no torque column": (without_torque_column, (), ("tau1",)),
+    "torque declared absent": (
+        added("\nimport: {tau: null}\n"),
+        (),
+        ("no recording holds a torque",),
+    ),
+    "unknown estimator": (AS_IT_IS, ("--estimator", "magic"), ("consistent",)),
+    "unknown recording": (AS_IT_IS, ("--judge", "other.csv"), ("recording_0.csv",)),
+}
+
+
+def refused(gapscope: Command, case: Path, out: Path, *options: object) -> str:
+    """What is said of bad input."""
+    done = gapscope("identify", case, "--out", out, *options)
+    assert done.code == 2 and "remedy" in done.err
+    assert not (out / "identification.json").exists()
+    return " ".join(done.err.split())
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_bad_input_is_refused_with_a_remedy(
+    gapscope: Command, healthy: Path, tmp_path: Path, what: str
+) -> None:
+    spoil, options, words = BAD[what]
+    spoil(healthy)
+    message = refused(gapscope, healthy, tmp_path / "out", *options)
+    assert all(word in message for word in words), message
+
+
+def test_torque_is_let_pass_on_request(
+    gapscope: Command, healthy: Path, tmp_path: Path
+) -> None:
+    changed("tau", lambda x: 0.1 * x)(healthy)
+    done = gapscope("identify", healthy, "--out", tmp_path / "out", "--any-torque")
+    assert done.code == 0
+
+
+@pytest.mark.parametrize("name", ["recording_0.csv", "log.db3"])
+def test_a_recording_in_place_of_a_case_is_refused(
+    gapscope: Command, healthy: Path, tmp_path: Path, name: str
+) -> None:
+    (healthy / name).touch()
+    message = refused(gapscope, healthy / name, tmp_path / "out")
+    assert "is a recording, not a case" in message
+    assert "case.yaml that lists it" in message

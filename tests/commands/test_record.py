@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from sweeps import daily
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.control.pd import PD
@@ -20,7 +21,7 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected_file import read_corrected, write_corrected
 from gapscope.envs.engines import ENGINES
 from gapscope.envs.mystery_arm import iiwa
-from gapscope.envs.session import Plan, hidden_by_reading_back, record_case
+from gapscope.envs.recorder import Plan, hidden_by_reading_back, record_case
 
 PAYLOAD = AppliedEffect("payload", (), {"mass": 1.2345, "com": [0.0, 0.01, 0.05]})
 DELAY = AppliedEffect("actuator_delay", (2,), {"delay": [0.0087]})
@@ -240,7 +241,7 @@ def test_a_case_is_never_overwritten(effects: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize("read_back", [False, True])
+@pytest.mark.parametrize("read_back", daily((False, True), False))
 def test_torque_and_motion_belong_to_the_same_instant(
     engine: str, read_back: bool
 ) -> None:

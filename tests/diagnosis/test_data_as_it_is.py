@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import synthetic
+from sweeps import daily
 from synthetic import Truth
 
 from gapscope.arm.case import Case
@@ -38,7 +39,7 @@ def coarse(tau: np.ndarray) -> np.ndarray:
     return step * np.round(tau / step)
 
 
-@pytest.mark.parametrize("damage", [clipped, stuck, coarse])
+@pytest.mark.parametrize("damage", daily((clipped, stuck, coarse), clipped))
 def test_a_healthy_arm_stays_healthy(
     damage: Callable[[np.ndarray], np.ndarray],
 ) -> None:
@@ -47,7 +48,7 @@ def test_a_healthy_arm_stays_healthy(
     assert document["effects"] == []
 
 
-@pytest.mark.parametrize("damage", [clipped, stuck])
+@pytest.mark.parametrize("damage", daily((clipped, stuck), stuck))
 def test_an_effect_is_found_on_the_other_rows(
     damage: Callable[[np.ndarray], np.ndarray],
 ) -> None:

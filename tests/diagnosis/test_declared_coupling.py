@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 import synthetic
+from sweeps import daily, nightly
 from synthetic import Truth
 
 from gapscope.arm.case import Case
@@ -67,7 +68,7 @@ def test_undeclared_it_is_asked_for() -> None:
     assert "motor: 3, joint: 2, ratio: -1" in document["next_recording"]
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", daily((0, 1), 0))
 def test_a_healthy_arm_with_a_declared_motor_has_no_gap(seed: int) -> None:
     document = diagnose(declared(synthetic.case(Truth(), seed=seed))).document
     assert document["verdict"] == "no_gap" and not document["effects"]
@@ -76,7 +77,7 @@ def test_a_healthy_arm_with_a_declared_motor_has_no_gap(seed: int) -> None:
 @pytest.mark.parametrize(
     "truth",
     [
-        Truth(coulomb=(0.0, 3.0, 2.0), viscous=(0.0, 2.0, 2.0)),
+        nightly(Truth(coulomb=(0.0, 3.0, 2.0), viscous=(0.0, 2.0, 2.0))),
         # one joint's torque leaks into the next, which no motor does
         Truth(
             extra=lambda t, q, dq: np.outer(np.sin(9 * q[:, 1] * dq[:, 0]), [0, 3, 2])

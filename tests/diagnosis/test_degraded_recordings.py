@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import synthetic
+from sweeps import daily
 from synthetic import Truth
 
 from gapscope.arm.case import Case
@@ -92,15 +93,18 @@ DIAGNOSED: dict[str, Callable[[], Case]] = {
 }
 
 
-SLOW = ("a joint that never moves", "a constant torque", "no torque on a joint")
+DAILY = (
+    "1 s at 30 Hz",
+    "a third of the rows lost",
+    "positions in steps of 0.1 rad",
+    "a spike in the torque",
+    "torque in thousandths",
+)
 
 
 @pytest.mark.parametrize(
     "label",
-    [
-        pytest.param(label, marks=[pytest.mark.nightly] if label in SLOW else [])
-        for label in DIAGNOSED
-    ],
+    daily(DIAGNOSED, *DAILY),
 )
 def test_it_is_diagnosed(label: str) -> None:
     validate(diagnose(DIAGNOSED[label]()).document)

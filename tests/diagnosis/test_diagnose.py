@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import synthetic
+from cases import case_of
+from sweeps import nightly
 from synthetic import Truth
 
 from gapscope.arm.case import Case
@@ -18,6 +20,7 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.diagnosis_json import validate
+from gapscope.diagnosis.document.sentences import verdict_sentence
 from gapscope.diagnosis.result import Diagnosis
 
 COULOMB = Truth(coulomb=(0.0, 2.0, 0.0))
@@ -59,13 +62,11 @@ def test_document_is_valid_json(found: Diagnosis) -> None:
     )  # plain values already
 
 
-def test_same_case_same_diagnosis(judged: Case, found: Diagnosis) -> None:
-    assert diagnose(judged).document == found.document
-
-
-def test_progress_is_told(judged: Case) -> None:
+def test_same_case_same_diagnosis_and_progress_is_told(
+    judged: Case, found: Diagnosis
+) -> None:
     told: list[str] = []
-    diagnose(judged, told.append)
+    assert diagnose(judged, told.append).document == found.document
     assert len(told) > 3 and any("coulomb_friction" in message for message in told)
 
 
@@ -83,6 +84,10 @@ def test_case_is_described(found: Diagnosis) -> None:
     ]
     assert document["judged_on"] == "recordings set aside for judging"
     assert document["case"] == "synthetic" and document["schema"] == 1
+    assert document["states"]["shared"] and document["states"]["differs"] == []
+    assert "share a state" not in verdict_sentence(document)
+    assert "sides" not in document and document["torque_from"] == "recorded"
+    assert not any("must have commanded" in text for text in document["warnings"])
 
 
 def test_curves_fit_the_document(found: Diagnosis) -> None:
@@ -99,6 +104,7 @@ def test_curves_fit_the_document(found: Diagnosis) -> None:
 
 
 class TestJudgedRecordings:
+    @pytest.mark.nightly
     def test_torque_of_a_judged_recording_changes_no_value(
         self, judged: Case, found: Diagnosis
     ) -> None:
@@ -164,6 +170,7 @@ def test_a_single_recording() -> None:
     case = synthetic.case(COULOMB, seed=8)
     result = diagnose(replace(case, recordings=case.recordings[2:]))
     validate(result.document)
+    assert "states" not in result.document
     assert [(e.name, e.joints) for e in result.effects] == [("coulomb_friction", (2,))]
     assert result.effects[0].parameters["torque"] == pytest.approx([2.0], rel=0.05)
     assert result.document["judged_on"].startswith(
@@ -171,6 +178,7 @@ def test_a_single_recording() -> None:
     )
 
 
+@pytest.mark.nightly
 def test_a_single_healthy_recording() -> None:
     case = synthetic.case(Truth(), seed=8)
     assert (
@@ -179,11 +187,46 @@ def test_a_single_healthy_recording() -> None:
     )
 
 
-def test_recording_without_torque_is_left_out() -> None:
+def silent(recording: Recording) -> Recording:
+    return replace(recording, tau=None)
+
+
+def late(recording: Recording) -> Recording:
+    return replace(recording, t=recording.t + 1.7e9)
+
+
+def torn(recording: Recording) -> Recording:
+    keep = (recording.t < 3.0) | (recording.t > 3.4)
+    return replace(
+        recording, t=recording.t[keep], q=recording.q[keep], tau=recording.tau[keep]
+    )
+
+
+Change = Callable[[Recording], Recording]
+
+
+def kept(recording: Recording) -> Recording:
+    return recording
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        (silent, late, torn),
+        nightly((silent, kept, kept)),
+        nightly((late, late, late)),
+        nightly((kept, kept, torn)),
+    ],
+)
+def test_one_without_torque_one_that_starts_late_and_one_with_a_gap(
+    changes: tuple[Change, ...],
+) -> None:
+    """What is without torque is left out; time may start anywhere, and gaps in it are survived."""
     case = synthetic.case(COULOMB, seed=7)
-    silent = replace(case.recordings[0], tau=None)
-    result = diagnose(replace(case, recordings=(silent, *case.recordings[1:])))
+    recordings = [change(r) for change, r in zip(changes, case.recordings, strict=True)]
+    result = diagnose(replace(case, recordings=tuple(recordings)))
     assert [(e.name, e.joints) for e in result.effects] == [("coulomb_friction", (2,))]
+    assert result.effects[0].parameters["torque"] == pytest.approx([2.0], rel=0.05)
 
 
 def test_no_torque_at_all() -> None:
@@ -206,23 +249,27 @@ def test_too_short() -> None:
         diagnose(replace(case, recordings=(cut,)))
 
 
-def test_order_of_the_columns() -> None:
-    """The same arm with its joints listed in another order gives the same effects on the joints renumbered."""
-    order = np.array([2, 0, 1])  # column k holds joint order[k] + 1 of the URDF
+ORDER = np.array([2, 0, 1])
+"""Column k holds joint ORDER[k] + 1 of the URDF."""
+
+
+def reordered(recordings: Iterable[Recording]) -> Case:
+    """The same arm with its joints listed in another order."""
     base = synthetic.arm()
     sheet = {
-        name: getattr(base, name)[order] for name in ("armature", "coulomb", "viscous")
+        name: getattr(base, name)[ORDER] for name in ("armature", "coulomb", "viscous")
     }
-    arm = NominalArm(
-        base.name, base.urdf, tuple(base.joints[j] for j in order), **sheet
+    joints = tuple(base.joints[j] for j in ORDER)
+    turned = (
+        Recording(r.name, r.t, r.q[:, ORDER], r.tau[:, ORDER]) for r in recordings
     )
-    case = synthetic.case(
-        Truth(mass=1.0, com=(0.2, 0.0, 0.0), encoder=(0.0, 0.06, 0.0)), seed=2
-    )
-    turned = tuple(
-        Recording(r.name, r.t, r.q[:, order], r.tau[:, order]) for r in case.recordings
-    )
-    result = diagnose(replace(case, arm=arm, recordings=turned))
+    return case_of("turned", NominalArm(base.name, base.urdf, joints, **sheet), *turned)
+
+
+def test_order_of_the_columns() -> None:
+    """It gives the same effects on the joints renumbered."""
+    truth = Truth(mass=1.0, com=(0.2, 0.0, 0.0), encoder=(0.0, 0.06, 0.0))
+    result = diagnose(reordered(synthetic.recordings(truth, 2)))
     assert sorted((e.name, e.joints) for e in result.effects) == [
         ("encoder_offset", (3,)),
         ("payload", ()),
@@ -235,34 +282,14 @@ def test_order_of_the_columns() -> None:
 @pytest.mark.nightly
 def test_order_of_the_columns_of_other_effects() -> None:
     """As above, of effects that are no load."""
-    order = np.array([2, 0, 1])
-    base = synthetic.arm()
-    sheet = {
-        name: getattr(base, name)[order] for name in ("armature", "coulomb", "viscous")
-    }
-    arm = NominalArm(
-        base.name, base.urdf, tuple(base.joints[j] for j in order), **sheet
-    )
     truth = Truth(force=(8.0, 0.0, -12.0), window=(2.0, 4.0), ripple=(1.5, 0.0, 0.0))
-    turned = tuple(
-        Recording(r.name, r.t, r.q[:, order], r.tau[:, order])
-        for r in synthetic.recordings(truth, 2, duration=6.0)
-    )
-    result = diagnose(replace(synthetic.case(seed=2), arm=arm, recordings=turned))
+    result = diagnose(reordered(synthetic.recordings(truth, 2, duration=6.0)))
     assert sorted((e.name, e.joints) for e in result.effects) == [
         ("external_force", ()),
         ("torque_ripple", (2,)),
     ]
     force = next(e for e in result.effects if e.name == "external_force")
     np.testing.assert_allclose(force.parameters["force"], [8.0, 0.0, -12.0], atol=0.5)
-
-
-def test_time_may_start_anywhere() -> None:
-    case = synthetic.case(COULOMB, seed=7)
-    late = tuple(replace(r, t=r.t + 1.7e9) for r in case.recordings)
-    result = diagnose(replace(case, recordings=late))
-    assert [(e.name, e.joints) for e in result.effects] == [("coulomb_friction", (2,))]
-    assert result.effects[0].parameters["torque"] == pytest.approx([2.0], rel=0.05)
 
 
 def test_a_joint_that_never_moves() -> None:
@@ -294,12 +321,3 @@ def test_recordings_of_different_rates() -> None:
     assert "4 to 8 Hz" in [
         region["regime"] for region in document["unexplained"]["where"]
     ]
-
-
-def test_gaps_in_time_are_survived() -> None:
-    case = synthetic.case(COULOMB, seed=7)
-    keep = (case.recordings[2].t < 3.0) | (case.recordings[2].t > 3.4)
-    r = case.recordings[2]
-    torn = Recording(r.name, r.t[keep], r.q[keep], r.tau[keep])
-    result = diagnose(replace(case, recordings=(*case.recordings[:2], torn)))
-    assert [(e.name, e.joints) for e in result.effects] == [("coulomb_friction", (2,))]

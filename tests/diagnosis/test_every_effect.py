@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import synthetic
+from sweeps import daily
 from synthetic import Truth
 
 from gapscope.diagnosis.diagnose import diagnose
@@ -106,15 +107,14 @@ OTHERS: dict[str, dict[str, tuple[list[float], float]]] = {
     "external_force": {"start": ([2.0], 0.1), "end": ([4.0], 0.1)},
 }
 """Further parameters: what they have to be, and how nearly."""
-SLOW = (
-    "joint_elasticity",
-    "backlash",
-    "torque_saturation",
-    "external_force",
-    "friction_drift",
-    "torque_ripple",
+DAILY = (
+    "stribeck_friction",
+    "payload",
+    "base_tilt",
+    "torque_scale",
+    "actuator_delay",
 )
-MARKS = {name: (pytest.mark.nightly,) for name in SLOW}
+"""One of each family: friction, bodies, gravity, size and time of the torque; ``test_recovery`` has further ones."""
 
 
 def test_every_effect_of_the_catalogue_is_here() -> None:
@@ -127,7 +127,8 @@ def test_every_effect_of_the_catalogue_is_here() -> None:
 
 
 @pytest.mark.parametrize(
-    "label", [pytest.param(label, marks=MARKS.get(label, ())) for label in EVERY]
+    "label",
+    daily(EVERY, *DAILY),
 )
 def test_an_effect_is_found_with_its_joints_and_values(label: str) -> None:
     entry, name = EVERY[label], label.split()[0]

@@ -10,6 +10,7 @@ import pinocchio as pin
 import pytest
 import synthetic
 from sensed import reading
+from sweeps import daily
 from synthetic import Truth
 
 from gapscope.arm.case import Case
@@ -303,6 +304,7 @@ class TestDiagnosis:
             [0.15], rel=0.1
         )
 
+    @pytest.mark.nightly
     def test_coulomb_friction_is_told_from_load_friction(self) -> None:
         result = diagnose(case(Truth(coulomb=(0.0, 3.0, 0.0))))
         assert named(result) == [("coulomb_friction", (2,))]
@@ -323,13 +325,14 @@ def compared(today: Case, before: Case, folder: Path) -> Change:
 class TestAgainst:
     """What changed since a reference."""
 
-    @pytest.mark.parametrize("known", ["case", "reference"])
+    @pytest.mark.parametrize("known", daily(("case", "reference"), "case"))
     def test_a_declared_load_is_no_news(self, known: str, tmp_path: Path) -> None:
         plain, carried = synthetic.case(seed=4), case()
         today, before = (carried, plain) if known == "case" else (plain, carried)
         document = compared(today, before, tmp_path).diagnosis.document
         assert document["verdict"] == "no_gap"
 
+    @pytest.mark.nightly
     def test_one_that_is_not_declared_is(self, tmp_path: Path) -> None:
         change = compared(case(declared=False), synthetic.case(seed=4), tmp_path)
         assert change.diagnosis.document["verdict"] != "no_gap"

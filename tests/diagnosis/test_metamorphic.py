@@ -15,11 +15,10 @@ import numpy as np
 import pandas as pd
 import pytest
 import synthetic
+from sweeps import daily
 from synthetic import Truth
 
-from experiments.metamorphic.case_files import CaseFiles
-from experiments.metamorphic.compare import compare
-from experiments.metamorphic.relations import RELATIONS, Twin
+from experiments.metamorphic import RELATIONS, CaseFiles, Twin, compare
 from gapscope.arm.case import load_case
 from gapscope.diagnosis.diagnose import diagnose
 
@@ -70,9 +69,7 @@ def document(folder: Path) -> Mapping[str, Any]:
     return diagnose(load_case(folder)).document
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param("joints", marks=pytest.mark.nightly), "mirrored", "unix"]
-)
+@pytest.mark.parametrize("name", daily(("joints", "mirrored", "unix"), "mirrored"))
 def test_a_twin_has_the_same_diagnosis(
     name: str, case: CaseFiles, document: Mapping[str, Any], tmp_path: Path
 ) -> None:

@@ -7,7 +7,7 @@ import gapscope
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
-from gapscope.envs.session import Plan, record_case
+from gapscope.envs.recorder import Plan, record_case
 
 PLANAR = tuple(f"lbr_iiwa_joint_{k}" for k in (2, 4, 6))
 PLAN = Plan(recordings=2, duration=10.0, rate=100.0, engine="mujoco")

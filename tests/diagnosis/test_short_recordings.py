@@ -9,7 +9,7 @@ from arms import Link, changed, written
 import gapscope
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
-from gapscope.envs.session import Plan, record_case
+from gapscope.envs.recorder import Plan, record_case
 
 LEG = (
     Link("to_hip", "hip", "1 0 0", "0 0 0", 3.4, "0.04 0 -0.03", "0.005 0.005 0.005"),

@@ -15,7 +15,7 @@ from gapscope.arm.robots import load_nominal_arm
 from gapscope.diagnosis.document.slide_units import with_slide_units
 from gapscope.diagnosis.document.wording import parameter_texts
 from gapscope.effects.applied import AppliedEffect
-from gapscope.envs.session import Plan, record_case
+from gapscope.envs.recorder import Plan, record_case
 from gapscope.ident.model.friction_law import FrictionLaw
 from gapscope.ident.model.model_columns import ModelColumns
 

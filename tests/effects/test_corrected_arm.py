@@ -4,20 +4,33 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from arms import iiwa_of_three
 
+import gapscope
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.errors import InputError
+from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import Recording
 from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.arm_scale import ArmScale
+from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.corrected_file import (
+    read_corrected,
+    read_corrected_arm,
+    write_corrected,
+)
+from gapscope.effects.coupled_motors import COUPLED_MOTORS
 from gapscope.effects.deflection import behind_elasticity
 from gapscope.effects.free_play import behind_play
+from gapscope.effects.severity import draw
 
 COULOMB = AppliedEffect("coulomb_friction", (2,), {"torque": [3.0]})
 VISCOUS = AppliedEffect("viscous_friction", (2,), {"coefficient": [2.0]})
@@ -242,3 +255,261 @@ def test_what_bodies_lack_adds_its_own_torque_and_need_not_be_possible() -> None
     added = lacking.predict(body, motion) - plain.predict(body, motion)
     own = body.regressor(motion.q, motion.dq, motion.ddq) @ remainder.ravel()
     assert added == pytest.approx(own, abs=1e-9)
+
+
+# Effects that an arm has in some recordings, or spans of them: the file says where, and torque follows.
+
+
+COMMON = "{effect: coulomb_friction, joints: [2], parameters: {torque: [4.0]}}"
+CARRIED = "{effect: payload, parameters: {mass: %s, com: [0, 0, 0.1]}, %s}"
+FILE = f"""schema: 1
+case: tools
+effects:
+  - {COMMON}
+  - {CARRIED % (2.0, "recordings: [a.csv]")}
+  - {CARRIED % (1.0, "recordings: [b.csv], from: 3.0")}
+recordings: [a.csv, b.csv]
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "corrected.yaml"
+    path.write_text(FILE, encoding="utf-8")
+    return path
+
+
+def moving(name: str) -> Recording:
+    t = np.arange(0.0, 6.0, 0.01)
+    return Recording(name, t, 0.5 * np.sin(np.outer(t, [1.0, 0.8, 1.3])))
+
+
+def masses(corrected: CorrectedArm, name: str) -> list[tuple[float, float]]:
+    """Mass of the load in each span of a recording of 6 s, and since when."""
+    t = np.arange(0.0, 6.0, 0.01)
+    out = []
+    for inside, arm in corrected.spans(name, t):
+        loads = [e.parameters["mass"] for e in arm.effects if e.name == "payload"]
+        out.append((float(t[inside][0]), float(sum(loads))))
+    return out
+
+
+def test_each_recording_has_its_state_and_an_unknown_one_the_last(file: Path) -> None:
+    corrected = read_corrected_arm(iiwa_of_three(), file)
+    assert masses(corrected, "a.csv") == [(0.0, 2.0)]
+    assert masses(corrected, "b.csv") == [(0.0, 0.0), (3.0, 1.0)]
+    assert masses(corrected, "c.csv") == [(0.0, 1.0)]
+    # what takes no recording, a simulator, has the last state
+    assert [e.name for e in read_corrected(file)] == ["coulomb_friction", "payload"]
+
+
+def test_what_is_written_is_read_again(file: Path) -> None:
+    corrected = read_corrected_arm(iiwa_of_three(), file)
+    other = file.with_name("other.yaml")
+    write_corrected("tools", corrected.effects, other, states=corrected.states)
+    again = read_corrected_arm(iiwa_of_three(), other)
+    for name in ("a.csv", "b.csv", "c.csv"):
+        assert masses(again, name) == masses(corrected, name)
+    assert other.read_text(encoding="utf-8").count("coulomb_friction") == 1
+
+
+def test_predicted_torque_has_the_load_where_it_is(file: Path) -> None:
+    arm = iiwa_of_three()
+    with pytest.warns(ModelWarning, match=r"c\.csv: its state is not known"):
+        last = gapscope.predict(arm, moving("c.csv"), file).tau
+    without = gapscope.predict(
+        arm, moving("b.csv"), read_corrected_arm(arm, file).effects[:1]
+    ).tau
+    b = gapscope.predict(arm, moving("b.csv"), file).tau
+    before = moving("b.csv").t < 3.0
+    assert b[before] == pytest.approx(without[before])
+    assert b[~before] == pytest.approx(last[~before])
+    assert np.abs(last - without).max() > 0.5
+
+
+@pytest.mark.parametrize(
+    ("place", "problem"),
+    [
+        ("recordings: b.csv", "say where an effect holds"),
+        ("from: 3", "say where an effect holds"),
+        ("recordings: [b.csv], to: soon", "say where an effect holds"),
+        ("recordings: [b.csv], from: 3, to: 2", "which is no time"),
+    ],
+)
+def test_a_wrong_place_is_told_with_its_entry(
+    file: Path, place: str, problem: str
+) -> None:
+    file.write_text(f"schema: 1\neffects:\n  - {CARRIED % (1.0, place)}\n", "utf-8")
+    with pytest.raises(InputError, match=problem) as told:
+        read_corrected(file)
+    assert told.value.where == "effects[0]"
+
+
+def test_an_effect_may_not_hold_twice_at_a_place(file: Path) -> None:
+    twice = COMMON.replace("}}", "}, recordings: [a.csv]}")
+    file.write_text(
+        f"schema: 1\neffects:\n  - {COMMON}\n  - {twice}\n", encoding="utf-8"
+    )
+    with pytest.raises(InputError, match="occurs twice on joint 2"):
+        read_corrected_arm(iiwa_of_three(), file)
+
+
+# Rotor and friction of a motor that turns two joints: by hand, through the file, and refused without a coupling.
+
+
+EFFECTS = (
+    AppliedEffect("coupled_coulomb_friction", (2,), {"torque": [1.5]}),
+    AppliedEffect("coupled_viscous_friction", (2,), {"coefficient": [0.7]}),
+    AppliedEffect("coupled_armature", (2,), {"inertia": [0.2]}),
+)
+
+
+@pytest.fixture
+def coupled(two: NominalArm) -> NominalArm:
+    """Motor 2 turns half backwards with joint 1."""
+    return replace(two, coupling=np.array([[1.0, 0.0], [-0.5, 1.0]]))
+
+
+@pytest.fixture
+def moved() -> Motion:
+    rng = np.random.default_rng(4)
+    q, dq, ddq = rng.uniform(-1.0, 1.0, (3, 50, 2))
+    return Motion(np.arange(50) / 100, q, dq, ddq)
+
+
+def test_torque_by_hand(coupled: NominalArm, moved: Motion) -> None:
+    """w = dq2 - dq1 / 2; f = 1.5 sgn w + 0.7 w + 0.2 dw/dt acts on joint 2, and -f / 2 on joint 1."""
+    body = RigidBody(coupled)
+    added = CorrectedArm(coupled, EFFECTS).predict(body, moved) - CorrectedArm(
+        coupled
+    ).predict(body, moved)
+    w = moved.dq[:, 1] - 0.5 * moved.dq[:, 0]
+    a = moved.ddq[:, 1] - 0.5 * moved.ddq[:, 0]
+    f = 1.5 * np.tanh(w / 0.005) + 0.7 * w + 0.2 * a
+    np.testing.assert_allclose(added, np.column_stack([-0.5 * f, f]), atol=1e-9)
+
+
+def test_friction_takes_power(coupled: NominalArm, moved: Motion) -> None:
+    body = RigidBody(coupled)
+    without = CorrectedArm(coupled).predict(body, moved)
+    dry = [
+        AppliedEffect(name, (2,), {"torque": [1.0], "velocity": [0.3]})
+        for name in ("coupled_stribeck_friction", "coupled_saturating_friction")
+    ]
+    for effect in (*EFFECTS[:2], *dry):
+        added = CorrectedArm(coupled, (effect,)).predict(body, moved) - without
+        assert ((added * moved.dq).sum(axis=1) > 0).all()
+
+
+def test_a_file_carries_them(coupled: NominalArm, moved: Motion, tmp_path) -> None:
+    write_corrected("case", EFFECTS, tmp_path / "corrected.yaml")
+    read = read_corrected_arm(coupled, tmp_path / "corrected.yaml")
+    body = RigidBody(coupled)
+    expected = CorrectedArm(coupled, EFFECTS).predict(body, moved)
+    np.testing.assert_allclose(read.predict(body, moved), expected)
+
+
+@pytest.mark.parametrize("name", COUPLED_MOTORS)
+def test_refused_on_a_motor_that_turns_one_joint(
+    two: NominalArm, coupled: NominalArm, name: str
+) -> None:
+    values = {p: [1.0] for p in COUPLED_MOTORS[name].names}
+    for arm, motor in ((two, 2), (coupled, 1)):
+        with pytest.raises(InputError, match="coupling"):
+            CorrectedArm(arm, (AppliedEffect(name, (motor,), values),)).check()
+
+
+# Corrected arms stay passive: friction takes power, bodies have kinetic energy, and what would not is refused.
+
+
+FRICTION = [name for name, each in CATALOGUE.items() if each.family == "friction"]
+SHEETS = {
+    "coulomb_friction": ("torque", "coulomb"),
+    "viscous_friction": ("coefficient", "viscous"),
+    "armature": ("inertia", "armature"),
+}
+"""Parameters that add to values of the data sheet."""
+
+
+def random_motion(n: int, rng: np.random.Generator) -> Motion:
+    """Random states; nothing between one and the next."""
+    t = np.arange(200) / 100.0
+    q, dq, ddq = rng.standard_normal((3, 200, n)) * [[[1.0]], [[0.5]], [[3.0]]]
+    return Motion(t, q, dq, ddq)
+
+
+def friction_power(corrected: CorrectedArm, rng: np.random.Generator) -> np.ndarray:
+    """What the friction of the corrected arm takes on each joint under any load [W], (N, n)."""
+    motion = random_motion(corrected.arm.n_joints, rng)
+    load = 30.0 * rng.standard_normal(motion.q.shape)
+    kept = [e for e in corrected.effects if e.effect.family != "friction"]
+    zero = np.zeros(corrected.arm.n_joints)
+    smooth = replace(corrected.arm, coulomb=zero, viscous=zero)
+    without = CorrectedArm(smooth, tuple(kept)).needed_torque(load, motion)
+    return motion.dq * (corrected.needed_torque(load, motion) - without)
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_every_effect_leaves_the_arm_passive(name: str, two: NominalArm) -> None:
+    """With values as drawn for simulated arms: friction takes power, and the mass matrix is positive definite."""
+    rng, body = np.random.default_rng(3), RigidBody(two)
+    scale = ArmScale.of(two)
+    for _ in range(5):
+        corrected = CorrectedArm(two, (draw(name, rng, scale),))
+        corrected.check()
+        assert (friction_power(corrected, rng) >= -1e-9).all()
+        rotors = two.armature + corrected.value("armature", "inertia")
+        assert (rotors >= 0).all()
+        bodies = corrected.body(body)
+        for q in rng.uniform(-3.0, 3.0, (10, 2)):
+            assert np.linalg.eigvalsh(bodies.mass_matrix(q))[0] > 0
+
+
+def test_all_friction_together_at_the_edge_takes_power(two: NominalArm) -> None:
+    """Nothing is left of the data sheet's friction, which fades by 95 % as well."""
+    edge: dict[str, dict[str, Any]] = {
+        "coulomb_friction": {"torque": -two.coulomb},
+        "viscous_friction": {"coefficient": -two.viscous},
+        "load_friction": {"coefficient": [0.3, 0.8]},
+        "stribeck_friction": {"torque": 5.0, "velocity": 0.02},
+        "saturating_friction": {"torque": 5.0, "velocity": 0.05},
+        "friction_drift": {"amplitude": -0.95, "time_constant": 5.0},
+    }
+    assert set(edge) == set(FRICTION)
+    effects = tuple(
+        AppliedEffect(name, (1, 2), values) for name, values in edge.items()
+    )
+    corrected = CorrectedArm(two, effects)
+    corrected.check()
+    power = friction_power(corrected, np.random.default_rng(4))
+    assert (power >= -1e-9).all() and power.max() > 0.1
+
+
+@pytest.mark.parametrize("name", SHEETS)
+def test_what_is_negative_in_total_is_refused_at_once(
+    name: str, two: NominalArm
+) -> None:
+    parameter, stated = SHEETS[name]
+    nominal = getattr(two, stated)[1]
+    rest = AppliedEffect(name, (2,), {parameter: -nominal})
+    CorrectedArm(two, (rest,)).check()
+    beyond = AppliedEffect(name, (2,), {parameter: -1.01 * nominal})
+    with pytest.raises(InputError, match=f"{name}.*joint 2, which would feed energy"):
+        CorrectedArm(two, (beyond,)).check()
+
+
+@pytest.mark.parametrize(
+    ("mass", "com", "expected"),
+    [
+        (3.0, (0.9, 0.9, 0.0), False),
+        (-0.5, (0.5, 0.0, 0.0), False),
+        (-1.5, (0.9, 0.0, 0.0), True),
+        (-0.5, (0.5, 0.0, 1.0), True),
+    ],
+)
+def test_a_load_that_takes_more_inertia_than_there_is_feeds_energy(
+    mass: float, com: tuple[float, ...], expected: bool, two: NominalArm
+) -> None:
+    """The last link: 2 kg at 0.5 m, 0.55 kg m^2 about its axis. 1.5 kg at 0.9 m would take 1.2 kg m^2."""
+    load = AppliedEffect("payload", (), {"mass": np.array(mass), "com": np.array(com)})
+    assert CorrectedArm(two, (load,)).feeds_energy(RigidBody(two)) is expected

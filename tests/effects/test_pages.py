@@ -8,7 +8,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "experiments"))
-catalogue = importlib.import_module("20_catalogue")
+catalogue = importlib.import_module("20_pages")
 
 
 @pytest.mark.parametrize(
@@ -19,7 +19,7 @@ def test_each_effect_stands_on_the_page_of_its_family(effect: object) -> None:
         encoding="utf-8"
     )
     assert all(row in page for row in catalogue.rows(effect)), (
-        "run experiments/20_catalogue.py and take its table over"
+        "run experiments/20_pages.py catalogue and take its table over"
     )
 
 

@@ -14,11 +14,13 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.effect_ranges import (
     EffectRange,
     EffectRanges,
+    effect_range,
     read_effect_ranges,
+    spread,
+    within_nominal,
     write_effect_ranges,
 )
 from gapscope.envs.environment import ArmTracking
-from gapscope.envs.export.unit_spread import effect_range, spread, within_nominal
 
 
 def friction(

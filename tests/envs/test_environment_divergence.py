@@ -18,10 +18,11 @@ from gapscope.arm.dynamics.rigid_body import RigidBody  # noqa: E402
 from gapscope.arm.known_robots import KNOWN_ROBOTS  # noqa: E402
 from gapscope.arm.motions.named_motions import MOTIONS, draw_motion  # noqa: E402
 from gapscope.arm.velocity_filter import VelocityFilter  # noqa: E402
+from gapscope.effects.applied import carried  # noqa: E402
 from gapscope.envs.actions import Control, Gains, torque_limit  # noqa: E402
 from gapscope.envs.divergence import diverged, explain, longest_step  # noqa: E402
 from gapscope.envs.environment import ArmTracking  # noqa: E402
-from gapscope.envs.velocity_estimate import VELOCITY_DAMPING, cutoff  # noqa: E402
+from gapscope.envs.position_controller import VELOCITY_DAMPING, cutoff  # noqa: E402
 
 
 def message(info: dict) -> str:
@@ -39,7 +40,8 @@ def test_divergence_is_noticed_at_once_and_explained(pendulum_urdf: Path) -> Non
             and "PD loop is unstable" in message(info)
             and "bandwidth" in message(info)
         )
-        assert "action_share or action_reach" in message(info)
+        # the actions were zero
+        assert "action_share" not in message(info)
     assert "time_step below" in message(info)
     push = np.ones(1, np.float32)
     _, rewards, info = rollout(
@@ -74,6 +76,19 @@ def test_a_speed_that_is_no_number_is_a_divergence_too(pendulum) -> None:
         np.array([np.nan]),
     )
     assert "joint 1 diverged: a speed that is no number" in told.as_info()["message"]
+    assert "actions drive it: a smaller action_share" in told.causes
+
+
+def test_without_an_action_no_smaller_one_is_advised(pendulum) -> None:
+    body, still = RigidBody(pendulum()), np.zeros(1)
+    loose = Control("torque", np.ones(1), np.ones(1), np.full(1, np.inf), None)
+    kind = loose._replace(kind="residual", gains=Gains(np.ones(1), np.ones(1)))
+    fast = (1e-3, 0.1, still, np.array([60.0]))
+    for control, said in ((loose, "nothing holds the arm"), (kind, "milder effects")):
+        load = (carried(1.0, (0.0, 0.0, 0.1)),)
+        told = explain(pendulum(), body, control, *fast, load, acted=False)
+        text = "\n".join(told.causes)
+        assert said in text and "smaller" not in text
 
 
 @pytest.mark.parametrize("change", ["time_step", "bandwidth"])

@@ -17,9 +17,9 @@ from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.friction import friction_direction
 from gapscope.effects.severity import draw
-from gapscope.envs.export.bristles import TANH_ERROR
 from gapscope.envs.export.formats import export
-from gapscope.envs.export.left_out import HELD, holds
+from gapscope.envs.export.mjcf import TANH_ERROR
+from gapscope.envs.export.texts import HELD, holds
 from gapscope.envs.simulated_arm import SimulatedArm
 
 mujoco = pytest.importorskip("mujoco")

@@ -21,10 +21,14 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.envs.effect_ranges import EffectRange, EffectRanges
+from gapscope.envs.effect_ranges import (
+    EffectRange,
+    EffectRanges,
+    effect_range,
+    within_nominal,
+)
 from gapscope.envs.export.formats import export
-from gapscope.envs.export.snippets.targets import TARGETS
-from gapscope.envs.export.unit_spread import effect_range, within_nominal
+from gapscope.envs.export.snippets import TARGETS
 
 EFFECTS = (
     AppliedEffect("coulomb_friction", (2,), {"torque": [4.0]}),

@@ -15,7 +15,7 @@ from gapscope.effects.residual.inputs import Inputs, Layout
 from gapscope.effects.residual.model import ResidualNetwork
 from gapscope.effects.residual.network import Network
 from gapscope.effects.residual.trust import Trust
-from gapscope.envs.network_torque import NetworkTorque
+from gapscope.envs.simulated_arm import NetworkTorque
 
 N, SUB_STEPS = 6, 4
 

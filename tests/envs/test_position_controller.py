@@ -20,12 +20,12 @@ from gapscope.envs.position_controller import (
     GAIN_MARGIN,
     LATE,
     RATE,
+    SampledLoop,
     loop_inertia,
     position_controller,
     stiffest_mode,
 )
-from gapscope.envs.sampled_loop import SampledLoop
-from gapscope.envs.session import Plan, record_case
+from gapscope.envs.recorder import Plan, record_case
 
 
 def _speed_left(stiffness: float, bandwidth: float) -> float:

@@ -12,9 +12,15 @@ pytest.importorskip(
 
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.environment import ArmTracking
-from gapscope.envs.rendering.canvas import ARM, GHOST, blend
-from gapscope.envs.rendering.picture import HEIGHT, WIDTH
-from gapscope.envs.rendering.viewer import TerminalViewer, open_viewer
+from gapscope.envs.rendering import (
+    ARM,
+    GHOST,
+    HEIGHT,
+    WIDTH,
+    TerminalViewer,
+    blend,
+    open_viewer,
+)
 
 PAYLOAD = AppliedEffect("payload", (), {"mass": 6.0, "com": [0.0, 0.0, 0.1]})
 

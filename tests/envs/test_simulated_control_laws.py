@@ -16,9 +16,9 @@ from gapscope.arm.motions.trajectory import Fourier
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.velocity_filter import VelocityFilter, filter_gains
 from gapscope.effects.applied import AppliedEffect
+from gapscope.envs.position_controller import SampledLoop
 from gapscope.envs.recorder import record
 from gapscope.envs.replay import replay
-from gapscope.envs.sampled_loop import SampledLoop
 
 INERTIA = 0.55
 """Of the pendulum [kg m^2]."""

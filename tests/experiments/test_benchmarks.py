@@ -6,10 +6,16 @@ import numpy as np
 import pytest
 
 from experiments.benchmarks import __main__ as benchmarks
-from experiments.benchmarks import one_joint, parts
-from experiments.benchmarks.growth import along, exponents
-from experiments.benchmarks.point import Point
-from experiments.benchmarks.row import MEMORY, Row, compared, in_turns
+from experiments.benchmarks import joint as one_joint
+from experiments.benchmarks.measure import (
+    MEMORY,
+    Point,
+    Row,
+    along,
+    compared,
+    exponents,
+    in_turns,
+)
 
 
 def test_loops_take_turns():
@@ -63,8 +69,7 @@ def part(monkeypatch):
         Point("bad", lambda: measure("bad", True)),
     ]
     monkeypatch.setitem(sys.modules, module.__name__, module)
-    monkeypatch.setattr(parts, "PARTS", {"fake": "A part"})
-    monkeypatch.setattr(benchmarks, "PARTS", parts.PARTS)
+    monkeypatch.setattr(benchmarks, "PARTS", {"fake": "A part"})
     return calls
 
 

@@ -15,11 +15,11 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "experiments"))
-plan, carriers, scoring, case_files = (
-    importlib.import_module(f"real_{name}")
-    for name in ("plan", "carriers", "scoring", "case_files")
+plan, carriers, scoring = (
+    importlib.import_module(name)
+    for name in ("real_cases", "real_carriers", "26_real_benchmark")
 )
-runner = importlib.import_module("case_runs")
+runner = importlib.import_module("common")
 SIZES = [2.5, 4.0, 8.0]
 
 
@@ -74,7 +74,7 @@ def test_coupled_motors_stay_declared(tmp_path):
     # motor 2 turns twice for joint 2 and once for joint 1: 3 and 2 rad are 3 and 7 rad of the motors
     coupled = np.array([[1.0, 0.0], [1.0, 2.0]])
     recording = Recording("r", np.arange(2.0), [[3.0, 2.0]] * 2, [[5.0, 4.0]] * 2)
-    moved = case_files.on_motor_side(recording, coupled)
+    moved = carriers.on_motor_side(recording, coupled)
     assert moved.q[0].tolist() == [3.0, 7.0]
     # power is the same: 5 w1 + 4 w2 = 3 u1 + 2 u2 with u1 = w1, u2 = w1 + 2 w2
     assert moved.tau[0].tolist() == [3.0, 2.0]

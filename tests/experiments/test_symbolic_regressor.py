@@ -15,7 +15,7 @@ from gapscope.arm.robots import load_nominal_arm
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "experiments"))
-symbolic_regressor = importlib.import_module("symbolic_regressor").symbolic_regressor
+symbolic_regressor = importlib.import_module("21_base_parameters").symbolic_regressor
 
 ARMS = {
     "one oblique axis": ["revolute"],

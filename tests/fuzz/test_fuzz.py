@@ -7,17 +7,18 @@ from pathlib import Path
 import pytest
 from fuzz_run import kinds, run
 from fuzz_targets import targets
+from sweeps import nightly
 
 SLOW = {"rosbag2_metadata", "agent_json", "agent_npz", "agent_zip"}
 """Readers that take some 10 ms an input, or load the learning libraries."""
-INPUTS = 60
 
 
 @pytest.mark.parametrize("name", [name for name in targets() if name not in SLOW])
+@pytest.mark.parametrize("inputs", [range(15), nightly(range(15, 120))])
 def test_mutated_inputs_are_read_or_refused_with_a_reason(
-    name: str, tmp_path: Path
+    name: str, inputs: range, tmp_path: Path
 ) -> None:
-    outcome = run(targets()[name], range(INPUTS), tmp_path / "work", bounded=False)
+    outcome = run(targets()[name], inputs, tmp_path / "work", bounded=False)
     assert kinds(outcome.faults) == {}
-    assert outcome.read + outcome.refused == INPUTS
+    assert outcome.read + outcome.refused == len(inputs)
     assert outcome.refused > 0 or name == "serve_address"

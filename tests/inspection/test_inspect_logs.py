@@ -10,9 +10,10 @@ import pytest
 from foreign_logs import case_format, columns, inspected
 
 from gapscope.arm.case import load_case
+from gapscope.arm.io.log import open_log
 from gapscope.arm.recording import Recording
 from gapscope.inspection.draft import case_text
-from gapscope.inspection.inspection import Inspection
+from gapscope.inspection.inspection import Inspection, inspect_logs
 
 DEGREES = 180 / np.pi
 
@@ -127,3 +128,36 @@ def test_a_log_of_fewer_joints_takes_the_first_of_the_robot(arm, motion, tmp_pat
 def test_a_log_without_positions_is_refused(arm, motion, tmp_path):
     with pytest.raises(Exception, match="positions of joints"):
         inspected(tmp_path, arm, log={"t": motion.t, **columns("tau{j}", motion.tau)})
+
+
+@pytest.mark.parametrize("header", [True, False])
+def test_damaged_rows_are_left_out_of_what_is_seen(header, arm, motion, tmp_path):
+    table = {
+        "time": motion.t,
+        **columns("q{j}", motion.q),
+        **columns("dq{j}", motion.dq),
+        **columns("tau{j}", motion.tau),
+    }
+    lines = [
+        ",".join(f"{x:.9g}" for x in row) for row in zip(*table.values(), strict=True)
+    ]
+    for row in (7, 300, 301, 900):
+        cells = lines[row].split(",")
+        cells[row % 20 + 1] = "1e154"
+        lines[row] = ",".join(cells)
+    lines[500] = lines[500][:40]
+    lines[600:640] = [line.split(",")[0] + ",nan" * 21 for line in lines[600:640]]
+    file = tmp_path / "log.csv"
+    file.write_text("\n".join(([",".join(table)] if header else []) + lines))
+    found = inspect_logs([open_log(file)], arm)
+    assert set(found.chosen) == {"q", "dq", "tau"}
+    read = load_case(drafted(found, tmp_path)).recordings[0]
+    assert len(read.t) == len(motion.t) - 45
+    kept = np.delete(
+        np.arange(len(motion.t)), [7, 300, 301, 500, 900, *range(600, 640)]
+    )
+    np.testing.assert_allclose(read.tau, motion.tau[kept], atol=1e-6)
+    said = " ".join(found.notes)
+    assert "rows left out that cannot be read: 5 of 1200" in said
+    assert "pauses: 40 of 1200 in 1 block" in said
+    assert set(read.notes[:2]) <= {note.split(": ", 1)[1] for note in found.notes}

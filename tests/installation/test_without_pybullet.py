@@ -14,7 +14,7 @@ from guard import HANG
 
 from gapscope.arm.io.write_case import write_case
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.envs.session import Plan, record_case
+from gapscope.envs.recorder import Plan, record_case
 
 SCRIPT = """
 import sys

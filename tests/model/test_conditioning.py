@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.signal import butter, sosfiltfilt
+from sweeps import daily
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.recording import Recording
@@ -20,6 +21,16 @@ from gapscope.model.conditioning import (
     slips,
     uniform,
     without_slips,
+)
+from gapscope.model.decimating_filter import low_passed_rows
+from gapscope.model.effective_samples import (
+    autocovariance,
+    band_samples,
+    group_slices,
+    independent_samples,
+    low_pass_inflation,
+    motion_samples,
+    variance_inflation,
 )
 
 
@@ -284,7 +295,7 @@ class TestCutoff:
         ]
         assert cutoffs[0] > cutoffs[1] >= cutoffs[2]
 
-    @pytest.mark.parametrize("seed", range(5))
+    @pytest.mark.parametrize("seed", daily(range(5), 0))
     def test_accelerations_are_about_as_good_as_any_cutoff_makes_them(
         self, seed: int
     ) -> None:
@@ -416,3 +427,105 @@ def test_a_slip_is_a_jump_of_one_reading_that_no_lost_rows_explain() -> None:
     # as they do if one of them stands still
     still = cut.q * [1.0, 0.0]
     assert not slips(Recording("still.csv", cut.t, still))
+
+
+# Decimated rows of a low-passed series are those of the low-pass itself.
+
+
+@pytest.mark.parametrize("columns", [1, 9])
+@pytest.mark.parametrize(
+    ("rate", "cutoff", "count", "kept"),
+    [
+        (125.0, 12.0, 2501, slice(38, 2463, 4)),
+        (100.0, 12.0, 6000, slice(30, 5970, 3)),
+        (1000.0, 12.0, 20_000, slice(300, 19_700, 33)),
+        (125.0, 5.0, 2500, slice(0, 2500, 10)),
+        (250.0, 40.0, 4000, slice(75, 3925, 2)),
+        (125.0, 12.0, 120, slice(38, 82, 4)),
+        (29.0, 11.6, 700, slice(9, 691, 1)),
+        (30.0, 12.0, 700, slice(9, 691, 2)),
+    ],
+)
+def test_the_rows_are_those_of_the_low_pass(
+    rate: float, cutoff: float, count: int, kept: slice, columns: int
+) -> None:
+    """Of a random walk with an offset, whose ends differ."""
+    rng = np.random.default_rng(0)
+    walk = 5.0 + np.cumsum(rng.normal(size=(count, columns)), axis=0)
+    series = walk + rng.normal(size=walk.shape)
+    expected = low_pass(series, rate, cutoff)[kept]
+    found = low_passed_rows(series, rate, cutoff, kept)
+    np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())
+
+
+def test_what_is_zero_stays_zero() -> None:
+    series = np.zeros((3000, 3))
+    series[:, 1] = 1.0
+    rows = low_passed_rows(series, 125.0, 12.0, slice(38, 2962, 4))
+    assert not rows[:, [0, 2]].any()
+    np.testing.assert_allclose(rows[:, 1], 1.0, atol=1e-9)
+
+
+# Each way to count independent samples, against values worked out by hand or against drawn series.
+
+
+INTERVAL = 0.02
+
+
+@pytest.mark.parametrize(("rho", "share"), [(0.0, 1.0), (0.5, 1 / 3), (0.9, 1 / 19)])
+def test_effective_samples_of_an_autoregressive_series(
+    rho: float, share: float
+) -> None:
+    rng = np.random.default_rng(0)
+    x = np.zeros((20000, 1))
+    for i in range(1, len(x)):
+        x[i] = rho * x[i - 1] + rng.standard_normal()
+    assert independent_samples(x)[0] == pytest.approx(share * len(x), rel=0.15)
+
+
+def test_a_series_that_hardly_changes_counts_as_four_samples() -> None:
+    assert independent_samples(np.linspace(0, 1, 100)[:, None])[0] == 4.0
+
+
+def test_samples_of_a_band_and_of_a_motion() -> None:
+    assert band_samples(10.0, 12.0) == 240.0
+    assert motion_samples(10.0, 3.0) == 30.0
+
+
+def test_group_slices_by_hand() -> None:
+    assert group_slices(np.array([0, 0, 1, 3, 3])) == [
+        slice(0, 2),
+        slice(2, 3),
+        slice(3, 5),
+    ]
+
+
+def test_autocovariance_by_hand_and_within_groups() -> None:
+    """1, 2 | 3, 4: lag 0 is 30 / 4; lag 1 only within groups, (1 * 2 + 3 * 4) / 4."""
+    found = autocovariance(
+        np.array([[1.0], [2.0], [3.0], [4.0]]), np.array([0, 0, 1, 1]), 1
+    )
+    assert np.allclose(found[:, 0], [7.5, 3.5])
+
+
+def test_inflation_of_a_first_order_process() -> None:
+    """AR(1) with 0.8: (1 + 0.8) / (1 - 0.8) = 9."""
+    rng = np.random.default_rng(0)
+    series = rng.standard_normal((20000, 3))
+    for i in range(1, len(series)):
+        series[i] += 0.8 * series[i - 1]
+    assert np.allclose(
+        variance_inflation(series, np.zeros(len(series), int)), 9.0, rtol=0.25
+    )
+
+
+def test_inflation_of_a_low_pass() -> None:
+    """Of a long series of filtered noise; at Nyquist's frequency nothing was filtered."""
+    series = low_pass(
+        np.random.default_rng(0).standard_normal((50000, 4)), 1 / INTERVAL, 5.0
+    )
+    blocks = series.reshape(100, 500, 4).mean(axis=1)
+    assert low_pass_inflation(5.0, INTERVAL) == pytest.approx(
+        500 * blocks.var() / series.var(), rel=0.15
+    )
+    assert low_pass_inflation(25.0, INTERVAL) == 1.0

@@ -5,12 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from diagnosis import synthetic
+from diagnosis.synthetic import Truth
 from scipy.signal import butter, sosfiltfilt
 
+from gapscope.arm.motions.motion import Motion
 from gapscope.diagnosis.gap.noise_floor import noise_floor
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.environment import tilt
 from gapscope.model.conditioning import Segment, condition
+from gapscope.model.gravity_direction import gravity_by_torque, turn_of_base
+from gapscope.model.prediction import Prediction, without
 from gapscope.model.torque_gap import torque_gap, torque_scale
 
 
@@ -149,3 +154,112 @@ class TestFloor:
             gap = torque_gap(nominal, synthetic.body(), [segment]).rmse
             floor = noise_floor(nominal, synthetic.body(), segment).floor
             assert (gap < 1.6 * floor).all() and (floor < 20 * gap).all()
+
+
+# Changes of a prediction, against predictions of the changed arms.
+
+
+EFFECTS = {
+    "viscous_friction": ((1, 3), {"coefficient": [2.0, 1.0]}),
+    "coulomb_friction": ((2,), {"torque": [1.5]}),
+    "actuator_delay": ((1, 2), {"delay": [0.004, 0.01]}),
+    "actuator_lag": ((3,), {"time_constant": [0.02]}),
+    "torque_scale": ((2,), {"scale": [0.1]}),
+    "torque_ripple": ((1,), {"amplitude": [0.5], "cycles": [12.0], "phase": [0.3]}),
+    "encoder_offset": ((2,), {"offset": [0.02]}),
+}
+
+
+def effect(name: str) -> AppliedEffect:
+    joints, values = EFFECTS[name]
+    arrays = {key: np.array(value) for key, value in values.items()}
+    return AppliedEffect(name, joints, arrays)
+
+
+@pytest.fixture(scope="module")
+def motion() -> Motion:
+    recording = synthetic.recordings(synthetic.Truth(), duration=4.0)[1]
+    return condition(recording, 20.0)[0].motion
+
+
+ARM = CorrectedArm(synthetic.arm(), tuple(effect(name) for name in EFFECTS))
+
+
+def test_arms_at_once_change_as_each_alone(motion: Motion) -> None:
+    """Arms of which some undo another way from the recorded torque to the joint."""
+    body = synthetic.body()
+    at = Prediction.of(ARM, body, motion)
+    names = [name for name in EFFECTS if name != "encoder_offset"]
+    arms = [without(ARM, next(e for e in ARM.effects if e.name == n)) for n in names]
+    changes = at.changes(arms)
+    for change, arm in zip(np.moveaxis(changes, 1, 0), arms, strict=True):
+        expected = arm.predict(body, motion) - ARM.predict(body, motion)
+        assert np.abs(expected).max() > 0.01
+        np.testing.assert_allclose(change, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_the_share_of_an_effect_is_what_is_lost_without_it(
+    motion: Motion, name: str
+) -> None:
+    body = synthetic.body()
+    applied = next(e for e in ARM.effects if e.name == name)
+    share = Prediction.of(ARM, body, motion).share_of(applied)
+    expected = ARM.predict(body, motion) - without(ARM, applied).predict(body, motion)
+    np.testing.assert_allclose(share, expected, atol=1e-9)
+
+
+# Gravity as the torque shows it, and the turn of the base that gives it.
+
+
+DOWN = np.array([0.0, 0.0, -9.81])
+
+
+@pytest.mark.parametrize(
+    ("found", "turn"),
+    [
+        (-DOWN, (np.pi, 0.0)),
+        ([0.0, 9.81, 0.0], (-np.pi / 2, 0.0)),
+        ([9.81 * np.sin(0.5), 0.0, -9.81 * np.cos(0.5)], (0.0, 0.5)),
+        (0.7 * (tilt(2.0, -0.8).T @ DOWN), (2.0, -0.8)),
+    ],
+)
+def test_turn_of_known_directions(found: np.ndarray, turn: tuple[float, float]) -> None:
+    roll, pitch = turn_of_base(DOWN, np.array(found)) or (np.nan, np.nan)
+    # roll counts within a turn
+    assert np.cos(roll - turn[0]) == pytest.approx(1.0, abs=1e-6)
+    assert pitch == pytest.approx(turn[1], abs=1e-4)
+
+
+@pytest.mark.parametrize("size", [0.0, 0.3, 3.0])
+def test_a_vector_of_another_size_is_no_gravity(size: float) -> None:
+    assert turn_of_base(DOWN, size * DOWN) is None
+
+
+def test_a_small_tilt_is_no_turn() -> None:
+    assert turn_of_base(DOWN, tilt(0.2, 0.2).T @ DOWN) is None
+
+
+def test_an_arm_without_gravity_has_no_turn() -> None:
+    assert turn_of_base(np.zeros(3), DOWN) is None
+
+
+def test_gravity_is_found_beside_friction_and_offset() -> None:
+    truth = Truth(
+        tilt=(2.0, -0.8),
+        coulomb=(3.0, 2.0, 1.0),
+        viscous=(2.0, 4.0, 1.0),
+        offset=(5.0, -3.0, 1.0),
+    )
+    path, t = synthetic.motion(7, 0.3, 8.0), np.arange(0.0, 8.0, 0.02)
+    q, dq, ddq = path.position(t), path.velocity(t), path.acceleration(t)
+    body, arm = synthetic.body(), synthetic.arm()
+    regressor = body.gravity_regressor(q)
+    without_gravity = (
+        synthetic.needed(truth, path, t)
+        - body.inverse_dynamics(q, dq, ddq)
+        - arm.armature * ddq
+        + regressor @ body.gravity
+    )
+    found = gravity_by_torque(without_gravity, regressor, dq, np.ones(3))
+    np.testing.assert_allclose(found, tilt(2.0, -0.8).T @ DOWN, atol=0.2)

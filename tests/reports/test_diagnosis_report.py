@@ -16,6 +16,7 @@ import documents
 import numpy as np
 import pytest
 from guard import HANG
+from sweeps import nightly
 
 from gapscope.diagnosis.document.sentences import verdict_sentence
 from gapscope.diagnosis.localisation.locate import locate
@@ -283,7 +284,7 @@ def test_the_summary_has_one_row_per_case(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium on the PATH")
 @pytest.mark.parametrize(
-    ("make", "figures"), [(documents.two_effects, 6), (documents.no_gap, 2)]
+    ("make", "figures"), [(documents.two_effects, 6), nightly(documents.no_gap, 2)]
 )
 def test_a_browser_draws_the_figures_offline(
     make: Callable[[], Any], figures: int, tmp_path: Path

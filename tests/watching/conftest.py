@@ -24,7 +24,7 @@ class AtWork:
     """Recordings of a small arm whose true friction is arctan-shaped."""
 
     arm: NominalArm
-    change: float = 90.0
+    change: float = 46.0
     """When something changes [s]."""
 
     def recording(

@@ -1,4 +1,4 @@
-"""FIGAROH's regressor and base parameters on stored states, timed; run by ``regressor.py``.
+"""FIGAROH's regressor and base parameters on stored states, timed.
 
 It runs in FIGAROH's own environment, and so imports nothing of the project. Give the URDF and an NPZ file with q, dq
 and ddq of shape (N, n); it prints wall and processor times [s] as JSON.

@@ -12,7 +12,7 @@ import sys
 import time
 
 import numpy as np
-from memory import peak_mb
+from diagnose_case import peak_mb
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.motions.motion import Motion

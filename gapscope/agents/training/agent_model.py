@@ -13,7 +13,7 @@ from gapscope.arm.input_file import is_file
 from gapscope.arm.motions.named_motions import workspace
 from gapscope.arm.nominal import NominalArm
 from gapscope.envs.actions import control
-from gapscope.envs.course import LOOK_AHEAD, SUB_STEPS, TIME_STEP
+from gapscope.envs.episode import LOOK_AHEAD, SUB_STEPS, TIME_STEP
 from gapscope.provenance import sha256
 
 

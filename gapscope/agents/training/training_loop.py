@@ -169,9 +169,9 @@ class Training:
             + (settings.final_rate - 1) * (self._done - 1) / max(1, settings.rounds - 1)
         )
         learner.lr_schedule = lambda _: rate
-        learner.learn(
-            settings.round_length, reset_num_timesteps=False, log_interval=10**9
-        )
+        left = settings.total - learner.num_timesteps
+        length = min(settings.round_length, left)
+        learner.learn(length, reset_num_timesteps=False, log_interval=10**9)
         self._point(self._policy)
         self._write()
 
@@ -196,7 +196,7 @@ class Training:
             else f"; on the hidden arm {1e3 * tried.joint_error:.3g}"
         )
         self._progress(
-            f"{self._learner.num_timesteps} of {self._settings.rounds * self._settings.round_length} steps: reward "
+            f"{self._learner.num_timesteps} of {self._settings.total} steps: reward "
             f"{simulated.reward:.3f}, joint error {1e3 * simulated.joint_error:.3g} mrad{shown}"
         )
 

@@ -43,7 +43,7 @@ class TrainingSettings:
 
     Attributes:
         algorithm: one of ``ALGORITHMS``.
-        steps: actions to train for, all environments together, rounded up to whole rounds.
+        steps: actions to train for, all environments together, rounded down to what the algorithm collects at once.
         round_steps: actions in a round, rounded up to what the algorithm collects at once.
         environments: that are stepped side by side.
         parallel: whether each runs in a separate process.
@@ -174,22 +174,26 @@ class TrainingSettings:
         return Randomisation(self.randomise, count=self.count, severity=self.severity)
 
     @property
-    def rounds(self) -> int:
-        """Rounds of a whole training."""
-        return -(-self.steps // self.round_length)
+    def _unit(self) -> int:
+        """Actions that the algorithm collects at once."""
+        names = {"ppo": ("n_steps", 2048)}
+        name, default = names.get(self.algorithm, ("train_freq", 1))
+        return int(self.hyperparameters.get(name, default)) * self.environments
+
+    @property
+    def total(self) -> int:
+        """Actions of a whole training: ``steps``, rounded down to what is collected at once, which is the least."""
+        return max(self.steps // self._unit, 1) * self._unit
 
     @property
     def round_length(self) -> int:
-        """Actions in a round: a multiple of what the algorithm collects at once."""
-        per = int(
-            self.hyperparameters.get(
-                "n_steps" if self.algorithm == "ppo" else "train_freq", 1
-            )
-        )
-        if self.algorithm == "ppo" and "n_steps" not in self.hyperparameters:
-            per = 2048
-        unit = per * self.environments
-        return unit * -(-self.round_steps // unit)
+        """Actions in a round but the last: a multiple of what is collected at once."""
+        return self._unit * -(-self.round_steps // self._unit)
+
+    @property
+    def rounds(self) -> int:
+        """Rounds of a whole training."""
+        return -(-self.total // self.round_length)
 
     def randomised(self) -> TrainingSettings:
         """The same with domain randomisation: over the effects that a diagnosis can find if none are named."""

@@ -15,6 +15,7 @@ import pinocchio as pin
 from gapscope.arm.dynamics.inertia_boxes import inertia_boxes
 from gapscope.arm.dynamics.link_shapes import find_mesh
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.dynamics.robot_file import parser_output, with_collision_shapes
 from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.nominal import NominalArm
 
@@ -151,9 +152,12 @@ class CollisionModel:
 
 def _shapes(arm: NominalArm, model: pin.Model) -> pin.GeometryModel:
     """Collision shapes of a URDF, each convex, or boxes by the inertials if they are missing."""
-    missing = _missing(arm.urdf)
-    if not missing:
-        return _urdf_shapes(arm, model)
+    missing = "collision shapes are read from URDF files alone"
+    if ET.parse(arm.urdf).getroot().tag == "robot":
+        root = with_collision_shapes(arm.urdf, arm.joints)
+        missing = _missing(root, arm.urdf)
+        if not missing:
+            return _urdf_shapes(arm, model, root)
     boxes = inertia_boxes(model)
     if boxes.ngeoms == 0:
         raise InputError(f"{missing}, and no body has a mass", REMEDY, file=arm.urdf)
@@ -166,11 +170,8 @@ def _shapes(arm: NominalArm, model: pin.Model) -> pin.GeometryModel:
     return boxes
 
 
-def _missing(file: Path) -> str:
+def _missing(root: ET.Element, file: Path) -> str:
     """Why a robot file gives no collision shapes, or an empty string if it does."""
-    root = ET.parse(file).getroot()
-    if root.tag != "robot":
-        return "collision shapes are read from URDF files alone"
     shapes = root.findall("link/collision/geometry/*")
     if not shapes:
         return "it has no collision shapes"
@@ -181,16 +182,21 @@ def _missing(file: Path) -> str:
     )
 
 
-def _urdf_shapes(arm: NominalArm, model: pin.Model) -> pin.GeometryModel:
+def _urdf_shapes(
+    arm: NominalArm, model: pin.Model, root: ET.Element
+) -> pin.GeometryModel:
     """Collision shapes of a URDF whose meshes are there, each convex."""
-    folders = [str(folder) for folder in arm.urdf.resolve().parents[:3]]
+    for mesh in root.findall("link/collision/geometry/mesh"):
+        file = find_mesh(mesh.get("filename", ""), arm.urdf)
+        mesh.set("filename", "" if file is None else str(file.resolve()))
+    text = ET.tostring(root, encoding="unicode")
     try:
-        with warnings.catch_warnings():
+        with parser_output(), warnings.catch_warnings():
             warnings.simplefilter(
                 "ignore", UserWarning
             )  # the binding warns of its own overload
-            shapes = pin.buildGeomFromUrdf(
-                model, str(arm.urdf), pin.GeometryType.COLLISION, folders
+            shapes = pin.buildGeomFromUrdfString(
+                model, text, pin.GeometryType.COLLISION
             )
         for item in shapes.geometryObjects:
             if isinstance(item.geometry, coal.BVHModelBase):

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import io
+import os
 import re
+import sys
 import warnings
 import xml.etree.ElementTree as ET
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, TemporaryFile
 
 import numpy as np
 import pinocchio as pin
@@ -23,7 +27,7 @@ from gapscope.arm.dynamics.mjcf import (
     numbers,
 )
 from gapscope.arm.dynamics.mjcf_actuators import position_gains, torque_limits
-from gapscope.arm.dynamics.tree.kinematic_tree import SEVERAL, KinematicTree, read_tree
+from gapscope.arm.dynamics.tree.kinematic_tree import SINGLE, KinematicTree, read_tree
 from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.input_file import read_bytes
 
@@ -37,6 +41,9 @@ _OF_JOINTS = (
     ("dynamics", "friction", 1),
 )
 """Elements of a URDF's joint, their attributes, and how many numbers each has; limits may be infinite."""
+_NEEDED = ("origin", "parent", "child", "axis", "limit")
+"""Elements of a URDF's joint that make its motion."""
+_PARSER_ERROR = re.compile(r"Error: +(.*)")
 COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 
 
@@ -50,13 +57,15 @@ def build(path: Path, joints: Collection[str] = ()) -> pin.Model:
     Raises:
         InputError: there is no such file, it is no robot, or a body that moves is none that can be.
     """
-    root = read_root(path)
-    _drop_inertials(root, _impossible_outside(root, path, joints))
+    root = _arm_alone(path, joints)
+    _check_places(root, path)
     try:
-        if root.tag == "robot":
-            return pin.buildModelFromXML(_urdf_text(root))
-        check_mjcf(root, path)
-        model = _of_mjcf(root)
+        with parser_output() as output:
+            if root.tag == "robot":
+                _plain(root, path, joints)
+                return pin.buildModelFromXML(ET.tostring(root, encoding="unicode"))
+            check_mjcf(root, path)
+            model = _of_mjcf(root)
     except IndexError:
         raise InputError(
             "names a default class that it does not have",
@@ -64,7 +73,13 @@ def build(path: Path, joints: Collection[str] = ()) -> pin.Model:
             file=path,
         ) from None
     except (ValueError, RuntimeError) as error:
-        raise InputError(f"cannot be read as a robot ({error})", file=path) from None
+        # what follows the first of them follows from it
+        reason = next(iter(_PARSER_ERROR.findall(output.getvalue())), error)
+        raise InputError(
+            f"cannot be read as a robot ({reason})",
+            "name the arm in chain: or joints: of the case, and what does not concern it is not read",
+            file=path,
+        ) from None
     for joint, limit in torque_limits(root, path).items():
         if model.existJointName(joint):
             model.effortLimit[model.joints[model.getJointId(joint)].idx_v] = limit
@@ -102,6 +117,8 @@ def arm_model(
     if others:
         posture = pin.neutral(full)
         for name, position in (locked or {}).items():
+            if not full.existJointName(name):
+                continue
             posture[full.joints[full.getJointId(name)].idx_q] = position
         model = pin.buildReducedModel(full, others, posture)
     model.gravity = pin.Motion(np.array(gravity), np.zeros(3))
@@ -235,8 +252,59 @@ def read_root(path: Path) -> ET.Element:
         )
     if root.tag == "mujoco":
         name_bodies(root)
-    _check_places(root, path)
     return root
+
+
+def _arm_alone(path: Path, joints: Collection[str]) -> ET.Element:
+    """Root element of a file without impossible inertials, and of a URDF without what does not concern the arm.
+
+    Raises:
+        InputError: there is no such file, or a body that moves is none that can be.
+    """
+    root = read_root(path)
+    _drop_inertials(root, _impossible_outside(root, path, joints))
+    links = read_tree(root, path).around(joints)
+    if root.tag != "robot" or not links:
+        return root
+    ends = set(links)
+    for joint in root.findall("joint"):
+        child, parent = joint.find("child"), joint.find("parent")
+        if child is None or child.get("link") not in links:
+            root.remove(joint)
+        elif parent is not None:
+            ends.add(parent.get("link", ""))
+    for link in root.findall("link"):
+        if link.get("name") not in ends:
+            root.remove(link)
+    return root
+
+
+def with_collision_shapes(path: Path, joints: Collection[str]) -> ET.Element:
+    """Root element of a URDF with nothing but an arm and its collision shapes."""
+    root = _arm_alone(path, joints)
+    _plain(root, path, joints, shapes=True)
+    return root
+
+
+@contextmanager
+def parser_output() -> Iterator[io.StringIO]:
+    """Keep what libraries in C++ print from the terminal; it is in what is given once they are done."""
+    kept = io.StringIO()
+    with TemporaryFile() as file:
+        try:
+            saved = os.dup(2)
+        except OSError:  # there is no standard error
+            yield kept
+            return
+        sys.stderr.flush()
+        os.dup2(file.fileno(), 2)
+        try:
+            yield kept
+        finally:
+            os.dup2(saved, 2)
+            os.close(saved)
+            file.seek(0)
+            kept.write(file.read().decode("utf-8", "replace"))
 
 
 def _check_places(root: ET.Element, path: Path) -> None:
@@ -284,25 +352,69 @@ def _of_mjcf(root: ET.Element) -> pin.Model:
         return pin.buildModelFromMJCF(str(file))
 
 
-def _urdf_text(root: ET.Element) -> str:
-    """URDF as text, with continuous joints turned into revolute ones (pinocchio would give them two coordinates).
+def silent_limits(path: Path, joints: Collection[str]) -> dict[str, list[str]]:
+    """What the ``<limit>`` of joints of a URDF does not say, effort or velocity, by the name of the joint."""
+    silent = {}
+    for joint in read_root(path).findall("joint"):
+        limit, turns = joint.find("limit"), joint.get("type") == "continuous"
+        if joint.get("name") not in joints or (limit is None and turns):
+            continue
+        given = {} if limit is None else limit.attrib
+        lacking = [key for key in ("effort", "velocity") if key not in given]
+        if lacking:
+            silent[joint.get("name", "")] = lacking
+    return silent
 
-    Floating and planar joints are fixed.
+
+def _plain(
+    root: ET.Element, path: Path, joints: Collection[str], *, shapes: bool = False
+) -> None:
+    """Leave nothing in a URDF but the links and joints that a model needs, in the words that its reader insists on.
+
+    Continuous joints are turned into revolute ones (pinocchio would give them two coordinates); floating and planar
+    joints, and those of an unknown type, are fixed. A limit that is not given is none.
     """
     _tell_apart(root, "link")
+    kept = {
+        "link": ("inertial", "collision") if shapes else ("inertial",),
+        "joint": _NEEDED,
+    }
+    for element in list(root):
+        if element.tag not in kept:
+            root.remove(element)
+            continue
+        for part in list(element):
+            if part.tag not in kept[element.tag]:
+                element.remove(part)
     # the reader insists on a name
     root.set("name", root.get("name") or "robot")
     for joint in root.iter("joint"):
-        if joint.get("type") == "continuous":
+        kind = joint.get("type")
+        if kind not in SINGLE:
+            joint.set("type", "fixed")
+            for useless in joint.findall("limit"):
+                joint.remove(useless)
+            continue
+        limit = joint.find("limit")
+        if limit is None:
+            limit = ET.SubElement(joint, "limit")
+        name = joint.get("name", "")
+        for key in ("lower", "upper", "effort", "velocity"):
+            try:
+                limit.set(key, str(float(limit.get(key, "0"))))
+            except ValueError:
+                if name in joints:
+                    raise InputError(
+                        f"expected a number, got {limit.get(key)!r}",
+                        "correct the attribute, or leave it out",
+                        file=path,
+                        where=f"joint {name}, <limit {key}>",
+                    ) from None
+                limit.set(key, "0")
+        if kind == "continuous":
             joint.set("type", "revolute")
-            limit = joint.find("limit")
-            if limit is None:
-                limit = ET.SubElement(joint, "limit", effort="0", velocity="0")
             limit.set("lower", "-1e9")
             limit.set("upper", "1e9")
-        if joint.get("type") in SEVERAL:
-            joint.set("type", "fixed")
-    return ET.tostring(root, encoding="unicode")
 
 
 def _tell_apart(root: ET.Element, tag: str) -> None:

@@ -52,7 +52,7 @@ class Channel:
     Attributes:
         column: pattern of the column names, in which ``{j}`` is the joint's number from 1, ``{j0}`` for that
             from 0 and ``{joint}`` for its name; or one name per joint; a pattern without any of these names one
-            column whose cells hold lists.
+            column whose cells hold lists. In place of a name may stand the number of the column in the file, from 1.
         factor: from the column's unit to the recording's, times the scale; a number or one per joint, (n,).
         offset: added after the factor [recording's unit]; a number or one per joint, (n,).
         file: label of the file that holds it, if several lie side by side.
@@ -99,6 +99,8 @@ def parse_channel(name: str, entry: Any, n_joints: int, source: Path) -> Channel
     column = entry.get("column", name + "{j}")
     if isinstance(column, list):
         column = tuple(per_joint(column, n_joints, source, f"{name}.column", str))
+    elif isinstance(column, int):
+        column = str(column)
     unit = entry.get("unit", "")
     factor = _per_joint_or_one(entry, "scale", name, n_joints, source)
     if unit in _CURRENTS:

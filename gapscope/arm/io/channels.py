@@ -32,10 +32,8 @@ def stamps(table: Table, importing: Import) -> np.ndarray:
         InputError: the column is missing or no number.
     """
     time = importing.time
-    if time.column is None:
-        count: np.ndarray = table.first_row + np.arange(len(table))
-    else:
-        count = table.numbers(time.column)
+    rows = table.row_numbers
+    count = np.asarray(rows) if time.column is None else table.numbers(time.column)
     t = count / time.rate if time.rate is not None else count * time.factor
     mend = importing.mend
     return t if mend is None else mend.true_time(t, table.path.name)

@@ -24,14 +24,16 @@ class TimeColumn:
     """Where a log holds the time.
 
     Attributes:
-        column: name of the column, or ``None`` if there is none and ``rate`` alone gives the time.
+        column: name of the column or its number from 1, or ``None`` if there is none and ``rate`` alone gives the time.
         factor: from the column's unit to s.
         rate: samples per second [Hz], if the column counts samples or there is none.
+        file: label of the file that holds it, row by row, if it is not that of the positions.
     """
 
     column: str | None = "t"
     factor: float = 1.0
     rate: float | None = None
+    file: str | None = None
 
 
 @dataclass(frozen=True)
@@ -177,9 +179,10 @@ def _check_sides(section: Mapping[str, Any], source: Path) -> None:
         )
 
 
-def _time(entry: str | Mapping[str, Any], source: Path) -> TimeColumn:
-    if isinstance(entry, str):
-        return TimeColumn(entry)
+def _time(entry: str | int | Mapping[str, Any], source: Path) -> TimeColumn:
+    if not isinstance(entry, Mapping):
+        return TimeColumn(str(entry))
+    file = entry.get("file")
     if "rate" in entry and "unit" in entry:
         raise InputError(
             "has a unit and a rate",
@@ -188,8 +191,10 @@ def _time(entry: str | Mapping[str, Any], source: Path) -> TimeColumn:
             where="field import.time",
         )
     if "rate" in entry:
-        return TimeColumn(entry.get("column"), rate=float(entry["rate"]))
-    return TimeColumn(entry.get("column", "t"), UNITS[entry.get("unit", "s")])
+        column = str(entry["column"]) if "column" in entry else None
+        return TimeColumn(column, rate=float(entry["rate"]), file=file)
+    column = str(entry.get("column", "t"))
+    return TimeColumn(column, UNITS[entry.get("unit", "s")], file=file)
 
 
 def _ranges(entry: list[Any], source: Path, key: str) -> tuple[tuple[int, int], ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -33,9 +34,10 @@ from gapscope.arm.io.plausibility import (
     untrusted_torque,
     without_turns,
 )
+from gapscope.arm.io.samples.damaged import damage
 from gapscope.arm.io.samples.spikes import without_spikes
 from gapscope.arm.io.samples.stuck import stuck_rows
-from gapscope.arm.io.table import Table, shortened
+from gapscope.arm.io.table import Table
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
@@ -172,9 +174,12 @@ def _recording(
     importing, notes = _fitting(importing, logs[importing.main_file], arm)
     sources, found = _sources(logs, arm, importing, complete)
     notes += found
+    sources, importing = _timed(sources, logs, importing)
     begun = _first_stamp(sources["q"].table, importing)
     if rows is not None:
         sources = _cut(sources, rows, importing)
+    sources, found = _sound(sources, arm, importing)
+    notes += found
     main = sources["q"].table
     t = read_time(main, importing, any_unit=any_unit)
     t, values, found = _channels(t, sources, arm, importing)
@@ -216,9 +221,41 @@ def _recording(
     return replace(recording, notes=notes)
 
 
+def _timed(
+    sources: dict[str, Source], logs: Mapping[str | None, Log], importing: Import
+) -> tuple[dict[str, Source], Import]:
+    """The sources with the time of another file as a column of that of the positions, if the case says so.
+
+    Raises:
+        InputError: the entry has no such file, or it has other rows.
+    """
+    label, column = importing.time.file, importing.time.column
+    if label is None or label == importing.main_file or column is None:
+        return sources, importing
+    if label not in logs:
+        raise _missing_file("time", label, logs, importing)
+    main, other = sources["q"].table, logs[label].tables[0].table
+    if len(other) != len(main):
+        raise InputError(
+            f"has {len(other)} rows, {main.path.name} has {len(main)}",
+            "give a file of the time with the same rows",
+            file=other.path,
+        )
+    name = f"{column} of {other.path.name}"
+    timed = replace(main, columns={**main.columns, name: other.cells(column)})
+    moved = {
+        channel: replace(source, table=timed) if source.table is main else source
+        for channel, source in sources.items()
+    }
+    return moved, replace(importing, time=replace(importing.time, column=name))
+
+
 def _first_stamp(table: Table, importing: Import) -> float:
-    """Time of the first row of a log [s]; 0 if it has no rows."""
-    return float(stamps(table.part(0, 0), importing)[0]) if len(table) else 0.0
+    """Time of the first row of a log that has one [s]; 0 if none has."""
+    for row in range(len(table)):
+        with suppress(InputError):
+            return float(stamps(table.part(row, row), importing)[0])
+    return 0.0
 
 
 def _fitting(
@@ -227,9 +264,11 @@ def _fitting(
     """The import section, or none for a file that is in the columns of the case format already; and notes."""
     channel = importing.channels["q"]
     assert channel is not None
-    main = log.tables[0].table.columns if len(log.tables) == 1 else {}
-    named = any(name in main for name in channel.names(arm.joints))
-    if named or "q1" not in main:
+    if len(log.tables) != 1:
+        return importing, ()
+    main = log.tables[0].table
+    named = any(main.named(name) in main.columns for name in channel.names(arm.joints))
+    if named or "q1" not in main.columns:
         return importing, ()
     return Import(), (
         "read in the columns of the case format, not by the import section",
@@ -256,7 +295,7 @@ def _sources(
         required = complete and (channel.named or name == "tau")
         if channel.file not in logs:
             if required:
-                raise _missing_file(name, channel, logs, importing)
+                raise _missing_file(name, channel.file, logs, importing)
             continue
         source, found = locator.other(name, channel, main)
         notes += found
@@ -280,6 +319,42 @@ def _cut(
         name: replace(source, table=parts[id(source.table)])
         for name, source in sources.items()
     }
+
+
+def _sound(
+    sources: dict[str, Source], arm: NominalArm, importing: Import
+) -> tuple[dict[str, Source], tuple[str, ...]]:
+    """The sources without rows that cannot be read, and notes on them; tables that are joined by row lose the same.
+
+    Raises:
+        InputError: there are too many.
+    """
+    main, time = sources["q"].table, importing.time.column
+    tables = {id(source.table): source.table for source in sources.values()}
+    read: dict[int, list[str]] = {key: [] for key in tables}
+    for source in sources.values():
+        read[id(source.table)] += source.channel.names(arm.joints)
+    found = {key: damage(x, read[key], time) for key, x in tables.items()}
+    beside = [
+        key
+        for key, table in tables.items()
+        if how_to_join(table, importing) == "row" and len(table) == len(main)
+    ]
+    whole = found[id(main)]
+    for key in beside:
+        whole |= found[key]
+    found |= dict.fromkeys([id(main), *beside], whole)
+    notes: list[str] = []
+    sound: dict[int, Table] = {}
+    for key, table in tables.items():
+        said = found[key].notes(table)
+        notes += said if table is main or key not in beside else []
+        sound[key] = table.some(found[key].sound) if said else table
+    moved = {
+        name: replace(source, table=sound[id(source.table)])
+        for name, source in sources.items()
+    }
+    return moved, tuple(notes)
 
 
 def _channels(
@@ -321,27 +396,27 @@ def _missing_channel(
             f"name the column and how to join it in the case's import section, or say {name}: null to do without",
             file=log.path,
         )
-    tables = {table.name: table.table.columns for table in log.tables}
-    held = main.table.columns if main.name in tables else next(iter(tables.values()))
+    tables = {table.name: table.table for table in log.tables}
+    held = main.table if main.name in tables else next(iter(tables.values()))
     wanted = channel.names(arm.joints)[0]
     if layout_of_kind(main.kind) is not None and not channel.placed:
         wanted = f"for {name} of all joints"
-    return InputError(
-        f"has no column {wanted}; it has {shortened(list(held))}",
-        f"name the column in the case's import section, or say {name}: null to do without",
-        file=log.path,
+    null = f"say {name}: null to do without"
+    error = held.lacks(
+        wanted, f"name the column in the case's import section, or {null}"
     )
+    return error.at(log.path)
 
 
 def _missing_file(
     name: str,
-    channel: Channel,
+    file: str | None,
     logs: Mapping[str | None, Log],
     importing: Import,
 ) -> InputError:
-    """The error on a channel whose file an entry does not give."""
+    """The error on a channel, or the time, whose file an entry does not give."""
     return InputError(
-        f"comes from the file {channel.file}, an entry holds {', '.join(map(str, logs))}",
+        f"comes from the file {file}, an entry holds {', '.join(map(str, logs))}",
         "give each entry a file for every label of the import section",
         file=importing.source,
         where=f"field import.{name}",

@@ -134,7 +134,7 @@ class Locator:
         if isinstance(channel.column, str) and "{joint}" in channel.column:
             joints, by_order = self._joints(table, channel.column)
             channel = replace(channel, column=tuple(channel.names(joints)))
-        names = channel.names(self.arm.joints)
+        names = [table.table.named(name) for name in channel.names(self.arm.joints)]
         if not any(name in table.table.columns for name in names):
             return None
         return Source(table.table, channel, by_order)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,8 @@ from gapscope.arm.errors import InputError
 
 LARGEST_NUMBER = 1e50
 """Size of the largest number in a log, whatever it counts; squares and products of larger ones overflow [1]."""
+NO_VALUE = ("", "nan", "-nan", "null", "none", "na", "n/a", "-")
+"""What stands in a cell that has no value, in lower case."""
 
 
 @dataclass(frozen=True)
@@ -22,10 +24,12 @@ class Table:
 
     Attributes:
         path: the file, for messages.
-        columns: cells per column name, N each: texts (CSV), numbers or lists.
+        columns: cells per column name, N each: texts (CSV), numbers or lists; in the order of the file. A file without
+            names calls them ``1``, ``2``, ...
         places: line of each row in a text file (the header is line 1), or number of the row, from 1, in others; (N,).
         place_kind: what ``places`` counts: ``line`` or ``row``.
-        first_row: number of the first row, from 0, if the table is a part of a file.
+        numbers_of_rows: number of each row in the file, from 0; ``None``: all of its rows.
+        cut: what is wrong with rows that have too few cells or too many, by their places; their cells are ``None``.
         notes: what was noticed while reading.
     """
 
@@ -33,12 +37,24 @@ class Table:
     columns: Mapping[str, Any]
     places: Sequence[int]
     place_kind: str = "row"
-    first_row: int = 0
+    numbers_of_rows: Sequence[int] | None = None
+    cut: Mapping[int, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         """Number of rows N."""
         return len(self.places)
+
+    @property
+    def unnamed(self) -> bool:
+        """Whether its columns are called by their numbers, for lack of names."""
+        return list(self.columns) == [str(j + 1) for j in range(len(self.columns))]
+
+    def named(self, column: str) -> str:
+        """Name of a column that is given by its name, or by its number in the file, from 1."""
+        if column in self.columns or not column.isdecimal():
+            return column
+        return dict(enumerate(self.columns, start=1)).get(int(column), column)
 
     def part(self, first: int, last: int) -> Table:
         """Rows ``first`` to ``last``, both included, counted from 0 below the header.
@@ -54,11 +70,32 @@ class Table:
             )
         cut = slice(first, last + 1)
         columns = {name: cells[cut] for name, cells in self.columns.items()}
+        rows = self.row_numbers[cut]
+        return replace(
+            self, columns=columns, places=self.places[cut], numbers_of_rows=rows
+        )
+
+    @property
+    def row_numbers(self) -> Sequence[int]:
+        """Number of each row in the file, from 0."""
+        if self.numbers_of_rows is None:
+            return range(len(self))
+        return self.numbers_of_rows
+
+    def some(self, rows: np.ndarray) -> Table:
+        """The rows of a mask, (N,)."""
+        places = np.flatnonzero(rows).tolist()
+        columns = {
+            name: cells[rows]
+            if isinstance(cells, np.ndarray)
+            else [cells[place] for place in places]
+            for name, cells in self.columns.items()
+        }
         return replace(
             self,
             columns=columns,
-            places=self.places[cut],
-            first_row=self.first_row + first,
+            places=[self.places[place] for place in places],
+            numbers_of_rows=[self.row_numbers[place] for place in places],
         )
 
     def where(self, row: int, column: str) -> str:
@@ -71,13 +108,22 @@ class Table:
         Raises:
             InputError: there is no such column.
         """
+        column = self.named(column)
         if column not in self.columns:
-            raise InputError(
-                f"has no column {column}; it has {shortened(list(self.columns))}",
-                "rename the column, or say in the case's import: section which column holds it",
-                file=self.path,
-            )
+            rename = "rename the column, or say in the case's import: section which column holds it"
+            raise self.lacks(column, rename)
         return self.columns[column]
+
+    def lacks(self, column: str, remedy: str) -> InputError:
+        """The error on a column that is not there; ``remedy`` if the table has names of columns."""
+        has = f"has no column {column}; it has {shortened(list(self.columns))}"
+        if self.unnamed:
+            has = f"has no header, and so no column {column}; it has {len(self.columns)} columns"
+            remedy = (
+                f"gapscope inspect {self.path.name} tells what they hold; a case's import: section takes their numbers "
+                "from 1, as in time: 1, q: [2, 3]"
+            )
+        return InputError(has, remedy, file=self.path)
 
     def numbers(self, column: str) -> np.ndarray:
         """One column as finite numbers, shape (N,).
@@ -85,7 +131,7 @@ class Table:
         Raises:
             InputError: the column is missing, or a cell is not a finite number.
         """
-        cells = self.cells(column)
+        cells, column = self.cells(column), self.named(column)
         try:
             values = np.asarray(cells, dtype=float)
         except (ValueError, TypeError):
@@ -100,8 +146,8 @@ class Table:
         Raises:
             InputError: the column is missing, or a cell is not a list of ``length`` finite numbers.
         """
-        rows = []
-        for row, cell in enumerate(self.cells(column)):
+        rows, cells, column = [], self.cells(column), self.named(column)
+        for row, cell in enumerate(cells):
             try:
                 numbers = json.loads(cell) if isinstance(cell, str) else cell
                 value = np.asarray(numbers, dtype=float)
@@ -118,6 +164,33 @@ class Table:
         values = np.array(rows)
         self._check_finite(values, column)
         return values
+
+    def loose(self, column: str) -> np.ndarray:
+        """One column as numbers, (N,), nan where a cell is none; of lists the size of the largest entry."""
+        cells = self.columns[column]
+        try:
+            values = np.asarray(cells, dtype=float)
+        except (ValueError, TypeError):
+            values = np.empty(0)
+        if values.ndim == 1 and len(values) == len(self):
+            return values
+        sizes = [_list_size(cell) for cell in cells]
+        usual = np.median([length for length, _ in sizes if length] or [0])
+        return np.array([x if length == usual else np.nan for length, x in sizes])
+
+    def is_empty(self, row: int, column: str) -> bool:
+        """Whether a cell says that there is no value."""
+        cell = self.columns[column][row]
+        return cell is None or str(cell).strip().lower() in NO_VALUE
+
+    def fault(self, row: int, column: str) -> str:
+        """What is wrong with a cell that is no number of an arm."""
+        cell = self.columns[column][row]
+        if not _is_number(cell):
+            return self._not_a_number(row, column, cell).problem
+        if np.isfinite(float(cell)):
+            return f"holds {cell}, which no log of an arm does in any unit"
+        return f"is not a finite number ({cell})"
 
     def _check_finite(self, values: np.ndarray, column: str) -> None:
         bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
@@ -153,6 +226,15 @@ class Table:
         return InputError(
             message, remedy, file=self.path, where=self.where(row, column)
         )
+
+
+def _list_size(cell: Any) -> tuple[int, float]:
+    """Entries of a list, 0 for a number or what is neither, and the size of the largest."""
+    try:
+        values = np.asarray(json.loads(cell) if isinstance(cell, str) else cell, float)
+    except (ValueError, TypeError):
+        return 0, np.nan
+    return values.size * values.ndim, float(np.abs(values).max(initial=0.0))
 
 
 def _is_number(cell: Any) -> bool:

@@ -21,7 +21,7 @@ def per_joint(
             file=source,
             where=f"field import.{key}",
         )
-    return np.array(values, dtype=float) if kind is float else list(values)
+    return np.array(values, dtype=float) if kind is float else list(map(str, values))
 
 
 def parse_transmission(

@@ -27,7 +27,7 @@ from gapscope.arm.nominal import SHEET_UNITS
 from gapscope.commands.inputs import read_arm
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import error_context, read_corrected
-from gapscope.envs.episode_info import described
+from gapscope.envs.divergence import described
 from gapscope.provenance import fingerprint
 from gapscope.reports.training.page import write_page
 

@@ -13,8 +13,13 @@ from gapscope.diagnosis.document.diagnosis_json import read_document
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import read_corrected_arm
-from gapscope.envs.effect_ranges import EffectRange, EffectRanges
-from gapscope.envs.export.unit_spread import effect_range, spread, within_nominal
+from gapscope.envs.effect_ranges import (
+    EffectRange,
+    EffectRanges,
+    effect_range,
+    spread,
+    within_nominal,
+)
 
 ROUNDING = 1e-6
 """Relative difference up to which a value is the same in both files [1]."""

@@ -1,4 +1,13 @@
-"""Friction of all joints at one moment: the limit of dry friction, and the viscous coefficient."""
+"""Friction of all joints at one moment, and dry friction in one time step, with sticking.
+
+Coulomb's law is set-valued: f = c sgn v if a joint moves, and any f within +-c if it rests. Injected as a torque
+of the present velocity it chatters about v = 0; here the velocity *after* the step is found together with the friction.
+
+Motors that turn several joints have rotor, viscous and dry friction of their own speed w = D_m dq. What a motor takes,
+I dw/dt + b w + f with f in c(w) Sgn w, acts on its joints along D_m^T. Explicit rotors would make an algebraic loop, so
+w after the step is solved together with the joints' own friction: the motors are joints more, tied to the others by a
+damper that is all but rigid.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +15,74 @@ from functools import partial, reduce
 
 import numpy as np
 from numpy import add, multiply
+from scipy.linalg.lapack import dgesv
 
+from gapscope.arm.dynamics.forward_dynamics import ForwardDynamics
+from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Drift, DryLaw
 from gapscope.effects.passivity import total
-from gapscope.envs.drive.repeated import repeated
-from gapscope.envs.drive.rows import Laws, Rows
+from gapscope.envs.drive.rows import Laws, Rows, repeated
+
+TRIALS = 100
+"""Changes of the set of sticking joints before the solver gives up."""
+BLOCK_TRIALS = 10
+"""The first of them change all joints at fault at once, later ones only the first, which cannot cycle."""
+
+
+class DryFriction:
+    r"""Solves W v + p = b with p_i = limit_i sgn v_i if v_i != 0, and \|p_i\| <= limit_i if v_i = 0.
+
+    W [kg m^2] is symmetric positive definite, so that the solution is unique; v [rad/s] is the velocity after the step,
+    p [N m s] the friction's impulse. It is found by block principal pivoting on the set of sticking joints,
+    starting from the set of the step before.
+
+    Attributes:
+        direction: sign of each joint's velocity in the last solution, 0 if it sticks, shape (n,).
+        sticks: which joints stuck in it, shape (n,).
+    """
+
+    def __init__(self, n_joints: int) -> None:
+        self._identity = np.eye(n_joints)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the step before: all joints rest."""
+        self.direction: np.ndarray = np.zeros(len(self._identity))
+        self.sticks = np.ones(len(self._identity), dtype=bool)
+
+    def solve(
+        self, inertia: np.ndarray, momentum: np.ndarray, limit: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Velocity v [rad/s] after the step and friction impulse p [N m s], each of shape (n,).
+
+        Args:
+            inertia: W [kg m^2], shape (n, n).
+            momentum: b [N m s], shape (n,).
+            limit: c dt [N m s], shape (n,), not negative; joints with 0 have no friction.
+
+        Raises:
+            ArithmeticError: no solution found, which a positive definite W rules out.
+        """
+        dry = limit > 0
+        direction = self.direction
+        for trial in range(TRIALS):
+            stuck = dry & (direction == 0)
+            known = direction * limit
+            # unknowns: the velocity of moving joints, the impulse of stuck ones
+            x = dgesv(np.where(stuck, self._identity, inertia), momentum - known)[2]
+            wrong = np.where(stuck, np.abs(x) > limit, dry & (x * direction < 0))
+            if not wrong.any():
+                self.sticks = stuck
+                self.direction = np.where(dry, direction, np.sign(x))
+                return np.where(stuck, 0.0, x), np.where(stuck, x, known)
+            if trial >= BLOCK_TRIALS:
+                wrong = wrong & (np.cumsum(wrong) == 1)
+            direction = np.where(wrong, np.where(stuck, np.sign(x), 0.0), direction)
+        raise ArithmeticError(
+            f"dry friction of {len(limit)} joints did not settle in {TRIALS} trials"
+        )
+
 
 DRIFT_PERIOD = 0.016
 """Drift, whose time constant is seconds and more, is brought up to date this often [s]."""
@@ -118,3 +189,83 @@ def _sum(
     return reduce(
         add, [law.amplitude(velocity, applied, *values) for law, values in laws.acting]
     )
+
+
+TIE = 1e5
+"""Inertia that ties a motor to its joints, over the largest of the mass matrix [1]."""
+
+
+class CoupledMotors:
+    """Torque that an arm's k coupled motors take from its n joints, in kinematic order.
+
+    Args:
+        arm: an arm with effects.
+        body: its loaded rigid bodies.
+        dt: time step [s].
+
+    Attributes:
+        present: whether a motor takes any.
+    """
+
+    def __init__(self, arm: CorrectedArm, body: RigidBody, dt: float) -> None:
+        n, order = arm.arm.n_joints, body.order
+        drives = np.eye(n) if arm.arm.coupling is None else arm.arm.coupling
+        viscous = arm.quantity("motor_damping")
+        rotors = arm.quantity("motor_rotor")
+        dry = [x for x in arm.of_kind(DryLaw) if x[0].reach == "motor"]
+        takes = sum((values[0] for _, values in dry), viscous + rotors)
+        motors = np.flatnonzero(takes > 0)
+        self.present = bool(len(motors))
+        self._drives = drives[np.ix_(motors, order)]
+        self._dry = [(law, [x[motors] for x in values]) for law, values in dry]
+        self._dt = dt
+        self._viscous, self._rotors = viscous[motors], rotors[motors]
+        self._tied = np.hstack([self._drives, -np.eye(len(motors))])
+        if self.present:
+            self._forward = ForwardDynamics(body, np.zeros(n))
+            self._friction = DryFriction(n + len(motors))
+
+    def reset(self) -> None:
+        """Forget the step before: all rests."""
+        self._friction.reset()
+
+    def __call__(
+        self,
+        q: np.ndarray,
+        dq: np.ndarray,
+        torque: np.ndarray,
+        rotors: np.ndarray,
+        viscous: np.ndarray,
+        limit: np.ndarray,
+    ) -> np.ndarray:
+        """Torque taken [N m], (n,).
+
+        Args:
+            q, dq: positions [rad] and velocities [rad/s] before the step, (n,).
+            torque: on the joints but friction and rotors [N m], (n,).
+            rotors: the joints' own [kg m^2], (n,).
+            viscous: their viscous friction [N m s/rad], (n,).
+            limit: of their dry friction [N m], (n,).
+        """
+        dt, n = self._dt, len(q)
+        self._forward.set_rotors(rotors + dt * viscous)
+        inertia = self._forward.mass_matrix(q)
+        out = torque - viscous * dq - self._forward.bias(q, dq)
+        speed = self._drives @ dq
+        own = self._rotors + dt * self._viscous
+        together = TIE * inertia.max() * (self._tied.T @ self._tied)
+        together[:n, :n] += inertia
+        together[n:, n:] += np.diag(own)
+        # a tie that holds before the step has no momentum
+        momentum = np.concatenate([inertia @ dq + dt * out, self._rotors * speed])
+        limits = dt * np.concatenate([limit, self._limit(speed)])
+        after, impulse = self._friction.solve(together, momentum, limits)
+        change = self._rotors * (after[n:] - speed) + impulse[n:]
+        return np.asarray((change / dt + self._viscous * after[n:]) @ self._drives)
+
+    def _limit(self, speed: np.ndarray) -> np.ndarray:
+        """Limit of the motors' dry friction [N m], (k,), at their speeds [rad/s]."""
+        limit = np.zeros_like(speed)
+        for law, values in self._dry:
+            limit += law.amplitude(speed, limit, *values)
+        return limit

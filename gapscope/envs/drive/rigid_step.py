@@ -1,4 +1,4 @@
-"""One time step of the joints: rotors and friction solved with the mass matrix.
+"""One time step of the joints of many arms: rotors and friction solved with the mass matrix.
 
 No engine has load friction, or dry friction that really sticks, and not every one has rotors. They enter as torque,
 but not by their law at the present velocity: rotors would make an algebraic loop, dry friction would chatter. The
@@ -11,16 +11,14 @@ with M and h of the loaded arm.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from functools import cached_property
-
 import numpy as np
-from numpy import multiply, sign, subtract
+from numpy import add, multiply, sign, subtract
 
 from gapscope.arm.dynamics.forward_dynamics import ForwardDynamics
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.envs.drive.coupled_motors import CoupledMotors
-from gapscope.envs.drive.dry_friction import DryFriction
+from gapscope.envs.drive.arm_drive import ArmDrive
+from gapscope.envs.drive.friction import DryFriction
+from gapscope.envs.engines import Bodies, Engine
 
 HOLD = 1e10
 """Inertia that holds a sticking joint [kg m^2]; what it takes of the torque is the friction."""
@@ -29,175 +27,307 @@ GUESSES = 3
 
 A joint that turns round within a step takes three. Of the steps whose third guess fails, hardly one in twenty would
 find its solution by guessing on."""
+READ_EVERY = 20
+"""Steps after which the engine is asked for its state: rounding would grow, since the torque given is no feedback."""
+NEAR_LIMIT = 0.1
+"""Distance from a joint's limit [rad] within which the engine is asked for its state after every step."""
 
 
-class RigidStep(ABC):
-    """Steps of the bodies with rotors and friction, joints in kinematic order, all arrays of shape (n,).
+class Predicted(Bodies):
+    """One arm in an engine without rotors: a step is solved first, and M a + h, the torque that makes it, is given on.
 
-    Guess which joints stick and which way the others slide: as in the step before. One pass of forward dynamics then
-    gives dq+ and the friction, since that of sliding joints is known, and sticking joints are held by a huge inertia
-    whose torque it is, HOLD (a + dq / dt): they do not keep a velocity, they stop. Joints that contradict the guess
-    change sides, and after a few guesses ``DryFriction`` decides.
+    Away from limits the engine's next state is the one solved for, to rounding, and is read now and then only.
 
     Args:
+        engine: moves the bodies.
         body: the loaded arm.
-        rotors: I [kg m^2].
-        viscous: b [N m s/rad].
-        dry: mask of the joints with dry friction.
+        limits: the joints' lower and upper limits [rad], shape (2, n).
         dt: time step [s].
-
-    Attributes:
-        coupled: motors that turn several joints, if there are any.
-        q, dq: present positions [rad] and velocities [rad/s]; the arrays are updated in place.
     """
 
     def __init__(
-        self,
-        body: RigidBody,
-        rotors: np.ndarray,
-        viscous: np.ndarray,
-        dry: np.ndarray,
-        dt: float,
+        self, engine: Engine, body: RigidBody, limits: np.ndarray, dt: float
     ) -> None:
-        n = len(rotors)
-        self.coupled: CoupledMotors | None = None
-        self.q, self.dq = np.zeros((2, n))
-        self._body = body
-        self._rotors, self._dt, self._any_dry = rotors, dt, bool(dry.any())
-        self._dry, self._dry_mask, self._all_dry = (
-            dry,
-            dry.astype(float),
-            bool(dry.all()),
+        n = body.n_joints
+        self._engine, self._unread, self._near = engine, 0, False
+        self._lowest, self._highest = limits[0] + NEAR_LIMIT, limits[1] - NEAR_LIMIT
+        self.position, self.velocity, self.acceleration, self.rotors = np.zeros(
+            (4, 1, n)
         )
-        self._friction, self._direction = DryFriction(n), np.zeros(n)
-        self._out, self._work, self._velocity, self._braking = np.zeros((4, n))
-        self._sticking = np.zeros(n, dtype=bool)
-        self._steps = np.full(n, dt)
-        self.set_viscous(viscous)
-        self._assume(self._direction)
+        self._forward = ForwardDynamics(body, np.zeros(n))
+        # one product with the acceleration: the torque of rotors, friction and what holds, and the gain in velocity
+        self._factors, self._products = np.full((2, n), dt), np.zeros((2, n))
+        self._work, self._steps = np.zeros(n), np.full(n, dt)
 
-    @cached_property
-    def _forward(self) -> ForwardDynamics:
-        return ForwardDynamics(self._body, self._rotors)
+    def reset(self, number: int, q: np.ndarray, dq: np.ndarray) -> None:
+        """Put the arm at positions q [rad or m] with velocities dq, shape (n,)."""
+        self._engine.reset(q, dq)
+        self._read()
 
-    @abstractmethod
-    def _set_rotors(self, rotors: np.ndarray) -> None:
-        """Use this inertia [kg m^2] on the diagonal of the mass matrix."""
+    def run(self, torque: np.ndarray, count: int) -> None:
+        """Hold joint torque [N m or N], shape (1, n), for ``count`` time steps of the bodies alone."""
+        self._engine.step(torque[0], count)
+        self._read()
 
-    @abstractmethod
-    def _try(self, torque: np.ndarray) -> np.ndarray:
-        """Acceleration [rad/s^2] under a torque [N m]; fills ``_velocity`` with dq+."""
+    def step(self, torque: np.ndarray, only: np.ndarray | None = None) -> None:
+        """Solve a step under joint torque [N m or N], shape (1, n): its acceleration and the velocity after it."""
+        self._torque = torque[0]
+        self._factors[0] = self.rotors[0]
+        self._forward.set_rotors(self.rotors[0])
+        velocity = self.velocity[0]
+        acceleration = self._forward.acceleration(
+            self.position[0], velocity, self._torque
+        )
+        multiply(self._factors, acceleration, self._products)
+        add(self._products[1], velocity, velocity)
+        self.acceleration[0] = acceleration
 
-    @abstractmethod
-    def _accept(self, acceleration: np.ndarray) -> None:
-        """Make the step that was tried last, with its acceleration [rad/s^2]."""
+    def accept(self) -> None:
+        """Make the step that was solved last."""
+        work = self._work
+        subtract(self._torque, self._products[0], work)
+        self._engine.step(work)
+        self._unread += 1
+        if self._near or self._unread == READ_EVERY:
+            self._read()
+            return
+        multiply(self.velocity[0], self._steps, work)
+        add(self.position[0], work, self.position[0])
 
-    @abstractmethod
-    def _reject(self) -> None:
-        """Take the step back that was tried last."""
+    def _read(self) -> None:
+        """Take the engine's state, which includes joint limits."""
+        self._engine.read()
+        q = self.position[0]
+        np.copyto(q, self._engine.q)
+        np.copyto(self.velocity[0], self._engine.dq)
+        self._unread = 0
+        self._near = bool(np.count_nonzero((q < self._lowest) | (q > self._highest)))
 
-    def reset(self) -> None:
-        """Forget the step before: all joints rest."""
-        self._friction.reset()
-        if self.coupled is not None:
-            self.coupled.reset()
-        self._assume(np.zeros(len(self._rotors)))
+    def close(self) -> None:
+        """Free the engine's world; a second call does nothing."""
+        self._engine.close()
+
+
+class RigidStep:
+    """Steps of N arms with rotors and friction, n joints in kinematic order, all arrays of shape (N, n).
+
+    Guess which joints stick and which way the others slide: as in the step before. One pass of forward dynamics then
+    gives dq+ and the friction, since that of sliding joints is known, and sticking joints are held by a huge inertia
+    whose torque it is, HOLD (a + dq / dt): they do not keep a velocity, they stop. Arms whose joints contradict the
+    guess take the step back and try again with these joints on the other side, alone, so that every arm does what it
+    does without the others, bit by bit; after a few guesses ``DryFriction`` decides.
+
+    Args:
+        bodies: moved by the steps.
+        dt: time step [s].
+
+    Attributes:
+        q, dq: present positions [rad] and velocities [rad/s]; they are those of the bodies.
+    """
+
+    def __init__(self, bodies: Bodies, dt: float) -> None:
+        self._bodies, self._dt = bodies, dt
+        self.q, self.dq = bodies.position, bodies.velocity
+        shape = self.q.shape
+        self._drives: list[ArmDrive | None] = [None] * shape[0]
+        self._forward: list[ForwardDynamics | None] = [None] * shape[0]
+        self._friction = [DryFriction(shape[1]) for _ in range(shape[0])]
+        self._dry, self._sticking = np.zeros((2, *shape), dtype=bool)
+        self._rotors, self._viscous, self._effective, self._brake = np.zeros(
+            (4, *shape)
+        )
+        self._direction, self._mask = np.zeros((2, *shape))
+        self._out, self._work, self._old_q, self._old_dq = np.zeros((4, *shape))
+        self._any_dry = self._any_stuck = False
+
+    def put(self, number: int, drive: ArmDrive) -> None:
+        """Give an arm, numbered from 0, other rotors and friction; ``reset`` has to follow.
+
+        Motors of their own keep their rotors and their friction.
+        """
+        self._drives[number], self._forward[number] = drive, None
+        self._rotors[number] = np.where(drive.rigid, drive.rotors, 0.0)
+        self._dry[number] = self._mask[number] = drive.friction.dry & drive.rigid
+        self._any_dry = bool(self._dry.any())
+        self._coupled = [
+            (arm, one.coupled)
+            for arm, one in enumerate(self._drives)
+            if one is not None and one.coupled.present
+        ]
+
+    def reset(self, number: int, viscous: np.ndarray) -> None:
+        """Forget the steps of an arm: all its joints rest; viscous friction b [N m s/rad], shape (n,)."""
+        self._friction[number].reset()
+        drive = self._drives[number]
+        assert drive is not None
+        if drive.coupled.present:
+            drive.coupled.reset()
+        self._viscous[number] = viscous
+        self._effective[number] = self._rotors[number] + self._dt * viscous
+        self._keep(np.array([number]), np.zeros((1, self.q.shape[1])))
+        rotors = self._effective[number] + HOLD * self._sticking[number]
+        self._bodies.rotors[number] = rotors
 
     def set_viscous(self, viscous: np.ndarray) -> None:
         """Change b [N m s/rad]."""
-        self._viscous = viscous
-        self._effective = self._rotors + self._dt * viscous
-        self._all = self._effective + HOLD * self._sticking
-        self._set_rotors(self._all)
+        self._viscous[:] = viscous
+        self._effective = self._rotors + self._dt * self._viscous
+        self._bodies.rotors[:] = self._effective + HOLD * self._sticking
 
-    def _assume(self, direction: np.ndarray) -> None:
-        """Guess the directions of the joints with dry friction, 0 if they stick."""
-        sticks = self._dry & (direction == 0)
-        self._sticking, self._at_rest = sticks, False
-        self._direction, self._signs = direction, direction.tobytes()
-        hold = HOLD * sticks
-        self._all, self._brake = self._effective + hold, hold / self._dt
-        self._stuck = [
-            (joint, self._all.item(joint)) for joint in sticks.nonzero()[0].tolist()
-        ]
-        self._set_rotors(self._all)
+    def begin(self) -> np.ndarray:
+        """Note the state before a step; the velocities [rad/s], valid until the next call."""
+        np.copyto(self._old_dq, self.dq)
+        return self._old_dq
 
     def advance(self, torque: np.ndarray, limit: np.ndarray) -> None:
-        """One step under u [N m], all that acts on the joints but friction and rotors; limit of dry friction [N m]."""
-        if self.coupled is not None:
-            own = self._rotors, self._viscous, limit
-            torque = torque - self.coupled(self.q, self.dq, torque, *own)
-        if not self._any_dry:
-            multiply(self._viscous, self.dq, self._work)
-            subtract(torque, self._work, self._out)
-            self._accept(self._try(self._out))
-            return
-        for _ in range(GUESSES):
-            acceleration = self._pass(torque, limit)
-            if self._stuck:
-                confirmed = self._still_sticks(acceleration, limit)
-            else:
-                confirmed = self._slides_as_guessed()
-                if not confirmed:
-                    self._assume(
-                        np.where(self._direction == self._work, self._direction, 0.0)
-                    )
-            if confirmed:
-                self._at_rest = True
-                self._accept(acceleration)
-                return
-            self._reject()
-        self._search(torque, limit)
-        acceleration = self._pass(torque, limit)
-        self._velocity[self._sticking] = 0.0
-        self._accept(acceleration)
+        """One step, begun before, under u [N m], all that acts on the joints but friction and rotors.
 
-    def _pass(self, torque: np.ndarray, limit: np.ndarray) -> np.ndarray:
-        """One pass of forward dynamics as guessed; the acceleration [rad/s^2]."""
-        out, work, dq = self._out, self._work, self.dq
-        multiply(self._viscous, dq, work)
+        Args:
+            torque: u.
+            limit: of dry friction [N m].
+        """
+        out, work, old, bodies = self._out, self._work, self._old_dq, self._bodies
+        if self._coupled:
+            torque = torque - self._taken(torque, limit)
+        multiply(self._viscous, old, work)
         subtract(torque, work, out)
+        if not self._any_dry:
+            bodies.step(out)
+            bodies.accept()
+            return
+        np.copyto(self._old_q, self.q)
         multiply(self._direction, limit, work)
         subtract(out, work, out)
-        if self._stuck and not self._at_rest:
-            multiply(self._brake, dq, self._braking)
-            subtract(out, self._braking, out)
-        return self._try(out)
+        if self._any_stuck:
+            # what rests has no velocity to brake
+            multiply(self._brake, old, work)
+            subtract(out, work, out)
+        bodies.step(out)
+        if not self._any_stuck:
+            multiply(self.dq, self._mask, work)
+            if sign(work, work).tobytes() != self._signs:
+                wrong = np.flatnonzero((work != self._direction).any(axis=1))
+                self._again(wrong, np.zeros((len(wrong), 1)), work, torque, limit)
+            bodies.accept()
+            return
+        self.dq[self._sticking] = 0.0
+        # of the joints that stick, what holds them is the friction
+        held = bodies.rotors * bodies.acceleration + work
+        over = (np.abs(held) > limit) & self._sticking
+        multiply(self.dq, self._mask, work)
+        sign(work, work)
+        wrong = np.flatnonzero(((work != self._direction) | over).any(axis=1))
+        if len(wrong):
+            pushed = over[wrong] * np.where(held[wrong] > 0, 1.0, -1.0)
+            self._again(wrong, pushed, work, torque, limit)
+        bodies.accept()
 
-    def _slides_as_guessed(self) -> bool:
-        """Whether the joints with dry friction move as guessed; ``_work`` is their directions, 0 elsewhere."""
-        velocity = self._velocity
-        if not self._all_dry:
-            velocity = multiply(velocity, self._dry_mask, self._work)
-        return sign(velocity, self._work).tobytes() == self._signs
+    def _taken(self, torque: np.ndarray, limit: np.ndarray) -> np.ndarray:
+        """Torque that motors take which turn several joints [N m], under that on the joints."""
+        taken = np.zeros_like(torque)
+        for arm, motors in self._coupled:
+            own = self._rotors[arm], self._viscous[arm], limit[arm]
+            taken[arm] = motors(self.q[arm], self.dq[arm], torque[arm], *own)
+        return taken
 
-    def _still_sticks(self, acceleration: np.ndarray, limit: np.ndarray) -> bool:
-        """Whether a solution with sticking joints is as guessed; otherwise the next guess is made.
+    def _again(
+        self,
+        arms: np.ndarray,
+        pushed: np.ndarray,
+        way: np.ndarray,
+        torque: np.ndarray,
+        limit: np.ndarray,
+    ) -> None:
+        """Steps of some arms, k of them, whose first guess was wrong.
 
-        Of the few joints that stick, one at a time: for them numbers are faster than arrays.
+        Args:
+            arms: their numbers.
+            pushed: direction of the joints that do not stick as guessed, 0 of others, shape (k, n) or (k, 1).
+            way: directions in which joints with dry friction went, of all arms.
+            torque, limit: as in ``advance``.
         """
-        velocity, over = self._velocity, {}
-        for joint, inertia in self._stuck:
-            friction = inertia * acceleration.item(joint)
-            if not self._at_rest:
-                friction += self._braking.item(joint)
-            velocity[joint] = 0.0
-            if abs(friction) > limit.item(joint):
-                over[joint] = 1.0 if friction > 0 else -1.0
-        if self._slides_as_guessed() and not over:
-            return True
-        direction = np.where(self._direction == self._work, self._direction, 0.0)
-        for joint, way in over.items():
-            direction[joint] = way
-        self._assume(direction)
-        return False
+        arms = arms.astype(np.int32)
+        stays = self._direction[arms] == way[arms]
+        guess = np.where(stays, way[arms], 0.0)
+        guess = np.where(pushed != 0, pushed, guess)
+        old, limit = self._old_dq[arms], limit[arms]
+        work = torque[arms] - self._viscous[arms] * old
+        known = (old, work, limit, self._dry[arms], self._effective[arms])
+        left = np.arange(len(arms))
+        for _ in range(GUESSES - 1):
+            wrong, following = self._try(
+                arms[left], guess[left], tuple(x[left] for x in known)
+            )
+            left = left[wrong]
+            if not len(left):
+                break
+            guess[left] = following[wrong]
+        if len(left):
+            self._take_back(arms[left])
+            for row in left.tolist():
+                guess[row] = self._search(int(arms[row]), work[row], limit[row])
+            self._try(arms[left], guess[left], tuple(x[left] for x in known))
+        self._keep(arms, guess)
 
-    def _search(self, torque: np.ndarray, limit: np.ndarray) -> None:
-        """Find the sticking joints by a search that always ends."""
-        dt = self._dt
-        self._forward.set_rotors(self._effective)
-        inertia = self._forward.mass_matrix(self.q)
-        out = torque - self._viscous * self.dq
-        momentum = inertia @ self.dq + dt * (out - self._forward.bias(self.q, self.dq))
-        self._friction.solve(inertia, momentum, dt * limit)
-        self._assume(np.where(self._dry, self._friction.direction, 0.0))
+    def _keep(self, arms: np.ndarray, direction: np.ndarray) -> None:
+        """Note the directions, shape (k, n), with which some arms have made their step."""
+        sticks = self._dry[arms] & (direction == 0)
+        self._direction[arms], self._sticking[arms] = direction, sticks
+        self._brake[arms] = HOLD * sticks / self._dt
+        self._any_stuck = bool(self._sticking.any())
+        self._signs = self._direction.tobytes()
+
+    def _try(
+        self,
+        arms: np.ndarray,
+        direction: np.ndarray,
+        known: tuple[np.ndarray, ...],
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Take the step of some arms back and make it as guessed; which of them are wrong, and the next guesses.
+
+        Args:
+            arms: k numbers.
+            direction: guessed, shape (k, n).
+            known: velocity before the step [rad/s], torque less viscous friction [N m], limit of dry friction [N m],
+                where there is dry friction, and rotors with viscous friction [kg m^2], each (k, n).
+        """
+        old, work, limit, dry, effective = known
+        stuck = dry & (direction == 0)
+        hold = HOLD * stuck
+        inertia, braking = effective + hold, hold / self._dt * old
+        self._take_back(arms)
+        self._bodies.rotors[arms] = inertia
+        self._bodies.step(work - direction * limit - braking, only=arms)
+        velocity = np.where(stuck, 0.0, self.dq[arms])
+        self.dq[arms] = velocity
+        held = inertia * self._bodies.acceleration[arms] + braking
+        over = stuck & (np.abs(held) > limit)
+        way = sign(velocity * dry)
+        kept = np.where(direction == way, direction, 0.0)
+        following = np.where(over, np.where(held > 0, 1.0, -1.0), kept)
+        wrong = ((way != direction) | over).any(axis=1)
+        return np.flatnonzero(wrong), following
+
+    def _take_back(self, arms: np.ndarray) -> None:
+        """Put some arms back to where they were before the step."""
+        self.q[arms], self.dq[arms] = self._old_q[arms], self._old_dq[arms]
+
+    def _search(self, arm: int, out: np.ndarray, limit: np.ndarray) -> np.ndarray:
+        """Directions of an arm's joints by a search that always ends, 0 if they stick, shape (n,).
+
+        Args:
+            arm: its number.
+            out: torque less viscous friction [N m], shape (n,).
+            limit: of dry friction [N m], shape (n,).
+        """
+        drive, forward = self._drives[arm], self._forward[arm]
+        assert drive is not None
+        if forward is None:
+            forward = ForwardDynamics(drive.body, self._rotors[arm])
+            self._forward[arm] = forward
+        q, dq, dt = self._old_q[arm], self._old_dq[arm], self._dt
+        forward.set_rotors(self._effective[arm])
+        inertia = forward.mass_matrix(q)
+        momentum = inertia @ dq + dt * (out - forward.bias(q, dq))
+        self._friction[arm].solve(inertia, momentum, dt * limit)
+        return np.where(self._dry[arm], self._friction[arm].direction, 0.0)

@@ -1,8 +1,12 @@
-"""The engines that move rigid bodies; only here is a physics engine imported."""
+"""The engines that move rigid bodies under joint torque; only here is a physics engine imported.
+
+Everything else about an arm is the drive's.
+"""
 
 from __future__ import annotations
 
 import warnings
+from abc import ABC, abstractmethod
 from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
@@ -13,7 +17,84 @@ import numpy as np
 from gapscope.arm.dynamics.plain_urdf import Link
 from gapscope.arm.errors import EngineWarning, InputError
 from gapscope.arm.nearest_name import check_known
-from gapscope.envs.engines.engine import Engine
+
+
+class Engine(ABC):
+    """Rigid bodies of an arm with n joints in kinematic order, fixed base, no friction, no rotors.
+
+    A step is semi-implicit: dq[k+1] = dq[k] + dt ddq(q[k], dq[k], torque[k]), q[k+1] = q[k] + dt dq[k+1]. The central
+    difference of q at step k is therefore the acceleration that the torque of step k causes: position and torque of one
+    step belong together, without the half step by which a held torque acts late.
+
+    Attributes:
+        q: joint positions [rad or m] at the last ``read`` or ``reset``, shape (n,).
+        dq: joint velocities [rad/s or m/s], shape (n,).
+    """
+
+    q: np.ndarray
+    dq: np.ndarray
+
+    @abstractmethod
+    def reset(self, q: np.ndarray, dq: np.ndarray) -> None:
+        """Put the arm at positions q with velocities dq, each of shape (n,)."""
+
+    @abstractmethod
+    def step(self, torque: np.ndarray, count: int = 1) -> None:
+        """Hold joint torque [N m or N], shape (n,), for ``count`` time steps; ``q`` and ``dq`` stay as they are."""
+
+    @abstractmethod
+    def read(self) -> None:
+        """Bring ``q`` and ``dq`` up to date, in place."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Free the world; a second call does nothing."""
+
+
+class Bodies(ABC):
+    """Rigid bodies of N arms with rotors, n joints each in kinematic order, whose steps are tried before they are made.
+
+    Attributes:
+        position, velocity: present state [rad], [rad/s], shape (N, n); written to take a step back.
+        acceleration: of the last step [rad/s^2], shape (N, n); read only.
+        rotors: inertia on the diagonal of the mass matrix [kg m^2], shape (N, n); written to change it.
+    """
+
+    position: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+    rotors: np.ndarray
+
+    @abstractmethod
+    def reset(self, number: int, q: np.ndarray, dq: np.ndarray) -> None:
+        """Put an arm, numbered from 0, at positions q [rad or m] with velocities dq, shape (n,)."""
+
+    def set_bodies(
+        self, number: int, links: tuple[Link, ...], gravity: np.ndarray
+    ) -> None:
+        """Give an arm other bodies of the same structure, and another gravity [m/s^2], where an engine can."""
+        raise NotImplementedError
+
+    @abstractmethod
+    def run(self, torque: np.ndarray, count: int) -> None:
+        """Hold joint torque [N m or N], shape (N, n), for ``count`` time steps."""
+
+    @abstractmethod
+    def step(self, torque: np.ndarray, only: np.ndarray | None = None) -> None:
+        """Try a step under joint torque [N m or N]: ``velocity`` and ``acceleration`` are those of it.
+
+        Args:
+            torque: shape (N, n), or (k, n) for k arms only.
+            only: numbers of the arms that step, sorted, shape (k,); all by default.
+        """
+
+    @abstractmethod
+    def accept(self) -> None:
+        """Make the steps that were tried last."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Free the world; a second call does nothing."""
 
 
 class _Kind(NamedTuple):
@@ -34,7 +115,7 @@ ENGINES = {
     ),
     "mujoco": _Kind(
         "gapscope.envs.engines.mujoco",
-        "MuJoCoEngine",
+        "MuJoCoBodies",
         "mujoco",
         "pip install mujoco",
     ),
@@ -82,8 +163,12 @@ def check_engine(name: str | None) -> str:
 
 
 def make_engine(
-    name: str | None, links: tuple[Link, ...], gravity: np.ndarray, dt: float
-) -> Engine:
+    name: str | None,
+    links: tuple[Link, ...],
+    gravity: np.ndarray,
+    dt: float,
+    **options: int,
+) -> Engine | Bodies:
     """The engine called ``name`` with an arm in it.
 
     Args:
@@ -91,10 +176,12 @@ def make_engine(
         links: the moving bodies, parents before children.
         gravity: in the base frame [m/s^2], shape (3,).
         dt: time step [s].
+        options: of ``Bodies`` for several arms.
 
     Raises:
         InputError: no such engine, or it is not installed.
     """
     kind = ENGINES[check_engine(name)]
-    engine: Engine = getattr(import_module(kind.module), kind.name)(links, gravity, dt)
+    made = getattr(import_module(kind.module), kind.name)
+    engine: Engine | Bodies = made(links, gravity, dt, **options)
     return engine

@@ -6,7 +6,7 @@ import dartpy
 import numpy as np
 
 from gapscope.arm.dynamics.plain_urdf import Link, link_name, plain_urdf, rotation
-from gapscope.envs.engines.engine import Engine
+from gapscope.envs.engines import Engine
 
 
 class DartEngine(Engine):

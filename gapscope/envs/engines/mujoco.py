@@ -1,76 +1,29 @@
-"""The MuJoCo engine, of the extra ``mujoco``."""
+"""The MuJoCo engine: one arm, or many of one structure that are stepped together on threads."""
 
 from __future__ import annotations
 
 import logging
-from functools import partial
+import os
 
 import mujoco
 import numpy as np
+from mujoco.batch import Batch
 
-from gapscope.arm.dynamics.plain_mjcf import plain_mjcf
+from gapscope.arm.dynamics.plain_mjcf import plain_mjcf, quaternion
 from gapscope.arm.dynamics.plain_urdf import Link
-from gapscope.envs.engines.engine import RotorEngine
+from gapscope.envs.engines import Bodies
 
 _LOG = logging.getLogger(__name__)
 mujoco.set_mju_user_warning(
     _LOG.debug
 )  # otherwise warnings are written into a file in the current folder
 
-
-class MuJoCoEngine(RotorEngine):
-    """Rigid bodies in a MuJoCo world of their own.
-
-    Args:
-        links: the moving bodies, parents before children.
-        gravity: in the base frame [m/s^2], shape (3,).
-        dt: time step [s].
-    """
-
-    def __init__(self, links: tuple[Link, ...], gravity: np.ndarray, dt: float) -> None:
-        self._model = arm_model(links, gravity, dt)
-        self._data = mujoco.MjData(self._model)
-        mujoco.mj_setConst(self._model, self._data)
-        self._advance = partial(mujoco.mj_step, self._model, self._data)
-        self.q, self.dq, self._old_position, self._old_velocity = np.zeros(
-            (4, len(links))
-        )
-        self.position, self.velocity = self._data.qpos, self._data.qvel
-        self._force, self._acceleration = self._data.qfrc_applied, self._data.qacc
-
-    def reset(self, q: np.ndarray, dq: np.ndarray) -> None:
-        """Put the arm at positions q [rad or m] with velocities dq."""
-        mujoco.mj_resetData(self._model, self._data)
-        self.position[:], self.velocity[:] = q, dq
-        self.read()
-
-    def step(self, torque: np.ndarray, count: int = 1) -> None:
-        """Hold joint torque [N m or N] for ``count`` time steps."""
-        self._force[:] = torque
-        mujoco.mj_step(self._model, self._data, count)
-
-    def read(self) -> None:
-        """Bring ``q`` and ``dq`` up to date."""
-        self.q[:], self.dq[:] = self.position, self.velocity
-
-    def set_rotors(self, rotors: np.ndarray) -> None:
-        """Use this inertia [kg m^2] on the diagonal of the mass matrix."""
-        self._model.dof_armature[:] = rotors
-
-    def advance(self, torque: np.ndarray) -> np.ndarray:
-        """One step under joint torque [N m]; the acceleration [rad/s^2] of it, valid until the next call."""
-        # twice as fast as numpy.copyto
-        self._old_position[...], self._old_velocity[...] = self.position, self.velocity
-        self._force[...] = torque
-        self._advance()
-        return self._acceleration
-
-    def undo(self) -> None:
-        """Take the last ``advance`` back; not twice."""
-        self.position[...], self.velocity[...] = self._old_position, self._old_velocity
-
-    def close(self) -> None:
-        """Nothing outlives the object."""
+FEWEST_PER_THREAD = 32
+"""Arms for which it pays to wake another thread: a step of an arm takes 2 to 3 us, waking a thread about 10."""
+NO_STAGE = mujoco.mjtStage.mjSTAGE_NONE.value
+"""A reset that computes nothing, since positions are written after it."""
+FIRST = 1
+"""Number of the first moving body: 0 is the world."""
 
 
 def arm_model(
@@ -92,3 +45,91 @@ def arm_model(
         model.body_mass[body] = link.mass
         model.body_inertia[body] = link.moments
     return model
+
+
+def usable_processors() -> int:
+    """Processors that this process may run on."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+class MuJoCoBodies(Bodies):
+    """Rigid bodies of N arms in MuJoCo; every arm steps as it does alone, bit by bit.
+
+    Masses, inertias, gravity and rotors of each arm can be changed without a model being compiled.
+
+    Args:
+        links: the moving bodies of the first arm, parents before children; the others begin as copies of it.
+        gravity: in the base frame [m/s^2], shape (3,).
+        dt: time step [s].
+        count: N.
+        threads: on which they are stepped; 0 for one on every processor that this process may use, as long as each has
+            ``FEWEST_PER_THREAD`` arms.
+    """
+
+    def __init__(
+        self,
+        links: tuple[Link, ...],
+        gravity: np.ndarray,
+        dt: float,
+        count: int = 1,
+        threads: int = 0,
+    ) -> None:
+        model = arm_model(links, gravity, dt)
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+        most = max(1, min(usable_processors(), count // FEWEST_PER_THREAD))
+        self._batch = Batch(model, count, min(count, threads or most))
+        self.position, self.velocity = (
+            self._batch.bind(name) for name in ("qpos", "qvel")
+        )
+        self.acceleration = self._batch.bind("qacc")
+        self._force = self._batch.bind("qfrc_applied")
+        self.rotors = self._batch.expand("dof_armature")
+        self._bodies: dict[str, np.ndarray] | None = None
+
+    def set_bodies(
+        self, number: int, links: tuple[Link, ...], gravity: np.ndarray
+    ) -> None:
+        """Give an arm, numbered from 0, other bodies of the same structure, and another gravity [m/s^2]."""
+        if self._bodies is None:
+            names = ("mass", "inertia", "ipos", "iquat", "sameframe", "simple")
+            self._bodies = {x: self._batch.expand(f"body_{x}") for x in names}
+            self._gravity = self._batch.expand("opt.gravity")
+        bodies, moving = self._bodies, slice(FIRST, FIRST + len(links))
+        bodies["mass"][number, moving] = [link.mass for link in links]
+        bodies["inertia"][number, moving] = [link.moments for link in links]
+        bodies["ipos"][number, moving] = [link.inertial[0] for link in links]
+        turns = np.array([quaternion(link.inertial) for link in links])
+        for turn in turns:
+            mujoco.mju_normalize4(turn)
+        bodies["iquat"][number, moving] = turns
+        bodies["sameframe"][number, moving] = 0
+        bodies["simple"][number, moving] = 0
+        self._gravity[number] = gravity
+        # the constants of a single arm are computed before it gets its rotors
+        rotors = self.rotors[number].copy()
+        self.rotors[number] = 0.0
+        self._batch.set_const([number])
+        self.rotors[number] = rotors
+
+    def reset(self, number: int, q: np.ndarray, dq: np.ndarray) -> None:
+        """Put an arm at positions q [rad or m] with velocities dq, shape (n,), and forget its past."""
+        self._batch.reset([number], stage=NO_STAGE)
+        self.position[number], self.velocity[number] = q, dq
+
+    def run(self, torque: np.ndarray, count: int) -> None:
+        """Hold joint torque [N m or N], shape (N, n), for ``count`` time steps."""
+        self._force[:] = torque
+        self._batch.step(None, count)
+
+    def step(self, torque: np.ndarray, only: np.ndarray | None = None) -> None:
+        """A step under joint torque [N m or N], of all arms or of those numbered ``only``."""
+        self._force[slice(None) if only is None else only] = torque
+        self._batch.step(only, 1)
+
+    def accept(self) -> None:
+        """Nothing: it is done."""
+
+    def close(self) -> None:
+        """Nothing outlives the object."""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -9,8 +12,26 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from gapscope.arm.dynamics.plain_urdf import Link, plain_urdf
-from gapscope.envs.engines.engine import Engine
-from gapscope.envs.engines.quiet import quiet_errors
+from gapscope.envs.engines import Engine
+
+
+@contextmanager
+def quiet_errors() -> Iterator[None]:
+    """Nothing that is written to the file descriptor of standard error meanwhile appears; exceptions pass."""
+    try:
+        kept = os.dup(2)
+    except OSError:  # there is no standard error
+        yield
+        return
+    try:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, 2)
+        os.close(nowhere)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+
 
 with quiet_errors():  # it says there when it was built
     import pybullet

@@ -5,19 +5,49 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+import numpy as np
+
 from gapscope.arm.controller import Controller
+from gapscope.arm.dynamics.plain_urdf import rotation
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.nearest_name import check_known
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.effect_ranges import EffectRanges
-from gapscope.envs.export.heading import heading
-from gapscope.envs.export.left_out import FORMATS, left_out, remarks
 from gapscope.envs.export.mjcf import as_mjcf
-from gapscope.envs.export.plain_arm import plain_arm
-from gapscope.envs.export.sdf import as_sdf
-from gapscope.envs.export.snippets.targets import TARGETS, drawing, write_snippet
+from gapscope.envs.export.plain_arm import PlainArm, mesh_path, plain_arm
+from gapscope.envs.export.snippets import TARGETS, drawing, write_snippet
+from gapscope.envs.export.texts import FORMATS, heading, left_out, remarks, rendered
 from gapscope.envs.export.urdf import as_urdf
+
+
+def as_sdf(arm: PlainArm, out: Path, relative: bool) -> tuple[str, tuple[str, ...]]:
+    """The arm as SDF 1.6, a model of moving bodies on a base that is fixed to the world, and what else is left out.
+
+    Poses of links are those of all joints at zero, in the world, in which the base is turned as it stands; axes are in
+    the frames of the links that they move. Links that are fixed to another are merged into it. Arguments as those of
+    ``as_mjcf``.
+    """
+    places = {"": (np.zeros(3), arm.mount)}
+    tensors = {}
+    for link in arm.links:
+        position, turn = places[link.parent]
+        place = position + turn @ link.origin[0], turn @ rotation(link.origin)
+        places[link.joint] = place
+        axes = rotation(link.inertial)
+        tensors[link.joint] = axes @ np.diag(link.moments) @ axes.T
+    text = rendered(
+        "sdf.xml.j2",
+        arm=arm,
+        places=places,
+        tensors=tensors,
+        level=np.eye(3),
+        mesh_path=lambda mesh: mesh_path(mesh, out, relative),
+    )
+    merged = [f.name for f in arm.frames.values() if f.name != arm.body_name(f.joint)]
+    note = f"frames of {', '.join(merged)}: merged into the links that carry them"
+    return text, (note,) * bool(merged)
+
 
 WRITERS = {"urdf": as_urdf, "mjcf": as_mjcf, "sdf": as_sdf}
 """Writers of whole arms by format."""
@@ -62,7 +92,12 @@ def export(
     arm = plain_arm(corrected)
     if form in TARGETS:
         return write_snippet(arm, form, out, controller, ranges), remarks(arm)
-    root, more = WRITERS[form](arm, out, relative)
+    written, more = WRITERS[form](arm, out, relative)
+    comments = ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))
+    root = ET.fromstring(written, parser=comments)
+    for element in root.iter():
+        if not (element.text or "").strip():
+            element.text = None
     ET.indent(root)
     comment = ET.tostring(
         ET.Comment(heading(arm, form, more, relative)), encoding="unicode"

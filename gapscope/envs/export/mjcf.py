@@ -1,29 +1,36 @@
-"""A corrected arm as MJCF: bodies, their joints, shapes and motors; ``mjcf_drive`` says how the motors act."""
+"""A corrected arm as MJCF: what ``templates/mjcf.xml.j2`` is filled with.
+
+Dry friction that Coulomb's law does not say is written as bristles of the LuGre model, which MuJoCo's ``dcmotor`` has.
+A bristle bends by z and slips at g(v),
+
+    dz/dt = v - sigma0 |v| z / g(v),   friction = sigma0 z + sigma1 dz/dt,   g(v) = Fc + (Fs - Fc) exp(-(v / vs)^2),
+
+so that at a constant speed the friction is g(v) sgn v (canudas1995). With Fs = Fc and sigma1 = 0 it is Dahl's model of
+``gapscope.effects.friction``, whose distance is Fc / sigma0.
+"""
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from gapscope.arm.dynamics.link_shapes import Shape
-from gapscope.arm.dynamics.plain_urdf import Link, numbers, rotation
-from gapscope.envs.export.heading import mesh_path
-from gapscope.envs.export.mjcf_drive import (
-    add_actuators,
-    add_coupled_motors,
-    add_encoders,
-    add_friction_default,
-    add_gears,
-    add_motor,
-    how_to_use,
-    set_drive,
-    set_values,
-    time_step,
+from gapscope.arm.dynamics.plain_urdf import numbers, rotation
+from gapscope.envs.drive.two_mass import (
+    TOOTH_DAMPING,
+    TOOTH_FREQUENCY,
+    mass_matrices,
+    substeps,
 )
-from gapscope.envs.export.plain_arm import PlainArm
+from gapscope.envs.export.plain_arm import (
+    JointDrive,
+    PlainArm,
+    mesh_path,
+    passive_quantity,
+)
+from gapscope.envs.export.texts import rendered
 
 MESHES = (".stl", ".obj", ".msh")
 """Endings of the meshes that MuJoCo reads."""
@@ -33,11 +40,21 @@ ROUNDING = 1e-9
 """Share by which a moment of inertia may exceed the sum of the others before it counts as odd."""
 LEAST = 1e-12
 """Mass [kg] and moments of inertia [kg m^2] that MuJoCo gives a moving body that has none."""
+LONGEST_STEP = 1e-3
+"""Time step of a file without springs [s]."""
+STIFFEST = 1.0
+"""Phase that a bristle's resonance may cover in a step, w dt [rad]: MuJoCo's step of the bristle is explicit."""
+LEAST_SHARE = 0.01
+"""Share of the Stribeck peak that its bristle keeps in fast motion [1], since MuJoCo divides by g(v)."""
+TANH_SHARES = (0.3683, 0.1010, 0.5307)
+"""Shares w_i of the bristles that together are tanh(x), sum_i w_i (1 - exp(-(x / s_i)^2)); see ``TANH_SPEEDS``."""
+TANH_SPEEDS = (0.4220, 0.0713, 1.1432)
+"""Their s_i [1]: the minimax fit for all x, wrong by at most ``TANH_ERROR``."""
+TANH_ERROR = 0.012
+"""Largest error of the three bristles for tanh(x) [1]."""
 
 
-def as_mjcf(
-    arm: PlainArm, out: Path, relative: bool
-) -> tuple[ET.Element, tuple[str, ...]]:
+def as_mjcf(arm: PlainArm, out: Path, relative: bool) -> tuple[str, tuple[str, ...]]:
     """The arm as MJCF, and what else is left out.
 
     Collision shapes are in group 3, visual ones in group 2; links that are fixed to a body are sites. What an actuator
@@ -48,106 +65,192 @@ def as_mjcf(
         arm: the arm.
         out: the file that it is written to.
         relative: whether meshes are named from the folder of ``out``.
+
+    Raises:
+        InputError: friction or rotor inertia of a coupled motor is negative, or a stiffness needs a step that is too
+            short to be simulated.
     """
-    root = ET.Element("mujoco", model=arm.corrected.arm.name)
-    root.append(ET.Comment(how_to_use(arm)))
-    compiler = ET.SubElement(root, "compiler", angle="radian", autolimits="true")
-    notes = _bounds(compiler, arm)
+    bounds, notes = _bounds(arm)
     step = time_step(arm)
-    ET.SubElement(
-        root,
-        "option",
-        timestep=repr(step),
-        gravity=f"0 0 {-arm.gravity!r}",
-        integrator="Euler",
-    )
-    add_friction_default(root, step)
-    assets, world = ET.SubElement(root, "asset"), ET.SubElement(root, "worldbody")
-    base = ET.SubElement(world, "body", name=arm.body_name(""))
-    _place(base, np.zeros(3), arm.mount)
-    bodies = {"": base}
-    for link in arm.links:
-        bodies[link.joint] = _add_body(bodies[link.parent], link, arm)
-    for frame in arm.frames.values():
-        if frame.name != arm.body_name(frame.joint):
-            _place(
-                ET.SubElement(bodies[frame.joint], "site", name=frame.name, group="4"),
-                frame.position,
-                frame.rotation,
-            )
+    meshes: dict[tuple[str, str], str] = {}
+    shapes = []
     for number, shape in enumerate(arm.shapes):
+        name = ""
         if problem := _unreadable(shape):
             notes.append(f"a {shape.use} shape of link {shape.frame.name}: {problem}")
-        else:
-            _add_shape(
-                bodies[shape.frame.joint],
-                assets,
-                shape,
-                number,
-                mesh_path_of(shape, out, relative),
-            )
-    _exclude_neighbours(root, arm)
-    tendons = ET.SubElement(root, "tendon")
-    add_gears(tendons, arm)
-    add_coupled_motors(tendons, arm)
-    notes += add_actuators(root, arm, step)
-    add_encoders(root, arm)
-    return root, tuple(dict.fromkeys(notes))
+            continue
+        if shape.mesh is not None:
+            file = mesh_path(shape.mesh, out, relative)
+            own = f"{Path(file).stem}_{number}"
+            name = meshes.setdefault((file, numbers(np.array(shape.size))), own)
+        shapes.append((shape, name))
+    for joint, drive in arm.drives.items():
+        bristle = dry_bristle(drive, step)
+        if bristle is not None and builds_up(drive):
+            distance = bristle.coulomb / bristle.stiffness
+            if distance > 1.01 * drive.presliding:
+                notes.append(
+                    f"presliding of {joint}: friction builds up over {distance:.3g} rad in place of "
+                    f"{drive.presliding:.3g}, which steps of {step:.3g} s cannot hold"
+                )
+    text = rendered(
+        "mjcf.xml.j2",
+        arm=arm,
+        step=step,
+        bounds=bounds,
+        shapes=shapes,
+        meshes=meshes,
+        coupled=_coupled_motors(arm),
+        motor_name=lambda joint: joint + "_motor" * bool(arm.drives[joint].gear),
+        builds_up=builds_up,
+        dry_bristle=dry_bristle,
+        saturating_bristles=saturating_bristles,
+        filter_time=lambda lag: _filter_time(lag, step),
+        rotation=rotation,
+        within=_within,
+        teeth=(1 / (2 * np.pi * TOOTH_FREQUENCY * TOOTH_DAMPING), TOOTH_DAMPING),
+    )
+    return text, tuple(dict.fromkeys(notes))
 
 
-def mesh_path_of(shape: Shape, out: Path, relative: bool) -> str:
-    """How the file names a shape's mesh; an empty string if it has none."""
-    return "" if shape.mesh is None else mesh_path(shape.mesh, out, relative)
+def time_step(arm: PlainArm) -> float:
+    """Time step that follows the gears and springs [s].
+
+    Raises:
+        InputError: a stiffness needs a step that is too short to be simulated.
+    """
+    joints = [arm.drives[name] for name in arm.body.joints]
+    gears = [drive.gear for drive in joints]
+    stiffness = np.array([g.stiffness if g else 0.0 for g in gears])
+    damping = np.array([g.damping if g else 0.0 for g in gears])
+    order = arm.body.order
+    parts = substeps(
+        mass_matrices(arm.body),
+        np.array([drive.rotor for drive in joints])[order],
+        np.array([gear is not None for gear in gears])[order],
+        stiffness[order],
+        damping[order],
+        np.array([drive.stiffness for drive in joints])[order],
+        LONGEST_STEP,
+    )
+    return LONGEST_STEP / parts
 
 
-def _bounds(compiler: ET.Element, arm: PlainArm) -> list[str]:
-    """Let MuJoCo correct bodies that it would refuse, with a note."""
+class Bristle(NamedTuple):
+    """sigma0 [N m/rad], sigma1 [N m s/rad], Fc and Fs [N m], vs [rad/s], in MuJoCo's order."""
+
+    stiffness: float
+    damping: float
+    coulomb: float
+    static: float
+    velocity: float
+
+
+def dry_bristle(drive: JointDrive, step: float) -> Bristle | None:
+    """The bristle of dry friction; ``None`` if Coulomb friction, set-valued at rest, says it all.
+
+    With a presliding distance it carries Coulomb and Stribeck friction, and its damper makes good the step by which
+    the explicit spring is late. Otherwise it carries the Stribeck peak beside Coulomb friction, which holds the joint
+    at rest: as stiff as the step allows, and without a damper, whose torque would peak where g falls.
+
+    Args:
+        drive: of the joint.
+        step: of the simulator [s].
+    """
+    peak, speed = drive.breakaway, drive.breakaway_speed
+    stiffest = drive.inertia * (STIFFEST / step) ** 2
+    if builds_up(drive):
+        stiffness = min(drive.friction / drive.presliding, stiffest)
+        static = drive.friction + peak
+        velocity = speed if peak else 1.0
+        return Bristle(stiffness, stiffness * step, drive.friction, static, velocity)
+    if peak:
+        return Bristle(stiffest, 0.0, LEAST_SHARE * peak, peak, speed)
+    return None
+
+
+def builds_up(drive: JointDrive) -> bool:
+    """Whether Coulomb friction builds up over a distance."""
+    return drive.presliding > 0 and drive.friction > 0
+
+
+def saturating_bristles(drive: JointDrive, step: float) -> tuple[Bristle, ...]:
+    """Saturating friction d tanh(v / vt) as bristles that carry nothing at rest, to ``TANH_ERROR`` of d.
+
+    They need no damping, as they do not stick.
+
+    Args:
+        drive: of the joint.
+        step: of the simulator [s].
+    """
+    if drive.saturating == 0:
+        return ()
+    stiffness = drive.inertia * (STIFFEST / step) ** 2
+    return tuple(
+        Bristle(
+            stiffness,
+            0.0,
+            share * drive.saturating,
+            0.0,
+            relative * drive.saturating_speed,
+        )
+        for share, relative in zip(TANH_SHARES, TANH_SPEEDS, strict=True)
+    )
+
+
+def _filter_time(lag: float, step: float) -> float:
+    """Time constant [s] of a filter whose torque at the end of each step is as late as 1 / (1 + T s) within it.
+
+    MuJoCo applies a step's last torque throughout, which is early by half a step. The delay of its filter is
+    e / (1 - e) steps, with e = exp(-step / T'), at low frequency; it is T for T' = step / ln(1 + step / T).
+    """
+    return float(step / np.log1p(step / lag))
+
+
+def _coupled_motors(arm: PlainArm) -> list[dict[str, Any]]:
+    """Rotor and friction of each motor that turns several joints, and its ratio by joint.
+
+    Raises:
+        InputError: friction or rotor inertia is negative.
+    """
+    corrected = arm.corrected
+    if corrected.arm.coupling is None:
+        return []
+    columns = {
+        name: passive_quantity(corrected, name, "motor_")
+        for name in ("rotor", "damping", "friction")
+    }
+    return [
+        {name: column[motor] for name, column in columns.items()}
+        | {
+            "number": motor + 1,
+            "ratios": dict(zip(corrected.arm.joints, ratios, strict=True)),
+        }
+        for motor, ratios in enumerate(corrected.arm.coupling)
+        if any(column[motor] > 0 for column in columns.values())
+    ]
+
+
+def _bounds(arm: PlainArm) -> tuple[dict[str, str], list[str]]:
+    """Attributes that let MuJoCo correct bodies that it would refuse, with a note."""
+    bounds: dict[str, str] = {}
     notes = []
     if any(link.mass < LEAST or link.moments.max() < LEAST for link in arm.links):
-        compiler.set("boundmass", repr(LEAST))
-        compiler.set("boundinertia", repr(LEAST))
+        bounds["boundmass"] = bounds["boundinertia"] = repr(LEAST)
     elif any(link.moments.min() < LEAST for link in arm.links):
-        compiler.set("boundinertia", repr(LEAST))
+        bounds["boundinertia"] = repr(LEAST)
     odd = [
         link.joint
         for link in arm.links
         if link.moments[2] * (1 - ROUNDING) > link.moments[0] + link.moments[1]
     ]
     if odd:
-        compiler.set("balanceinertia", "true")
+        bounds["balanceinertia"] = "true"
         notes.append(
             f"principal moments of what is moved by {', '.join(odd)}: one is above the sum of the others, and MuJoCo "
             "puts their mean in their place"
         )
-    return notes
-
-
-def _add_body(parent: ET.Element, link: Link, arm: PlainArm) -> ET.Element:
-    """A moving body with its joint; beside it its motor, if there is a gear between."""
-    body = ET.SubElement(parent, "body", name=arm.body_name(link.joint))
-    _place(body, link.origin[0], rotation(link.origin))
-    inertial = ET.SubElement(
-        body,
-        "inertial",
-        mass=repr(link.mass),
-        diaginertia=numbers(_within(link.moments)),
-    )
-    _place(inertial, link.inertial[0], rotation(link.inertial))
-    drive = arm.drives[link.joint]
-    kind = "hinge" if link.kind == "revolute" else "slide"
-    joint = ET.SubElement(
-        body, "joint", name=link.joint, type=kind, axis=numbers(link.axis)
-    )
-    if link.limits is not None:
-        joint.set("range", numbers(np.array(link.limits)))
-    rest = drive.rest if drive.stiffness else 0.0
-    set_values(joint, stiffness=drive.stiffness, springref=rest)
-    if drive.gear is None:
-        set_drive(joint, drive)
-    else:
-        motor = add_motor(parent, link, drive)
-        _place(motor, link.origin[0], rotation(link.origin))
-    return body
+    return bounds, notes
 
 
 def _within(moments: np.ndarray) -> np.ndarray:
@@ -160,38 +263,6 @@ def _within(moments: np.ndarray) -> np.ndarray:
             low + middle if 0 < high - low - middle <= ROUNDING * high else high,
         ]
     )
-
-
-def _add_shape(
-    body: ET.Element, assets: ET.Element, shape: Shape, number: int, mesh: str
-) -> None:
-    """A shape of a body, and the asset of its mesh."""
-    geom = ET.SubElement(
-        body, "geom", type=shape.kind, group="2" if shape.use == "visual" else "3"
-    )
-    _place(geom, shape.frame.position, shape.frame.rotation)
-    if shape.use == "visual":
-        geom.set("contype", "0")
-        geom.set("conaffinity", "0")
-        geom.set("mass", "0")
-    if shape.colour is not None:
-        geom.set("rgba", numbers(np.array(shape.colour)))
-    if shape.kind != "mesh":
-        sizes = {
-            "box": [x / 2 for x in shape.size],
-            "cylinder": [shape.size[0], shape.size[-1] / 2],
-        }
-        geom.set("size", numbers(np.array(sizes.get(shape.kind, shape.size))))
-        return
-    scale = numbers(np.array(shape.size))
-    same = (x for x in assets if x.get("file") == mesh and x.get("scale") == scale)
-    asset = next(same, None)
-    if asset is None:
-        name = f"{Path(mesh).stem}_{number}"
-        asset = ET.SubElement(
-            assets, "mesh", name=name, file=mesh, scale=scale, inertia="shell"
-        )
-    geom.set("mesh", asset.get("name", ""))
 
 
 def _unreadable(shape: Shape) -> str:
@@ -209,22 +280,3 @@ def _unreadable(shape: Shape) -> str:
         if faces > MOST_FACES:
             return f"MuJoCo reads no mesh with more than {MOST_FACES} faces ({shape.mesh.name})"
     return ""
-
-
-def _exclude_neighbours(root: ET.Element, arm: PlainArm) -> None:
-    """No contact between neighbours, whose shapes overlap at the joint."""
-    contact = ET.SubElement(root, "contact")
-    for link in arm.links:
-        ET.SubElement(
-            contact,
-            "exclude",
-            body1=arm.body_name(link.parent),
-            body2=arm.body_name(link.joint),
-        )
-
-
-def _place(element: ET.Element, position: np.ndarray, turn: np.ndarray) -> None:
-    """Pose of an element; MuJoCo writes a quaternion with its real part first."""
-    x, y, z, w = Rotation.from_matrix(turn).as_quat().tolist()
-    element.set("pos", numbers(position))
-    element.set("quat", numbers(np.array([w, x, y, z])))

@@ -15,9 +15,7 @@ from gapscope.arm.dynamics.urdf_inertials import (
     possible,
     set_parameters,
 )
-from gapscope.envs.export.heading import mesh_path
-from gapscope.envs.export.joint_drive import JointDrive
-from gapscope.envs.export.plain_arm import PlainArm
+from gapscope.envs.export.plain_arm import JointDrive, PlainArm, mesh_path
 
 MOVABLE = ("revolute", "continuous", "prismatic", "floating", "planar")
 """Types of joints that move."""
@@ -30,9 +28,7 @@ LIMITS = (
 """Elements and attributes that hold a position of a joint."""
 
 
-def as_urdf(
-    arm: PlainArm, out: Path, relative: bool
-) -> tuple[ET.Element, tuple[str, ...]]:
+def as_urdf(arm: PlainArm, out: Path, relative: bool) -> tuple[str, tuple[str, ...]]:
     """The arm as URDF, and what else is left out.
 
     Joints that are not the arm's are fixed where its model has them locked. The base is turned by a fixed joint on a
@@ -66,7 +62,7 @@ def as_urdf(
             _set_drive(joint, drive)
     if not arm.upright:
         _turn_base(root, arm.mount)
-    return root, notes
+    return ET.tostring(root, encoding="unicode"), notes
 
 
 def _fix_others(root: ET.Element, arm: PlainArm) -> tuple[str, ...]:

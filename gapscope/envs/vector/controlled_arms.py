@@ -9,15 +9,13 @@ import numpy as np
 from gapscope.arm.errors import InputError
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.actions import Gains, scaled
-from gapscope.envs.course import Course
-from gapscope.envs.drive.arm_drive import ArmDrive
-from gapscope.envs.drive.encoders import Encoders
-from gapscope.envs.episode import Setup
-from gapscope.envs.observation import FASTEST_OBSERVED
+from gapscope.envs.drive.arm_drive import ArmDrive, Encoders, nominal_body
+from gapscope.envs.episode import FASTEST_OBSERVED, Course, Setup
 from gapscope.envs.plant import sensor_chunk
+from gapscope.envs.simulated_arm import SimulatedArms
 from gapscope.envs.vector.courses import Courses
 from gapscope.envs.vector.readings import Readings, VelocityFilters
-from gapscope.envs.vector.simulated_arms import ONE_BY_ONE, SimulatedArms
+from gapscope.envs.vector.simulated_arms import ONE_BY_ONE, drive_beside_others
 
 
 class _Diverged(NamedTuple):
@@ -38,7 +36,7 @@ class ControlledArms:
     Args:
         setup: of the environments.
         count: N.
-        threads: on which they are stepped, see ``gapscope.envs.engines.mujoco_batch``.
+        threads: on which they are stepped, see ``gapscope.envs.engines.mujoco``.
 
     Attributes:
         effects: of each arm beyond the base.
@@ -60,11 +58,11 @@ class ControlledArms:
                 where="simulated",
             )
         arm, dt = setup.base.arm, setup.timing.dt
-        self._arms = SimulatedArms(arm, setup.effects, dt, count, threads)
-        nominal = self._arms.nominal
+        self._nominal = nominal = nominal_body(arm)
         self._order, self._places = nominal.order, nominal.places
         self._ordered = bool((self._order == np.arange(arm.n_joints)).all())
-        drive = self._arms.drive(setup.effects)
+        self._arm, drive = arm, drive_beside_others(arm, setup.effects, dt, nominal)
+        self._arms = SimulatedArms(drive, count, threads)
         encoders = self._encoders(drive)
         self.effects: list[tuple[AppliedEffect, ...]] = [setup.effects] * count
         self._drives = [drive] * count
@@ -99,7 +97,8 @@ class ControlledArms:
             InputError: it cannot be stepped beside others with one of the effects.
         """
         if effects is not self.effects[number]:
-            drive = self._arms.drive(effects)
+            dt = self._timing.dt
+            drive = drive_beside_others(self._arm, effects, dt, self._nominal)
             self._drives[number], self.effects[number] = drive, effects
             self._arms.put(number, drive)
         encoders = self._encoders(self._drives[number])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gapscope.envs.course import Course, Timing
+from gapscope.envs.episode import Course, Timing
 
 
 class Courses:

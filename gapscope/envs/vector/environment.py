@@ -16,8 +16,8 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.arguments import checked_actions, whole
+from gapscope.envs.divergence import divergence_info, stop_info, truth
 from gapscope.envs.environment import REWARDS, ArmTracking
-from gapscope.envs.episode_info import divergence_info, stop_info, truth
 from gapscope.envs.vector.controlled_arms import ControlledArms
 from gapscope.envs.vector.simulated_arms import ONE_BY_ONE, check_drawn
 
@@ -82,6 +82,7 @@ class VectorArmTracking(VectorEnv):
         self._seeds = [-1] * self.num_envs
         self._at = np.zeros(self.num_envs, dtype=int)
         self._ended = np.ones(self.num_envs, dtype=bool)
+        self._has_acted = np.zeros(self.num_envs, dtype=bool)
         self._begun = False
         size = self.setup.control.size
         self._action: np.ndarray = np.zeros((self.num_envs, size))
@@ -135,6 +136,7 @@ class VectorArmTracking(VectorEnv):
         shape = self._action.shape
         chosen = np.clip(checked_actions(actions, shape), -1.0, 1.0)
         waiting = self._ended.copy()
+        self._has_acted |= chosen.any(axis=1)
         done = self._plant.act(self._at, chosen)
         self._at += 1
         error, plant = self._error(), self._plant
@@ -182,7 +184,7 @@ class VectorArmTracking(VectorEnv):
         episode = self.setup.source.draw(options, seeds)
         self._plant.reset(number, episode.effects, episode.course, seeds)
         self._at[number], self._action[number] = 0, 0.0
-        self._ended[number] = False
+        self._ended[number] = self._has_acted[number] = False
         return self._truth(number) if self.setup.debug else {}
 
     def _error(self) -> np.ndarray:
@@ -209,8 +211,9 @@ class VectorArmTracking(VectorEnv):
                 found[number] = stop_info(self.setup, plant.q[number], reading)
                 continue
             so_far = int((self._at[number] - 1) * steps + done[number])
+            speed, has_acted = plant.dq[number], bool(self._has_acted[number])
             found[number] = divergence_info(
-                self.setup, so_far, reading, plant.dq[number], effects
+                self.setup, so_far, reading, speed, effects, has_acted
             )
         return found
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from gapscope.arm.velocity_filter import VelocityFilter, filter_gains
-from gapscope.envs.drive.encoders import Encoders
-from gapscope.envs.velocity_estimate import VELOCITY_DAMPING, cutoff
+from gapscope.envs.drive.arm_drive import Encoders
+from gapscope.envs.position_controller import VELOCITY_DAMPING, cutoff
 
 
 class Readings:

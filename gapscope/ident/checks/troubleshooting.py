@@ -149,7 +149,8 @@ def _condition(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
         symptom="large intervals, parameters that change from fit to fit",
         cause="motion that does not excite all parameters",
         check="condition number of the base columns with unit norm",
-        remedy="record an exciting trajectory (`gapscope excite`)",
+        remedy="record an exciting trajectory (`gapscope excite`); without one, stay near the nominal arm: "
+        "--estimator ridge, truncated_svd or partial_update",
     )
     return make_row(entry, symptoms.condition(evidence), 1000.0)
 

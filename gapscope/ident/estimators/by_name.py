@@ -111,6 +111,11 @@ def _repeated(
     return refit_jackknife(problem, estimator)
 
 
+def _robust(problem: Problem, estimator: Estimator, estimate: Estimate) -> Uncertainty:
+    # without a stretch the estimate is nearly the same
+    return refit_jackknife(problem, HuberLeastSquares(start=estimate.value))
+
+
 def _stated(problem: Problem, estimator: Estimator, estimate: Estimate) -> Uncertainty:
     freedom = estimate.freedom
     if freedom is None:
@@ -130,7 +135,7 @@ METHODS: dict[str, Method] = {
     ),
     "wls": Method(lambda given: WeightedLeastSquares(), _by_joint, _BLOCKS),
     "ols": Method(lambda given: OrdinaryLeastSquares(), _unweighted, _BLOCKS),
-    "irls": Method(lambda given: HuberLeastSquares(), _repeated, _JACKKNIFE),
+    "irls": Method(lambda given: HuberLeastSquares(), _robust, _JACKKNIFE),
     "ridge": Method(lambda given: Ridge(), _repeated, _UNBIASED),
     "l_curve": Method(lambda given: Ridge("l_curve"), _repeated, _UNBIASED),
     "truncated_svd": Method(lambda given: TruncatedSvd(), _repeated, _UNBIASED),

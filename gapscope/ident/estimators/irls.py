@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import solve, solve_triangular
 
 from gapscope.ident.estimators.estimate import Estimate
-from gapscope.ident.estimators.linear_estimator import Factor, finished
-from gapscope.ident.estimators.ols import OrdinaryLeastSquares
+from gapscope.ident.estimators.joint_triangles import JointTriangles
+from gapscope.ident.estimators.linear_estimator import finished
 from gapscope.ident.model.linear_problem import Problem
+from gapscope.ident.model.solvable import check_samples
 
 NORMAL_MAD = 0.6745
 """Median absolute deviation of the standard normal distribution."""
@@ -26,6 +28,8 @@ class HuberLeastSquares:
         threshold: k [1]; 1.345 keeps 95 % of the efficiency under normal noise.
         rounds: most rounds of reweighting.
         tolerance: relative change of the fitted torque at which rounds end.
+        start: beta of the first weights, such as the estimate of nearly the same samples, shape (b,); that of least
+            squares if ``None``.
 
     Source: huber1981.
     """
@@ -33,14 +37,22 @@ class HuberLeastSquares:
     threshold: float = 1.345
     rounds: int = 50
     tolerance: float = 1e-8
+    start: np.ndarray | None = None
 
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate; raises ``InputError`` if the samples do not determine the parameters."""
-        beta = OrdinaryLeastSquares().estimate(problem).value
+        triangles = JointTriangles.of(problem)
+        check_samples(problem, rows=triangles.stacked()[:, :-1])
+        factor = triangles.factor()
+        beta = factor.solve() if self.start is None else self.start
         largest = float(np.abs(problem.torque).max())
+        # columns that are orthonormal before weights: their weighted sums of squares are well-conditioned
+        triangle = factor.triangle
+        square = solve_triangular(triangle, np.eye(len(triangle)))
+        columns = problem.matrix @ square
         change = np.inf
         for _ in range(self.rounds):
-            following = self._reweighted(problem, beta, largest)
+            following = square @ self._reweighted(problem, columns, beta, largest)
             moved = float(np.abs(problem.matrix @ (following - beta)).max())
             change = moved / max(largest, 1e-300)
             beta = following
@@ -51,19 +63,25 @@ class HuberLeastSquares:
             warnings = (
                 f"reweighting still moved the torque by {change:.1e} after {self.rounds} rounds; give more",
             )
-        covariance = self._covariance(problem, beta, largest)
+        covariance = self._covariance(problem, triangles, beta, largest)
         return finished(problem, beta, covariance, warnings)
 
     def _reweighted(
-        self, problem: Problem, beta: np.ndarray, largest: float
+        self,
+        problem: Problem,
+        columns: np.ndarray,
+        beta: np.ndarray,
+        largest: float,
     ) -> np.ndarray:
-        """The estimate with Huber's weights min(1, k / |r|) at the residuals r of another one, shape (b,)."""
+        """Coordinates in other columns (N, n, b) of the fit with Huber's weights min(1, k / |r|) at residuals r."""
         scaled, spread = self._scaled(problem, beta, largest)
         huber = self.threshold / np.maximum(np.abs(scaled), self.threshold)
-        weight = np.sqrt(huber) / spread
-        matrix = (problem.matrix * weight[..., None]).reshape(-1, len(beta))
-        torque = (problem.torque * weight).ravel()
-        return np.asarray(Factor.of(matrix, torque).solve())
+        weight = huber / spread**2
+        flat = columns.reshape(-1, len(beta))
+        weighted = flat * weight.reshape(-1, 1)
+        return solve(
+            weighted.T @ flat, weighted.T @ problem.torque.ravel(), assume_a="pos"
+        )
 
     def _scaled(
         self, problem: Problem, beta: np.ndarray, largest: float
@@ -76,14 +94,16 @@ class HuberLeastSquares:
         return residual / spread, spread
 
     def _covariance(
-        self, problem: Problem, beta: np.ndarray, largest: float
+        self,
+        problem: Problem,
+        triangles: JointTriangles,
+        beta: np.ndarray,
+        largest: float,
     ) -> np.ndarray:
         """Huber's asymptotic covariance: E[psi^2] / E[psi']^2 (W^T W)^-1 in units of each joint's spread."""
         scaled, spread = self._scaled(problem, beta, largest)
         clipped = np.clip(scaled, -self.threshold, self.threshold)
         inside = float(np.mean(np.abs(scaled) <= self.threshold))
         free = max(1.0 - len(beta) / scaled.size, 1e-3)
-        matrix = (problem.matrix / spread[:, None]).reshape(-1, len(beta))
-        factor = Factor.of(matrix, np.zeros(len(matrix)))
         variance = float((clipped**2).mean()) / free / max(inside, 1e-3) ** 2
-        return variance * factor.inverse_gram()
+        return variance * triangles.factor(spread).inverse_gram()

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from sweeps import daily
 
 from gapscope.arm.dynamics.plain_mjcf import plain_mjcf
 from gapscope.arm.dynamics.plain_urdf import moving_links
@@ -149,7 +150,7 @@ def test_mujoco_reads_the_same_arm_from_it(both: tuple[NominalArm, NominalArm]) 
         )
 
 
-@pytest.mark.parametrize("robot", KNOWN_ROBOTS)
+@pytest.mark.parametrize("robot", daily(KNOWN_ROBOTS, "franka_panda"))
 def test_what_is_written_for_mujoco_reads_back_as_the_same_arm(
     robot: str, tmp_path: Path
 ) -> None:

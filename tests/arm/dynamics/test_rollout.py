@@ -1,16 +1,22 @@
 """The closed loop rolled out by pinocchio: closed-form motions, and sensitivities against finite differences."""
 
+from __future__ import annotations
+
+from pathlib import Path
+
 import numpy as np
 import pytest
 from arms import ROD, chain
 from cases import sines
 
 from gapscope.arm.control.pd import PD
+from gapscope.arm.dynamics.feedforward import feedforward
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.rollout import Commands, Plant, roll_out, roll_outs
 from gapscope.arm.dynamics.sensitivity import sensitivity, ticks_per_step
-from gapscope.arm.errors import GapscopeError
+from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.nominal import NominalArm
+from gapscope.arm.robots import load_nominal_arm
 
 INERTIA, WEIGHT = 0.55, 9.81
 """Of the rod about its hinge [kg m^2], and its gravity torque at the horizontal [N m]."""
@@ -234,3 +240,59 @@ def test_sensitivities_are_those_of_finite_differences(data_arm, motion, swapped
         for along, high, low in ((q, up.q, down.q), (tau, up.tau, down.tau)):
             numeric = (high - low) / (2 * step)
             assert np.abs(along[..., k] - numeric).max() < 1e-4 * np.abs(numeric).max()
+
+
+# The feedforward law, on a pendulum worked by hand.
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> NominalArm:
+    """2 kg at 0.5 m, inertia 0.55 kg m^2 about the hinge."""
+    return chain(
+        tmp_path, "pendulum", ROD, armature=[0.2], coulomb=[3.0], viscous=[0.7]
+    )
+
+
+def test_laws_by_hand(arm: NominalArm) -> None:
+    q, dq, ddq = np.array([[0.0]]), np.array([[0.005]]), np.array([[2.0]])
+    gravity = -9.81  # the rod points along x, gravity turns it about +y
+    nominal = gravity + (0.55 + 0.2) * 2.0 + 3.0 * np.tanh(1.0) + 0.7 * 0.005
+    for kind, expected in (("none", 0.0), ("gravity", gravity), ("nominal", nominal)):
+        np.testing.assert_allclose(
+            feedforward(arm, RigidBody(arm), kind, q, dq, ddq), [[expected]], rtol=1e-12
+        )
+
+
+def test_unknown_kind(arm: NominalArm) -> None:
+    with pytest.raises(InputError, match=r"controller\.feedforward"):
+        feedforward(arm, RigidBody(arm), "magic", *np.zeros((3, 1, 1)))
+
+
+# Derivatives of the inverse dynamics against finite differences, for bodies as least squares may return them.
+
+
+STEP = 1e-6
+
+
+@pytest.mark.parametrize("negative", [(), (2, 3, 4, 5)])
+def test_derivatives_are_those_of_the_inverse_dynamics_whatever_the_masses(
+    negative: tuple[int, ...],
+) -> None:
+    """Identified masses may be negative: single parameters of a fit are not determined."""
+    nominal = RigidBody(load_nominal_arm("kuka_iiwa"))
+    rng = np.random.default_rng(0)
+    change = 0.05 * rng.standard_normal((7, 10))
+    change[list(negative), 0] -= 9.0
+    body = nominal.changed(change)
+    q, dq, ddq = rng.standard_normal((3, 2, 7))
+    by_position, by_velocity, mass = body.sensitivities(q, dq, ddq)
+    for j, step in enumerate(STEP * np.eye(7)):
+        for derivative, along in (
+            (by_position, (step, 0, 0)),
+            (by_velocity, (0, step, 0)),
+            (mass, (0, 0, step)),
+        ):
+            ahead = body.inverse_dynamics(q + along[0], dq + along[1], ddq + along[2])
+            behind = body.inverse_dynamics(q - along[0], dq - along[1], ddq - along[2])
+            central = (ahead - behind) / (2 * STEP)
+            assert derivative[:, :, j] == pytest.approx(central, abs=1e-5)

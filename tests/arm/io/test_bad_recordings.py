@@ -11,7 +11,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.io.channel_entry import Channel
 from gapscope.arm.io.formats.table_files import read_parquet
+from gapscope.arm.io.import_section import Import, TimeColumn
 from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.io.write_case import write_recording
 from gapscope.arm.nominal import NominalArm
@@ -62,8 +64,8 @@ BAD: list[tuple[str, Callable[[Rows], Rows], str, str]] = [
     (
         "no header",
         lambda x: x[1:],
-        "line 1: the first line holds numbers",
-        "add a header line",
+        "has no header, and so no column tau1; it has 5 columns",
+        "gapscope inspect log.csv tells what they hold",
     ),
     ("header only", lambda x: x[:1], "has a header and no rows", "samples"),
     ("empty", lambda x: [], "is empty", "give a file with a header"),
@@ -88,42 +90,6 @@ BAD: list[tuple[str, Callable[[Rows], Rows], str, str]] = [
         "URDF of the recorded arm",
     ),
     ("column twice", cell(1, 2, "q1"), "line 1: has the column 'q1' twice", "rename"),
-    (
-        "nan",
-        cell(31, 2, "nan"),
-        "line 31, column q2: is not a finite number (nan), the first of 1",
-        "never guessed",
-    ),
-    (
-        "inf",
-        cell(31, 3, "inf"),
-        "line 31, column tau1: is not a finite number (inf)",
-        "never guessed",
-    ),
-    (
-        "empty cell",
-        cell(12, 3, ""),
-        "line 12, column tau1: the cell is empty",
-        "never guessed",
-    ),
-    (
-        "text",
-        cell(13, 1, "#REF!"),
-        "line 13, column q1: expected a number, got '#REF!'",
-        "repair the cell",
-    ),
-    (
-        "ragged",
-        lambda x: [*x[:20], x[20][:3], *x[21:]],
-        "line 21: has 3 cells, the header has 5",
-        "cut short",
-    ),
-    (
-        "cut short",
-        lambda x: [*x[:-1], x[-1][:2]],
-        f"line {N + 1}: has 2 cells",
-        "cut short",
-    ),
     (
         "back in time",
         cell(25, 0, "0.1"),
@@ -153,6 +119,133 @@ BAD: list[tuple[str, Callable[[Rows], Rows], str, str]] = [
         "the transmission",
     ),
 ]
+
+
+LEFT_OUT: list[tuple[str, Callable[[Rows], Rows], int, str]] = [
+    ("nan", cell(31, 2, "nan"), 31, "column q2: is not a finite number (nan)"),
+    ("inf", cell(31, 3, "inf"), 31, "column tau1: is not a finite number (inf)"),
+    ("empty cell", cell(12, 3, ""), 12, "column tau1: the cell is empty"),
+    ("text", cell(13, 1, "#REF!"), 13, "column q1: expected a number, got '#REF!'"),
+    ("absurd", cell(13, 4, "1e154"), 13, "column tau2: holds 1e+154, which no log"),
+    ("absurd time", cell(13, 0, "1e154"), 13, "column t: holds 1e+154, which no log"),
+    (
+        "ragged",
+        lambda x: [*x[:20], x[20][:3], *x[21:]],
+        21,
+        "has 3 cells, the header has 5",
+    ),
+    ("cut short", lambda x: [*x[:-1], x[-1][:2]], N + 1, "has 2 cells"),
+]
+
+
+def written(table: Rows, folder: Path) -> Path:
+    path = folder / "log.csv"
+    path.write_text("\n".join(",".join(row) for row in table))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("change", "line", "what"),
+    [case[1:] for case in LEFT_OUT],
+    ids=[case[0] for case in LEFT_OUT],
+)
+@pytest.mark.parametrize("every_row", [False, True])
+def test_a_damaged_row_is_left_out_with_its_place(
+    change: Callable[[Rows], Rows],
+    line: int,
+    what: str,
+    every_row: bool,
+    arm: NominalArm,
+    tmp_path: Path,
+) -> None:
+    path = written(change(rows()), tmp_path)
+    found = load_recording(path, arm, complete=True, every_row=every_row)
+    sound = load_recording(written(rows(), tmp_path), arm)
+    kept = np.delete(np.arange(N), line - 2)
+    np.testing.assert_array_equal(found.q, sound.q[kept])
+    np.testing.assert_allclose(found.t, sound.t[kept])
+    assert found.notes[0].startswith(
+        f"rows left out that cannot be read: 1 of 50 (2.00%): line {line}"
+    )
+    assert what in found.notes[0]
+
+
+def test_many_damaged_rows_are_refused_all_at_once(
+    arm: NominalArm, tmp_path: Path
+) -> None:
+    table = rows()
+    for line in range(10, 17):
+        table = cell(line, line % 5, "#REF!")(table)
+    with pytest.raises(InputError) as caught:
+        load_recording(written(table, tmp_path), arm)
+    text = str(caught.value)
+    assert "7 of 50 rows cannot be read: line 10, column t: expected a number" in text
+    assert "line 12, column q2" in text and "and 4 more" in text
+    # what is not read may be damaged
+    notes = load_recording(written(rows(), tmp_path), arm).notes
+    for line in range(10, 40):
+        table = cell(line, 3, "#REF!")(rows())
+    silent = Import(channels={**Import().channels, "tau": None})
+    assert load_recording(written(table, tmp_path), arm, silent).notes == notes
+
+
+@pytest.mark.parametrize("ending", ["csv", "npz"])
+def test_a_block_without_values_is_a_pause(
+    ending: str, arm: NominalArm, tmp_path: Path
+) -> None:
+    t = np.arange(500) / 100
+    q = np.column_stack([np.sin(9 * t), np.cos(9 * t)])
+    q[100:220, 1] = np.nan
+    path = tmp_path / f"log.{ending}"
+    if ending == "csv":
+        header = "t,q1,q2"
+        np.savetxt(path, np.column_stack([t, q]), "%g", ",", header=header, comments="")
+    else:
+        np.savez(path, t=t, q=q)
+    found = load_recording(path, arm)
+    assert len(found.t) == 380 and np.isfinite(found.q).all()
+    place = "line 102" if ending == "csv" else "row 101"
+    assert found.notes[0].startswith(
+        f"rows without values left out as pauses: 120 of 500 in 1 block: {place}, column q2"
+    )
+    assert any(
+        note.startswith("gaps in time: 1, the longest 1.21") for note in found.notes
+    )
+    # every second row is none
+    q[100:220, 1], q[::2, 0] = 0.0, np.nan
+    np.savez(tmp_path / "log.npz", t=t, q=q)
+    with pytest.raises(InputError, match="250 of 500 rows cannot be read: row 1, col"):
+        load_recording(tmp_path / "log.npz", arm)
+
+
+def test_the_number_of_a_row_counts_on_over_damaged_ones(
+    arm: NominalArm, tmp_path: Path
+) -> None:
+    path = written(cell(31, 1, "?")(rows()), tmp_path)
+    counted = Import(time=TimeColumn(None, rate=100.0))
+    found = load_recording(path, arm, counted)
+    assert len(found.t) == N - 1 and found.t[-1] == pytest.approx(0.49)
+    part = load_recording(path, arm, counted, rows=(20, 39))
+    assert len(part.t) == 19 and part.t[0] == pytest.approx(0.2)
+
+
+def test_files_side_by_side_lose_the_same_rows(arm: NominalArm, tmp_path: Path) -> None:
+    sound = rows()
+    files = {"a": tmp_path / "a.csv", "b": tmp_path / "b.csv"}
+    for label, columns, damaged in (("a", slice(0, 3), 9), ("b", slice(3, 5), 20)):
+        table = [list(row[columns]) for row in sound]
+        table[damaged][0] = ""
+        files[label].write_text("\n".join(",".join(row) for row in table))
+    channels = {
+        name: Channel(name + "{j}", file=label, named=True)
+        for name, label in (("q", "a"), ("tau", "b"))
+    }
+    found = load_recording(files, arm, Import(channels=channels))
+    expected = load_recording(written(sound, tmp_path), arm)
+    kept = np.delete(np.arange(N), [8, 19])
+    np.testing.assert_array_equal(found.tau, expected.tau[kept])
+    np.testing.assert_array_equal(found.q, expected.q[kept])
+    assert found.notes[0].startswith("rows left out that cannot be read: 2 of 50")
 
 
 @pytest.mark.parametrize(
@@ -188,7 +281,8 @@ def test_decimal_comma(arm: NominalArm, tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text("\n".join(";".join(row).replace(".", ",") for row in rows()))
     with pytest.raises(
-        InputError, match="line 2, column t: '0,000000' has a decimal comma"
+        InputError,
+        match="50 rows cannot be read: line 2, column t: '0,000000' has a decimal comma",
     ):
         load_recording(path, arm)
 
@@ -250,10 +344,8 @@ def test_nan_in_a_binary_file_names_the_row(
     q = recording.q.copy()
     q[6, 1] = np.nan
     np.savez(tmp_path / "log.npz", t=recording.t, q=q)
-    with pytest.raises(
-        InputError, match=r"log.npz, row 7, column q2: is not a finite number \(nan\)"
-    ):
-        load_recording(tmp_path / "log.npz", arm)
+    (note, *_) = load_recording(tmp_path / "log.npz", arm).notes
+    assert "row 7, column q2: is not a finite number (nan)" in note
 
 
 def test_no_such_file_and_unknown_format(arm: NominalArm, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +27,9 @@ CONTENT: dict[str, Any] = {
 @pytest.fixture
 def folder(tmp_path: Path, urdf: Path, recording: Recording) -> Path:
     """A folder with a URDF and two recordings, but no case file yet."""
-    for name in ("a.csv", "b.npz"):
-        write_recording(recording, tmp_path / name)
+    assert recording.tau is not None
+    write_recording(recording, tmp_path / "a.csv")
+    write_recording(replace(recording, tau=-recording.tau), tmp_path / "b.npz")
     return tmp_path
 
 
@@ -92,6 +94,18 @@ def test_a_full_case(folder: Path) -> None:
     )
     assert [recording.name for recording in case.judged] == ["b.npz"]
     assert load_case(path, read_recordings=False).recordings == ()
+
+
+@pytest.mark.parametrize("name", ["a.csv", "c.csv"])
+def test_a_recording_that_is_fitted_is_not_held_out_too(
+    folder: Path, recording: Recording, name: str
+) -> None:
+    """Nor its copy under another name, with other dates."""
+    if name != "a.csv":
+        write_recording(replace(recording, t=recording.t + 5), folder / name)
+    path = write(folder, judge=[name])
+    with pytest.raises(InputError, match=rf"judge(.|\n)*{name}.*fitted.*a\.csv"):
+        load_case(path)
 
 
 def test_rows_to_fit_and_to_judge(folder: Path) -> None:

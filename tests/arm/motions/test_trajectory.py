@@ -1,10 +1,34 @@
 """Reference motions keep their limits, start and end at rest, and their derivatives are derivatives."""
 
+from __future__ import annotations
+
+from pathlib import Path
+
 import numpy as np
 import pytest
+from arms import ROD, Link, written
+from sweeps import daily
 
-from gapscope.arm.errors import InputError
+from gapscope.arm.dynamics.inverse_kinematics import inverse_kinematics
+from gapscope.arm.dynamics.kinematics import Kinematics, Pose
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.io.write_case import write_columns
+from gapscope.arm.known_robots import KNOWN_ROBOTS
+from gapscope.arm.motions.chain import Chain, Reversed
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.motions.named_motions import (
+    MOTIONS,
+    Workspace,
+    draw_motion,
+    motions_for,
+    workspace,
+)
+from gapscope.arm.motions.point_to_point import PointToPoint
+from gapscope.arm.motions.sampled import Sampled, read_sampled
 from gapscope.arm.motions.trajectory import Fourier, Limits
+from gapscope.arm.motions.weld_seam import WeldSeam
+from gapscope.arm.robots import load_nominal_arm
 
 LIMITS = Limits(
     np.array([-1.0, -2.0]),
@@ -63,3 +87,271 @@ def test_bad_requests_are_refused() -> None:
         _motion(centre=np.array([0.0, 1.0]))
     with pytest.raises(InputError, match="cannot rise"):
         _motion(duration=1.5)
+
+
+# A reference motion through samples of a file.
+
+
+OF_TWO = Limits(np.full(2, -1.0), np.full(2, 1.0), np.full(2, 2.0), np.full(2, 9.0))
+
+
+def sampled_file(path: Path) -> Fourier:
+    """A motion of two joints, written every 20 ms."""
+    motion, t = (
+        Fourier.random(np.random.default_rng(0), OF_TWO, duration=4.0, frequency=0.25),
+        np.arange(201) / 50,
+    )
+    series = {
+        "q_ref": motion.position(t),
+        "dq_ref": motion.velocity(t),
+        "ddq_ref": motion.acceleration(t),
+    }
+    write_columns(
+        {
+            "t": t,
+            **{f"{k}{j + 1}": x for k, a in series.items() for j, x in enumerate(a.T)},
+        },
+        path,
+    )
+    return motion
+
+
+def test_motion_between_the_samples_is_that_of_the_source(tmp_path: Path) -> None:
+    source, t = sampled_file(tmp_path / "a.csv"), np.linspace(0, 4, 777)
+    found = read_sampled(tmp_path / "a.csv", 2)
+    np.testing.assert_allclose(found.position(t), source.position(t), atol=1e-7)
+    np.testing.assert_allclose(found.velocity(t), source.velocity(t), atol=1e-5)
+    np.testing.assert_allclose(found.acceleration(t), source.acceleration(t), atol=1e-2)
+    assert found.duration == 4.0
+
+
+def test_it_rests_outside(tmp_path: Path) -> None:
+    found, t = (
+        Sampled(
+            Motion(np.array([0.0, 1.0]), np.array([[0.0], [1.0]]), *np.ones((2, 2, 1)))
+        ),
+        np.array([-1.0, 2]),
+    )
+    np.testing.assert_array_equal(found.position(t), [[0.0], [1.0]])
+    np.testing.assert_array_equal(
+        [found.velocity(t), found.acceleration(t)], np.zeros((2, 2, 1))
+    )
+
+
+def test_bad_files_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    with pytest.raises(InputError, match="no such file"):
+        read_sampled(path, 2)
+    sampled_file(path)
+    with pytest.raises(InputError, match="q_ref3"):
+        read_sampled(path, 3)
+    text = path.read_text().splitlines()
+    path.write_text(
+        "\n".join([*text[:5], text[5].replace(text[5].split(",")[1], "nan"), *text[6:]])
+    )
+    with pytest.raises(InputError, match="line 6"):
+        read_sampled(path, 2)
+    path.write_text("\n".join([text[0], *text[3:]]))
+    with pytest.raises(InputError, match="starts at 0"):
+        read_sampled(path, 2)
+
+
+# Named motions: limits hold, derivatives are derivatives, straight lines are straight.
+
+
+DURATION = 8.0
+
+
+@pytest.fixture(scope="module", params=daily(KNOWN_ROBOTS, "franka_panda"))
+def space(request: pytest.FixtureRequest) -> Workspace:
+    return workspace(RigidBody(load_nominal_arm(request.param)))
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+@pytest.mark.parametrize("seed", daily(range(2), 0))
+def test_limits_hold_at_every_sample(space: Workspace, name: str, seed: int) -> None:
+    motion, limits = (
+        draw_motion(name, np.random.default_rng(seed), space, DURATION),
+        space.limits,
+    )
+    t = np.linspace(0.0, DURATION, 8001)
+    q, dq, ddq = motion.position(t), motion.velocity(t), motion.acceleration(t)
+    assert (q >= limits.lower).all() and (q <= limits.upper).all()
+    assert (np.abs(dq) <= limits.velocity * (1 + 1e-9)).all()
+    assert (np.abs(ddq) <= limits.acceleration * (1 + 1e-9)).all()
+    assert np.abs(dq[0]).max() < 1e-12 and np.abs(ddq[0]).max() < 1e-9
+    assert np.abs(dq).max() > 0.1
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_derivatives_of_named_motions_are_those_of_finite_differences(
+    space: Workspace, name: str
+) -> None:
+    motion = draw_motion(name, np.random.default_rng(3), space, DURATION)
+    t, h = np.linspace(0.01, DURATION - 0.01, 777), 1e-5
+    for function, derivative in (
+        (motion.position, motion.velocity),
+        (motion.velocity, motion.acceleration),
+    ):
+        np.testing.assert_allclose(
+            (function(t + h) - function(t - h)) / (2 * h), derivative(t), atol=5e-6
+        )
+
+
+def test_weld_seam_is_straight_at_constant_speed_and_keeps_the_orientation(
+    space: Workspace,
+) -> None:
+    """The tool is on the line to 10 um, turns by less than 0.1 mrad and keeps its speed over 60 % of the time."""
+    way = np.array([0.03, -0.06, 0.02])
+    seam = WeldSeam.along(
+        space.kinematics, space.posture, way, space.limits, speed=0.05
+    )
+    t = np.linspace(-0.1, seam.duration + 0.1, 501)
+    poses = [space.kinematics.tool(q) for q in seam.position(t)]
+    tool = (
+        np.array([pose.position for pose in poses])
+        - space.kinematics.tool(space.posture).position
+    )
+    along = tool @ way / np.linalg.norm(way)
+    assert (
+        np.linalg.norm(tool - np.outer(along, way / np.linalg.norm(way)), axis=1).max()
+        < 1e-5
+    )
+    np.testing.assert_allclose([along[0], along[-1]], [0.0, seam.length], atol=1e-6)
+    turned = np.array([pose.rotation for pose in poses]) - poses[0].rotation
+    assert np.abs(turned).max() < 1e-4
+    speed = np.diff(along) / np.diff(t)
+    middle = (t[:-1] > 0.21 * seam.duration) & (t[1:] < 0.79 * seam.duration)
+    np.testing.assert_allclose(speed[middle], speed.max(), rtol=1e-3)
+    assert speed.max() <= 0.05 * 1.001
+
+
+def test_inverse_kinematics_finds_the_posture_it_came_from_and_says_when_out_of_reach(
+    space: Workspace,
+) -> None:
+    near = space.posture + 0.1
+    target = space.kinematics.tool(near)
+    found = space.kinematics.tool(
+        inverse_kinematics(space.kinematics, target, space.posture)
+    )
+    np.testing.assert_allclose(found.position, target.position, atol=1e-6)
+    np.testing.assert_allclose(found.rotation, target.rotation, atol=1e-5)
+    with pytest.raises(GapscopeError, match="cannot reach"):
+        inverse_kinematics(
+            space.kinematics, Pose(np.full(3, 5.0), target.rotation), space.posture
+        )
+
+
+def test_tool_jacobian_agrees_with_finite_differences(space: Workspace) -> None:
+    kinematics, h = space.kinematics, 1e-6
+    jacobian = kinematics.tool_jacobian(space.posture)
+    for joint, step in enumerate(h * np.eye(len(space.posture))):
+        ahead, behind = (
+            kinematics.tool(space.posture + step),
+            kinematics.tool(space.posture - step),
+        )
+        np.testing.assert_allclose(
+            (ahead.position - behind.position) / (2 * h), jacobian[:3, joint], atol=1e-8
+        )
+        spin = (ahead.rotation @ behind.rotation.T - np.eye(3)) / (2 * h)
+        np.testing.assert_allclose(
+            [spin[2, 1], spin[0, 2], spin[1, 0]], jacobian[3:, joint], atol=1e-5
+        )
+
+
+def test_skeleton_begins_at_the_base_and_ends_at_the_tool(space: Workspace) -> None:
+    points = space.kinematics.skeleton(space.posture)
+    assert points.shape == (len(space.posture) + 2, 3)
+    np.testing.assert_array_equal(points[0], 0.0)
+    assert (
+        np.abs(points[-1] - space.kinematics.tool(space.posture).position).max() < 0.05
+    )
+
+
+def test_quintic_by_hand() -> None:
+    """From 0 to 2 rad in 4 s: 1 rad at half time, there 15/8 * 2/4 rad/s; 16 s(1/4) = 53/32."""
+    motion = PointToPoint(np.zeros(1), np.full(1, 2.0), 4.0)
+    t = np.array([-1.0, 0.0, 1.0, 2.0, 4.0, 9.0])
+    np.testing.assert_allclose(
+        motion.position(t)[:, 0], [0, 0, 2 * 53 / 512, 1, 2, 2], atol=1e-14
+    )
+    np.testing.assert_allclose(
+        motion.velocity(t)[:, 0], [0, 0, 2 / 4 * 135 / 128, 0.9375, 0, 0], atol=1e-14
+    )
+    np.testing.assert_allclose(
+        motion.acceleration(t)[[0, 1, 3, 4, 5], 0], 0, atol=1e-14
+    )
+
+
+def test_fastest_point_to_point_meets_a_limit() -> None:
+    limits = Limits(
+        np.full(2, -3.0), np.full(2, 3.0), np.array([1.0, 1.0]), np.array([2.0, 50.0])
+    )
+    motion = PointToPoint.within(np.zeros(2), np.array([0.5, 2.0]), limits)
+    t = np.linspace(0, motion.duration, 4001)
+    use = [
+        np.abs(motion.velocity(t)) / limits.velocity,
+        np.abs(motion.acceleration(t)) / limits.acceleration,
+    ]
+    assert np.max(use) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_chain_is_continuous_and_backwards_is_backwards() -> None:
+    out = PointToPoint(np.zeros(2), np.ones(2), 1.0)
+    chain = Chain((out, Reversed(out)))
+    t = np.linspace(0, 2, 201)
+    assert chain.duration == 2.0
+    np.testing.assert_allclose(chain.position(t), chain.position(2 - t), atol=1e-12)
+    np.testing.assert_allclose(chain.velocity(t), -chain.velocity(2 - t), atol=1e-12)
+
+
+def test_same_seed_same_named_motion(space: Workspace) -> None:
+    t = np.linspace(0, DURATION, 100)
+    for seed in range(3):
+        first, second = (
+            draw_motion("random", np.random.default_rng(seed), space, DURATION)
+            for _ in range(2)
+        )
+        np.testing.assert_array_equal(first.position(t), second.position(t))
+
+
+def test_bad_requests_are_refused_with_what_to_do(space: Workspace) -> None:
+    with pytest.raises(InputError, match="did you mean 'weld_seam'"):
+        draw_motion("weldseam", np.random.default_rng(0), space, DURATION)
+    with pytest.raises(InputError, match="not a positive duration"):
+        PointToPoint(np.zeros(1), np.ones(1), 0.0)
+    with pytest.raises(InputError, match="joint 1"):
+        PointToPoint.within(space.posture, space.limits.upper + 1.0, space.limits)
+
+
+def test_an_arm_of_one_joint_moves_but_holds_no_line(tmp_path) -> None:
+    link = ROD._replace(axis="1 0 0", mass=1, com="0 0 0", inertia="1 1 1")
+    urdf = written(tmp_path / "rod.urdf", "rod", link)
+    body = RigidBody(load_nominal_arm(urdf))
+    space = workspace(body)
+    assert motions_for(1) == ("fourier", "point_to_point")
+    assert isinstance(Kinematics(body).skeleton(np.zeros(1)), np.ndarray)
+    draw_motion("random", np.random.default_rng(0), space, 2.0)
+    with pytest.raises(InputError, match="three joints"):
+        draw_motion("pick", np.random.default_rng(0), space, 2.0)
+    with pytest.raises(InputError, match="expected 1 numbers"):
+        workspace(body, posture=np.zeros(3))
+    with pytest.raises(InputError, match="outside its limits"):
+        workspace(body, posture=np.full(1, 9.0))
+
+
+def test_of_a_narrow_range_the_margin_leaves_half(tmp_path: Path) -> None:
+    """A range of +-0.06 rad, as of a file whose radians are read as degrees, within the margin of 0.1 rad."""
+    wide = Link(
+        *("wide", "a"),
+        origin="0 0 0.3",
+        mass=1,
+        com="0 0 0.1",
+        inertia="0.01 0.01 0.01",
+        limit="-2 2 50 2",
+    )
+    narrow = wide._replace(joint="narrow", name="b", limit="-0.06 0.06 50 2")
+    file = written(tmp_path / "robot.urdf", "narrow", wide, narrow)
+    limits = workspace(RigidBody(load_nominal_arm(file))).limits
+    assert limits.lower == pytest.approx([-1.9, -0.03])
+    assert limits.upper == pytest.approx([1.9, 0.03])

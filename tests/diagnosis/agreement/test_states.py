@@ -84,6 +84,7 @@ def test_a_reference_tells_the_load_of_each_recording() -> None:
         assert left(result, made.name) < 0.1
 
 
+@pytest.mark.nightly
 def test_recordings_that_share_a_state_need_no_sentence() -> None:
     document = diagnose(case(LOAD, LOAD)).document
     assert document["states"]["shared"] and document["states"]["differs"] == []
@@ -109,7 +110,3 @@ def test_what_is_judged_is_judged_in_the_state_it_shares() -> None:
         predicted = gapscope.predict(apart, one.name, result.corrected).tau
         gap = (one.tau - predicted)[100:-100]
         assert (gap.std(axis=0) < 0.1 * one.tau.std(axis=0)).all()
-
-
-def test_a_single_recording_is_not_asked() -> None:
-    assert "states" not in diagnose(case(Truth())).document

@@ -11,7 +11,7 @@ from gapscope.diagnosis.assessment.replay_gap import attempt, replay_gap
 from gapscope.diagnosis.thresholds import REPLAYED_TICKS
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.mystery_arm import iiwa
-from gapscope.envs.session import Plan, record_case
+from gapscope.envs.recorder import Plan, record_case
 from gapscope.model.terms import Terms
 
 PAYLOAD = AppliedEffect("payload", (), {"mass": 3.0, "com": [0.0, 0.02, 0.06]})

@@ -39,7 +39,7 @@ def named(document: dict[str, Any]) -> list[tuple[str, list[int]]]:
 @cache
 def rubbing() -> Diagnosis:
     """More Coulomb friction on joint 2."""
-    return diagnose(sensed.case(Truth(coulomb=(0.0, 2.0, 0.0))))
+    return diagnose(sensed.case(Truth(coulomb=(0.0, 2.0, 0.0)), duration=6.0))
 
 
 def test_every_effect_has_a_side() -> None:
@@ -138,6 +138,7 @@ def test_a_finding_has_to_lie_on_the_side_of_the_gap() -> None:
     assert {entry["side"] for entry in both["sides"]["effects"]} <= {"actuator"}
 
 
+@pytest.mark.nightly
 def test_effects_on_both_sides_that_pass_for_errors_of_the_nominal_inertials() -> None:
     """A load and wrong torque constants, which errors of the inertials could stand for: each on its side."""
     both_sides = Truth(mass=0.8, com=(0.15, 0.0, 0.0), scale=(0.0, 0.06, 0.06))
@@ -165,10 +166,6 @@ def test_a_recording_without_sensors_counts_as_before() -> None:
     validate(document)
     assert named(document) == [("coulomb_friction", [2])]
     assert document["sides"]["recordings"] == [first.name]
-
-
-def test_without_sensors_nothing_is_said_of_sides() -> None:
-    assert "sides" not in diagnose(synthetic.case(duration=4.0)).document
 
 
 def test_report_and_summary_tell_the_side(tmp_path: Path) -> None:

@@ -3,19 +3,36 @@
 from __future__ import annotations
 
 import copy
+import itertools
 import json
 import re
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import documents
 import numpy as np
 import pytest
+import selections
+from selections import TERMS, TableEvidence, term
 
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.json_file import plain
 from gapscope.diagnosis.document.diagnosis_json import validate, write_document
+from gapscope.diagnosis.document.fault_findings import (
+    GapStages,
+    with_faults,
+    with_torques_turned,
+)
+from gapscope.diagnosis.document.parameters import finding_of, parameters
+from gapscope.diagnosis.document.suggested_recording import suggested_recording
+from gapscope.diagnosis.document.verdict import verdict
+from gapscope.diagnosis.document.wording import pulled_texts
+from gapscope.diagnosis.setup_faults.found_fault import FoundFault
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.setup_faults.channel_faults import SignFlip
+from gapscope.model.terms import Term
 
 Change = Callable[[dict[str, Any]], Any]
 
@@ -222,3 +239,293 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(GapscopeError, match="cannot be written"):
         write_document(documents.no_gap(), tmp_path / "file" / "diagnosis.json")
+
+
+# Faults of the set-up among the findings: shares of one whole, worked out by hand.
+
+
+EFFECT = {"effect": "armature", "share": 0.5, "share_interval": [0.4, 0.6]}
+
+
+def stages(recorded: float, repaired: float, corrected: float) -> GapStages:
+    """Joint 1 has the gaps, joint 2 is at its floor."""
+    floor = np.array([0.1, 0.1])
+    gaps = (np.array([gap, 0.1]) for gap in (recorded, repaired, corrected))
+    return GapStages(*gaps, floor)
+
+
+def fault(only: float | None) -> FoundFault:
+    gap = None if only is None else np.array([only, 0.1])
+    return FoundFault(SignFlip((1,)), 0.99, gap_with_only_this=gap)
+
+
+def test_without_faults_the_effects_share_the_whole() -> None:
+    gap = stages(recorded=0.6, repaired=0.6, corrected=0.35)
+    (effect,) = with_faults([EFFECT], (), gap)
+    assert effect["share"] == pytest.approx(0.5)
+    assert effect["share_interval"] == pytest.approx([0.4, 0.6])
+
+
+def test_shares_add_up_to_what_is_closed() -> None:
+    """Of 0.5 above the floor 0.4 are closed: effects with shares of 0.26 and 0.14 have twice as much."""
+    gap = stages(recorded=0.6, repaired=0.6, corrected=0.2)
+    small = {"effect": "torque_offset", "share": 0.14, "share_interval": [0.1, 0.2]}
+    large = EFFECT | {"share": 0.26}
+    first, second = with_faults([small, large], (), gap)
+    assert gap.closed == pytest.approx(0.8)
+    assert (first["share"], second["share"]) == pytest.approx((0.52, 0.28))
+
+
+def test_a_joint_below_its_floor_pays_for_no_other() -> None:
+    """0.2 of 0.4 above the floor is left on joint 1; joint 2, far below its floor, changes nothing."""
+    gap = GapStages(
+        recorded=np.array([0.5, 0.05]),
+        repaired=np.array([0.5, 0.05]),
+        corrected=np.array([0.3, 0.0]),
+        floor=np.array([0.1, 0.1]),
+    )
+    assert gap.closed == pytest.approx(0.5)
+
+
+def test_a_gap_that_grows_is_closed_by_nothing_and_none_is_not_closed() -> None:
+    assert stages(recorded=0.5, repaired=0.5, corrected=0.7).closed == 0.0
+    assert stages(recorded=0.1, repaired=0.1, corrected=0.05).closed is None
+
+
+def test_a_fault_takes_its_part_of_the_whole_and_leaves_the_rest() -> None:
+    """Of 1.0 above the floor a repair leaves 0.4: the fault has 0.6, an effect with half of the rest 0.2."""
+    gap = stages(recorded=1.1, repaired=0.5, corrected=0.3)
+    first, second = with_faults([EFFECT], (fault(only=0.5),), gap)
+    assert (first["effect"], first["share"]) == ("sign_flip", pytest.approx(0.6))
+    assert (second["effect"], second["share"]) == ("armature", pytest.approx(0.2))
+    assert second["share_interval"] == pytest.approx([0.16, 0.24])
+    assert first["gap_with_only_this"] == {"torque_nrmse": [0.5, 0.1]}
+
+
+def test_a_fault_without_a_gap_of_its_own_has_no_share() -> None:
+    gap = stages(recorded=1.1, repaired=1.1, corrected=0.1)
+    first, second = with_faults([EFFECT], (fault(only=None),), gap)
+    assert (first["effect"], second["share"]) == ("armature", 0.0)
+    assert second["gap_without_this"] == {"torque_nrmse": [1.1, 0.1]}
+
+
+def test_the_whole_is_what_is_closed_if_the_floor_is_estimated_too_high() -> None:
+    gap = stages(recorded=0.12, repaired=0.12, corrected=0.02)
+    assert gap.whole == pytest.approx(0.1)
+
+
+def test_all_torques_turned_and_a_base_that_hangs_are_each_others_alternative() -> None:
+    turned = FoundFault(SignFlip((1, 2)), 0.9, turned_base=0.1)
+    gap = stages(recorded=0.6, repaired=0.1, corrected=0.1)
+    (flip,) = with_faults([], (turned,), gap)
+    (other,) = flip["alternatives"]
+    assert (other["effect"], other["probability"]) == ("base_tilt", 0.1)
+    assert "friction" in other["separated_by"]
+
+    def tilt(roll: float) -> dict[str, object]:
+        angles = {"roll": {"value": roll}, "pitch": {"value": 0.1}}
+        return {"effect": "base_tilt", "parameters": angles, "alternatives": []}
+
+    (hung, tilted) = with_torques_turned([tilt(3.0), tilt(0.1)], 2)
+    assert [o["effect"] for o in hung["alternatives"]] == ["sign_flip"]
+    assert hung["alternatives"][0]["joints"] == [1, 2]
+    assert tilted["alternatives"] == []
+
+
+# Parameters of a finding: values, deviations of the draws and of the scan, and the skew of sampling.
+
+
+DRAWS = 1001
+QUANTILE = 0.95 / 1.96
+"""Deviation of which 1.96 to either side hold 95 % of draws that spread evenly by 1 to either side."""
+
+
+def uniform(*terms: Term, width: float, about: float = 0.0) -> np.ndarray:
+    """Draws that spread evenly by a width to either side of a value in all columns of some terms."""
+    draws = np.zeros((DRAWS, TERMS.size))
+    for t in terms:
+        places = list(t.columns)
+        draws[:, places] = about + np.linspace(-width, width, DRAWS)[:, None]
+    return draws
+
+
+def entries(
+    effect: AppliedEffect, draws: np.ndarray, *terms: Term, std: Any = (), **more: Any
+) -> dict[str, Any]:
+    scan = SimpleNamespace(values=tuple(0.5 for _ in std), std=std)
+    evidence = TableEvidence()
+    object.__setattr__(evidence, "linear", SimpleNamespace(nonlinear=lambda term: scan))
+    found = selections.selection(*terms, evidence=evidence)
+    return parameters(found, effect, draws, **more)
+
+
+def test_a_finding_is_an_effect_or_an_effect_on_one_link() -> None:
+    assert finding_of(AppliedEffect("armature", (1,), {"inertia": [0.1]})) == "armature"
+    link = AppliedEffect(
+        "link_inertia", (), {"link": 2.0, "mass": 0.1, "com": [0.0, 0.0, 0.0]}
+    )
+    assert finding_of(link) == "link_inertia 2"
+
+
+def test_deviations_are_those_of_the_draws() -> None:
+    joints = term("coulomb_friction", 1), term("coulomb_friction", 2)
+    effect = AppliedEffect("coulomb_friction", (1, 2), {"torque": [0.5, 0.5]})
+    out = entries(effect, uniform(*joints, width=0.2, about=0.5), *joints)
+    assert out["torque"]["unit"] == "N m" and out["torque"]["value"] == [0.5, 0.5]
+    assert out["torque"]["std"] == pytest.approx([0.2 * QUANTILE] * 2, rel=1e-2)
+    assert "by_commands" not in out["torque"]
+
+
+def test_draws_that_lie_to_one_side_of_a_value_are_held_as_well() -> None:
+    """Under larger errors of the nominal arm other values are likely than the one that is stated."""
+    joint = term("coulomb_friction", 1)
+    effect = AppliedEffect("coulomb_friction", (1,), {"torque": [0.5]})
+    draws = uniform(joint, width=0.0, about=0.7)
+    std = entries(effect, draws, joint)["torque"]["std"]
+    assert 1.96 * np.array(std) == pytest.approx([0.2])
+
+
+def test_a_delay_is_uncertain_by_the_skew_of_sampling_too() -> None:
+    delay = term("actuator_delay", 1)
+    effect = AppliedEffect("actuator_delay", (1,), {"delay": [0.004]})
+    out = entries(effect, uniform(delay, width=0.0, about=0.004), delay)
+    assert out["delay"]["std"] == pytest.approx([2.5e-4])
+
+
+def test_values_by_the_commands_are_added() -> None:
+    rotor = term("armature", 2)
+    effect = AppliedEffect("armature", (2,), {"inertia": [0.3]})
+    by_commands = AppliedEffect("armature", (2,), {"inertia": [0.35]})
+    out = entries(effect, uniform(rotor, width=0.1), rotor, instrumented=by_commands)
+    assert out["inertia"]["by_commands"] == [0.35]
+
+
+def test_what_was_scanned_has_the_deviation_of_the_scan() -> None:
+    stribeck = term("stribeck_friction", 1)
+    effect = AppliedEffect(
+        "stribeck_friction", (1,), {"torque": [0.4], "velocity": [0.5]}
+    )
+    out = entries(
+        effect,
+        uniform(stribeck, width=0.1),
+        stribeck,
+        std=(0.03,),
+        instrumented=effect,
+    )
+    assert out["velocity"]["std"] == [0.03] and "by_commands" not in out["velocity"]
+    assert out["torque"]["by_commands"] == [0.4]
+
+
+# The recording that is suggested: for an open alternative, else for an open joint, else none.
+
+
+def finding(probability: float, alternative: str = "actuator_lag") -> dict[str, Any]:
+    other = {
+        "effect": alternative,
+        "probability": probability,
+        "separated_by": "a chirp above 10 Hz",
+    }
+    return {"effect": "actuator_delay", "alternatives": [other]}
+
+
+def test_an_open_alternative_is_separated_first() -> None:
+    assert (
+        suggested_recording([finding(0.01), finding(0.05)], [], [3])
+        == "to tell actuator delay from actuator lag: a chirp above 10 Hz"
+    )
+
+
+def test_nothing_in_its_place_is_an_alternative_too() -> None:
+    text = suggested_recording([finding(0.3, "none")], [], [])
+    assert text is not None and text.startswith("to tell actuator delay from nothing:")
+
+
+def test_then_the_joints_with_a_residual() -> None:
+    text = suggested_recording([finding(0.049)], [], [2, 5])
+    assert text is not None and "unexplained on joint 2, 5" in text
+
+
+def test_else_none() -> None:
+    assert suggested_recording([finding(0.049)], [], []) is None
+    assert suggested_recording([], [], []) is None
+
+
+def test_what_is_possible_is_settled_after_what_is_named() -> None:
+    rare, likely = finding(0.01), finding(0.4, "none")
+    text = suggested_recording([rare], [likely], [])
+    assert text is not None and text.startswith("to tell actuator delay from nothing:")
+    first = suggested_recording([finding(0.2)], [likely], [])
+    assert first is not None and "actuator lag" in first
+
+
+def test_two_names_of_one_cause_ask_for_no_recording() -> None:
+    named = finding(0.09, "link_inertia")
+    named["alternatives"][0]["equivalent"] = True
+    assert suggested_recording([named], [], []) is None
+
+
+# The verdict as a truth table over all sixteen combinations of its four facts.
+
+
+# found, explained, significant, rejected
+TABLE = {
+    (True, True, True, True): "effects_found",
+    (True, True, True, False): "effects_found",
+    (True, True, False, True): "effects_found",
+    (True, True, False, False): "effects_found",
+    (True, False, True, True): "unexplained",
+    (True, False, True, False): "unexplained",
+    (True, False, False, True): "effects_found",
+    (True, False, False, False): "effects_found",
+    (False, True, True, True): "unexplained",
+    (False, True, True, False): "unexplained",
+    (False, True, False, True): "unexplained",
+    (False, True, False, False): "no_gap",
+    (False, False, True, True): "unexplained",
+    (False, False, True, False): "unexplained",
+    (False, False, False, True): "unexplained",
+    (False, False, False, False): "no_gap",
+}
+
+
+def test_the_table_is_complete() -> None:
+    assert set(TABLE) == set(itertools.product((True, False), repeat=4))
+
+
+@pytest.mark.parametrize(("facts", "expected"), TABLE.items())
+def test_verdict(facts: tuple[bool, bool, bool, bool], expected: str) -> None:
+    found, explained, significant, rejected = facts
+    assert (
+        verdict(
+            found=found,
+            explained=explained,
+            significant=significant,
+            rejected=rejected,
+        )
+        == expected
+    )
+
+
+# Findings in words: values that the noise of the encoders pulled.
+
+
+def rotor(
+    value: list[float], std: list[float], by_commands: list[float]
+) -> dict[str, Any]:
+    inertia = {"unit": "kg m^2", "value": value, "std": std, "by_commands": by_commands}
+    return {"effect": "armature", "joints": [2, 4], "parameters": {"inertia": inertia}}
+
+
+def test_values_beyond_two_deviations_and_a_twentieth_are_listed() -> None:
+    (text,) = pulled_texts(rotor([0.5, 0.35], [0.01, 0.01], [0.51, 0.39]))
+    assert text.startswith("inertia J4 0.39") and "kg" in text
+
+
+def test_values_that_agree_are_not() -> None:
+    assert pulled_texts(rotor([0.5, 0.35], [0.01, 0.1], [0.515, 0.39])) == []
+
+
+def test_nothing_is_listed_if_the_commands_are_not_known() -> None:
+    found = rotor([0.5, 0.35], [0.01, 0.01], [0.6, 0.6])
+    del found["parameters"]["inertia"]["by_commands"]
+    assert pulled_texts(found) == []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,20 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.stats import norm
 from synthetic import Truth, arm, recordings
 
 from gapscope.arm.case import Case
+from gapscope.arm.errors import InputError
 from gapscope.arm.io.json_file import write_json
 from gapscope.arm.io.write_case import write_case
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.diagnosis.fleet.change_points import (
+    appearance,
+    change_point,
+    change_points,
+    scatter,
+)
 from gapscope.diagnosis.fleet.compare_units import (
     DIFFERING,
     ONE,
@@ -34,7 +44,9 @@ from gapscope.diagnosis.fleet.confusion import (
 from gapscope.diagnosis.fleet.fleet_json import grouped, units_document
 from gapscope.diagnosis.fleet.friction_of_type import explains_as_much, other_laws
 from gapscope.diagnosis.fleet.heterogeneity import pooled
+from gapscope.diagnosis.fleet.unit_ranges import read_ranges
 from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import write_corrected
 from gapscope.reports.diagnosis import SummaryRow, render_summary
 from gapscope.reports.diagnosis.fleet_section import findings, heading, told_apart
@@ -425,3 +437,122 @@ class TestFrictionOfAType:
             assert explains_as_much(asked, before) is as_much
         before["verdict"] = "no_gap"
         assert not explains_as_much(before, unit(self.PLAIN))
+
+
+# Change points: values by hand, rates of false alarms, and changes that are found where they are.
+
+
+def test_two_estimates_are_compared_as_by_hand() -> None:
+    found = change_point(np.array([1.0, 2.0]), np.array([0.3, 0.4]))
+    assert (found.position, found.before, found.after) == (1, 1.0, 2.0)
+    assert found.z == pytest.approx(1.0 / 0.5)
+    assert found.p == pytest.approx(2 * norm.sf(2.0))
+
+
+def test_the_change_is_between_the_means_of_its_parts() -> None:
+    values, stds = np.array([1.0, 1.2, 3.0, 3.1, 2.9]), np.full(5, 0.1)
+    found = change_point(values, stds)
+    assert found.position == 2 and found.p < 1e-9
+    assert (found.before, found.after) == pytest.approx((1.1, 3.0))
+    assert found.before_std == pytest.approx(0.1 / np.sqrt(2))
+
+
+def test_units_and_zero_do_not_matter() -> None:
+    rng = np.random.default_rng(4)
+    values, stds = rng.standard_normal(8), rng.uniform(0.5, 2.0, 8)
+    plain = change_point(values, stds)
+    scaled = change_point(1e-9 * (values + 7.0), 1e-9 * stds)
+    assert (scaled.position, scaled.p) == pytest.approx((plain.position, plain.p))
+
+
+@pytest.mark.parametrize("n", [3, 12, 50])
+def test_false_alarms_are_no_more_than_stated(n: int) -> None:
+    rng, count = np.random.default_rng(n), 1500
+    p = np.empty(count)
+    for k in range(count):
+        stds = np.exp(rng.normal(0.0, 0.5, n))
+        p[k] = change_point(stds * rng.standard_normal(n), stds).p
+    # three standard deviations of the count above 5 %, and no less than half of it: a bound that is of use
+    assert 0.025 < (p <= 0.05).mean() < 0.05 + 3 * np.sqrt(0.05 * 0.95 / count)
+
+
+def test_several_changes_are_found_in_order() -> None:
+    rng = np.random.default_rng(1)
+    values = np.repeat([1.0, 2.0, 1.5], 10) + 0.05 * rng.standard_normal(30)
+    found = change_points(values, np.full(30, 0.05), level=0.001)
+    assert [change.position for change in found] == [10, 20]
+    assert change_points(values[:10], np.full(10, 0.05), level=0.001) == ()
+    assert change_points(values[9:11], np.full(2, 0.05), level=0.001) == ()
+
+
+def test_appearance_counts_all_orders() -> None:
+    assert appearance([False] * 5 + [True] * 3) == (5, pytest.approx(2 / 56))
+    n, m = 9, 4
+    orders = [[k in chosen for k in range(n)] for chosen in combinations(range(n), m)]
+    p = np.array([appearance(order)[1] for order in orders])
+    # exact: as many orders as it says have a probability as small
+    for level in np.unique(p):
+        assert (p <= level + 1e-12).mean() == pytest.approx(level)
+
+
+def test_an_effect_that_is_always_named_has_not_appeared() -> None:
+    assert appearance([True] * 6)[1] == appearance([False] * 6)[1] == 1.0
+
+
+def test_scatter_is_seen_beside_changes() -> None:
+    rng = np.random.default_rng(2)
+    histories = [(3.0 * rng.standard_normal(10), np.ones(10)) for _ in range(100)]
+    for values, _ in histories[:10]:
+        values[5:] += 50.0
+    assert scatter(histories) == pytest.approx(3.0, rel=0.1)
+    assert scatter([(0.1 * values, stds) for values, stds in histories]) == 1.0
+    assert scatter(histories[:1]) == 1.0
+
+
+# Ranges from the files of diagnoses: which deviation belongs to which value, and files that do not fit.
+
+
+def written(folder: Path, delay: list[float], std: Any) -> CorrectedArm:
+    """The files of a diagnosis with a delay of joints 4 and 5."""
+    folder.mkdir()
+    document = copy.deepcopy(documents.one_possible())
+    (finding,) = document["effects"]
+    finding["parameters"] = {"delay": {"unit": "s", "value": delay, "std": std}}
+    write_json(document, folder / "diagnosis.json")
+    effects = (AppliedEffect("actuator_delay", (4, 5), {"delay": delay}),)
+    write_corrected("unit", effects, folder / "corrected.yaml")
+    return CorrectedArm(load_nominal_arm("xarm6"), effects)
+
+
+def test_one_unit_has_the_intervals_of_its_diagnosis(tmp_path: Path) -> None:
+    arm = written(tmp_path / "a", [0.008, 0.014], [0.001, None])
+    (found,) = read_ranges(tmp_path / "a" / "corrected.yaml", arm, ()).ranges
+    value, half = np.array([0.008, 0.014]), np.array([0.00196, 0.0])
+    assert found.low.parameters["delay"] == pytest.approx(value - half)
+    assert found.high.parameters["delay"] == pytest.approx(value + half)
+
+
+def test_two_units_span_both(tmp_path: Path) -> None:
+    arm = written(tmp_path / "a", [0.008, 0.014], [0.0, 0.0])
+    written(tmp_path / "b", [0.010, 0.012], [0.0, 0.0])
+    file = tmp_path / "a" / "corrected.yaml"
+    (found,) = read_ranges(file, arm, (tmp_path / "b",)).ranges
+    assert found.low.parameters["delay"] == pytest.approx([0.008, 0.012])
+    assert found.high.parameters["delay"] == pytest.approx([0.010, 0.014])
+
+
+def test_a_changed_file_is_not_given_the_intervals_of_another(tmp_path: Path) -> None:
+    written(tmp_path / "a", [0.008, 0.014], [0.0, 0.0])
+    effects = (AppliedEffect("actuator_delay", (4, 5), {"delay": [0.008, 0.02]}),)
+    write_corrected("unit", effects, tmp_path / "a" / "corrected.yaml")
+    arm = CorrectedArm(load_nominal_arm("xarm6"), effects)
+    with pytest.raises(InputError, match="no actuator_delay with the values") as error:
+        read_ranges(tmp_path / "a" / "corrected.yaml", arm, ())
+    assert error.value.file == tmp_path / "a" / "diagnosis.json"
+
+
+def test_a_missing_diagnosis_is_told(tmp_path: Path) -> None:
+    arm = written(tmp_path / "a", [0.008, 0.014], [0.0, 0.0])
+    (tmp_path / "a" / "diagnosis.json").unlink()
+    with pytest.raises(InputError, match=r"diagnosis\.json"):
+        read_ranges(tmp_path / "a" / "corrected.yaml", arm, ())

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from arms import iiwa_of_three
 from cases import changed_during
 
 from gapscope.arm.case import Case
@@ -19,7 +20,7 @@ from gapscope.model.changes import Change
 MOMENT = {"load": 4.1, "friction": 4.4}
 CHANGED = {
     "load": AppliedEffect("payload", (), {"mass": 1.5, "com": [0.0, 0.02, 0.08]}),
-    "friction": AppliedEffect("coulomb_friction", (3,), {"torque": [2.0]}),
+    "friction": AppliedEffect("coulomb_friction", (2,), {"torque": [2.0]}),
 }
 
 
@@ -28,7 +29,8 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
     """Three recordings: one in which a load is picked up, one in which friction rises, one without change."""
     later = {name: (MOMENT[name], (effect,)) for name, effect in CHANGED.items()}
     folder = tmp_path_factory.mktemp("case")
-    return changed_during("changes", folder, later, "healthy", "load", "friction")
+    names = ("healthy", "load", "friction")
+    return changed_during("changes", folder, later, *names, arm=iiwa_of_three())
 
 
 @pytest.fixture(scope="module")
@@ -53,10 +55,10 @@ def test_what_changed_is_found_with_its_moment_and_size(
     load, friction = found["load"], found["friction"]
     assert load["what"] == "payload" and load["joints"] == []
     assert load["parameters"]["mass"]["value"] == pytest.approx(1.5, abs=0.1)
-    assert friction["what"] == "friction" and friction["joints"] == [3]
+    assert friction["what"] == "friction" and friction["joints"] == [2]
     assert friction["parameters"]["coulomb"]["value"] == pytest.approx(2.0, abs=0.4)
     assert "picked up at 4." in change_text(load)
-    assert change_text(friction).startswith("friction of joint 3 changed at 4.")
+    assert change_text(friction).startswith("friction of joint 2 changed at 4.")
 
 
 def test_recordings_are_used_up_to_their_changes(
@@ -102,5 +104,5 @@ def test_a_diagnosis_names_the_changes_and_no_effect(study: Study) -> None:
     assert load.parameters["mass"] == pytest.approx(1.5, abs=0.1)
     before, after = states["friction"]
     (friction,) = after.effects
-    assert before.effects == () and friction.joints == (3,)
+    assert before.effects == () and friction.joints == (2,)
     assert friction.parameters["torque"] == pytest.approx(2.0, abs=0.4)

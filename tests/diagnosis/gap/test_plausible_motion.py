@@ -8,15 +8,33 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import synthetic
 from cases import case_of, to_and_fro
+from synthetic import Truth
 
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
+from gapscope.diagnosis.gap.excerpt import excerpt, folds_of
+from gapscope.diagnosis.gap.noise_floor import NoiseFloor, sticking_rms, timing_error
 from gapscope.diagnosis.gap.plausible_data import check_rates, check_torque
 from gapscope.diagnosis.gap.plausible_motion import check_moving, short_note, still_note
+from gapscope.diagnosis.gap.predict import predict_torque
 from gapscope.diagnosis.setup_faults.time_stamps import find_stamps
+from gapscope.diagnosis.thresholds import (
+    EXAMINED,
+    LEAST_WINDOW,
+    MOST_FOLDS,
+    STICKING_SPEED,
+    TIMING_SKEW,
+    WINDOW,
+)
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.envs.mystery_arm import iiwa
+from gapscope.model.conditioning import condition, low_pass, pieces
+from gapscope.model.torque_gap import torque_gap
 
 ARM = NominalArm("two", Path("robot.urdf"), ("shoulder", "elbow"))
 T = np.arange(600) / 100
@@ -119,3 +137,229 @@ def test_a_stamp_that_leaps_does_not_ask_for_memory(
     np.savez(path, t=made.t, q=made.q, tau=made.tau)
     with pytest.raises(GapscopeError, match="row 600, column t: time leaps from 5.98"):
         load_recording(path, ARM, any_unit=True)
+
+
+# Long recordings are looked at in windows of equal length, spread evenly; short ones as they are.
+
+
+RATE = 50.0
+
+
+def lasting(seconds: float, name: str = "long.csv") -> Recording:
+    t = np.arange(int(seconds * RATE)) / RATE
+    phases = np.arange(7)
+    q = np.sin(0.7 * t[:, None] + phases)
+    return Recording(name, t, q, np.cos(0.7 * t[:, None] + phases))
+
+
+def test_a_minute_is_looked_at_as_it_is() -> None:
+    whole = case_of("long", iiwa(), lasting(60.0))
+    assert excerpt(whole) is whole
+
+
+def test_an_hour_is_looked_at_in_every_part() -> None:
+    whole = lasting(3600.0)
+    seen = excerpt(case_of("long", iiwa(), whole)).recordings[0]
+    windows = pieces(seen)
+    lengths = [seen.t[w][-1] - seen.t[w][0] for w in windows]
+    np.testing.assert_allclose(lengths, WINDOW, atol=0.1)
+    assert len(seen.t) / RATE == pytest.approx(EXAMINED, rel=0.01)
+    # as long between one and the next, and half as long before the first
+    starts = np.array([seen.t[w.start] for w in windows])
+    np.testing.assert_allclose(np.diff(starts), 3600.0 / len(windows), rtol=0.01)
+    assert starts[0] < 3600.0 / len(windows)
+    assert starts[-1] > 3600.0 * (1 - 1 / len(windows))
+    # the rows are those of the log
+    places = np.searchsorted(whole.t, seen.t)
+    np.testing.assert_array_equal(whole.q[places], seen.q)
+    assert "windows" in seen.notes[-1]
+
+
+def test_of_many_recordings_each_has_its_window() -> None:
+    seen = excerpt(
+        case_of("long", iiwa(), *(lasting(20.0, f"{k}.csv") for k in range(20)))
+    ).recordings
+    assert [r.name for r in seen] == [f"{k}.csv" for k in range(20)]
+    assert sum(len(r.t) for r in seen) / RATE == pytest.approx(EXAMINED, rel=0.05)
+
+
+def test_of_too_many_recordings_some_are_looked_at_from_first_to_last() -> None:
+    seen = excerpt(
+        case_of(
+            "long",
+            iiwa(),
+            *(lasting(10.0, f"{k}.csv") for k in range(100)),
+        )
+    ).recordings
+    assert len(seen) == EXAMINED / LEAST_WINDOW
+    assert (seen[0].name, seen[-1].name) == ("0.csv", "99.csv")
+
+
+@pytest.mark.parametrize("seconds", [[60.0], [3600.0], [10.0] * 5, [8.0] * 20])
+def test_folds_hold_every_segment_and_are_few(seconds: list[float]) -> None:
+    names = [lasting(s, f"{k}.csv") for k, s in enumerate(seconds)]
+    segments = [
+        condition(r, 10.0) for r in excerpt(case_of("long", iiwa(), *names)).recordings
+    ]
+    folds = folds_of(segments)
+    assert min(4, len(folds)) <= len(folds) <= MOST_FOLDS
+    rows = sum(len(s.motion.t[s.inner]) for fold in folds for s in fold)
+    assert rows == sum(len(s.motion.t[s.inner]) for some in segments for s in some)
+
+
+# Parts of the noise floor whose size is known.
+
+
+def test_friction_at_rest_lies_anywhere_between_its_bounds() -> None:
+    """A uniform value in -3..3 has the RMS sqrt 3."""
+    at_rest = sticking_rms(np.array([3.0]), np.zeros((1, 1)))
+    assert at_rest[0, 0] == pytest.approx(np.sqrt(3.0))
+    sliding = sticking_rms(np.array([3.0]), np.full((1, 1), 20 * STICKING_SPEED))
+    assert sliding[0, 0] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_timing_error_of_a_ramp_is_its_slope_times_the_skew() -> None:
+    t = np.linspace(0.0, 1.0, 11)
+    ramp = np.column_stack([5.0 * t, np.zeros(11)])
+    np.testing.assert_allclose(timing_error(ramp, t), [5.0 * TIMING_SKEW, 0.0])
+
+
+def test_floor_adds_squares_of_both_parts() -> None:
+    floor = NoiseFloor(np.array([3.0]), np.array([[4.0], [4.0]]))
+    assert floor.floor == pytest.approx([5.0])
+
+
+# The torque predicted at every sample: finite for each row, of t and q alone, and the same that the gap uses.
+
+
+COULOMB = AppliedEffect("coulomb_friction", (2,), {"torque": [2.0]})
+DELAY = AppliedEffect("actuator_delay", (1, 3), {"delay": [0.01, 0.02]})
+PAYLOAD = AppliedEffect("payload", (), {"mass": 1.0, "com": [0.2, 0.0, 0.0]})
+
+
+def corrected(*effects: AppliedEffect) -> CorrectedArm:
+    return CorrectedArm(synthetic.arm(), effects)
+
+
+def recorded(truth: Truth = Truth(), rate: float = 250.0) -> Recording:  # noqa: B008
+    return synthetic.recordings(truth, 4, duration=6.0, rate=rate)[1]
+
+
+def only(r: Recording, keep: np.ndarray | slice | None = None) -> Recording:
+    """Some rows of a recording, t and q alone."""
+    rows = slice(None) if keep is None else keep
+    return Recording(r.name, r.t[rows], r.q[rows])
+
+
+def standing(arm: CorrectedArm, q: np.ndarray) -> np.ndarray:
+    zero = np.zeros_like(q)
+    return synthetic.body().inverse_dynamics(q, zero, zero)
+
+
+@pytest.mark.parametrize("rate", [30.0, 250.0, 1000.0])
+def test_one_finite_row_per_sample_near_the_recorded_torque(rate: float) -> None:
+    truth = Truth(coulomb=(0.0, 2.0, 0.0), delay=(0.01, 0.0, 0.02))
+    r = recorded(truth, rate)
+    predicted = predict_torque(corrected(COULOMB, DELAY), only(r))
+    assert predicted.shape == (len(r.t), 3) and np.isfinite(predicted).all()
+    edge = round(0.3 * rate)
+    error = low_pass(r.tau - predicted, rate, 5.0)[edge:-edge]
+    assert (np.sqrt((error**2).mean(axis=0)) < 0.06 * np.std(r.tau, axis=0)).all()
+
+
+def test_of_the_recording_only_t_and_q_are_used() -> None:
+    r = recorded()
+    reference = predict_torque(corrected(COULOMB, DELAY), only(r))
+    rng = np.random.default_rng(0)
+    noisy = {
+        name: rng.standard_normal(r.q.shape)
+        for name in ("tau", "dq", "q_ref", "dq_ref", "tau_sensor")
+    }
+    np.testing.assert_array_equal(
+        predict_torque(corrected(COULOMB, DELAY), replace(r, **noisy)), reference
+    )
+    np.testing.assert_array_equal(
+        predict_torque(corrected(COULOMB, DELAY), r), reference
+    )
+    moved = Recording(r.name, r.t, r.q + 0.1)
+    assert (
+        np.abs(predict_torque(corrected(COULOMB, DELAY), moved) - reference).max() > 0.1
+    )
+
+
+def test_agrees_with_the_prediction_of_the_gap() -> None:
+    """At one cut-off both are the same series."""
+    r = recorded(Truth(coulomb=(0.0, 2.0, 0.0)))
+    segments = condition(r)
+    gap = torque_gap(corrected(COULOMB, DELAY, PAYLOAD), synthetic.body(), segments)
+    predicted = low_pass(
+        predict_torque(corrected(COULOMB, DELAY, PAYLOAD), r), 250.0, 12.0
+    )[segments[0].inner]
+    np.testing.assert_allclose(predicted, gap.predicted, atol=1e-6)
+
+
+@pytest.mark.parametrize("rate", [500.0, 1000.0])
+def test_agrees_on_a_fast_log(rate: float) -> None:
+    r = recorded(rate=rate)
+    predicted = predict_torque(corrected(), only(r))
+    expected = synthetic.needed(Truth(), synthetic.motion(41, 0.2, 6.0), r.t)
+    error = low_pass(predicted - expected, rate, 12.0)[300:-300]
+    assert (np.sqrt((error**2).mean(axis=0)) < 0.02 * expected.std(axis=0)).all()
+
+
+def test_repeated_time_stamps_give_repeated_rows() -> None:
+    r = recorded()
+    keep = np.sort(np.r_[np.arange(len(r.t)), [10, 10, 700, len(r.t) - 1]])
+    expected = predict_torque(corrected(COULOMB), only(r))[keep]
+    np.testing.assert_allclose(
+        predict_torque(corrected(COULOMB), only(r, keep)), expected, atol=1e-9
+    )
+
+
+def test_on_both_sides_of_a_gap() -> None:
+    r = recorded()
+    keep = (r.t < 2.5) | (r.t > 3.2)
+    torn = predict_torque(corrected(COULOMB, DELAY), only(r, keep))
+    assert torn.shape == (keep.sum(), 3) and np.isfinite(torn).all()
+    whole = predict_torque(corrected(COULOMB, DELAY), only(r))[keep]
+    t = r.t[keep]
+    far = ((t > 0.5) & (t < 2.0)) | ((t > 3.7) & (t < 5.5))
+    difference = low_pass(torn - whole, 250.0, 12.0)[far]
+    assert np.sqrt((difference**2).mean(axis=0)).max() < 0.5
+
+
+def test_short_pieces_are_taken_to_stand_still() -> None:
+    r = recorded()
+    keep = (r.t < 3.0) | ((r.t > 3.5) & (r.t < 3.6)) | (r.t > 4.0)
+    predicted = predict_torque(corrected(PAYLOAD), only(r, keep))
+    assert np.isfinite(predicted).all() and predicted.shape == (keep.sum(), 3)
+    short = (r.t[keep] > 3.5) & (r.t[keep] < 3.6)
+    np.testing.assert_allclose(
+        predict_torque(corrected(), only(r, keep))[short],
+        standing(corrected(), r.q[keep][short]),
+        atol=1e-9,
+    )
+
+
+@pytest.mark.parametrize("rows", [1, 2, 7, 100])
+def test_recording_too_short_to_differentiate(rows: int) -> None:
+    r = only(recorded(), slice(0, rows))
+    predicted = predict_torque(corrected(COULOMB, DELAY, PAYLOAD), r)
+    assert predicted.shape == (rows, 3) and np.isfinite(predicted).all()
+
+
+def test_all_rows_of_one_instant() -> None:
+    r = only(recorded(), np.zeros(5, dtype=int))
+    predicted = predict_torque(corrected(DELAY), r)
+    np.testing.assert_allclose(predicted, standing(corrected(), r.q), atol=1e-9)
+
+
+def test_jittered_time_stamps() -> None:
+    r = recorded()
+    t = r.t + np.random.default_rng(1).uniform(-0.3, 0.3, len(r.t)) / 250
+    q = synthetic.motion(41, 0.2, 6.0).position(t)
+    predicted = predict_torque(corrected(), Recording("jitter", t, q))
+    expected = synthetic.needed(Truth(), synthetic.motion(41, 0.2, 6.0), t)
+    error = low_pass(predicted - expected, 250.0, 12.0)[75:-75]
+    assert np.isfinite(predicted).all()
+    assert (np.sqrt((error**2).mean(axis=0)) < 0.08 * expected.std(axis=0)).all()

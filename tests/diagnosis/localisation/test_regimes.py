@@ -139,6 +139,7 @@ def a_cable_at_one_place(t: np.ndarray, q: np.ndarray, dq: np.ndarray) -> np.nda
     return (np.abs(q) < 0.15) * [0.0, 4.0, 0.0]
 
 
+@pytest.mark.nightly
 def test_the_first_regions_of_a_diagnosis() -> None:
     document = diagnose(
         synthetic.case(synthetic.Truth(extra=extra_friction_at_low_speed), seed=3)

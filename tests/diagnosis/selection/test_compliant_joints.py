@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from small_models import model, selection, term
+from sweeps import nightly
 from synthetic import Truth
 
 from gapscope.diagnosis.model.linearisation import Linearisation
@@ -28,7 +29,7 @@ def test_no_joint_of_a_healthy_arm_is_looked_at() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("truth", "effect"), [(LOOSE, "backlash"), (SOFT, "joint_elasticity")]
+    ("truth", "effect"), [(LOOSE, "backlash"), nightly(SOFT, "joint_elasticity")]
 )
 def test_each_is_named_on_its_joint_and_beats_the_other(
     truth: Truth, effect: str

@@ -2,10 +2,50 @@
 
 from __future__ import annotations
 
-import numpy as np
+import tempfile
+from dataclasses import replace
+from pathlib import Path
 
+import numpy as np
+import pytest
+import synthetic
+from synthetic import arm
+
+from gapscope.arm.case import Case, load_case
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.reading import Reading
+from gapscope.arm.recording import Recording
+from gapscope.arm.shifted_inertials import shifted_arm, shifted_body
+from gapscope.diagnosis.setup_faults.arm_weight import weight_penalty, weight_share
+from gapscope.diagnosis.setup_faults.fault_samples import sample
 from gapscope.diagnosis.setup_faults.fault_search import decisive
-from gapscope.diagnosis.setup_faults.reading_score import ReadingScore
+from gapscope.diagnosis.setup_faults.found_fault import FoundFault
+from gapscope.diagnosis.setup_faults.merge import merged
+from gapscope.diagnosis.setup_faults.nuisance import FoldEquations, fold_equations
+from gapscope.diagnosis.setup_faults.nuisance_fit import (
+    bounded_minimum,
+    fitted_gap,
+    held_out_gap,
+)
+from gapscope.diagnosis.setup_faults.quantization import (
+    encoder_step,
+    find_quantization,
+    lattice,
+)
+from gapscope.diagnosis.setup_faults.reading_score import ReadingScore, ReadingScorer
+from gapscope.diagnosis.setup_faults.time_stamps import find_stamps, lost
+from gapscope.diagnosis.thresholds import ORDINARY_PENALTY
+from gapscope.effects.setup_faults.channel_faults import (
+    JointSwap,
+    SignFlip,
+    UnitMismatch,
+)
+from gapscope.effects.setup_faults.torque_faults import (
+    GravityCompensatedTorque,
+    TorqueUnit,
+)
+from gapscope.model.conditioning import TORQUE_CUTOFF, condition
 
 
 def score(*residual: float) -> ReadingScore:
@@ -23,3 +63,321 @@ def test_one_that_leaves_a_joint_of_its_own_worse_is_not() -> None:
     assert decisive(before, after)
     assert not decisive(before, after, exchanged=[1, 2])
     assert decisive(before, after, exchanged=[2])
+
+
+# Readings are compared by what they say of the raw columns, whatever the unit in which a column is read.
+
+
+AS_READ = Reading.identity(synthetic.N)
+TRUTHS = {
+    "healthy": synthetic.Truth(),
+    "loaded and rubbing": synthetic.Truth(mass=10.0, coulomb=(4.0, 6.0, 2.0)),
+    "beyond any arm": synthetic.Truth(
+        extra=lambda t, q, dq: 30.0 * np.sin(40.0 * t)[:, None] * np.ones(3)
+    ),
+}
+
+
+def scorer(case: Case) -> ReadingScorer:
+    segments = [condition(r, TORQUE_CUTOFF) for r in case.recordings]
+    return ReadingScorer(case.arm, synthetic.body(), sample(segments))
+
+
+@pytest.mark.parametrize("label", TRUTHS)
+@pytest.mark.parametrize("joints", [(1, 2, 3), (1,), (3,)])
+def test_a_torque_divided_by_a_thousand_does_not_win(
+    label: str, joints: tuple[int, ...]
+) -> None:
+    """Its residual in N m is a thousandth as well; not that of the column that was recorded."""
+    scores = scorer(synthetic.case(TRUTHS[label], seed=3))
+    before = scores.score(AS_READ)
+    smaller = TorqueUnit("current", joints, 1e-3).reading(synthetic.N)
+    after = scores.score(AS_READ.then(smaller))
+    assert after.gain(before) < 0.0 and not decisive(before, after)
+
+
+def test_a_column_in_another_unit_and_read_in_it_scores_as_one_in_newton_metres() -> (
+    None
+):
+    case, factor = synthetic.case(seed=3), (1e3, 50.0, 200.0)
+    unit = TorqueUnit("current", factor=factor)
+    recorded = unit.in_case(case, np.random.default_rng(0), case.arm)
+    right = scorer(case).score(AS_READ)
+    read = scorer(recorded).score(unit.reading(synthetic.N))
+    np.testing.assert_allclose(read.residual, right.residual, rtol=1e-6)
+    assert read.penalty == pytest.approx(right.penalty)
+
+
+# The bounded fit of an arm's ordinary values, on problems small enough to solve by hand.
+
+
+FREE = np.full(2, -np.inf)
+IDENTITY = Reading.identity(synthetic.arm().n_joints)
+
+
+def test_without_bounds_it_solves_the_normal_equations() -> None:
+    a = np.array([[2.0, 1.0], [1.0, 3.0]])
+    found = bounded_minimum(a[None], np.array([[4.0, 7.0]]), FREE)[0]
+    np.testing.assert_allclose(found, [1.0, 2.0])
+
+
+def test_a_value_below_its_bound_is_fixed_there_and_the_other_fitted_again() -> None:
+    """With x = 0 fixed, the other equation is 3 y = 3."""
+    a = np.array([[2.0, 1.0], [1.0, 3.0]])
+    found = bounded_minimum(a[None], np.array([[-4.0, 3.0]]), np.array([0.0, -np.inf]))[
+        0
+    ]
+    np.testing.assert_allclose(found, [0.0, 1.0])
+
+
+def test_a_bound_that_is_kept_has_no_influence() -> None:
+    a = np.eye(2)
+    found = bounded_minimum(a[None], np.array([[1.0, 2.0]]), np.array([0.0, 1.5]))[0]
+    np.testing.assert_allclose(found, [1.0, 2.0])
+
+
+def test_what_was_fitted_leaves_less_than_what_was_held_out() -> None:
+    """The screening of faults leaves out what would not gain even then."""
+    segments = [condition(r, TORQUE_CUTOFF) for r in synthetic.case().recordings]
+    arm, body = synthetic.arm(), synthetic.body()
+    eq = fold_equations(arm, body, sample(segments), IDENTITY)
+    held_out, penalty = held_out_gap(eq, IDENTITY)
+    fitted, same_penalty = fitted_gap(eq, IDENTITY)
+    assert same_penalty == penalty
+    assert (np.sum(fitted**2, axis=0) < np.sum(held_out**2, axis=0)).all()
+
+
+def test_a_rotor_that_takes_most_of_a_torque_is_ordinary() -> None:
+    """Behind a high gear it may be 25 times as heavy as what it turns."""
+    case = synthetic.case(synthetic.Truth(armature=(0.0, 0.0, 10.0)), seed=3)
+    segments = [condition(r, TORQUE_CUTOFF) for r in case.recordings]
+    eq = fold_equations(case.arm, synthetic.body(), sample(segments), IDENTITY)
+    assert held_out_gap(eq, IDENTITY)[1] < ORDINARY_PENALTY
+
+
+# The share of the arm's weight that a torque carries, on an arm whose share is known.
+
+
+@pytest.fixture(scope="module")
+def case() -> Case:
+    return synthetic.case(seed=3)
+
+
+def _equations(case: Case) -> FoldEquations:
+    samples = sample([condition(r, 12.0) for r in case.recordings])
+    return fold_equations(case.arm, synthetic.body(), samples, AS_READ)
+
+
+def _scaled(case: Case, factor: float) -> Case:
+    recordings = tuple(
+        replace(r, tau=factor * np.asarray(r.tau)) for r in case.recordings
+    )
+    return replace(case, recordings=recordings)
+
+
+@pytest.mark.parametrize("factor", [1.0, 0.1, 3.0])
+def test_a_torque_times_a_factor_carries_that_share(case: Case, factor: float) -> None:
+    equations = _equations(_scaled(case, factor))
+    share, std = weight_share(equations, equations.read(AS_READ))
+    assert share == pytest.approx(factor, rel=0.02) and 0.0 < std < 0.1
+    penalty = weight_penalty(equations, equations.read(AS_READ), 1.0)
+    # ln 0.1 in deviations of 0.35: half the square is 21.6; heavier arms pay nothing
+    assert penalty == pytest.approx(21.6 if factor < 1 else 0.0, abs=1.5)
+
+
+def test_a_torque_without_gravity_carries_none_until_it_is_read_as_such(
+    case: Case,
+) -> None:
+    fault = GravityCompensatedTorque()
+    equations = _equations(fault.in_case(case, np.random.default_rng(0), case.arm))
+    share, _ = weight_share(equations, equations.read(AS_READ))
+    assert share == pytest.approx(0.0, abs=0.03)
+    right = equations.read(fault.reading(synthetic.N))
+    assert weight_share(equations, right)[0] == pytest.approx(1.0, abs=0.03)
+
+
+# Findings of one fault on several joints become one finding.
+
+
+def flip(joint: int, probability: float = 0.9) -> FoundFault:
+    return FoundFault(SignFlip((joint,)), probability)
+
+
+def test_two_flips_are_one_with_the_lower_probability() -> None:
+    (found,) = merged((flip(3, 0.9), flip(1, 0.8)))
+    assert (found.fault, found.probability) == (SignFlip((1, 3)), 0.8)
+
+
+def test_values_are_sorted_with_their_joints() -> None:
+    first, second = (
+        FoundFault(
+            UnitMismatch("motor_side", (joint,), ratio), 0.9, {"ratio": (0.1 * ratio,)}
+        )
+        for joint, ratio in ((2, 50.0), (1, 100.0))
+    )
+    (found,) = merged((first, second))
+    assert found.fault == UnitMismatch("motor_side", (1, 2), (100.0, 50.0))
+    assert found.std == {"ratio": (10.0, 5.0)}
+    torque = found.reading(3).torque(np.ones((1, 3)))
+    np.testing.assert_array_equal(torque, [[100.0, 50.0, 1.0]])
+
+
+def test_a_swap_keeps_all_faults_apart() -> None:
+    swap = FoundFault(JointSwap((1, 2)), 0.9)
+    assert merged((flip(1), swap, flip(2))) == (flip(1), swap, flip(2))
+
+
+# Encoder steps read from positions.
+
+
+def rounded(
+    case: Case, steps: dict[int, float], digits: int = 7, offset: float = 0.0
+) -> Case:
+    """The case with joints, from 1, rounded to steps after noise, and written with so many significant digits."""
+    rng = np.random.default_rng(0)
+    recordings = []
+    for recording in case.recordings:
+        q = recording.q + 2e-5 * rng.standard_normal(recording.q.shape)
+        for joint, step in steps.items():
+            q[:, joint - 1] = np.round(q[:, joint - 1] / step) * step + offset
+        text = np.vectorize(lambda x: float(f"{x:.{digits}g}"))
+        recordings.append(replace(recording, q=text(q)))
+    return replace(case, recordings=tuple(recordings))
+
+
+@pytest.mark.parametrize("digits", [6, 7])
+@pytest.mark.parametrize("offset", [0.0, 0.01234])
+@pytest.mark.parametrize("step", [2 * np.pi / 2**k for k in (9, 12, 16)])
+def test_step_is_found(step: float, offset: float, digits: int) -> None:
+    (found,) = find_quantization(rounded(synthetic.case(), {2: step}, digits, offset))
+    assert found.name == "encoder_quantization" and found.joints == (2,)
+    quantity = found.document()["parameters"]["step"]
+    assert quantity["unit"] == "rad"
+    assert abs(quantity["value"][0] / step - 1) < 1e-3
+    assert quantity["std"][0] < 1e-3 * step
+
+
+def test_step_of_the_data_sheet_is_found_and_not_named() -> None:
+    case = synthetic.case()
+    assert find_quantization(case) == ()
+    step = encoder_step(case.recordings, 0)
+    assert step is not None and abs(step[0] / synthetic.ENCODER_STEP - 1) < 1e-3
+
+
+def test_without_a_data_sheet_only_what_matters_is_named() -> None:
+    silent = replace(synthetic.case(), arm=replace(synthetic.arm(), encoder_step=None))
+    assert find_quantization(silent) == ()
+    assert find_quantization(rounded(silent, {1: 2 * np.pi / 2**16})) == ()
+    assert find_quantization(rounded(silent, {1: 2 * np.pi / 2**12}))[0].joints == (1,)
+
+
+def test_noise_after_rounding_is_no_lattice() -> None:
+    rng = np.random.default_rng(0)
+    q = np.round(np.sin(np.linspace(0, 9, 3000)) / 1e-3) * 1e-3
+    assert lattice(q) is not None
+    assert lattice(q + 1e-3 * rng.standard_normal(q.shape)) is None
+    assert lattice(rng.standard_normal(3000)) is None
+    assert lattice(np.zeros(3000)) is None
+
+
+@pytest.mark.shared_data
+def test_a_12_bit_servo_is_known_by_its_positions(data_root: Path) -> None:
+    case = load_case(
+        Path(__file__).parents[3] / "experiments" / "cases" / "so101.yaml",
+        data_root=data_root,
+    )
+    (found,) = find_quantization(case)
+    np.testing.assert_allclose(
+        found.fault.values()["step"][:5], 2 * np.pi / 4096, rtol=1e-4
+    )
+
+
+@pytest.mark.shared_data
+def test_sample_cases_keep_to_their_data_sheets(sample_cases: Path) -> None:
+    for folder in sorted(sample_cases.glob("case*")):
+        assert find_quantization(load_case(folder)) == ()
+
+
+# Files with inertials moved: none for a trial, one for each text that is kept.
+
+
+def copied(folder: Path, change: tuple[str, str] = ("", "")) -> NominalArm:
+    """The arm, with its URDF at another place."""
+    folder.mkdir(exist_ok=True)
+    file = folder / "robot.urdf"
+    file.write_text(arm().urdf.read_text(encoding="utf-8").replace(*change))
+    return replace(arm(), urdf=file)
+
+
+def torque(body: RigidBody) -> np.ndarray:
+    """Of one moment of a motion [N m]."""
+    return body.torque(*np.full((3, body.n_joints), 0.3))
+
+
+def test_a_trial_has_the_same_dynamics_and_leaves_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept = shifted_arm(arm(), 1)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    body = shifted_body(arm(), 1)
+    assert body is not None and shifted_body(arm(), 0) is None
+    np.testing.assert_array_equal(torque(body), torque(RigidBody(kept)))
+    assert not np.allclose(torque(body), torque(RigidBody(arm())))
+    assert not list(tmp_path.iterdir())
+
+
+def test_cases_of_one_arm_share_a_file_and_a_changed_arm_has_its_own(
+    tmp_path: Path,
+) -> None:
+    first, second = copied(tmp_path / "a"), copied(tmp_path / "b")
+    assert shifted_arm(first, 1).urdf == shifted_arm(second, 1).urdf
+    changed = copied(tmp_path / "a", ('mass value="6"', 'mass value="7"'))
+    other = shifted_arm(changed, 1)
+    assert other.urdf != shifted_arm(second, 1).urdf
+    assert 'mass value="7"' in other.urdf.read_text(encoding="utf-8")
+
+
+# Faults of the stamps that small recordings show, made by hand.
+
+
+T = np.arange(3000) / 250
+
+
+def moving(name: str, clock: float, stamps: np.ndarray = T) -> Recording:
+    """Recorded positions and velocities, stamped by a clock that runs at a rate of its own [1]."""
+    q = np.column_stack([np.sin(2 * T), np.cos(3 * T)])
+    dq = np.column_stack([2 * np.cos(2 * T), -3 * np.sin(3 * T)])
+    return Recording(name, clock * stamps, q, dq=dq)
+
+
+def test_a_rate_off_by_one_per_cent_in_all_recordings_is_named() -> None:
+    (found,) = find_stamps([moving("a", 0.99), moving("b", 0.99)])
+    assert found.variant == "wrong_rate"
+    np.testing.assert_allclose(found.fault.values()["amount"], 0.99, rtol=1e-3)
+    for recording in (moving("a", 0.99), moving("b", 0.99)):
+        np.testing.assert_allclose(found.repair(recording).t, T, atol=0.01)
+
+
+def test_one_recording_or_two_that_disagree_show_a_velocity_filter() -> None:
+    assert find_stamps([moving("a", 0.99)]) == ()
+    assert find_stamps([moving("a", 0.99), moving("b", 1.0)]) == ()
+
+
+def test_stamps_that_jitter_by_half_a_period_are_those_of_an_even_clock() -> None:
+    noise = 0.5 * np.random.default_rng(0).standard_normal(len(T)) / 250
+    least = 4e-5 * np.arange(len(T))  # stamps keep their order
+    stamps = np.maximum.accumulate(T + noise - least) + least
+    recording = moving("a", 1.0, stamps)
+    (found,) = find_stamps([recording])
+    assert found.variant == "jitter"
+    np.testing.assert_allclose(found.repair(recording).t, T, atol=1e-3)
+
+
+def test_rows_that_were_left_out_on_reading_are_not_lost() -> None:
+    kept = (T < 4.0) | (T >= 5.0)
+    left_out = moving("a", 1.0).part(kept)
+    assert lost(left_out) > 0.08
+    note = (
+        "rows left out in which a position stands still and then leaps: 249 (8.30%), q1"
+    )
+    assert lost(left_out.part(slice(None), notes=(note,))) < 0.001

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gapscope.envs.drive.dry_friction import DryFriction
+from gapscope.envs.drive.friction import DryFriction
 
 
 @settings(max_examples=200, deadline=None)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gapscope.envs.drive.repeated import repeated
+from gapscope.envs.drive.rows import repeated
 
 CONSTANT = np.array([0.5, 2.0, 3.0])
 

@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 from cases import each, panda_case
+from sweeps import nightly
 
 from gapscope.arm.case import Case
 from gapscope.arm.errors import InputError
@@ -129,11 +130,11 @@ class TestTroubleshooting:
         ("fault", "row", "joints"),
         [
             (swapped, "swapped_joints", (3, 4)),
-            pytest.param(turned, "torque_sign", (4,), marks=pytest.mark.nightly),
+            nightly(turned, "torque_sign", (4,)),
             (late, "time_offset", None),
             (noisy, "derivative_noise", None),
             (saturated, "saturated_torque", (1, 2, 3, 4, 5, 6, 7)),
-            pytest.param(resting, "resting_joint", (7,), marks=pytest.mark.nightly),
+            nightly(resting, "resting_joint", (7,)),
         ],
     )
     def test_planted_fault_fires_its_row(

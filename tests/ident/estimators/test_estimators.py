@@ -17,18 +17,35 @@ from problems import (
     well_conditioned,
 )
 
+from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.motions.trajectory import Fourier, urdf_limits
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.ident.estimators.by_name import METHODS, Given, method
+from gapscope.ident.estimators.consistent_sdp import ConsistentSdp
 from gapscope.ident.estimators.estimate import Estimator
+from gapscope.ident.estimators.experiment import Experiment
 from gapscope.ident.estimators.irls import HuberLeastSquares
+from gapscope.ident.estimators.joint_triangles import JointTriangles
+from gapscope.ident.estimators.linear_estimator import joint_noise
+from gapscope.ident.estimators.log_cholesky import LogCholesky
 from gapscope.ident.estimators.maximum_likelihood import MaximumLikelihood
 from gapscope.ident.estimators.ols import OrdinaryLeastSquares
+from gapscope.ident.estimators.on_base import OnBase
 from gapscope.ident.estimators.partial_update import PartialUpdate
 from gapscope.ident.estimators.ridge import Ridge
 from gapscope.ident.estimators.total_least_squares import TotalLeastSquares
 from gapscope.ident.estimators.truncated_svd import TruncatedSvd
 from gapscope.ident.estimators.wls import WeightedLeastSquares
+from gapscope.ident.model.base_parameters import BaseParameters, base_parameters
 from gapscope.ident.model.linear_problem import Problem
+from gapscope.ident.model.pseudo_inertia import is_consistent, triangle_inequality
+from gapscope.ident.model.regressor import Regressor
 from gapscope.ident.model.solvable import unit_warnings
+from gapscope.ident.uncertainty.refit_jackknife import refit_jackknife
+from gapscope.ident.uncertainty.torque_interval import held_out
+from gapscope.model.conditioning import low_pass
 
 PRIOR = 1.1 * TRUTH
 PLAIN = ("well conditioned", "correlated noise")
@@ -291,3 +308,501 @@ def test_torque_in_another_unit_is_suspected_against_the_nominal_arm(
         f"suspiciously {size}" in text
         for text in PartialUpdate(PRIOR).estimate(wrong).warnings
     )
+
+
+# Physically consistent estimators: bodies that can be, whatever the noise, and torque as well explained.
+
+
+LINKS = 3
+SHEET = {
+    "armature": [0.3, 0.3, 0.2],
+    "coulomb": [3.0, 3.0, 2.0],
+    "viscous": [4.0, 4.0, 2.0],
+}
+
+
+@pytest.fixture(scope="module")
+def regressor() -> Regressor:
+    joints = [f"lbr_iiwa_joint_{joint}" for joint in (1, 2, 4)]
+    return Regressor(load_nominal_arm("kuka_iiwa", joints=joints, sheet=SHEET))
+
+
+def sampled(
+    regressor: Regressor, noise: float, samples: int = 200, seed: int = 0
+) -> Problem:
+    """Random states of the nominal arm with white torque noise [N m], in standard columns."""
+    rng = np.random.default_rng(seed)
+    q, dq, ddq = (
+        scale * rng.standard_normal((samples, LINKS)) for scale in (1.0, 1.0, 3.0)
+    )
+    Y = regressor.matrix(Motion(0.01 * np.arange(samples), q, dq, ddq))
+    torque = Y @ regressor.nominal()
+    return Problem(
+        Y,
+        torque + noise * rng.standard_normal(torque.shape),
+        regressor.names,
+        np.zeros(samples, int),
+        0.01,
+    )
+
+
+def bodies(value: np.ndarray) -> np.ndarray:
+    return value[: 10 * LINKS].reshape(LINKS, 10)
+
+
+def estimators(prior: np.ndarray) -> dict[str, Estimator]:
+    return {
+        "sdp": ConsistentSdp(),
+        "sdp euclidean": ConsistentSdp(prior),
+        "sdp entropic": ConsistentSdp(prior, "entropic"),
+        "log-cholesky": LogCholesky(),
+        "log-cholesky with prior": LogCholesky(prior),
+    }
+
+
+NAMES = tuple(estimators(np.zeros(1)))
+PULLED = ("sdp euclidean", "sdp entropic", "log-cholesky with prior")
+
+
+@pytest.mark.parametrize("noise", [0.1, 5.0])
+@pytest.mark.parametrize("name", NAMES)
+def test_bodies_are_physical_and_friction_is_not_negative(
+    regressor: Regressor, name: str, noise: float
+) -> None:
+    given = sampled(regressor, noise, samples=60)
+    value = estimators(1.1 * regressor.nominal())[name].estimate(given).value
+    assert (
+        is_consistent(bodies(value)).all() and triangle_inequality(bodies(value)).all()
+    )
+    assert (value[10 * LINKS : 13 * LINKS] >= 0).all()
+
+
+def test_ordinary_least_squares_gives_bodies_that_cannot_be(
+    regressor: Regressor,
+) -> None:
+    """Otherwise the test above shows nothing: the same data, spread over standard parameters, give no bodies."""
+    given = sampled(regressor, 3.0, samples=60)
+    base = base_parameters(sampled(regressor, 0.0).stacked()[0], regressor.names)
+    reduced = Problem(
+        given.matrix[..., base.kept],
+        given.torque,
+        [given.names[i] for i in base.kept],
+        given.group,
+        given.interval,
+    )
+    beta = OrdinaryLeastSquares().estimate(reduced).value
+    assert not is_consistent(bodies(base.nearest(beta, regressor.nominal()))).all()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_without_noise_the_torque_is_explained(regressor: Regressor, name: str) -> None:
+    given = sampled(regressor, 0.0)
+    estimate = estimators(1.1 * regressor.nominal())[name].estimate(given)
+    assert estimate.residual.max() < 0.01 * given.torque.std()
+
+
+@pytest.mark.parametrize("name", PULLED)
+def test_with_noise_other_torque_is_predicted_better_than_without_constraints(
+    regressor: Regressor, name: str
+) -> None:
+    """On little and noisy data; mean over three draws of the RMSE on 200 other states."""
+    other = sampled(regressor, 0.0, seed=99)
+    base = base_parameters(other.stacked()[0], regressor.names)
+    own, plain = [], []
+    for seed in range(3):
+        given = sampled(regressor, 3.0, samples=30, seed=seed)
+        value = estimators(1.1 * regressor.nominal())[name].estimate(given).value
+        reduced = Problem(
+            given.matrix[..., base.kept],
+            given.torque,
+            [given.names[i] for i in base.kept],
+            given.group,
+            0.01,
+        )
+        beta = base.spread(OrdinaryLeastSquares().estimate(reduced).value)
+        own.append(np.sqrt((other.residual(value) ** 2).mean()))
+        plain.append(np.sqrt((other.residual(beta) ** 2).mean()))
+    assert np.mean(own) < 0.7 * np.mean(plain)
+
+
+@pytest.mark.parametrize("name", PULLED)
+def test_what_data_do_not_tell_comes_from_the_prior(
+    regressor: Regressor, name: str
+) -> None:
+    """The mass of link 1, about a vertical axis, never shows in the torque; its prior is 1.1 of the truth."""
+    prior = 1.1 * regressor.nominal()
+    value = estimators(prior)[name].estimate(sampled(regressor, 0.1)).value
+    assert value[0] == pytest.approx(prior[0], rel=0.1)
+
+
+@pytest.mark.parametrize(
+    "name", ["sdp euclidean", "sdp entropic", "log-cholesky with prior"]
+)
+def test_a_strong_pull_gives_the_prior(regressor: Regressor, name: str) -> None:
+    prior = 1.1 * regressor.nominal()
+    strong = {
+        "sdp euclidean": ConsistentSdp(prior, weight=1e9),
+        "sdp entropic": ConsistentSdp(prior, "entropic", weight=1e9),
+        "log-cholesky with prior": LogCholesky(prior, weight=1e9),
+    }[name]
+    value = strong.estimate(sampled(regressor, 0.1)).value
+    assert np.allclose(bodies(value), bodies(prior), rtol=1e-2, atol=1e-2)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_parameters_that_data_tell_lie_within_their_stated_errors(
+    regressor: Regressor, name: str
+) -> None:
+    """Friction and offsets, 9 of them: none further off than four deviations."""
+    value = estimators(1.1 * regressor.nominal())[name].estimate(
+        sampled(regressor, 1.0, 400)
+    )
+    places = slice(11 * LINKS, 14 * LINKS)
+    scaled = (value.value - regressor.nominal())[places] / value.deviation[places]
+    assert np.abs(scaled).max() < 4.0
+
+
+class TestConsistentRefuses:
+    def test_base_columns(self) -> None:
+        W = np.random.default_rng(0).standard_normal((50, 1, 2))
+        given = Problem(W, W @ np.ones(2), ("mx1", "b1"), np.zeros(50, int), 0.01)
+        for estimator in (ConsistentSdp(), LogCholesky()):
+            with pytest.raises(InputError, match="standard parameters"):
+                estimator.estimate(given)
+
+    def test_a_prior_that_is_no_body(self, regressor: Regressor) -> None:
+        prior = regressor.nominal().copy()
+        prior[10] = -1.0
+        for estimator in (ConsistentSdp(prior), LogCholesky(prior)):
+            with pytest.raises(InputError, match="m2 and its link is no physical body"):
+                estimator.estimate(sampled(regressor, 0.1))
+
+    def test_an_entropic_pull_to_nothing(self, regressor: Regressor) -> None:
+        with pytest.raises(InputError, match="needs a prior"):
+            ConsistentSdp(pull="entropic").estimate(sampled(regressor, 0.1))
+
+    def test_samples_that_are_not_finite(self, regressor: Regressor) -> None:
+        given = sampled(regressor, 0.1)
+        given.torque[3, 2] = np.inf
+        for estimator in (ConsistentSdp(), LogCholesky()):
+            with pytest.raises(InputError, match="sample 4, joint 3"):
+                estimator.estimate(given)
+
+
+def test_torque_in_newton_millimetres_is_suspected(regressor: Regressor) -> None:
+    given = sampled(regressor, 0.1)
+    wrong = Problem(
+        given.matrix, 1e3 * given.torque, given.names, given.group, given.interval
+    )
+    assert (
+        "suspiciously large"
+        in ConsistentSdp(regressor.nominal()).estimate(wrong).warnings[0]
+    )
+
+
+# Each estimator with the interval that belongs to it.
+
+
+THREE = np.array([1.0, -2.0, 0.5])
+LINEAR = (
+    "consistent",
+    "wls",
+    "ols",
+    "irls",
+    "ridge",
+    "l_curve",
+    "truncated_svd",
+    "total_least_squares",
+    "maximum_likelihood",
+)
+
+
+def of_three(seed: int, outliers: bool = False) -> Problem:
+    rng = np.random.default_rng(seed)
+    matrix = rng.standard_normal((300, 2, 3))
+    noise = 0.1 * rng.standard_normal((300, 2))
+    if outliers:
+        noise[::20] *= 30.0
+    return Problem(
+        matrix, matrix @ THREE + noise, ("a", "b", "c"), np.arange(300) // 150, 0.01
+    )
+
+
+def given_by(base: BaseParameters) -> Given:
+    def experiment() -> Experiment:
+        raise AssertionError("a linear estimator does not simulate")
+
+    return Given(base, THREE, experiment)
+
+
+@pytest.mark.parametrize("name", LINEAR)
+def test_intervals_hold_the_truth(name: str) -> None:
+    chosen, base = (
+        METHODS[name],
+        BaseParameters(("a", "b", "c"), np.arange(3), np.eye(3)),
+    )
+    hits = []
+    for seed in range(40):
+        given = of_three(seed)
+        estimator = chosen.make(given_by(base))
+        estimate = estimator.estimate(given)
+        low, high = chosen.interval(given, estimator, estimate).interval(estimate.value)
+        hits.append((low <= THREE) & (high >= THREE))
+    assert 0.88 <= np.mean(hits) <= 1.0
+
+
+def test_an_interval_is_its_own_estimators() -> None:
+    """With outliers Huber's estimate is far more exact than least squares, and says so."""
+    base, given = (
+        BaseParameters(("a", "b", "c"), np.arange(3), np.eye(3)),
+        of_three(0, outliers=True),
+    )
+    width = {}
+    for name in ("ols", "irls"):
+        estimator = METHODS[name].make(given_by(base))
+        width[name] = (
+            METHODS[name]
+            .interval(given, estimator, estimator.estimate(given))
+            .deviation
+        )
+    assert (width["irls"] < 0.5 * width["ols"]).all()
+
+
+def test_refit_jackknife_is_that_of_the_estimator() -> None:
+    given = of_three(1)
+    free, held = (
+        refit_jackknife(given, OrdinaryLeastSquares()),
+        refit_jackknife(given, Ridge(1e3)),
+    )
+    assert (held.deviation < 0.5 * free.deviation).all()
+    assert free.freedom == 19
+
+
+def test_base_parameters_of_an_estimator_of_all() -> None:
+    base = BaseParameters(
+        ("a", "b", "c", "z"),
+        np.arange(3),
+        np.column_stack([np.eye(3), [0.5, 0.0, 0.0]]),
+    )
+    found = OnBase(Ridge(), base).estimate(of_three(2))
+    np.testing.assert_allclose(found.value, THREE, atol=0.02)
+    assert found.covariance.shape == (3, 3)
+
+
+def test_unknown_name() -> None:
+    with pytest.raises(InputError, match="unknown estimator 'magic'") as caught:
+        method("magic")
+    assert all(name in caught.value.remedy for name in METHODS)
+
+
+# Partial update: a simulated iiwa's parameters carried over to an arm with other friction and masses 10 % larger.
+
+
+IIWA = {
+    "armature": [0.6, 0.6, 0.35, 0.35, 0.2, 0.1, 0.08],
+    "coulomb": [3.0, 3.5, 2.0, 2.5, 1.2, 0.8, 0.5],
+    "viscous": [4.0, 4.0, 2.5, 2.5, 1.5, 1.0, 0.6],
+}
+RATE = 50.0
+NOISE = 0.05
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """A simulated arm as prior, and the real arm."""
+
+    regressor: Regressor
+    base: BaseParameters
+    prior: np.ndarray
+    truth: np.ndarray
+
+    def problem(self, duration: float, noise: float, seed: int) -> Problem:
+        """A random Fourier motion with low-passed torque noise, as a share of each joint's standard deviation."""
+        rng = np.random.default_rng(seed)
+        limits = urdf_limits(RigidBody(self.regressor.arm), 5.0)
+        limits = limits._replace(velocity=np.full(7, 1.5))
+        reference = Fourier.random(rng, limits, duration=max(duration, 10.0), ramp=0.5)
+        t = np.arange(round(duration * RATE)) / RATE + 0.5
+        matrix = self.regressor.matrix(
+            Motion(
+                t,
+                reference.position(t),
+                reference.velocity(t),
+                reference.acceleration(t),
+            )
+        )[..., self.base.kept]
+        torque = matrix @ self.truth
+        white = low_pass(rng.standard_normal((len(t) + 100, 7)), RATE, 12.0)[50:-50]
+        names = [self.regressor.names[i] for i in self.base.kept]
+        torque = torque + noise * torque.std(axis=0) * white / white.std()
+        return Problem(matrix, torque, names, np.zeros(len(t), int), 1 / RATE)
+
+
+@pytest.fixture(scope="module")
+def transfer() -> Transfer:
+    regressor = Regressor(load_nominal_arm("kuka_iiwa", sheet=IIWA))
+    rng = np.random.default_rng(0)
+    q, dq, ddq = (rng.standard_normal((300, 7)) for _ in range(3))
+    base = base_parameters(
+        regressor.matrix(Motion(0.01 * np.arange(300), q, dq, ddq)).reshape(2100, -1),
+        regressor.names,
+    )
+    simulated = regressor.nominal()
+    real = simulated.copy()
+    real[:70] *= 1.1
+    friction = slice(77, 91)
+    real[friction] *= rng.uniform(0.5, 1.6, 14)
+    return Transfer(regressor, base, base.of(simulated), base.of(real))
+
+
+def judged(transfer: Transfer, duration: float, seeds: range) -> dict[str, float]:
+    """Mean RMSE of the torque on an unseen motion of 20 s without noise [N m], by estimate."""
+    errors: dict[str, list[float]] = {
+        "prior": [],
+        "full refit": [],
+        "partial update": [],
+    }
+    for seed in seeds:
+        given, other = (
+            transfer.problem(duration, NOISE, seed),
+            transfer.problem(20.0, 0.0, 1000 + seed),
+        )
+        values = {
+            "prior": transfer.prior,
+            "full refit": OrdinaryLeastSquares().estimate(given).value,
+            "partial update": PartialUpdate(transfer.prior).estimate(given).value,
+        }
+        for name, value in values.items():
+            errors[name].append(float(np.sqrt((other.residual(value) ** 2).mean())))
+    return {name: float(np.mean(found)) for name, found in errors.items()}
+
+
+def test_beats_prior_and_full_refit_on_little_data(transfer: Transfer) -> None:
+    """Three seconds of motion; mean RMSE of the torque on unseen motions, five draws."""
+    found = judged(transfer, 3.0, range(5))
+    assert found["partial update"] < 0.75 * found["prior"]
+    assert found["partial update"] < 0.5 * found["full refit"]
+
+
+def test_comes_to_what_a_full_refit_gives_on_much_data(transfer: Transfer) -> None:
+    found = judged(transfer, 30.0, range(2))
+    assert found["partial update"] < 1.1 * found["full refit"]
+    assert found["partial update"] < 0.2 * found["prior"]
+
+
+def test_moves_the_influential_and_holds_the_rest(transfer: Transfer) -> None:
+    """The friction of moving joints is told by the data; what is held keeps prior value and prior spread."""
+    given = transfer.problem(3.0, NOISE, 0)
+    spread = 0.2 * np.abs(transfer.prior) + 0.01
+    update = PartialUpdate(transfer.prior, spread)
+    estimate = update.estimate(given)
+    moved = dict(zip(given.names, update.moved(estimate), strict=True))
+    assert all(moved[f"c{joint}"] for joint in (1, 2, 3, 4))
+    held = ~update.moved(estimate)
+    assert 0 < held.sum() < len(held)
+    assert np.array_equal(estimate.value[held], transfer.prior[held])
+    assert np.allclose(estimate.deviation[held], spread[held])
+    assert (estimate.deviation[~held] < spread[~held]).all()
+
+
+def test_one_parameter_by_hand() -> None:
+    """A prior 1 +- 1 and nine samples of 3 under noise s: (1 + 9 * 3 / s^2) / (1 + 9 / s^2)."""
+    W = np.ones((9, 1, 1))
+    W[:4] = 1 + 1e-7
+    tau = 3.0 + np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 0.0])[:, None]
+    given = Problem(W, tau, ("p",), np.zeros(9, int), 1.0)
+    estimate = PartialUpdate(np.ones(1), np.ones(1)).estimate(given)
+    left = tau - estimate.value[0]
+    variance = (left**2).mean() * 9 / 8
+    assert estimate.value[0] == pytest.approx(
+        (1 + 27 / variance) / (1 + 9 / variance), rel=1e-4
+    )
+    assert estimate.covariance[0, 0] == pytest.approx(1 / (1 + 9 / variance), rel=1e-4)
+
+
+def test_a_prior_that_does_not_fit_is_refused(transfer: Transfer) -> None:
+    with pytest.raises(InputError, match="one per parameter"):
+        PartialUpdate(np.ones(3), np.ones(3)).estimate(transfer.problem(3.0, NOISE, 0))
+
+
+def test_says_when_nothing_moves(transfer: Transfer) -> None:
+    given = transfer.problem(3.0, NOISE, 0)
+    estimate = PartialUpdate(
+        transfer.prior, np.full(len(transfer.prior), 1e-9)
+    ).estimate(given)
+    assert np.array_equal(estimate.value, transfer.prior)
+    assert "move no parameter" in estimate.warnings[-1]
+
+
+# Least squares on triangles of each joint, against least squares on the equations themselves.
+
+
+BETA = np.array([2.0, -1.0, 0.5, 3.0])
+
+
+@pytest.fixture
+def drawn() -> Problem:
+    """Three joints, the last of which the first two parameters do not move, in three groups."""
+    rng = np.random.default_rng(4)
+    matrix = rng.normal(size=(90, 3, 4))
+    matrix[:, 2, :2] = 0.0
+    noise = rng.normal(size=(90, 3)) * np.array([0.1, 1.0, 5.0])
+    group = np.repeat(np.arange(3), 30)
+    return Problem(matrix, matrix @ BETA + noise, tuple("abcd"), group, 0.01)
+
+
+def test_they_keep_sums_of_squares_and_noise(
+    drawn: Problem,
+) -> None:
+    triangles = JointTriangles.of(drawn)
+    expected = (drawn.residual(BETA) ** 2).sum(axis=0)
+    np.testing.assert_allclose(triangles.squares(BETA), expected)
+    np.testing.assert_allclose(triangles.noise(BETA), joint_noise(drawn, BETA))
+    parts = [JointTriangles.of(drawn.rows(drawn.group == g)) for g in range(3)]
+    joined = JointTriangles.joined(parts)
+    assert joined.samples == 90
+    np.testing.assert_allclose(joined.squares(BETA), expected)
+
+
+def test_the_estimate_is_that_of_weighted_equations(
+    drawn: Problem,
+) -> None:
+    """By numpy's least squares, with the noise of the rounds before."""
+    found = WeightedLeastSquares().estimate(drawn)
+    matrix, torque = drawn.stacked()
+    beta = np.linalg.lstsq(matrix, torque, rcond=None)[0]
+    for _ in range(2):
+        weight = np.tile(1.0 / joint_noise(drawn, beta), 90)
+        weighed = matrix * weight[:, None], torque * weight
+        beta, rest, _, _ = np.linalg.lstsq(*weighed, rcond=None)
+    np.testing.assert_allclose(found.value, beta)
+    precision = weighed[0].T @ weighed[0]
+    covariance = rest[0] / (270 - 4) * np.linalg.inv(precision)
+    np.testing.assert_allclose(found.covariance, covariance)
+
+
+def test_held_out_groups_are_predicted_by_the_estimate_of_the_others(
+    drawn: Problem,
+) -> None:
+    residual = held_out(drawn, WeightedLeastSquares())
+    for group in range(3):
+        own = drawn.group == group
+        value = WeightedLeastSquares().estimate(drawn.rows(~own)).value
+        expected = drawn.rows(own).residual(value)
+        np.testing.assert_allclose(residual[own], expected, rtol=1e-6)
+
+
+def test_parameters_that_no_joint_shows_are_refused(
+    drawn: Problem,
+) -> None:
+    matrix = drawn.matrix.copy()
+    matrix[:, :, 3] = matrix[:, :, 2]
+    same = Problem(
+        matrix,
+        drawn.torque,
+        drawn.names,
+        drawn.group,
+        0.01,
+    )
+    with pytest.raises(InputError, match="do not determine d"):
+        WeightedLeastSquares().value(JointTriangles.of(same))

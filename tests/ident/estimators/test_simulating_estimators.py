@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from arms import iiwa_of_three
+from sweeps import daily
 
 import gapscope.ident.estimators.experiment as rolled
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -124,12 +125,7 @@ def test_parameters_are_recovered_from_a_clean_recording(clean, world, name):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param(name, marks=pytest.mark.nightly)
-        if name == "output error"
-        else name
-        for name in SIMULATING
-    ],
+    daily(SIMULATING, "IDIM-IV", "DIDIM"),
 )
 def test_encoder_noise_that_biases_least_squares_does_not_bias_them(
     clean, noisy, world, name

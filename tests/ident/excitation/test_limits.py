@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sweeps import daily
 
 from gapscope.arm.dynamics.collision import CollisionModel
 from gapscope.arm.dynamics.inertia_boxes import box_edges
@@ -111,7 +112,9 @@ def test_another_format_gets_boxes_as_well(
     assert model.pairs
 
 
-@pytest.mark.parametrize("robot", ["kuka_iiwa", "franka_panda", "xarm6"])
+@pytest.mark.parametrize(
+    "robot", daily(("kuka_iiwa", "franka_panda", "xarm6"), "franka_panda")
+)
 def test_known_arms_are_free_when_stretched_and_collide_with_the_floor(
     robot: str,
 ) -> None:

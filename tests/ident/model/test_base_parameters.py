@@ -1,21 +1,51 @@
 """Base parameters: published counts, combinations worked out by hand, conversions both ways, and bad input."""
 
+from __future__ import annotations
+
 from pathlib import Path
 
 import numpy as np
 import pytest
 from arms import Link, chain
+from cases import panda_case, panda_motion
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
+from gapscope.ident.identification import IdentificationSettings, identify
 from gapscope.ident.model.base_parameters import (
+    BaseParameters,
     base_parameters,
     random_states,
     structural_base,
 )
 from gapscope.ident.model.orthonormal_base import OrthonormalBase, orthonormal_base
+from gapscope.ident.model.physical_parameters import check_links, consistent
+from gapscope.ident.model.pseudo_inertia import (
+    central_inertia,
+    divergence,
+    from_log_cholesky,
+    inertial_parameters,
+    is_consistent,
+    log_cholesky_jacobian,
+    pseudo_inertia,
+    to_log_cholesky,
+    triangle_inequality,
+)
+from gapscope.ident.model.rank import orthonormal_columns
+from gapscope.ident.model.recoverability import (
+    COMBINED,
+    HIDDEN,
+    RECOVERED,
+    recoveries,
+    shortened,
+)
 from gapscope.ident.model.regressor import Regressor
+from gapscope.ident.output.base_file import write_base
 
 LENGTH = 0.5
 
@@ -230,3 +260,328 @@ def test_bad_regressor_is_refused(Y, message):
 def test_unknown_preference_is_refused():
     with pytest.raises(InputError, match="choose link or kind"):
         base_parameters(np.eye(2), NAMES, preference="mass")
+
+
+# Physical parameters from base parameters: what is recovered, what is only combined, and that bodies are possible.
+
+
+ONE_LINK = (
+    "m1",
+    "mx1",
+    "my1",
+    "mz1",
+    "Ixx1",
+    "Ixy1",
+    "Iyy1",
+    "Ixz1",
+    "Iyz1",
+    "Izz1",
+    "b1",
+)
+BALL = np.array([2.0, 0.2, 0.0, 0.0, 0.01, 0.0, 0.03, 0.0, 0.0, 0.03])
+"""2 kg at 0.1 m with 0.01 kg m^2 about every axis through its centre."""
+
+
+def everything() -> BaseParameters:
+    """Base parameters that are the parameters themselves."""
+    return base_parameters(
+        np.random.default_rng(0).standard_normal((200, len(ONE_LINK))),
+        ONE_LINK,
+    )
+
+
+class TestCheck:
+    def test_a_ball_is_possible(self) -> None:
+        (check,) = check_links(BALL)
+        assert (
+            check.positive_mass
+            and check.positive_inertia
+            and check.triangle
+            and check.consistent
+        )
+        np.testing.assert_allclose(check.moments, 0.01, atol=1e-12)
+
+    @pytest.mark.parametrize(
+        ("place", "value", "failed"),
+        [
+            (0, -1.0, "positive_mass"),
+            (4, -0.02, "positive_inertia"),
+            (4, 0.05, "triangle"),
+        ],
+    )
+    def test_each_test_fails_on_its_own_fault(
+        self, place: int, value: float, failed: str
+    ) -> None:
+        """Ixx of 0.05 about the centre exceeds 0.01 + 0.01."""
+        body = BALL.copy()
+        body[place] = value
+        (check,) = check_links(body)
+        assert not getattr(check, failed) and not check.consistent
+
+    def test_pseudo_inertia_needs_more_than_diagonal_inertia(self) -> None:
+        """A centre of mass too far out for the moments: 2 kg at 0.3 m need 0.18 kg m^2 about the axes across."""
+        body = BALL.copy()
+        body[1] = 0.6
+        (check,) = check_links(body)
+        assert check.positive_mass and not check.consistent
+
+    def test_mass_of_zero(self) -> None:
+        (check,) = check_links(np.zeros(10))
+        assert not check.positive_mass and not check.consistent
+
+
+class TestConsistent:
+    def solve(
+        self,
+        beta: np.ndarray,
+        nominal: np.ndarray,
+        pull: float = 1e-6,
+        precision: float = 1e6,
+    ) -> np.ndarray:
+        base = everything()
+        information = precision * np.eye(base.count)
+        return consistent(
+            base,
+            base.of(beta),
+            information,
+            nominal,
+            np.full(len(ONE_LINK), pull),
+            1,
+        ).value
+
+    def test_possible_values_are_kept(self) -> None:
+        truth = np.append(BALL, 0.5)
+        np.testing.assert_allclose(
+            self.solve(truth, np.append(1.2 * BALL, 0.0)), truth, atol=1e-6
+        )
+
+    def test_impossible_values_end_at_the_edge(self) -> None:
+        wrong = np.append(BALL, -0.5)
+        wrong[4] = -0.02
+        found = self.solve(wrong, np.append(BALL, 0.0))
+        (check,) = check_links(found[:10])
+        assert check.consistent and check.least < 1e-2
+        assert 0.0 <= found[10] < 1e-6
+        assert found[0] == pytest.approx(2.0, abs=0.2)
+
+    def test_what_beta_leaves_open_stays_nominal(self) -> None:
+        """Only mx and b show: all else is the nominal arm's."""
+        columns = np.zeros((50, len(ONE_LINK)))
+        columns[:, [1, 10]] = np.random.default_rng(1).standard_normal((50, 2))
+        base = base_parameters(columns, ONE_LINK)
+        nominal, truth = np.append(BALL, 0.0), np.append(BALL, 0.5)
+        truth[1] = 0.22
+        penalty = np.full(len(ONE_LINK), 1e-6)
+        found = consistent(
+            base, base.of(truth), 1e6 * np.eye(base.count), nominal, penalty, 1
+        )
+        others = np.setdiff1d(np.arange(len(ONE_LINK)), [1, 10])
+        np.testing.assert_allclose(found.value[[1, 10]], [0.22, 0.5], atol=1e-5)
+        np.testing.assert_allclose(found.value[others], nominal[others], atol=1e-4)
+
+    def test_distance_counts_what_consistency_costs(self) -> None:
+        base, nominal = everything(), np.append(BALL, 0.5)
+        information = 4.0 * np.eye(base.count)
+        possible = consistent(
+            base,
+            base.of(nominal),
+            information,
+            nominal,
+            np.full(len(ONE_LINK), 1e-9),
+            1,
+        )
+        assert possible.distance < 1e-6
+        moved = nominal.copy()
+        moved[10] = -1.0
+        found = consistent(
+            base,
+            base.of(moved),
+            information,
+            nominal,
+            np.full(len(ONE_LINK), 1e-9),
+            1,
+        )
+        assert found.distance == pytest.approx(4.0 / base.count, rel=1e-3)
+
+
+class TestRecovery:
+    def found(self) -> dict[str, tuple[str, float | None]]:
+        """Torque m1 + 2 mx1, my1 alone, and nothing of the others."""
+        rng = np.random.default_rng(2)
+        columns = np.zeros((50, len(ONE_LINK)))
+        columns[:, 0], columns[:, 2] = rng.standard_normal((2, 50))
+        columns[:, 1] = 2 * columns[:, 0]
+        base = base_parameters(columns, ONE_LINK)
+        covariance = np.diag(np.linspace(0.01, 0.04, base.count))
+        value = np.append(BALL, 0.0)
+        got = recoveries(base, covariance, value, value, ["kg"] * len(ONE_LINK))
+        return {r.name: (r.status, r.deviation) for r in got}
+
+    def test_alone_in_combination_and_hidden(self) -> None:
+        found = self.found()
+        assert found["my1"][0] == RECOVERED and found["my1"][1] in (
+            pytest.approx(0.1),
+            pytest.approx(0.2),
+        )
+        assert found["m1"] == found["mx1"] == (COMBINED, None)
+        assert {name for name, (status, _) in found.items() if status == HIDDEN} == set(
+            ONE_LINK
+        ) - {"m1", "mx1", "my1"}
+
+    def test_long_expressions_are_cut(self) -> None:
+        assert (
+            shortened("a + 2 b - c + d - e + f") == "a + 2 b - c + d and 2 more terms"
+        )
+        assert shortened("a - b") == "a - b"
+
+
+# Pseudo-inertia: what a body of point masses has, and coordinates in which every body is physical.
+
+
+THETA = arrays(float, 10, elements=st.floats(-1.5, 1.5))
+CENTRED = np.array([2.0, 0, 0, 0, 0.1, 0, 0.1, 0, 0, 0.1])
+
+
+def of_points(masses: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Parameters of point masses [kg] at places [m], by the definitions m, m c, and I = sum m (r.r 1 - r r^T)."""
+    inertia = sum(
+        m * (r @ r * np.eye(3) - np.outer(r, r))
+        for m, r in zip(masses, places, strict=True)
+    )
+    moment = masses @ places
+    i, j = [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]
+    return np.concatenate([[masses.sum()], moment, inertia[i, j]])
+
+
+def test_second_moments_of_point_masses() -> None:
+    """J = sum m (r, 1) (r, 1)^T."""
+    rng = np.random.default_rng(0)
+    masses, places = rng.uniform(0.1, 1.0, 6), rng.standard_normal((6, 3))
+    ones = np.column_stack([places, np.ones(6)])
+    expected = np.einsum("k,ka,kb->ab", masses, ones, ones)
+    found = of_points(masses, places)
+    assert np.allclose(pseudo_inertia(found), expected)
+    assert np.allclose(inertial_parameters(expected), found)
+    assert is_consistent(found) and triangle_inequality(found)
+
+
+@given(THETA)
+def test_log_cholesky_there_and_back(theta: np.ndarray) -> None:
+    parameters = from_log_cholesky(theta)
+    assert is_consistent(parameters) and triangle_inequality(parameters)
+    assert np.allclose(to_log_cholesky(parameters), theta, atol=1e-6)
+
+
+def test_log_cholesky_of_a_ball_by_hand() -> None:
+    """2 kg, I = 0.1: Sigma = 0.05, so U = diag(sqrt 0.05, ., ., sqrt 2), a = log sqrt 2, d = log sqrt 0.025."""
+    theta = to_log_cholesky(CENTRED)
+    assert np.allclose(
+        theta, [0.5 * np.log(2), *[0.5 * np.log(0.025)] * 3, 0, 0, 0, 0, 0, 0]
+    )
+
+
+def test_jacobian_of_log_cholesky_by_differences() -> None:
+    theta, h = np.random.default_rng(1).standard_normal((4, 10)), 1e-6
+    steps = h * np.eye(10)
+    by_differences = np.stack(
+        [
+            (from_log_cholesky(theta + s) - from_log_cholesky(theta - s)) / (2 * h)
+            for s in steps
+        ],
+        axis=-1,
+    )
+    assert np.allclose(
+        log_cholesky_jacobian(theta), by_differences, rtol=1e-6, atol=1e-6
+    )
+
+
+@pytest.mark.parametrize(
+    ("changed", "value", "triangle"),
+    [(0, -2.0, True), (4, 0.5, False), (5, 0.2, False), (1, 1.0, False)],
+    ids=[
+        "negative mass",
+        "a moment above the sum of the others",
+        "a product too large",
+        "mass centre too far out",
+    ],
+)
+def test_bodies_that_cannot_be(changed: int, value: float, triangle: bool) -> None:
+    body = CENTRED.copy()
+    body[changed] = value
+    assert not is_consistent(body)
+    assert triangle_inequality(body) == triangle
+
+
+def test_central_inertia_by_the_parallel_axis_theorem() -> None:
+    """A ball moved by 0.5 m along x: I_yy and I_zz grow by m 0.25, the central inertia stays."""
+    moved = CENTRED + np.array([0, 1.0, 0, 0, 0, 0, 0.5, 0, 0, 0.5])
+    assert np.allclose(central_inertia(moved), 0.1 * np.eye(3))
+
+
+def test_entropic_divergence_by_hand_and_in_any_frame() -> None:
+    """Twice the body: tr(2) = 8, log det = 4 log 2: 8 - 4 log 2 - 4. A change of frame T J T^T leaves it."""
+    assert divergence(2 * CENTRED, CENTRED) == pytest.approx(4 - 4 * np.log(2))
+    assert divergence(CENTRED, CENTRED) == pytest.approx(0.0, abs=1e-12)
+    assert np.isinf(divergence(np.array([-2.0, *CENTRED[1:]]), CENTRED))
+    other = from_log_cholesky(0.3 * np.arange(10.0) / 10)
+    T = np.eye(4)
+    T[:3, 3], T[:2, :2] = [0.3, -0.2, 0.5], [[0.6, -0.8], [0.8, 0.6]]
+    turned = [
+        inertial_parameters(T @ pseudo_inertia(x) @ T.T) for x in (other, CENTRED)
+    ]
+    assert divergence(*turned) == pytest.approx(divergence(other, CENTRED))
+
+
+# Bases of columns: what is rounding has no direction.
+
+
+def test_a_column_of_rounding_is_no_direction() -> None:
+    """A body that does not act on a joint leaves 1e-17 there, which changes with the last digit of every input."""
+    rng = np.random.default_rng(0)
+    columns = rng.normal(size=(50, 3)) @ np.diag([1.0, 1e-3, 1e4])
+    rounding = 1e-15 * rng.normal(size=(50, 1))
+    basis = orthonormal_columns(np.hstack([columns, rounding]), 1e-3)
+    assert basis.shape == (50, 3)
+    np.testing.assert_allclose(basis.T @ basis, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(basis @ (basis.T @ columns), columns, rtol=1e-9)
+    assert orthonormal_columns(columns[:, [0, 0, 1]], 1e-3).shape == (50, 2)
+
+
+# The matrices of the base parameters, both ways.
+
+
+def test_matrices_lead_both_ways(tmp_path: Path) -> None:
+    result = identify(panda_case(), IdentificationSettings(cutoff=20.0))
+    write_base(result, tmp_path / "base.npz")
+    found = np.load(tmp_path / "base.npz", allow_pickle=False)
+    p, b = len(found["names"]), len(found["kept_names"])
+    assert (p, b) == (98, 69)
+    rng = np.random.default_rng(0)
+    pi, z = rng.standard_normal(p), rng.standard_normal(p - b)
+    beta = found["combination"] @ pi
+    np.testing.assert_allclose(
+        found["combination"] @ (found["back"] @ beta + found["null_space"] @ z),
+        beta,
+        atol=1e-9,
+    )
+    gamma = found["orthonormal"].T @ pi
+    np.testing.assert_allclose(
+        found["orthonormal"].T @ found["orthonormal"], np.eye(b), atol=1e-12
+    )
+    np.testing.assert_allclose(found["from_orthonormal"] @ gamma, beta, atol=1e-8)
+    np.testing.assert_allclose(found["to_orthonormal"] @ beta, gamma, atol=1e-8)
+    matrix = result.columns.matrix(states(), result.choice.law)
+    np.testing.assert_allclose(
+        matrix @ pi, matrix[:, :, result.base.kept] @ beta, atol=1e-6
+    )
+    np.testing.assert_allclose(
+        matrix @ (found["orthonormal"] @ gamma), matrix @ pi, atol=1e-6
+    )
+
+
+def states() -> Motion:
+    reference = panda_motion(5)
+    t = np.arange(100) / 20
+    return Motion(
+        t, reference.position(t), reference.velocity(t), reference.acceleration(t)
+    )

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from sweeps import daily
 
 from gapscope.ident.estimators.by_name import method
 from gapscope.ident.estimators.maximum_likelihood import MaximumLikelihood
@@ -87,7 +88,10 @@ def autoregressive(rng: np.random.Generator, rho: float) -> np.ndarray:
     return np.asarray(series) * np.sqrt(1 - rho**2)
 
 
-@pytest.mark.parametrize("estimator", ["wls", "maximum_likelihood"])
+@pytest.mark.parametrize(
+    "estimator",
+    daily(("wls", "maximum_likelihood"), "wls"),
+)
 def test_intervals_of_identify_hold_the_truth_under_coloured_noise(
     estimator: str,
 ) -> None:

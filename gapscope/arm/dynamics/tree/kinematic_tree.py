@@ -126,6 +126,15 @@ class KinematicTree:
             if any(joint.name in joints for joint in self.upwards(link))
         )
 
+    def around(self, joints: Collection[str]) -> frozenset[str]:
+        """Links whose joints concern an arm: that it moves, that carry it, and those of joints that follow its own."""
+        own = set(joints)
+        for _ in self.joints:
+            own |= {j.name for j in self.joints if j.mimic and j.mimic.master in own}
+        names = own | self.carriers(own)
+        links = {joint.child for joint in self.joints if joint.name in names}
+        return self.moved(own) | links
+
     def carriers(self, joints: Collection[str]) -> frozenset[str]:
         """Joints between the root and these joints, which decide how the arm is mounted."""
         parents = [joint.parent for joint in self.joints if joint.name in joints]

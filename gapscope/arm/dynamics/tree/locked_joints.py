@@ -136,6 +136,8 @@ def _reflected(
     model = build(path, joints)
     posture = pin.neutral(model)
     for name, position in positions.items():
+        if not model.existJointName(name):
+            continue
         posture[model.joints[model.getJointId(name)].idx_q] = position
     mass = pin.crba(model, model.createData(), posture)
     mass = np.triu(mass) + np.triu(mass, 1).T

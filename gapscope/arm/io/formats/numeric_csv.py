@@ -15,18 +15,19 @@ COUNTED_BYTES = 1 << 24
 
 
 def numeric_columns(
-    path: Path, names: list[str], delimiter: str, first: list[str]
+    path: Path, names: list[str], delimiter: str, first: list[str], skip: int = 1
 ) -> dict[str, Any] | None:
     """Cells per column below the header, (N,) numbers or texts; ``None`` if text has to be read row by row.
 
     Columns whose first cell is a number hold numbers. Each number is the float nearest to its decimal text, as that of
-    Python. Without empty lines every row is a line of the file, from the second on.
+    Python. Without empty lines every row below the header is a line of the file.
 
     Args:
         path: the file, in UTF-8.
         names: of its columns.
         delimiter: between them, one character.
-        first: cells of the first row.
+        first: cells of a row, the first or the second.
+        skip: lines of the header.
     """
     import pyarrow as pa
     from pyarrow import csv
@@ -36,7 +37,7 @@ def numeric_columns(
         for name, cell in zip(names, first, strict=True)
     }
     # every column is allocated once, before its blocks are read: never two copies of the file
-    count = _lines(path) - 1
+    count = _lines(path) - skip
     # a cell takes a byte at least, so that rows of this many cells are not what the file holds
     if count * len(names) > path.stat().st_size:
         return None
@@ -48,7 +49,7 @@ def numeric_columns(
     try:
         blocks = csv.open_csv(
             path,
-            csv.ReadOptions(use_threads=False, column_names=names, skip_rows=1),
+            csv.ReadOptions(use_threads=False, column_names=names, skip_rows=skip),
             csv.ParseOptions(delimiter=delimiter),
             # an empty cell is an error that has a place, not a missing value
             csv.ConvertOptions(column_types=types, null_values=[]),

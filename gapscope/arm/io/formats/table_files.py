@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,16 +17,17 @@ from gapscope.arm.io.table import Table
 from gapscope.arm.npz_file import read_arrays
 
 _DELIMITERS = (",", ";", "\t")
+FEWEST_COUNTED = 4
+"""So many whole numbers in a row, from 0 or 1, are the header of a table without names [1]; fewer may be samples."""
 
 
 def read_csv(path: Path) -> Table:
-    """Table of a CSV file; the header decides the delimiter: comma, semicolon or tab, else spaces.
+    """Table of a CSV file; the first line decides the delimiter: comma, semicolon or tab, else spaces.
 
-    A header may begin with ``#`` or ``%``.
+    A header may begin with ``#`` or ``%``. Columns of a file without one are called by their numbers, from 1.
 
     Raises:
-        InputError: the file is empty, has no header or nothing below it, a column twice, a row of another length,
-            or is not text.
+        InputError: the file is empty, has nothing below its header, a column twice, or is not text.
     """
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
@@ -59,15 +60,14 @@ def _numeric_table(path: Path, header: str, first: str) -> Table | None:
         next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
         for line in (header, first)
     ]
-    names = [name.strip() for name in split[0]]
-    _check_header(names, path)
+    names, begin = _names(split[0], path)
     if len(split[1]) != len(names):
         return None
-    columns = numeric_columns(path, names, delimiter, split[1])
+    columns = numeric_columns(path, names, delimiter, split[1], skip=begin - 1)
     if columns is None:
         return None
     count = len(next(iter(columns.values())))
-    return Table(path, columns, range(2, count + 2), "line")
+    return Table(path, columns, range(begin, count + begin), "line")
 
 
 def table_of_lines(
@@ -76,7 +76,7 @@ def table_of_lines(
     """Table of a CSV header and lines of the same file.
 
     Args:
-        header: the first line of the file.
+        header: the first line of the file, a row of samples if it has no names.
         below: lines of samples.
         path: the file, for messages.
         first_line: number of the first of these lines in the file.
@@ -91,22 +91,23 @@ def table_of_lines(
         delimiter, text = " ", (line.strip() for line in text)
     reader = csv.reader(text, delimiter=delimiter, strict=True, skipinitialspace=True)
     skipped = first_line - 2
-    rows, lines = [], []
+    rows: list[Sequence[str | None]] = []
+    lines, cut = [], {}
     try:
-        names = [name.strip() for name in next(reader, [])]
-        _check_header(names, path)
+        first = next(reader, [])
+        names, begin = _names(first, path)
+        # a header without names is the first row of its file
+        if begin == 1 and not skipped:
+            rows.append(first)
+            lines.append(1)
         for row in reader:
             if not row:
                 continue
+            place = reader.line_num + skipped
             if len(row) != len(names):
-                raise InputError(
-                    f"has {len(row)} cells, the header has {len(names)}",
-                    "repair the row; was the file cut short while it was written?",
-                    file=path,
-                    where=f"line {reader.line_num + skipped}",
-                )
-            rows.append(row)
-            lines.append(reader.line_num + skipped)
+                cut[place] = f"has {len(row)} cells, the header has {len(names)}"
+            rows.append(row if place not in cut else (None,) * len(names))
+            lines.append(place)
     except csv.Error as error:
         raise InputError(
             f"is not valid CSV ({error})",
@@ -118,19 +119,20 @@ def table_of_lines(
             "has a header and no rows", "give a file with samples", file=path
         )
     columns = dict(zip(names, zip(*rows, strict=True), strict=True))
-    return Table(path, columns, lines, "line")
+    return Table(path, columns, lines, "line", cut=cut)
 
 
-def _check_header(names: list[str], path: Path) -> None:
+def _names(first: list[str], path: Path) -> tuple[list[str], int]:
+    """Names of the columns by the cells of the first line, and the line at which the samples begin."""
+    names = [name.strip() for name in first]
     if not any(names):
         raise InputError("is empty", "give a file with a header and samples", file=path)
-    if all(_is_numeric(name) for name in names):
-        raise InputError(
-            "the first line holds numbers, expected names of columns",
-            "add a header line",
-            file=path,
-            where="line 1",
-        )
+    numbered = [str(j + 1) for j in range(len(names))]
+    counted = names in (numbered, [str(j) for j in range(len(names))])
+    if counted and len(names) >= FEWEST_COUNTED:
+        return numbered, 2
+    if any(map(_is_sample, names)) or all(map(_is_numeric, names)):
+        return numbered, 1
     twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
     if twice is not None:
         raise InputError(
@@ -139,6 +141,12 @@ def _check_header(names: list[str], path: Path) -> None:
             file=path,
             where="line 1",
         )
+    return names, 2
+
+
+def _is_sample(text: str) -> bool:
+    """Whether a cell of the first line is a number that no column is called by."""
+    return "." in text and _is_numeric(text)
 
 
 def _is_numeric(text: str) -> bool:

@@ -13,6 +13,7 @@ from functools import cache
 import numpy as np
 import pytest
 import synthetic
+from sweeps import daily
 from synthetic import Truth
 
 from gapscope.arm.case import Case
@@ -77,7 +78,7 @@ def without_torque(case: Case) -> Case:
     return replace(case, recordings=recordings)
 
 
-@pytest.mark.parametrize("label", ORDINARY)
+@pytest.mark.parametrize("label", daily(ORDINARY, "healthy", "payload"))
 @pytest.mark.parametrize("given", [lambda case: case, without_torque])
 def test_a_right_set_up_has_no_fault(label: str, given: Callable[[Case], Case]) -> None:
     case = given(under_pd(label))
@@ -119,8 +120,10 @@ FAULTS: dict[str, tuple[Fault, str, dict[str, float]]] = {
 }
 
 
-@pytest.mark.parametrize("label", FAULTS)
-@pytest.mark.parametrize("arm", ["healthy", "friction"])
+@pytest.mark.parametrize("arm", daily(("healthy", "friction"), "healthy"))
+@pytest.mark.parametrize(
+    "label", daily(FAULTS, *set(FAULTS) - {"nine tenths of the speed", "held at 10 Hz"})
+)
 def test_faults_are_found_with_their_values(label: str, arm: str) -> None:
     fault, variant, values = FAULTS[label]
     _, (found,) = find_reference_faults(with_fault(under_pd(arm), fault))

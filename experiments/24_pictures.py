@@ -1,0 +1,766 @@
+"""The pictures of the documentation: of README and front page, signatures of the effects, and free-body pictures.
+
+    GAPSCOPE_DATA=... .venv/bin/python experiments/24_pictures.py readme [--out docs/pictures] [--work out/pictures]
+
+Overview and report show the public UR10 recording (unisa-acg/inverse-dynamics-solver, BSD-3-Clause). The overview is
+drawn from its diagnosis: torque of the joint whose gap closes most, and the gap of all joints. The second report is
+that of ``gapscope demo``. Reports are photographed by Chromium; without one the overview alone is drawn.
+
+    .venv/bin/python experiments/24_pictures.py signatures [--out docs/pictures/signatures]
+
+draws the signature of every effect of the catalogue with the catalogue's own laws, one picture for each family. A KUKA
+iiwa (the arm of ``gapscope demo``) moves slowly and quickly, or in a sweep from 0.5 to 8 Hz. Each panel shows the
+torque gap that one effect leaves on a joint: the torque that the arm with the effect predicts, less that of the nominal
+arm. Saturation shows the torque lost, rounding of the encoder the error of the position.
+
+    .venv/bin/python experiments/24_pictures.py free_bodies [--out docs/pictures/free_bodies]
+
+draws for each family what acts on which body, with the symbols of the catalogue. The laws are those of the tables in
+``docs/effects/``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from math import cos, radians, sin
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+from common import run_part
+from PIL import Image
+
+from gapscope.arm.case import load_case
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.nominal import NominalArm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.catalogue import CATALOGUE
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.envs.mystery_arm import POSTURE, iiwa
+
+CASE = Path(__file__).parent / "cases" / "ur10.yaml"
+RECORDING = "ur10/ur10_exciting.db3"
+DEMO_SEED = 3
+"""The mystery arm of the front page."""
+SCREEN = (1200, 1600)
+"""Window of the browser [pixels]."""
+PAPER, INK, SOFT, LINE = "#ffffff", "#1f2328", "#57606a", "#d0d7de"
+BEFORE, AFTER = "#d95f02", "#0072b2"
+"""Colours of the report: gap before and after."""
+STRETCH = (2.0, 14.0)
+"""Part of the recording that is drawn [s]."""
+POINTS = 240
+"""Samples of a drawn curve."""
+
+
+def readme() -> None:
+    """Diagnose the recording unless that is done, draw the pictures."""
+    options = argparse.ArgumentParser(description=readme.__doc__)
+    options.add_argument("--out", type=Path, default=Path("docs/pictures"))
+    options.add_argument("--work", type=Path, default=Path("out/pictures"))
+    chosen = options.parse_args()
+    chosen.out.mkdir(parents=True, exist_ok=True)
+    chosen.work.mkdir(parents=True, exist_ok=True)
+    if not (chosen.work / "diagnosis.json").is_file():
+        gapscope("diagnose", CASE, "--out", chosen.work)
+
+    overview = chosen.out / "overview.svg"
+    overview.write_text(draw_overview(chosen.work), encoding="utf-8")
+    print(f"{overview}: {overview.stat().st_size / 1000:.0f} kB")
+
+    demo = chosen.work / "demo"
+    if not (demo / "diagnosis").is_dir():
+        gapscope("demo", "--seed", DEMO_SEED, "--out", demo)
+    picture = chosen.out / "demo.png"
+    if photograph(demo / "diagnosis" / "report.html", picture):
+        print(f"{picture}: {picture.stat().st_size / 1000:.0f} kB")
+    else:
+        print("no Chromium: the report is not photographed")
+
+
+def gapscope(*arguments: object) -> None:
+    """Run a command of the project."""
+    command = [sys.executable, "-m", "gapscope", *map(str, arguments)]
+    subprocess.run(command, check=True)
+
+
+def draw_overview(work: Path) -> str:
+    """SVG: recordings and nominal arm, the three answers, and the corrected arm."""
+    diagnosis = json.loads((work / "diagnosis.json").read_text(encoding="utf-8"))
+    before = np.array(diagnosis["gap"]["before"]["torque_nrmse"])
+    after = np.array(diagnosis["gap"]["after"]["torque_nrmse"])
+    joint = int(np.argmax(before - after))
+    curves = torque_curves(work, joint)
+    low = min(curve.min() for curve in curves.values())
+    high = max(curve.max() for curve in curves.values())
+
+    parts = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1080 330" '
+        f'font-family="DejaVu Sans, Helvetica, Arial, sans-serif" fill="{INK}">',
+        f'<rect width="1080" height="330" fill="{PAPER}"/>',
+        *panel(
+            10, 280, "Recordings and nominal arm", f"UR10, torque of joint {joint + 1}"
+        ),
+        polyline(curves["recorded"], (30, 110, 240, 150), (low, high), INK),
+        polyline(curves["nominal"], (30, 110, 240, 150), (low, high), BEFORE),
+        *legend(30, 285, [("recorded", INK), ("nominal arm predicts", BEFORE)]),
+        arrow_between(296),
+        *panel(320, 440, "Diagnosis", "where, which, how far"),
+        *_where(before, after, 340, 112),
+        *which(diagnosis["effects"], 520, 112),
+        *how_far(diagnosis["closed"], 340, 285),
+        arrow_between(766),
+        *panel(790, 280, "Corrected arm", "predicts, simulates, can be exported"),
+        polyline(curves["recorded"], (810, 110, 240, 150), (low, high), INK),
+        polyline(curves["corrected"], (810, 110, 240, 150), (low, high), AFTER),
+        *legend(810, 285, [("recorded", INK), ("corrected arm (fitted)", AFTER)]),
+        "</svg>",
+    ]
+    return "\n".join(parts) + "\n"
+
+
+def torque_curves(work: Path, joint: int) -> dict[str, np.ndarray]:
+    """Torque of one joint [N m] over the stretch: recorded, nominal and corrected arm, each of shape (POINTS,)."""
+    recording = load_case(CASE).recordings[0]
+    time = recording.t - recording.t[0]
+    drawn = np.linspace(*STRETCH, POINTS)
+    curves = {"recorded": np.interp(drawn, time, recording.tau[:, joint])}
+    file = Path(os.environ["GAPSCOPE_DATA"]) / RECORDING
+    for name, model in {
+        "nominal": (),
+        "corrected": ("--model", work / "corrected.yaml"),
+    }.items():
+        table = work / f"{name}.csv"
+        gapscope("predict", CASE, "--recording", file, *model, "--out", table)
+        predicted = pd.read_csv(table)
+        shifted = predicted["t"] - predicted["t"].iloc[0]
+        curves[name] = np.interp(drawn, shifted, predicted[f"tau{joint + 1}"])
+    return curves
+
+
+def panel(x: int, width: int, title: str, below: str) -> list[str]:
+    """Frame with a title and a line of text below it."""
+    return [
+        f'<rect x="{x}" y="10" width="{width}" height="310" rx="8" fill="none" stroke="{LINE}"/>',
+        svg_text(x + 20, 42, title, size=15, bold=True),
+        svg_text(x + 20, 66, below, size=13, colour=SOFT),
+    ]
+
+
+def polyline(
+    curve: np.ndarray,
+    box: tuple[int, int, int, int],
+    span: tuple[float, float],
+    colour: str,
+) -> str:
+    """Curve in a box (x, y, width, height), scaled to the span of values."""
+    x0, y0, width, height = box
+    low, high = span
+    across = x0 + width * np.linspace(0, 1, len(curve))
+    down = y0 + height * (high - curve) / (high - low)
+    points = " ".join(f"{x:.1f},{y:.1f}" for x, y in zip(across, down, strict=True))
+    return f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="1.8"/>'
+
+
+def legend(x: int, y: int, entries: list[tuple[str, str]]) -> list[str]:
+    """Coloured dashes, each with its name."""
+    parts = []
+    for name, colour in entries:
+        parts.append(f'<path d="M{x} {y - 4}h16" stroke="{colour}" stroke-width="3"/>')
+        parts.append(svg_text(x + 22, y, name, size=12, colour=SOFT))
+        x += 40 + 7 * len(name)
+    return parts
+
+
+def _where(before: np.ndarray, after: np.ndarray, x: int, y: int) -> list[str]:
+    """Bars of the gap per joint, before and after."""
+    parts = [svg_text(x, y, "Where", size=14, bold=True)]
+    scale = 110 / before.max()
+    for number, (old, new) in enumerate(zip(before, after, strict=True), start=1):
+        top = y + 12 + 22 * (number - 1)
+        parts += [
+            svg_text(x, top + 11, f"J{number}", size=12, colour=SOFT),
+            bar(x + 26, top, scale * old, BEFORE),
+            bar(x + 26, top + 7, scale * new, AFTER),
+        ]
+    return parts
+
+
+def bar(x: float, y: float, width: float, colour: str) -> str:
+    """Horizontal bar."""
+    return f'<rect x="{x}" y="{y}" width="{width:.1f}" height="6" fill="{colour}"/>'
+
+
+def which(effects: list[dict], x: int, y: int) -> list[str]:
+    """Names of the effects with their shares of the gap."""
+    parts = [svg_text(x, y, "Which", size=14, bold=True)]
+    for number, effect in enumerate(effects[:6]):
+        line = y + 24 + 22 * number
+        share = 100 * effect["share"]
+        words = effect["effect"].replace("_", " ").capitalize()
+        parts.append(svg_text(x, line, words, size=13))
+        number_text = f"{share:.0f} %" if share >= 1 else "below 1 %"
+        parts.append(
+            svg_text(x + 220, line, number_text, size=13, colour=SOFT, end=True)
+        )
+    return parts
+
+
+def how_far(closed: float, x: int, y: int) -> list[str]:
+    """One line: the share of the gap that closes."""
+    sentence = f"{100 * closed:.0f} % of the gap above the noise floor is closed"
+    return [
+        svg_text(x, y, "How far", size=14, bold=True),
+        svg_text(x + 75, y, sentence, size=13),
+    ]
+
+
+def arrow_between(x: int) -> str:
+    """Arrow to the right between two panels."""
+    return f'<path d="M{x} 165h12m-6 -6l6 6l-6 6" fill="none" stroke="{SOFT}" stroke-width="2"/>'
+
+
+def svg_text(
+    x: float,
+    y: float,
+    words: str,
+    *,
+    size: int,
+    colour: str = INK,
+    bold: bool = False,
+    end: bool = False,
+) -> str:
+    """One line of text."""
+    weight = ' font-weight="bold"' if bold else ""
+    anchor = ' text-anchor="end"' if end else ""
+    return f'<text x="{x}" y="{y}" font-size="{size}" fill="{colour}"{weight}{anchor}>{words}</text>'
+
+
+def photograph(page: Path, picture: Path) -> bool:
+    """Picture of the upper part of a page, or ``False`` if there is no browser."""
+    browser = shutil.which("chromium") or shutil.which("google-chrome")
+    if browser is None:
+        return False
+    with tempfile.TemporaryDirectory() as folder:
+        shot = Path(folder) / "shot.png"
+        subprocess.run(
+            [
+                browser,
+                "--headless",
+                "--no-sandbox",
+                "--disable-gpu",
+                "--disable-background-networking",
+                "--disable-component-update",
+                "--disable-sync",
+                f"--user-data-dir={folder}/profile",
+                f"--window-size={SCREEN[0]},{SCREEN[1]}",
+                f"--screenshot={shot}",
+                page.resolve().as_uri(),
+            ],
+            check=True,
+            capture_output=True,
+        )
+        with Image.open(shot) as whole:
+            upper = whole.crop((0, 0, SCREEN[0] - 25, 1110)).convert("RGB")
+            upper.quantize(128).save(picture, optimize=True)
+    return True
+
+
+matplotlib.use("Agg")
+
+
+FORWARD, BACKWARD = "#0072b2", "#d95f02"
+"""Colours that stay apart for colour-blind readers; samples are coloured by the direction of the joint."""
+RATE = 250.0
+"""Samples of a motion [Hz]."""
+DURATION = 12.0
+"""Length of a motion [s]."""
+COLUMNS = 3
+"""Panels in a row."""
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One drawn effect: where it acts, with which values, seen on which joint over which quantity.
+
+    ``dry`` is False if the steps of the nominal dry friction at each reversal would hide the rest.
+    """
+
+    effect: str
+    joint: int
+    over: str
+    motion: str = "slow and fast"
+    on_arm: bool = False
+    dry: bool = True
+    values: dict[str, Any] | None = None
+
+
+PANELS = (
+    Panel("coulomb_friction", 4, "velocity", values={"torque": [4.0]}),
+    Panel("viscous_friction", 4, "velocity", values={"coefficient": [6.0]}),
+    Panel(
+        "stribeck_friction",
+        4,
+        "velocity",
+        values={"torque": [4.0], "velocity": [0.15]},
+    ),
+    Panel(
+        "saturating_friction",
+        4,
+        "velocity",
+        values={"torque": [4.0], "velocity": [0.25]},
+    ),
+    Panel("load_friction", 4, "load", values={"coefficient": [0.1]}),
+    Panel(
+        "friction_drift",
+        4,
+        "time",
+        values={"amplitude": [0.8], "time_constant": [4.0]},
+    ),
+    Panel(
+        "payload",
+        4,
+        "load",
+        on_arm=True,
+        values={"mass": 2.0, "com": [0.0, 0.0, 0.05]},
+    ),
+    Panel(
+        "link_inertia",
+        4,
+        "load",
+        on_arm=True,
+        values={"link": 5, "mass": 1.0, "com": [0.0, 0.02, 0.0]},
+    ),
+    Panel("armature", 4, "acceleration", values={"inertia": [0.4]}),
+    Panel(
+        "joint_elasticity",
+        4,
+        "time",
+        "sweep",
+        dry=False,
+        values={"stiffness": [3000.0], "damping": [5.0]},
+    ),
+    Panel("backlash", 1, "time", dry=False, values={"width": [0.01]}),
+    Panel(
+        "parallel_spring",
+        4,
+        "position",
+        values={"stiffness": [10.0], "rest": [-1.2]},
+    ),
+    Panel(
+        "torque_ripple",
+        4,
+        "position",
+        values={"amplitude": [1.0], "cycles": [30.0], "phase": [0.0]},
+    ),
+    Panel("torque_scale", 4, "load", values={"scale": [0.15]}),
+    Panel("torque_offset", 4, "time", values={"torque": [1.5]}),
+    Panel("torque_saturation", 4, "load", values={"limit": [15.0]}),
+    Panel(
+        "actuator_lag", 4, "time", "sweep", dry=False, values={"time_constant": [0.015]}
+    ),
+    Panel("actuator_delay", 4, "time", "sweep", dry=False, values={"delay": [0.015]}),
+    Panel("encoder_offset", 4, "position", values={"offset": [0.03]}),
+    Panel("encoder_quantization", 4, "position", values={"step": [0.1]}),
+    Panel("base_tilt", 1, "position", on_arm=True, values={"roll": 0.05, "pitch": 0.0}),
+    Panel(
+        "external_force",
+        4,
+        "time",
+        on_arm=True,
+        values={"force": [0.0, 0.0, -20.0], "start": 4.0, "end": 7.0},
+    ),
+)
+"""Values are large ones of those met on real arms, or larger if the signature would not be seen."""
+AXES = {
+    "position": "position [rad]",
+    "velocity": "velocity [rad/s]",
+    "acceleration": "acceleration [rad/s²]",
+    "load": "nominal torque [N m]",
+    "time": "time [s]",
+}
+"""Quantities of the horizontal axis with their units."""
+
+
+def signatures() -> None:
+    """Draw one picture for each family."""
+    options = argparse.ArgumentParser(description=signatures.__doc__)
+    options.add_argument("--out", type=Path, default=Path("docs/pictures/signatures"))
+    out = options.parse_args().out
+    out.mkdir(parents=True, exist_ok=True)
+    arm = iiwa()
+    families = dict.fromkeys(CATALOGUE[panel.effect].family for panel in PANELS)
+    for family in families:
+        panels = [p for p in PANELS if CATALOGUE[p.effect].family == family]
+        file = out / f"{family}.png"
+        draw(panels, arm, file)
+        print(f"{file}: {file.stat().st_size / 1000:.0f} kB")
+
+
+def draw(panels: list[Panel], arm: NominalArm, file: Path) -> None:
+    """One picture of several panels, reduced to the few colours that it has."""
+    rows = -(-len(panels) // COLUMNS)
+    figure, axes = plt.subplots(
+        rows, COLUMNS, figsize=(9.6, 2.7 * rows), squeeze=False, layout="constrained"
+    )
+    for panel, place in zip(panels, axes.flat, strict=False):
+        draw_panel(panel, arm, place)
+    for place in axes.flat[len(panels) :]:
+        place.axis("off")
+    figure.savefig(file, dpi=100)
+    plt.close(figure)
+    with Image.open(file) as picture:
+        picture.convert("RGB").quantize(32).save(file, optimize=True)
+
+
+def draw_panel(panel: Panel, arm: NominalArm, place: plt.Axes) -> None:
+    """Signature of one effect over its quantity, in the colours of the joint's direction."""
+    motion = MOTIONS[panel.motion](arm.n_joints)
+    column = panel.joint - 1
+    if not panel.dry:
+        arm = replace(arm, coulomb=np.zeros(arm.n_joints))
+    nominal = CorrectedArm(arm).predict(RigidBody(arm), motion)
+    shown, unit = signature(panel, arm, motion, nominal)
+    across = {
+        "position": motion.q,
+        "velocity": motion.dq,
+        "acceleration": motion.ddq,
+        "load": nominal,
+    }
+    x = motion.t if panel.over == "time" else across[panel.over][:, column]
+    forward = motion.dq[:, column] > 0
+    place.axhline(0.0, color=LINE, linewidth=0.8)
+    for direction, colour in ((forward, FORWARD), (~forward, BACKWARD)):
+        place.plot(x[direction], shown[direction, column], ".", color=colour, ms=2)
+    place.set_title(f"{panel.effect}, joint {panel.joint}", fontsize=9, color=INK)
+    place.set_xlabel(AXES[panel.over], fontsize=8)
+    place.set_ylabel(unit, fontsize=8)
+    place.tick_params(labelsize=7)
+
+
+def signature(
+    panel: Panel, arm: NominalArm, motion: Motion, nominal: np.ndarray
+) -> tuple[np.ndarray, str]:
+    """What an effect leaves, shape (N, n), and the name of that quantity with its unit."""
+    joints = () if panel.on_arm else (panel.joint,)
+    effect = CATALOGUE[panel.effect]
+    applied = AppliedEffect(panel.effect, joints, panel.values or {})
+    corrected = CorrectedArm(arm, (applied,))
+    if panel.effect == "encoder_quantization":
+        step = applied.per_joint("step", arm.n_joints)
+        return effect.recorded(motion.q, step) - motion.q, "position error [rad]"
+    if panel.effect == "torque_saturation":
+        return corrected.delivered(nominal) - nominal, "torque lost [N m]"
+    return corrected.predict(RigidBody(arm), motion) - nominal, "torque gap [N m]"
+
+
+def slow_and_fast(n_joints: int) -> Motion:
+    """Two sines per joint about the posture of the demo, with their exact derivatives."""
+    t = np.arange(0.0, DURATION, 1.0 / RATE)
+    phase = np.arange(n_joints)
+    motion = np.zeros((3, len(t), n_joints))
+    motion[0] = POSTURE
+    for amplitude, frequency in ((0.35, 0.25), (0.12, 0.9)):
+        w = 2 * np.pi * frequency
+        angle = w * t[:, None] + phase
+        motion[0] += amplitude * np.sin(angle)
+        motion[1] += amplitude * w * np.cos(angle)
+        motion[2] -= amplitude * w**2 * np.sin(angle)
+    return Motion(t, *motion)
+
+
+def sweep(n_joints: int) -> Motion:
+    """A sine on all joints whose frequency rises from 0.5 to 8 Hz at a constant speed of 0.3 rad/s."""
+    t = np.arange(0.0, DURATION, 1.0 / RATE)
+    frequency = 0.5 * 16.0 ** (t / DURATION)
+    w = 2 * np.pi * frequency
+    angle = np.cumsum(w) / RATE
+    speed = 0.3 * np.cos(angle)
+    position = np.cumsum(speed) / RATE
+    state = position, speed, -0.3 * w * np.sin(angle)
+    columns = [np.tile(x[:, None], n_joints) for x in state]
+    return Motion(t, POSTURE + columns[0], columns[1], columns[2])
+
+
+MOTIONS: dict[str, Callable[[int], Motion]] = {
+    "slow and fast": slow_and_fast,
+    "sweep": sweep,
+}
+"""Motions by name."""
+
+
+HELP, FORCE, LAW = "#8c959f", "#0072b2", "#d55e00"
+"""Help lines, torques and forces that are known, and what the effect adds."""
+WIDTH, HEIGHT = 740, 230
+
+
+@dataclass
+class Sketch:
+    """Parts of one picture, in pixels from its upper left corner."""
+
+    parts: list[str] = field(default_factory=list)
+
+    def line(
+        self,
+        x: float,
+        y: float,
+        to_x: float,
+        to_y: float,
+        colour: str = INK,
+        width: float = 2,
+        more: str = "",
+    ) -> None:
+        """A straight line."""
+        self.parts.append(
+            f'<line x1="{x}" y1="{y}" x2="{to_x}" y2="{to_y}" stroke="{colour}" stroke-width="{width}" {more}/>'
+        )
+
+    def arrow(
+        self, x: float, y: float, to_x: float, to_y: float, colour: str = FORCE
+    ) -> None:
+        """A force."""
+        self.line(x, y, to_x, to_y, colour, 2.5, f'marker-end="url(#{colour[1:]})"')
+
+    def turn(
+        self,
+        x: float,
+        y: float,
+        radius: float,
+        start: float,
+        end: float,
+        colour: str = FORCE,
+    ) -> None:
+        """A torque: an arc from one angle to another [degrees, counted against the clock from the right]."""
+        from_x, from_y = (
+            x + radius * cos(radians(start)),
+            y - radius * sin(radians(start)),
+        )
+        to_x, to_y = x + radius * cos(radians(end)), y - radius * sin(radians(end))
+        large, sweep = int(abs(end - start) > 180), int(end < start)
+        self.parts.append(
+            f'<path d="M {from_x:.1f} {from_y:.1f} A {radius} {radius} 0 {large} {sweep} {to_x:.1f} {to_y:.1f}" '
+            f'fill="none" stroke="{colour}" stroke-width="2.5" marker-end="url(#{colour[1:]})"/>'
+        )
+
+    def link(self, x: float, y: float, to_x: float, to_y: float) -> None:
+        """A link, with the joint that it turns about."""
+        self.line(x, y, to_x, to_y, HELP, 18, 'stroke-linecap="round" opacity="0.45"')
+        self.parts.append(
+            f'<circle cx="{x}" cy="{y}" r="7" fill="#fff" stroke="{INK}" stroke-width="2"/>'
+        )
+
+    def body(self, x: float, y: float, width: float, height: float, text: str) -> None:
+        """A box with a word in it."""
+        self.parts.append(
+            f'<rect x="{x}" y="{y}" width="{width}" height="{height}" rx="6" fill="#fff" stroke="{INK}" '
+            'stroke-width="2"/>'
+        )
+        self.text(x + width / 2, y + height / 2 + 5, text, middle=True)
+
+    def text(
+        self,
+        x: float,
+        y: float,
+        words: str,
+        colour: str = INK,
+        *,
+        middle: bool = False,
+    ) -> None:
+        """Words."""
+        anchor = ' text-anchor="middle"' if middle else ""
+        self.parts.append(
+            f'<text x="{x}" y="{y}" fill="{colour}"{anchor}>{words}</text>'
+        )
+
+    def svg(self, title: str) -> str:
+        """The picture as a file."""
+        heads = "".join(
+            f'<marker id="{colour[1:]}" viewBox="0 0 10 10" refX="8" refY="5" markerWidth="6" markerHeight="6" '
+            f'orient="auto-start-reverse"><path d="M 0 0 L 10 5 L 0 10 z" fill="{colour}"/></marker>'
+            for colour in (INK, FORCE, LAW)
+        )
+        return (
+            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" width="{WIDTH}" '
+            f'height="{HEIGHT}" font-family="sans-serif" font-size="15" role="img"><title>{title}</title>'
+            f'<defs>{heads}</defs><rect width="{WIDTH}" height="{HEIGHT}" fill="#fff"/>'
+            + "".join(self.parts)
+            + "</svg>\n"
+        )
+
+
+def friction() -> Sketch:
+    """A joint that turns, and what holds against it."""
+    s = Sketch()
+    s.link(150, 150, 310, 90)
+    s.turn(150, 150, 52, 75, 165)
+    s.text(66, 92, "τ recorded", FORCE)
+    s.turn(150, 150, 78, -55, -125, LAW)
+    s.text(206, 214, "friction, against v", LAW)
+    s.turn(230, 120, 70, 0, 50, INK)
+    s.text(306, 62, "v = dq/dt")
+    s.text(350, 110, "τ recorded = τ of the bodies")
+    s.text(350, 138, "+ c sgn v + b v + d exp(−(v/vs)²) sgn v", LAW)
+    s.text(350, 162, "+ d tanh(|v|/vs) sgn v + μ |τ load| sgn v", LAW)
+    return s
+
+
+def rigid_body() -> Sketch:
+    """Two links, their masses, a load and a rotor."""
+    s = Sketch()
+    s.link(90, 190, 210, 100)
+    s.link(210, 100, 380, 80)
+    for x, y, name in ((150, 145, "m₁"), (295, 90, "m₂")):
+        s.arrow(x, y, x, y + 55)
+        s.text(x + 8, y + 52, f"{name} g", FORCE)
+    s.parts.append(f'<circle cx="400" cy="78" r="13" fill="{LAW}" opacity="0.8"/>')
+    s.text(385, 52, "payload m at c", LAW)
+    s.arrow(400, 92, 400, 150, LAW)
+    s.turn(90, 190, 38, 20, 150, LAW)
+    s.text(14, 140, "rotor: I a", LAW)
+    s.arrow(295, 90, 322, 72, LAW)
+    s.text(300, 30, "dm, dc of a link", LAW)
+    s.text(440, 120, "τ = Y(q, dq, ddq) π")
+    s.text(440, 146, "+ Y of the changed link Δπ", LAW)
+    s.text(440, 172, "+ I a", LAW)
+    return s
+
+
+def transmission() -> Sketch:
+    """A rotor, a gear with spring, damper and play, and a link."""
+    s = Sketch()
+    s.parts.append(
+        f'<circle cx="80" cy="110" r="42" fill="#fff" stroke="{INK}" stroke-width="2"/>'
+    )
+    s.text(80, 115, "rotor I", middle=True)
+    s.turn(80, 110, 60, 60, 150)
+    s.text(24, 36, "τ motor", FORCE)
+    s.text(80, 175, "θ", middle=True)
+    zigzag = " ".join(
+        f"{140 + 12 * k},{80 + (12 if k % 2 else -12)}" for k in range(1, 8)
+    )
+    s.parts.append(
+        f'<polyline points="122,80 140,80 {zigzag} 236,80 260,80" fill="none" stroke="{LAW}" stroke-width="2.5"/>'
+    )
+    s.text(190, 58, "k", LAW, middle=True)
+    s.line(122, 140, 180, 140, LAW, 2.5)
+    s.line(180, 128, 180, 152, LAW, 2.5)
+    s.parts.append(
+        f'<path d="M 205 126 H 170 V 154 H 205" fill="none" stroke="{LAW}" stroke-width="2.5"/>'
+    )
+    s.line(170, 140, 166, 140, LAW, 2.5)
+    s.line(205, 140, 260, 140, LAW, 2.5)
+    s.text(190, 176, "d", LAW, middle=True)
+    s.line(260, 80, 260, 140, LAW, 2.5)
+    s.line(260, 110, 286, 110, LAW, 2.5)
+    s.line(286, 96, 286, 124, LAW, 2.5)
+    s.line(310, 90, 310, 130, LAW, 2.5)
+    s.text(298, 152, "w", LAW, middle=True)
+    s.link(330, 110, 440, 80)
+    s.text(330, 150, "q", middle=True)
+    s.line(400, 200, 400, 100, LAW, 2, 'stroke-dasharray="5 4"')
+    s.text(408, 196, "k (q − q₀): spring beside the joint", LAW)
+    s.text(460, 92, "τ = k (θ − q) + d (dθ − dq)", LAW)
+    s.text(460, 118, "0 while |θ − q| &lt; w/2", LAW)
+    return s
+
+
+def actuation() -> Sketch:
+    """From the recorded torque to the joint, in order."""
+    s = Sketch()
+    names = ("clip", "delay", "lag", "1 + s", "+ offset", "+ ripple")
+    laws = ("limit", "u(t − T)", "1/(1 + T s)", "scale", "constant", "A sin(n q + φ)")
+    s.text(6, 84, "τ recorded", FORCE)
+    for k, (name, law) in enumerate(zip(names, laws, strict=True)):
+        x = 104 + 88 * k
+        s.arrow(x - 18 if k else 88, 100, x, 100, FORCE)
+        s.body(x, 78, 70, 44, name)
+        s.text(x + 35, 146 + 22 * (k % 2), law, LAW, middle=True)
+    s.arrow(614, 100, 644, 100, FORCE)
+    s.link(662, 100, 704, 60)
+    s.text(646, 142, "τ applied", FORCE)
+    s.text(100, 212, "τ applied = what the bodies and friction need")
+    return s
+
+
+def sensing() -> Sketch:
+    """From the true position to the recorded one."""
+    s = Sketch()
+    s.link(80, 160, 200, 90)
+    s.turn(80, 160, 70, 0, 28, INK)
+    s.text(158, 148, "q true")
+    s.line(80, 160, 220, 160, HELP, 1.5, 'stroke-dasharray="5 4"')
+    s.arrow(240, 110, 280, 110)
+    s.body(280, 88, 90, 44, "+ delta")
+    s.arrow(370, 110, 410, 110)
+    s.body(410, 88, 100, 44, "round to s")
+    s.arrow(510, 110, 552, 110)
+    s.text(556, 115, "q recorded", FORCE)
+    s.text(280, 170, "a zero off by delta turns gravity with it", LAW)
+    s.text(280, 194, "steps of s become spikes in dq and ddq", LAW)
+    return s
+
+
+def environment() -> Sketch:
+    """A base that is turned, and a force from outside."""
+    s = Sketch()
+    s.line(40, 200, 230, 200, HELP, 2, 'stroke-dasharray="5 4"')
+    s.line(40, 200, 226, 172, LAW, 3)
+    s.turn(40, 200, 150, 0, 8, LAW)
+    s.text(200, 222, "roll, pitch", LAW)
+    s.link(130, 186, 160, 90)
+    s.link(160, 90, 320, 66)
+    s.arrow(250, 78, 250, 140)
+    s.text(258, 138, "R^T g", FORCE)
+    s.arrow(318, 130, 318, 80, LAW)
+    s.text(328, 128, "f, from t₀ to t₁", LAW)
+    s.text(490, 80, "gravity in the base: R^T g")
+    s.text(490, 106, "R = Ry(pitch) Rx(roll)", LAW)
+    s.text(490, 132, "τ recorded = τ − J^T f", LAW)
+    return s
+
+
+PICTURES: dict[str, Callable[[], Sketch]] = {
+    "friction": friction,
+    "rigid_body": rigid_body,
+    "transmission": transmission,
+    "actuation": actuation,
+    "sensing": sensing,
+    "environment": environment,
+}
+"""Pictures by the page of their family."""
+
+
+def free_bodies() -> None:
+    """Write the pictures."""
+    parser = argparse.ArgumentParser(description=free_bodies.__doc__)
+    parser.add_argument("--out", type=Path, default=Path("docs/pictures/free_bodies"))
+    out = parser.parse_args().out
+    for name, draw in PICTURES.items():
+        path = out / f"{name}.svg"
+        with atomic_write(path) as aside:
+            aside.write_text(draw().svg(name.replace("_", " ")), encoding="utf-8")
+        print(path)
+
+
+MAKERS = {
+    "readme": readme,
+    "signatures": signatures,
+    "free_bodies": free_bodies,
+}
+"""What the first word of the command line may be."""
+
+if __name__ == "__main__":
+    run_part(__doc__, MAKERS)

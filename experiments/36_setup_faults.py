@@ -1,0 +1,790 @@
+"""Faults of the set-up put into recordings: found or not, told apart or not, false alarms, and what mending leaves.
+
+    GAPSCOPE_DATA=.../data .venv/bin/python experiments/36_setup_faults.py PART [--out out/PART]
+
+Faults are made by the formulas with which they are put right: finding them is a recovery check. What is measured is
+whether they are told apart, from each other, from the effects of an arm, and from nothing. Runs that were interrupted
+go on.
+
+``torque_column [--only real|generated]``: faults of the torque column. Real recordings are carriers as in
+``26_real_benchmark.py``: healthy as they are, and with a fault put in. The generator's arms are simulated by MuJoCo
+with other laws than the diagnosis has, nominal inertials off by a tenth; healthy ones with little and much noise, and
+some with a strong ordinary effect. The gravity that a vendor's driver leaves out is that of a model whose links are
+each off by a fifth. Each answer is appended to ``answers.jsonl``; the tables are ``tables.md``.
+
+``references [--part references|zeros|gravity]``: faults of references, velocities and gains in simulated arms (the
+project's simulator, with and without feedforward and ordinary effects; arms of the blind check's generator, another
+simulator, each with two effects of its own) and in real recordings with references, all as they are and with noise
+added, with the torque and by the commands alone; each joint of simulated and real arms counted from another zero; and
+a gravity that the case states turned against the true one, which the whole diagnosis has to name.
+
+``controllers``: a KUKA iiwa of PyBullet follows three motions under each control law with gains of the same bandwidth
+(4 Hz), healthy and with one effect. The torque column is dropped, so that the diagnosis works with the torque that the
+law must have commanded. Printed for each law: what was found with its value, the replay gap before and after, and the
+gain margin of the loop, the smallest factor on its gains at which a mode is unstable at a posture of the motions, with
+torque one period late.
+
+``mended``: a KUKA iiwa without an effect is recorded by PyBullet with 1 % of noise on the torque. Each fault of the
+catalogue, in each of its variants, is made in the recordings, the case is written, diagnosed, and its mended case
+measured and looked through for faults. Printed: what the diagnosis finds, the largest torque NRMSE before, of the
+mended case and of the sound one, and the faults that the mended case still has.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import itertools
+import json
+import os
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+import yaml
+from common import run_part
+from generator_arms import ARMS, GeneratorArm
+from real_carriers import load_carrier
+from scipy.optimize import brentq
+
+import gapscope
+from gapscope.arm.case import Case, load_case
+from gapscope.arm.control.laws import LAWS
+from gapscope.arm.controller import Controller
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.io.json_file import read_json, write_json
+from gapscope.arm.io.write_case import write_case
+from gapscope.arm.motions.named_motions import workspace
+from gapscope.arm.recording import Recording
+from gapscope.arm.velocity_filter import filter_gains
+from gapscope.blind_check.generator.case import make_case
+from gapscope.blind_check.generator.case import write_case as write_made_case
+from gapscope.blind_check.generator.conditions import CaseSpec, Conditions
+from gapscope.diagnosis.diagnose import diagnose
+from gapscope.diagnosis.setup_faults.detection import find_setup_faults
+from gapscope.diagnosis.setup_faults.references.detection import find_reference_faults
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.catalogue import CATALOGUE
+from gapscope.effects.environment import tilt
+from gapscope.effects.setup_faults.channel_faults import (
+    JointSwap,
+    SignFlip,
+    UnitMismatch,
+    ZeroOffset,
+)
+from gapscope.effects.setup_faults.controller_faults import (
+    GainMismatch,
+    UnmeasuredTorque,
+)
+from gapscope.effects.setup_faults.fault import Fault
+from gapscope.effects.setup_faults.fault_catalogue import FAULTS
+from gapscope.effects.setup_faults.inertial_fault import ShiftedInertials
+from gapscope.effects.setup_faults.reference_faults import (
+    CoarseReference,
+    IgnoredVelocityReference,
+    SpeedScaling,
+    VelocityOfReference,
+)
+from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
+from gapscope.effects.setup_faults.torque_faults import (
+    GravityCompensatedTorque,
+    LateTorque,
+    TorqueUnit,
+)
+from gapscope.envs.mystery_arm import iiwa
+from gapscope.envs.position_controller import SampledLoop, position_controller
+from gapscope.envs.recorder import Plan, record_case
+
+REAL = ("ur10", "panda", "tx40", "kinova", "kuka")
+"""Carriers; the torque of a sixth, the Z1, is computed from gains and so no measurement."""
+ROBOTS = ("kuka_iiwa", "ur5_like", "franka_panda")
+"""Arms of the generator."""
+NOISE_FACTORS = (1.0, 3.0)
+"""Factors on the noise of their encoders."""
+ORDINARY_LAWS = (
+    "payload",
+    "torque_scale",
+    "coulomb_friction",
+    "base_tilt",
+    "actuator_delay",
+)
+"""Effects that are no faults."""
+SEVERITY, INERTIALS_OFF = (10.0, 20.0), 0.1
+"""Gap of an ordinary effect over that of a healthy arm, and relative error of the nominal inertials [1]."""
+VENDOR_OFF = 0.2
+"""Relative error of each link's mass and first moments in the vendor's gravity [1]."""
+NOTHING, RIGHT, OTHER, BESIDE = "nothing", "found", "other", "found beside another"
+"""Kinds of answers."""
+
+Spoil = Callable[[Case, np.random.Generator], Case]
+
+
+def _of(fault: Callable[[int], Fault]) -> Spoil:
+    """All recordings of a case with a fault, given the number of joints."""
+
+    def spoil(case: Case, rng: np.random.Generator) -> Case:
+        return fault(case.arm.n_joints).in_case(case, rng, case.arm)
+
+    return spoil
+
+
+def without_gravity(case: Case, rng: np.random.Generator) -> Case:
+    """Gravity left out, that of a vendor's model whose links differ from the nominal arm's."""
+    body = RigidBody(case.arm)
+    own = body.inertial_parameters().reshape(-1, 10)
+    errors = np.zeros_like(own)
+    errors[:, :4] = own[:, :4] * (VENDOR_OFF * rng.standard_normal((len(own), 1)))
+    vendor = body.changed(errors)
+
+    def spoilt(recording: Recording) -> Recording:
+        still = np.zeros_like(recording.q)
+        pull = vendor.inverse_dynamics(recording.q, still, still)
+        return replace(recording, tau=np.asarray(recording.tau) - pull)
+
+    return replace(case, recordings=tuple(spoilt(r) for r in case.recordings))
+
+
+def _two_sizes(n: int) -> tuple[float, ...]:
+    """Constants of large motors in the arm and small ones in the wrist, at the joint [N m/A]."""
+    return tuple(13.0 if 2 * j < n else 8.0 for j in range(n))
+
+
+TORQUE_FAULTS: dict[str, tuple[Spoil, str, str, float]] = {
+    "gravity left out": (without_gravity, "gravity_compensated_torque", "", 0.0),
+    "amperes, one constant": (
+        _of(lambda n: TorqueUnit("current", factor=(10.0,))),
+        "torque_unit",
+        "current",
+        10.0,
+    ),
+    "amperes, two sizes": (
+        _of(lambda n: TorqueUnit("current", factor=_two_sizes(n))),
+        "torque_unit",
+        "current",
+        0.0,
+    ),
+    "milliamperes": (
+        _of(lambda n: TorqueUnit("current", factor=(0.01,))),
+        "torque_unit",
+        "current",
+        0.01,
+    ),
+    "three commands times four": (
+        _of(lambda n: TorqueUnit("command_scale", (1, 2, 3), (0.25,))),
+        "torque_unit",
+        "command_scale",
+        0.25,
+    ),
+    "late by 20 ms": (_of(lambda n: LateTorque("delay", 0.02)), "late_torque", "delay", 0.02),
+    "late by 50 ms": (_of(lambda n: LateTorque("delay", 0.05)), "late_torque", "delay", 0.05),
+    "late by 100 ms": (_of(lambda n: LateTorque("delay", 0.1)), "late_torque", "delay", 0.1),
+    "filtered, 50 ms": (_of(lambda n: LateTorque("filter", 0.05)), "late_torque", "delay", 0.05),
+}  # fmt: skip
+"""Faults put in: how, the name and variant to be found, and its value where one stands for all."""
+BESIDE_ORDINARY = ("gravity left out", "amperes, one constant")
+"""Faults that are put in beside ordinary effects."""
+AS_IT_IS = "as it is"
+
+
+def real_cases(out: Path) -> Iterator[tuple[str, str, Case]]:
+    """Group, name and case of the carriers."""
+    for arm in REAL:
+        yield "real", arm, load_carrier(arm, out / "carriers" / arm)
+
+
+def generated_cases(out: Path) -> Iterator[tuple[str, str, Case]]:
+    """Group, name and case of the generator's arms, written on the first run."""
+    for robot in ROBOTS:
+        for noise in NOISE_FACTORS:
+            folder = out / "cases" / f"{robot}_{noise:g}"
+            group = f"simulated, noise x{noise:g}"
+            yield group, folder.name, _made(folder, robot, (), noise)
+        for law in ORDINARY_LAWS:
+            folder = out / "cases" / f"{robot}_{law}"
+            yield "ordinary effect", folder.name, _made(folder, robot, (law,), 1.0)
+
+
+def _made(folder: Path, robot: str, laws: tuple[str, ...], noise: float) -> Case:
+    """A case of the generator."""
+    if not folder.is_dir():
+        conditions = Conditions(robot, INERTIALS_OFF, noise, rate=250)
+        spec = CaseSpec(
+            "single" if laws else "healthy",
+            laws,
+            SEVERITY if laws else None,
+            conditions,
+        )
+        made = make_case(spec, (36, crc32(folder.name.encode())))
+        write_made_case(
+            made, folder.name, True, folder, folder.parent / f"{folder.name}.csv"
+        )
+    return load_case(folder)
+
+
+def answer(case: Case, label: str) -> dict[str, Any]:
+    """What is found in a case with a fault put in."""
+    spoil = TORQUE_FAULTS[label][0] if label in TORQUE_FAULTS else None
+    rng = np.random.default_rng(crc32(f"{case.name} {label}".encode()))
+    spoilt = case if spoil is None else spoil(case, rng)
+    start = time.process_time()
+    found = find_setup_faults(spoilt)
+    return {
+        "seconds": round(time.process_time() - start, 2),
+        "found": [
+            {
+                "name": fault.name,
+                "variant": fault.variant,
+                "joints": list(fault.joints),
+                "probability": round(fault.probability, 3),
+                "values": {k: list(p.value) for k, p in fault.parameters.items()},
+            }
+            for fault in found
+        ],
+    }
+
+
+def kind(label: str, found: list[dict[str, Any]]) -> str:
+    """Kind of an answer."""
+    names = [(fault["name"], fault["variant"]) for fault in found]
+    # what a carrier's stamps show is no matter of the torque
+    names = [name for name in names if name[0] != "time_stamps"]
+    wanted = TORQUE_FAULTS[label][1:3] if label in TORQUE_FAULTS else None
+    if not names:
+        return NOTHING
+    if wanted not in names:
+        return OTHER
+    return RIGHT if len(names) == 1 else BESIDE
+
+
+def tables(answers: list[dict[str, Any]]) -> str:
+    """The tables: kinds of answers by fault and group, and values found."""
+    groups = list(dict.fromkeys(one["group"] for one in answers))
+    labels = [AS_IT_IS, *TORQUE_FAULTS]
+    lines = [
+        "found, found beside another fault, other name, nothing; of so many cases",
+        "",
+        f"| fault | {' | '.join(groups)} | value found over value put in |",
+        "|---" * (len(groups) + 2) + "|",
+    ]
+    for label in labels:
+        of_label = [one for one in answers if one["label"] == label]
+        cells = [
+            _counted(label, [x for x in of_label if x["group"] == g]) for g in groups
+        ]
+        lines.append(f"| {label} | {' | '.join(cells)} | {_ratio(label, of_label)} |")
+    lines += ["", "wrong names:", ""]
+    for one in answers:
+        what = kind(one["label"], one["found"])
+        if what in (OTHER, BESIDE):
+            names = [f"{f['name']} {f['variant']} {f['joints']}" for f in one["found"]]
+            lines.append(f"- {one['case']}, {one['label']}: {'; '.join(names)}")
+    return "\n".join(lines) + "\n"
+
+
+def _counted(label: str, answers: list[dict[str, Any]]) -> str:
+    if not answers:
+        return "-"
+    kinds = [kind(label, one["found"]) for one in answers]
+    if label == AS_IT_IS:
+        return f"{len(kinds) - kinds.count(NOTHING)} false of {len(kinds)}"
+    counts = [str(kinds.count(x)) for x in (RIGHT, BESIDE, OTHER, NOTHING)]
+    return f"{', '.join(counts)}; of {len(kinds)}"
+
+
+def _ratio(label: str, answers: list[dict[str, Any]]) -> str:
+    """Quartiles of the value found over the true one."""
+    if label not in TORQUE_FAULTS or not TORQUE_FAULTS[label][3]:
+        return "-"
+    _, name, _, value = TORQUE_FAULTS[label]
+    ratios = [
+        float(np.median(next(iter(fault["values"].values())))) / value
+        for one in answers
+        for fault in one["found"]
+        if fault["name"] == name
+    ]
+    if not ratios:
+        return "-"
+    low, middle, high = np.percentile(ratios, (25, 50, 75))
+    return f"{middle:.2f} ({low:.2f} .. {high:.2f})"
+
+
+def torque_column() -> None:
+    """Ask each question that has no answer yet, and write the tables."""
+    parser = argparse.ArgumentParser(description=torque_column.__doc__)
+    parser.add_argument("--out", type=Path, default=Path("out/torque_column"))
+    parser.add_argument("--only", choices=("real", "generated"))
+    options = parser.parse_args()
+    out = options.out
+    out.mkdir(parents=True, exist_ok=True)
+    file = out / "answers.jsonl"
+    known = (
+        [json.loads(x) for x in file.read_text().splitlines()] if file.is_file() else []
+    )
+    asked = {(one["case"], one["label"]) for one in known}
+    sources = {"real": real_cases, "generated": generated_cases}
+    chosen = [x for name, x in sources.items() if options.only in (None, name)]
+    # false alarms first: they are asked of the most cases
+    for as_it_is, source in itertools.product((True, False), chosen):
+        for group, case_name, case in source(out):
+            faults = (
+                BESIDE_ORDINARY if group == "ordinary effect" else tuple(TORQUE_FAULTS)
+            )
+            for label in (AS_IT_IS,) if as_it_is else faults:
+                if (case_name, label) in asked:
+                    continue
+                one = {"group": group, "case": case_name, "label": label}
+                one |= answer(case, label)
+                said = kind(label, one["found"])
+                print(f"{case_name}, {label}: {said} ({one['seconds']} s)", flush=True)
+                known.append(one)
+                with file.open("a") as stream:
+                    stream.write(json.dumps(one) + "\n")
+    (out / "tables.md").write_text(tables(known))
+    print(tables(known))
+
+
+CASES = Path(__file__).parent / "cases"
+REFERENCE_FAULTS: dict[str, Fault] = {
+    "velocity_of_reference": VelocityOfReference(),
+    "ignored_velocity_reference": IgnoredVelocityReference(),
+    "speed_scaling 0.5": SpeedScaling(0.5),
+    "speed_scaling 0.9": SpeedScaling(0.9),
+    "coarse_reference held 0.04": CoarseReference("held", 0.04),
+    "coarse_reference held 0.1": CoarseReference("held", 0.1),
+    "coarse_reference interpolated 0.1": CoarseReference("interpolated", 0.1),
+    "gain_mismatch 3, 0.4": GainMismatch((3.0,), (0.4,)),
+    "gain_mismatch 1, 2": GainMismatch((1.0,), (2.0,)),
+    "unmeasured_torque 80, 2.5": UnmeasuredTorque((80.0,), (2.5,)),
+}
+NOISE = {"as it is": (0.0, 0.0), "noise": (0.05, 2e-4)}
+"""Added to the torque, over its deviation [1], and to positions [rad]."""
+ANGLES = (-90.0, 60.0, 180.0)
+"""Zeros are off by so much [deg]."""
+TURNS = ((180.0, 0.0), (135.0, 0.0), (-50.0, 35.0))
+"""Roll and pitch of the gravity that a case states [deg]."""
+ORDINARY = (
+    AppliedEffect("coulomb_friction", (2, 4), {"torque": [6.0, 4.0]}),
+    AppliedEffect("payload", (), {"mass": 2.0, "com": [0.0, 0.0, 0.1]}),
+    AppliedEffect("actuator_delay", tuple(range(1, 8)), {"delay": [0.01] * 7}),
+)
+
+
+def simulated(feedforward: str, effects: tuple[AppliedEffect, ...], name: str) -> Case:
+    """A kuka_iiwa in the project's simulator."""
+    arm = iiwa()
+    posture = workspace(RigidBody(arm)).posture
+    controller = position_controller(arm, posture, bandwidth=3.0)
+    controller = replace(controller, feedforward=feedforward)
+    plan = Plan(recordings=3, duration=6.0, encoder_noise=2e-5)
+    rng = np.random.default_rng(37)
+    return record_case(name, arm, effects, plan, rng, controller=controller)
+
+
+def real(name: str, data: Path, **columns: str) -> Case:
+    """A case of ``experiments/cases``, with further columns of its logs."""
+    if not columns:
+        return load_case(CASES / f"{name}.yaml", data_root=data)
+    content = yaml.safe_load((CASES / f"{name}.yaml").read_text(encoding="utf-8"))
+    content["import"] |= columns
+    # the other recording holds commands of 1e38
+    content["recordings"] = content["recordings"][1:]
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "case.yaml"
+        file.write_text(yaml.safe_dump(content), encoding="utf-8")
+        return load_case(file, data_root=data)
+
+
+def with_references(data: Path | None, folder: Path) -> Iterator[Case]:
+    """All cases that have references."""
+    yield simulated("nominal", (), "iiwa, feedforward")
+    yield simulated("none", (), "iiwa, PD alone")
+    yield simulated("nominal", ORDINARY, "iiwa, feedforward, effects")
+    yield simulated("none", ORDINARY, "iiwa, PD alone, effects")
+    for number, (robot, _) in enumerate(ARMS):
+        target = folder / f"generator_{number}"
+        GeneratorArm(number).write(target)
+        yield replace(load_case(target / "case"), name=f"generator, {robot}")
+    if data is not None:
+        yield real("unitree_z1", data)
+        yield real("so101", data)
+        commands = {"q_ref": "PositionCmptd{j}", "dq_ref": "VelocityCmptd{j}"}
+        yield replace(real("kinova_gen3_current", data, **commands), name="kinova_gen3")
+
+
+def noisy(case: Case, torque: float, position: float, rng: np.random.Generator) -> Case:
+    """The case with more noise on torque and positions."""
+
+    def changed(r: Recording) -> Recording:
+        q = r.q + position * rng.standard_normal(r.q.shape)
+        if r.tau is None:
+            return replace(r, q=q)
+        deviation = torque * r.tau.std(axis=0)
+        return replace(r, q=q, tau=r.tau + deviation * rng.standard_normal(q.shape))
+
+    return replace(case, recordings=tuple(map(changed, case.recordings)))
+
+
+def with_fault(case: Case, fault: Fault) -> Case | None:
+    """The case with a fault; ``None`` if it cannot have it."""
+    try:
+        return fault.in_case(case, np.random.default_rng(0), case.arm)
+    except InputError:
+        return None
+
+
+def references_part(
+    data: Path | None, folder: Path
+) -> Iterator[tuple[str, str, str, str]]:
+    """Case, how it was given, fault, and what was found."""
+    for case in with_references(data, folder):
+        for noise, sizes in NOISE.items():
+            changed = noisy(case, *sizes, np.random.default_rng(1))
+            bare = tuple(replace(r, tau=None) for r in case.recordings)
+            given = {f"torque, {noise}": changed}
+            if noise == "as it is" and case.controller is not None:
+                given["commands alone"] = replace(case, recordings=bare)
+            for how, one in given.items():
+                yield case.name, how, "none", _names(one)
+                for label, fault in REFERENCE_FAULTS.items():
+                    no_torque = "torque" not in how or one.recordings[0].tau is None
+                    if no_torque and isinstance(fault, UnmeasuredTorque):
+                        continue
+                    spoilt = with_fault(one, fault)
+                    if spoilt is not None:
+                        yield case.name, how, label, _names(spoilt)
+
+
+def _names(case: Case) -> str:
+    """Faults found, with their first parameter."""
+    _, faults = find_reference_faults(case)
+    words = []
+    for fault in faults:
+        values = [v for p in fault.parameters.values() for v in p.value[:1]]
+        numbers = ", ".join(f"{v:.3g}" for v in values)
+        words.append(f"{fault.name} {fault.variant} {numbers}".strip())
+    return "; ".join(words) or "none"
+
+
+def zeros_part(data: Path | None, folder: Path) -> Iterator[tuple[str, str, str, str]]:
+    """Each joint of each arm counted from another zero."""
+    cases = [simulated("nominal", ORDINARY, "iiwa, effects")]
+    if data is not None:
+        names = ("ur10", "panda", "kinova_gen3_current")
+        cases += [real(name, data) for name in names]
+    for case in cases:
+        yield case.name, "", "none", _zeros(case)
+        for joint in range(1, case.arm.n_joints + 1):
+            for angle in ANGLES:
+                fault = ZeroOffset((joint,), float(np.deg2rad(angle)))
+                spoilt = with_fault(case, fault)
+                assert spoilt is not None
+                label = f"zero_offset {joint} {angle:g}"
+                yield case.name, f"joint {joint}", label, _zeros(spoilt)
+
+
+def _zeros(case: Case) -> str:
+    words = []
+    for fault in find_setup_faults(case):
+        offset = fault.parameters.get("offset")
+        joints = ", ".join(map(str, fault.joints))
+        angle = "" if offset is None else f" {np.rad2deg(offset.value[0]):.1f}"
+        words.append(f"{fault.name} {joints}{angle}")
+    return "; ".join(words) or "none"
+
+
+def gravity_part(
+    data: Path | None, folder: Path
+) -> Iterator[tuple[str, str, str, str]]:
+    """Gravity that the case states turned against the true one."""
+    cases = [simulated("nominal", ORDINARY, "iiwa, effects")]
+    if data is not None:
+        cases += [real(name, data) for name in ("ur10", "panda")]
+    for case in cases:
+        for roll, pitch in TURNS:
+            turn = tilt(np.deg2rad(roll), np.deg2rad(pitch))
+            arm = replace(case.arm, gravity=turn @ case.arm.gravity)
+            document = diagnose(replace(case, arm=arm)).document
+            found = {e["effect"]: e["parameters"] for e in document["effects"]}
+            words = [name for name in found if name != "base_tilt"]
+            if "base_tilt" in found:
+                angles = (found["base_tilt"][k]["value"] for k in ("roll", "pitch"))
+                degrees = " ".join(f"{np.rad2deg(a):.1f}" for a in angles)
+                words.insert(0, f"base_tilt {degrees}")
+            label = f"base_tilt {roll:g} {pitch:g}"
+            yield case.name, "", label, "; ".join(words) or "none"
+
+
+REFERENCE_PARTS: dict[str, Callable[..., Iterator[tuple[str, str, str, str]]]] = {
+    "references": references_part,
+    "zeros": zeros_part,
+    "gravity": gravity_part,
+}
+
+
+def outcome(fault: str, found: str) -> str:
+    """``found`` (alone, or ``found with another``), ``not found``, ``wrong name``; ``healthy``, ``false alarm``."""
+    if fault == "none":
+        return "healthy" if found == "none" else "false alarm"
+    names = {words.split()[0] for words in found.split("; ")}
+    others = names - {fault.split()[0]} - set(CATALOGUE)
+    if fault.split()[0] in names:
+        return "found with another" if others else "found"
+    return "not found" if found == "none" else "wrong name"
+
+
+def references() -> None:
+    """Print each result and the counts by fault; write them as a table."""
+    parser = argparse.ArgumentParser(description=references.__doc__)
+    parser.add_argument("--part", choices=REFERENCE_PARTS, action="append")
+    parser.add_argument("--out", type=Path, default=Path("out/reference_faults"))
+    options = parser.parse_args()
+    data = Path(os.environ["GAPSCOPE_DATA"]) if "GAPSCOPE_DATA" in os.environ else None
+    options.out.mkdir(parents=True, exist_ok=True)
+    for part in options.part or REFERENCE_PARTS:
+        counts: Counter[tuple[str, str, str]] = Counter()
+        with (
+            TemporaryDirectory() as folder,
+            (options.out / f"{part}.csv").open(
+                "w", newline="", encoding="utf-8"
+            ) as file,
+        ):
+            table = csv.writer(file)
+            table.writerow(["case", "given", "fault", "found", "outcome"])
+            for case, given, fault, found in REFERENCE_PARTS[part](data, Path(folder)):
+                result = outcome(fault, found)
+                table.writerow([case, given, fault, found, result])
+                print(
+                    f"{case:28} {given:20} {fault:34} {result:12} {found}", flush=True
+                )
+                counts[given, fault, result] += 1
+        print()
+        for (given, fault, result), count in sorted(counts.items()):
+            print(f"| {given} | {fault} | {result} | {count} |")
+
+
+LAW_EFFECTS: dict[str, tuple[AppliedEffect, ...]] = {
+    "healthy": (),
+    "payload": (AppliedEffect("payload", (), {"mass": 2.0, "com": [0.0, 0.0, 0.08]}),),
+    "coulomb_friction": (AppliedEffect("coulomb_friction", (2,), {"torque": [4.0]}),),
+}
+"""What the arm has beyond its data sheet."""
+LAW_PLAN = Plan(recordings=3, duration=8.0, engine="pybullet")
+POSTURES = 40
+"""Postures of the motions at which the margin is taken, evenly spread."""
+
+
+def gain_margin(controller: Controller, postures: np.ndarray) -> float:
+    """Smallest factor on all gains at which a mode of the loop is unstable, torque one period late [1]."""
+    arm = iiwa()
+    body = RigidBody(arm)
+    masses = [body.mass_matrix(q) + np.diag(arm.armature) for q in postures]
+    estimate = filter_gains(
+        controller.rate, controller.velocity_cutoff, controller.velocity_damping
+    )
+
+    def growth(log_factor: float) -> float:
+        scaled = {
+            gain.name: np.exp(log_factor) * getattr(controller, gain.name)
+            for gain in controller.gains
+        }
+        # a cascade's torque is the product of two of its gains
+        if controller.kind == "cascade":
+            scaled["kp"] = controller.kp  # type: ignore[attr-defined]
+        law = replace(controller, **scaled)
+        loop = SampledLoop(law, 1.0 / law.rate, estimate, late=1)
+        return max(loop.spectral_radius(m, arm.viscous) for m in masses) - 1.0
+
+    return float(np.exp(brentq(growth, 0.0, np.log(100.0), rtol=1e-3)))
+
+
+def diagnosed(kind: str, label: str, file: Path) -> None:
+    """Record and diagnose one arm under one law, unless that was done."""
+    if file.exists():
+        return
+    rng = np.random.default_rng(38)
+    case = record_case(
+        label, iiwa(), LAW_EFFECTS[label], LAW_PLAN, rng, controller=kind
+    )
+    assert isinstance(case.controller, Controller)
+    references = np.vstack([r.q_ref for r in case.recordings if r.q_ref is not None])
+    chosen = np.linspace(0, len(references) - 1, POSTURES).astype(int)
+    bare = tuple(replace(r, tau=None) for r in case.recordings)
+    document = gapscope.diagnose(replace(case, recordings=bare)).document
+    content = {
+        "law": kind,
+        "case": label,
+        "margin": gain_margin(case.controller, references[chosen]),
+        "verdict": document["verdict"],
+        "effects": document["effects"],
+        "possible": [e["effect"] for e in document["possible"]],
+        "replay": [
+            document["gap"][stage]["replay_rmse"] for stage in ("before", "after")
+        ],
+    }
+    write_json(content, file)
+    print(controller_line(content), flush=True)
+
+
+def controller_line(content: dict[str, Any]) -> str:
+    """One row of the table."""
+    found = []
+    for effect in content["effects"]:
+        joints = "".join(f" J{j}" for j in effect["joints"])
+        first = next(iter(effect["parameters"].values()))
+        value = np.round(np.atleast_1d(first["value"]), 3).tolist()
+        found.append(f"{effect['effect']}{joints} {value} {first['unit']}")
+    before, after = (np.mean(gap) * 1e3 if gap else np.nan for gap in content["replay"])
+    words = "; ".join(found) or content["verdict"]
+    return (
+        f"| {content['law']} | {content['case']} | {words} | {before:.3f} | {after:.3f} "
+        f"| {content['margin']:.1f} |"
+    )
+
+
+def controllers() -> None:
+    """Diagnose all cases and print the table."""
+    parser = argparse.ArgumentParser(description=controllers.__doc__)
+    parser.add_argument("--out", type=Path, default=Path("out/controllers"))
+    args = parser.parse_args()
+    args.out.mkdir(parents=True, exist_ok=True)
+    files = {
+        (kind, label): args.out / f"{kind}_{label}.json"
+        for kind in LAWS
+        for label in LAW_EFFECTS
+    }
+    for (kind, label), file in files.items():
+        diagnosed(kind, label, file)
+    print("| law | arm | found | replay before [mrad] | after [mrad] | gain margin |")
+    print("|---|---|---|---|---|---|")
+    for file in files.values():
+        print(controller_line(read_json(file, "remove it")))
+
+
+MADE_FAULTS: dict[str, Fault] = {
+    "torque turned": SignFlip((4,)),
+    "position turned": SignFlip((4,), "position"),
+    "joint turned": SignFlip((2,), "joint"),
+    "torques exchanged": JointSwap((3, 4)),
+    "joints exchanged": JointSwap((2, 3), "joint"),
+    "degrees": UnitMismatch("degrees"),
+    "milliseconds": UnitMismatch("milliseconds"),
+    "motor side": UnitMismatch("motor_side", ratio=100.0),
+    "inertials shifted": ShiftedInertials(1),
+    "zero off": ZeroOffset((2,), np.pi / 2),
+    "gravity left out": GravityCompensatedTorque(),
+    "currents": TorqueUnit("current", factor=(12.0,) * 4 + (8.0,) * 3),
+    "command scaled": TorqueUnit("command_scale", (1, 2), (0.25,)),
+    "torque late": LateTorque("delay", 0.06),
+    "torque filtered": LateTorque("filter", 0.06),
+    "wrong rate": TimeStamps("wrong_rate", 2.0),
+    "jitter": TimeStamps("jitter", 0.2),
+    "repeats": TimeStamps("repeats", 0.05),
+    "gaps": TimeStamps("gaps", 0.05),
+}
+"""Each fault of the catalogue in each of its variants, with values as real set-ups have them."""
+
+
+def sound(file: Path) -> Case:
+    """The case without a fault, recorded once."""
+    if not file.exists():
+        case = record_case("sound", iiwa(), (), Plan(), np.random.default_rng(39))
+        write_case(case, file.parent)
+    return load_case(file)
+
+
+def spoilt(case: Case, fault: Fault) -> Case:
+    """The case as a set-up with the fault would have written it."""
+    return fault.in_case(case, np.random.default_rng(0), case.arm)
+
+
+def largest_gap(case: Case | Path) -> float | None:
+    """Largest torque NRMSE of a joint in a recording [1]; ``None`` if it cannot be measured."""
+    try:
+        return float(gapscope.gap(case).to_frame()["torque_nrmse"].max())
+    except GapscopeError:
+        return None
+
+
+def found(document: Any) -> tuple[list[str], list[str]]:
+    """The faults and the effects that a diagnosis found, in words."""
+    words: tuple[list[str], list[str]] = ([], [])
+    for effect in document["effects"]:
+        variant = f" ({effect['variant']})" if effect.get("variant") else ""
+        joints = "".join(f" J{j}" for j in effect["joints"])
+        words[effect["effect"] not in FAULTS].append(
+            effect["effect"] + variant + joints
+        )
+    return words
+
+
+def tried(label: str, folder: Path, case: Case) -> None:
+    """Make, diagnose, mend and diagnose one fault, unless that was done."""
+    file = folder / f"{label.replace(' ', '_')}.json"
+    if file.exists():
+        return
+    place = folder / label.replace(" ", "_")
+    bad = write_case(spoilt(case, MADE_FAULTS[label]), place, overwrite=True)
+    first = gapscope.diagnose(bad)
+    first.save(place / "results")
+    mended = place / "results" / "mended_case.yaml"
+    content: dict[str, Any] = {"fault": label, "first": found(first.document)}
+    content["before"] = largest_gap(bad)
+    if mended.exists():
+        content["after"] = largest_gap(mended)
+        content["second"] = [str(f) for f in find_setup_faults(load_case(mended))]
+    write_json(content, file)
+    print(mended_line(content), flush=True)
+
+
+def mended_line(content: dict[str, Any]) -> str:
+    """One row of the table."""
+
+    def number(key: str) -> str:
+        value = content.get(key)
+        return "-" if value is None else f"{value:.3g}"
+
+    faults, effects = content["first"]
+    first = "; ".join([*faults, *effects]) or "nothing"
+    second = "no mended case"
+    if "second" in content:
+        second = "; ".join(content["second"]) or "nothing"
+    gaps = f"{number('before')} | {number('after')}"
+    return f"| {content['fault']} | {first} | {gaps} | {second} |"
+
+
+def mended() -> None:
+    """Try all faults and print the table."""
+    parser = argparse.ArgumentParser(description=mended.__doc__)
+    parser.add_argument("--out", type=Path, default=Path("out/mended"))
+    parser.add_argument(
+        "--only", nargs="*", choices=list(MADE_FAULTS), default=list(MADE_FAULTS)
+    )
+    args = parser.parse_args()
+    args.out.mkdir(parents=True, exist_ok=True)
+    case = sound(args.out / "sound" / "case.yaml")
+    for label in args.only:
+        tried(label, args.out, case)
+    print(f"largest NRMSE of the sound case: {largest_gap(case):.3g}")
+    print("| fault | found | NRMSE before | mended | faults left |")
+    print("|---|---|---|---|---|")
+    for file in sorted(args.out.glob("*.json")):
+        print(mended_line(read_json(file, "remove it")))
+
+
+PARTS = {
+    "torque_column": torque_column,
+    "references": references,
+    "controllers": controllers,
+    "mended": mended,
+}
+"""What the first word of the command line may be."""
+
+if __name__ == "__main__":
+    run_part(__doc__, PARTS)

@@ -1,0 +1,423 @@
+"""The corrected arm in the words of a simulator: joints, actuators and what to draw at random, to be pasted.
+
+A snippet is written from the values of each joint and body, and the ends between which they may lie.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from gapscope.arm.controller import Controller
+from gapscope.arm.errors import InputError
+from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.effect import LinkChange
+from gapscope.envs.effect_ranges import EffectRange, EffectRanges, write_effect_ranges
+from gapscope.envs.export.plain_arm import JointDrive, PlainArm, joint_drives
+from gapscope.envs.export.texts import (
+    TEMPLATES,
+    described,
+    effects_line,
+    holds,
+    rendered,
+    xml_comment,
+)
+
+BODIES = frozenset({"body", "load", "gravity", "zero"})
+"""Quantities of bodies and where they are: in the file of the arm that a snippet belongs to."""
+HEAD = (
+    "# Effects between two ends, drawn at every reset, written by gapscope export; SI units, joint side.\n"
+    "# For gapscope/ArmTracking-v0: randomisation=gapscope.envs.effect_ranges.read_effect_ranges(FILE), no effects=.\n"
+)
+"""Comment of their file."""
+LEAST_SHARE = 0.01
+"""Share of a link's mass that remains at the lower end of a range [1]."""
+
+
+def finite(values: Mapping[str, float]) -> dict[str, float]:
+    """The entries that are finite."""
+    return {name: value for name, value in values.items() if np.isfinite(value)}
+
+
+@dataclass(frozen=True)
+class JointValues(JointDrive):
+    """What acts on one joint, and the gains that command it.
+
+    Attributes:
+        name: name of the joint.
+        kp, kd: gains of the commanded torque [N m/rad], [N m s/rad]; 0 if the controller is no PD law.
+    """
+
+    name: str
+    kp: float
+    kd: float
+
+    @property
+    def static_friction(self) -> float:
+        """Dry friction at rest [N m]."""
+        return self.friction + self.breakaway
+
+    @property
+    def gain(self) -> float:
+        """Torque that reaches the joint over the one commanded [1]."""
+        return 1.0 + self.scale
+
+    @property
+    def applied_kp(self) -> float:
+        """Torque that reaches the joint over the position's error [N m/rad]."""
+        return self.gain * self.kp
+
+    @property
+    def applied_kd(self) -> float:
+        """Torque that reaches the joint over the velocity's error [N m s/rad]."""
+        return self.gain * self.kd
+
+    @property
+    def applied_effort(self) -> float:
+        """Limit of the torque that reaches the joint [N m]."""
+        return self.gain * self.effort
+
+    def table(self, names: Mapping[str, str]) -> dict[str, float]:
+        """Attributes under other names, those that are finite."""
+        return finite({key: getattr(self, name) for key, name in names.items()})
+
+
+@dataclass(frozen=True)
+class BodyRange:
+    """How far a moving body may differ from the exported one.
+
+    Attributes:
+        name: name of the body.
+        mass: lowest and highest mass to be added [kg].
+        com: lowest and highest shift of its centre of mass along x, y, z of the link [m], (3, 2).
+    """
+
+    name: str
+    mass: tuple[float, float]
+    com: tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True)
+class SnippetArm:
+    """An arm for a snippet.
+
+    Attributes:
+        plain: its bodies and drives.
+        joints: its joints, in the order of the case.
+        low, high: the same at the ends of the ranges; the joints themselves without ranges.
+        bodies: bodies that have a range.
+        ranges: what both come from, or ``None``.
+    """
+
+    plain: PlainArm
+    joints: tuple[JointValues, ...]
+    low: tuple[JointValues, ...]
+    high: tuple[JointValues, ...]
+    bodies: tuple[BodyRange, ...] = ()
+    ranges: EffectRanges | None = None
+
+    def ends(self, name: str) -> dict[str, tuple[float, float]]:
+        """Lowest and highest value of each joint, by its name; twice the value without ranges."""
+        pairs = zip(self.low, self.high, strict=True)
+        return {a.name: (getattr(a, name), getattr(b, name)) for a, b in pairs}
+
+    def ranged(self, name: str) -> dict[str, tuple[float, float]]:
+        """Lowest and highest value of the joints that have a range."""
+        ends = self.ends(name).items()
+        return {joint: (low, high) for joint, (low, high) in ends if low < high}
+
+    def ranges_of(
+        self, names: Mapping[str, str]
+    ) -> dict[str, dict[str, tuple[float, float]]]:
+        """By joint the ranges of some of its values, under other names."""
+        found: dict[str, dict[str, tuple[float, float]]] = {}
+        for key, name in names.items():
+            for joint, ends in self.ranged(name).items():
+                found.setdefault(joint, {})[key] = ends
+        return found
+
+    def factors(self, *names: str) -> dict[str, tuple[float, float]]:
+        """Lowest and highest factor of some values of each joint together, of the joints that have a range.
+
+        A value that is zero has no factor.
+        """
+        found = {}
+        for joint in self.joints:
+            ratios = [1.0]
+            for name in names:
+                value = getattr(joint, name)
+                if value > 0:
+                    ratios += [end / value for end in self.ends(name)[joint.name]]
+            if np.ptp(ratios) > 0:
+                found[joint.name] = (min(ratios), max(ratios))
+        return found
+
+    def column(self, name: str, joints: Sequence[str]) -> dict[str, float]:
+        """A value of some joints, if it is finite."""
+        values = {j.name: getattr(j, name) for j in self.joints if j.name in joints}
+        return finite(values)
+
+    def groups(self, name: str) -> dict[tuple[float, float], list[str]]:
+        """Joints by the lowest and highest of a value, in the order of the first of each group."""
+        groups: dict[tuple[float, float], list[str]] = {}
+        for joint, ends in self.ends(name).items():
+            groups.setdefault(ends, []).append(joint)
+        return groups
+
+    @property
+    def added_mass(self) -> dict[str, tuple[float, float]]:
+        """Lowest and highest mass to be added by body [kg]."""
+        return {body.name: body.mass for body in self.bodies}
+
+    @property
+    def gains(self) -> dict[str, float]:
+        """Torque that arrives over the one commanded, of joints at which they differ [1]."""
+        return {j.name: j.gain for j in self.joints if j.gain != 1.0}
+
+
+def snippet_arm(
+    plain: PlainArm, controller: Controller | None, ranges: EffectRanges | None
+) -> SnippetArm:
+    """The values of an arm, and their ends.
+
+    Args:
+        plain: the arm.
+        controller: that of the case; its gains if it is a PD law.
+        ranges: of the effects, within what the data sheet allows, or ``None``.
+
+    Raises:
+        InputError: friction or armature is negative in total.
+    """
+    corrected = plain.corrected
+    joints = _joints(plain, corrected, controller)
+    if ranges is None:
+        return SnippetArm(plain, joints, joints, joints)
+    low, high = (
+        _joints(plain, _moved(corrected, ranges, side), controller)
+        for side in ("low", "high")
+    )
+    return SnippetArm(plain, joints, low, high, _bodies(plain, ranges), ranges)
+
+
+def _joints(
+    plain: PlainArm, corrected: CorrectedArm, controller: Controller | None
+) -> tuple[JointValues, ...]:
+    """The values of the joints with the effects of an arm."""
+    drives = joint_drives(corrected, plain.body)
+    none = np.zeros(len(drives))
+    pd = controller is not None and controller.kind == "pd"
+    kp, kd = (getattr(controller, x) if pd else none for x in ("kp", "kd"))
+    return tuple(
+        JointValues(**vars(drive), name=name, kp=float(kp[j]), kd=float(kd[j]))
+        for j, (name, drive) in enumerate(drives.items())
+    )
+
+
+def _moved(
+    corrected: CorrectedArm,
+    ranges: EffectRanges,
+    side: str,
+    only: Sequence[str] | None = None,
+) -> CorrectedArm:
+    """The arm with the effects at one side of their ranges, all parameters or only some."""
+    ends = {item.key: getattr(item, side) for item in ranges.ranges}
+    kept = [e for e in corrected.effects if _key(e) not in ends]
+    moved = list(ends.values())
+    if only is not None:
+        own = {_key(e): e.parameters for e in corrected.effects}
+        moved = [
+            AppliedEffect(
+                end.name,
+                end.joints,
+                {k: end.parameters[k] if k in only else v for k, v in own[key].items()},
+            )
+            for key, end in ends.items()
+            if key in own
+        ]
+    return replace(corrected, effects=(*kept, *moved), residual=None)
+
+
+def _key(applied: AppliedEffect) -> tuple[str, int]:
+    return EffectRange(applied, applied).key
+
+
+def _bodies(plain: PlainArm, ranges: EffectRanges) -> tuple[BodyRange, ...]:
+    """The bodies that payload and link errors leave open."""
+    changes = tuple(r for r in ranges.ranges if isinstance(r.low.effect, LinkChange))
+    if not changes:
+        return ()
+    ranges = EffectRanges(changes)
+    mass, moment = _moments(plain, plain.corrected)
+    ends = ("low", "high")
+    heavier = [_moments(plain, _moved(plain.corrected, ranges, x))[0] for x in ends]
+    shifted = [
+        _moments(plain, _moved(plain.corrected, ranges, x, only=("com",)))[1]
+        for x in ends
+    ]
+    added = np.sort(np.array(heavier) - mass, axis=0)
+    added = np.maximum(added, (LEAST_SHARE - 1.0) * mass)
+    centres = np.sort((np.array(shifted) - moment) / mass[:, None], axis=0)
+    return tuple(
+        BodyRange(
+            plain.body_name(joint),
+            (float(added[0, j]), float(added[1, j])),
+            tuple((float(a), float(b)) for a, b in centres[:, j].T),
+        )
+        for j, joint in enumerate(plain.corrected.arm.joints)
+        if np.ptp(added[:, j]) > 0 or np.ptp(centres[:, j], axis=0).any()
+    )
+
+
+def _moments(plain: PlainArm, corrected: CorrectedArm) -> tuple[np.ndarray, np.ndarray]:
+    """Mass [kg], (n,), and first moment [kg m], (n, 3), of what each joint moves."""
+    own = plain.nominal.inertial_parameters().reshape(-1, 10)
+    total = own + corrected.inertial_increments(plain.nominal)
+    return total[:, 0], total[:, 1:4]
+
+
+@dataclass(frozen=True)
+class Target:
+    """A simulator; the text below the head of its snippet is a file of ``templates``.
+
+    Attributes:
+        name: of the format.
+        title: its name and the versions whose words are used.
+        held: quantities that the snippet holds, as far as ``hints`` says; see ``gapscope.effects.effect.QUANTITIES``.
+        hints: what else there is to say on a quantity.
+        notes: what to know of the simulator, a sentence each.
+        model: format of the file of bodies that it belongs to; empty if the snippet has none.
+        comment: how a line of comment begins; ``<!--`` stands for one comment in XML.
+        needs_ranges: whether there is nothing to write without ranges.
+        draws: whether ranges can be written.
+    """
+
+    name: str
+    title: str
+    held: Sequence[str]
+    hints: Mapping[str, str] = field(default_factory=dict)
+    notes: Sequence[str] = ()
+    model: str = "urdf"
+    comment: str = "#"
+    needs_ranges: bool = False
+    draws: bool = True
+
+    def text(self, arm: SnippetArm) -> str:
+        """The snippet."""
+        xml = ".xml" if self.comment == "<!--" else ""
+        body = rendered(f"{self.name}{xml}.j2", arm=arm, joints=arm.joints)
+        return self.head(arm) + body.lstrip("\n")
+
+    def head(self, arm: SnippetArm) -> str:
+        """The comment at its head: what it is, what it leaves out, what to know."""
+        plain = arm.plain
+        lines = [
+            f"Corrected arm of {plain.body.file.name} for {self.title}, written by gapscope export;",
+            f"SI units, joint side. {effects_line(plain)}",
+        ]
+        if arm.ranges is not None:
+            lines.append(
+                "Ranges are 95 % intervals of the diagnosis, from the lowest to the highest end of its units."
+            )
+        missing = self.left_out(arm)
+        lines.append(
+            "Left out, or held in part:" if missing else "Nothing is left out."
+        )
+        lines += [f"  {line}" for line in missing]
+        if self.notes:
+            lines.append("To know:")
+        lines += [f"  {note}" for note in self.notes]
+        if self.comment == "<!--":
+            return f"<!--{xml_comment(lines)}-->\n"
+        return "".join(f"{self.comment} {line}\n" for line in lines) + "\n"
+
+    def left_out(self, arm: SnippetArm) -> tuple[str, ...]:
+        """What the snippet does not hold, or not as it is, in words and figures."""
+        corrected = arm.plain.corrected
+        lines = []
+        for applied in corrected.effects:
+            effect = applied.effect
+            said = (
+                self.hints[x] for x in effect.quantities.values() if x in self.hints
+            )
+            hint = next(said, None)
+            if hint is None and holds(self.held, effect):
+                continue
+            if hint is None and self.model and holds(BODIES, effect):
+                hint = f"in the file of gapscope export --format {self.model}, which this belongs to"
+            lines.append(described(applied, corrected.arm, hint))
+        distances = {n: d.presliding for n, d in arm.plain.drives.items()}
+        if any(distances.values()):
+            figures = ", ".join(f"{n} {x:.3g}" for n, x in distances.items() if x)
+            lines.append(
+                f"presliding, {figures} rad: dry friction sets in at once, not over this distance"
+            )
+        if corrected.residual is not None:
+            lines.append(
+                "residual network: residual.onnx of gapscope residual --onnx predicts torque; nothing here calls it"
+            )
+        return tuple(lines)
+
+
+TARGETS = {
+    name: Target(name, **fields)
+    for name, fields in yaml.safe_load(
+        (TEMPLATES / "targets.yaml").read_text(encoding="utf-8")
+    ).items()
+}
+"""Targets by the name of their format."""
+
+
+def write_snippet(
+    plain: PlainArm,
+    form: str,
+    out: Path,
+    controller: Controller | None,
+    ranges: EffectRanges | None,
+) -> tuple[str, ...]:
+    """Write the snippet of an arm for a simulator; ``out`` never holds half of it.
+
+    Args:
+        plain: the arm.
+        form: one of ``TARGETS``.
+        out: the file.
+        controller: that of the case, or ``None``.
+        ranges: to be drawn from, or ``None``.
+
+    Returns:
+        What it leaves out, a sentence each.
+
+    Raises:
+        InputError: ranges are missing, or the simulator has no words for them.
+        GapscopeError: the file cannot be written.
+    """
+    target = TARGETS[form]
+    if ranges is None and target.needs_ranges:
+        raise InputError(
+            f"{form} holds ranges alone",
+            "add --randomise, with diagnosis.json beside corrected.yaml",
+            where="--format",
+        )
+    if ranges is not None and not target.draws:
+        raise InputError(
+            f"{form} has no words for ranges",
+            f"leave it out, or choose one of {', '.join(drawing())}",
+            where="--randomise",
+        )
+    if ranges is not None and form == "environment":
+        write_effect_ranges(ranges, out, HEAD)
+        return ()
+    arm = snippet_arm(plain, controller, ranges)
+    with atomic_write(out) as aside:
+        aside.write_text(target.text(arm), encoding="utf-8")
+    return target.left_out(arm)
+
+
+def drawing() -> tuple[str, ...]:
+    """Names of the targets that hold ranges."""
+    return tuple(name for name, target in TARGETS.items() if target.draws)

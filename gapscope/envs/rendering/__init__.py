@@ -1,1 +1,0 @@
-"""Pictures of a tracked arm, drawn from its kinematics: alike on every engine, with and without a display."""

@@ -1,0 +1,139 @@
+"""Logs without names of columns: what they hold is told by their values, and the drafted case reads them by number."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_inspect_logs import drafted
+
+from gapscope.arm.case import load_case
+from gapscope.arm.io.log import open_log
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import Recording
+from gapscope.inspection.inspection import Inspection, inspect_logs
+
+
+@pytest.fixture(scope="module")
+def moved(motion: Recording) -> dict[str, np.ndarray]:
+    """The motion with its reference, 15 ms ahead, and encoder noise."""
+    rng = np.random.default_rng(1)
+    q = motion.q + 2e-5 * rng.standard_normal(motion.q.shape)
+    ahead = motion.q + 0.015 * motion.dq
+    warm = 30 + 0.2 * motion.t[:, None] + np.arange(motion.n_joints)
+    temperature = np.round(2 * warm) / 2
+    return {
+        "t": motion.t[:, None],
+        "q": q,
+        "dq": motion.dq + 1e-3 * rng.standard_normal(q.shape),
+        "tau": motion.tau,
+        "q_ref": ahead,
+        "temperature": temperature,
+    }
+
+
+def written(folder: Path, *tables: np.ndarray, delimiter: str = ",") -> list[Path]:
+    files = []
+    for number, table in enumerate(tables):
+        file = folder / f"log{number}.txt"
+        np.savetxt(file, table, delimiter=delimiter, fmt="%.9g")
+        files.append(file)
+    return files
+
+
+def inspected(files: list[Path], arm: NominalArm | None) -> Inspection:
+    return inspect_logs([open_log(file) for file in files], arm)
+
+
+LAYOUTS = {
+    "case format": ("t", "q", "dq", "tau"),
+    "torque before velocity": ("t", "q", "tau", "dq"),
+    "reference first": ("t", "q_ref", "q", "dq", "tau"),
+    "temperature": ("t", "q", "dq", "temperature", "tau"),
+    "no time": ("q", "dq", "tau"),
+    "no velocity": ("t", "q", "tau"),
+    "torque first": ("t", "tau", "q", "dq"),
+}
+
+
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("delimiter", [",", "  "])
+def test_blocks_are_told_by_their_values(
+    layout: str,
+    known: bool,
+    delimiter: str,
+    arm: NominalArm,
+    moved: dict[str, np.ndarray],
+    tmp_path: Path,
+) -> None:
+    names = LAYOUTS[layout]
+    table = np.hstack([moved[name] for name in names])
+    files = written(tmp_path, table, delimiter=delimiter)
+    found = inspected(files, arm if known else None)
+    first = 1
+    for name in names:
+        count = moved[name].shape[1]
+        if name != "t":
+            numbers = [str(first + j) for j in range(count)]
+            assert list(found.chosen[name][1].group.names) == numbers, name
+        first += count
+    assert set(found.chosen) == set(names) - {"t"}
+    if known:
+        read = load_case(drafted(found, tmp_path)).recordings[0]
+        np.testing.assert_allclose(read.q, moved["q"], atol=1e-8)
+        np.testing.assert_allclose(read.tau, moved["tau"], atol=1e-6)
+        if "dq" in names or "t" in names:
+            np.testing.assert_allclose(read.t, moved["t"][:, 0], atol=1e-6)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_one_joint_after_the_other(known, arm, moved, tmp_path):
+    series = np.stack([moved[name] for name in ("q", "dq", "tau")], axis=2)
+    table = np.hstack([moved["t"], series.reshape(len(series), -1)])
+    found = inspected(written(tmp_path, table), arm if known else None)
+    for offset, name in enumerate(("q", "dq", "tau")):
+        numbers = [str(2 + offset + 3 * j) for j in range(arm.n_joints)]
+        assert list(found.chosen[name][1].group.names) == numbers
+
+
+def test_joints_that_stand_still_belong_to_their_block(arm, moved, tmp_path):
+    q, dq = moved["q"].copy(), moved["dq"].copy()
+    q[:, [0, 5, 6]], dq[:, [0, 5, 6]] = 0.2, 0.0
+    table = np.hstack([moved["t"], moved["tau"], q, dq])
+    found = inspected(written(tmp_path, table), arm)
+    numbers = [str(9 + j) for j in range(7)]
+    assert list(found.chosen["q"][1].group.names) == numbers
+
+
+def test_a_torque_that_gravity_explains_is_taken_first(arm, moved, tmp_path):
+    other = np.random.default_rng(2).standard_normal(moved["tau"].shape)
+    table = np.hstack([moved["t"], moved["q"], moved["dq"], other, moved["tau"]])
+    found = inspected(written(tmp_path, table), arm)
+    assert found.chosen["tau"][1].group.names[0] == "23"
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_the_time_may_stand_in_another_file(known, arm, moved, tmp_path):
+    state = np.hstack([moved["q"], moved["dq"], moved["tau"]])
+    files = written(tmp_path, state, moved["t"] + 12.5)
+    found = inspected(files, arm if known else None)
+    assert found.main.time.rate == pytest.approx(200)
+    if known:
+        read = load_case(drafted(found, tmp_path)).recordings[0]
+        np.testing.assert_allclose(read.t, moved["t"][:, 0], atol=1e-6)
+        assert read.begun == pytest.approx(12.5)
+
+
+def test_columns_of_a_file_with_a_header_may_be_given_by_number(arm, motion, tmp_path):
+    names = ["when", *"abcdefg"]
+    table = np.column_stack([motion.t, motion.q])
+    file = tmp_path / "log.csv"
+    np.savetxt(file, table, "%.9g", ",", header=",".join(names), comments="")
+    (tmp_path / "case.yaml").write_text(
+        "name: numbers\nrobot: kuka_iiwa\nrecordings: [log.csv]\n"
+        "import: {time: 1, q: [2, 3, 4, 5, 6, 7, 8], tau: null}\n"
+    )
+    read = load_case(tmp_path).recordings[0]
+    np.testing.assert_allclose(read.q, motion.q, atol=1e-8)
