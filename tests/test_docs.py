@@ -28,6 +28,8 @@ NO_FILES = {"gapscope/ArmTracking-v0", "score.md"}
 """Look like paths: the name of the environment in Gymnasium, and a file that a command writes."""
 README_LINES = 120
 """Most lines of the README."""
+WORDS = 50_000
+"""Most words of README and pages together: what a reader can find his way in."""
 LINE_LENGTH = 120
 """Most characters in a line outside tables and code."""
 
@@ -103,6 +105,11 @@ def test_lines_of_text_are_of_readable_length(page: Path) -> None:
 def test_readme_is_short() -> None:
     lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
     assert len(lines) <= README_LINES
+
+
+def test_the_documentation_is_no_longer_than_a_reader_bears() -> None:
+    pages = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
+    assert sum(len(p.read_text(encoding="utf-8").split()) for p in pages) <= WORDS
 
 
 def test_the_python_page_makes_a_case_without_files() -> None:
