@@ -404,16 +404,9 @@ def make(cases: list[Planned], seed: int, out: Path, jobs: int) -> None:
     )
 
 
-def run(
-    cases: list[Planned],
-    out: Path,
-    results: Path,
-    jobs: int,
-    limit: float,
-    sketch: Path | None,
-) -> None:
-    """Diagnose all cases that have no result yet, with Gapscope or by a sketch."""
-    wanted = [
+def wanted(cases: list[Planned], out: Path, results: Path) -> list[Wanted]:
+    """The diagnoses of all cases that were made."""
+    return [
         Wanted(
             out / "cases" / plan.name,
             reference_of(plan, out) if plan.mode == "against" else None,
@@ -422,7 +415,6 @@ def run(
         for plan in cases
         if (out / "truth" / f"{plan.name}.json").is_file()
     ]
-    diagnose_missing(wanted, jobs, limit, sketch)
 
 
 def score(cases: list[Planned], out: Path, results: Path) -> None:
@@ -475,8 +467,7 @@ def main() -> None:
     if arguments.step == "check":
         print(check_table(cases, out, arguments.jobs).markdown())
     if arguments.step in ("run", "all"):
-        limit, sketch = arguments.limit, arguments.sketch
-        run(cases, out, results, arguments.jobs, limit, sketch)
+        diagnose_missing(wanted(cases, out, results), arguments)
     if arguments.step in ("score", "all"):
         score(cases, out, results)
 

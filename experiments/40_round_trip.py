@@ -317,16 +317,18 @@ def main() -> None:
     parser.add_argument("--effects", default=",".join(("none", "friction", *CATALOGUE)))
     parser.add_argument("--out", type=Path, default=Path("out/round_trip"))
     options = parser.parse_args()
-    options.out.resolve().mkdir(parents=True, exist_ok=True)
-    arm = arm_without_shapes(options.out.resolve())
+    # DART looks for no file below the current folder
+    out = options.out.resolve()
+    out.mkdir(parents=True, exist_ok=True)
+    arm = arm_without_shapes(out)
     results = {}
     heads = [f"{name} ({form})" for name, (form, _) in TARGETS.items()]
     print("| effect | " + " | ".join(heads) + " |\n" + "|---" * (len(heads) + 1) + "|")
     for name in options.effects.split(","):
-        results[name] = round_trip(arm, effects_of(name, arm), options.out.resolve())
+        results[name] = round_trip(arm, effects_of(name, arm), out)
         cells = [str(each) for each in results[name].values()]
         print(f"| `{name}` | " + " | ".join(cells) + " |", flush=True)
-    write_json(results, options.out.resolve() / "round_trip.json")
+    write_json(results, out / "round_trip.json")
 
 
 if __name__ == "__main__":
