@@ -186,6 +186,8 @@ def show_pairs(rows: list[dict[str, Any]]) -> None:
             )
 
 
+# Effects of the sizes that are said to be named
+
 EXPECTED_SIZES = {
     "half the first": lambda one: one["half"] / 2,
     "0.5": lambda one: one["half"],

@@ -65,6 +65,8 @@ from gapscope.model.conditioning import condition, position_cutoff
 from gapscope.model.torque_gap import torque_gap
 from gapscope.reports.blind_check.tables import Table
 
+# Whether the truth of a case closes its gap
+
 CHECK_LIMIT = 300.0
 """Longest time to check one case [s]."""
 
@@ -375,6 +377,8 @@ def _short(entry: dict[str, Any]) -> str:
     chance = f" ({100 * entry['probability']:.0f} %)" if "probability" in entry else ""
     return f"{entry['effect']} {joints} {'; '.join(values)}{chance}".replace("  ", " ")
 
+
+# Make and diagnose
 
 MAKE_LIMIT = 900.0
 """Longest time to prepare a carrier or to make a case [s]."""

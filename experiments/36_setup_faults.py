@@ -103,6 +103,8 @@ from gapscope.envs.position_controller import position_controller
 from gapscope.envs.sampled_loop import SampledLoop
 from gapscope.envs.session import Plan, record_case
 
+# Faults of the torque column
+
 REAL = ("ur10", "panda", "tx40", "kinova", "kuka")
 """Carriers; the torque of a sixth, the Z1, is computed from gains and so no measurement."""
 ROBOTS = ("kuka_iiwa", "ur5_like", "franka_panda")
@@ -351,6 +353,8 @@ def torque_column() -> None:
     print(tables(known))
 
 
+# References, gains, zeros and gravity
+
 CASES = Path(__file__).parent / "cases"
 REFERENCE_FAULTS: dict[str, Fault] = {
     "velocity_of_reference": VelocityOfReference(),
@@ -570,6 +574,8 @@ def references() -> None:
             print(f"| {given} | {fault} | {result} | {count} |")
 
 
+# Control laws
+
 LAW_EFFECTS: dict[str, tuple[AppliedEffect, ...]] = {
     "healthy": (),
     "payload": (AppliedEffect("payload", (), {"mass": 2.0, "com": [0.0, 0.0, 0.08]}),),
@@ -667,6 +673,8 @@ def controllers() -> None:
     for file in files.values():
         print(controller_line(read_json(file, "remove it")))
 
+
+# Cases that a diagnosis mends
 
 MADE_FAULTS: dict[str, Fault] = {
     "torque turned": SignFlip((4,)),

@@ -39,6 +39,8 @@ from gapscope.envs.export.left_out import HELD, holds, nearest_friction
 from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.simulated_arm import SimulatedArm
 
+# Engines, by their own readers
+
 PERIOD = 1e-3
 """Period of the controller [s]."""
 Command = Callable[[int, np.ndarray], np.ndarray]
@@ -143,6 +145,8 @@ def in_dart(
         world.step()
     return out
 
+
+# The arm that is exported
 
 TARGETS = {
     "MuJoCo": ("mjcf", in_mujoco),

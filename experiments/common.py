@@ -246,6 +246,8 @@ def publish(tables: Sequence[Table], missing: int, total: int, results: Path) ->
     results.with_suffix(".md").write_text(text, encoding="utf-8")
 
 
+# Outside programs
+
 FINDING = re.compile(r"(\w+) (\d+) .*?(\[.*\]) ")
 """Effect, joint and values of a line."""
 SIZES = {
