@@ -246,7 +246,7 @@ def answer(case: Case, label: str) -> dict[str, Any]:
                 "variant": fault.variant,
                 "joints": list(fault.joints),
                 "probability": round(fault.probability, 3),
-                "values": {k: list(p.value) for k, p in fault.parameters.items()},
+                "values": {k: list(v) for k, v in fault.fault.values().items()},
             }
             for fault in found
         ],
@@ -471,7 +471,7 @@ def _names(case: Case) -> str:
     _, faults = find_reference_faults(case)
     words = []
     for fault in faults:
-        values = [v for p in fault.parameters.values() for v in p.value[:1]]
+        values = [v for several in fault.fault.values().values() for v in several[:1]]
         numbers = ", ".join(f"{v:.3g}" for v in values)
         words.append(f"{fault.name} {fault.variant} {numbers}".strip())
     return "; ".join(words) or "none"
@@ -497,9 +497,9 @@ def zeros_part(data: Path | None, folder: Path) -> Iterator[tuple[str, str, str,
 def _zeros(case: Case) -> str:
     words = []
     for fault in find_setup_faults(case):
-        offset = fault.parameters.get("offset")
+        offset = fault.fault.values().get("offset")
         joints = ", ".join(map(str, fault.joints))
-        angle = "" if offset is None else f" {np.rad2deg(offset.value[0]):.1f}"
+        angle = "" if offset is None else f" {np.rad2deg(offset[0]):.1f}"
         words.append(f"{fault.name} {joints}{angle}")
     return "; ".join(words) or "none"
 
