@@ -59,6 +59,8 @@ from gapscope.ident.uncertainty.intervals import (
 from gapscope.ident.uncertainty.torque_interval import torque_interval
 from gapscope.model.conditioning import condition, low_pass
 
+# Arms, noise and problems
+
 JOINTS = (1, 2, 4)
 """Joints of the iiwa that move, by default."""
 ARMATURE = (0.3, 0.3, 0.2, 0.2, 0.1, 0.1, 0.05)

@@ -47,6 +47,8 @@ from gapscope.ident.residual.settings import ResidualSettings
 from gapscope.ident.residual.trajectory import Trajectory, from_segment
 from gapscope.model.conditioning import condition, position_cutoff
 
+# Arms with one remainder each
+
 REMAINDERS = {
     "posture_friction": "position_dependent_friction",
     "coupling": "joint_coupling",
@@ -150,6 +152,8 @@ def _trajectories(
     return trajectories[:-JUDGED], trajectories[-JUDGED:]
 
 
+# Networks and trees
+
 CASES = Path(__file__).parent / "cases"
 DATA = Path(os.environ.get("GAPSCOPE_DATA", CASES.parents[1] / "../shared/data"))
 FITTED = 0.6
@@ -166,19 +170,10 @@ class Problem:
     judge: list[Trajectory]
 
 
-def cut(recording: Recording, rows: slice) -> Recording:
-    """Some rows of a recording."""
-    names = ("t", "q", "tau", "dq", "q_ref", "dq_ref", "tau_sensor", "temperature")
-    parts = {
-        k: x[rows] for k in names if (x := getattr(recording, k, None)) is not None
-    }
-    return replace(recording, **parts)
-
-
 def split(recording: Recording) -> tuple[Recording, Recording]:
     """The first part of a recording, and the rest."""
     edge = int(FITTED * len(recording.t))
-    return cut(recording, slice(0, edge)), cut(recording, slice(edge, None))
+    return recording.part(slice(0, edge)), recording.part(slice(edge, None))
 
 
 def diagnosed(

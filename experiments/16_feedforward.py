@@ -86,6 +86,8 @@ from gapscope.ident.residual.trajectory import from_segment
 from gapscope.interface.identify import identify
 from gapscope.model.conditioning import condition, position_cutoff
 
+# Arms with hidden effects: recorded, identified and diagnosed
+
 LIMITS = [87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0]
 """Torque limits of the Panda, as its maker states them [N m]."""
 
@@ -165,6 +167,8 @@ def learn(folder: Path) -> None:
         case.name, effects, folder / MODELS["corrected + network"], "residual.npz"
     )
 
+
+# Models fed forward
 
 INSIDE_LOOP = tuple(MODELS)[2:]
 """Models that can stand inside the loop."""
@@ -314,6 +318,8 @@ def models() -> None:
                     )
     show_models(cells)
 
+
+# Agents on top of models
 
 ROBOT, SEVERITY = "iiwa", 1.5
 RANDOMISED = "nominal + randomisation"
@@ -571,6 +577,8 @@ def on_top_of_models() -> None:
         show_agents(cells)
         draw_curves(cells, arguments.out / "curves.html")
 
+
+# Another simulator
 
 BANDWIDTHS = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 """Of the loop [Hz]; the inertia that gains are computed with is that of 4 Hz."""

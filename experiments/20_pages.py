@@ -130,6 +130,8 @@ def catalogue() -> None:
         print("\n".join(row for fault in FAULTS.values() for row in fault_rows(fault)))
 
 
+# Keys of a case file
+
 ROOT = Path(__file__).parents[1]
 SCHEMA = ROOT / "gapscope/arm/io/case.schema.json"
 PAGES = ROOT / "docs/reference"

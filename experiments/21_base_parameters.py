@@ -33,6 +33,8 @@ from gapscope.arm.robots import load_nominal_arm
 from gapscope.ident.model.base_parameters import structural_base
 from gapscope.ident.model.regressor import JOINT_COLUMNS, Regressor
 
+# The regressor in closed form
+
 MOST_JOINTS = 3
 """Expressions of longer arms fill pages and take minutes."""
 _EXACT = 1e-15
@@ -297,6 +299,8 @@ def _number(value: float) -> sp.Number:
         else sp.Float(float(value))
     )
 
+
+# Counts and differences
 
 DATA = Path(
     os.environ.get("GAPSCOPE_DATA")

@@ -51,6 +51,8 @@ from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.mystery_arm import POSTURE, iiwa
 
+# README and front page
+
 CASE = Path(__file__).parent / "cases" / "ur10.yaml"
 RECORDING = "ur10/ur10_exciting.db3"
 DEMO_SEED = 3
@@ -282,6 +284,8 @@ def photograph(page: Path, picture: Path) -> bool:
 matplotlib.use("Agg")
 
 
+# Signatures of the effects
+
 FORWARD, BACKWARD = "#0072b2", "#d95f02"
 """Colours that stay apart for colour-blind readers; samples are coloured by the direction of the joint."""
 RATE = 250.0
@@ -501,6 +505,8 @@ MOTIONS: dict[str, Callable[[int], Motion]] = {
 }
 """Motions by name."""
 
+
+# Free-body pictures
 
 HELP, FORCE, LAW = "#8c959f", "#0072b2", "#d55e00"
 """Help lines, torques and forces that are known, and what the effect adds."""

@@ -65,6 +65,8 @@ from gapscope.model.conditioning import condition, position_cutoff
 from gapscope.model.torque_gap import torque_gap
 from gapscope.reports.blind_check.tables import Table
 
+# Whether the truth of a case closes its gap
+
 CHECK_LIMIT = 300.0
 """Longest time to check one case [s]."""
 
@@ -376,6 +378,8 @@ def _short(entry: dict[str, Any]) -> str:
     return f"{entry['effect']} {joints} {'; '.join(values)}{chance}".replace("  ", " ")
 
 
+# Make and diagnose
+
 MAKE_LIMIT = 900.0
 """Longest time to prepare a carrier or to make a case [s]."""
 
@@ -404,16 +408,9 @@ def make(cases: list[Planned], seed: int, out: Path, jobs: int) -> None:
     )
 
 
-def run(
-    cases: list[Planned],
-    out: Path,
-    results: Path,
-    jobs: int,
-    limit: float,
-    sketch: Path | None,
-) -> None:
-    """Diagnose all cases that have no result yet, with Gapscope or by a sketch."""
-    wanted = [
+def wanted(cases: list[Planned], out: Path, results: Path) -> list[Wanted]:
+    """The diagnoses of all cases that were made."""
+    return [
         Wanted(
             out / "cases" / plan.name,
             reference_of(plan, out) if plan.mode == "against" else None,
@@ -422,7 +419,6 @@ def run(
         for plan in cases
         if (out / "truth" / f"{plan.name}.json").is_file()
     ]
-    diagnose_missing(wanted, jobs, limit, sketch)
 
 
 def score(cases: list[Planned], out: Path, results: Path) -> None:
@@ -475,8 +471,7 @@ def main() -> None:
     if arguments.step == "check":
         print(check_table(cases, out, arguments.jobs).markdown())
     if arguments.step in ("run", "all"):
-        limit, sketch = arguments.limit, arguments.sketch
-        run(cases, out, results, arguments.jobs, limit, sketch)
+        diagnose_missing(wanted(cases, out, results), arguments)
     if arguments.step in ("score", "all"):
         score(cases, out, results)
 

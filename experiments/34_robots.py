@@ -264,6 +264,8 @@ def files_part() -> None:
     print(as_table(rows))
 
 
+# Effects on the arms
+
 PLAN = Plan(recordings=2, duration=10.0, rate=100.0, engine="mujoco")
 LEAST_JOINTS = 5
 """Arms with fewer joints are taken whole alone."""

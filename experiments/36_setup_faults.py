@@ -102,6 +102,8 @@ from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.position_controller import SampledLoop, position_controller
 from gapscope.envs.recorder import Plan, record_case
 
+# Faults of the torque column
+
 REAL = ("ur10", "panda", "tx40", "kinova", "kuka")
 """Carriers; the torque of a sixth, the Z1, is computed from gains and so no measurement."""
 ROBOTS = ("kuka_iiwa", "ur5_like", "franka_panda")
@@ -243,7 +245,7 @@ def answer(case: Case, label: str) -> dict[str, Any]:
                 "variant": fault.variant,
                 "joints": list(fault.joints),
                 "probability": round(fault.probability, 3),
-                "values": {k: list(p.value) for k, p in fault.parameters.items()},
+                "values": {k: list(v) for k, v in fault.fault.values().items()},
             }
             for fault in found
         ],
@@ -349,6 +351,8 @@ def torque_column() -> None:
     (out / "tables.md").write_text(tables(known))
     print(tables(known))
 
+
+# References, gains, zeros and gravity
 
 CASES = Path(__file__).parent / "cases"
 REFERENCE_FAULTS: dict[str, Fault] = {
@@ -466,7 +470,7 @@ def _names(case: Case) -> str:
     _, faults = find_reference_faults(case)
     words = []
     for fault in faults:
-        values = [v for p in fault.parameters.values() for v in p.value[:1]]
+        values = [v for several in fault.fault.values().values() for v in several[:1]]
         numbers = ", ".join(f"{v:.3g}" for v in values)
         words.append(f"{fault.name} {fault.variant} {numbers}".strip())
     return "; ".join(words) or "none"
@@ -492,9 +496,9 @@ def zeros_part(data: Path | None, folder: Path) -> Iterator[tuple[str, str, str,
 def _zeros(case: Case) -> str:
     words = []
     for fault in find_setup_faults(case):
-        offset = fault.parameters.get("offset")
+        offset = fault.fault.values().get("offset")
         joints = ", ".join(map(str, fault.joints))
-        angle = "" if offset is None else f" {np.rad2deg(offset.value[0]):.1f}"
+        angle = "" if offset is None else f" {np.rad2deg(offset[0]):.1f}"
         words.append(f"{fault.name} {joints}{angle}")
     return "; ".join(words) or "none"
 
@@ -568,6 +572,8 @@ def references() -> None:
         for (given, fault, result), count in sorted(counts.items()):
             print(f"| {given} | {fault} | {result} | {count} |")
 
+
+# Control laws
 
 LAW_EFFECTS: dict[str, tuple[AppliedEffect, ...]] = {
     "healthy": (),
@@ -666,6 +672,8 @@ def controllers() -> None:
     for file in files.values():
         print(controller_line(read_json(file, "remove it")))
 
+
+# Cases that a diagnosis mends
 
 MADE_FAULTS: dict[str, Fault] = {
     "torque turned": SignFlip((4,)),

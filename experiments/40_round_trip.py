@@ -39,6 +39,8 @@ from gapscope.envs.export.texts import HELD, holds, nearest_friction
 from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.simulated_arm import SimulatedArm
 
+# Engines, by their own readers
+
 PERIOD = 1e-3
 """Period of the controller [s]."""
 Command = Callable[[int, np.ndarray], np.ndarray]
@@ -143,6 +145,8 @@ def in_dart(
         world.step()
     return out
 
+
+# The arm that is exported
 
 TARGETS = {
     "MuJoCo": ("mjcf", in_mujoco),
@@ -317,16 +321,18 @@ def main() -> None:
     parser.add_argument("--effects", default=",".join(("none", "friction", *CATALOGUE)))
     parser.add_argument("--out", type=Path, default=Path("out/round_trip"))
     options = parser.parse_args()
-    options.out.resolve().mkdir(parents=True, exist_ok=True)
-    arm = arm_without_shapes(options.out.resolve())
+    # DART looks for no file below the current folder
+    out = options.out.resolve()
+    out.mkdir(parents=True, exist_ok=True)
+    arm = arm_without_shapes(out)
     results = {}
     heads = [f"{name} ({form})" for name, (form, _) in TARGETS.items()]
     print("| effect | " + " | ".join(heads) + " |\n" + "|---" * (len(heads) + 1) + "|")
     for name in options.effects.split(","):
-        results[name] = round_trip(arm, effects_of(name, arm), options.out.resolve())
+        results[name] = round_trip(arm, effects_of(name, arm), out)
         cells = [str(each) for each in results[name].values()]
         print(f"| `{name}` | " + " | ".join(cells) + " |", flush=True)
-    write_json(results, options.out.resolve() / "round_trip.json")
+    write_json(results, out / "round_trip.json")
 
 
 if __name__ == "__main__":

@@ -53,6 +53,8 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.watching.alarm import ALARM, DRIFT, MISFIT, Event
 from gapscope.watching.detector import Detector
 
+# Arms at work
+
 ROBOTS = (*SHEETS, "drawn")
 """Kinds of arms, by turns."""
 CHUNK = 20.0
@@ -261,6 +263,8 @@ def _bodies(
     nominal = load_nominal_arm(folder / "robot.urdf", sheet=values)
     return nominal, RigidBody(load_nominal_arm(folder / "true.urdf"), 2**20)
 
+
+# What a watch says of them
 
 CASES = Path(__file__).parent / "cases"
 REAL = ("ur10", "panda", "kuka_med7", "unitree_z1")

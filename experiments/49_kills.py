@@ -36,6 +36,8 @@ import numpy as np
 import pandas as pd
 import yaml
 
+# Inputs of the commands, and how folders of results are compared
+
 URDF_LINK = """<link name="link_{k}"><inertial><origin xyz="0.1 0 0.02"/><mass value="{mass}"/>
 <inertia ixx="0.01" iyy="0.03" izz="0.03" ixy="0" ixz="0" iyz="0"/></inertial></link>
 <joint name="joint_{k}" type="revolute"><parent link="link_{parent}"/><child link="link_{k}"/><origin xyz="{x} 0 0.1"/>
@@ -239,6 +241,8 @@ def parses(path: Path) -> bool:
         # readers raise what they like at a file that is cut short
         return False
 
+
+# Disturbances
 
 KINDS = ("SIGKILL", "SIGINT", "full disk", "read-only", "clock")
 LIMIT = 900.0

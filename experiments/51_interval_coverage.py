@@ -57,6 +57,8 @@ from gapscope.blind_check.scoring.classes import named, same
 from gapscope.blind_check.scoring.statistics import brier, ece, wilson
 from gapscope.reports.blind_check.tables import Table
 
+# Simulated cases
+
 WIDTHS = (0.03, 0.06, 0.1)
 """Largest relative errors of the nominal inertials [1]."""
 EFFECTS = (
@@ -151,6 +153,8 @@ def make_simulated(plan: Simulated, seed: int, out: Path) -> None:
     write_json(made.label, truth)
     aside.rename(folder)
 
+
+# Cases of real arms
 
 CARRIED_EFFECTS = (
     "payload",
@@ -270,6 +274,8 @@ def planned_samples() -> list[Sample]:
         for one in labels
     ]
 
+
+# Tables
 
 INTERVAL = 1.96
 """Standard deviations to either side in a 95 % interval [1]."""
@@ -450,6 +456,8 @@ def _calibration_row(name: str, found: Sequence[Stated]) -> tuple[str, ...]:
         figures,
     )
 
+
+# Make, diagnose and report
 
 LIMIT = 600.0
 """Longest processor time to make or to diagnose a case [s]."""

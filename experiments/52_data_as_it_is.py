@@ -41,6 +41,8 @@ from gapscope.blind_check.plan import BlindPlan, allocate_cases
 from gapscope.blind_check.scoring.compare import Compared, compare
 from gapscope.diagnosis.diagnose import diagnose
 
+# What loggers do to recordings
+
 Columns = dict[str, np.ndarray]
 Change = Callable[[list[Columns], np.random.Generator], list[Columns]]
 
@@ -233,6 +235,8 @@ def without_velocity(r: Columns, rng: np.random.Generator) -> Columns:
     return {name: series for name, series in r.items() if name != "dq"}
 
 
+# Damages and lengths
+
 USUAL_RATE = 500
 """Rate of a sound recording [Hz]."""
 ROBOTS = ("small", "xarm6", "ur5_like")
@@ -374,6 +378,8 @@ DAMAGES = (
 )
 """All damages, the sound recordings first."""
 
+
+# Cases, diagnoses and scores
 
 SEED = 52
 HEALTHY = 8

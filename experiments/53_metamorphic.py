@@ -112,6 +112,8 @@ def _spec(wanted: Wanted) -> CaseSpec:
     return CaseSpec(wanted.kind, wanted.laws, severity, Conditions(**conditions))
 
 
+# The same command twice
+
 NOT_COMPARED = {
     "made_from": "versions and hashes",
     "seconds": "time of a run",
@@ -369,6 +371,8 @@ def _run(command: Command, variant: Variant, folder: Path) -> dict[str, Any]:
         done.write_text(f"{process.returncode}\n")
     return {"exit": done.read_text(), **results(place)}
 
+
+# Cases and their twins
 
 BITWISE = (3, 13)
 """Cases that commands are run on with ``--bitwise``."""

@@ -275,20 +275,13 @@ def read_plans(groups: Sequence[str], out: Path) -> list[Comparison]:
     return found
 
 
-def run(
-    plans: Sequence[Comparison],
-    out: Path,
-    results: Path,
-    jobs: int,
-    limit: float,
-    sketch: Path | None,
-) -> None:
-    """Compare all that have no result yet, the long ones last."""
-    wanted = []
+def wanted(plans: Sequence[Comparison], out: Path, results: Path) -> list[Wanted]:
+    """All comparisons, the long ones last."""
+    found = []
     for plan in sorted(plans, key=lambda plan: plan.times):
         folder, file = out / "cases" / plan.name, results / f"{plan.name}.json"
-        wanted.append(Wanted(folder / "case", folder / "reference", file))
-    diagnose_missing(wanted, jobs, limit, sketch)
+        found.append(Wanted(folder / "case", folder / "reference", file))
+    return found
 
 
 def changes_of(result: dict[str, Any]) -> list[str]:
@@ -407,8 +400,7 @@ def main() -> None:
         make(groups, out, Path(os.environ["GAPSCOPE_DATA"]))
     plans = read_plans(groups, out)
     if arguments.step in ("run", "all"):
-        limit, sketch = arguments.limit, arguments.sketch
-        run(plans, out, results, arguments.jobs, limit, sketch)
+        diagnose_missing(wanted(plans, out, results), arguments)
     if arguments.step in ("score", "all"):
         score(plans, results)
 

@@ -281,22 +281,15 @@ def make(cases: Sequence[tuple[str, int]], seed: int, out: Path, jobs: int) -> N
     run_tasks(made, left, jobs, 600.0, ended)
 
 
-def run(
-    tasks: Sequence[Task],
-    out: Path,
-    results: Path,
-    jobs: int,
-    limit: float,
-    sketch: Path | None,
-) -> None:
-    """Diagnose all that has no result yet."""
-    wanted = []
+def wanted(tasks: Sequence[Task], out: Path, results: Path) -> list[Wanted]:
+    """All diagnoses."""
+    found = []
     for task in tasks:
         folder = out / "cases" / task.case
         reference = folder / "reference" if task.mode == "against" else None
         file = results / f"{task.name}.json"
-        wanted.append(Wanted(folder / "case", reference, file))
-    diagnose_missing(wanted, jobs, limit, sketch)
+        found.append(Wanted(folder / "case", reference, file))
+    return found
 
 
 def said_of_states(result: dict[str, Any]) -> dict[str, Any]:
@@ -481,8 +474,7 @@ def main() -> None:
     if arguments.step in ("make", "all"):
         make(cases, arguments.seed, out, arguments.jobs)
     if arguments.step in ("run", "all"):
-        limit, sketch = arguments.limit, arguments.sketch
-        run(tasks, out, results, arguments.jobs, limit, sketch)
+        diagnose_missing(wanted(tasks, out, results), arguments)
     if arguments.step in ("score", "all"):
         score(tasks, out, results)
 

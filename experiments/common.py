@@ -190,10 +190,9 @@ class Wanted(NamedTuple):
     file: Path
 
 
-def diagnose_missing(
-    wanted: Sequence[Wanted], jobs: int, limit: float, program: Path | None
-) -> None:
-    """Diagnose all that has no result yet, by an outside program if there is one."""
+def diagnose_missing(wanted: Sequence[Wanted], options: argparse.Namespace) -> None:
+    """Diagnose all that has no result yet, as ``add_run_options`` has it."""
+    limit = options.limit
     left = [one for one in wanted if not one.file.is_file()]
     progress = Progress("diagnose", len(left))
 
@@ -205,7 +204,10 @@ def diagnose_missing(
         said = "; ".join([*names_of(result), verdict_of(result)])
         progress(name, f"{seconds:.0f} s  {said}")
 
-    run_tasks(lambda one: diagnose_to_file(*one, program), left, jobs, limit, ended)
+    def diagnosed(one: Wanted) -> None:
+        diagnose_to_file(*one, options.sketch)
+
+    run_tasks(diagnosed, left, options.jobs, limit, ended)
 
 
 def names_of(result: dict[str, Any]) -> list[str]:
@@ -243,6 +245,8 @@ def publish(tables: Sequence[Table], missing: int, total: int, results: Path) ->
     print(text)
     results.with_suffix(".md").write_text(text, encoding="utf-8")
 
+
+# Outside programs
 
 FINDING = re.compile(r"(\w+) (\d+) .*?(\[.*\]) ")
 """Effect, joint and values of a line."""

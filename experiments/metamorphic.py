@@ -319,6 +319,8 @@ RELATIONS = (
 )
 
 
+# A diagnosis beside that of a twin
+
 Document = Mapping[str, Any]
 Key = tuple[str, str, int]
 """Effect, parameter, and joint from 1, or minus the place of a component."""

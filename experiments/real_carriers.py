@@ -66,6 +66,8 @@ def on_motor_side(recording: Recording, matrix: np.ndarray) -> Recording:
     return replace(recording, q=recording.q @ matrix.T, dq=dq, tau=torque)
 
 
+# Motion of a recording
+
 BAND = 15.0
 """Positions are followed up to this frequency [Hz], or 0.35 of the sampling rate if that is lower."""
 
@@ -99,6 +101,8 @@ def at_samples(series: np.ndarray, motion: Motion, t: np.ndarray) -> np.ndarray:
         PchipInterpolator(motion.t, series)(np.clip(t, *motion.t[[0, -1]]))
     )
 
+
+# The arm that is identified, and what its model leaves
 
 SMALLEST_DIRECTION = 3e-3
 """Singular values below this share of the largest are directions that a motion does not show [1]."""
@@ -191,6 +195,8 @@ def _least_squares(
     )[0]
     return value / norms
 
+
+# Carriers and their cuts
 
 CASES = Path(__file__).resolve().parent / "cases"
 ARMS = {
@@ -311,14 +317,8 @@ def cut(case: Case, window: Window) -> tuple[Case, Case]:
 
 def rows(recording: Recording, chosen: np.ndarray, name: str) -> Recording:
     """Some rows of a recording, its time from zero, under another name."""
-    channels = {
-        key: None
-        if getattr(recording, key) is None
-        else getattr(recording, key)[chosen]
-        for key in ("q", "dq", "tau", "tau_sensor", "temperature")
-    }
-    t = recording.t[chosen]
-    return replace(recording, name=name, t=t - t[0], **channels)
+    part = recording.part(chosen, name=name)
+    return replace(part, t=part.t - part.t[0])
 
 
 @dataclass(frozen=True)

@@ -206,6 +206,8 @@ def _entry(one: Injection, values: Values) -> dict[str, Any]:
     return {"effect": one.law.name, "joints": joints, "parameters": parameters}
 
 
+# The plan, and how a case is made
+
 MODES = ("against", "plain")
 SIZES = (2.5, 4.0, 8.0)
 """RMS of an effect over what a full model leaves [1]."""

@@ -174,14 +174,6 @@ def added(
     return replace(recording, tau=tau, tau_sensor=sensor)
 
 
-def shortened(recording: Recording, count: int) -> Recording:
-    """The first samples of a recording."""
-    names = ("q", "dq", "tau", "tau_sensor", "temperature")
-    channels = {name: getattr(recording, name) for name in names}
-    kept = {k: None if x is None else x[:count] for k, x in channels.items()}
-    return replace(recording, t=recording.t[:count], **kept)
-
-
 def on_joints(series: np.ndarray, joints: np.ndarray) -> np.ndarray:
     """A series (N, n) with zeros on all other joints."""
     out = np.zeros_like(series)
@@ -198,6 +190,8 @@ def no_values(scene: Scene, rng: np.random.Generator, joints: np.ndarray) -> Val
     """Nothing is drawn."""
     return {}
 
+
+# Loads, friction and rotors
 
 SELF_LOCKED = 1e4
 """Torque at which a joint counts as locked by its own friction [N m]."""
@@ -399,6 +393,8 @@ LOAD_LAWS = (
 )  # fmt: skip
 
 
+# The path from torque to joint; mounting, springs and forces
+
 CURVATURE = 0.15
 """How much of a torque constant's error is lost at the largest torque [1]."""
 OFFSET_DRIFT = 0.08
@@ -550,7 +546,7 @@ def delay(
     changed = replace(recording, tau=tau)
     last = recording.t[-1] - x.max()
     count = int((recording.t <= last).sum())
-    return shortened(changed, count), {"delay": x}
+    return changed.part(slice(None, count)), {"delay": x}
 
 
 def draw_lag(scene: Scene, rng: np.random.Generator, joints: np.ndarray) -> Values:
@@ -585,6 +581,8 @@ PATH_LAWS = (
     Law("actuator_delay", "linear interpolation", 5, no_values, delay, 0.01, "delay"),
 )  # fmt: skip
 
+
+# Laws that act through the positions, and faults of the set-up
 
 LOAD_BAND = 8.0
 """The torque through a transmission is taken below this frequency [Hz]."""
