@@ -24,6 +24,7 @@ import numpy as np
 from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
 
 import gapscope  # noqa: F401 (makes the environment known)
+from gapscope.arm.dynamics.plain_urdf import moving_links
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.trajectory import Fourier, urdf_limits
@@ -31,7 +32,7 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.envs.engines.mujoco import MuJoCoEngine
+from gapscope.envs.engines.mujoco import arm_model
 from gapscope.envs.engines.pybullet import PyBulletEngine, pybullet
 from gapscope.envs.simulated_arm import SimulatedArm
 
@@ -100,7 +101,7 @@ def timed(loops: list[Loop], rounds: int, clock: Callable[[], float]) -> np.ndar
 
 def bare_pybullet(simulated: SimulatedArm, torque: np.ndarray) -> Loop:
     """A loop without anything of the project around PyBullet."""
-    engine = simulated._engine
+    engine = simulated._arms._bodies._engine
     assert isinstance(engine, PyBulletEngine)
     robot, joints, client = engine._robot, engine._joints, engine._client
     forces = torque.tolist()
@@ -120,11 +121,22 @@ def bare_pybullet(simulated: SimulatedArm, torque: np.ndarray) -> Loop:
     return Loop(lambda: simulated.reset(POSTURE), run)
 
 
+def bare_model(simulated: SimulatedArm) -> mujoco.MjModel:
+    """MuJoCo's model of an arm."""
+    body = simulated.body
+    model = arm_model(moving_links(body), np.asarray(body.gravity), DT)
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    return model
+
+
 def bare_mujoco(simulated: SimulatedArm, torque: np.ndarray) -> Loop:
     """A loop without anything of the project around MuJoCo."""
-    engine = simulated._engine
-    assert isinstance(engine, MuJoCoEngine)
-    model, data, state = engine._model, engine._data, np.empty(14)
+    model = bare_model(simulated)
+    data, state = mujoco.MjData(model), np.empty(14)
+
+    def start() -> None:
+        mujoco.mj_resetData(model, data)
+        data.qpos[:] = POSTURE
 
     def run() -> None:
         for force in torque:
@@ -132,7 +144,7 @@ def bare_mujoco(simulated: SimulatedArm, torque: np.ndarray) -> Loop:
             mujoco.mj_step(model, data)
             state[:7], state[7:] = data.qpos, data.qvel
 
-    return Loop(lambda: simulated.reset(POSTURE), run)
+    return Loop(start, run)
 
 
 def arm_loop(simulated: SimulatedArm, torque: np.ndarray, substeps: int) -> Loop:

@@ -28,7 +28,7 @@ from gapscope.arm.robots import load_nominal_arm
 from gapscope.envs.engines.pybullet import pybullet
 from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.simulated_arm import SimulatedArm
-from gapscope.envs.vector.environment import VectorArmTracking
+from gapscope.envs.vector_environment import VectorArmTracking
 
 speed = import_module("experiments.03_engine_speed")
 """The loops of one environment."""
@@ -88,17 +88,17 @@ def _one(settings: Settings, engine: str) -> list[Row]:
 
 def _bare_once(arm: SimulatedArm, torque: np.ndarray, engine: str) -> speed.Loop:
     """Every step with its torque; the state is read after the last step of an action."""
-    inside = arm._engine
+    inside = arm._arms._bodies
     prepare = partial(arm.reset, speed.POSTURE)
     if engine == "mujoco":
         rows = torque[::SUB_STEPS]
 
         def steps() -> None:
             for row in rows:
-                inside.step(row, SUB_STEPS)
-                inside.read()
+                inside.run(row[None], SUB_STEPS)
 
         return speed.Loop(prepare, steps)
+    inside = inside._engine
     robot, joints, client = inside._robot, inside._joints, inside._client
     forces = torque.tolist()
 
@@ -157,9 +157,9 @@ def _together(settings: Settings, count: int) -> list[Row]:
 
 def _bare_batch(arm: NominalArm, torque: np.ndarray, count: int) -> speed.Loop:
     """``Batch.step`` alone, a call for each action, on as many threads as the environment takes."""
-    model = SimulatedArm(arm, (), speed.DT, engine="mujoco")._engine._model
+    model = speed.bare_model(SimulatedArm(arm, (), speed.DT, engine="mujoco"))
     env = VectorArmTracking(count, arm)
-    threads = env._plant._arms._engine._batch.nthread
+    threads = env._plant._arms._bodies._batch.nthread
     batch = Batch(model, count, threads)
     position, force = batch.bind("qpos"), batch.bind("qfrc_applied")
     seen = np.zeros_like(position)

@@ -17,10 +17,11 @@ from gapscope.arm.motions.named_motions import workspace
 from gapscope.arm.motions.trajectory import Limits, ReferenceMotion
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs import arguments
 from gapscope.envs.actions import control
-from gapscope.envs.divergence import divergence_info, ending, stop_info, title, truth
+from gapscope.envs.divergence import ending, title
 from gapscope.envs.effect_ranges import EffectRanges
 from gapscope.envs.episode import (
     LOOK_AHEAD,
@@ -29,14 +30,13 @@ from gapscope.envs.episode import (
     Course,
     Effects,
     EpisodeOptions,
-    EpisodeSource,
     FeedforwardModel,
     Layout,
     Setup,
     Timing,
     chosen_effects,
 )
-from gapscope.envs.plant import ControlledArm
+from gapscope.envs.plant import ControlledArms
 from gapscope.envs.randomisation import Randomisation, checked_randomisation
 from gapscope.envs.rendering import Screen
 from gapscope.envs.reward import Reward, RewardParts, chosen_reward
@@ -125,7 +125,7 @@ class ArmTracking(gymnasium.Env):
         chosen_model = arguments.chosen_feedforward(feedforward)
         chosen_motion = arguments.checked_motion(motion, n)
         chosen_randomisation = checked_randomisation(randomisation)
-        self._timing = Timing(
+        self._timing = timing = Timing(
             arguments.positive("time_step", time_step, "s"),
             arguments.whole("sub_steps", sub_steps),
             arguments.positive("episode_length", episode_length, "s"),
@@ -146,33 +146,25 @@ class ArmTracking(gymnasium.Env):
         # an arm instead of the nominal one brings its own effects
         own = None if simulated is None else base.effects
         given = chosen_effects(effects, self.arm) if own is None else own
-        source = EpisodeSource(
-            self.arm,
-            self.body,
-            self.space,
-            self._timing,
-            self._control,
-            chosen_model,
-            EpisodeOptions(chosen_motion, given, chosen_randomisation),
-        )
         lower, upper = self.body.position_limits()
-        self.layout = Layout(n, self._timing.look_ahead, self._control.size)
+        self.layout = Layout(n, timing.look_ahead, self._control.size)
         self.setup = Setup(
-            self.arm,
-            self.body,
-            base,
-            arguments.noise("encoder_noise", encoder_noise, n),
-            given,
-            self._control,
-            self._timing,
-            source,
-            chosen_reward(reward),
-            self.layout,
-            (lower + NEAR_STOP, upper - NEAR_STOP),
-            debug,
+            arm=self.arm,
+            body=self.body,
+            scale=ArmScale.of(self.arm),
+            base=base,
+            encoder_noise=arguments.noise("encoder_noise", encoder_noise, n),
+            space=self.space,
+            control=self._control,
+            timing=timing,
+            feedforward=chosen_model,
+            options=EpisodeOptions(chosen_motion, given, chosen_randomisation),
+            reward=chosen_reward(reward),
+            layout=self.layout,
+            stops=(lower + NEAR_STOP, upper - NEAR_STOP),
+            debug=debug,
         )
-        self._plant = ControlledArm(self.setup, engine)
-        self._source, self._reward, self._debug = source, self.setup.reward, debug
+        self._plant = ControlledArms(self.setup, engine=engine)
         self._course: Course | None = None
         size = self._control.size
         self.observation_space = self.layout.space
@@ -212,7 +204,7 @@ class ArmTracking(gymnasium.Env):
     @property
     def effects(self) -> tuple[AppliedEffect, ...]:
         """Effects of this episode, drawn ones included."""
-        return self._plant.effects
+        return self._plant.effects[0]
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -227,16 +219,18 @@ class ArmTracking(gymnasium.Env):
         """
         super().reset(seed=seed)
         seeds = self.np_random.integers(2**63, size=2)
-        episode = self._source.draw(options or {}, seeds)
+        episode = self.setup.draw(options or {}, seeds)
         self._course = episode.course
-        self._plant.reset(episode.effects, episode.course, seeds)
+        self._plant.reset(0, episode.effects, episode.course, seeds)
         self._count = 0
         self._action: np.ndarray = np.zeros(self._control.size)
         if self._screen is not None:
             self._screen.begin(title(self.arm, episode.effects), episode.course.q)
         self._show({})
-        error = episode.course.q[0] - self._plant.position
-        return self._observation(error), self._truth() if self._debug else {}
+        error = episode.course.q[0] - self._plant.position[0]
+        return self._observation(error), self._plant.truth(
+            0
+        ) if self.setup.debug else {}
 
     def step(
         self, action: np.ndarray
@@ -252,19 +246,20 @@ class ArmTracking(gymnasium.Env):
         course = self._running
         action = arguments.checked_action(action, self._control.size)
         action = np.minimum(np.maximum(action, self._lowest), self._highest)
-        done = self._plant.act(self._count, action)
+        plant = self._plant
+        done = int(plant.act(np.array([self._count]), action[None])[0])
         self._count += 1
-        error = course.q[self._count] - self._plant.position
-        parts = self._reward(error, self._plant.load, action - self._action)
+        error = course.q[self._count] - plant.position[0]
+        parts = self.setup.reward(error, float(plant.load[0]), action - self._action)
         if done < self._timing.sub_steps:
             parts = parts._replace(tracking=0.0)
         self._action = action
         info: dict[str, Any] = dict(zip(REWARDS, parts, strict=True))
         info["tracking_rms"] = math.sqrt(error.dot(error) / len(error))
-        info["torque_rate"] = self._plant.torque_rate
-        info |= self._early_end(done)
-        if self._debug:
-            info |= self._truth()
+        info["torque_rate"] = float(plant.torque_rate[0])
+        info |= plant.early_end(0, self._count - 1, done)
+        if self.setup.debug:
+            info |= self._plant.truth(0)
         terminated = "divergence" in info or "limit" in info
         truncated = self._count >= self._timing.actions
         observation = self._observation(error)
@@ -286,30 +281,16 @@ class ArmTracking(gymnasium.Env):
     def _observation(self, error: np.ndarray) -> np.ndarray:
         """The observation with the tracking error [rad], shape (n,)."""
         plant = self._plant
-        measured = (plant.position, plant.velocity, error, self._action)
+        measured = (plant.position[0], plant.velocity[0], error, self._action)
         return self.layout.assemble(measured, self._running.planned[self._count])
-
-    def _truth(self) -> dict[str, Any]:
-        plant, simulated = self._plant, self._plant.simulated
-        motion = simulated.q, simulated.dq
-        return truth(*motion, plant.torque, simulated.applied, plant.effects)
-
-    def _early_end(self, done: int) -> dict[str, Any]:
-        """Why the episode ends early, if it does, after the steps of an action that were done."""
-        steps, plant = self._timing.sub_steps, self._plant
-        if done < steps:
-            number = (self._count - 1) * steps + done
-            state = plant.position, plant.simulated.dq
-            return divergence_info(self.setup, number, *state, plant.effects)
-        return stop_info(self.setup, plant.simulated.q, plant.position)
 
     def _show(self, info: dict[str, Any]) -> None:
         if self._screen is None:
             return
         plant = self._plant
-        error = self._running.q[self._count] - plant.position
-        share = plant.torque / self._control.rated
-        self._screen.add(plant.simulated.q, error, share, ending(info))
+        error = self._running.q[self._count] - plant.position[0]
+        share = plant.torque[0] / self._control.rated
+        self._screen.add(plant.q[0], error, share, ending(info))
 
     @property
     def _running(self) -> Course:

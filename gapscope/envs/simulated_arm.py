@@ -1,6 +1,6 @@
-"""A simulated arm with effects: an engine that moves the bodies, and the drive physics that moves the engine.
+"""Simulated arms with effects: an engine that moves the bodies, and the drive physics that moves the engine.
 
-The torque of a residual network is taken off what it is commanded.
+One arm is one of N arms. The torque of a residual network is taken off what it is commanded.
 """
 
 from __future__ import annotations
@@ -20,11 +20,232 @@ from gapscope.effects.residual.inputs import channels, channels_with
 from gapscope.effects.residual.memory import Memory
 from gapscope.effects.residual.model import ResidualNetwork
 from gapscope.envs.drive.arm_drive import ArmDrive, Encoders, nominal_body
-from gapscope.envs.drive.rigid_step import Native, Predicted
-from gapscope.envs.engines import RotorEngine, make_engine
+from gapscope.envs.drive.rigid_step import Predicted, RigidStep
+from gapscope.envs.engines import Bodies, make_engine
 
 START_TRIALS = 50
 """Iterations of ``start`` for joints whose motor leads them."""
+SPACING = 5
+"""Steps between values on the reference."""
+
+
+class SimulatedArms:
+    """N simulated arms with effects, n joints in kinematic order.
+
+    Springs beside the joints, forces from outside and laws that a user entered are computed one arm after the other;
+    all other effects over all arms at once. Each arm does what it does alone, bit by bit.
+
+    Args:
+        first: bodies and drives of all arms at first. Of several arms none has a motor of its own at a joint.
+        count: N; of engines but MuJoCo 1.
+        threads: on which MuJoCo steps them, see ``gapscope.envs.engines.mujoco.MuJoCoBodies``.
+        engine: ``pybullet``, ``mujoco`` or ``dart``; by default PyBullet if it is installed, else MuJoCo.
+
+    Attributes:
+        q, dq: true positions [rad] and velocities [rad/s], shape (N, n).
+        motors: with positions and velocities of their own, of one arm; ``None`` if all joints are rigid.
+
+    Raises:
+        InputError: an engine that is not installed.
+    """
+
+    def __init__(
+        self,
+        first: ArmDrive,
+        count: int = 1,
+        threads: int = 0,
+        engine: str | None = "mujoco",
+    ) -> None:
+        self._h, self._parts = first.h, first.parts
+        self._bodies = _bodies(first, engine, count, threads)
+        self._step = RigidStep(self._bodies, self._h)
+        self.q, self.dq = self._step.q, self._step.dq
+        self._u = np.zeros(self.q.size)
+        self.motors = None if first.rigid.all() else first.motors
+        self._rigid = first.rigid
+        self._drives = [first] * count
+        self._friction = first.friction.beside(count)
+        self._path = first.path.beside(count)
+        self._count, self._begun = 0, np.zeros(count, dtype=int)
+        self._start = np.zeros(count)
+        for number in range(count):
+            self._enter(number, first)
+
+    def put(self, number: int, drive: ArmDrive) -> None:
+        """Give an arm, numbered from 0, other effects; ``reset`` has to follow."""
+        if drive.altered or self._drives[number].altered:
+            links = moving_links(drive.body)
+            self._bodies.set_bodies(number, links, np.asarray(drive.body.gravity))
+        self._friction.put(number, drive.friction)
+        self._path.put(number, drive.path)
+        self._drives[number] = drive
+        self._enter(number, drive)
+
+    def _enter(self, number: int, drive: ArmDrive) -> None:
+        """Take over what follows from the effects of an arm."""
+        self._step.put(number, drive)
+        self._direct = all(drive.direct for drive in self._drives)
+        self._loaded = [i for i, one in enumerate(self._drives) if one.loads.present]
+
+    def reset(
+        self, number: int, q: np.ndarray, dq: np.ndarray, time: float = 0.0
+    ) -> None:
+        """Put an arm at true positions q [rad] with velocities dq [rad/s], each (n,), and forget its past.
+
+        Motors of elastic joints are where they carry their link's weight. ``time`` [s] is that of the recording.
+        """
+        n, friction = len(q), self._friction
+        rows = slice(number * n, (number + 1) * n)
+        self._start[number], self._begun[number] = time, self._count
+        self._bodies.reset(number, q, dq)
+        if friction.drifting:
+            own = np.zeros(self.q.size, dtype=bool)
+            own[rows] = True
+            friction.drift(time, where=own)
+        self._step.reset(number, self._viscous()[number])
+        if self.motors is not None:
+            self.motors.reset(q, dq, self.weight(number, q, dq, time))
+        self._path.reset(rows)
+        self._u[rows] = 0.0
+
+    def start(
+        self,
+        number: int,
+        encoders: Encoders,
+        reading: np.ndarray,
+        dq: np.ndarray,
+        time: float = 0.0,
+    ) -> None:
+        """Put an arm where its encoders, but for rounding and noise, read ``reading`` [rad], with dq [rad/s].
+
+        Both are of shape (n,), in the order of the data sheet.
+        """
+        body, seen = self._drives[number].body, encoders.undone(reading)
+        q = seen
+        if self.motors is not None and encoders.on_motor:
+            still = np.zeros(len(q))
+            # the motor leads its link by what the weight bends, which depends on where the link is
+            for _ in range(START_TRIALS):
+                load = self.weight(number, q[body.order], still, time)
+                deflection = self.motors.deflection(load)[body.places]
+                q = 0.5 * q + 0.5 * (seen - deflection)
+        self.reset(number, q[body.order], dq[body.order], time)
+
+    def seen(self, on_motor: bool) -> np.ndarray:
+        """True positions of what the encoders sit on [rad], motors or joints, shape (N, n); not to be kept."""
+        if self.motors is None or not on_motor:
+            return self.q
+        return self.motors.position[None]
+
+    def weight(
+        self, number: int, q: np.ndarray, dq: np.ndarray, time: float
+    ) -> np.ndarray:
+        """Torque [N m] that holds the links of an arm up at a constant velocity, shape (n,)."""
+        drive = self._drives[number]
+        places, order = drive.body.places, drive.body.order
+        held = drive.body.bias(q[places], dq[places])[order]
+        if not drive.loads.present:
+            return held
+        return held - drive.loads(time, q, dq, held)
+
+    @property
+    def time(self) -> np.ndarray:
+        """Time since the start of the recording [s], shape (N,); drift and external force go by it."""
+        return self._start + (self._count - self._begun) * self._h
+
+    @property
+    def applied(self) -> np.ndarray:
+        """Motor torque that reached the joints in the last step, before friction [N m], shape (N, n)."""
+        return self._u.reshape(self.q.shape)
+
+    def hold(self, torque: np.ndarray, steps: int = 1) -> None:
+        """Hold the commanded torque [N m], shape (N, n), for so many time steps."""
+        command, path, friction = torque.ravel(), self._path, self._friction
+        count = steps * self._parts
+        if path.constant:
+            self._u = path(command)
+            if self._direct:
+                self._bodies.run(self.applied, count)
+                self._count += count
+                return
+            friction.load(self._u)
+        for step in range(count):
+            if not path.constant:
+                self._send(command, first=step == 0)
+            elif friction.drifting:
+                self._drift()
+            self._advance()
+            self._count += 1
+
+    def _send(self, command: np.ndarray, first: bool) -> None:
+        """Torque of a step of which some changes on its way to the joints; ``first`` of those of a command."""
+        path, friction, motors = self._path, self._friction, self.motors
+        position = self.q.ravel() if motors is None else motors.position
+        self._u = u = path(command, position)
+        if not friction.drifting:
+            friction.load(u)
+            return
+        # a torque that is held was taken over before friction drifted on
+        if first:
+            friction.load(u, where=~path.changing)
+        self._drift()
+        friction.load(u, where=path.changing)
+
+    def _advance(self) -> None:
+        """One step of all arms."""
+        torque, motors = self.applied, self.motors
+        if motors is not None:
+            # friction and rotors act on the motors, not on the links
+            limit = self._friction.limit(motors.velocity)
+            through = motors.torque(self.q[0], self.dq[0])
+            on_links = np.where(self._rigid, torque, through)
+            if self._loaded:
+                on_links += self._load(0, through)
+            self._step.advance(on_links, (limit * self._rigid)[None])
+            motors.step(torque[0], through, limit, self._friction.viscous, self._h)
+            motors.follow(self.q[0], self.dq[0])
+            return
+        if self._loaded:
+            torque = torque.copy()
+            for number in self._loaded:
+                torque[number] += self._load(number, self.applied[number])
+        limit = self._friction.limit(self.dq.reshape(-1))
+        self._step.advance(torque, limit.reshape(torque.shape))
+
+    def _load(self, number: int, through: np.ndarray) -> np.ndarray:
+        """What acts on the links of an arm besides gravity and its drives [N m], shape (n,)."""
+        time = float(self.time[number])
+        q, dq = self.q[number].copy(), self.dq[number].copy()
+        return self._drives[number].loads(time, q, dq, through)
+
+    def _viscous(self) -> np.ndarray:
+        """Viscous friction of the joints without a motor of their own [N m s/rad], shape (N, n)."""
+        viscous = self._friction.viscous.reshape(self.q.shape)
+        return viscous if self.motors is None else viscous * self._rigid
+
+    def _drift(self) -> None:
+        """Bring the drift of friction up to date in the arms in which that is due."""
+        due = (self._count - self._begun) % self._friction.every == 0
+        if not due.any():
+            return
+        n = self.q.shape[1]
+        self._friction.drift(np.repeat(self.time, n), where=np.repeat(due, n))
+        self._step.set_viscous(self._viscous())
+
+    def close(self) -> None:
+        """Free the engine's world; a second call does nothing."""
+        self._bodies.close()
+
+
+def _bodies(drive: ArmDrive, engine: str | None, count: int, threads: int) -> Bodies:
+    """The bodies of ``count`` arms in an engine."""
+    links, gravity = moving_links(drive.body), np.asarray(drive.body.gravity)
+    several = {"count": count, "threads": threads} if count > 1 else {}
+    made = make_engine(engine, links, gravity, drive.h, **several)
+    if isinstance(made, Bodies):
+        return made
+    limits = np.array([link.limits or (-np.inf, np.inf) for link in links]).T
+    return Predicted(made, drive.body, limits, drive.h)
 
 
 class SimulatedArm:
@@ -75,37 +296,9 @@ class SimulatedArm:
         self._ordered = bool((self._order == np.arange(arm.n_joints)).all())
         self._encoders = Encoders(drive.corrected, encoder_step)
         self._noise, self._rng = encoder_noise, rng if np.any(encoder_noise) else None
-        self._loads, self._motors, self._path = drive.loads, drive.motors, drive.path
-        self._friction, self._rigid, self._h = drive.friction, drive.rigid, drive.h
-        self._two_mass, self._direct = not drive.rigid.all(), drive.direct
-        self._set_engine(engine, drive)
-        self._q, self._u = self._step.q, np.zeros(arm.n_joints)
-        self._advance = (
-            self._advance_two_mass if self._two_mass else self._advance_rigid
-        )
+        self._arms = SimulatedArms(drive, engine=engine)
+        self._q, self._dq = self._arms.q[0], self._arms.dq[0]
         self.reset(np.zeros(arm.n_joints))
-
-    def _set_engine(self, name: str | None, drive: ArmDrive) -> None:
-        """Make the engine's world, and the steps of its joints."""
-        links = moving_links(self.body)
-        gravity = np.asarray(self.body.gravity)
-        self._engine = make_engine(name, links, gravity, self._h)
-        # motors of their own keep their rotor and their friction
-        stepped = (
-            self.body,
-            np.where(self._rigid, drive.rotors, 0.0),
-            self._friction.viscous * self._rigid,
-            self._friction.dry & self._rigid,
-            self._h,
-        )
-        self._step: Predicted | Native
-        if isinstance(self._engine, RotorEngine):
-            self._step = Native(self._engine, *stepped)
-        else:
-            limits = np.array([link.limits or (-np.inf, np.inf) for link in links]).T
-            self._step = Predicted(self._engine, *stepped, limits)
-        if drive.coupled.present:
-            self._step.coupled = drive.coupled
 
     def __enter__(self) -> SimulatedArm:
         """Use as a context that closes the world at its end."""
@@ -117,7 +310,7 @@ class SimulatedArm:
 
     def close(self) -> None:
         """Free the engine's world; a second call does nothing."""
-        self._engine.close()
+        self._arms.close()
 
     def reset(
         self, q: np.ndarray, dq: np.ndarray | None = None, time: float = 0.0
@@ -126,40 +319,19 @@ class SimulatedArm:
 
         Motors of elastic joints are where they carry their link's weight. ``time`` [s] is that of the recording.
         """
-        q = np.asarray(q, dtype=float)[self._order]
-        dq = (
-            np.zeros(len(q)) if dq is None else np.asarray(dq, dtype=float)[self._order]
-        )
-        self._start_time, self._count = time, 0
-        self._engine.reset(q, dq)
-        self._step.reset()
-        if self._two_mass:
-            self._motors.reset(q, dq, self._weight(q, dq, time))
-        self._path.reset()
-        self._drift()
-        self._u = np.zeros(len(q))
+        true = np.asarray(q, dtype=float)[self._order]
+        speed = np.zeros(len(true))
+        if dq is not None:
+            speed = np.asarray(dq, dtype=float)[self._order]
+        self._arms.reset(0, true, speed, time)
 
     def start(
         self, reading: np.ndarray, dq: np.ndarray | None = None, time: float = 0.0
     ) -> None:
         """Put the arm where its encoders, but for rounding and noise, read ``reading`` [rad], shape (n,)."""
-        seen = self._encoders.undone(np.asarray(reading, dtype=float))
-        q = seen
-        if self._two_mass and self._encoders.on_motor:
-            still = np.zeros(len(q))
-            # the motor leads its link by what the weight bends, which depends on where the link is
-            for _ in range(START_TRIALS):
-                load = self._weight(q[self._order], still, time)
-                deflection = self._motors.deflection(load)[self._places]
-                q = 0.5 * q + 0.5 * (seen - deflection)
-        self.reset(q, dq, time)
-
-    def _weight(self, q: np.ndarray, dq: np.ndarray, t: float) -> np.ndarray:
-        """Torque [N m] that holds the links up at a constant velocity, shape (n,), kinematic order."""
-        held = self.body.bias(q[self._places], dq[self._places])[self._order]
-        if not self._loads.present:
-            return held
-        return held - self._loads(t, q, dq, held)
+        seen = np.asarray(reading, dtype=float)
+        speed = np.zeros(len(seen)) if dq is None else np.asarray(dq, dtype=float)
+        self._arms.start(0, self._encoders, seen, speed, time)
 
     @property
     def q(self) -> np.ndarray:
@@ -169,117 +341,43 @@ class SimulatedArm:
     @property
     def dq(self) -> np.ndarray:
         """True joint velocities [rad/s], shape (n,)."""
-        return self._step.dq.copy() if self._ordered else self._step.dq[self._places]
+        return self._dq.copy() if self._ordered else self._dq[self._places]
 
     @property
     def present_dq(self) -> np.ndarray:
         """``dq`` in kinematic order, not to be kept: the next step may change it in place."""
-        return self._step.dq
+        return self._dq
 
     @property
     def motor_q(self) -> np.ndarray:
         """True positions of the motors [rad], joint side, shape (n,); those of rigid joints are the joints'."""
-        return (self._motors.position if self._two_mass else self._q)[self._places]
+        return self._arms.seen(on_motor=True)[0, self._places]
 
     @property
     def applied(self) -> np.ndarray:
         """Motor torque that reached the joints in the last step, before friction [N m], shape (n,)."""
-        return self._u[self._places]
+        return self._arms.applied[0, self._places]
 
     @property
     def time(self) -> float:
         """Time since the start of the recording [s]."""
-        return self._start_time + self._count * self._h
+        return float(self._arms.time[0])
 
     def encoders(self) -> np.ndarray:
         """Positions as the encoders read them [rad], shape (n,); each call draws its own noise."""
         noise = None
         if self._rng is not None:
             noise = self._noise * self._rng.standard_normal(len(self._q))
-        if self._two_mass and self._encoders.on_motor:
-            return self._encoders(self.motor_q, noise)
         # a reading is an array of its own, so that nothing is copied here
-        joint = self._q if self._ordered else self._q[self._places]
-        return self._encoders(joint, noise)
+        seen = self._arms.seen(self._encoders.on_motor)[0]
+        return self._encoders(seen if self._ordered else seen[self._places], noise)
 
     def step(self, torque: np.ndarray, steps: int = 1) -> None:
         """Hold the commanded torque [N m], shape (n,), for ``steps`` time steps."""
         command = np.asarray(torque, dtype=float)
         if not self._ordered:
             command = command[self._order]
-        count = steps * self.parts
-        if not self._path.constant:
-            self._hold_command(command, count)
-            return
-        self._u = self._path(command)
-        if self._direct:
-            self._engine.step(self._u, count)
-            self._count += count
-            self._step.read()
-            return
-        self._friction.load(self._u)
-        if self._two_mass or self._loads.present:
-            for _ in range(count):
-                self._drift()
-                self._advance()
-                self._count += 1
-        else:
-            self._hold_torque(count)
-
-    def _hold_torque(self, count: int) -> None:
-        """Steps under a torque that does not change, of rigid joints on which nothing else acts."""
-        friction, solver, torque = self._friction, self._step, self._u
-        limit, advance = friction.limit, solver.advance
-        drifting, every = friction.drifting, friction.every
-        start = self._count
-        for self._count in range(start, start + count):
-            if drifting and not self._count % every:
-                self._drift()
-            advance(torque, limit(solver.dq))
-        self._count = start + count
-
-    def _hold_command(self, command: np.ndarray, count: int) -> None:
-        """Steps under a command whose torque changes on its way to the joints."""
-        for _ in range(count):
-            self._drift()
-            self._u = self._path(
-                command, self._motors.position if self._two_mass else self._q
-            )
-            self._friction.load(self._u)
-            self._advance()
-            self._count += 1
-
-    def _advance_rigid(self) -> None:
-        """One step of rigid joints."""
-        torque = (
-            self._u + self._loads(self.time, self._q, self._step.dq, self._u)
-            if self._loads.present
-            else self._u
-        )
-        self._step.advance(torque, self._friction.limit(self._step.dq))
-
-    def _advance_two_mass(self) -> None:
-        """One step with separate motors: friction and rotors act on them, not on the links."""
-        motors, rigid, torque = self._motors, self._rigid, self._u
-        limit = self._friction.limit(motors.velocity)
-        through = motors.torque(self._q, self._step.dq)
-        on_links = np.where(rigid, torque, through)
-        if self._loads.present:
-            on_links += self._loads(self.time, self._q, self._step.dq, through)
-        self._step.advance(on_links, limit * rigid)
-        motors.step(torque, through, limit, self._friction.viscous, self._h)
-        motors.follow(self._q, self._step.dq)
-
-    def _drift(self) -> None:
-        """Bring the drift of friction up to date if that is due."""
-        friction = self._friction
-        if friction.drifting and not self._count % friction.every:
-            self._friction.drift(self.time)
-            self._step.set_viscous(self._friction.viscous * self._rigid)
-
-
-SPACING = 5
-"""Steps between values on the reference."""
+        self._arms.hold(command[None], steps)
 
 
 class NetworkTorque:

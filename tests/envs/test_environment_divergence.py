@@ -14,12 +14,11 @@ from episodes import NAME, SHORT, rollout  # noqa: E402
 
 import gapscope  # noqa: E402, F401 (registers the environment)
 from gapscope.arm.dynamics.feedforward import feedforward  # noqa: E402
-from gapscope.arm.dynamics.rigid_body import RigidBody  # noqa: E402
 from gapscope.arm.known_robots import KNOWN_ROBOTS  # noqa: E402
 from gapscope.arm.motions.named_motions import MOTIONS, draw_motion  # noqa: E402
 from gapscope.arm.velocity_filter import VelocityFilter  # noqa: E402
 from gapscope.envs.actions import Control, Gains, torque_limit  # noqa: E402
-from gapscope.envs.divergence import diverged, explain, longest_step  # noqa: E402
+from gapscope.envs.divergence import diverged, divergence_info, longest_step  # noqa: E402
 from gapscope.envs.environment import ArmTracking  # noqa: E402
 from gapscope.envs.position_controller import VELOCITY_DAMPING, cutoff  # noqa: E402
 
@@ -64,16 +63,9 @@ def test_a_speed_that_is_no_number_is_a_divergence_too(pendulum) -> None:
     )
     assert not diverged(np.full(7, 49.0))
     control = Control("torque", np.ones(1), np.ones(1), np.full(1, np.inf), None)
-    told = explain(
-        pendulum(),
-        RigidBody(pendulum()),
-        control,
-        1e-3,
-        0.1,
-        np.zeros(1),
-        np.array([np.nan]),
-    )
-    assert "joint 1 diverged: a speed that is no number" in told.as_info()["message"]
+    setup = ArmTracking(pendulum(), **SHORT).setup._replace(control=control)
+    told = divergence_info(setup, 100, np.zeros(1), np.array([np.nan]))
+    assert "joint 1 diverged: a speed that is no number" in message(told)
 
 
 @pytest.mark.parametrize("change", ["time_step", "bandwidth"])

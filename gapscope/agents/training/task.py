@@ -16,7 +16,7 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import External
 from gapscope.envs.environment import ArmTracking
-from gapscope.envs.vector.environment import VectorArmTracking
+from gapscope.envs.vector_environment import VectorArmTracking
 
 
 @dataclass(frozen=True)

@@ -65,7 +65,7 @@ class TorquePath(Rows):
         changes |= any(law.varies_with == "position" for law, _ in acting)
         self.changing = np.full(len(steps), bool(changes))
         self._fresh = np.ones(len(steps), dtype=bool)
-        self._held = np.zeros((2, len(steps)))
+        self._held, self._now = np.zeros((2, len(steps))), -1
         self.note()
         self.reset()
 
@@ -96,8 +96,7 @@ class TorquePath(Rows):
         before, now, length = self._held, self._now, len(self._held)
         super().put(number, one)
         size = len(one._whole)
-        self._fresh[number * size : (number + 1) * size] = True
-        self._starts = True
+        self.reset(slice(number * size, (number + 1) * size))
         if len(self._held) != length:
             # the commands of the other arms, in a ring of another length
             self._now = now
@@ -105,10 +104,9 @@ class TorquePath(Rows):
                 row = before[(now - ago) % length]
                 self._held[(now - ago) % len(self._held)] = row
 
-    def reset(self) -> None:
-        """Forget all commands."""
-        self._now = -1
-        self._fresh[:] = True
+    def reset(self, rows: slice = slice(None)) -> None:
+        """Forget all commands, of all joints or of some."""
+        self._fresh[rows] = True
         self._starts = True
 
     def __call__(

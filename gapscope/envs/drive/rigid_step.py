@@ -1,4 +1,4 @@
-"""One time step of the joints: rotors and friction solved with the mass matrix.
+"""One time step of the joints of many arms: rotors and friction solved with the mass matrix.
 
 No engine has load friction, or dry friction that really sticks, and not every one has rotors. They enter as torque,
 but not by their law at the present velocity: rotors would make an algebraic loop, dry friction would chatter. The
@@ -11,16 +11,14 @@ with M and h of the loaded arm.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from functools import cached_property
-
 import numpy as np
-from numpy import add, multiply, sign, subtract
+from numpy import absolute, add, greater, logical_and, multiply, sign, subtract
 
 from gapscope.arm.dynamics.forward_dynamics import ForwardDynamics
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.envs.drive.friction import CoupledMotors, DryFriction
-from gapscope.envs.engines import Engine, RotorEngine
+from gapscope.envs.drive.arm_drive import ArmDrive
+from gapscope.envs.drive.friction import DryFriction
+from gapscope.envs.engines import Bodies, Engine
 
 HOLD = 1e10
 """Inertia that holds a sticking joint [kg m^2]; what it takes of the torque is the friction."""
@@ -29,285 +27,295 @@ GUESSES = 3
 
 A joint that turns round within a step takes three. Of the steps whose third guess fails, hardly one in twenty would
 find its solution by guessing on."""
-
-
-class RigidStep(ABC):
-    """Steps of the bodies with rotors and friction, joints in kinematic order, all arrays of shape (n,).
-
-    Guess which joints stick and which way the others slide: as in the step before. One pass of forward dynamics then
-    gives dq+ and the friction, since that of sliding joints is known, and sticking joints are held by a huge inertia
-    whose torque it is, HOLD (a + dq / dt): they do not keep a velocity, they stop. Joints that contradict the guess
-    change sides, and after a few guesses ``DryFriction`` decides.
-
-    Args:
-        body: the loaded arm.
-        rotors: I [kg m^2].
-        viscous: b [N m s/rad].
-        dry: mask of the joints with dry friction.
-        dt: time step [s].
-
-    Attributes:
-        coupled: motors that turn several joints, if there are any.
-        q, dq: present positions [rad] and velocities [rad/s]; the arrays are updated in place.
-    """
-
-    def __init__(
-        self,
-        body: RigidBody,
-        rotors: np.ndarray,
-        viscous: np.ndarray,
-        dry: np.ndarray,
-        dt: float,
-    ) -> None:
-        n = len(rotors)
-        self.coupled: CoupledMotors | None = None
-        self.q, self.dq = np.zeros((2, n))
-        self._body = body
-        self._rotors, self._dt, self._any_dry = rotors, dt, bool(dry.any())
-        self._dry, self._dry_mask, self._all_dry = (
-            dry,
-            dry.astype(float),
-            bool(dry.all()),
-        )
-        self._friction, self._direction = DryFriction(n), np.zeros(n)
-        self._out, self._work, self._velocity, self._braking = np.zeros((4, n))
-        self._sticking = np.zeros(n, dtype=bool)
-        self._steps = np.full(n, dt)
-        self.set_viscous(viscous)
-        self._assume(self._direction)
-
-    @cached_property
-    def _forward(self) -> ForwardDynamics:
-        return ForwardDynamics(self._body, self._rotors)
-
-    @abstractmethod
-    def _set_rotors(self, rotors: np.ndarray) -> None:
-        """Use this inertia [kg m^2] on the diagonal of the mass matrix."""
-
-    @abstractmethod
-    def _try(self, torque: np.ndarray) -> np.ndarray:
-        """Acceleration [rad/s^2] under a torque [N m]; fills ``_velocity`` with dq+."""
-
-    @abstractmethod
-    def _accept(self, acceleration: np.ndarray) -> None:
-        """Make the step that was tried last, with its acceleration [rad/s^2]."""
-
-    @abstractmethod
-    def _reject(self) -> None:
-        """Take the step back that was tried last."""
-
-    def reset(self) -> None:
-        """Forget the step before: all joints rest."""
-        self._friction.reset()
-        if self.coupled is not None:
-            self.coupled.reset()
-        self._assume(np.zeros(len(self._rotors)))
-
-    def set_viscous(self, viscous: np.ndarray) -> None:
-        """Change b [N m s/rad]."""
-        self._viscous = viscous
-        self._effective = self._rotors + self._dt * viscous
-        self._all = self._effective + HOLD * self._sticking
-        self._set_rotors(self._all)
-
-    def _assume(self, direction: np.ndarray) -> None:
-        """Guess the directions of the joints with dry friction, 0 if they stick."""
-        sticks = self._dry & (direction == 0)
-        self._sticking, self._at_rest = sticks, False
-        self._direction, self._signs = direction, direction.tobytes()
-        hold = HOLD * sticks
-        self._all, self._brake = self._effective + hold, hold / self._dt
-        self._stuck = [
-            (joint, self._all.item(joint)) for joint in sticks.nonzero()[0].tolist()
-        ]
-        self._set_rotors(self._all)
-
-    def advance(self, torque: np.ndarray, limit: np.ndarray) -> None:
-        """One step under u [N m], all that acts on the joints but friction and rotors; limit of dry friction [N m]."""
-        if self.coupled is not None:
-            own = self._rotors, self._viscous, limit
-            torque = torque - self.coupled(self.q, self.dq, torque, *own)
-        if not self._any_dry:
-            multiply(self._viscous, self.dq, self._work)
-            subtract(torque, self._work, self._out)
-            self._accept(self._try(self._out))
-            return
-        for _ in range(GUESSES):
-            acceleration = self._pass(torque, limit)
-            if self._stuck:
-                confirmed = self._still_sticks(acceleration, limit)
-            else:
-                confirmed = self._slides_as_guessed()
-                if not confirmed:
-                    self._assume(
-                        np.where(self._direction == self._work, self._direction, 0.0)
-                    )
-            if confirmed:
-                self._at_rest = True
-                self._accept(acceleration)
-                return
-            self._reject()
-        self._search(torque, limit)
-        acceleration = self._pass(torque, limit)
-        self._velocity[self._sticking] = 0.0
-        self._accept(acceleration)
-
-    def _pass(self, torque: np.ndarray, limit: np.ndarray) -> np.ndarray:
-        """One pass of forward dynamics as guessed; the acceleration [rad/s^2]."""
-        out, work, dq = self._out, self._work, self.dq
-        multiply(self._viscous, dq, work)
-        subtract(torque, work, out)
-        multiply(self._direction, limit, work)
-        subtract(out, work, out)
-        if self._stuck and not self._at_rest:
-            multiply(self._brake, dq, self._braking)
-            subtract(out, self._braking, out)
-        return self._try(out)
-
-    def _slides_as_guessed(self) -> bool:
-        """Whether the joints with dry friction move as guessed; ``_work`` is their directions, 0 elsewhere."""
-        velocity = self._velocity
-        if not self._all_dry:
-            velocity = multiply(velocity, self._dry_mask, self._work)
-        return sign(velocity, self._work).tobytes() == self._signs
-
-    def _still_sticks(self, acceleration: np.ndarray, limit: np.ndarray) -> bool:
-        """Whether a solution with sticking joints is as guessed; otherwise the next guess is made.
-
-        Of the few joints that stick, one at a time: for them numbers are faster than arrays.
-        """
-        velocity, over = self._velocity, {}
-        for joint, inertia in self._stuck:
-            friction = inertia * acceleration.item(joint)
-            if not self._at_rest:
-                friction += self._braking.item(joint)
-            velocity[joint] = 0.0
-            if abs(friction) > limit.item(joint):
-                over[joint] = 1.0 if friction > 0 else -1.0
-        if self._slides_as_guessed() and not over:
-            return True
-        direction = np.where(self._direction == self._work, self._direction, 0.0)
-        for joint, way in over.items():
-            direction[joint] = way
-        self._assume(direction)
-        return False
-
-    def _search(self, torque: np.ndarray, limit: np.ndarray) -> None:
-        """Find the sticking joints by a search that always ends."""
-        dt = self._dt
-        self._forward.set_rotors(self._effective)
-        inertia = self._forward.mass_matrix(self.q)
-        out = torque - self._viscous * self.dq
-        momentum = inertia @ self.dq + dt * (out - self._forward.bias(self.q, self.dq))
-        self._friction.solve(inertia, momentum, dt * limit)
-        self._assume(np.where(self._dry, self._friction.direction, 0.0))
-
-
 READ_EVERY = 20
 """Steps after which the engine is asked for its state: rounding would grow, since the torque given is no feedback."""
 NEAR_LIMIT = 0.1
 """Distance from a joint's limit [rad] within which the engine is asked for its state after every step."""
 
 
-class Predicted(RigidStep):
-    """For an engine without rotors: the step is solved first, and M a + h, the torque that makes it, is given on.
+class Predicted(Bodies):
+    """One arm in an engine without rotors: a step is solved first, and M a + h, the torque that makes it, is given on.
 
     Away from limits the engine's next state is the one solved for, to rounding, and is read now and then only.
+
+    Args:
+        engine: moves the bodies.
+        body: the loaded arm.
+        limits: the joints' lower and upper limits [rad], shape (2, n).
+        dt: time step [s].
     """
 
     def __init__(
-        self,
-        engine: Engine,
-        body: RigidBody,
-        rotors: np.ndarray,
-        viscous: np.ndarray,
-        dry: np.ndarray,
-        dt: float,
-        limits: np.ndarray,
+        self, engine: Engine, body: RigidBody, limits: np.ndarray, dt: float
     ) -> None:
-        """As ``RigidStep``; ``limits`` are the joints' lower and upper limits [rad], shape (2, n)."""
-        self._engine, self._unread = engine, 0
+        n = body.n_joints
+        self._engine, self._unread, self._near = engine, 0, False
+        self.new = True
         self._lowest, self._highest = limits[0] + NEAR_LIMIT, limits[1] - NEAR_LIMIT
-        # one product with the acceleration: the torque of rotors, friction and what holds, and the gain in velocity
-        self._factors = np.full((2, len(rotors)), dt)
-        self._products = np.zeros_like(self._factors)
-        self._held, self._gained = self._products
-        super().__init__(body, rotors, viscous, dry, dt)
-        self._accelerate = self._forward.acceleration
-
-    def reset(self) -> None:
-        """Take the engine's state and forget the step before."""
-        super().reset()
-        self.read()
-
-    def read(self) -> None:
-        """Take the engine's state, which includes joint limits."""
-        self._engine.read()
-        np.copyto(self.q, self._engine.q)
-        np.copyto(self.dq, self._engine.dq)
-        self._unread, self._at_rest = 0, False
-        self._near = bool(
-            np.count_nonzero((self.q < self._lowest) | (self.q > self._highest))
+        self.position, self.velocity, self.acceleration, self.rotors = np.zeros(
+            (4, 1, n)
         )
+        self._forward = ForwardDynamics(body, np.zeros(n))
+        # one product with the acceleration: the torque of rotors, friction and what holds, and the gain in velocity
+        self._factors, self._products = np.full((2, n), dt), np.zeros((2, n))
+        self._work, self._steps = np.zeros(n), np.full(n, dt)
 
-    def _set_rotors(self, rotors: np.ndarray) -> None:
-        self._factors[0] = rotors
-        self._forward.set_rotors(rotors)
+    def reset(self, number: int, q: np.ndarray, dq: np.ndarray) -> None:
+        """Put the arm at positions q [rad or m] with velocities dq, shape (n,)."""
+        self._engine.reset(q, dq)
+        self._read()
 
-    def _try(self, torque: np.ndarray) -> np.ndarray:
-        acceleration = self._accelerate(self.q, self.dq, torque)
+    def run(self, torque: np.ndarray, count: int) -> None:
+        """Hold joint torque [N m or N], shape (1, n), for ``count`` time steps of the bodies alone."""
+        self._engine.step(torque[0], count)
+        self._read()
+
+    def step(self, torque: np.ndarray, only: np.ndarray | None = None) -> None:
+        """Solve a step under joint torque [N m or N], shape (1, n): its acceleration and the velocity after it."""
+        self._torque = torque[0]
+        self._factors[0] = self.rotors[0]
+        self._forward.set_rotors(self.rotors[0])
+        velocity = self.velocity[0]
+        acceleration = self._forward.acceleration(
+            self.position[0], velocity, self._torque
+        )
         multiply(self._factors, acceleration, self._products)
-        add(self._gained, self.dq, self._velocity)
-        return acceleration
+        add(self._products[1], velocity, velocity)
+        self.acceleration[0] = acceleration
 
-    def _accept(self, acceleration: np.ndarray) -> None:
+    def accept(self) -> None:
+        """Make the step that was solved last."""
         work = self._work
-        subtract(self._out, self._held, work)
+        subtract(self._torque, self._products[0], work)
         self._engine.step(work)
         self._unread += 1
         if self._near or self._unread == READ_EVERY:
-            self.read()
+            self._read()
             return
-        self.dq, self._velocity = self._velocity, self.dq
-        multiply(self.dq, self._steps, work)
-        add(self.q, work, self.q)
+        multiply(self.velocity[0], self._steps, work)
+        add(self.position[0], work, self.position[0])
 
-    def _reject(self) -> None:
-        """Nothing: it was only thought."""
+    def _read(self) -> None:
+        """Take the engine's state, which includes joint limits."""
+        self._engine.read()
+        q = self.position[0]
+        np.copyto(q, self._engine.q)
+        np.copyto(self.velocity[0], self._engine.dq)
+        self._unread, self.new = 0, True
+        self._near = bool(np.count_nonzero((q < self._lowest) | (q > self._highest)))
+
+    def close(self) -> None:
+        """Free the engine's world; a second call does nothing."""
+        self._engine.close()
 
 
-class Native(RigidStep):
-    """For an engine with rotors: it makes the step itself, and takes it back if the guess was wrong."""
+class RigidStep:
+    """Steps of N arms with rotors and friction, n joints in kinematic order, all arrays of shape (N, n).
 
-    def __init__(
-        self,
-        engine: RotorEngine,
-        body: RigidBody,
-        rotors: np.ndarray,
-        viscous: np.ndarray,
-        dry: np.ndarray,
-        dt: float,
-    ) -> None:
-        """As ``RigidStep``."""
-        self._engine = engine
-        super().__init__(body, rotors, viscous, dry, dt)
-        self.q, self.dq, self._velocity = (
-            engine.position,
-            engine.velocity,
-            engine.velocity,
+    Guess which joints stick and which way the others slide: as in the step before. One pass of forward dynamics then
+    gives dq+ and the friction, since that of sliding joints is known, and sticking joints are held by a huge inertia
+    whose torque it is, HOLD (a + dq / dt): they do not keep a velocity, they stop. Arms whose joints contradict the
+    guess take the step back and try again with these joints on the other side, alone, so that every arm does what it
+    does without the others, bit by bit; after a few guesses ``DryFriction`` decides.
+
+    Args:
+        bodies: moved by the steps.
+        dt: time step [s].
+
+    Attributes:
+        q, dq: present positions [rad] and velocities [rad/s]; they are those of the bodies.
+    """
+
+    def __init__(self, bodies: Bodies, dt: float) -> None:
+        self._bodies, self._dt = bodies, dt
+        self.q, self.dq = bodies.position, bodies.velocity
+        shape = self.q.shape
+        self._drives: list[ArmDrive | None] = [None] * shape[0]
+        self._forward: list[ForwardDynamics | None] = [None] * shape[0]
+        self._friction = [DryFriction(shape[1]) for _ in range(shape[0])]
+        self._dry, self._sticking, self._over = np.zeros((3, *shape), dtype=bool)
+        self._rotors, self._viscous, self._effective, self._brake = np.zeros(
+            (4, *shape)
         )
+        self._direction, self._mask, self._way = np.zeros((3, *shape))
+        self._out, self._work, self._held, self._old_q, self._old_dq = np.zeros(
+            (5, *shape)
+        )
+        self._any_dry = self._any_stuck = False
 
-    def read(self) -> None:
-        """Nothing: the state is the engine's."""
+    def put(self, number: int, drive: ArmDrive) -> None:
+        """Give an arm, numbered from 0, other rotors and friction; ``reset`` has to follow.
 
-    def _set_rotors(self, rotors: np.ndarray) -> None:
-        self._engine.set_rotors(rotors)
+        Motors of their own keep their rotors and their friction.
+        """
+        self._drives[number], self._forward[number] = drive, None
+        self._rotors[number] = np.where(drive.rigid, drive.rotors, 0.0)
+        self._dry[number] = self._mask[number] = drive.friction.dry & drive.rigid
+        self._any_dry = bool(self._dry.any())
+        self._coupled = [
+            (arm, one.coupled)
+            for arm, one in enumerate(self._drives)
+            if one is not None and one.coupled.present
+        ]
 
-    def _try(self, torque: np.ndarray) -> np.ndarray:
-        return self._engine.advance(torque)
+    def reset(self, number: int, viscous: np.ndarray) -> None:
+        """Forget the steps of an arm: all its joints rest; viscous friction b [N m s/rad], shape (n,)."""
+        self._friction[number].reset()
+        drive = self._drives[number]
+        assert drive is not None
+        if drive.coupled.present:
+            drive.coupled.reset()
+        self._viscous[number] = viscous
+        self._effective[number] = self._rotors[number] + self._dt * viscous
+        self._keep(np.array([number]), np.zeros((1, self.q.shape[1])))
+        rotors = self._effective[number] + HOLD * self._sticking[number]
+        self._bodies.rotors[number] = rotors
 
-    def _accept(self, acceleration: np.ndarray) -> None:
-        """Nothing: it is done."""
+    def set_viscous(self, viscous: np.ndarray) -> None:
+        """Change b [N m s/rad]."""
+        self._viscous[:] = viscous
+        self._effective = self._rotors + self._dt * self._viscous
+        self._bodies.rotors[:] = self._effective + HOLD * self._sticking
 
-    def _reject(self) -> None:
-        self._engine.undo()
+    def advance(self, torque: np.ndarray, limit: np.ndarray) -> None:
+        """One step under u [N m], all that acts on the joints but friction and rotors.
+
+        Args:
+            torque: u.
+            limit: of dry friction [N m].
+        """
+        out, work, bodies, stuck = self._out, self._work, self._bodies, self._any_stuck
+        old, velocity = self._old_dq, self.dq
+        if self._coupled:
+            torque = torque - self._taken(torque, limit)
+        np.copyto(old, velocity)
+        multiply(self._viscous, old, work)
+        subtract(torque, work, out)
+        if not self._any_dry:
+            bodies.step(out)
+            bodies.accept()
+            return
+        np.copyto(self._old_q, self.q)
+        multiply(self._direction, limit, work)
+        subtract(out, work, out)
+        brakes = stuck and bodies.new
+        if brakes:
+            # once it rests, what sticks has no velocity to brake
+            multiply(self._brake, old, work)
+            subtract(out, work, out)
+        bodies.new = False
+        bodies.step(out)
+        if stuck:
+            np.copyto(velocity, 0.0, where=self._sticking)
+            # of the joints that stick, what holds them is the friction
+            held, over = self._held, self._over
+            multiply(bodies.rotors, bodies.acceleration, held)
+            if brakes:
+                add(held, work, held)
+            greater(absolute(held, work), limit, over)
+            logical_and(over, self._sticking, over)
+            stuck = np.count_nonzero(over) > 0
+        way = multiply(velocity, self._mask, self._way)
+        signs = sign(way, way).tobytes()
+        if stuck or signs != self._signs:
+            self._again(torque, limit)
+        bodies.accept()
+
+    def _taken(self, torque: np.ndarray, limit: np.ndarray) -> np.ndarray:
+        """Torque that motors take which turn several joints [N m], under that on the joints."""
+        taken = np.zeros_like(torque)
+        for arm, motors in self._coupled:
+            own = self._rotors[arm], self._viscous[arm], limit[arm]
+            taken[arm] = motors(self.q[arm], self.dq[arm], torque[arm], *own)
+        return taken
+
+    def _again(self, torque: np.ndarray, limit: np.ndarray) -> None:
+        """Steps of the arms, k of them, whose first guess was wrong; torque and limit as in ``advance``, (N, n)."""
+        over = self._over if self._any_stuck else np.zeros_like(self._over)
+        wrong = (self._way != self._direction) | over
+        arms = np.flatnonzero(wrong.any(axis=1)).astype(np.int32)
+        way = self._way[arms]
+        guess = np.where(self._direction[arms] == way, way, 0.0)
+        pushed = np.where(self._held[arms] > 0, 1.0, -1.0)
+        guess = np.where(over[arms], pushed, guess)
+        old, limit = self._old_dq[arms], limit[arms]
+        work = torque[arms] - self._viscous[arms] * old
+        known = (old, work, limit, self._dry[arms], self._effective[arms])
+        left = np.arange(len(arms))
+        for _ in range(GUESSES - 1):
+            wrong, following = self._try(
+                arms[left], guess[left], tuple(x[left] for x in known)
+            )
+            left = left[wrong]
+            if not len(left):
+                break
+            guess[left] = following[wrong]
+        if len(left):
+            self._take_back(arms[left])
+            for row in left.tolist():
+                guess[row] = self._search(int(arms[row]), work[row], limit[row])
+            self._try(arms[left], guess[left], tuple(x[left] for x in known))
+        self._keep(arms, guess)
+
+    def _keep(self, arms: np.ndarray, direction: np.ndarray) -> None:
+        """Note the directions, shape (k, n), with which some arms have made their step."""
+        sticks = self._dry[arms] & (direction == 0)
+        self._direction[arms], self._sticking[arms] = direction, sticks
+        self._brake[arms] = HOLD * sticks / self._dt
+        self._any_stuck = bool(self._sticking.any())
+        self._signs = self._direction.tobytes()
+
+    def _try(
+        self,
+        arms: np.ndarray,
+        direction: np.ndarray,
+        known: tuple[np.ndarray, ...],
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Take the step of some arms back and make it as guessed; which of them are wrong, and the next guesses.
+
+        Args:
+            arms: k numbers.
+            direction: guessed, shape (k, n).
+            known: velocity before the step [rad/s], torque less viscous friction [N m], limit of dry friction [N m],
+                where there is dry friction, and rotors with viscous friction [kg m^2], each (k, n).
+        """
+        old, work, limit, dry, effective = known
+        stuck = dry & (direction == 0)
+        hold = HOLD * stuck
+        inertia, braking = effective + hold, hold / self._dt * old
+        self._take_back(arms)
+        self._bodies.rotors[arms] = inertia
+        self._bodies.step(work - direction * limit - braking, only=arms)
+        velocity = np.where(stuck, 0.0, self.dq[arms])
+        self.dq[arms] = velocity
+        held = inertia * self._bodies.acceleration[arms] + braking
+        over = stuck & (np.abs(held) > limit)
+        way = sign(velocity * dry)
+        kept = np.where(direction == way, direction, 0.0)
+        following = np.where(over, np.where(held > 0, 1.0, -1.0), kept)
+        wrong = ((way != direction) | over).any(axis=1)
+        return np.flatnonzero(wrong), following
+
+    def _take_back(self, arms: np.ndarray) -> None:
+        """Put some arms back to where they were before the step."""
+        self.q[arms], self.dq[arms] = self._old_q[arms], self._old_dq[arms]
+
+    def _search(self, arm: int, out: np.ndarray, limit: np.ndarray) -> np.ndarray:
+        """Directions of an arm's joints by a search that always ends, 0 if they stick, shape (n,).
+
+        Args:
+            arm: its number.
+            out: torque less viscous friction [N m], shape (n,).
+            limit: of dry friction [N m], shape (n,).
+        """
+        drive, forward = self._drives[arm], self._forward[arm]
+        assert drive is not None
+        if forward is None:
+            forward = ForwardDynamics(drive.body, self._rotors[arm])
+            self._forward[arm] = forward
+        q, dq, dt = self._old_q[arm], self._old_dq[arm], self._dt
+        forward.set_rotors(self._effective[arm])
+        inertia = forward.mass_matrix(q)
+        momentum = inertia @ dq + dt * (out - forward.bias(q, dq))
+        self._friction[arm].solve(inertia, momentum, dt * limit)
+        return np.where(self._dry[arm], self._friction[arm].direction, 0.0)

@@ -51,27 +51,52 @@ class Engine(ABC):
         """Free the world; a second call does nothing."""
 
 
-class RotorEngine(Engine):
-    """An engine that supports rotors, and can undo a step.
+class Bodies(ABC):
+    """Rigid bodies of N arms with rotors, n joints each in kinematic order, whose steps are tried before they are made.
 
     Attributes:
-        position, velocity: the engine's own state [rad], [rad/s], always up to date, shape (n,).
+        position, velocity: present state [rad], [rad/s], shape (N, n); written to take a step back.
+        acceleration: of the last step [rad/s^2], shape (N, n); read only.
+        rotors: inertia on the diagonal of the mass matrix [kg m^2], shape (N, n); written to change it.
+        new: whether an arm has come to its state otherwise than by the last step.
     """
 
+    new: bool
     position: np.ndarray
     velocity: np.ndarray
+    acceleration: np.ndarray
+    rotors: np.ndarray
 
     @abstractmethod
-    def set_rotors(self, rotors: np.ndarray) -> None:
-        """Use this inertia [kg m^2], shape (n,), on the diagonal of the mass matrix."""
+    def reset(self, number: int, q: np.ndarray, dq: np.ndarray) -> None:
+        """Put an arm, numbered from 0, at positions q [rad or m] with velocities dq, shape (n,)."""
+
+    def set_bodies(
+        self, number: int, links: tuple[Link, ...], gravity: np.ndarray
+    ) -> None:
+        """Give an arm other bodies of the same structure, and another gravity [m/s^2], where an engine can."""
+        raise NotImplementedError
 
     @abstractmethod
-    def advance(self, torque: np.ndarray) -> np.ndarray:
-        """One step under joint torque [N m]; the acceleration [rad/s^2] of it, valid until the next call."""
+    def run(self, torque: np.ndarray, count: int) -> None:
+        """Hold joint torque [N m or N], shape (N, n), for ``count`` time steps."""
 
     @abstractmethod
-    def undo(self) -> None:
-        """Take the last ``advance`` back; not twice."""
+    def step(self, torque: np.ndarray, only: np.ndarray | None = None) -> None:
+        """Try a step under joint torque [N m or N]: ``velocity`` and ``acceleration`` are those of it.
+
+        Args:
+            torque: shape (N, n), or (k, n) for k arms only.
+            only: numbers of the arms that step, sorted, shape (k,); all by default.
+        """
+
+    @abstractmethod
+    def accept(self) -> None:
+        """Make the steps that were tried last."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Free the world; a second call does nothing."""
 
 
 class _Kind(NamedTuple):
@@ -92,7 +117,7 @@ ENGINES = {
     ),
     "mujoco": _Kind(
         "gapscope.envs.engines.mujoco",
-        "MuJoCoEngine",
+        "MuJoCoBodies",
         "mujoco",
         "pip install mujoco",
     ),
@@ -140,8 +165,12 @@ def check_engine(name: str | None) -> str:
 
 
 def make_engine(
-    name: str | None, links: tuple[Link, ...], gravity: np.ndarray, dt: float
-) -> Engine:
+    name: str | None,
+    links: tuple[Link, ...],
+    gravity: np.ndarray,
+    dt: float,
+    **options: int,
+) -> Engine | Bodies:
     """The engine called ``name`` with an arm in it.
 
     Args:
@@ -149,10 +178,12 @@ def make_engine(
         links: the moving bodies, parents before children.
         gravity: in the base frame [m/s^2], shape (3,).
         dt: time step [s].
+        options: of ``Bodies`` for several arms.
 
     Raises:
         InputError: no such engine, or it is not installed.
     """
     kind = ENGINES[check_engine(name)]
-    engine: Engine = getattr(import_module(kind.module), kind.name)(links, gravity, dt)
+    made = getattr(import_module(kind.module), kind.name)
+    engine: Engine | Bodies = made(links, gravity, dt, **options)
     return engine

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import os
-from functools import partial
 
 import mujoco
 import numpy as np
@@ -12,67 +11,19 @@ from mujoco.batch import Batch
 
 from gapscope.arm.dynamics.plain_mjcf import plain_mjcf, quaternion
 from gapscope.arm.dynamics.plain_urdf import Link
-from gapscope.envs.engines import RotorEngine
+from gapscope.envs.engines import Bodies
 
 _LOG = logging.getLogger(__name__)
 mujoco.set_mju_user_warning(
     _LOG.debug
 )  # otherwise warnings are written into a file in the current folder
 
-
-class MuJoCoEngine(RotorEngine):
-    """Rigid bodies in a MuJoCo world of their own.
-
-    Args:
-        links: the moving bodies, parents before children.
-        gravity: in the base frame [m/s^2], shape (3,).
-        dt: time step [s].
-    """
-
-    def __init__(self, links: tuple[Link, ...], gravity: np.ndarray, dt: float) -> None:
-        self._model = arm_model(links, gravity, dt)
-        self._data = mujoco.MjData(self._model)
-        mujoco.mj_setConst(self._model, self._data)
-        self._advance = partial(mujoco.mj_step, self._model, self._data)
-        self.q, self.dq, self._old_position, self._old_velocity = np.zeros(
-            (4, len(links))
-        )
-        self.position, self.velocity = self._data.qpos, self._data.qvel
-        self._force, self._acceleration = self._data.qfrc_applied, self._data.qacc
-
-    def reset(self, q: np.ndarray, dq: np.ndarray) -> None:
-        """Put the arm at positions q [rad or m] with velocities dq."""
-        mujoco.mj_resetData(self._model, self._data)
-        self.position[:], self.velocity[:] = q, dq
-        self.read()
-
-    def step(self, torque: np.ndarray, count: int = 1) -> None:
-        """Hold joint torque [N m or N] for ``count`` time steps."""
-        self._force[:] = torque
-        mujoco.mj_step(self._model, self._data, count)
-
-    def read(self) -> None:
-        """Bring ``q`` and ``dq`` up to date."""
-        self.q[:], self.dq[:] = self.position, self.velocity
-
-    def set_rotors(self, rotors: np.ndarray) -> None:
-        """Use this inertia [kg m^2] on the diagonal of the mass matrix."""
-        self._model.dof_armature[:] = rotors
-
-    def advance(self, torque: np.ndarray) -> np.ndarray:
-        """One step under joint torque [N m]; the acceleration [rad/s^2] of it, valid until the next call."""
-        # twice as fast as numpy.copyto
-        self._old_position[...], self._old_velocity[...] = self.position, self.velocity
-        self._force[...] = torque
-        self._advance()
-        return self._acceleration
-
-    def undo(self) -> None:
-        """Take the last ``advance`` back; not twice."""
-        self.position[...], self.velocity[...] = self._old_position, self._old_velocity
-
-    def close(self) -> None:
-        """Nothing outlives the object."""
+FEWEST_PER_THREAD = 32
+"""Arms for which it pays to wake another thread: a step of an arm takes 2 to 3 us, waking a thread about 10."""
+NO_STAGE = mujoco.mjtStage.mjSTAGE_NONE.value
+"""A reset that computes nothing, since positions are written after it."""
+FIRST = 1
+"""Number of the first moving body: 0 is the world."""
 
 
 def arm_model(
@@ -96,14 +47,6 @@ def arm_model(
     return model
 
 
-FEWEST_PER_THREAD = 32
-"""Arms for which it pays to wake another thread: a step of an arm takes 2 to 3 us, waking a thread about 10."""
-NO_STAGE = mujoco.mjtStage.mjSTAGE_NONE.value
-"""A reset that computes nothing, since positions are written after it."""
-FIRST = 1
-"""Number of the first moving body: 0 is the world."""
-
-
 def usable_processors() -> int:
     """Processors that this process may run on."""
     if hasattr(os, "sched_getaffinity"):
@@ -111,8 +54,8 @@ def usable_processors() -> int:
     return os.cpu_count() or 1
 
 
-class MuJoCoBatch:
-    """Rigid bodies of N arms, n joints each in kinematic order; every arm steps as in ``MuJoCoEngine``, bit by bit.
+class MuJoCoBodies(Bodies):
+    """Rigid bodies of N arms in MuJoCo; every arm steps as it does alone, bit by bit.
 
     Masses, inertias, gravity and rotors of each arm can be changed without a model being compiled.
 
@@ -123,11 +66,6 @@ class MuJoCoBatch:
         count: N.
         threads: on which they are stepped; 0 for one on every processor that this process may use, as long as each has
             ``FEWEST_PER_THREAD`` arms.
-
-    Attributes:
-        position, velocity: present state [rad], [rad/s], shape (N, n); written to move an arm.
-        acceleration: of the last step [rad/s^2], shape (N, n); read only.
-        rotors: inertia on the diagonal of the mass matrix [kg m^2], shape (N, n); written to change it.
     """
 
     def __init__(
@@ -135,7 +73,7 @@ class MuJoCoBatch:
         links: tuple[Link, ...],
         gravity: np.ndarray,
         dt: float,
-        count: int,
+        count: int = 1,
         threads: int = 0,
     ) -> None:
         model = arm_model(links, gravity, dt)
@@ -149,6 +87,7 @@ class MuJoCoBatch:
         self._force = self._batch.bind("qfrc_applied")
         self.rotors = self._batch.expand("dof_armature")
         self._bodies: dict[str, np.ndarray] | None = None
+        self.new = True
 
     def set_bodies(
         self, number: int, links: tuple[Link, ...], gravity: np.ndarray
@@ -179,16 +118,20 @@ class MuJoCoBatch:
         """Put an arm at positions q [rad or m] with velocities dq, shape (n,), and forget its past."""
         self._batch.reset([number], stage=NO_STAGE)
         self.position[number], self.velocity[number] = q, dq
+        self.new = True
 
-    def step(
-        self, torque: np.ndarray, count: int = 1, only: np.ndarray | None = None
-    ) -> None:
-        """Hold joint torque [N m or N] for ``count`` time steps.
+    def run(self, torque: np.ndarray, count: int) -> None:
+        """Hold joint torque [N m or N], shape (N, n), for ``count`` time steps."""
+        self._force[:] = torque
+        self._batch.step(None, count)
 
-        Args:
-            torque: shape (N, n), or (k, n) for k arms only.
-            count: of time steps.
-            only: numbers of the arms that step, sorted, shape (k,); all by default.
-        """
-        self._force[slice(None) if only is None else only] = torque
-        self._batch.step(only, count)
+    def step(self, torque: np.ndarray, only: np.ndarray | None = None) -> None:
+        """A step under joint torque [N m or N], of all arms or of those numbered ``only``."""
+        self._force[... if only is None else only] = torque
+        self._batch.step(only, 1)
+
+    def accept(self) -> None:
+        """Nothing: it is done."""
+
+    def close(self) -> None:
+        """Nothing outlives the object."""

@@ -17,7 +17,7 @@ from gapscope.effects.catalogue import CATALOGUE, register, remove
 from gapscope.effects.severity import draw
 from gapscope.envs.environment import ArmTracking
 from gapscope.envs.randomisation import Randomisation
-from gapscope.envs.vector.environment import VectorArmTracking
+from gapscope.envs.vector_environment import VectorArmTracking
 
 NAME = "gapscope/ArmTracking-v0"
 ALONE = ("joint_elasticity", "backlash")

@@ -15,11 +15,13 @@ from gymnasium.vector.utils import batch_space
 from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.catalogue import CATALOGUE
+from gapscope.effects.effect import Transmission
 from gapscope.envs.arguments import checked_actions, whole
-from gapscope.envs.divergence import divergence_info, stop_info, truth
+from gapscope.envs.effect_ranges import EffectRanges
 from gapscope.envs.environment import REWARDS, ArmTracking
-from gapscope.envs.vector.controlled_arms import ControlledArms
-from gapscope.envs.vector.simulated_arms import ONE_BY_ONE, check_drawn
+from gapscope.envs.plant import ONE_BY_ONE, ControlledArms
+from gapscope.envs.randomisation import Randomisation
 
 MODES = (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP)
 """When an episode that ended is followed by the next one."""
@@ -71,7 +73,13 @@ class VectorArmTracking(VectorEnv):
         self.metadata = {"autoreset_mode": self._mode, "render_modes": []}
         one = ArmTracking(robot, engine="mujoco", **options)
         one.close()
-        check_drawn(one.setup.source.randomisation)
+        _check_drawn(one.setup.options.randomisation)
+        if one.setup.base.residual is not None:
+            raise InputError(
+                "the vector environment does not step a residual network",
+                ONE_BY_ONE,
+                where="simulated",
+            )
         self.arm, self.setup, self.layout = one.arm, one.setup, one.layout
         self.single_observation_space = one.observation_space
         self.single_action_space = one.action_space
@@ -179,11 +187,11 @@ class VectorArmTracking(VectorEnv):
             rng, self._seeds[number] = seeding.np_random(seed)
             self._rngs[number] = rng
         seeds = rng.integers(2**63, size=2)
-        episode = self.setup.source.draw(options, seeds)
+        episode = self.setup.draw(options, seeds)
         self._plant.reset(number, episode.effects, episode.course, seeds)
         self._at[number], self._action[number] = 0, 0.0
         self._ended[number] = False
-        return self._truth(number) if self.setup.debug else {}
+        return self._plant.truth(number) if self.setup.debug else {}
 
     def _error(self) -> np.ndarray:
         """The tracking errors [rad], shape (N, n)."""
@@ -202,17 +210,10 @@ class VectorArmTracking(VectorEnv):
         plant, steps = self._plant, self.setup.timing.sub_steps
         lowest, highest = self.setup.stops
         stopped = ((plant.q <= lowest) | (plant.q >= highest)).any(axis=1)
-        found: dict[int, dict[str, Any]] = {}
-        for number in np.flatnonzero((stopped | (done < steps)) & acted).tolist():
-            reading, effects = plant.position[number], plant.effects[number]
-            if done[number] == steps:
-                found[number] = stop_info(self.setup, plant.q[number], reading)
-                continue
-            so_far = int((self._at[number] - 1) * steps + done[number])
-            found[number] = divergence_info(
-                self.setup, so_far, reading, plant.dq[number], effects
-            )
-        return found
+        early = np.flatnonzero((stopped | (done < steps)) & acted).tolist()
+        return {
+            i: plant.early_end(i, int(self._at[i]) - 1, int(done[i])) for i in early
+        }
 
     def _infos(
         self,
@@ -229,7 +230,7 @@ class VectorArmTracking(VectorEnv):
         for number in np.flatnonzero(told).tolist() if self.setup.debug else early:
             if told[number]:
                 info = early.get(number, {})
-                more = self._truth(number) if self.setup.debug else {}
+                more = self._plant.truth(number) if self.setup.debug else {}
                 infos = self._add_info(infos, info | more, number)
         return infos
 
@@ -247,12 +248,6 @@ class VectorArmTracking(VectorEnv):
         info = self._infos(ended, values, early)
         found = {"final_obs": last, "final_info": info}
         return found | {f"_{name}": ended.copy() for name in found}
-
-    def _truth(self, number: int) -> dict[str, Any]:
-        plant = self._plant
-        motion = plant.q[number], plant.dq[number]
-        torque = plant.torque[number], plant.applied[number]
-        return truth(*motion, *torque, plant.effects[number])
 
     def _listed(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
         """A seed for each environment."""
@@ -289,3 +284,27 @@ def _checked_mode(mode: AutoresetMode | str) -> AutoresetMode:
             f"expected {' or '.join(names)}, got {mode!r}", where="autoreset_mode"
         )
     return found
+
+
+def _check_drawn(randomisation: Randomisation | EffectRanges | None) -> None:
+    """Check that no effect may be drawn with which an arm cannot be stepped beside others.
+
+    Raises:
+        InputError: one may be; names it.
+    """
+    if randomisation is None:
+        return
+    ranges = isinstance(randomisation, EffectRanges)
+    names = (
+        [item.low.name for item in randomisation.ranges]
+        if isinstance(randomisation, EffectRanges)
+        else list(randomisation.names)
+    )
+    for name in names:
+        effect = CATALOGUE[name]
+        if isinstance(effect, Transmission) or effect.reach == "motor":
+            raise InputError(
+                f"{name} may be drawn, with which arms are not stepped together",
+                ONE_BY_ONE,
+                where="ranges" if ranges else "randomisation.names",
+            )
