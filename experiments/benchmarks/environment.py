@@ -26,9 +26,9 @@ from experiments.benchmarks.row import Row, compared
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.envs.engines.pybullet import pybullet
+from gapscope.envs.environment import VectorArmTracking
 from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.simulated_arm import SimulatedArm
-from gapscope.envs.vector_environment import VectorArmTracking
 
 speed = import_module("experiments.03_engine_speed")
 """The loops of one environment."""

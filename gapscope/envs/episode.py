@@ -48,7 +48,7 @@ class Layout:
     name           length      unit  quantity
     ============== =========== ===== ==================================================================
     position       n           rad   encoders, with noise, quantised as the data sheet says
-    velocity       n           rad/s estimate from them, see ``gapscope.envs.plant.ControlledArm``
+    velocity       n           rad/s estimate from them, see ``gapscope.envs.plant.ControlledArms``
     error          n           rad   reference minus encoders
     action         n or 2 n    1     the action before
     reference      n           rad   position of the reference

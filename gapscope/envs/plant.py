@@ -139,9 +139,13 @@ class VelocityFilters:
         rate = self._rate
         one = VelocityFilter(rate, cutoff(rate), VELOCITY_DAMPING, position, velocity)
         self._past[number] = one.past
+        # of one arm its own filter is faster
+        self._one = one if len(self._past) == 1 else None
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
         """Filtered velocities [rad/s] for the next positions q [rad], shape (N, n); valid until the next call."""
+        if self._one is not None:
+            return self._one(q[0])[None]
         past = self._past
         past[:, 0] = q
         # one product per arm: a single large one would round differently
@@ -347,14 +351,16 @@ class ControlledArms:
         assert control.gains is not None
         added: np.ndarray | float = 0.0
         factor: np.ndarray | float = 1.0
-        gains: Gains = control.gains
+        # of the shape of the torque: numpy takes longer for one that it must spread
+        gains = Gains(*(np.tile(gain, (len(at), 1)) for gain in control.gains))
         if control.kind == "scale":
-            factor, gains = scaled(gains, action)
+            factor, gains = scaled(control.gains, action)
         else:
             added = control.scale * action
         reference, feedforward = self.courses.steps(at)
         wanted = feedforward[:-1] * factor + added
-        limit, lowest = control.limit, -control.limit
+        limit = np.tile(control.limit, (len(at), 1))
+        lowest = -limit
         error = reference[0] - self.position
         rate = self.courses.rate(at) - self.velocity
         for done, torque in enumerate(wanted):  # rows, filled in place
@@ -380,7 +386,7 @@ class ControlledArms:
             for number, network in self._networks.items():
                 felt[number] -= network.torque(self._first[number] + done)
         arms.hold(felt if self._ordered else felt[:, self._order], self._chunk)
-        rates = arms.dq.reshape(-1)
+        rates = arms.rates
         # fast: no joint is faster than all together
         if not rates.dot(rates) <= FASTEST_OBSERVED**2:
             fast = ~(np.abs(arms.dq).max(axis=1) <= FASTEST_OBSERVED)

@@ -61,6 +61,7 @@ class SimulatedArms:
         self._step = RigidStep(self._bodies, self._h)
         self.q, self.dq = self._step.q, self._step.dq
         self._u = np.zeros(self.q.size)
+        self._row = self.dq[0] if count == 1 else None
         self.motors = None if first.rigid.all() else first.motors
         self._rigid = first.rigid
         self._drives = [first] * count
@@ -191,9 +192,14 @@ class SimulatedArms:
         self._drift()
         friction.load(u, where=path.changing)
 
+    @property
+    def rates(self) -> np.ndarray:
+        """Velocities of all joints in a row [rad/s], (N n,); not to be kept."""
+        return self._row if self._row is not None else self.dq.reshape(-1)
+
     def _advance(self) -> None:
         """One step of all arms."""
-        torque, motors = self.applied, self.motors
+        torque, motors, shape = self._u, self.motors, self._step.shape
         if motors is not None:
             # friction and rotors act on the motors, not on the links
             limit = self._friction.limit(motors.velocity)
@@ -201,16 +207,19 @@ class SimulatedArms:
             on_links = np.where(self._rigid, torque, through)
             if self._loaded:
                 on_links += self._load(0, through)
-            self._step.advance(on_links, (limit * self._rigid)[None])
-            motors.step(torque[0], through, limit, self._friction.viscous, self._h)
+            self._step.advance(on_links, limit * self._rigid)
+            motors.step(torque, through, limit, self._friction.viscous, self._h)
             motors.follow(self.q[0], self.dq[0])
             return
         if self._loaded:
-            torque = torque.copy()
+            torque, applied = torque.copy(), self.applied
             for number in self._loaded:
-                torque[number] += self._load(number, self.applied[number])
-        limit = self._friction.limit(self.dq.reshape(-1))
-        self._step.advance(torque, limit.reshape(torque.shape))
+                load = self._load(number, applied[number])
+                torque.reshape(applied.shape)[number] += load
+        limit = self._friction.limit(self.rates)
+        if len(shape) > 1:
+            torque, limit = torque.reshape(shape), limit.reshape(shape)
+        self._step.advance(torque, limit)
 
     def _load(self, number: int, through: np.ndarray) -> np.ndarray:
         """What acts on the links of an arm besides gravity and its drives [N m], shape (n,)."""

@@ -59,11 +59,20 @@ class Predicted(Bodies):
         # one product with the acceleration: the torque of rotors, friction and what holds, and the gain in velocity
         self._factors, self._products = np.full((2, n), dt), np.zeros((2, n))
         self._work, self._steps = np.zeros(n), np.full(n, dt)
+        self._q, self._dq = self.position[0], self.velocity[0]
+        self._last, (self._held, self._gained) = self.acceleration[0], self._products
+        self._accelerate = self._forward.acceleration
 
     def reset(self, number: int, q: np.ndarray, dq: np.ndarray) -> None:
         """Put the arm at positions q [rad or m] with velocities dq, shape (n,)."""
         self._engine.reset(q, dq)
         self._read()
+
+    def set_rotors(self, arms: int | slice | np.ndarray, rotors: np.ndarray) -> None:
+        """Change the inertia on the diagonal of the mass matrix [kg m^2]."""
+        self.rotors[arms] = rotors
+        self._factors[0] = self.rotors[0]
+        self._forward.set_rotors(self.rotors[0])
 
     def run(self, torque: np.ndarray, count: int) -> None:
         """Hold joint torque [N m or N], shape (1, n), for ``count`` time steps of the bodies alone."""
@@ -73,34 +82,29 @@ class Predicted(Bodies):
     def step(self, torque: np.ndarray, only: np.ndarray | None = None) -> None:
         """Solve a step under joint torque [N m or N], shape (1, n): its acceleration and the velocity after it."""
         self._torque = torque[0]
-        self._factors[0] = self.rotors[0]
-        self._forward.set_rotors(self.rotors[0])
-        velocity = self.velocity[0]
-        acceleration = self._forward.acceleration(
-            self.position[0], velocity, self._torque
-        )
+        acceleration = self._accelerate(self._q, self._dq, self._torque)
         multiply(self._factors, acceleration, self._products)
-        add(self._products[1], velocity, velocity)
-        self.acceleration[0] = acceleration
+        add(self._gained, self._dq, self._dq)
+        np.copyto(self._last, acceleration)
 
     def accept(self) -> None:
         """Make the step that was solved last."""
         work = self._work
-        subtract(self._torque, self._products[0], work)
+        subtract(self._torque, self._held, work)
         self._engine.step(work)
         self._unread += 1
         if self._near or self._unread == READ_EVERY:
             self._read()
             return
-        multiply(self.velocity[0], self._steps, work)
-        add(self.position[0], work, self.position[0])
+        multiply(self._dq, self._steps, work)
+        add(self._q, work, self._q)
 
     def _read(self) -> None:
         """Take the engine's state, which includes joint limits."""
         self._engine.read()
-        q = self.position[0]
+        q = self._q
         np.copyto(q, self._engine.q)
-        np.copyto(self.velocity[0], self._engine.dq)
+        np.copyto(self._dq, self._engine.dq)
         self._unread, self.new = 0, True
         self._near = bool(np.count_nonzero((q < self._lowest) | (q > self._highest)))
 
@@ -142,6 +146,15 @@ class RigidStep:
             (5, *shape)
         )
         self._any_dry = self._any_stuck = False
+        # of one arm rows: numpy takes longer for tables
+        self.shape = shape[1:] if shape[0] == 1 else shape
+        tables = (
+            *(self.q, self.dq, bodies.acceleration, bodies.rotors, self._viscous),
+            *(self._brake, self._direction, self._mask, self._way, self._out),
+            *(self._work, self._held, self._old_q, self._old_dq, self._sticking),
+            self._over,
+        )
+        self._rows = tuple(table.reshape(self.shape) for table in tables)
 
     def put(self, number: int, drive: ArmDrive) -> None:
         """Give an arm, numbered from 0, other rotors and friction; ``reset`` has to follow.
@@ -169,65 +182,74 @@ class RigidStep:
         self._effective[number] = self._rotors[number] + self._dt * viscous
         self._keep(np.array([number]), np.zeros((1, self.q.shape[1])))
         rotors = self._effective[number] + HOLD * self._sticking[number]
-        self._bodies.rotors[number] = rotors
+        self._bodies.set_rotors(number, rotors)
 
     def set_viscous(self, viscous: np.ndarray) -> None:
         """Change b [N m s/rad]."""
         self._viscous[:] = viscous
         self._effective = self._rotors + self._dt * self._viscous
-        self._bodies.rotors[:] = self._effective + HOLD * self._sticking
+        rotors = self._effective + HOLD * self._sticking
+        self._bodies.set_rotors(slice(None), rotors)
 
     def advance(self, torque: np.ndarray, limit: np.ndarray) -> None:
         """One step under u [N m], all that acts on the joints but friction and rotors.
 
         Args:
-            torque: u.
-            limit: of dry friction [N m].
+            torque: u, of the step's own ``shape``.
+            limit: of dry friction [N m], of that shape.
         """
-        out, work, bodies, stuck = self._out, self._work, self._bodies, self._any_stuck
-        old, velocity = self._old_dq, self.dq
+        q, velocity, acceleration, inertia, viscous, brake, direction, *more = (
+            self._rows
+        )
+        mask, way, out, work, held, old_q, old, sticking, over = more
+        bodies, stuck = self._bodies, self._any_stuck
         if self._coupled:
             torque = torque - self._taken(torque, limit)
         np.copyto(old, velocity)
-        multiply(self._viscous, old, work)
+        multiply(viscous, old, work)
         subtract(torque, work, out)
         if not self._any_dry:
-            bodies.step(out)
+            bodies.step(self._out)
             bodies.accept()
             return
-        np.copyto(self._old_q, self.q)
-        multiply(self._direction, limit, work)
+        np.copyto(old_q, q)
+        multiply(direction, limit, work)
         subtract(out, work, out)
         brakes = stuck and bodies.new
         if brakes:
             # once it rests, what sticks has no velocity to brake
-            multiply(self._brake, old, work)
+            multiply(brake, old, work)
             subtract(out, work, out)
         bodies.new = False
-        bodies.step(out)
+        bodies.step(self._out)
         if stuck:
-            np.copyto(velocity, 0.0, where=self._sticking)
+            np.copyto(velocity, 0.0, where=sticking)
             # of the joints that stick, what holds them is the friction
-            held, over = self._held, self._over
-            multiply(bodies.rotors, bodies.acceleration, held)
+            multiply(inertia, acceleration, held)
             if brakes:
                 add(held, work, held)
             greater(absolute(held, work), limit, over)
-            logical_and(over, self._sticking, over)
+            logical_and(over, sticking, over)
             stuck = np.count_nonzero(over) > 0
-        way = multiply(velocity, self._mask, self._way)
+        multiply(velocity, mask, way)
         signs = sign(way, way).tobytes()
         if stuck or signs != self._signs:
-            self._again(torque, limit)
+            shape = self.q.shape
+            self._again(torque.reshape(shape), limit.reshape(shape))
         bodies.accept()
 
     def _taken(self, torque: np.ndarray, limit: np.ndarray) -> np.ndarray:
         """Torque that motors take which turn several joints [N m], under that on the joints."""
-        taken = np.zeros_like(torque)
+        shape = self.q.shape
+        taken, torque, limit = (
+            np.zeros(shape),
+            torque.reshape(shape),
+            limit.reshape(shape),
+        )
         for arm, motors in self._coupled:
             own = self._rotors[arm], self._viscous[arm], limit[arm]
             taken[arm] = motors(self.q[arm], self.dq[arm], torque[arm], *own)
-        return taken
+        return taken.reshape(self.shape)
 
     def _again(self, torque: np.ndarray, limit: np.ndarray) -> None:
         """Steps of the arms, k of them, whose first guess was wrong; torque and limit as in ``advance``, (N, n)."""
@@ -284,7 +306,7 @@ class RigidStep:
         hold = HOLD * stuck
         inertia, braking = effective + hold, hold / self._dt * old
         self._take_back(arms)
-        self._bodies.rotors[arms] = inertia
+        self._bodies.set_rotors(arms, inertia)
         self._bodies.step(work - direction * limit - braking, only=arms)
         velocity = np.where(stuck, 0.0, self.dq[arms])
         self.dq[arms] = velocity

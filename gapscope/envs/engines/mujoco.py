@@ -127,7 +127,10 @@ class MuJoCoBodies(Bodies):
 
     def step(self, torque: np.ndarray, only: np.ndarray | None = None) -> None:
         """A step under joint torque [N m or N], of all arms or of those numbered ``only``."""
-        self._force[... if only is None else only] = torque
+        if only is None:
+            np.copyto(self._force, torque)
+        else:
+            self._force[only] = torque
         self._batch.step(only, 1)
 
     def accept(self) -> None:
