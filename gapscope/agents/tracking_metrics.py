@@ -94,7 +94,7 @@ class TrackingMetrics:
             load = float(np.mean(effort[i - every : i] ** 2))
             before = max(i - 1 - every, 0)
             jump = effort[i - 1] - effort[before]
-            total += self._reward(error, load, jump).total
+            total += float(self._reward(error, load, jump).total)
         return total / actions
 
 

@@ -169,15 +169,6 @@ def checked_posture(posture: Sequence[float] | None) -> np.ndarray | None:
     return None if posture is None else numbers_of("posture", posture)
 
 
-def checked_action(action: object, size: int) -> np.ndarray:
-    """An action, shape (size,).
-
-    Raises:
-        InputError: it has another shape, or holds what is not a finite number.
-    """
-    return checked_actions(action, (size,))
-
-
 def checked_actions(actions: object, shape: tuple[int, ...]) -> np.ndarray:
     """An action, shape (size,), or those of N environments, shape (N, size).
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,41 +25,10 @@ SMALLEST = 1e-3
 SMALLER = {
     "residual": "a smaller action_share or action_reach",
     "scale": "smaller actions",
+    "gains": "smaller actions",
     "torque": "a smaller action_share",
 }
 """What makes an action of 1 less, by kind of action."""
-
-
-@dataclass(frozen=True)
-class Divergence:
-    """That the arm diverged, and what to change.
-
-    Attributes:
-        joint: the fastest joint, counted from 1.
-        time: until which all was well, since the start of the episode [s].
-        speed: of that joint [rad/s].
-        causes: what lets it diverge, the most likely first, each with what to change.
-    """
-
-    joint: int
-    time: float
-    speed: float
-    causes: tuple[str, ...]
-
-    def as_info(self) -> dict[str, Any]:
-        """As plain data, with all in one ``message``."""
-        speed = (
-            f"{self.speed:.3g} rad/s"
-            if np.isfinite(self.speed)
-            else "a speed that is no number"
-        )
-        what = f"joint {self.joint} diverged: {speed} after {self.time:.4g} s"
-        return {
-            "joint": self.joint,
-            "time": self.time,
-            "speed": self.speed,
-            "message": "\n  ".join([what, *self.causes]),
-        }
 
 
 def diverged(dq: np.ndarray) -> bool:
@@ -69,35 +38,30 @@ def diverged(dq: np.ndarray) -> bool:
     return not np.abs(dq).max() <= FASTEST_OBSERVED
 
 
-def explain(
-    arm: NominalArm,
-    body: RigidBody,
-    control: Control,
-    dt: float,
-    time: float,
+def divergence_info(
+    setup: Setup,
+    steps: int,
     q: np.ndarray,
     dq: np.ndarray,
     effects: tuple[AppliedEffect, ...] = (),
     acted: bool = True,
-) -> Divergence:
-    """Why the arm diverged.
+) -> dict[str, Any]:
+    """``divergence``: the fastest joint, counted from 1, and why the arm diverged after some steps of the episode.
+
+    Causes are told in the ``message``, the most likely first, each with what to change.
 
     Args:
-        arm: the nominal arm.
-        body: its rigid-body model.
-        control: how actions become torque.
-        dt: step of the simulation [s].
-        time: since the start of the episode [s].
-        q, dq: last position that made sense [rad], and velocity [rad/s], each (n,).
-        effects: what the arm has beyond the nominal one.
-        acted: whether an action of the episode was other than zero.
+        setup: of the environment.
+        steps: of the simulation, after which all was well.
+        q: last reading of the encoders [rad], shape (n,).
+        dq: true velocity [rad/s], shape (n,).
+        effects: of the episode.
+        acted: whether one of its actions was other than zero.
     """
-    joint = fastest(dq)
-    causes = (
-        []
-        if control.gains is None
-        else unstable_loop(body.mass_matrix(q), arm, control.gains, dt)
-    )
+    arm, control, dt = setup.arm, setup.control, setup.timing.dt
+    joint, time, causes = fastest(dq), float(steps * dt), []
+    if control.gains is not None:
+        causes = unstable_loop(setup.body.mass_matrix(q), arm, control.gains, dt)
     if not np.isfinite(control.limit[joint]):
         causes.append(
             "no torque limit: give sheet={'torque_limit': [...]} in N m, one number per joint"
@@ -109,7 +73,17 @@ def explain(
     causes += _drivers(control, acted, effects)
     if not causes:
         causes.append("feedforward drives it: another model, or feedforward='none'")
-    return Divergence(joint + 1, float(time), float(abs(dq[joint])), tuple(causes))
+    speed = float(abs(dq[joint]))
+    fast = f"{speed:.3g} rad/s" if np.isfinite(speed) else "a speed that is no number"
+    what = f"joint {joint + 1} diverged: {fast} after {time:.4g} s"
+    return {
+        "divergence": {
+            "joint": joint + 1,
+            "time": time,
+            "speed": speed,
+            "message": "\n  ".join([what, *causes]),
+        }
+    }
 
 
 def _drivers(
@@ -197,30 +171,6 @@ def title(arm: NominalArm, effects: Sequence[AppliedEffect]) -> str:
     return f"{arm.name}: {names or 'no effects'}"
 
 
-def divergence_info(
-    setup: Setup,
-    steps: int,
-    q: np.ndarray,
-    dq: np.ndarray,
-    effects: tuple[AppliedEffect, ...],
-    acted: bool,
-) -> dict[str, Any]:
-    """``divergence``: why the arm diverged after some steps of the episode.
-
-    Args:
-        setup: of the environment.
-        steps: of the simulation.
-        q: last reading of the encoders [rad], shape (n,).
-        dq: true velocity [rad/s], shape (n,).
-        effects: of the episode.
-        acted: whether one of its actions was other than zero.
-    """
-    dt = setup.timing.dt
-    arm, body, control = setup.arm, setup.body, setup.control
-    divergence = explain(arm, body, control, dt, steps * dt, q, dq, effects, acted)
-    return {"divergence": divergence.as_info()}
-
-
 def stop_info(setup: Setup, q: np.ndarray, reading: np.ndarray) -> dict[str, str]:
     """``limit``: which joint came to its stop, if one did; true position and reading [rad], shape (n,)."""
     lowest, highest = setup.stops
@@ -238,23 +188,6 @@ def ending(info: Mapping[str, Any]) -> str:
     """The first line of why an episode ended early; empty if it did not."""
     divergence: str = info.get("divergence", {}).get("message", "")
     return info.get("limit") or divergence.split("\n")[0]
-
-
-def truth(
-    q: np.ndarray,
-    dq: np.ndarray,
-    commanded: np.ndarray,
-    applied: np.ndarray,
-    effects: Sequence[AppliedEffect],
-) -> dict[str, Any]:
-    """The true motion [rad], [rad/s] and torque [N m], each (n,), and the effects: hidden from controllers."""
-    return {
-        "q_true": q.copy(),
-        "dq_true": dq.copy(),
-        "torque_commanded": commanded.copy(),
-        "torque_applied": applied.copy(),
-        "effects": [described(applied) for applied in effects],
-    }
 
 
 def described(applied: AppliedEffect) -> dict[str, Any]:

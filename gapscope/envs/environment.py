@@ -1,8 +1,7 @@
-"""The Gymnasium environment: a simulated arm with effects follows a reference motion."""
+"""The Gymnasium environments: simulated arms with effects that follow reference motions, one or many in a process."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,16 +10,24 @@ import gymnasium
 import numpy as np
 from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import InputError
 from gapscope.arm.motions.named_motions import workspace
 from gapscope.arm.motions.trajectory import Limits, ReferenceMotion
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.arm_scale import ArmScale
+from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.effect import Transmission
 from gapscope.envs import arguments
 from gapscope.envs.actions import control
-from gapscope.envs.divergence import divergence_info, ending, stop_info, title, truth
+from gapscope.envs.arguments import checked_actions, whole
+from gapscope.envs.divergence import ending, title
 from gapscope.envs.effect_ranges import EffectRanges
 from gapscope.envs.episode import (
     LOOK_AHEAD,
@@ -29,22 +36,106 @@ from gapscope.envs.episode import (
     Course,
     Effects,
     EpisodeOptions,
-    EpisodeSource,
+    EpisodePlan,
     FeedforwardModel,
     Layout,
     Setup,
     Timing,
     chosen_effects,
 )
-from gapscope.envs.plant import ControlledArm
+from gapscope.envs.plant import ONE_BY_ONE, ControlledArms
 from gapscope.envs.randomisation import Randomisation, checked_randomisation
 from gapscope.envs.rendering import Screen
 from gapscope.envs.reward import Reward, RewardParts, chosen_reward
 
 REWARDS = tuple(f"reward_{name}" for name in RewardParts._fields)
 """Where ``info`` holds the parts of the reward."""
+MODES = (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP)
+"""When an episode that ended is followed by the next one."""
 NEAR_STOP = 1e-3
 """A joint within this distance of its stop has come to it [rad]."""
+
+
+class Episodes:
+    """The running episodes of N environments, each at an action of its own.
+
+    Args:
+        setup: of the environments.
+        plant: their arms.
+
+    Attributes:
+        at: number of the next action of each, shape (N,).
+        action: the actions before, shape (N, ...).
+    """
+
+    def __init__(self, setup: Setup, plant: ControlledArms) -> None:
+        self._setup, self._plant = setup, plant
+        count = len(plant.load)
+        self.at = np.zeros(count, dtype=int)
+        self.action: np.ndarray = np.zeros((count, setup.control.size))
+        self._acted = np.zeros(count, dtype=bool)
+
+    def begin(
+        self, number: int, options: Mapping[str, Any], rng: np.random.Generator
+    ) -> EpisodePlan:
+        """Draw a motion and effects for one environment, numbered from 0, and put its arm at the motion's start.
+
+        Raises:
+            InputError: an option that cannot be used.
+        """
+        seeds = rng.integers(2**63, size=2)
+        episode = self._setup.draw(options, seeds)
+        self._plant.reset(number, episode.effects, episode.course, seeds)
+        self.at[number], self.action[number] = 0, 0.0
+        self._acted[number] = False
+        return episode
+
+    def truth(self, number: int) -> dict[str, Any]:
+        """The hidden state of an environment, if it is told."""
+        return self._plant.truth(number) if self._setup.debug else {}
+
+    def error(self) -> np.ndarray:
+        """The tracking errors [rad], shape (N, n)."""
+        return self._plant.courses.position(self.at) - self._plant.position
+
+    def observations(self, error: np.ndarray) -> np.ndarray:
+        """The observations with the tracking errors [rad], shape (N, n)."""
+        plant = self._plant
+        measured = (plant.position, plant.velocity, error, self.action)
+        return self._setup.layout.assemble(measured, plant.courses.planned(self.at))
+
+    def act(
+        self, action: np.ndarray
+    ) -> tuple[np.ndarray, dict[str, Any], dict[int, dict[str, Any]]]:
+        """Carry out an action in each environment, shape (N, ...), what exceeds -1 .. 1 clipped.
+
+        Returns:
+            Rewards, shape (N,); what ``info`` says of each action, by name, each (N,); and why episodes ended early, by
+            number of the environment.
+        """
+        setup, plant = self._setup, self._plant
+        chosen = np.clip(action, -1.0, 1.0)
+        self._acted |= chosen.any(axis=1)
+        done = plant.act(self.at, chosen)
+        self.at += 1
+        error = self.error()
+        parts = setup.reward(error, plant.load, chosen - self.action)
+        # an action in which the arm diverges earns nothing for tracking
+        parts.tracking[done < setup.timing.sub_steps] = 0.0
+        self.action = chosen
+        values: dict[str, Any] = dict(zip(REWARDS, parts, strict=True))
+        squares = np.vecdot(error, error)
+        values["tracking_rms"] = np.sqrt(squares / error.shape[1])
+        values["torque_rate"] = plant.torque_rate
+        lowest, highest = setup.stops
+        stopped = ((plant.q <= lowest) | (plant.q >= highest)).any(axis=1)
+        early = np.flatnonzero(stopped | (done < setup.timing.sub_steps))
+        ends = {}
+        for number in early.tolist():
+            at, steps = int(self.at[number]) - 1, int(done[number])
+            acted = bool(self._acted[number])
+            ends[number] = plant.early_end(number, at, steps, acted)
+        return parts.total, values, ends
 
 
 class ArmTracking(gymnasium.Env):
@@ -125,7 +216,7 @@ class ArmTracking(gymnasium.Env):
         chosen_model = arguments.chosen_feedforward(feedforward)
         chosen_motion = arguments.checked_motion(motion, n)
         chosen_randomisation = checked_randomisation(randomisation)
-        self._timing = Timing(
+        self._timing = timing = Timing(
             arguments.positive("time_step", time_step, "s"),
             arguments.whole("sub_steps", sub_steps),
             arguments.positive("episode_length", episode_length, "s"),
@@ -146,38 +237,30 @@ class ArmTracking(gymnasium.Env):
         # an arm instead of the nominal one brings its own effects
         own = None if simulated is None else base.effects
         given = chosen_effects(effects, self.arm) if own is None else own
-        source = EpisodeSource(
-            self.arm,
-            self.body,
-            self.space,
-            self._timing,
-            self._control,
-            chosen_model,
-            EpisodeOptions(chosen_motion, given, chosen_randomisation),
-        )
         lower, upper = self.body.position_limits()
-        self.layout = Layout(n, self._timing.look_ahead, self._control.size)
+        self.layout = Layout(n, timing.look_ahead, self._control.size)
         self.setup = Setup(
-            self.arm,
-            self.body,
-            base,
-            arguments.noise("encoder_noise", encoder_noise, n),
-            given,
-            self._control,
-            self._timing,
-            source,
-            chosen_reward(reward),
-            self.layout,
-            (lower + NEAR_STOP, upper - NEAR_STOP),
-            debug,
+            arm=self.arm,
+            body=self.body,
+            scale=ArmScale.of(self.arm),
+            base=base,
+            encoder_noise=arguments.noise("encoder_noise", encoder_noise, n),
+            space=self.space,
+            control=self._control,
+            timing=timing,
+            feedforward=chosen_model,
+            options=EpisodeOptions(chosen_motion, given, chosen_randomisation),
+            reward=chosen_reward(reward),
+            layout=self.layout,
+            stops=(lower + NEAR_STOP, upper - NEAR_STOP),
+            debug=debug,
         )
-        self._plant = ControlledArm(self.setup, engine)
-        self._source, self._reward, self._debug = source, self.setup.reward, debug
+        self._plant = ControlledArms(self.setup, engine=engine)
+        self._episodes = Episodes(self.setup, self._plant)
         self._course: Course | None = None
         size = self._control.size
         self.observation_space = self.layout.space
         self.action_space = Box(-1.0, 1.0, (size,), dtype=np.float32)
-        self._lowest, self._highest = -np.ones(size), np.ones(size)
         self._set_rendering(render_mode)
 
     def _set_rendering(self, render_mode: str | None) -> None:
@@ -212,7 +295,7 @@ class ArmTracking(gymnasium.Env):
     @property
     def effects(self) -> tuple[AppliedEffect, ...]:
         """Effects of this episode, drawn ones included."""
-        return self._plant.effects
+        return self._plant.effects[0]
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -226,18 +309,14 @@ class ArmTracking(gymnasium.Env):
             InputError: an option that cannot be used.
         """
         super().reset(seed=seed)
-        seeds = self.np_random.integers(2**63, size=2)
-        episode = self._source.draw(options or {}, seeds)
+        episodes = self._episodes
+        episode = episodes.begin(0, options or {}, self.np_random)
         self._course = episode.course
-        self._plant.reset(episode.effects, episode.course, seeds)
-        self._count = 0
-        self._action: np.ndarray = np.zeros(self._control.size)
-        self._acted = False
         if self._screen is not None:
             self._screen.begin(title(self.arm, episode.effects), episode.course.q)
-        self._show({})
-        error = episode.course.q[0] - self._plant.position
-        return self._observation(error), self._truth() if self._debug else {}
+        error = episodes.error()
+        self._show(error[0], {})
+        return episodes.observations(error)[0], episodes.truth(0)
 
     def step(
         self, action: np.ndarray
@@ -250,30 +329,21 @@ class ArmTracking(gymnasium.Env):
             InputError: an action of another shape, or with what is not a finite number.
             ResetNeeded: the episode has ended, or has not begun.
         """
-        course = self._running
-        action = arguments.checked_action(action, self._control.size)
-        action = np.minimum(np.maximum(action, self._lowest), self._highest)
-        self._acted |= bool(action.any())
-        done = self._plant.act(self._count, action)
-        self._count += 1
-        error = course.q[self._count] - self._plant.position
-        parts = self._reward(error, self._plant.load, action - self._action)
-        if done < self._timing.sub_steps:
-            parts = parts._replace(tracking=0.0)
-        self._action = action
-        info: dict[str, Any] = dict(zip(REWARDS, parts, strict=True))
-        info["tracking_rms"] = math.sqrt(error.dot(error) / len(error))
-        info["torque_rate"] = self._plant.torque_rate
-        info |= self._early_end(done)
-        if self._debug:
-            info |= self._truth()
-        terminated = "divergence" in info or "limit" in info
-        truncated = self._count >= self._timing.actions
-        observation = self._observation(error)
-        self._show(info)
+        if self._course is None:
+            raise ResetNeeded("the episode has ended or not begun: call reset() first")
+        episodes = self._episodes
+        chosen = arguments.checked_actions(action, (self._control.size,))
+        rewards, values, early = episodes.act(chosen[None])
+        info: dict[str, Any] = {name: float(x[0]) for name, x in values.items()}
+        info |= early.get(0, {}) | episodes.truth(0)
+        terminated = bool(early)
+        truncated = bool(episodes.at[0] >= self._timing.actions)
+        error = episodes.error()
+        self._show(error[0], info)
         if terminated or truncated:
             self._course = None
-        return observation, parts.total, terminated, truncated, info
+        observation = episodes.observations(error)[0]
+        return observation, float(rewards[0]), terminated, truncated, info
 
     def render(self) -> np.ndarray | None:
         """The picture of the episode so far, uint8, shape (height, width, 3), with ``rgb_array``; else nothing."""
@@ -285,37 +355,253 @@ class ArmTracking(gymnasium.Env):
         if self._screen is not None:
             self._screen.close()
 
-    def _observation(self, error: np.ndarray) -> np.ndarray:
-        """The observation with the tracking error [rad], shape (n,)."""
-        plant = self._plant
-        measured = (plant.position, plant.velocity, error, self._action)
-        return self.layout.assemble(measured, self._running.planned[self._count])
+    def _show(self, error: np.ndarray, info: dict[str, Any]) -> None:
+        if self._screen is not None:
+            share = self._plant.torque[0] / self._control.rated
+            self._screen.add(self._plant.q[0], error, share, ending(info))
 
-    def _truth(self) -> dict[str, Any]:
-        plant, simulated = self._plant, self._plant.simulated
-        motion = simulated.q, simulated.dq
-        return truth(*motion, plant.torque, simulated.applied, plant.effects)
 
-    def _early_end(self, done: int) -> dict[str, Any]:
-        """Why the episode ends early, if it does, after the steps of an action that were done."""
-        steps, plant = self._timing.sub_steps, self._plant
-        if done < steps:
-            number = (self._count - 1) * steps + done
-            state = plant.position, plant.simulated.dq
-            hidden = plant.effects
-            return divergence_info(self.setup, number, *state, hidden, self._acted)
-        return stop_info(self.setup, plant.simulated.q, plant.position)
+class VectorArmTracking(VectorEnv):
+    """N environments ``ArmTracking`` on MuJoCo; each does what a single one with its seed does, bit by bit.
 
-    def _show(self, info: dict[str, Any]) -> None:
-        if self._screen is None:
-            return
-        plant = self._plant
-        error = self._running.q[self._count] - plant.position
-        share = plant.torque / self._control.rated
-        self._screen.add(plant.simulated.q, error, share, ending(info))
+    Actions, observations, rewards, endings and ``info`` are those of N single environments in Gymnasium's
+    ``SyncVectorEnv``. The bodies are stepped on threads; controllers, drives, friction, delays and encoders over all
+    arms at once. Drawn effects change fields of a model, and no model is compiled at a reset.
+
+    Args:
+        num_envs: N.
+        robot: as of ``ArmTracking``.
+        autoreset_mode: ``NextStep`` (Gymnasium's default: the step after the end of an episode resets it, whatever the
+            action) or ``SameStep`` (the step that ends it resets it; its last observation is
+            ``info["final_obs"]``).
+        threads: on which bodies are stepped; 0 for one on every processor that this process may use.
+        options: the other arguments of ``ArmTracking``; ``engine`` must be ``mujoco``, and nothing is drawn.
+
+    Raises:
+        InputError: an argument that cannot be used, or an arm that cannot be stepped beside others: with a residual
+            network, an elastic joint or one with play, or a motor that turns several joints.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        robot: str | Path | NominalArm = "kuka_iiwa",
+        *,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        threads: int = 0,
+        **options: Any,
+    ) -> None:
+        self.num_envs = whole("num_envs", num_envs)
+        engine = options.pop("engine", None) or "mujoco"
+        if engine != "mujoco":
+            raise InputError(
+                f"the vector environment runs on mujoco, not on {engine}",
+                ONE_BY_ONE,
+                where="engine",
+            )
+        if options.get("render_mode") is not None:
+            raise InputError(
+                "the vector environment draws nothing", ONE_BY_ONE, where="render_mode"
+            )
+        self._mode = _checked_mode(autoreset_mode)
+        self.metadata = {"autoreset_mode": self._mode, "render_modes": []}
+        one = ArmTracking(robot, engine="mujoco", **options)
+        one.close()
+        _check_drawn(one.setup.options.randomisation)
+        if one.setup.base.residual is not None:
+            raise InputError(
+                "the vector environment does not step a residual network",
+                ONE_BY_ONE,
+                where="simulated",
+            )
+        self.arm, self.setup, self.layout = one.arm, one.setup, one.layout
+        self.single_observation_space = one.observation_space
+        self.single_action_space = one.action_space
+        self.observation_space = batch_space(one.observation_space, self.num_envs)
+        self.action_space = batch_space(one.action_space, self.num_envs)
+        self._plant = ControlledArms(self.setup, self.num_envs, threads)
+        self._rngs: list[np.random.Generator | None] = [None] * self.num_envs
+        self._seeds = [-1] * self.num_envs
+        self._ended = np.ones(self.num_envs, dtype=bool)
+        self._begun = False
+        self._episodes = Episodes(self.setup, self._plant)
 
     @property
-    def _running(self) -> Course:
-        if self._course is None:
-            raise ResetNeeded("the episode has ended or not begun: call reset() first")
-        return self._course
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """Seed of each environment, -1 if it was not given."""
+        return tuple(self._seeds)
+
+    @property
+    def effects(self) -> tuple[tuple[AppliedEffect, ...], ...]:
+        """Effects of the episode of each environment, drawn ones included."""
+        return tuple(self._plant.effects)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin an episode in every environment.
+
+        Args:
+            seed: of the first environment, the others have the next numbers; or one for each.
+            options: as of ``ArmTracking.reset``, for all of them; or one such dictionary for each, as the list
+                ``options["each"]``.
+
+        Raises:
+            InputError: an option that cannot be used, or a list of another length.
+        """
+        seeds = self._listed(seed)
+        each = self._each(options or {})
+        infos: dict[str, Any] = {}
+        for number in range(self.num_envs):
+            info = self._reset_one(number, seeds[number], each[number])
+            infos = self._add_info(infos, info, number)
+        self._begun = True
+        return self._episodes.observations(self._episodes.error()), infos
+
+    def step(
+        self, actions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Carry out an action in each environment, shape (N, ...); what exceeds -1 .. 1 is clipped.
+
+        Raises:
+            InputError: actions of another shape, or with what is not a finite number.
+            ResetNeeded: no episode has begun.
+        """
+        if not self._begun:
+            raise ResetNeeded("no episode has begun: call reset() first")
+        episodes, waiting = self._episodes, self._ended.copy()
+        chosen = checked_actions(actions, episodes.action.shape)
+        rewards, values, early = episodes.act(chosen)
+        error = episodes.error()
+        early = {i: why for i, why in early.items() if not waiting[i]}
+        terminated = np.zeros(self.num_envs, dtype=bool)
+        terminated[list(early)] = True
+        truncated = (episodes.at >= self.setup.timing.actions) & ~waiting
+        ended = terminated | truncated
+        now = ended if self._mode == AutoresetMode.SAME_STEP else waiting
+        told = ~now
+        infos = self._infos(told, values, early)
+        observations = None
+        if self._mode == AutoresetMode.SAME_STEP and now.any():
+            observations = episodes.observations(error)
+            infos |= self._final(now, values, early, observations)
+        rewards[waiting] = 0.0
+        for number in np.flatnonzero(now).tolist():
+            info = self._reset_one(number, None, {})
+            infos = self._add_info(infos, info, number)
+        if now.any():
+            error = episodes.error()
+        self._ended = ended if self._mode == AutoresetMode.NEXT_STEP else ended & False
+        return episodes.observations(error), rewards, terminated, truncated, infos
+
+    def close_extras(self, **options: Any) -> None:
+        """Nothing outlives the object."""
+
+    def _reset_one(
+        self, number: int, seed: int | None, options: Mapping[str, Any]
+    ) -> dict[str, Any]:
+        """Begin an episode of one environment, as ``ArmTracking.reset`` does; its info."""
+        rng = self._rngs[number]
+        if seed is not None or rng is None:
+            rng, self._seeds[number] = seeding.np_random(seed)
+            self._rngs[number] = rng
+        self._episodes.begin(number, options, rng)
+        self._ended[number] = False
+        return self._episodes.truth(number)
+
+    def _infos(
+        self,
+        told: np.ndarray,
+        values: Mapping[str, np.ndarray],
+        early: Mapping[int, dict[str, Any]],
+    ) -> dict[str, Any]:
+        """What happened in the environments of a mask, as Gymnasium wants it."""
+        infos: dict[str, Any] = {}
+        if not told.any():
+            return infos
+        for name, value in values.items():
+            infos[name], infos[f"_{name}"] = np.where(told, value, 0.0), told.copy()
+        for number in np.flatnonzero(told).tolist() if self.setup.debug else early:
+            if told[number]:
+                info = early.get(number, {})
+                more = self._episodes.truth(number)
+                infos = self._add_info(infos, info | more, number)
+        return infos
+
+    def _final(
+        self,
+        ended: np.ndarray,
+        values: Mapping[str, np.ndarray],
+        early: Mapping[int, dict[str, Any]],
+        observations: np.ndarray,
+    ) -> dict[str, Any]:
+        """Last observations and infos of the environments of a mask, whose episodes have ended."""
+        last = np.full(self.num_envs, None, dtype=object)
+        for number in np.flatnonzero(ended).tolist():
+            last[number] = observations[number]
+        info = self._infos(ended, values, early)
+        found = {"final_obs": last, "final_info": info}
+        return found | {f"_{name}": ended.copy() for name in found}
+
+    def _listed(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
+        """A seed for each environment."""
+        if seed is None:
+            return [None] * self.num_envs
+        if isinstance(seed, int):
+            return [seed + number for number in range(self.num_envs)]
+        return self._one_each("seed", seed)
+
+    def _each(self, options: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
+        """Options of a reset for each environment."""
+        if "each" not in options:
+            return [options] * self.num_envs
+        common = {name: x for name, x in options.items() if name != "each"}
+        each = self._one_each("options['each']", options["each"])
+        return [common | dict(own) for own in each]
+
+    def _one_each(self, name: str, values: Sequence[Any]) -> Sequence[Any]:
+        """The values, if there is one for each environment; raises ``InputError`` if not."""
+        if len(values) != self.num_envs:
+            raise InputError(
+                f"expected {self.num_envs}, one for each environment, got {len(values)}",
+                where=name,
+            )
+        return values
+
+
+def _checked_mode(mode: AutoresetMode | str) -> AutoresetMode:
+    """The mode of autoreset; raises ``InputError`` if it is none of ``MODES``."""
+    names = {known.value: known for known in MODES}
+    found = names.get(mode) if isinstance(mode, str) else mode
+    if found not in MODES:
+        raise InputError(
+            f"expected {' or '.join(names)}, got {mode!r}", where="autoreset_mode"
+        )
+    return found
+
+
+def _check_drawn(randomisation: Randomisation | EffectRanges | None) -> None:
+    """Check that no effect may be drawn with which an arm cannot be stepped beside others.
+
+    Raises:
+        InputError: one may be; names it.
+    """
+    if randomisation is None:
+        return
+    ranges = isinstance(randomisation, EffectRanges)
+    names = (
+        [item.low.name for item in randomisation.ranges]
+        if isinstance(randomisation, EffectRanges)
+        else list(randomisation.names)
+    )
+    for name in names:
+        effect = CATALOGUE[name]
+        if isinstance(effect, Transmission) or effect.reach == "motor":
+            raise InputError(
+                f"{name} may be drawn, with which arms are not stepped together",
+                ONE_BY_ONE,
+                where="ranges" if ranges else "randomisation.names",
+            )

@@ -48,7 +48,7 @@ class Layout:
     name           length      unit  quantity
     ============== =========== ===== ==================================================================
     position       n           rad   encoders, with noise, quantised as the data sheet says
-    velocity       n           rad/s estimate from them, see ``gapscope.envs.plant.ControlledArm``
+    velocity       n           rad/s estimate from them, see ``gapscope.envs.plant.ControlledArms``
     error          n           rad   reference minus encoders
     action         n or 2 n    1     the action before
     reference      n           rad   position of the reference
@@ -163,49 +163,30 @@ class Course:
         motion: the reference at each step, with a model ``EXTENSION`` further.
 
     Args:
-        arm: the nominal arm.
-        body: its rigid-body model.
-        model: one of ``gapscope.arm.dynamics.feedforward.KINDS``, or a model.
+        setup: of the environment.
         reference: the motion.
-        timing: of the episode.
-        control: how actions become torque.
     """
 
-    def __init__(
-        self,
-        arm: NominalArm,
-        body: RigidBody,
-        model: str | FeedforwardModel,
-        reference: ReferenceMotion,
-        timing: Timing,
-        control: Control,
-    ) -> None:
+    def __init__(self, setup: Setup, reference: ReferenceMotion) -> None:
+        model, timing = setup.feedforward, setup.timing
         steps = timing.actions * timing.sub_steps + 1
-        self.motion = sampled(
-            reference,
-            timing,
-            steps + (0 if isinstance(model, str) else round(EXTENSION / timing.dt)),
-        )
+        more = 0 if isinstance(model, str) else round(EXTENSION / timing.dt)
+        self.motion = motion = _sampled(reference, timing, steps + more)
         chosen = slice(0, steps, timing.sub_steps)
-        t, self.q, dq = (
-            self.motion.t[chosen],
-            self.motion.q[chosen],
-            self.motion.dq[chosen],
-        )
+        t, self.q, dq = motion.t[chosen], motion.q[chosen], motion.dq[chosen]
         ahead = [reference.position(t + time) - self.q for time in timing.look_ahead]
         self.dq = dq[0]
         if isinstance(model, str):
-            self.step_torque = feedforward(
-                arm, body, model, self.motion.q, self.motion.dq, self.motion.ddq
-            )
+            states = motion.q, motion.dq, motion.ddq
+            self.step_torque = feedforward(setup.arm, setup.body, model, *states)
         else:
-            self.step_torque = np.asarray(model.series(self.motion))[:steps]
-        self.step_q, self.step_dq = self.motion.q, self.motion.dq
-        torque = self.step_torque[:: timing.sub_steps] / control.rated
+            self.step_torque = np.asarray(model.series(motion))[:steps]
+        self.step_q, self.step_dq = motion.q, motion.dq
+        torque = self.step_torque[:: timing.sub_steps] / setup.control.rated
         self.planned = np.hstack([self.q, dq, *ahead, torque])
 
 
-def sampled(reference: ReferenceMotion, timing: Timing, steps: int) -> Motion:
+def _sampled(reference: ReferenceMotion, timing: Timing, steps: int) -> Motion:
     """A reference at so many steps of the simulation."""
     t = timing.dt * np.arange(steps)
     return Motion(
@@ -289,37 +270,6 @@ class EpisodeOptions(NamedTuple):
     randomisation: Randomisation | EffectRanges | None
 
 
-class Setup(NamedTuple):
-    """What all episodes of an environment share.
-
-    Attributes:
-        arm, body: the nominal arm and its rigid bodies.
-        base: the arm that is simulated; its effects are not used.
-        encoder_noise: standard deviation [rad], shape (n,).
-        effects: of episodes for which none are drawn or given.
-        control: how actions become torque.
-        timing: of an episode.
-        source: makes the episodes.
-        reward: of an action.
-        layout: of the observation.
-        stops: lowest and highest positions [rad] short of the joints' stops, each (n,).
-        debug: whether the truth is told.
-    """
-
-    arm: NominalArm
-    body: RigidBody
-    base: CorrectedArm
-    encoder_noise: np.ndarray
-    effects: tuple[AppliedEffect, ...]
-    control: Control
-    timing: Timing
-    source: EpisodeSource
-    reward: Reward
-    layout: Layout
-    stops: tuple[np.ndarray, np.ndarray]
-    debug: bool
-
-
 class EpisodePlan(NamedTuple):
     """One episode.
 
@@ -332,37 +282,39 @@ class EpisodePlan(NamedTuple):
     effects: tuple[AppliedEffect, ...]
 
 
-class EpisodeSource:
-    """Makes episodes of an environment.
+class Setup(NamedTuple):
+    """What all episodes of an environment share.
 
-    Args:
+    Attributes:
         arm, body: the nominal arm and its rigid bodies.
+        scale: what is large on it.
+        base: the arm that is simulated; its effects are not used.
+        encoder_noise: standard deviation [rad], shape (n,).
         space: in which motions are drawn.
-        timing: of an episode.
         control: how actions become torque.
+        timing: of an episode.
         feedforward: a kind of feedforward, or a model.
         options: what an episode is made from if ``reset`` says nothing else.
+        reward: of an action.
+        layout: of the observation.
+        stops: lowest and highest positions [rad] short of the joints' stops, each (n,).
+        debug: whether the truth is told.
     """
 
-    def __init__(
-        self,
-        arm: NominalArm,
-        body: RigidBody,
-        space: Workspace,
-        timing: Timing,
-        control: Control,
-        feedforward: str | FeedforwardModel,
-        options: EpisodeOptions,
-    ) -> None:
-        self._arm, self._body, self._space = arm, body, space
-        self._timing, self._control = timing, control
-        self._feedforward, self._options = feedforward, options
-        self._scale = ArmScale.of(arm)
-
-    @property
-    def randomisation(self) -> Randomisation | EffectRanges | None:
-        """What is drawn if ``reset`` says nothing else."""
-        return self._options.randomisation
+    arm: NominalArm
+    body: RigidBody
+    scale: ArmScale
+    base: CorrectedArm
+    encoder_noise: np.ndarray
+    space: Workspace
+    control: Control
+    timing: Timing
+    feedforward: str | FeedforwardModel
+    options: EpisodeOptions
+    reward: Reward
+    layout: Layout
+    stops: tuple[np.ndarray, np.ndarray]
+    debug: bool
 
     def draw(self, options: Mapping[str, Any], seeds: np.ndarray) -> EpisodePlan:
         """An episode.
@@ -379,32 +331,24 @@ class EpisodeSource:
         if chosen.randomisation is not None:
             rng = np.random.default_rng(seeds[1])
             drawn = draw_effects(
-                rng, self._arm, chosen.randomisation, self._scale, effects
+                rng, self.arm, chosen.randomisation, self.scale, effects
             )
             effects = (*effects, *drawn)
         motion = chosen.motion
         if isinstance(motion, str):
             rng = np.random.default_rng(seeds[0])
-            motion = draw_motion(motion, rng, self._space, self._timing.duration)
-        course = Course(
-            self._arm,
-            self._body,
-            self._feedforward,
-            motion,
-            self._timing,
-            self._control,
-        )
-        return EpisodePlan(course, effects)
+            motion = draw_motion(motion, rng, self.space, self.timing.duration)
+        return EpisodePlan(Course(self, motion), effects)
 
     def _chosen(self, options: Mapping[str, Any]) -> EpisodeOptions:
         """The options of one episode, checked."""
-        default = self._options
+        default = self.options
         motion = checked_motion(
-            options.get("motion", default.motion), self._arm.n_joints
+            options.get("motion", default.motion), self.arm.n_joints
         )
         effects = default.effects
         if "effects" in options:
-            effects = chosen_effects(options["effects"], self._arm)
+            effects = chosen_effects(options["effects"], self.arm)
         randomisation = checked_randomisation(
             options.get("randomisation", default.randomisation)
         )

@@ -1,192 +1,465 @@
-"""The plant that an agent acts on: the simulated arm with its encoders, velocity estimate and, if wanted, a PD loop."""
+"""The plant that agents act on: simulated arms with encoders, velocity estimates and, if wanted, PD loops.
+
+One environment's plant is one of N.
+"""
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.velocity_filter import VelocityFilter
+from gapscope.arm.errors import InputError
+from gapscope.arm.velocity_filter import VelocityFilter, filter_gains
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.actions import Gains, scaled
-from gapscope.envs.divergence import diverged
-from gapscope.envs.episode import Course, Setup, Timing
+from gapscope.envs.divergence import described, divergence_info, stop_info
+from gapscope.envs.drive.arm_drive import ArmDrive, Encoders, nominal_body
+from gapscope.envs.episode import FASTEST_OBSERVED, Course, Setup, Timing
 from gapscope.envs.position_controller import VELOCITY_DAMPING, cutoff
-from gapscope.envs.simulated_arm import NetworkTorque, SimulatedArm
+from gapscope.envs.simulated_arm import NetworkTorque, SimulatedArms
 
 SENSOR_PERIOD = 10e-3
 """The encoders are read at least this often [s], and at every step if a PD loop runs."""
+ONE_BY_ONE = (
+    "gymnasium.make_vec(..., vectorization_mode='sync') steps such arms one by one"
+)
+"""What to do if arms cannot be stepped together."""
 
 
-class ControlledArm:
-    """A simulated arm with effects under its controller, n joints.
-
-    If a PD loop runs, the tracking error is differentiated and not the position: dq = dq_ref - D(q_ref - q), so that
-    the differentiator's lag is not treated as an error. Otherwise dq = D(q).
+class Courses:
+    """Courses of N episodes, K actions of S steps, n joints; each at an action of its own.
 
     Args:
-        setup: of the environment.
+        timing: of the episodes.
+        count: N.
+        n_joints: n.
+        planned: numbers in the planned part of the observation.
+    """
+
+    def __init__(self, timing: Timing, count: int, n_joints: int, planned: int) -> None:
+        self._steps, self._last = timing.sub_steps, timing.actions
+        length = timing.actions * timing.sub_steps + 1
+        self._step_q, self._step_torque = np.zeros((2, count, length, n_joints))
+        self._dq = np.zeros((count, timing.actions + 1, n_joints))
+        self._planned = np.zeros((count, timing.actions + 1, planned))
+        self._arms = np.arange(count)
+        self._rows = np.arange(timing.sub_steps + 1)[:, None]
+
+    def put(self, number: int, course: Course) -> None:
+        """Give an episode, numbered from 0, another course."""
+        length = self._step_q.shape[1]
+        self._step_q[number] = course.step_q[:length]
+        self._step_torque[number] = course.step_torque[:length]
+        self._dq[number] = course.step_dq[: length : self._steps]
+        self._planned[number] = course.planned
+
+    def steps(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Reference [rad] and feedforward [N m] at the steps of an action, the next one's first included.
+
+        Args:
+            at: number of the action of each episode, shape (N,); beyond the end the course stands still.
+
+        Returns:
+            Two arrays of shape (S + 1, N, n).
+        """
+        rows = np.minimum(at * self._steps + self._rows, self._last * self._steps)
+        return self._step_q[self._arms, rows], self._step_torque[self._arms, rows]
+
+    def rate(self, at: np.ndarray) -> np.ndarray:
+        """Velocity of the reference when an action is chosen [rad/s], shape (N, n)."""
+        return self._dq[self._arms, np.minimum(at, self._last)]
+
+    def position(self, at: np.ndarray) -> np.ndarray:
+        """The reference when an action is chosen [rad], shape (N, n)."""
+        last = np.minimum(at, self._last) * self._steps
+        return self._step_q[self._arms, last]
+
+    def planned(self, at: np.ndarray) -> np.ndarray:
+        """The planned part of the observation, shape (N, ...)."""
+        return self._planned[self._arms, np.minimum(at, self._last)]
+
+
+class Readings:
+    """The encoders of N arms, n joints in the arm's order; each arm has its own source of noise.
+
+    Args:
+        one: those of one arm.
+        noise: standard deviation [rad], a number or shape (n,).
+        shape: (N, n).
+    """
+
+    def __init__(
+        self, one: Encoders, noise: np.ndarray | float, shape: tuple[int, int]
+    ) -> None:
+        count, n = shape
+        self._one, self._all = [one] * count, one.beside(count)
+        self._noise, self._noisy = np.broadcast_to(noise, n), bool(np.any(noise))
+        self._rngs = [np.random.default_rng() for _ in range(count)]
+
+    def put(self, number: int, one: Encoders, seed: np.ndarray) -> None:
+        """Give an arm, numbered from 0, other encoders, and its noise a seed, whole numbers of shape (k,)."""
+        self._one[number] = one
+        self._all.put(number, one)
+        self._rngs[number] = np.random.default_rng(seed)
+
+    def __call__(self, q: np.ndarray) -> np.ndarray:
+        """Readings [rad] of the true positions q [rad] of motors or joints, shape (N, n)."""
+        noise = None
+        if self._noisy:
+            noise = np.concatenate([self._drawn(number) for number in range(len(q))])
+        return self._all(q.ravel(), noise).reshape(q.shape)
+
+    def of(self, number: int, q: np.ndarray) -> np.ndarray:
+        """Reading [rad] of one arm at its true position q [rad], shape (n,)."""
+        return self._one[number](q, self._drawn(number) if self._noisy else None)
+
+    def _drawn(self, number: int) -> np.ndarray:
+        """Noise of an arm [rad], shape (n,)."""
+        rng = self._rngs[number]
+        return self._noise * rng.standard_normal(len(self._noise))
+
+
+class VelocityFilters:
+    """``VelocityFilter`` of N arms, n joints.
+
+    Args:
+        rate: sampling rate [Hz].
+        shape: (N, n).
+    """
+
+    def __init__(self, rate: float, shape: tuple[int, int]) -> None:
+        self._rate = rate
+        self._gains = np.array(filter_gains(rate, cutoff(rate), VELOCITY_DAMPING))
+        self._past = np.zeros((shape[0], 5, shape[1]))
+
+    def put(self, number: int, position: np.ndarray, velocity: np.ndarray) -> None:
+        """Start an arm at a position [rad], until which it had a velocity [rad/s], each (n,)."""
+        rate = self._rate
+        one = VelocityFilter(rate, cutoff(rate), VELOCITY_DAMPING, position, velocity)
+        self._past[number] = one.past
+        # of one arm its own filter is faster
+        self._one = one if len(self._past) == 1 else None
+
+    def __call__(self, q: np.ndarray) -> np.ndarray:
+        """Filtered velocities [rad/s] for the next positions q [rad], shape (N, n); valid until the next call."""
+        if self._one is not None:
+            return self._one(q[0])[None]
+        past = self._past
+        past[:, 0] = q
+        # one product per arm: a single large one would round differently
+        v = np.matmul(self._gains, past)
+        past[:, 1:3] = past[:, :2]
+        past[:, 4] = past[:, 3]
+        past[:, 3] = v
+        return v
+
+
+class _Diverged(NamedTuple):
+    """What an arm had when it diverged: steps of the action done until then, torque [N m], motion [rad], [rad/s]."""
+
+    done: int
+    torque: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    q: np.ndarray
+    dq: np.ndarray
+    applied: np.ndarray
+
+
+class ControlledArms:
+    """N simulated arms with effects under their controllers, n joints.
+
+    If PD loops run, the tracking error is differentiated and not the position: dq = dq_ref - D(q_ref - q), so that the
+    differentiator's lag is not treated as an error. Otherwise dq = D(q).
+
+    Args:
+        setup: of the environments.
+        count: N, or ``None`` for one arm, which may have any effect and engine.
+        threads: on which they are stepped, see ``gapscope.envs.engines.mujoco``.
         engine: name of the engine.
 
     Attributes:
-        effects: what it has beyond the base.
-        simulated: the simulated arm.
-        position: as the encoders give it, quantised as the data sheet says [rad], shape (n,).
-        velocity: estimate from the encoders [rad/s], shape (n,).
-        torque: commanded in the last step [N m], shape (n,).
-        torque_rate: RMS over joints and steps of the last action of the change of the torque commanded [N m/s].
-        load: mean of (commanded / rated torque)^2 over joints and steps of the last action [1]; of an action in which
-            the arm diverged, both are over its steps until then.
+        effects: of each arm beyond the base.
+        position: as the encoders give it, quantised as the data sheet says [rad], shape (N, n).
+        velocity: estimate from the encoders [rad/s], shape (N, n).
+        torque: commanded in the last step [N m], shape (N, n).
+        q, dq, applied: true motion [rad], [rad/s] and torque [N m] after an action, shape (N, n).
+        torque_rate: RMS over joints and steps of the last action of the change of the torque commanded [N m/s], (N,).
+        load: mean of (commanded / rated torque)^2 over joints and steps of the last action [1], (N,); of an action in
+            which an arm diverged, both are over its steps until then.
 
     Raises:
-        InputError: an engine that is not there, or that cannot simulate one of the effects.
+        InputError: an engine that is not there, or arms that cannot be stepped beside others.
     """
 
     def __init__(
         self,
         setup: Setup,
-        engine: str | None,
+        count: int | None = None,
+        threads: int = 0,
+        engine: str | None = "mujoco",
     ) -> None:
+        self._setup, self._control, self._timing = setup, setup.control, setup.timing
         self._base, self._encoder_step = setup.base, setup.arm.encoder_step or 0.0
-        self._encoder_noise, effects = setup.encoder_noise, setup.effects
-        self._rng = np.random.default_rng()
-        self._engine, self._control, self._timing = engine, setup.control, setup.timing
-        self._nominal: RigidBody | None = None
-        self.effects, self.simulated = effects, self._simulate(effects)
-        self._nominal = self.simulated.nominal
-        self._chunk = (
-            1 if setup.control.gains is not None else sensor_chunk(setup.timing)
-        )
-        self._network: NetworkTorque | None = None
-        self._lowest = -setup.control.limit
+        self._alone, self._engine, count = count is None, engine, count or 1
+        arm, dt = setup.base.arm, setup.timing.dt
+        self._nominal = nominal_body(arm)
+        self._order, self._places = self._nominal.order, self._nominal.places
+        self._ordered = bool((self._order == np.arange(arm.n_joints)).all())
+        drive = self._drive(setup.options.effects)
+        self._arms = SimulatedArms(drive, count, threads, engine)
+        encoders = Encoders(drive.corrected, self._encoder_step)
+        self.effects: list[tuple[AppliedEffect, ...]] = [setup.options.effects] * count
+        self._drives = [drive] * count
+        self._networks: dict[int, NetworkTorque] = {}
+        self._chunk = 1 if setup.control.gains else sensor_chunk(setup.timing)
+        rate = 1.0 / (dt * self._chunk)
+        shape = (count, arm.n_joints)
+        self._on_motor = encoders.on_motor
+        self._readings = Readings(encoders, setup.encoder_noise, shape)
+        self._estimate = VelocityFilters(rate, shape)
+        planned = len(range(setup.layout.size)[setup.layout.planned])
+        self.courses = Courses(setup.timing, *shape, planned)
+        self._home = np.zeros(shape)
+        self.position, self.velocity, self.torque = np.zeros((3, *shape))
+        self.q, self.dq, self.applied = np.zeros((3, *shape))
+        self.load, self.torque_rate = np.zeros((2, count))
+        self._diverged: dict[int, _Diverged] = {}
+
+    def _drive(self, effects: tuple[AppliedEffect, ...]) -> ArmDrive:
+        """The drives and bodies of an arm with effects; raises ``InputError`` if they cannot be simulated."""
+        drive = ArmDrive(self._base.arm, effects, self._timing.dt, self._nominal)
+        if not self._alone:
+            _check_beside_others(drive, effects)
+        return drive
 
     def close(self) -> None:
         """Free the engine."""
-        self.simulated.close()
+        self._arms.close()
 
     def reset(
-        self, effects: tuple[AppliedEffect, ...], course: Course, seed: np.ndarray
+        self,
+        number: int,
+        effects: tuple[AppliedEffect, ...],
+        course: Course,
+        seed: np.ndarray,
     ) -> None:
-        """Put the arm where its encoders read the start of the course, with these effects.
+        """Put an arm, numbered from 0, where its encoders read the start of the course, with these effects.
 
         ``seed`` is that of the encoders' noise, whole numbers of shape (k,).
 
         Raises:
-            InputError: the engine cannot simulate one of the effects.
+            InputError: one of the effects cannot be simulated, or not beside other arms.
         """
-        self._rng.bit_generator.state = np.random.default_rng(seed).bit_generator.state
-        if effects is not self.effects:
-            simulated = self._simulate(effects)
-            self.close()
-            self.simulated, self.effects = simulated, effects
-        self._course = course
-        self.simulated.start(course.q[0], course.dq)
-        rate, still = 1.0 / (self._timing.dt * self._chunk), np.zeros(len(course.dq))
-        start = (
-            (course.q[0], course.dq) if self._control.gains is None else (still, still)
-        )
-        self._estimate = VelocityFilter(rate, cutoff(rate), VELOCITY_DAMPING, *start)
-        self.position, self.velocity = self.simulated.encoders(), course.dq
-        self.torque, self.load, self.torque_rate = course.step_torque[0], 0.0, 0.0
+        if effects is not self.effects[number]:
+            drive = self._drive(effects)
+            if self._alone:
+                arms = SimulatedArms(drive, engine=self._engine)
+                self.close()
+                self._arms = arms
+            else:
+                self._arms.put(number, drive)
+            self._drives[number], self.effects[number] = drive, effects
+        encoders = Encoders(self._drives[number].corrected, self._encoder_step)
+        self._readings.put(number, encoders, seed)
+        self.courses.put(number, course)
+        start, still = course.q[0], np.zeros(len(course.dq))
+        self._arms.start(number, encoders, start, course.dq)
+        self.q[number] = self._own(self._arms.q)[number]
+        self._home[number] = self._arms.q[number]
+        moving = self._control.gains is None
+        first = (start, course.dq) if moving else (still, still)
+        self._estimate.put(number, *first)
+        seen = self._own(self._arms.seen(self._on_motor))[number]
+        self.position[number] = self._readings.of(number, seen)
+        self.velocity[number] = course.dq
+        self.torque[number] = course.step_torque[0]
+        self.dq[number], self.applied[number] = course.dq, 0.0
+        self.load[number] = self.torque_rate[number] = 0.0
         if self._base.residual is not None:
-            self._network = NetworkTorque(
-                replace(self._base, effects=effects),
-                course.motion,
-                self._timing.sub_steps,
-            )
+            having = replace(self._base, effects=effects)
+            steps = self._timing.sub_steps
+            self._networks[number] = NetworkTorque(having, course.motion, steps)
 
-    def act(self, number: int, action: np.ndarray) -> int:
-        """Carry out an action, shape (n,), numbered from 0; returns the steps done, fewer if it diverged."""
-        control, first = self._control, number * self._timing.sub_steps
-        if self._network is not None:
-            self._network.see(number, self.position, self.velocity)
-        if control.gains is not None:
-            if control.kind == "scale":
-                return self._track(first, 0.0, *scaled(control.gains, action))
-            return self._track(first, control.scale * action, 1.0, control.gains)
-        before, torque = self.torque, control.scale * action
-        np.maximum(torque, self._lowest, out=torque)
-        self.torque = np.minimum(torque, control.limit, out=torque)
-        share, jump = self.torque / control.rated, self.torque - before
-        steps, done = self._timing.sub_steps, 0
-        while done < steps and self._step(first + done):
-            self.velocity = self._estimate(self.position)
-            done += self._chunk
-        held = min(done + self._chunk, steps)
-        self._note(held * share.dot(share), jump.dot(jump), held)
+    def truth(self, number: int) -> dict[str, Any]:
+        """True motion [rad], [rad/s] and torque [N m] of an arm, and its effects: hidden from controllers."""
+        return {
+            "q_true": self.q[number].copy(),
+            "dq_true": self.dq[number].copy(),
+            "torque_commanded": self.torque[number].copy(),
+            "torque_applied": self.applied[number].copy(),
+            "effects": [described(applied) for applied in self.effects[number]],
+        }
+
+    def early_end(
+        self, number: int, at: int, done: int, acted: bool
+    ) -> dict[str, Any]:
+        """Why the episode of an arm ends early, if it does, after so many steps of the action numbered ``at``.
+
+        ``acted``: whether one of its actions was other than zero.
+        """
+        steps, reading = self._timing.sub_steps, self.position[number]
+        if done == steps:
+            return dict(stop_info(self._setup, self.q[number], reading))
+        until = at * steps + done
+        state = reading, self.dq[number]
+        hidden = self.effects[number]
+        return divergence_info(self._setup, until, *state, hidden, acted)
+
+    def act(self, at: np.ndarray, action: np.ndarray) -> np.ndarray:
+        """Carry out the actions, shape (N, ...), numbered ``at`` from 0; returns the steps that each has done.
+
+        They are fewer than those of an action if an arm diverged.
+        """
+        self._diverged, kept = {}, self.velocity
+        self._first = at * self._timing.sub_steps
+        for number, network in self._networks.items():
+            network.see(int(at[number]), self.position[number], self.velocity[number])
+        if self._control.gains is None:
+            self._command(action)
+        else:
+            self._track(at, action)
+        self.q, self.dq, self.applied = (
+            self._own(x) for x in (self._arms.q, self._arms.dq, self._arms.applied)
+        )
+        done = np.full(len(at), self._timing.sub_steps)
+        for number, end in self._diverged.items():
+            done[number] = end.done
+            self.torque[number], self.position[number] = end.torque, end.position
+            self.q[number], self.dq[number] = end.q, end.dq
+            self.applied[number] = end.applied
+            # the velocity of the PD law is noted at the end of an action only
+            tracked = self._control.gains is not None
+            self.velocity[number] = kept[number] if tracked else end.velocity
         return done
 
-    def _track(
-        self,
-        first: int,
-        added: np.ndarray | float,
-        factor: np.ndarray | float,
-        gains: Gains,
-    ) -> int:
-        """PD with feedforward times a factor, and a torque [N m] added, from this step of the course on."""
-        course, limit, steps = self._course, self._control.limit, self._timing.sub_steps
-        lowest, kp, kd = self._lowest, gains.kp, gains.kd
-        estimate, step = self._estimate, self._step
-        wanted = course.step_torque[first : first + steps] * factor + added
-        reference, before = course.step_q[first + 1 :], self.torque
-        error, rate = (
-            course.step_q[first] - self.position,
-            course.step_dq[first] - self.velocity,
-        )
+    def _command(self, action: np.ndarray) -> None:
+        """Hold the torque of each action."""
+        control, steps = self._control, self._timing.sub_steps
+        before, scaled_action = self.torque, control.scale * action
+        self.torque = np.clip(scaled_action, -control.limit, control.limit)
+        commanded = self.torque
+        for done in range(0, steps, self._chunk):
+            self._hold(commanded, done)
+            self.velocity = self._estimate(self.position).copy()
+        held = np.full(len(action), steps)
+        for number, end in self._diverged.items():
+            held[number] = min(end.done + self._chunk, steps)
+        share, jump = commanded / control.rated, commanded - before
+        squares, jumps = np.vecdot(share, share), np.vecdot(jump, jump)
+        self._note(held * squares, jumps, held)
+
+    def _track(self, at: np.ndarray, action: np.ndarray) -> None:
+        """PD with feedforward at every step, with what the action adds or multiplies."""
+        control, before = self._control, self.torque
+        assert control.gains is not None
+        added: np.ndarray | float = 0.0
+        factor: np.ndarray | float = 1.0
+        # of the shape of the torque: numpy takes longer for one that it must spread
+        gains = Gains(*(np.tile(gain, (len(at), 1)) for gain in control.gains))
+        if control.multiplies:
+            factor, gains = scaled(control.gains, action)
+        else:
+            added = control.scale * action
+        reference, feedforward = self.courses.steps(at)
+        wanted = feedforward[:-1] * factor + added
+        limit = np.tile(control.limit, (len(at), 1))
+        lowest = -limit
+        error = reference[0] - self.position
+        rate = self.courses.rate(at) - self.velocity
         for done, torque in enumerate(wanted):  # rows, filled in place
-            torque += kp * error
-            torque += kd * rate
+            torque += gains.kp * error
+            torque += gains.kd * rate
             np.maximum(torque, lowest, out=torque)
-            self.torque = np.minimum(torque, limit, out=torque)
-            if not step(first + done):
-                self._note_series(wanted[: done + 1], before)
-                return done
-            error = reference[done] - self.position
-            rate = estimate(error)
-        self.velocity = course.step_dq[first + steps] - rate
+            np.minimum(torque, limit, out=torque)
+            self._hold(torque, done)
+            error = reference[done + 1] - self.position
+            rate = self._estimate(error)
+        self.velocity = self.courses.rate(at + 1) - rate
+        self.torque = wanted[-1].copy()
         self._note_series(wanted, before)
-        return steps
+
+    def _hold(self, torque: np.ndarray, done: int) -> None:
+        """Hold a torque [N m], (N, n), until the encoders are read again.
+
+        An arm that diverged waits at its start until its next episode.
+        """
+        arms, felt = self._arms, torque
+        if self._networks:
+            felt = torque.copy()
+            for number, network in self._networks.items():
+                felt[number] -= network.torque(self._first[number] + done)
+        arms.hold(felt if self._ordered else felt[:, self._order], self._chunk)
+        rates = arms.rates
+        # fast: no joint is faster than all together
+        if not rates.dot(rates) <= FASTEST_OBSERVED**2:
+            fast = ~(np.abs(arms.dq).max(axis=1) <= FASTEST_OBSERVED)
+            for number in np.flatnonzero(fast).tolist():
+                self._stop(number, done, torque[number])
+        q = arms.seen(self._on_motor)
+        self.position = self._readings(q if self._ordered else q[:, self._places])
+
+    def _stop(self, number: int, done: int, torque: np.ndarray) -> None:
+        """Note what an arm had when it diverged, if this is the first time in the action, and park it."""
+        arms = self._arms
+        if number not in self._diverged:
+            self._diverged[number] = _Diverged(
+                done,
+                torque.copy(),
+                self.position[number].copy(),
+                self.velocity[number].copy(),
+                self._own(arms.q)[number],
+                self._own(arms.dq)[number],
+                self._own(arms.applied)[number],
+            )
+        arms.reset(number, self._home[number], np.zeros(len(torque)))
+
+    def _own(self, values: np.ndarray) -> np.ndarray:
+        """A copy of values (N, n) in kinematic order, in the arm's order."""
+        return values.copy() if self._ordered else values[:, self._places]
 
     def _note_series(self, torque: np.ndarray, before: np.ndarray) -> None:
-        """Note the torque of an action's steps [N m], shape (S, n), and of the step before, shape (n,)."""
-        share, jumps = (
-            torque / self._control.rated,
-            np.diff(torque, axis=0, prepend=before[None]),
-        )
-        self._note(
-            float(np.vdot(share, share)), float(np.vdot(jumps, jumps)), len(torque)
-        )
+        """Note the torque of an action's steps [N m], (S, N, n), and of the step before, (N, n)."""
+        series = np.ascontiguousarray(torque.transpose(1, 0, 2))
+        share = series / self._control.rated
+        jumps = np.diff(series, axis=1, prepend=before[:, None])
+        flat = [x.reshape(len(series), -1) for x in (share, jumps)]
+        squares, changes = (np.vecdot(x, x) for x in flat)
+        steps = np.full(len(series), series.shape[1])
+        for number, end in self._diverged.items():
+            # what was commanded after it had diverged does not count
+            until = slice(0, end.done + 1)
+            steps[number] = end.done + 1
+            part, change = share[number, until], jumps[number, until]
+            squares[number] = np.vdot(part, part)
+            changes[number] = np.vdot(change, change)
+        self._note(squares, changes, steps)
 
-    def _note(self, squares: float, jumps: float, steps: int) -> None:
-        """Note the sums over an action's steps of (tau / tau_rated)^2 [1] and of (change of tau)^2 [N^2 m^2]."""
+    def _note(self, squares: np.ndarray, jumps: np.ndarray, steps: np.ndarray) -> None:
+        """Note the sums over an action's steps of (tau / tau_rated)^2 [1] and of (change of tau)^2 [N^2 m^2], (N,)."""
         count = steps * len(self._control.rated)
-        self.load = float(squares / count)
-        self.torque_rate = math.sqrt(jumps / count) / self._timing.dt
+        self.load = squares / count
+        self.torque_rate = np.sqrt(jumps / count) / self._timing.dt
 
-    def _step(self, step: int) -> bool:
-        """Hold the torque until the encoders are read again; whether the arm has not diverged."""
-        torque, simulated = self.torque, self.simulated
-        if self._network is not None:
-            torque = torque - self._network.torque(step)
-        simulated.step(torque, self._chunk)
-        # of the true velocity: a fast oscillation hardly shows in the estimate
-        if diverged(simulated.present_dq):
-            return False
-        self.position = simulated.encoders()
-        return True
 
-    def _simulate(self, effects: tuple[AppliedEffect, ...]) -> SimulatedArm:
-        return SimulatedArm(
-            self._base.arm,
-            effects,
-            self._timing.dt,
-            engine=self._engine,
-            encoder_step=self._encoder_step,
-            encoder_noise=self._encoder_noise,
-            rng=self._rng,
-            nominal=self._nominal,
+def _check_beside_others(drive: ArmDrive, effects: tuple[AppliedEffect, ...]) -> None:
+    """Raise ``InputError`` if an arm cannot be stepped beside others."""
+    flexible = np.flatnonzero(~drive.rigid)
+    why = ""
+    if len(flexible):
+        why = "an elastic joint or one with play has a motor of its own"
+    elif drive.coupled.present:
+        why = "a motor turns several joints"
+    elif drive.parts > 1:
+        why = f"a spring divides each step into {drive.parts} parts"
+    if why:
+        names = ", ".join(applied.name for applied in effects)
+        raise InputError(
+            f"{why}, which the vector environment does not step ({names})",
+            ONE_BY_ONE,
+            where="effects",
         )
 
 

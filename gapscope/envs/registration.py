@@ -30,7 +30,7 @@ def _register(registration: ModuleType) -> None:
         registration.register(
             id=NAME,
             entry_point="gapscope.envs.environment:ArmTracking",
-            vector_entry_point="gapscope.envs.vector.environment:VectorArmTracking",
+            vector_entry_point="gapscope.envs.environment:VectorArmTracking",
         )
 
 

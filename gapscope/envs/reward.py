@@ -11,14 +11,14 @@ from gapscope.envs.arguments import positive, record_of
 
 
 class RewardParts(NamedTuple):
-    """The parts of one step's reward [1]; their sum is the reward."""
+    """The parts of one step's reward [1], or of those of N environments, each (N,); their sum is the reward."""
 
-    tracking: float
-    effort: float
-    smoothness: float
+    tracking: np.ndarray
+    effort: np.ndarray | float
+    smoothness: np.ndarray
 
     @property
-    def total(self) -> float:
+    def total(self) -> np.ndarray:
         """The reward."""
         return self.tracking + self.effort + self.smoothness
 
@@ -56,32 +56,21 @@ class Reward:
                     "rad" if field.name == "tolerance" else "1",
                 )
 
-    def __call__(self, error: np.ndarray, load: float, jump: np.ndarray) -> RewardParts:
-        """Parts of the reward.
+    def __call__(
+        self, error: np.ndarray, load: np.ndarray | float, jump: np.ndarray
+    ) -> RewardParts:
+        """Parts of the reward of an action, or of those of N environments, each (N,).
 
         Args:
-            error: tracking error e [rad], shape (n,).
-            load: mean of (tau / tau_rated)^2 over joints and steps [1].
-            jump: change of the action [1], shape (n,).
+            error: tracking error e [rad], shape (n,) or (N, n).
+            load: mean of (tau / tau_rated)^2 over joints and steps [1], a number or shape (N,).
+            jump: change of the action [1], shape (n,) or (N, ...).
         """
-        tracking = 1.0 / (
-            1.0 + float(error.dot(error)) / (len(error) * self.tolerance**2)
-        )
-        return RewardParts(
-            tracking,
-            -self.effort * load,
-            -self.smoothness * float(jump.dot(jump)) / len(jump),
-        )
-
-    def of_rows(
-        self, errors: np.ndarray, loads: np.ndarray, jumps: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Parts of the rewards of N actions, each (N,): errors (N, n), loads (N,) and jumps (N, ...) as in a call."""
-        scale = errors.shape[1] * self.tolerance**2
-        tracking = 1.0 / (1.0 + np.vecdot(errors, errors) / scale)
-        squares = np.vecdot(jumps, jumps)
-        smoothness = -self.smoothness * squares / jumps.shape[1]
-        return tracking, -self.effort * loads, smoothness
+        scale = error.shape[-1] * self.tolerance**2
+        tracking = 1.0 / (1.0 + np.vecdot(error, error) / scale)
+        squares = np.vecdot(jump, jump)
+        smoothness = -self.smoothness * squares / jump.shape[-1]
+        return RewardParts(tracking, -self.effort * load, smoothness)
 
 
 def chosen_reward(reward: Reward | None) -> Reward:

@@ -43,9 +43,7 @@ class SimulatedArms:
 
     Attributes:
         q, dq: true positions [rad] and velocities [rad/s], shape (N, n).
-        applied: motor torque that reached the joints in the last step, before friction [N m], shape (N, n).
         motors: with positions and velocities of their own, of one arm; ``None`` if all joints are rigid.
-        time: since the start of the recording [s], shape (N,); drift and external force go by it.
 
     Raises:
         InputError: an engine that is not installed.
@@ -62,13 +60,15 @@ class SimulatedArms:
         self._bodies = _bodies(first, engine, count, threads)
         self._step = RigidStep(self._bodies, self._h)
         self.q, self.dq = self._step.q, self._step.dq
-        self.applied = np.zeros(self.q.shape)
+        self._u = np.zeros(self.q.size)
+        self._row = self.dq[0] if count == 1 else None
         self.motors = None if first.rigid.all() else first.motors
         self._rigid = first.rigid
         self._drives = [first] * count
         self._friction = first.friction.beside(count)
         self._path = first.path.beside(count)
-        self._counts, self._start = np.zeros(count, dtype=int), np.zeros(count)
+        self._count, self._begun = 0, np.zeros(count, dtype=int)
+        self._start = np.zeros(count)
         for number in range(count):
             self._enter(number, first)
 
@@ -97,7 +97,7 @@ class SimulatedArms:
         """
         n, friction = len(q), self._friction
         rows = slice(number * n, (number + 1) * n)
-        self._start[number], self._counts[number] = time, 0
+        self._start[number], self._begun[number] = time, self._count
         self._bodies.reset(number, q, dq)
         if friction.drifting:
             own = np.zeros(self.q.size, dtype=bool)
@@ -107,7 +107,36 @@ class SimulatedArms:
         if self.motors is not None:
             self.motors.reset(q, dq, self.weight(number, q, dq, time))
         self._path.reset(rows)
-        self.applied[number] = 0.0
+        self._u[rows] = 0.0
+
+    def start(
+        self,
+        number: int,
+        encoders: Encoders,
+        reading: np.ndarray,
+        dq: np.ndarray,
+        time: float = 0.0,
+    ) -> None:
+        """Put an arm where its encoders, but for rounding and noise, read ``reading`` [rad], with dq [rad/s].
+
+        Both are of shape (n,), in the order of the data sheet.
+        """
+        body, seen = self._drives[number].body, encoders.undone(reading)
+        q = seen
+        if self.motors is not None and encoders.on_motor:
+            still = np.zeros(len(q))
+            # the motor leads its link by what the weight bends, which depends on where the link is
+            for _ in range(START_TRIALS):
+                load = self.weight(number, q[body.order], still, time)
+                deflection = self.motors.deflection(load)[body.places]
+                q = 0.5 * q + 0.5 * (seen - deflection)
+        self.reset(number, q[body.order], dq[body.order], time)
+
+    def seen(self, on_motor: bool) -> np.ndarray:
+        """True positions of what the encoders sit on [rad], motors or joints, shape (N, n); not to be kept."""
+        if self.motors is None or not on_motor:
+            return self.q
+        return self.motors.position[None]
 
     def weight(
         self, number: int, q: np.ndarray, dq: np.ndarray, time: float
@@ -122,33 +151,38 @@ class SimulatedArms:
 
     @property
     def time(self) -> np.ndarray:
-        """Time since the start of the recording [s], shape (N,)."""
-        return self._start + self._counts * self._h
+        """Time since the start of the recording [s], shape (N,); drift and external force go by it."""
+        return self._start + (self._count - self._begun) * self._h
+
+    @property
+    def applied(self) -> np.ndarray:
+        """Motor torque that reached the joints in the last step, before friction [N m], shape (N, n)."""
+        return self._u.reshape(self.q.shape)
 
     def hold(self, torque: np.ndarray, steps: int = 1) -> None:
         """Hold the commanded torque [N m], shape (N, n), for so many time steps."""
         command, path, friction = torque.ravel(), self._path, self._friction
         count = steps * self._parts
         if path.constant:
-            self.applied = path(command).reshape(torque.shape)
+            self._u = path(command)
             if self._direct:
                 self._bodies.run(self.applied, count)
-                self._counts += count
+                self._count += count
                 return
-            friction.load(self.applied.ravel())
+            friction.load(self._u)
         for step in range(count):
             if not path.constant:
                 self._send(command, first=step == 0)
             elif friction.drifting:
                 self._drift()
             self._advance()
-            self._counts += 1
+            self._count += 1
 
     def _send(self, command: np.ndarray, first: bool) -> None:
         """Torque of a step of which some changes on its way to the joints; ``first`` of those of a command."""
         path, friction, motors = self._path, self._friction, self.motors
-        u = path(command, self.q.ravel() if motors is None else motors.position)
-        self.applied = u.reshape(self.q.shape)
+        position = self.q.ravel() if motors is None else motors.position
+        self._u = u = path(command, position)
         if not friction.drifting:
             friction.load(u)
             return
@@ -158,9 +192,14 @@ class SimulatedArms:
         self._drift()
         friction.load(u, where=path.changing)
 
+    @property
+    def rates(self) -> np.ndarray:
+        """Velocities of all joints in a row [rad/s], (N n,); not to be kept."""
+        return self._row if self._row is not None else self.dq.reshape(-1)
+
     def _advance(self) -> None:
         """One step of all arms."""
-        torque, velocity, motors = self.applied, self._step.begin(), self.motors
+        torque, motors, shape = self._u, self.motors, self._step.shape
         if motors is not None:
             # friction and rotors act on the motors, not on the links
             limit = self._friction.limit(motors.velocity)
@@ -168,20 +207,23 @@ class SimulatedArms:
             on_links = np.where(self._rigid, torque, through)
             if self._loaded:
                 on_links += self._load(0, through)
-            self._step.advance(on_links, (limit * self._rigid)[None])
-            motors.step(torque[0], through, limit, self._friction.viscous, self._h)
+            self._step.advance(on_links, limit * self._rigid)
+            motors.step(torque, through, limit, self._friction.viscous, self._h)
             motors.follow(self.q[0], self.dq[0])
             return
         if self._loaded:
-            torque = torque.copy()
+            torque, applied = torque.copy(), self.applied
             for number in self._loaded:
-                torque[number] += self._load(number, self.applied[number])
-        limit = self._friction.limit(velocity.ravel())
-        self._step.advance(torque, limit.reshape(torque.shape))
+                load = self._load(number, applied[number])
+                torque.reshape(applied.shape)[number] += load
+        limit = self._friction.limit(self.rates)
+        if len(shape) > 1:
+            torque, limit = torque.reshape(shape), limit.reshape(shape)
+        self._step.advance(torque, limit)
 
     def _load(self, number: int, through: np.ndarray) -> np.ndarray:
         """What acts on the links of an arm besides gravity and its drives [N m], shape (n,)."""
-        time = float(self._start[number] + self._counts[number] * self._h)
+        time = float(self.time[number])
         q, dq = self.q[number].copy(), self.dq[number].copy()
         return self._drives[number].loads(time, q, dq, through)
 
@@ -192,7 +234,7 @@ class SimulatedArms:
 
     def _drift(self) -> None:
         """Bring the drift of friction up to date in the arms in which that is due."""
-        due = self._counts % self._friction.every == 0
+        due = (self._count - self._begun) % self._friction.every == 0
         if not due.any():
             return
         n = self.q.shape[1]
@@ -264,11 +306,7 @@ class SimulatedArm:
         self._encoders = Encoders(drive.corrected, encoder_step)
         self._noise, self._rng = encoder_noise, rng if np.any(encoder_noise) else None
         self._arms = SimulatedArms(drive, engine=engine)
-        self._q, self._dq, self._motors = (
-            self._arms.q[0],
-            self._arms.dq[0],
-            self._arms.motors,
-        )
+        self._q, self._dq = self._arms.q[0], self._arms.dq[0]
         self.reset(np.zeros(arm.n_joints))
 
     def __enter__(self) -> SimulatedArm:
@@ -290,24 +328,19 @@ class SimulatedArm:
 
         Motors of elastic joints are where they carry their link's weight. ``time`` [s] is that of the recording.
         """
-        dq = np.zeros(len(q)) if dq is None else dq
-        at, moving = (np.asarray(x, dtype=float)[self._order] for x in (q, dq))
-        self._arms.reset(0, at, moving, time)
+        true = np.asarray(q, dtype=float)[self._order]
+        speed = np.zeros(len(true))
+        if dq is not None:
+            speed = np.asarray(dq, dtype=float)[self._order]
+        self._arms.reset(0, true, speed, time)
 
     def start(
         self, reading: np.ndarray, dq: np.ndarray | None = None, time: float = 0.0
     ) -> None:
         """Put the arm where its encoders, but for rounding and noise, read ``reading`` [rad], shape (n,)."""
-        seen = self._encoders.undone(np.asarray(reading, dtype=float))
-        q = seen
-        if self._motors is not None and self._encoders.on_motor:
-            still = np.zeros(len(q))
-            # the motor leads its link by what the weight bends, which depends on where the link is
-            for _ in range(START_TRIALS):
-                load = self._arms.weight(0, q[self._order], still, time)
-                deflection = self._motors.deflection(load)[self._places]
-                q = 0.5 * q + 0.5 * (seen - deflection)
-        self.reset(q, dq, time)
+        seen = np.asarray(reading, dtype=float)
+        speed = np.zeros(len(seen)) if dq is None else np.asarray(dq, dtype=float)
+        self._arms.start(0, self._encoders, seen, speed, time)
 
     @property
     def q(self) -> np.ndarray:
@@ -327,8 +360,7 @@ class SimulatedArm:
     @property
     def motor_q(self) -> np.ndarray:
         """True positions of the motors [rad], joint side, shape (n,); those of rigid joints are the joints'."""
-        own = self._q if self._motors is None else self._motors.position
-        return own[self._places]
+        return self._arms.seen(on_motor=True)[0, self._places]
 
     @property
     def applied(self) -> np.ndarray:
@@ -345,11 +377,9 @@ class SimulatedArm:
         noise = None
         if self._rng is not None:
             noise = self._noise * self._rng.standard_normal(len(self._q))
-        if self._motors is not None and self._encoders.on_motor:
-            return self._encoders(self.motor_q, noise)
         # a reading is an array of its own, so that nothing is copied here
-        joint = self._q if self._ordered else self._q[self._places]
-        return self._encoders(joint, noise)
+        seen = self._arms.seen(self._encoders.on_motor)[0]
+        return self._encoders(seen if self._ordered else seen[self._places], noise)
 
     def step(self, torque: np.ndarray, steps: int = 1) -> None:
         """Hold the commanded torque [N m], shape (n,), for ``steps`` time steps."""

@@ -14,13 +14,12 @@ from episodes import NAME, SHORT, rollout  # noqa: E402
 
 import gapscope  # noqa: E402, F401 (registers the environment)
 from gapscope.arm.dynamics.feedforward import feedforward  # noqa: E402
-from gapscope.arm.dynamics.rigid_body import RigidBody  # noqa: E402
 from gapscope.arm.known_robots import KNOWN_ROBOTS  # noqa: E402
 from gapscope.arm.motions.named_motions import MOTIONS, draw_motion  # noqa: E402
 from gapscope.arm.velocity_filter import VelocityFilter  # noqa: E402
 from gapscope.effects.applied import carried  # noqa: E402
 from gapscope.envs.actions import Control, Gains, torque_limit  # noqa: E402
-from gapscope.envs.divergence import diverged, explain, longest_step  # noqa: E402
+from gapscope.envs.divergence import diverged, divergence_info, longest_step  # noqa: E402
 from gapscope.envs.environment import ArmTracking  # noqa: E402
 from gapscope.envs.position_controller import VELOCITY_DAMPING, cutoff  # noqa: E402
 
@@ -66,29 +65,22 @@ def test_a_speed_that_is_no_number_is_a_divergence_too(pendulum) -> None:
     )
     assert not diverged(np.full(7, 49.0))
     control = Control("torque", np.ones(1), np.ones(1), np.full(1, np.inf), None)
-    told = explain(
-        pendulum(),
-        RigidBody(pendulum()),
-        control,
-        1e-3,
-        0.1,
-        np.zeros(1),
-        np.array([np.nan]),
-    )
-    assert "joint 1 diverged: a speed that is no number" in told.as_info()["message"]
-    assert "actions drive it: a smaller action_share" in told.causes
+    setup = ArmTracking(pendulum(), **SHORT).setup._replace(control=control)
+    told = divergence_info(setup, 100, np.zeros(1), np.array([np.nan]))
+    assert "joint 1 diverged: a speed that is no number" in message(told)
+    assert "actions drive it: a smaller action_share" in message(told)
 
 
 def test_without_an_action_no_smaller_one_is_advised(pendulum) -> None:
-    body, still = RigidBody(pendulum()), np.zeros(1)
     loose = Control("torque", np.ones(1), np.ones(1), np.full(1, np.inf), None)
     kind = loose._replace(kind="residual", gains=Gains(np.ones(1), np.ones(1)))
-    fast = (1e-3, 0.1, still, np.array([60.0]))
+    load = (carried(1.0, (0.0, 0.0, 0.1)),)
+    plain = ArmTracking(pendulum(), **SHORT).setup
     for control, said in ((loose, "nothing holds the arm"), (kind, "milder effects")):
-        load = (carried(1.0, (0.0, 0.0, 0.1)),)
-        told = explain(pendulum(), body, control, *fast, load, acted=False)
-        text = "\n".join(told.causes)
-        assert said in text and "smaller" not in text
+        setup = plain._replace(control=control)
+        fast = np.zeros(1), np.array([60.0])
+        told = divergence_info(setup, 100, *fast, load, acted=False)
+        assert said in message(told) and "smaller" not in message(told)
 
 
 @pytest.mark.parametrize("change", ["time_step", "bandwidth"])

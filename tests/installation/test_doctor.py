@@ -40,17 +40,12 @@ def test_a_missing_extra_comes_with_its_remedy(capsys, monkeypatch):
 
 
 def test_an_engine_that_moves_otherwise_is_told(capsys, monkeypatch):
-    right = mujoco.MuJoCoEngine.advance
+    for name in ("step", "run"):
+        right = getattr(mujoco.MuJoCoBodies, name)
 
-    def wrong(self, torque: np.ndarray) -> np.ndarray:
-        return right(self, 1.01 * torque)
+        def wrong(self, torque: np.ndarray, *more, right=right, **named) -> None:
+            right(self, 1.01 * torque, *more, **named)
 
-    monkeypatch.setattr(mujoco.MuJoCoEngine, "advance", wrong)
-    step = mujoco.MuJoCoEngine.step
-    monkeypatch.setattr(
-        mujoco.MuJoCoEngine,
-        "step",
-        lambda self, torque, count=1: step(self, 1.01 * torque, count),
-    )
+        monkeypatch.setattr(mujoco.MuJoCoBodies, name, wrong)
     code, out = doctor(capsys)
     assert code == 1 and "mujoco: DOES NOT AGREE" in out

@@ -15,8 +15,7 @@ from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.arm.io.json_file import plain
 from gapscope.arm.motions.named_motions import draw_motion
 from gapscope.arm.motions.trajectory import ReferenceMotion
-from gapscope.envs.environment import ArmTracking
-from gapscope.envs.vector.environment import VectorArmTracking
+from gapscope.envs.environment import ArmTracking, VectorArmTracking
 
 Policy = Callable[[np.ndarray], np.ndarray]
 """Action of an observation as the environment gives it."""

@@ -15,8 +15,7 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import External
-from gapscope.envs.environment import ArmTracking
-from gapscope.envs.vector.environment import VectorArmTracking
+from gapscope.envs.environment import ArmTracking, VectorArmTracking
 
 
 @dataclass(frozen=True)

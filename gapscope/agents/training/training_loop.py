@@ -26,8 +26,7 @@ from gapscope.agents.training.normalisation import Normalisation
 from gapscope.agents.training.task import Task
 from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.arm.errors import InputError
-from gapscope.envs.environment import ArmTracking
-from gapscope.envs.vector.environment import VectorArmTracking
+from gapscope.envs.environment import ArmTracking, VectorArmTracking
 
 CHECKPOINTS, EVENTS = "checkpoint", "tensorboard"
 WEIGHTS, BEST, REPLAY, NORMALISATION = (

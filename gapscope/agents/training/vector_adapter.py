@@ -10,7 +10,7 @@ from gymnasium.spaces import Box
 from stable_baselines3.common.vec_env import VecEnv
 
 from gapscope.agents.training.normalisation import LARGEST, Normalisation
-from gapscope.envs.vector.environment import VectorArmTracking
+from gapscope.envs.environment import VectorArmTracking
 
 
 class NormalisedArms(VecEnv):

@@ -12,7 +12,7 @@ with M and h of the loaded arm.
 from __future__ import annotations
 
 import numpy as np
-from numpy import add, multiply, sign, subtract
+from numpy import absolute, add, greater, logical_and, multiply, sign, subtract
 
 from gapscope.arm.dynamics.forward_dynamics import ForwardDynamics
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -50,6 +50,7 @@ class Predicted(Bodies):
     ) -> None:
         n = body.n_joints
         self._engine, self._unread, self._near = engine, 0, False
+        self.new = True
         self._lowest, self._highest = limits[0] + NEAR_LIMIT, limits[1] - NEAR_LIMIT
         self.position, self.velocity, self.acceleration, self.rotors = np.zeros(
             (4, 1, n)
@@ -58,11 +59,20 @@ class Predicted(Bodies):
         # one product with the acceleration: the torque of rotors, friction and what holds, and the gain in velocity
         self._factors, self._products = np.full((2, n), dt), np.zeros((2, n))
         self._work, self._steps = np.zeros(n), np.full(n, dt)
+        self._q, self._dq = self.position[0], self.velocity[0]
+        self._last, (self._held, self._gained) = self.acceleration[0], self._products
+        self._accelerate = self._forward.acceleration
 
     def reset(self, number: int, q: np.ndarray, dq: np.ndarray) -> None:
         """Put the arm at positions q [rad or m] with velocities dq, shape (n,)."""
         self._engine.reset(q, dq)
         self._read()
+
+    def set_rotors(self, arms: int | slice | np.ndarray, rotors: np.ndarray) -> None:
+        """Change the inertia on the diagonal of the mass matrix [kg m^2]."""
+        self.rotors[arms] = rotors
+        self._factors[0] = self.rotors[0]
+        self._forward.set_rotors(self.rotors[0])
 
     def run(self, torque: np.ndarray, count: int) -> None:
         """Hold joint torque [N m or N], shape (1, n), for ``count`` time steps of the bodies alone."""
@@ -72,35 +82,30 @@ class Predicted(Bodies):
     def step(self, torque: np.ndarray, only: np.ndarray | None = None) -> None:
         """Solve a step under joint torque [N m or N], shape (1, n): its acceleration and the velocity after it."""
         self._torque = torque[0]
-        self._factors[0] = self.rotors[0]
-        self._forward.set_rotors(self.rotors[0])
-        velocity = self.velocity[0]
-        acceleration = self._forward.acceleration(
-            self.position[0], velocity, self._torque
-        )
+        acceleration = self._accelerate(self._q, self._dq, self._torque)
         multiply(self._factors, acceleration, self._products)
-        add(self._products[1], velocity, velocity)
-        self.acceleration[0] = acceleration
+        add(self._gained, self._dq, self._dq)
+        np.copyto(self._last, acceleration)
 
     def accept(self) -> None:
         """Make the step that was solved last."""
         work = self._work
-        subtract(self._torque, self._products[0], work)
+        subtract(self._torque, self._held, work)
         self._engine.step(work)
         self._unread += 1
         if self._near or self._unread == READ_EVERY:
             self._read()
             return
-        multiply(self.velocity[0], self._steps, work)
-        add(self.position[0], work, self.position[0])
+        multiply(self._dq, self._steps, work)
+        add(self._q, work, self._q)
 
     def _read(self) -> None:
         """Take the engine's state, which includes joint limits."""
         self._engine.read()
-        q = self.position[0]
+        q = self._q
         np.copyto(q, self._engine.q)
-        np.copyto(self.velocity[0], self._engine.dq)
-        self._unread = 0
+        np.copyto(self._dq, self._engine.dq)
+        self._unread, self.new = 0, True
         self._near = bool(np.count_nonzero((q < self._lowest) | (q > self._highest)))
 
     def close(self) -> None:
@@ -132,13 +137,24 @@ class RigidStep:
         self._drives: list[ArmDrive | None] = [None] * shape[0]
         self._forward: list[ForwardDynamics | None] = [None] * shape[0]
         self._friction = [DryFriction(shape[1]) for _ in range(shape[0])]
-        self._dry, self._sticking = np.zeros((2, *shape), dtype=bool)
+        self._dry, self._sticking, self._over = np.zeros((3, *shape), dtype=bool)
         self._rotors, self._viscous, self._effective, self._brake = np.zeros(
             (4, *shape)
         )
-        self._direction, self._mask = np.zeros((2, *shape))
-        self._out, self._work, self._old_q, self._old_dq = np.zeros((4, *shape))
+        self._direction, self._mask, self._way = np.zeros((3, *shape))
+        self._out, self._work, self._held, self._old_q, self._old_dq = np.zeros(
+            (5, *shape)
+        )
         self._any_dry = self._any_stuck = False
+        # of one arm rows: numpy takes longer for tables
+        self.shape = shape[1:] if shape[0] == 1 else shape
+        tables = (
+            *(self.q, self.dq, bodies.acceleration, bodies.rotors, self._viscous),
+            *(self._brake, self._direction, self._mask, self._way, self._out),
+            *(self._work, self._held, self._old_q, self._old_dq, self._sticking),
+            self._over,
+        )
+        self._rows = tuple(table.reshape(self.shape) for table in tables)
 
     def put(self, number: int, drive: ArmDrive) -> None:
         """Give an arm, numbered from 0, other rotors and friction; ``reset`` has to follow.
@@ -166,90 +182,84 @@ class RigidStep:
         self._effective[number] = self._rotors[number] + self._dt * viscous
         self._keep(np.array([number]), np.zeros((1, self.q.shape[1])))
         rotors = self._effective[number] + HOLD * self._sticking[number]
-        self._bodies.rotors[number] = rotors
+        self._bodies.set_rotors(number, rotors)
 
     def set_viscous(self, viscous: np.ndarray) -> None:
         """Change b [N m s/rad]."""
         self._viscous[:] = viscous
         self._effective = self._rotors + self._dt * self._viscous
-        self._bodies.rotors[:] = self._effective + HOLD * self._sticking
-
-    def begin(self) -> np.ndarray:
-        """Note the state before a step; the velocities [rad/s], valid until the next call."""
-        np.copyto(self._old_dq, self.dq)
-        return self._old_dq
+        rotors = self._effective + HOLD * self._sticking
+        self._bodies.set_rotors(slice(None), rotors)
 
     def advance(self, torque: np.ndarray, limit: np.ndarray) -> None:
-        """One step, begun before, under u [N m], all that acts on the joints but friction and rotors.
+        """One step under u [N m], all that acts on the joints but friction and rotors.
 
         Args:
-            torque: u.
-            limit: of dry friction [N m].
+            torque: u, of the step's own ``shape``.
+            limit: of dry friction [N m], of that shape.
         """
-        out, work, old, bodies = self._out, self._work, self._old_dq, self._bodies
+        q, velocity, acceleration, inertia, viscous, brake, direction, *more = (
+            self._rows
+        )
+        mask, way, out, work, held, old_q, old, sticking, over = more
+        bodies, stuck = self._bodies, self._any_stuck
         if self._coupled:
             torque = torque - self._taken(torque, limit)
-        multiply(self._viscous, old, work)
+        np.copyto(old, velocity)
+        multiply(viscous, old, work)
         subtract(torque, work, out)
         if not self._any_dry:
-            bodies.step(out)
+            bodies.step(self._out)
             bodies.accept()
             return
-        np.copyto(self._old_q, self.q)
-        multiply(self._direction, limit, work)
+        np.copyto(old_q, q)
+        multiply(direction, limit, work)
         subtract(out, work, out)
-        if self._any_stuck:
-            # what rests has no velocity to brake
-            multiply(self._brake, old, work)
+        brakes = stuck and bodies.new
+        if brakes:
+            # once it rests, what sticks has no velocity to brake
+            multiply(brake, old, work)
             subtract(out, work, out)
-        bodies.step(out)
-        if not self._any_stuck:
-            multiply(self.dq, self._mask, work)
-            if sign(work, work).tobytes() != self._signs:
-                wrong = np.flatnonzero((work != self._direction).any(axis=1))
-                self._again(wrong, np.zeros((len(wrong), 1)), work, torque, limit)
-            bodies.accept()
-            return
-        self.dq[self._sticking] = 0.0
-        # of the joints that stick, what holds them is the friction
-        held = bodies.rotors * bodies.acceleration + work
-        over = (np.abs(held) > limit) & self._sticking
-        multiply(self.dq, self._mask, work)
-        sign(work, work)
-        wrong = np.flatnonzero(((work != self._direction) | over).any(axis=1))
-        if len(wrong):
-            pushed = over[wrong] * np.where(held[wrong] > 0, 1.0, -1.0)
-            self._again(wrong, pushed, work, torque, limit)
+        bodies.new = False
+        bodies.step(self._out)
+        if stuck:
+            np.copyto(velocity, 0.0, where=sticking)
+            # of the joints that stick, what holds them is the friction
+            multiply(inertia, acceleration, held)
+            if brakes:
+                add(held, work, held)
+            greater(absolute(held, work), limit, over)
+            logical_and(over, sticking, over)
+            stuck = np.count_nonzero(over) > 0
+        multiply(velocity, mask, way)
+        signs = sign(way, way).tobytes()
+        if stuck or signs != self._signs:
+            shape = self.q.shape
+            self._again(torque.reshape(shape), limit.reshape(shape))
         bodies.accept()
 
     def _taken(self, torque: np.ndarray, limit: np.ndarray) -> np.ndarray:
         """Torque that motors take which turn several joints [N m], under that on the joints."""
-        taken = np.zeros_like(torque)
+        shape = self.q.shape
+        taken, torque, limit = (
+            np.zeros(shape),
+            torque.reshape(shape),
+            limit.reshape(shape),
+        )
         for arm, motors in self._coupled:
             own = self._rotors[arm], self._viscous[arm], limit[arm]
             taken[arm] = motors(self.q[arm], self.dq[arm], torque[arm], *own)
-        return taken
+        return taken.reshape(self.shape)
 
-    def _again(
-        self,
-        arms: np.ndarray,
-        pushed: np.ndarray,
-        way: np.ndarray,
-        torque: np.ndarray,
-        limit: np.ndarray,
-    ) -> None:
-        """Steps of some arms, k of them, whose first guess was wrong.
-
-        Args:
-            arms: their numbers.
-            pushed: direction of the joints that do not stick as guessed, 0 of others, shape (k, n) or (k, 1).
-            way: directions in which joints with dry friction went, of all arms.
-            torque, limit: as in ``advance``.
-        """
-        arms = arms.astype(np.int32)
-        stays = self._direction[arms] == way[arms]
-        guess = np.where(stays, way[arms], 0.0)
-        guess = np.where(pushed != 0, pushed, guess)
+    def _again(self, torque: np.ndarray, limit: np.ndarray) -> None:
+        """Steps of the arms, k of them, whose first guess was wrong; torque and limit as in ``advance``, (N, n)."""
+        over = self._over if self._any_stuck else np.zeros_like(self._over)
+        wrong = (self._way != self._direction) | over
+        arms = np.flatnonzero(wrong.any(axis=1)).astype(np.int32)
+        way = self._way[arms]
+        guess = np.where(self._direction[arms] == way, way, 0.0)
+        pushed = np.where(self._held[arms] > 0, 1.0, -1.0)
+        guess = np.where(over[arms], pushed, guess)
         old, limit = self._old_dq[arms], limit[arms]
         work = torque[arms] - self._viscous[arms] * old
         known = (old, work, limit, self._dry[arms], self._effective[arms])
@@ -296,7 +306,7 @@ class RigidStep:
         hold = HOLD * stuck
         inertia, braking = effective + hold, hold / self._dt * old
         self._take_back(arms)
-        self._bodies.rotors[arms] = inertia
+        self._bodies.set_rotors(arms, inertia)
         self._bodies.step(work - direction * limit - braking, only=arms)
         velocity = np.where(stuck, 0.0, self.dq[arms])
         self.dq[arms] = velocity

@@ -57,9 +57,11 @@ class Bodies(ABC):
     Attributes:
         position, velocity: present state [rad], [rad/s], shape (N, n); written to take a step back.
         acceleration: of the last step [rad/s^2], shape (N, n); read only.
-        rotors: inertia on the diagonal of the mass matrix [kg m^2], shape (N, n); written to change it.
+        rotors: inertia on the diagonal of the mass matrix [kg m^2], shape (N, n); read only.
+        new: whether an arm has come to its state otherwise than by the last step.
     """
 
+    new: bool
     position: np.ndarray
     velocity: np.ndarray
     acceleration: np.ndarray
@@ -74,6 +76,10 @@ class Bodies(ABC):
     ) -> None:
         """Give an arm other bodies of the same structure, and another gravity [m/s^2], where an engine can."""
         raise NotImplementedError
+
+    def set_rotors(self, arms: int | slice | np.ndarray, rotors: np.ndarray) -> None:
+        """Change the inertia on the diagonal of the mass matrix of some arms [kg m^2]."""
+        self.rotors[arms] = rotors
 
     @abstractmethod
     def run(self, torque: np.ndarray, count: int) -> None:

@@ -87,6 +87,7 @@ class MuJoCoBodies(Bodies):
         self._force = self._batch.bind("qfrc_applied")
         self.rotors = self._batch.expand("dof_armature")
         self._bodies: dict[str, np.ndarray] | None = None
+        self.new = True
 
     def set_bodies(
         self, number: int, links: tuple[Link, ...], gravity: np.ndarray
@@ -117,6 +118,7 @@ class MuJoCoBodies(Bodies):
         """Put an arm at positions q [rad or m] with velocities dq, shape (n,), and forget its past."""
         self._batch.reset([number], stage=NO_STAGE)
         self.position[number], self.velocity[number] = q, dq
+        self.new = True
 
     def run(self, torque: np.ndarray, count: int) -> None:
         """Hold joint torque [N m or N], shape (N, n), for ``count`` time steps."""
@@ -125,7 +127,10 @@ class MuJoCoBodies(Bodies):
 
     def step(self, torque: np.ndarray, only: np.ndarray | None = None) -> None:
         """A step under joint torque [N m or N], of all arms or of those numbered ``only``."""
-        self._force[slice(None) if only is None else only] = torque
+        if only is None:
+            np.copyto(self._force, torque)
+        else:
+            self._force[only] = torque
         self._batch.step(only, 1)
 
     def accept(self) -> None:

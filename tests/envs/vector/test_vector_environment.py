@@ -15,9 +15,8 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.catalogue import CATALOGUE, register, remove
 from gapscope.effects.severity import draw
-from gapscope.envs.environment import ArmTracking
+from gapscope.envs.environment import ArmTracking, VectorArmTracking
 from gapscope.envs.randomisation import Randomisation
-from gapscope.envs.vector.environment import VectorArmTracking
 
 NAME = "gapscope/ArmTracking-v0"
 ALONE = ("joint_elasticity", "backlash")

@@ -1,1 +1,0 @@
-"""Many environments of one arm in one process, stepped together on MuJoCo."""
