@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gapscope.ident.checks.table_row import FOUND, Row
+from gapscope.ident.checks.warnings import WORSE
 from gapscope.ident.identification import Identification
 from gapscope.ident.output.filter_json import filter_document
 from gapscope.reports.identification.filter_section import filter_sentence
@@ -21,7 +22,10 @@ MAX_NAMES = 3
 
 
 def summary(result: Identification) -> Group:
-    """The table of errors per joint, and lines on what was fitted, found, asked, and what is doubtful."""
+    """The table of errors per joint, and lines on what was fitted, found, asked, and what is doubtful.
+
+    Before them, if the nominal arm predicts what was held out better, that it does.
+    """
     found = [row for row in result.table if row.verdict == FOUND]
     warnings = [text for text in result.warnings if not _repeats(text, found)]
     lines = [
@@ -30,7 +34,9 @@ def summary(result: Identification) -> Group:
         *(f"found: {row.entry.cause}{_on_joints(row.joints)}" for row in found),
         *(f"warning: {shortened(warning)}" for warning in warnings),
     ]
-    return Group(_errors(result), *(Text(line) for line in lines))
+    first = [f"warning: {text}" for text in warnings if text.startswith(WORSE)]
+    rest = [line for line in lines if WORSE not in line]
+    return Group(*map(Text, first), _errors(result), *map(Text, rest))
 
 
 def _errors(result: Identification) -> Table:
