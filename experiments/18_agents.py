@@ -7,7 +7,8 @@ The hidden arms, and what was identified and diagnosed of them, are the KUKA iiw
 are not there are made. Seed i is the arm and the seed of the training; arm 0, on which the shipped settings were tried
 out, is left out. Each agent is trained in the simulator made from its model (for `pd` the nominal arm), with the same
 gains, reach and number of actions; the agent that is kept is the best in that simulator, and what is told of it comes
-from motions that chose nothing. PPO is trained on all models, SAC on those of `OFF_POLICY`.
+from motions that chose nothing. PPO is trained on all models, SAC on those of `OFF_POLICY`; `--agents gains` is what
+`gapscope train` does by default.
 
 Each cell (model, agent, seed) is a JSON file, written whole; a rerun continues where the last one ended, within a cell
 at the last round. `--table` only prints what is there. Writes `curves.html`. Needs the extras `learn` and `mujoco`.
@@ -20,6 +21,7 @@ import json
 import warnings
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import replace
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -32,7 +34,11 @@ from gapscope.agents.training.held_out_trial import Policy, episodes, held_out, 
 from gapscope.agents.training.policy import write_agent
 from gapscope.agents.training.task import Task
 from gapscope.agents.training.training_loop import Training
-from gapscope.agents.training.training_settings import TrainingSettings, read_settings
+from gapscope.agents.training.training_settings import (
+    RESIDUAL,
+    TrainingSettings,
+    read_settings,
+)
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import write_json
 from gapscope.effects.corrected_file import read_corrected
@@ -43,6 +49,10 @@ TRIED = ("pd", "nominal", RANDOMISED, "identified", "corrected", "corrected + ne
 OFF_POLICY = ("pd", "nominal", "corrected")
 """Models on top of which SAC and TD3 are trained; without `pd` there would be nothing to compare them with."""
 ENGINES = ("pybullet", "mujoco")
+GAINS = "gains"
+"""PPO as `gapscope train` ships it: it changes gains, on arms with effects drawn around the model."""
+AS_THEN: dict[str, Any] = {"randomise": (), "count": (1, 3), "severity": (0.5, 1.5)}
+"""Of the table's agents nothing was drawn around the model unless said."""
 UNSEEN = 1000
 """Seed of the first motion on which the agents are told of."""
 Cells = dict[tuple[str, str, int], Any]
@@ -55,12 +65,17 @@ def cell(
     warnings.simplefilter("ignore")
     file = place(model, agent, seed, out)
     folder, source = arms / ROBOT / str(seed), MODELS[model.split(" + rand")[0]]
-    settings = read_settings(agent, steps=steps, seed=seed)
+    settings = (
+        read_settings("ppo")
+        if agent == GAINS
+        else read_settings(RESIDUAL if agent == "ppo" else agent, **AS_THEN)
+    )
+    settings = replace(settings, steps=steps or settings.steps, seed=seed)
     settings = settings.randomised() if model == RANDOMISED else settings
     source = str(folder / source) if "." in source else source
     task = Task.of(source, ROBOTS[ROBOT](), read_corrected(folder / "truth.yaml"))
     trained = Training(task, settings, file.with_suffix("")).run()
-    write_agent(task, settings, trained, file.with_suffix(""))
+    write_agent(task, trained, file.with_suffix(""))
     found = {
         "model": model,
         "agent": agent,

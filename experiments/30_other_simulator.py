@@ -19,7 +19,7 @@ from __future__ import annotations
 import argparse
 import json
 import warnings
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from itertools import product
 from math import inf, sqrt
 from pathlib import Path
@@ -32,11 +32,10 @@ from generator_arms import ARMS, MOTIONS, Fed, GeneratorArm, prepare
 from gapscope.agents.model_files import read_model
 from gapscope.agents.torque_model import ArmModel
 from gapscope.agents.training.agent_model import read_agent_model
-from gapscope.agents.training.checkpoint import read_checkpoint
-from gapscope.agents.training.policy import DOCUMENT, write_agent
+from gapscope.agents.training.policy import DOCUMENT, LAST, write_agent
 from gapscope.agents.training.task import Task
-from gapscope.agents.training.training_loop import CHECKPOINTS, WEIGHTS, Training
-from gapscope.agents.training.training_settings import read_settings
+from gapscope.agents.training.training_loop import Training
+from gapscope.agents.training.training_settings import RESIDUAL, read_settings
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import plain, write_json
 from gapscope.effects.corrected import CorrectedArm
@@ -58,13 +57,9 @@ def trained(model: str, number: int, steps: int, arm: GeneratorArm, here: Path) 
     folder = here / f"agent_{model}"
     if not (folder / DOCUMENT).is_file():
         task = Task.of(source(model, here), arm.arm)
-        settings = read_settings("ppo", steps=steps, seed=number)
-        found = Training(task, settings, folder).run()
-        newest = read_checkpoint(folder / CHECKPOINTS)
-        assert newest is not None
-        last = replace(found, weights=newest[0] / WEIGHTS, best=len(found.curve) - 1)
-        write_agent(task, settings, last, folder)
-    return folder
+        settings = read_settings(RESIDUAL, steps=steps, seed=number, randomise=())
+        write_agent(task, Training(task, settings, folder).run(), folder)
+    return folder / LAST
 
 
 def source(model: str, here: Path) -> str:

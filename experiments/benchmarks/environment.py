@@ -190,9 +190,9 @@ def _stepped(env: VectorArmTracking, rows: np.ndarray, count: int) -> speed.Loop
 
 def _ppo(settings: Settings) -> list[Row]:
     """Time per action of training, of the processor and by the clock."""
-    from gapscope.agents.training.training_settings import read_settings
+    from gapscope.agents.training.training_settings import RESIDUAL, read_settings
 
-    shipped = read_settings("ppo")
+    shipped = read_settings(RESIDUAL, randomise=())
     before = replace(
         shipped,
         environments=8,

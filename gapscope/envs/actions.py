@@ -12,11 +12,12 @@ from gapscope.arm.motions.named_motions import Workspace
 from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
 
-ACTION_KINDS = ("residual", "scale", "torque")
+ACTION_KINDS = ("residual", "scale", "gains", "torque")
 """``torque``: the action is the commanded torque. ``residual``: it is added to PD and feedforward. ``scale``: it
-multiplies feedforward and gains."""
-SHARES = {"residual": 0.2, "scale": 0.0, "torque": 1.0}
-"""Torque of an action of 1 over the rated torque, by default; ``scale`` has none."""
+multiplies feedforward and gains. ``gains``: one number multiplies the gains of all joints, so that it does nothing
+where there is nothing to correct."""
+SHARES = {"residual": 0.2, "scale": 0.0, "gains": 0.0, "torque": 1.0}
+"""Torque of an action of 1 over the rated torque, by default; factors have none."""
 FEEDFORWARD_SPAN = 0.5
 """With ``scale``, share by which an action of 1 raises the feedforward [1]."""
 GENEROUS = 2.0
@@ -53,21 +54,28 @@ class Control(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Numbers in an action: one per joint, with ``scale`` two."""
-        return len(self.rated) * (2 if self.kind == "scale" else 1)
+        """Numbers in an action: one per joint, with ``scale`` two, with ``gains`` one in all."""
+        sizes = {"scale": 2 * len(self.rated), "gains": 1}
+        return sizes.get(self.kind, len(self.rated))
+
+    @property
+    def multiplies(self) -> bool:
+        """Whether actions are factors."""
+        return self.kind in ("scale", "gains")
 
 
-def scaled(gains: Gains, action: np.ndarray) -> tuple[np.ndarray, Gains]:
-    """Factor of the feedforward [1], shape (..., n), and gains of an action a of kind ``scale``, shape (..., 2 n).
+def scaled(gains: Gains, action: np.ndarray) -> tuple[np.ndarray | float, Gains]:
+    """Factor of the feedforward [1], shape (..., n) or 1, and gains, of an action a, shape (..., 2 n) or (..., 1).
 
-    The feedforward of joint i is multiplied by 1 + a_i / 2, kp by 2^a_(n+i) and kd by its square root, so that the
-    damping ratio stays.
+    kp of joint i is multiplied by 2^a_i and kd by its square root, so that the damping ratio stays. One number a is for
+    all joints. Of 2 n numbers the last are for the gains; with the first n the feedforward of joint i is multiplied by
+    1 + a_i / 2.
     """
     n = len(gains.kp)
-    factor = 2.0 ** action[..., n:]
-    return 1.0 + FEEDFORWARD_SPAN * action[..., :n], Gains(
-        gains.kp * factor, gains.kd * np.sqrt(factor)
-    )
+    both = action.shape[-1] == 2 * n
+    factor = 2.0 ** (action[..., n:] if both else action)
+    feedforward = 1.0 + FEEDFORWARD_SPAN * action[..., :n] if both else 1.0
+    return feedforward, Gains(gains.kp * factor, gains.kd * np.sqrt(factor))
 
 
 def torque_limit(arm: NominalArm, body: RigidBody) -> np.ndarray:

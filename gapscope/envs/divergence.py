@@ -22,6 +22,7 @@ SMALLEST = 1e-3
 SMALLER = {
     "residual": "a smaller action_share or action_reach",
     "scale": "smaller actions",
+    "gains": "smaller actions",
     "torque": "a smaller action_share",
 }
 """What makes an action of 1 less, by kind of action."""

@@ -105,7 +105,7 @@ class ControlledArm:
         if self._network is not None:
             self._network.see(number, self.position, self.velocity)
         if control.gains is not None:
-            if control.kind == "scale":
+            if control.multiplies:
                 return self._track(first, 0.0, *scaled(control.gains, action))
             return self._track(first, control.scale * action, 1.0, control.gains)
         before, torque = self.torque, control.scale * action

@@ -166,7 +166,7 @@ class ControlledArms:
         added: np.ndarray | float = 0.0
         factor: np.ndarray | float = 1.0
         gains: Gains = control.gains
-        if control.kind == "scale":
+        if control.multiplies:
             factor, gains = scaled(gains, action)
         else:
             added = control.scale * action
