@@ -200,6 +200,20 @@ class TestResults:
             refused = gapscope("identify", healthy, "--out", tmp_path / "no", *option)
             assert refused.code == 2 and text in refused.err
 
+    def test_a_partial_update_says_what_it_moved(
+        self, gapscope: Command, sick: Path, tmp_path: Path
+    ) -> None:
+        out = tmp_path / "out"
+        done = gapscope("identify", sick, "--out", out, "--estimator", "partial_update")
+        document = json.loads((out / "identification.json").read_text(encoding="utf-8"))
+        entries = document["base"]["parameters"]
+        assert all(p["moved"] == (p["value"] != p["nominal"]) for p in entries)
+        count = sum(p["moved"] for p in entries)
+        said = f"partial update: {count} of {len(entries)} base parameters moved"
+        assert count and said in " ".join(done.out.split())
+        page = (out / "report.html").read_text(encoding="utf-8")
+        assert "<th>partial update</th>" in page and "<td>moved</td>" in page
+
     def test_document_says_what_the_recordings_tell(
         self, gapscope: Command, healthy: Path, tmp_path: Path
     ) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Sequence
 
+import numpy as np
 from rich.console import Group
 from rich.table import Table
 from rich.text import Text
@@ -63,13 +64,24 @@ def _facts(result: Identification) -> list[str]:
     """Which recordings were fitted and held out, and the size and condition of the problem."""
     fit, held_out = result.validation
     base, cutoff = result.base, result.settings.cutoff
+    moved = () if result.moved is None else (_moved(result, result.moved),)
     document = {"filter": filter_document(result.filtered, base.expressions(1e-2))}
     return [
         f"fitted {_named(fit.recordings)}; held out {_named(held_out.recordings)}",
         f"{base.count} base parameters of {len(base.names)}, condition number {result.condition:.3g}; "
         f"friction: {result.choice.law}; cut-off {cutoff:.3g} Hz",
+        *moved,
         f"Kalman filter: {filter_sentence(document)}",
     ]
+
+
+def _moved(result: Identification, moved: np.ndarray) -> str:
+    """Which base parameters a partial update moved."""
+    names = [n for n, m in zip(result.estimate.names, moved, strict=True) if m]
+    which = f": {', '.join(names)}" if names else ""
+    return shortened(
+        f"partial update: {len(names)} of {len(moved)} base parameters moved, the others stay nominal{which}"
+    )
 
 
 def shortened(warning: str, limit: int = MAX_WARNING) -> str:
