@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import gymnasium
 import numpy as np
+from gapscope.envs.vector.environment import VectorArmTracking
 from mujoco.batch import Batch
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -32,7 +33,6 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.engines.pybullet import pybullet
 from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.simulated_arm import SimulatedArm
-from gapscope.envs.vector.environment import VectorArmTracking
 
 from .measure import Point, Row, Settings, compared
 
@@ -301,9 +301,9 @@ def _stepped(env: VectorArmTracking, rows: np.ndarray, count: int) -> Loop:
 
 def _ppo(settings: Settings) -> list[Row]:
     """Time per action of training, of the processor and by the clock."""
-    from gapscope.agents.training.training_settings import read_settings
+    from gapscope.agents.training.training_settings import RESIDUAL, read_settings
 
-    shipped = read_settings("ppo")
+    shipped = read_settings(RESIDUAL, randomise=())
     before = replace(
         shipped,
         environments=8,

@@ -107,7 +107,7 @@ class AgentController:
         control, gains = self.agent.control, self.gains
         if control.kind == "torque":
             return control.scale * self._action
-        if control.kind == "scale":
+        if control.multiplies:
             factor, gains = scaled(gains, self._action)
             return factor * planned + gains.kp * error + gains.kd * rate
         added = control.scale * self._action

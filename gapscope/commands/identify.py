@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from gapscope.commands.options import CasePath, Results
+from gapscope.commands.options import CasePath, Results, split_names
 from gapscope.terminal import Progress, console, wrote
 
 Cutoff = Annotated[
@@ -48,6 +48,28 @@ AnyTorque = Annotated[
     ),
 ]
 
+RidgeStrength = Annotated[
+    float | None,
+    typer.Option(
+        min=0.0,
+        help="strength of the pull to the nominal arm, with columns of unit norm; default: by held-out motions",
+    ),
+]
+SingularValues = Annotated[
+    int | None,
+    typer.Option(
+        min=0,
+        help="directions that truncated_svd keeps; default: by held-out motions",
+    ),
+]
+Keep = Annotated[
+    str,
+    typer.Option(
+        help="parameters that stay at the nominal arm's, with commas: m5, I3, or link5 for all of a link",
+        metavar="NAMES",
+    ),
+]
+
 
 def identify(
     case: CasePath,
@@ -57,6 +79,9 @@ def identify(
     judge: HeldOut = None,
     any_torque: AnyTorque = False,
     filter_: Filter = "recursive",
+    ridge: RidgeStrength = None,
+    singular_values: SingularValues = None,
+    keep: Keep = "",
 ) -> None:
     """Identify base and physical parameters and friction."""
     from gapscope.arm.folder_lock import locked
@@ -66,8 +91,19 @@ def identify(
     from gapscope.outputs.identification import DOCUMENT
     from gapscope.reports.identification.terminal_summary import summary
 
+    if estimator == "consistent" and ridge is not None:
+        estimator = "ridge"
+    if estimator == "consistent" and singular_values is not None:
+        estimator = "truncated_svd"
     settings = IdentificationSettings(
-        cutoff, estimator, tuple(judge or ()), any_torque, filter=filter_
+        cutoff,
+        estimator,
+        tuple(judge or ()),
+        any_torque,
+        filter=filter_,
+        ridge=ridge,
+        singular_values=singular_values,
+        keep=split_names(keep) if keep else (),
     )
     with Progress(case.name or str(case)) as progress, locked(out):
         begin_results(out, DOCUMENT)

@@ -293,9 +293,7 @@ class ControlledArms:
             "effects": [described(applied) for applied in self.effects[number]],
         }
 
-    def early_end(
-        self, number: int, at: int, done: int, acted: bool
-    ) -> dict[str, Any]:
+    def early_end(self, number: int, at: int, done: int, acted: bool) -> dict[str, Any]:
         """Why the episode of an arm ends early, if it does, after so many steps of the action numbered ``at``.
 
         ``acted``: whether one of its actions was other than zero.

@@ -12,6 +12,7 @@ import numpy as np
 
 from gapscope.arm.case import Case
 from gapscope.arm.errors import InputError
+from gapscope.arm.nearest_name import check_known
 from gapscope.arm.recording import Recording
 from gapscope.ident.checks.fit_evidence import NominalSimilarity, nominal_similarity
 from gapscope.ident.checks.plausible_samples import (
@@ -40,6 +41,10 @@ FILTERS = ("recursive", "unscented")
 """What follows the parameters over time; the recursive filter always does."""
 
 
+HELD = 1e6
+"""Pull on a parameter that is kept, over the usual one and the squares of its column at unit noise [1]."""
+
+
 @dataclass(frozen=True)
 class IdentificationSettings:
     """How to identify.
@@ -52,6 +57,9 @@ class IdentificationSettings:
         trim: leave out both ends of a segment, where the filter settles.
         filter: ``recursive``, or ``unscented`` to follow states and friction together as well.
         plain: only what URDF, data sheet and effects can express: no friction that keeps its direction at rest.
+        ridge: strength of the estimator ``ridge`` [1], chosen by held-out motions if ``None``.
+        singular_values: how many ``truncated_svd`` keeps, likewise.
+        keep: parameters that ``consistent`` leaves at the nominal arm's, by name; ``link5`` for all ten of a link.
     """
 
     cutoff: float | None = None
@@ -61,6 +69,24 @@ class IdentificationSettings:
     trim: bool = True
     filter: str = "recursive"
     plain: bool = False
+    ridge: float | None = None
+    singular_values: int | None = None
+    keep: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check that what is asked for belongs to the estimator."""
+        belongs = {
+            "ridge": (self.ridge is not None, "ridge"),
+            "singular-values": (self.singular_values is not None, "truncated_svd"),
+            "keep": (bool(self.keep), "consistent"),
+        }
+        for option, (given, estimator) in belongs.items():
+            if given and self.estimator != estimator:
+                raise InputError(
+                    f"belongs to the estimator {estimator}, not {self.estimator}",
+                    f"leave it out, or --estimator {estimator}",
+                    where=f"--{option}",
+                )
 
 
 @dataclass(frozen=True)
@@ -139,7 +165,13 @@ def fit_parameters(
     progress(f"estimates {base.count} base parameters")
     problem = base_problem(samples, choice, base)
     nominal = columns.nominal(choice.law)
-    given = Given(base, nominal, lambda: closed_loop(case, fit, samples, base, problem))
+    given = Given(
+        base,
+        nominal,
+        lambda: closed_loop(case, fit, samples, base, problem),
+        settings.ridge,
+        settings.singular_values,
+    )
     estimator = chosen.make(given)
     estimate = estimator.estimate(problem)
     uncertainty = chosen.interval(problem, estimator, estimate)
@@ -147,6 +179,10 @@ def fit_parameters(
     weighted = matrix[:, :, base.kept] / choice.noise[:, None]
     flat = weighted.reshape(-1, base.count)
     penalty = choice.pull * penalties(samples, choice.law, matrix, choice.noise)
+    kept = _places(settings.keep, columns.names(choice.law), columns.arm.n_joints)
+    # stiffer than all samples together
+    pulled = matrix[:, :, kept] / choice.noise[:, None]
+    penalty[kept] = HELD * (penalty[kept] + (pulled**2).mean(axis=(0, 1)))
     physical = consistent(
         base,
         estimate.value,
@@ -192,6 +228,19 @@ def _samples(
     simplest = _sample_base(samples.matrix(FrictionLaw()), columns, FrictionLaw())
     check_count(samples, simplest.count, fit[0].name)
     return samples, similarity
+
+
+def _places(keep: Sequence[str], names: Sequence[str], n_joints: int) -> list[int]:
+    """Places of parameters by name, ``link5`` for the ten of a link.
+
+    Raises:
+        InputError: there is no such parameter.
+    """
+    links = {f"link{j + 1}": range(10 * j, 10 * j + 10) for j in range(n_joints)}
+    known = {name: range(k, k + 1) for k, name in enumerate(names)} | links
+    for name in keep:
+        check_known("parameter", name, known, where="--keep")
+    return [place for name in keep for place in known[name]]
 
 
 def _sample_base(

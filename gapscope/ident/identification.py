@@ -17,6 +17,7 @@ from gapscope.ident.checks.troubleshooting import fill_in
 from gapscope.ident.checks.warnings import identification_warnings
 from gapscope.ident.estimators.by_name import method
 from gapscope.ident.estimators.estimate import Estimate
+from gapscope.ident.estimators.partial_update import PartialUpdate
 from gapscope.ident.estimators.wls import WeightedLeastSquares
 from gapscope.ident.fitted_parameters import (
     FittedParameters,
@@ -103,6 +104,14 @@ class Identification:
         kalman = self.settings.estimator == "kalman"
         batch = None if kalman else self.estimate.value
         return review(self.fitted.samples, self.fitted.problem, batch, self.changes)
+
+    @property
+    def moved(self) -> np.ndarray | None:
+        """Which base parameters a partial update moved, the others stay nominal, (b,); ``None`` of other estimators."""
+        estimator = self.fitted.estimator
+        if not isinstance(estimator, PartialUpdate):
+            return None
+        return estimator.moved(self.estimate)
 
     def predict(self, motion: Motion) -> np.ndarray:
         """Torque that would be recorded on a motion without payload [N m], shape (N, n)."""

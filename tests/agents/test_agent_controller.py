@@ -47,10 +47,10 @@ def _agent(arm: NominalArm, policy: Noting, kind: str = "residual") -> AgentMode
     )
 
 
-@pytest.mark.parametrize("kind", ["residual", "scale", "torque"])
+@pytest.mark.parametrize("kind", ["residual", "scale", "gains", "torque"])
 def test_it_moves_an_arm_as_the_environment_does(two: NominalArm, kind: str) -> None:
     """The same policy, gains and motion: observations and positions agree."""
-    size = 4 if kind == "scale" else 2
+    size = {"scale": 4, "gains": 1}.get(kind, 2)
     reach = REACH if kind == "residual" else None
     motion = draw_motion(
         "fourier", np.random.default_rng(1), workspace(RigidBody(two)), 1.0

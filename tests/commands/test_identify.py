@@ -14,7 +14,7 @@ import pytest
 from sweeps import daily
 
 from gapscope.arm.case import load_case
-from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.dynamics.rigid_body import INERTIAL_PARAMETERS, RigidBody
 from gapscope.effects.corrected_file import read_corrected
 from gapscope.ident.estimators.by_name import METHODS
 from gapscope.ident.model.physical_parameters import check_links
@@ -150,6 +150,46 @@ class TestResults:
         )
         assert document["warnings"]
         assert all(warning[:60] in out for warning in document["warnings"])
+
+    def test_worse_than_the_nominal_arm_is_the_first_line(
+        self, gapscope: Command, healthy: Path, tmp_path: Path
+    ) -> None:
+        """The fitted recordings have a quarter more torque than the one that is held out; link 2 stays as it is."""
+        last = healthy / "recording_2.csv"
+        right = last.read_bytes()
+        rewrite(healthy, column("tau", lambda x: 1.25 * x))
+        last.write_bytes(right)
+        out = tmp_path / "out"
+        done = gapscope("identify", healthy, "--out", out, "--keep", "link2,I1")
+        first = " ".join(done.out.split())[:200]
+        assert first.startswith("warning: what was held out is predicted worse than by")
+        document = json.loads((out / "identification.json").read_text(encoding="utf-8"))
+        assert document["warnings"][0].startswith("what was held out is predicted")
+        kept = {f"{name}2" for name in INERTIAL_PARAMETERS} | {"I1"}
+        for entry in document["parameters"]:
+            change = abs(entry["value"] - entry["nominal"])
+            if entry["name"] in kept:
+                assert change < 1e-4 * max(abs(entry["nominal"]), 1.0)
+        for option, text in (
+            (("--keep", "m9"), "m9"),
+            (("--estimator", "wls", "--keep", "m1"), "consistent"),
+        ):
+            refused = gapscope("identify", healthy, "--out", tmp_path / "no", *option)
+            assert refused.code == 2 and text in refused.err
+
+    def test_a_partial_update_says_what_it_moved(
+        self, gapscope: Command, sick: Path, tmp_path: Path
+    ) -> None:
+        out = tmp_path / "out"
+        done = gapscope("identify", sick, "--out", out, "--estimator", "partial_update")
+        document = json.loads((out / "identification.json").read_text(encoding="utf-8"))
+        entries = document["base"]["parameters"]
+        assert all(p["moved"] == (p["value"] != p["nominal"]) for p in entries)
+        count = sum(p["moved"] for p in entries)
+        said = f"partial update: {count} of {len(entries)} base parameters moved"
+        assert count and said in " ".join(done.out.split())
+        page = (out / "report.html").read_text(encoding="utf-8")
+        assert "<th>partial update</th>" in page and "<td>moved</td>" in page
 
     def test_document_says_what_the_recordings_tell(self, identified: Once) -> None:
         out, document, _ = identified("healthy")

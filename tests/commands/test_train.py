@@ -56,7 +56,8 @@ def test_writes_agent_curve_and_page_and_goes_on(
     assert done.code == 0, done.err
     names = ["policy.zip", "curve.csv", "learning_curve.html", "agent.json"]
     assert done.out.splitlines()[-4:] == [f"wrote {out / name}" for name in names]
-    assert "on the hidden arm" in done.out
+    assert "on the hidden arm" in done.out and " is kept: " in done.out
+    assert (out / "last" / "policy.zip").is_file()
     content = json.loads((out / "agent.json").read_text())
     assert content["joints"] == ["yaw", "pitch"] and content["steps"] == 128
     with (out / "curve.csv").open(newline="") as file:

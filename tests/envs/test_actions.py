@@ -60,6 +60,22 @@ def test_scale_with_zero_actions_is_the_controller_itself(
         np.testing.assert_array_equal(one[plain.layout.slices["error"]], other[part])
 
 
+def test_one_action_changes_all_gains(data_sheet_arm: NominalArm) -> None:
+    env = ArmTracking(data_sheet_arm, action="gains")
+    assert env.action_space.shape == (1,)
+    gains = env.setup.control.gains
+    assert gains is not None
+    factor, stiffer = scaled(gains, np.ones(1))
+    assert factor == 1.0
+    np.testing.assert_allclose(stiffer.kp, 2 * gains.kp)
+    np.testing.assert_allclose(stiffer.kd, np.sqrt(2) * gains.kd)
+    zero = run(env, np.zeros(1))[-1][env.layout.slices["error"]]
+    plain = ArmTracking(data_sheet_arm)
+    np.testing.assert_array_equal(
+        zero, run(plain, np.zeros(7))[-1][plain.layout.slices["error"]]
+    )
+
+
 def test_more_feedforward_lifts_the_arm(pendulum) -> None:
     errors = []
     for action in (0.0, 1.0):

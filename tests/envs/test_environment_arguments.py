@@ -30,6 +30,7 @@ COULOMB = AppliedEffect("coulomb_friction", (1, 4), {"torque": [3.0, 2.0]})
         (np.zeros((1, 7)), "residual", r"shape \(1, 7\)"),
         (0.0, "torque", r"shape \(\)"),
         (np.zeros(7), "scale", "expected 14 numbers"),
+        (np.zeros(7), "gains", "expected 1 numbers"),
         (["much"] * 7, "residual", "not a number"),
     ],
 )

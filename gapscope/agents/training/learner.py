@@ -61,11 +61,15 @@ def make_learner(settings: TrainingSettings, environment: Any) -> Any:
     kind = getattr(stable_baselines3, settings.algorithm.upper())
     if issubclass(kind, OffPolicyAlgorithm):
         kind = type(f"Gentle{kind.__name__}", (_Gentle, kind), {})
+    critic = "vf" if settings.algorithm == "ppo" else "qf"
+    value = settings.network
+    if settings.value_network is not None:
+        value = settings.value_network
     # networks are small: one call for all weights takes a fraction of the time of one for each
     adam: dict[str, Any] = {"fused": True}
     options: dict[str, Any] = {
         "policy_kwargs": {
-            "net_arch": list(settings.network),
+            "net_arch": {"pi": list(settings.network), critic: list(value)},
             "optimizer_kwargs": adam,
         },
         **settings.hyperparameters,
@@ -92,7 +96,7 @@ class _Gentle:
 
 
 def _hush(learner: Any, settings: TrainingSettings, torch: Any) -> None:
-    """Set the last layer of the policy to zero, and the exploration of SAC."""
+    """Set the last layer of the policy to zero, the value of PPO to perfect tracking, and the exploration of SAC."""
     policy = learner.policy
     with torch.no_grad():
         if settings.algorithm == "ppo":
@@ -104,6 +108,10 @@ def _hush(learner: Any, settings: TrainingSettings, torch: Any) -> None:
         for head in heads:
             head.weight.zero_()
             head.bias.zero_()
+        if settings.algorithm == "ppo":
+            # perfect tracking earns 1 an action; from 0 the value's errors would drown what actions do at first
+            policy.value_net.weight.zero_()
+            policy.value_net.bias.fill_(1 / (1 - learner.gamma))
         if settings.algorithm == "sac":
             policy.actor.log_std.bias.fill_(math.log(settings.exploration))
 

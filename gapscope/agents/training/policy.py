@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 import shutil
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,8 @@ from gapscope.envs.environment import ArmTracking
 from gapscope.provenance import library_versions, sha256
 
 POLICY, DOCUMENT = "policy.zip", "agent.json"
+LAST = "last"
+"""Folder, beside the agent that is kept, of the one after the last round."""
 LIBRARIES = ("gapscope", "numpy", "torch", "stable_baselines3")
 LARGEST_SIZE = 10_000
 """Numbers in an observation or action beyond which it is of no arm [1]."""
@@ -82,22 +85,18 @@ class TrainedAgent:
                 )
 
 
-def write_agent(
-    task: Task, settings: TrainingSettings, trained: Trained, folder: Path
-) -> dict[str, Any]:
-    """Write ``policy.zip``, ``normalisation.npz`` and, as the last, ``agent.json``; returns its content.
+def write_agent(task: Task, trained: Trained, folder: Path) -> dict[str, Any]:
+    """Write the agent that is kept, and the last one into the folder ``last`` beside it; returns ``agent.json``.
+
+    Each has ``policy.zip``, ``normalisation.npz`` and, as the last, ``agent.json``.
 
     Raises:
         GapscopeError: a file cannot be written.
     """
-    with atomic_write(folder / POLICY) as aside:
-        shutil.copyfile(trained.weights, aside)
-    trained.normalisation.write(folder / NORMALISATION)
-    env = task.simulator(settings)
+    env = task.simulator(trained.settings)
     layout = {name: part.stop - part.start for name, part in env.layout.slices.items()}
     size = env.actions
     env.close()
-    best = trained.curve[trained.best]
     content = {
         "schema": 1,
         "robot": task.arm.name,
@@ -105,19 +104,33 @@ def write_agent(
         "model": task.name,
         "observation": layout,
         "actions": size,
-        "settings": settings.plain(),
+        "settings": trained.settings.plain(),
         "steps": trained.curve[-1].steps,
-        "kept": {"steps": best.steps, **best.plain()},
         "untrained": trained.curve[0].plain(),
+        "last": trained.curve[-1].plain(),
+        "reason": trained.reason,
         "stopped_early": trained.stopped,
         "versions": {
             "python": platform.python_version(),
             **library_versions(LIBRARIES),
         },
-        "files": {name: sha256(folder / name) for name in (POLICY, NORMALISATION)},
     }
-    write_json(content, folder / DOCUMENT)
-    return content
+    _write(content, trained, len(trained.curve) - 1, trained.last, folder / LAST)
+    return _write(content, trained, trained.best, trained.weights, folder)
+
+
+def _write(
+    content: dict[str, Any], trained: Trained, place: int, weights: Path, folder: Path
+) -> dict[str, Any]:
+    """Write the agent at a place of the curve; the content of its document."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with atomic_write(folder / POLICY) as aside:
+        shutil.copyfile(weights, aside)
+    trained.normalisation.write(folder / NORMALISATION)
+    files = {name: sha256(folder / name) for name in (POLICY, NORMALISATION)}
+    whole = content | {"kept": trained.curve[place].plain(), "files": files}
+    write_json(whole, folder / DOCUMENT)
+    return whole
 
 
 def read_agent(folder: Path | str, arm: NominalArm) -> TrainedAgent:
@@ -145,7 +158,10 @@ def read_agent(folder: Path | str, arm: NominalArm) -> TrainedAgent:
     normalisation = Normalisation.read(folder / NORMALISATION)
     size, actions = sum(content["observation"].values()), content["actions"]
     try:
-        learner = make_learner(settings, _Spaces(size, actions))
+        with warnings.catch_warnings():
+            # of batches: it is not trained here
+            warnings.simplefilter("ignore", UserWarning)
+            learner = make_learner(settings, _Spaces(size, actions))
     except AssertionError as error:  # of stable-baselines3 on its hyperparameters
         raise InputError(
             f"its hyperparameters do not fit together ({error})",

@@ -4,37 +4,50 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from gapscope.agents.model_files import read_arm
 from gapscope.agents.torque_model import ArmModel, Gravity, TorqueModel
 from gapscope.agents.training.normalisation import Normalisation, Normalised
 from gapscope.agents.training.training_settings import TrainingSettings
+from gapscope.arm.errors import InputError
 from gapscope.arm.motions.named_motions import check_motion_name
 from gapscope.arm.nominal import NominalArm
+from gapscope.diagnosis.fleet.unit_ranges import read_ranges
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import External
+from gapscope.envs.effect_ranges import EffectRanges
 from gapscope.envs.environment import ArmTracking, VectorArmTracking
+from gapscope.envs.mystery_arm import HIDDEN
+from gapscope.envs.randomisation import Randomisation
+
+ROUGH = ("pd", "gravity")
+"""Models without inverse dynamics."""
 
 
 @dataclass(frozen=True)
 class Task:
     """A model, the simulator made from it, and the arm that it is to be right about.
 
-    Agents are trained and chosen in the simulator alone; the hidden effects act on no arm but ``hidden``'s.
+    Agents are trained and chosen in the simulator alone; the hidden effects act on no arm but ``hidden``'s. What is
+    known to be unknown about the model is drawn anew in each of its episodes: where a model is right about its
+    simulator there is nothing to learn.
 
     Attributes:
         arm: the nominal arm; gains and torque scale are computed with it, whatever the model.
         name: of the model: ``pd``, ``gravity``, ``nominal`` or its file.
         believed: the arm with effects that the model takes the arm for; of ``pd`` and ``gravity`` the nominal one.
         hidden: what the arm that is tried has beyond the nominal arm, or ``None`` if there is no such arm.
+        ranges: what the diagnosis beside the model's file leaves open of its effects, or ``None`` if there is none.
     """
 
     arm: NominalArm
     name: str
     believed: CorrectedArm
     hidden: tuple[AppliedEffect, ...] | None = None
+    ranges: EffectRanges | None = None
 
     @classmethod
     def of(
@@ -48,13 +61,23 @@ class Task:
         Raises:
             InputError: no such model, or one of an arm with other joints.
         """
-        believed = (
-            CorrectedArm(arm) if source in ("pd", "gravity") else read_arm(source, arm)
-        )
+        believed = CorrectedArm(arm) if source in ROUGH else read_arm(source, arm)
         lasting = tuple(
             e for e in believed.effects if not isinstance(e.effect, External)
         )
-        return cls(arm, source, replace(believed, effects=lasting), hidden)
+        known = replace(believed, effects=lasting)
+        return cls(arm, source, known, hidden, _left_open(source, known))
+
+    def settled(self, settings: TrainingSettings) -> TrainingSettings:
+        """The settings with what is drawn around the model, if they leave it open: what a diagnosis could find.
+
+        Nothing is drawn so around a model of which a diagnosis says how far it may be wrong, which is drawn instead,
+        nor beside PD and gravity, which leave enough to learn.
+        """
+        if settings.randomise is not None:
+            return settings
+        known = self.name in ROUGH or self.ranges is not None
+        return replace(settings, randomise=() if known else HIDDEN)
 
     def model(self) -> TorqueModel | None:
         """The feedforward model; ``None`` is PD alone."""
@@ -104,11 +127,15 @@ class Task:
     def _simulator(
         self, settings: TrainingSettings, length: float | None
     ) -> dict[str, Any]:
+        drawn: Randomisation | EffectRanges | None = settings.randomisation
+        simulated = self.believed
+        if drawn is None and self.ranges is not None:
+            drawn = self.ranges
+            names = {item.low.name for item in drawn.ranges}
+            fixed = tuple(e for e in simulated.effects if e.name not in names)
+            simulated = replace(simulated, effects=fixed)
         return self._arguments(
-            settings,
-            length,
-            simulated=self.believed,
-            randomisation=settings.randomisation,
+            settings, length, simulated=simulated, randomisation=drawn
         )
 
     def hidden_arm(
@@ -147,6 +174,17 @@ class Task:
             "engine": settings.engine,
             **options,
         }
+
+
+def _left_open(source: str, known: CorrectedArm) -> EffectRanges | None:
+    """The 95 % intervals of the diagnosis that wrote a ``corrected.yaml``, if it lies beside it unchanged."""
+    path = Path(source)
+    if path.suffix not in (".yaml", ".yml"):
+        return None
+    try:
+        return read_ranges(path, known, ())
+    except InputError:
+        return None
 
 
 def _normalised(

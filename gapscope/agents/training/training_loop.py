@@ -42,27 +42,49 @@ class Trained:
     """What came out of a training.
 
     Attributes:
+        settings: of the training, none of them left open.
         curve: scores after each round, the untrained agent's first.
         best: place in the curve of the agent that is kept, the best in the simulator; 0 is the untrained one.
         normalisation: what the agent sees.
-        weights: file with the weights of the agent that is kept, in the last checkpoint.
-        policy: that agent's.
+        weights, last: files with the weights of the agent that is kept, and of the last one, in the last checkpoint.
+        policy: of the agent that is kept.
         stopped: whether it ended early, for want of improvement.
     """
 
+    settings: TrainingSettings
     curve: tuple[Point, ...]
     best: int
     normalisation: Normalisation
     weights: Path
+    last: Path
     policy: Policy
     stopped: bool
+
+    @property
+    def reason(self) -> str:
+        """Which agent is kept, and why, in a sentence."""
+        steps, total = self.curve[self.best].steps, self.curve[-1].steps
+        kept, untrained = (self.curve[k].simulator for k in (self.best, 0))
+        place = f"{kept.episodes} held-out motions in the simulator"
+        if self.settings.randomise:
+            place += ", each with effects drawn around the model"
+        if self.best:
+            return (
+                f"the agent after {steps} of {total} actions is kept: it earned most on {place}, "
+                f"{kept.reward:.3f} an action; untrained {untrained.reward:.3f}"
+            )
+        best = max((point.simulator.reward for point in self.curve[1:]), default=0.0)
+        return (
+            f"the untrained agent, which is the model alone, is kept: on {place} it earned {kept.reward:.3f} an "
+            f"action, and none of {len(self.curve) - 1} rounds more ({best:.3f})"
+        )
 
 
 class Training:
     """A training that writes its checkpoints into a folder, and continues from the newest one that is there.
 
-    The agent that is kept is the one that earned most in the simulator made from the model; the arm with hidden effects
-    is monitored, and selects nothing.
+    The agent that is kept is the one that earned most in the simulator made from the model, with what is drawn around
+    it; the arm with hidden effects is monitored, and selects nothing.
 
     Args:
         task: what to train and try on.
@@ -83,12 +105,8 @@ class Training:
     ) -> None:
         check_installed()
         task.check(settings)
-        self._task, self._settings, self._folder, self._progress = (
-            task,
-            settings,
-            folder,
-            progress,
-        )
+        self._task, self._settings = task, task.settled(settings)
+        self._folder, self._progress = folder, progress
         self._curve: list[Point] = []
         self._best, self._done, self._updates = 0, 0, 0
 
@@ -257,10 +275,12 @@ class Training:
         weights = found[0] / BEST
         read_weights(self._learner, weights)
         return Trained(
+            self._settings,
             tuple(self._curve),
             self._best,
             self._normalisation,
             weights,
+            found[0] / WEIGHTS,
             self._policy,
             self._stopped,
         )

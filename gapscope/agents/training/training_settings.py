@@ -30,7 +30,11 @@ POSITIVE = {
     "duration": "s",
 }
 WHOLE = ("steps", "round_steps", "environments", "patience", "seeds")
-LISTS = ("network", "motions", "randomise")
+LISTS = ("network", "value_network", "motions", "randomise")
+OPTIONAL = ("value_network", "randomise")
+"""Lists that may be left open."""
+RESIDUAL = "ppo_residual"
+"""Settings that ship for models without inverse dynamics."""
 MOST_LAYERS, MOST_UNITS = 16, 4096
 """Size of the largest network [1]: 16 MB for each two layers, many times what an arm needs."""
 
@@ -47,7 +51,8 @@ class TrainingSettings:
         round_steps: actions in a round, rounded up to what the algorithm collects at once.
         environments: that are stepped side by side.
         parallel: whether each runs in a separate process.
-        network: units of the hidden layers, of policy and value function alike.
+        network: units of the hidden layers of the policy.
+        value_network: of the value function; those of the policy if ``None``.
         hyperparameters: of the algorithm, by the names of stable-baselines3.
         exploration: standard deviation of the untrained agent's actions [1].
         final_rate: learning rate in the last round, over that in the first; it falls from round to round [1].
@@ -60,7 +65,7 @@ class TrainingSettings:
         motions, seeds, duration: of the evaluation: names, how many seeds of each, length [s].
         patience: evaluations without improvement after which training ends.
         improvement: least gain of the mean reward per action that counts as improvement [1].
-        randomise: effects that are drawn around the model at every reset; none by default.
+        randomise: effects that are drawn around the model at every reset; ``None`` leaves them to ``Task.settled``.
         count, severity: how many, and how severe, see ``gapscope.envs.randomisation.Randomisation``.
         engine: that simulates training; on ``mujoco`` all environments are stepped together.
         seed: of weights, motions and exploration.
@@ -75,6 +80,7 @@ class TrainingSettings:
     environments: int = 4
     parallel: bool = False
     network: tuple[int, ...] = (64, 64)
+    value_network: tuple[int, ...] | None = None
     hyperparameters: Mapping[str, Any] = field(default_factory=dict)
     exploration: float = 0.1
     final_rate: float = 0.1
@@ -91,9 +97,9 @@ class TrainingSettings:
     duration: float = 4.0
     patience: int = 1000
     improvement: float = 0.0
-    randomise: tuple[str, ...] = ()
-    count: tuple[int, int] = (1, 3)
-    severity: tuple[float, float] = (0.5, 1.5)
+    randomise: tuple[str, ...] | None = None
+    count: tuple[int, int] = (0, 3)
+    severity: tuple[float, float] = (0.5, 1.0)
     engine: str = "mujoco"
     seed: int = 0
 
@@ -108,16 +114,20 @@ class TrainingSettings:
             whole(name, getattr(self, name))
         for name in LISTS:
             values = getattr(self, name)
+            if values is None and name in OPTIONAL:
+                continue
             if not isinstance(values, (list, tuple)):
                 raise InputError(f"expected a list, got {values!r}", where=name)
             object.__setattr__(self, name, tuple(values))
-        for units in self.network:
-            whole("network", units)
-        if len(self.network) > MOST_LAYERS or max(self.network, default=0) > MOST_UNITS:
-            raise InputError(
-                f"expected at most {MOST_LAYERS} layers of at most {MOST_UNITS} units",
-                where="network",
-            )
+        for name in ("network", "value_network"):
+            layers = getattr(self, name) or ()
+            for units in layers:
+                whole(name, units)
+            if len(layers) > MOST_LAYERS or max(layers, default=0) > MOST_UNITS:
+                raise InputError(
+                    f"expected at most {MOST_LAYERS} layers of at most {MOST_UNITS} units",
+                    where=name,
+                )
         motions = (*MOTIONS, "random")
         check_known("motion", self.motion, motions, where="motion")
         for name in self.motions:
@@ -220,7 +230,7 @@ def read_settings(agent: str | Path, **changed: Any) -> TrainingSettings:
     """Settings from a file, or those that ship under the name of an algorithm.
 
     Args:
-        agent: one of ``ALGORITHMS``, or the path of a YAML file with the fields of ``TrainingSettings``.
+        agent: one of ``ALGORITHMS``, ``RESIDUAL``, or the path of a YAML file with the fields of ``TrainingSettings``.
         changed: fields to put instead of the file's; those that are ``None`` are not.
 
     Raises:
@@ -228,7 +238,7 @@ def read_settings(agent: str | Path, **changed: Any) -> TrainingSettings:
     """
     changed = {name: value for name, value in changed.items() if value is not None}
     path = Path(agent)
-    if agent in ALGORITHMS:
+    if agent in (*ALGORITHMS, RESIDUAL):
         path = Path(
             str(files("gapscope.agents.training") / "configs" / f"{agent}.yaml")
         )

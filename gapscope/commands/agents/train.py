@@ -25,9 +25,10 @@ HiddenEffects = Annotated[
     ),
 ]
 Agent = Annotated[
-    str,
+    str | None,
     typer.Option(
-        help="ppo, sac, td3, or a YAML file with settings", metavar="NAME|FILE"
+        help="ppo, ppo_residual, sac, td3, or a YAML file with settings; default: ppo, on pd and gravity ppo_residual",
+        metavar="NAME|FILE",
     ),
 ]
 Steps = Annotated[
@@ -47,7 +48,8 @@ Parallel = Annotated[
 Randomise = Annotated[
     bool,
     typer.Option(
-        "--randomise", help="draw other effects around the model in every episode"
+        "--randomise",
+        help="draw any effects around the model in every episode, not only what its diagnosis leaves open",
     ),
 ]
 Tune = Annotated[
@@ -71,7 +73,7 @@ def train(
     out: Results,
     robot: RobotOption = "kuka_iiwa",
     effects: HiddenEffects = None,
-    agent: Agent = "ppo",
+    agent: Agent = None,
     steps: Steps = None,
     seed: Seed = None,
     engine: TrainingEngine = None,
@@ -84,9 +86,11 @@ def train(
 
     It learns in the simulator made from that model, and is tried on an arm with hidden effects.
     """
-    from gapscope.agents.training.training_settings import read_settings
+    from gapscope.agents.training.task import ROUGH
+    from gapscope.agents.training.training_settings import RESIDUAL, read_settings
     from gapscope.commands.agents.training_files import train_files
 
+    agent = agent or (RESIDUAL if model in ROUGH else "ppo")
     settings = read_settings(
         agent, steps=steps, seed=seed, engine=engine, parallel=parallel or None
     )
@@ -109,18 +113,17 @@ def train(
 
 
 def _improvement(content: dict[str, Any]) -> list[str]:
-    """Joint error before and after training, in the simulator and on the hidden arm."""
+    """Which agent is kept and why, and the joint errors before and after, in the simulator and on the hidden arm."""
     places = {
         "simulator": "in the simulator made from the model",
         "hidden": "on the hidden arm",
     }
-    lines = []
+    lines = [content["reason"], "the agent after the last round is in last/"]
     for key, place in places.items():
-        before, after = content["untrained"][key], content["kept"][key]
-        if before is not None and after is not None:
-            lines.append(
-                f"joint error {place}: {_joint_error(before)} untrained, {_joint_error(after)} trained"
-            )
+        states = {name: content[name][key] for name in ("untrained", "kept", "last")}
+        if all(states.values()):
+            texts = [f"{_joint_error(score)} {name}" for name, score in states.items()]
+            lines.append(f"joint error {place}: {', '.join(texts)}")
     return lines
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from gapscope.agents.training.curve import write_curve
 from gapscope.agents.training.learner import check_installed
-from gapscope.agents.training.policy import DOCUMENT, POLICY, write_agent
+from gapscope.agents.training.policy import DOCUMENT, LAST, POLICY, write_agent
 from gapscope.agents.training.task import Task
 from gapscope.agents.training.training_loop import (
     CHECKPOINTS,
@@ -69,6 +69,7 @@ def train_files(
     arm = read_arm(robot)
     hidden = None if effects is None else read_corrected(effects)
     task = Task.of(model, arm, hidden)
+    settings = task.settled(settings)
     task.check(settings)
     with error_context(effects, hidden or ()):
         task.hidden_arm(settings).close()
@@ -92,8 +93,8 @@ def _train(
         return json.loads((out / DOCUMENT).read_text(encoding="utf-8")), paths
     trained = Training(task, settings, out, progress).run()
     write_curve(trained.curve, out / CURVE)
-    write_page(task, settings, trained, out / PAGE)
-    return write_agent(task, settings, trained, out), paths
+    write_page(task, trained, out / PAGE)
+    return write_agent(task, trained, out), paths
 
 
 def _asked(task: Task, settings: TrainingSettings, trials: int) -> dict[str, Any]:
@@ -138,7 +139,7 @@ def _claim(out: Path, asked: dict[str, Any], again: bool) -> None:
     if again:
         for name in OURS:
             (out / name).unlink(missing_ok=True)
-        for name in (CHECKPOINTS, EVENTS):
+        for name in (CHECKPOINTS, EVENTS, LAST):
             shutil.rmtree(out / name, ignore_errors=True)
         for journal in out.glob("study.log*"):
             journal.unlink()

@@ -150,7 +150,7 @@ def _condition(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
         cause="motion that does not excite all parameters",
         check="condition number of the base columns with unit norm",
         remedy="record an exciting trajectory (`gapscope excite`); without one, stay near the nominal arm: "
-        "--estimator ridge, truncated_svd or partial_update",
+        "--estimator ridge, truncated_svd or partial_update, or --keep what it knows",
     )
     return make_row(entry, symptoms.condition(evidence), 1000.0)
 

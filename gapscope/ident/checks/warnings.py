@@ -17,6 +17,8 @@ from gapscope.model.changes import Change
 
 BODIES = "unphysical"
 """Row of the table that says whether parameters of no body are certain."""
+WORSE = "what was held out is predicted worse than by the nominal arm"
+"""How the warning begins that comes before all others."""
 SAID_OTHERWISE = (
     "low_speed_friction",
     "resting_joint",
@@ -38,6 +40,7 @@ def identification_warnings(
 ) -> tuple[str, ...]:
     """The warnings, those that concern all results first."""
     return (
+        *_worse(held_out),
         *_torque(similarity, held_out),
         *_changed(changes),
         *estimate.warnings,
@@ -46,6 +49,15 @@ def identification_warnings(
         *_bodies(evidence, table),
         *_rows(table),
     )
+
+
+def _worse(held_out: Validation) -> Iterator[str]:
+    if held_out.every.overall > held_out.nominal.overall:
+        yield (
+            f"{WORSE}: {held_out.every.overall:.1%} of the torque against {held_out.nominal.overall:.1%}; use the "
+            "nominal arm, record an exciting trajectory (`gapscope excite`), or stay nearer to it: --estimator ridge, "
+            "truncated_svd or partial_update, --keep"
+        )
 
 
 def _torque(similarity: NominalSimilarity, held_out: Validation) -> Iterator[str]:

@@ -43,11 +43,20 @@ class Given:
         base: base parameters.
         nominal: x of the nominal arm, shape (p,).
         experiment: the recordings and how to repeat them; raises ``InputError`` if they cannot be.
+        strength: of a ridge, chosen by held-out motions if ``None``.
+        directions: kept of a truncated decomposition, likewise.
     """
 
     base: BaseParameters
     nominal: np.ndarray
     experiment: Callable[[], Experiment]
+    strength: float | None = None
+    directions: int | None = None
+
+    @property
+    def prior(self) -> np.ndarray:
+        """The base parameters of the nominal arm, shape (b,)."""
+        return self.base.of(self.nominal)
 
 
 Make = Callable[[Given], Estimator]
@@ -136,9 +145,25 @@ METHODS: dict[str, Method] = {
     "wls": Method(lambda given: WeightedLeastSquares(), _by_joint, _BLOCKS),
     "ols": Method(lambda given: OrdinaryLeastSquares(), _unweighted, _BLOCKS),
     "irls": Method(lambda given: HuberLeastSquares(), _robust, _JACKKNIFE),
-    "ridge": Method(lambda given: Ridge(), _repeated, _UNBIASED),
-    "l_curve": Method(lambda given: Ridge("l_curve"), _repeated, _UNBIASED),
-    "truncated_svd": Method(lambda given: TruncatedSvd(), _repeated, _UNBIASED),
+    "ridge": Method(
+        lambda given: Ridge(
+            "motion" if given.strength is None else given.strength, given.prior
+        ),
+        _repeated,
+        _UNBIASED,
+    ),
+    "l_curve": Method(
+        lambda given: Ridge("l_curve", given.prior), _repeated, _UNBIASED
+    ),
+    "truncated_svd": Method(
+        lambda given: TruncatedSvd(
+            None,
+            given.prior,
+            "motion" if given.directions is None else given.directions,
+        ),
+        _repeated,
+        _UNBIASED,
+    ),
     "total_least_squares": Method(
         lambda given: TotalLeastSquares(), _repeated, _JACKKNIFE
     ),
@@ -149,7 +174,7 @@ METHODS: dict[str, Method] = {
         "covariance of the filter, which counts that samples follow each other",
     ),
     "partial_update": Method(
-        lambda given: PartialUpdate(given.base.of(given.nominal)),
+        lambda given: PartialUpdate(given.prior),
         _stated,
         "posterior, of the data and the nominal arm together",
     ),

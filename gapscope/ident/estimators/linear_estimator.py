@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
 from gapscope.ident.estimators.estimate import Estimate
+from gapscope.ident.model.friction_trials import stretches
 from gapscope.ident.model.linear_problem import Problem
+from gapscope.model.effective_samples import group_slices
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,51 @@ class Factor:
         """(W^T W)^-1, shape (b, b); R must be regular."""
         inverse = solve_triangular(self.triangle, np.eye(len(self.triangle)))
         return inverse @ inverse.T
+
+
+def held_out_squares(
+    problem: Problem,
+    prior: np.ndarray,
+    filters: Callable[[np.ndarray], np.ndarray],
+) -> np.ndarray:
+    """Mean squared residual [N^2 m^2] of each motion by pull, (F, K), fitted without it; F motions, K pulls.
+
+    A motion is a recording, or, of fewer than three, a stretch of time.
+
+    Args:
+        problem: to be solved.
+        prior: beta_0, shape (b,).
+        filters: factors 1 / (s_i^2 + ...) of K pulls along the singular directions, (K, b), from the squared singular
+            values of unit columns, (b,), ascending.
+    """
+    parts = group_slices(problem.group)
+    if len(parts) < 3:
+        parts = stretches(problem.group)
+    norms = column_norms(problem.stacked()[0])
+    left = problem.torque - problem.matrix @ prior
+    scaled = np.concatenate([problem.matrix / norms, left[..., None]], axis=2)
+    flat = [scaled[rows].reshape(-1, scaled.shape[2]) for rows in parts]
+    grams = [rows.T @ rows for rows in flat]
+    squares = []
+    for rows, gram in zip(flat, grams, strict=True):
+        others = np.sum(grams, axis=0) - gram
+        values, vectors = np.linalg.eigh(others[:-1, :-1])
+        part = vectors.T @ others[:-1, -1]
+        change = (filters(np.maximum(values, 0.0)) * part) @ vectors.T
+        residual = rows[:, -1] - change @ rows[:, :-1].T
+        squares.append((residual**2).mean(axis=1))
+    return np.array(squares)
+
+
+def strongest_as_good(squares: np.ndarray) -> int:
+    """The last of K pulls, the strongest, that predicts F motions as well as the best within two standard errors.
+
+    Other motions may show more than these: where they cannot tell, the prior is kept. ``squares`` has shape (F, K).
+    """
+    best = int(squares.mean(axis=0).argmin())
+    worse = squares - squares[:, best : best + 1]
+    error = worse.std(axis=0, ddof=1) / np.sqrt(len(worse))
+    return int(np.flatnonzero(worse.mean(axis=0) <= 2 * error).max())
 
 
 def whitened(problem: Problem, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Ridge regression, its strength chosen by the L-curve or by generalised cross-validation."""
+"""Ridge regression, its strength chosen by held-out motions, the L-curve or generalised cross-validation."""
 
 from __future__ import annotations
 
@@ -7,7 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.ident.estimators.estimate import Estimate
-from gapscope.ident.estimators.linear_estimator import Factor, column_norms, finished
+from gapscope.ident.estimators.linear_estimator import (
+    Factor,
+    column_norms,
+    finished,
+    held_out_squares,
+    strongest_as_good,
+)
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.solvable import check_samples
 
@@ -26,8 +32,9 @@ class Ridge:
     exceeds b. The covariance is that of the noise alone; what the pull adds as bias is not in it.
 
     Attributes:
-        choice: ``gcv`` (least |residual|^2 / (M - effective parameters)^2), ``l_curve`` (the sharpest corner of log
-            |residual| against log |D (beta - beta_0)|), or lambda itself.
+        choice: ``motion`` (the strongest that predicts motions as well as any that were not fitted), ``gcv`` (least
+            |residual|^2 / (M - effective parameters)^2), ``l_curve`` (the sharpest corner of log |residual| against log
+            |D (beta - beta_0)|), or lambda itself.
         prior: beta_0, shape (b,); zero if ``None``.
 
     Source: hansen1992, golub1979.
@@ -48,7 +55,13 @@ class Ridge:
         left, values, right = np.linalg.svd(factor.triangle)
         part = left.T @ factor.rotated
         # along each singular direction the prior weighs as much as the data at values**2 = strength
-        strength = self._strength(values, part, factor)
+        if self.choice == "motion":
+            by_motion = held_out_squares(
+                problem, prior, lambda own: 1 / (own + STRENGTHS[:, None])
+            )
+            strength = float(STRENGTHS[strongest_as_good(by_motion)])
+        else:
+            strength = self._strength(values, part, factor)
         gain = values / np.maximum(values**2 + strength, 1e-300)
         beta = prior + right.T @ (gain * part) / norms
         # share of each direction that the data decide

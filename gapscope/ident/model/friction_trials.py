@@ -26,7 +26,7 @@ class FrictionTrials:
 
     def __init__(self, samples: Samples, noise: np.ndarray) -> None:
         self.samples, self.noise = samples, noise
-        self.stretches = _stretches(samples.group)
+        self.stretches = stretches(samples.group)
         torque = samples.torque[:, :, None]
         self._shared = np.concatenate([samples.smooth, torque], axis=2)
         self._shared /= noise[:, None]
@@ -152,7 +152,7 @@ def pulled_solution(
     return nominal + unit * change
 
 
-def _stretches(group: np.ndarray) -> list[slice]:
+def stretches(group: np.ndarray) -> list[slice]:
     """Stretches of time within segments, at least ``FOLDS`` in all, of about equal length; two samples apart."""
     segments = group_slices(group)
     length = max(20, len(group) // max(FOLDS, len(segments)))

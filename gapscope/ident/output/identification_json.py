@@ -104,6 +104,7 @@ def _base(result: Identification) -> dict[str, Any]:
     nominal = base.of(result.columns.nominal(result.choice.law))
     bodies = base.of(result.physical.value)
     expressions = base.expressions(1e-4)
+    moved = result.moved
     entries = zip(
         expressions,
         value,
@@ -112,6 +113,7 @@ def _base(result: Identification) -> dict[str, Any]:
         high,
         bodies,
         nominal,
+        np.ones(base.count, dtype=bool) if moved is None else moved,
         strict=True,
     )
     return {
@@ -127,8 +129,9 @@ def _base(result: Identification) -> dict[str, Any]:
                 "interval": [a, b],
                 "consistent": c,
                 "nominal": x,
+                **({} if moved is None else {"moved": bool(m)}),
             }
-            for e, v, s, a, b, c, x in entries
+            for e, v, s, a, b, c, x, m in entries
         ],
     }
 

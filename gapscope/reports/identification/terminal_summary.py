@@ -5,11 +5,13 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Sequence
 
+import numpy as np
 from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
 from gapscope.ident.checks.table_row import FOUND, Row
+from gapscope.ident.checks.warnings import WORSE
 from gapscope.ident.identification import Identification
 from gapscope.ident.output.filter_json import filter_document
 from gapscope.reports.identification.filter_section import filter_sentence
@@ -21,7 +23,10 @@ MAX_NAMES = 3
 
 
 def summary(result: Identification) -> Group:
-    """The table of errors per joint, and lines on what was fitted, found, asked, and what is doubtful."""
+    """The table of errors per joint, and lines on what was fitted, found, asked, and what is doubtful.
+
+    Before them, if the nominal arm predicts what was held out better, that it does.
+    """
     found = [row for row in result.table if row.verdict == FOUND]
     warnings = [text for text in result.warnings if not _repeats(text, found)]
     lines = [
@@ -30,7 +35,9 @@ def summary(result: Identification) -> Group:
         *(f"found: {row.entry.cause}{_on_joints(row.joints)}" for row in found),
         *(f"warning: {shortened(warning)}" for warning in warnings),
     ]
-    return Group(_errors(result), *(Text(line) for line in lines))
+    first = [f"warning: {text}" for text in warnings if text.startswith(WORSE)]
+    rest = [line for line in lines if WORSE not in line]
+    return Group(*map(Text, first), _errors(result), *map(Text, rest))
 
 
 def _errors(result: Identification) -> Table:
@@ -57,13 +64,24 @@ def _facts(result: Identification) -> list[str]:
     """Which recordings were fitted and held out, and the size and condition of the problem."""
     fit, held_out = result.validation
     base, cutoff = result.base, result.settings.cutoff
+    moved = () if result.moved is None else (_moved(result, result.moved),)
     document = {"filter": filter_document(result.filtered, base.expressions(1e-2))}
     return [
         f"fitted {_named(fit.recordings)}; held out {_named(held_out.recordings)}",
         f"{base.count} base parameters of {len(base.names)}, condition number {result.condition:.3g}; "
         f"friction: {result.choice.law}; cut-off {cutoff:.3g} Hz",
+        *moved,
         f"Kalman filter: {filter_sentence(document)}",
     ]
+
+
+def _moved(result: Identification, moved: np.ndarray) -> str:
+    """Which base parameters a partial update moved."""
+    names = [n for n, m in zip(result.estimate.names, moved, strict=True) if m]
+    which = f": {', '.join(names)}" if names else ""
+    return shortened(
+        f"partial update: {len(names)} of {len(moved)} base parameters moved, the others stay nominal{which}"
+    )
 
 
 def shortened(warning: str, limit: int = MAX_WARNING) -> str:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from gapscope.agents.training.task import Task
 from gapscope.agents.training.training_loop import Trained
-from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.reports.plot_page import (
     COLOURS,
     PageSection,
@@ -27,14 +26,11 @@ MARKER, KEPT_MARKER = 6, 13
 """Sizes of a point, and of the agent that is kept [pixels]."""
 
 
-def write_page(
-    task: Task, settings: TrainingSettings, trained: Trained, path: Path
-) -> None:
+def write_page(task: Task, trained: Trained, path: Path) -> None:
     """Write joint error and reward over steps, in the simulator and on the hidden arm.
 
     Args:
         task: what was trained and tried on.
-        settings: of the training.
         trained: what came out.
         path: the page.
 
@@ -45,21 +41,22 @@ def write_page(
     write_plot_page(
         path,
         f"Training on {task.arm.name}",
-        _facts(task, settings, trained),
+        _facts(task, trained),
         [PageSection(figure=figure)],
     )
 
 
-def _facts(task: Task, settings: TrainingSettings, trained: Trained) -> str:
-    """What was trained and which agent is kept, in sentences."""
-    steps = trained.curve[trained.best].steps
-    kept = "the untrained agent" if steps == 0 else f"the agent after {steps} steps"
-    randomised = ""
+def _facts(task: Task, trained: Trained) -> str:
+    """What was trained, and which agent is kept and why, in sentences."""
+    settings, drawn = trained.settings, ""
     if settings.randomise:
-        randomised = f", randomised: {', '.join(settings.randomise)}"
+        drawn = f", drawn around it: {', '.join(settings.randomise)}"
+    elif task.ranges is not None:
+        drawn = ", drawn around it: what its diagnosis leaves open"
+    reason = trained.reason
     facts = (
-        f"{settings.algorithm.upper()} on top of {task.name}{randomised}; action {settings.action}, seed "
-        f"{settings.seed}. Kept is {kept}, the best in the simulator made from the model."
+        f"{settings.algorithm.upper()} on top of {task.name}{drawn}; action {settings.action}, seed {settings.seed}. "
+        f"{reason[0].upper()}{reason[1:]}. The last agent is in last/."
     )
     if trained.stopped:
         facts += " Training ended early, for want of improvement."

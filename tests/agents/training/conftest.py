@@ -47,6 +47,7 @@ def short(algorithm: str = "ppo", **changed: Any) -> TrainingSettings:
         "duration": 1.0,
         "bandwidth": 2.0,
         "action_reach": 0.1,
+        "randomise": (),
         "tolerance": 0.02,
         "exploration": 0.4,
         "smoothness": 0.01,

@@ -8,6 +8,7 @@ import pytest
 
 from gapscope.agents.training.hyperparameters import ALGORITHMS
 from gapscope.agents.training.training_settings import (
+    RESIDUAL,
     TrainingSettings,
     from_plain,
     read_settings,
@@ -15,10 +16,10 @@ from gapscope.agents.training.training_settings import (
 from gapscope.arm.errors import InputError
 
 
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
-def test_shipped_settings_are_whole(algorithm: str) -> None:
-    settings = read_settings(algorithm, seed=3)
-    assert settings.algorithm == algorithm and settings.seed == 3
+@pytest.mark.parametrize("name", [*ALGORITHMS, RESIDUAL])
+def test_shipped_settings_are_whole(name: str) -> None:
+    settings = read_settings(name, seed=3)
+    assert settings.algorithm == name.split("_")[0] and settings.seed == 3
     assert 0.9 * settings.steps < settings.total <= settings.steps
     assert settings.rounds * settings.round_length >= settings.total
     assert from_plain(settings.plain()) == settings
@@ -26,10 +27,10 @@ def test_shipped_settings_are_whole(algorithm: str) -> None:
 
 def test_no_more_steps_than_asked() -> None:
     """The last round is shorter; what is collected at once, 32 times 32 actions, is the least."""
-    assert read_settings("ppo", steps=16_384).total == 16_384
-    assert read_settings("ppo", steps=16_384).rounds == 2
-    assert read_settings("ppo", steps=5000).total == 4096
-    assert read_settings("ppo", steps=10).total == 1024
+    assert read_settings(RESIDUAL, steps=16_384).total == 16_384
+    assert read_settings(RESIDUAL, steps=16_384).rounds == 2
+    assert read_settings(RESIDUAL, steps=5000).total == 4096
+    assert read_settings(RESIDUAL, steps=10).total == 1024
 
 
 def test_randomisation_is_over_what_a_diagnosis_can_find() -> None:

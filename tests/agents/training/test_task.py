@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cases import limits, motion_of
+from gapscope.envs.export.unit_spread import effect_range
 
 from gapscope.agents.torque_model import ArmModel, Gravity
 from gapscope.agents.training.held_out_trial import held_out, idle, judge
@@ -21,13 +22,16 @@ from gapscope.arm.motions.trajectory import Fourier
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import write_corrected
 from gapscope.effects.residual.file import write_residual
 from gapscope.effects.residual.inputs import Inputs, Layout
 from gapscope.effects.residual.model import ResidualNetwork
 from gapscope.effects.residual.network import Network
 from gapscope.effects.residual.trust import Trust
+from gapscope.envs.effect_ranges import EffectRanges
 from gapscope.envs.environment import ArmTracking
+from gapscope.envs.mystery_arm import HIDDEN
 
 from .conftest import rod, short
 
@@ -170,6 +174,38 @@ def test_randomisation_does_not_change_the_motion(arm: NominalArm) -> None:
         starts.append(env.unwrapped._course.q)
         env.close()
     np.testing.assert_array_equal(*starts)
+
+
+def test_what_is_unknown_is_drawn_around_a_model(
+    files: dict[str, str], arm: NominalArm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Effects of the catalogue around the nominal arm; around a diagnosed one what its diagnosis leaves open."""
+    open_ = short(randomise=None)
+    assert Task.of("nominal", arm).settled(open_).randomise == HIDDEN
+    assert Task.of("pd", arm).settled(open_).randomise == ()
+    assert Task.of(files["corrected"], arm).settled(open_).randomise == HIDDEN
+
+    def intervals(file: Path, found: CorrectedArm, units: tuple) -> EffectRanges:
+        deviations = [
+            {n: 0.1 * abs(v) for n, v in e.parameters.items()} for e in EFFECTS
+        ]
+        each = zip(found.effects, deviations, strict=True)
+        return EffectRanges(tuple(effect_range(*pair) for pair in each))
+
+    monkeypatch.setattr("gapscope.agents.training.task.read_ranges", intervals)
+    diagnosed = Task.of(files["corrected"], arm)
+    settings = diagnosed.settled(open_)
+    assert settings.randomise == () and diagnosed.ranges is not None
+    env = diagnosed.simulator(settings)
+    drawn = []
+    for seed in (0, 1):
+        env.reset(seed=seed)
+        drawn.append({e.name: e for e in env.unwrapped.effects})
+    names = [{e.name for e in EFFECTS}] * 2
+    assert [set(effects) for effects in drawn] == names
+    masses = [float(e["payload"].parameters["mass"]) for e in drawn]
+    assert masses[0] != masses[1] and np.allclose(masses, 0.5, rtol=0.2)
+    env.close()
 
 
 def test_models_of_other_joints_are_refused(

@@ -13,7 +13,8 @@ from gapscope.agents.evaluation import TrackingBench, evaluate
 from gapscope.agents.evaluation_plan import EvaluationPlan
 from gapscope.agents.training.agent_model import read_agent_model
 from gapscope.agents.training.checkpoint import read_checkpoint
-from gapscope.agents.training.policy import read_agent, write_agent
+from gapscope.agents.training.held_out_trial import held_out, idle, judge
+from gapscope.agents.training.policy import LAST, read_agent, write_agent
 from gapscope.agents.training.task import Task
 from gapscope.agents.training.training_loop import (
     CHECKPOINTS,
@@ -30,6 +31,10 @@ from .conftest import rod, short
 
 pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
+
+PAYLOAD = AppliedEffect(
+    "payload", (), {"mass": np.array(1.0), "com": np.array([0.5, 0.0, 0.0])}
+)
 
 
 def weights(folder: Path) -> dict[str, np.ndarray]:
@@ -81,6 +86,48 @@ def test_agents_learn_to_hold_a_rod_up(
     assert best.simulator.reward > first.simulator.reward + 0.05
 
 
+@pytest.mark.slow
+def test_an_agent_on_a_wrong_model_is_kept_and_helps_the_hidden_arm(
+    arm: NominalArm, tmp_path: Path
+) -> None:
+    """Trained on arms with effects drawn around the model; in the model's own simulator nothing would be left."""
+    settings = short(
+        action="gains",
+        randomise=None,
+        network=(),
+        value_network=(32,),
+        environments=8,
+        steps=6144,
+        round_steps=2048,
+        seeds=6,
+        tolerance=0.005,
+        exploration=0.5,
+        hyperparameters={
+            "n_steps": 64,
+            "n_epochs": 5,
+            "batch_size": 512,
+            "learning_rate": 1e-2,
+            "gamma": 0.9,
+        },
+    )
+    task = Task.of("nominal", arm, (PAYLOAD,))
+    trained = Training(task, settings, tmp_path).run()
+    first, kept = trained.curve[0], trained.curve[trained.best]
+    assert trained.best and "drawn around the model" in trained.reason
+    assert first.hidden is not None and kept.hidden is not None
+    assert kept.hidden.joint_error < 0.85 * first.hidden.joint_error
+    content = write_agent(task, trained, tmp_path)
+    assert content["kept"]["steps"] == kept.steps
+    last = read_agent(tmp_path / LAST, arm)
+    assert last.document["kept"]["steps"] == trained.curve[-1].steps == 6144
+    # where the model is right, the agent adds nothing
+    right = task.simulator(short(action="gains"))
+    motions = held_out(settings, right)
+    own, alone = (judge(right, p, motions) for p in (trained.policy, idle(right)))
+    right.close()
+    assert own.joint_error < 1.02 * alone.joint_error
+
+
 @pytest.mark.parametrize("algorithm", ["ppo", "sac", "td3"])
 def test_the_untrained_agent_does_nothing(
     task: Task, algorithm: str, tmp_path: Path
@@ -123,10 +170,7 @@ def test_another_seed_is_another_agent(task: Task, tmp_path: Path) -> None:
 
 
 def test_hidden_effects_do_not_reach_training(arm: NominalArm, tmp_path: Path) -> None:
-    payload = AppliedEffect(
-        "payload", (), {"mass": np.array(1.0), "com": np.array([0.5, 0.0, 0.0])}
-    )
-    for name, hidden in (("none", ()), ("payload", (payload,))):
+    for name, hidden in (("none", ()), ("payload", (PAYLOAD,))):
         Training(Task.of("pd", arm, hidden), short(), tmp_path / name).run()
     same(tmp_path / "none", tmp_path / "payload")
 
@@ -177,7 +221,7 @@ def test_an_agent_is_read_back_and_checked(
     out = tmp_path / "out"
     settings = short(steps=256)
     trained = Training(task, settings, out).run()
-    write_agent(task, settings, trained, out)
+    write_agent(task, trained, out)
     agent, env = read_agent(out, arm), task.simulator(settings)
     observation = env.reset(seed=3)[0]
     np.testing.assert_array_equal(agent.act(observation), trained.policy(observation))
@@ -219,7 +263,7 @@ def test_a_trained_agent_is_evaluated_beside_models(
     """Untrained it outputs zero: it tracks as its model does. Without its model's file it is refused."""
     settings = short(steps=128, round_steps=128)
     trained = Training(task, settings, tmp_path).run()
-    write_agent(task, settings, trained, tmp_path)
+    write_agent(task, trained, tmp_path)
     agent = read_agent_model(tmp_path, arm)
     plan = EvaluationPlan(
         motions=("fourier",), seeds=(0,), disturbances=("none",), duration=1.0

@@ -75,7 +75,7 @@ def _compare(
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
-@pytest.mark.parametrize("action", ["residual", "scale", "torque"])
+@pytest.mark.parametrize("action", ["residual", "scale", "gains", "torque"])
 def test_equal_to_single_environments_with_effects_drawn(
     data_sheet_arm: NominalArm, action: str, mode: AutoresetMode
 ) -> None:

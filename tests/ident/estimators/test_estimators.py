@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ from problems import (
     too_few,
     well_conditioned,
 )
+from scipy.signal import lfilter
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
@@ -177,6 +179,53 @@ def test_order_of_the_samples_does_not_matter(claim: Claim) -> None:
     assert np.allclose(
         *values, atol=2e-3 if isinstance(claim.estimator, PartialUpdate) else 1e-7
     )
+
+
+def small_motion(rng: np.random.Generator, reach: float, noise: float) -> Problem:
+    """Four recordings of three joints by +-reach, with errors that drift; the columns hardly differ if it is small."""
+    t = 0.02 * np.arange(500)
+    speeds = np.arange(1, 4) + 0.3 * np.arange(4)[:, None]
+    phases = rng.uniform(0, 6, (4, 3))
+    q = reach * np.sin(speeds[:, None] * t[:, None] + phases[:, None]).reshape(-1, 3)
+    W = np.stack([np.cos(q), np.sin(q), np.cos(2 * q), q], axis=2)
+    drift = lfilter([noise], [1, -0.98], rng.standard_normal(W.shape[:2]), axis=0)
+    return problem(W, W @ TRUTH + drift)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [lambda prior: Ridge("motion", prior), lambda prior: TruncatedSvd(None, prior, "motion")],
+    ids=["ridge", "truncated svd"],
+)  # fmt: skip
+def test_held_out_motions_choose_what_another_motion_bears(
+    make: Callable[[np.ndarray], Estimator],
+) -> None:
+    """Of small motions least squares and cross-validation of rows are far worse than the prior; this is not."""
+    prior = TRUTH * np.array([1.1, 0.8, 1.2, 0.9])
+    large = small_motion(np.random.default_rng(9), 1.5, 0.0)
+
+    def error(beta: np.ndarray) -> float:
+        return float(np.sqrt((large.residual(beta) ** 2).mean()))
+
+    draws = [small_motion(np.random.default_rng(s), 0.05, 0.02) for s in range(6)]
+    own, rows = (
+        [error(estimator.estimate(draw).value) for draw in draws]
+        for estimator in (make(prior), Ridge("gcv", prior))
+    )
+    assert max(own) < 1.5 * error(prior) and np.median(own) < 0.7 * error(prior)
+    assert max(rows) > 5 * error(prior)
+    # what the samples determine is not pulled
+    clear = well_conditioned(np.random.default_rng(0))
+    assert np.abs(make(prior).estimate(clear).value - TRUTH).max() < 0.02
+
+
+def test_as_many_directions_as_asked() -> None:
+    given = well_conditioned(np.random.default_rng(0))
+    estimate = TruncatedSvd(None, PRIOR, 0).estimate(given)
+    np.testing.assert_array_equal(estimate.value, PRIOR)
+    whole = TruncatedSvd(None, PRIOR, 4).estimate(given)
+    plain = OrdinaryLeastSquares().estimate(given)
+    np.testing.assert_allclose(whole.value, plain.value, atol=1e-9)
 
 
 class TestByHand:
