@@ -197,12 +197,15 @@ def checked_actions(actions: object, shape: tuple[int, ...]) -> np.ndarray:
 def chosen_robot(
     robot: str | Path | NominalArm, sheet: Mapping[str, Any] | None
 ) -> NominalArm:
-    """The nominal arm.
+    """The nominal arm; that of a known name with its rotors, unless the data sheet states others.
 
     Raises:
         InputError: no such robot, a data sheet that does not fit it, or one beside a nominal arm, which has its own.
     """
     if isinstance(robot, (str, Path)):
+        known = KNOWN_ROBOTS.get(str(robot))
+        if known is not None and known.rotors:
+            sheet = {"armature": list(known.rotors), **(sheet or {})}
         return load_nominal_arm(robot, sheet=sheet)
     record_of(
         "robot",
