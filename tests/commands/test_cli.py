@@ -253,11 +253,12 @@ class TestBadInput:
             "yaw, pitch",
         )
 
-    def test_cell_that_is_no_number(
+    def test_cells_that_are_no_numbers(
         self, gapscope: Command, sick: Path, tmp_path: Path
     ) -> None:
         lines = (sick / "recording_2.csv").read_text().splitlines()
-        lines[7] = lines[7].replace(lines[7].split(",")[1], "oops")
+        for k in range(7, 307):
+            lines[k] = lines[k].replace(lines[k].split(",")[1], "oops")
         (sick / "recording_2.csv").write_text("\n".join(lines))
         self.check(gapscope, sick, tmp_path / "out", "recording_2.csv", "line 8", "q1")
 
