@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from gapscope.interface.fleet import fleet
     from gapscope.interface.gap import gap
     from gapscope.interface.identify import identify
+    from gapscope.interface.inspect import inspect
     from gapscope.interface.models import make_arm, read_corrected
     from gapscope.interface.predict import predict
     from gapscope.interface.replay import replay
@@ -46,6 +47,7 @@ __all__ = [
     "fleet",
     "gap",
     "identify",
+    "inspect",
     "load_case",
     "load_effects",
     "make_arm",
@@ -73,6 +75,7 @@ _MODULES = {
             "fleet",
             "gap",
             "identify",
+            "inspect",
             "predict",
             "replay",
         )

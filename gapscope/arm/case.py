@@ -22,6 +22,7 @@ from gapscope.arm.io.controller_file import parse_controller
 from gapscope.arm.io.import_section import Import, parse_import
 from gapscope.arm.io.load_recording import load_recording, recording_of_columns
 from gapscope.arm.io.locked_section import locked_positions
+from gapscope.arm.io.log import check_no_log
 from gapscope.arm.io.plausibility import UNSIGNED
 from gapscope.arm.io.recording_parts import (
     Part,
@@ -211,6 +212,7 @@ def load_case(
         40.0
     """
     file = Path(path)
+    check_no_log(file)
     file = file / "case.yaml" if is_folder(file) else file
     content = read_case_file(file)
     paths = CasePaths(file, data_root)

@@ -23,22 +23,38 @@ class KnownRobot:
     """A robot that may be given by name.
 
     Attributes:
-        urdf: path of its model, with meshes, inside ``pybullet_data``.
+        source: where its inertials come from.
+        urdf: path of its model, with meshes, inside ``pybullet_data``; empty if its inertials are placeholders.
         joints: the joints of the arm, all by default.
-        plain: file of the same arm without meshes that comes with the package, if there is one.
+        plain: file of the same arm that comes with the package, if there is one.
+        rotors: inertia of the rotors on each joint in simulated arms, if their bodies alone are too light for sampled
+            control [kg m^2]; no part of the nominal arm of a diagnosis, which nobody measured it for.
     """
 
-    urdf: str
+    source: str
+    urdf: str = ""
     joints: tuple[str, ...] | None = None
     plain: Path | None = None
+    rotors: tuple[float, ...] = ()
 
 
 KNOWN_ROBOTS = {
-    "kuka_iiwa": KnownRobot("kuka_iiwa/model.urdf", plain=MODELS / "kuka_iiwa.urdf"),
-    "franka_panda": KnownRobot(
-        "franka_panda/panda.urdf", tuple(f"panda_joint{j}" for j in range(1, 8))
+    "kuka_iiwa": KnownRobot(
+        "round figures of github.com/rtkg/lbr_iiwa, not identified; no friction of the drives",
+        "kuka_iiwa/model.urdf",
+        plain=MODELS / "kuka_iiwa.urdf",
     ),
-    "xarm6": KnownRobot("xarm/xarm6_robot.urdf"),
+    "franka_panda": KnownRobot(
+        "identified by Gaz and others 2019 [gaz2019], hand and fingers by Franka; no friction of the drives",
+        joints=tuple(f"panda_joint{j}" for j in range(1, 8)),
+        plain=MODELS / "franka_panda.urdf",
+        # as MuJoCo Menagerie's model of the arm has them
+        rotors=(0.1,) * 7,
+    ),
+    "xarm6": KnownRobot(
+        "UFACTORY's, of its xarm_ros; two of its bodies break the triangle inequality",
+        "xarm/xarm6_robot.urdf",
+    ),
 }
 """Robots that may be given by name."""
 
@@ -62,15 +78,23 @@ def locate(robot: str | Path, folder: Path) -> tuple[Path, tuple[str, ...] | Non
         )
         check_file(path, remedy, absent="no such URDF file")
         return path, None
-    package = find_spec("pybullet_data")
-    if package is not None and package.submodule_search_locations:
-        return Path(package.submodule_search_locations[0]) / known.urdf, known.joints
+    package = pybullet_data()
+    if package is not None and known.urdf:
+        return package / known.urdf, known.joints
     if known.plain is not None:
         return known.plain, known.joints
     raise InputError(
         f"the model of {robot} comes with PyBullet",
         "pip install 'gapscope[pybullet]', or give a URDF file",
     )
+
+
+def pybullet_data() -> Path | None:
+    """Folder of the package of models that comes with PyBullet, or ``None``."""
+    package = find_spec("pybullet_data")
+    if package is None or not package.submodule_search_locations:
+        return None
+    return Path(package.submodule_search_locations[0])
 
 
 def described(name: str) -> Path:

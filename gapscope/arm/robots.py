@@ -16,6 +16,7 @@ from gapscope.arm.dynamics.robot_file import (
     actuated_joints,
     impossible_links,
     mjcf_entries,
+    placeholder,
     silent_limits,
     tree_of,
 )
@@ -77,6 +78,7 @@ def load_nominal_arm(
     notes = [_left_out(fault) for fault in impossible_links(urdf, names)]
     notes += others.notes if default_joints is None else ()
     if default_joints is None:
+        notes += filter(None, [placeholder(urdf, names)])
         notes += [
             f"{urdf}, joint {name}: <limit> does not say {' and '.join(lacking)}: none is known"
             for name, lacking in silent_limits(urdf, names).items()

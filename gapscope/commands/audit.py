@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from gapscope.terminal import Progress, console, wrote
+from gapscope.terminal import Progress, console, say, wrote
 
 Robot = Annotated[
     str,
@@ -35,6 +35,7 @@ def audit(
     """Say what is odd about a robot model, worst first, with the line in its file."""
     from gapscope.arm.folder_lock import locked
     from gapscope.arm.io.json_file import to_json
+    from gapscope.arm.known_robots import KNOWN_ROBOTS
     from gapscope.interface.audit import audit as audit_robot
 
     with Progress(Path(robot).name) as progress, locked(out):
@@ -46,4 +47,6 @@ def audit(
     from gapscope.reports.model_audit.terminal_summary import summary
 
     console.print(summary(result.document))
+    if robot in KNOWN_ROBOTS:
+        say(f"The inertials of {robot}: {KNOWN_ROBOTS[robot].source}.")
     wrote(*written)

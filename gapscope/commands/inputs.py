@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
-from gapscope.arm.case import Case, load_case
+from gapscope.arm.case import Case, case_files, load_case
 from gapscope.arm.controller import Controller
 from gapscope.arm.input_file import is_folder
 from gapscope.arm.io.load_recording import load_recording
@@ -12,6 +13,7 @@ from gapscope.arm.io.samples.damaged import DAMAGED, PAUSE
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
+from gapscope.interface.models import check_recording
 from gapscope.terminal import note
 
 
@@ -54,13 +56,19 @@ def read_recording(
 
     Args:
         case_path: the case.
-        file: the recording, relative to the current folder.
+        file: the recording, relative to the current folder; or its name in the case.
         every_row: keep every row that can be read; the recording then may hold no more than t and q.
 
     Raises:
         InputError: the case or the recording cannot be used.
     """
     case = load_case(case_path, read_recordings=False)
+    if not os.path.lexists(file):
+        # behind the case file and the robot's
+        own = {path.name: path for path in case_files(case_path)[2:]}
+        if str(file) not in own:
+            check_recording(file, own)
+        file = own[str(file)]
     recording = load_recording(
         file,
         case.arm,

@@ -13,7 +13,8 @@ from gapscope.terminal import Progress, wrote
 Recording = Annotated[
     Path,
     typer.Option(
-        help="recording with t, q1..; other columns are not used", metavar="FILE"
+        help="recording with t, q1.., a path or a name of the case; other columns are not used",
+        metavar="FILE",
     ),
 ]
 Out = Annotated[Path, typer.Option(help="CSV to write: t, tau1..", metavar="FILE.csv")]

@@ -17,7 +17,10 @@ if TYPE_CHECKING:
 
 Recording = Annotated[
     Path,
-    typer.Option(help="recording with q_ref1.., or tau1.. without", metavar="FILE"),
+    typer.Option(
+        help="recording with q_ref1.., or tau1.. without; a path or a name of the case",
+        metavar="FILE",
+    ),
 ]
 Out = Annotated[
     Path, typer.Option(help="CSV to write: t, q1.., tau1..", metavar="FILE.csv")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import numbers
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
@@ -195,13 +196,16 @@ def checked_actions(actions: object, shape: tuple[int, ...]) -> np.ndarray:
 def chosen_robot(
     robot: str | Path | NominalArm, sheet: Mapping[str, Any] | None
 ) -> NominalArm:
-    """The nominal arm.
+    """The nominal arm; that of a known name with its rotors, unless the data sheet states some.
 
     Raises:
         InputError: no such robot, a data sheet that does not fit it, or one beside a nominal arm, which has its own.
     """
     if isinstance(robot, (str, Path)):
-        return load_nominal_arm(robot, sheet=sheet)
+        known, arm = KNOWN_ROBOTS.get(str(robot)), load_nominal_arm(robot, sheet=sheet)
+        if known is not None and known.rotors and not arm.armature.any():
+            arm = replace(arm, armature=np.array(known.rotors))
+        return arm
     record_of(
         "robot",
         robot,

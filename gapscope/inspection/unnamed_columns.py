@@ -30,6 +30,8 @@ PROPORTIONAL = 0.999
 """Correlation from which a column that rises counts the same time as another [1]: rows may be lost."""
 UNEVEN = 0.2
 """Steps of a column of time leave their median by less, in the mean [1]."""
+LOST = 1.5
+"""Steps of time longer than this many usual ones have lost rows in them [1]."""
 ROWS = 50_000
 """Rows that are looked at."""
 BEYOND = 0.1
@@ -81,8 +83,15 @@ def unnamed_columns(table: Table, arm: NominalArm | None, context: str) -> Table
     if not columns:
         return TableColumns((), singles, texts)
     values = np.column_stack([x[:ROWS] for _, x in columns])
-    values = values[(np.abs(values) < LARGEST).all(axis=1)]
-    blocks = _Blocks(values, arm).told(context) if len(values) > 2 * SPAN else []
+    sound = (np.abs(values) < LARGEST).all(axis=1)
+    rows = np.asarray(table.row_numbers[:ROWS])
+    if singles:
+        # the time tells where rows are missing in the file itself
+        step = np.diff(next(iter(singles.values()))[:ROWS])
+        rows = np.cumsum(np.r_[0, np.where(step > LOST * np.median(step), 2, 1)])
+    values, rows = values[sound], rows[sound]
+    few = len(values) <= 2 * SPAN
+    blocks = [] if few else _Blocks(values, rows, arm).told(context)
     groups = tuple(block.group(columns) for block in blocks)
     taken = {name for group in groups for name in group.names}
     singles |= {name: x for name, x in columns if name not in taken}
@@ -112,14 +121,19 @@ def _times(numbers: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 class _Blocks:
     """Finds the blocks in columns of numbers, (N, m)."""
 
-    def __init__(self, values: np.ndarray, arm: NominalArm | None) -> None:
+    def __init__(
+        self, values: np.ndarray, rows: np.ndarray, arm: NominalArm | None
+    ) -> None:
         self.values, self.arm = values, arm
         self.count = values.shape[1]
         self.still = np.ptp(values, axis=0) == 0
-        gain = values[SPAN:] - values[:-SPAN]
+        # no rows are lost between
+        self.next = np.diff(rows) == 1
+        whole = rows[SPAN:] - rows[:-SPAN] == SPAN
+        gain = (values[SPAN:] - values[:-SPAN])[whole]
         middle = 0.5 * (values[1:] + values[:-1])
         total = np.vstack([np.zeros(self.count), np.cumsum(middle, axis=0)])
-        total = total[SPAN:] - total[:-SPAN]
+        total = (total[SPAN:] - total[:-SPAN])[whole]
         power = (total**2).sum(axis=0)
         product = gain.T @ total
         size = np.sqrt(np.outer((gain**2).sum(axis=0), power))
@@ -181,9 +195,8 @@ class _Blocks:
         # a joint that stands still is part of its block
         inside = self.still.copy()
         inside[members] = True
-        inside[: members[0]] = False
-        ends = np.flatnonzero(~inside[members[0] :])
-        span = int(ends[0]) if len(ends) else self.count - int(members[0])
+        edges = np.flatnonzero(np.diff(np.r_[False, inside, False]))
+        span = int((edges[1::2] - edges[::2]).max())
         return best, stride, min(span, best)
 
     def _without_derivatives(self, n: int) -> tuple[int, tuple[int, ...]]:
@@ -218,8 +231,9 @@ class _Blocks:
 
     def _roughness(self) -> np.ndarray:
         """Second over first differences of each column [1], (m,); that of a column that stands still is 0."""
-        first = np.diff(self.values, axis=0).std(axis=0)
-        second = np.diff(self.values, n=2, axis=0).std(axis=0)
+        first = np.diff(self.values, axis=0)[self.next].std(axis=0)
+        both = self.next[1:] & self.next[:-1]
+        second = np.diff(self.values, n=2, axis=0)[both].std(axis=0)
         return np.where(first > 0, second / np.maximum(first, 1e-300), 0.0)
 
     def _windows(self, n: int, order: tuple[int, ...]) -> list[tuple[int, ...]]:
@@ -327,10 +341,8 @@ class _Blocks:
         if abs(held[0] - held[1]) > HELD:
             why = "like what was measured, and held between set points"
             return held[0] > held[1], why
-        # what is computed is smoother than what encoders measure
-        noise = [
-            float(np.median(np.diff(step, n=3, axis=0).std(axis=0))) for step in steps
-        ]
+        # what is computed is smoother than what encoders measure; the median passes over lost rows
+        noise = [float(np.median(np.abs(np.diff(step, n=3, axis=0)))) for step in steps]
         if max(noise) > SMOOTHER * min(noise):
             return noise[0] < noise[1], "like what was measured, and smoother"
         return self._lag(one, other) > 0, "like what was measured, and ahead of it"

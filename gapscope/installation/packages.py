@@ -13,7 +13,7 @@ NEEDED_FOR = {
     "dart": "--engine dart",
     "hdf5": "logs in HDF5 and MATLAB 7.3 files",
     "learn": "gapscope train, gapscope residual, agents in gapscope evaluate",
-    "pybullet": "--engine pybullet, the robots franka_panda and xarm6",
+    "pybullet": "--engine pybullet, the robot xarm6",
     "robots": "robots by the names of robot_descriptions",
     "tune": "gapscope train --tune",
 }

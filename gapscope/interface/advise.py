@@ -17,7 +17,7 @@ from gapscope.interface.excite import ExcitationResult
 from gapscope.interface.result import Result
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class AdviceResult(Result):
     """The next recording of a case.
 

@@ -18,7 +18,7 @@ from gapscope.outputs.agreement import write_agreement
 from gapscope.reports.agreement.terminal_summary import summary
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class AgreementResult(Result):
     """Whether recordings agree.
 

@@ -17,7 +17,7 @@ from gapscope.outputs.audit import write_audit
 from gapscope.reports.model_audit.terminal_summary import summary
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class AuditResult(Result):
     """What is odd about a model.
 

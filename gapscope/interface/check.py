@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import pandas as pd
 from rich.console import Console
 
+from gapscope.arm.case import Case
 from gapscope.arm.io.json_file import write_json
 from gapscope.case_check.case_check_json import document
 from gapscope.case_check.check import CaseCheck, check_case
+from gapscope.interface.models import case_file
 from gapscope.interface.result import Result, as_text
 from gapscope.outputs.folder import begin_results
 from gapscope.reports.case_check.terminal_summary import summary
@@ -20,7 +23,7 @@ from gapscope.reports.case_check.terminal_summary import summary
 DOCUMENT = "check.json"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CheckResult(Result):
     """What the check of a case found.
 
@@ -61,12 +64,12 @@ class CheckResult(Result):
 
 
 def check(
-    case: str | Path, *, progress: Callable[[str], None] = lambda message: None
+    case: Case | str | Path, *, progress: Callable[[str], None] = lambda message: None
 ) -> CheckResult:
     """Check a case in seconds: columns, units, rates, order, ranges, excitation, data sheet, controller, model.
 
     Args:
-        case: folder of the case, or its case file.
+        case: the case, its folder or its case file.
         progress: called with a few words at each step.
 
     Examples:
@@ -74,4 +77,6 @@ def check(
         >>> gapscope.check("my_arm").can_be_diagnosed  # doctest: +SKIP
         True
     """
-    return CheckResult(check_case(Path(case), progress))
+    with TemporaryDirectory(prefix="gapscope_") as aside:
+        path = case_file(case, Path(aside)) if isinstance(case, Case) else Path(case)
+        return CheckResult(check_case(path, progress))

@@ -36,7 +36,7 @@ from gapscope.provenance import KEY, made_from
 from gapscope.reports.diagnosis.terminal_summary import print_summary
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class DiagnosisResult(Result):
     """The findings on one case.
 

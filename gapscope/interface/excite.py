@@ -20,7 +20,7 @@ from gapscope.outputs.trajectory import check_csv, write_trajectory
 from gapscope.reports.trajectory.terminal_summary import summary
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ExcitationResult(Result):
     """An exciting trajectory that keeps all limits.
 

@@ -14,7 +14,7 @@ from gapscope.interface.result import Result
 from gapscope.outputs.folder import make_folder
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ExportResult(Result):
     """A file for another simulator.
 

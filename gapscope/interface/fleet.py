@@ -22,7 +22,7 @@ from gapscope.reports.fleet.terminal_summary import print_fleet
 DOCUMENT, PAGE = "fleet.json", "fleet.html"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FleetOverview(Result):
     """The diagnoses of a fleet, compared.
 

@@ -18,7 +18,7 @@ from gapscope.outputs.gap import gap_document
 from gapscope.reports.gap_tables import gap_tables
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class GapResult(Result):
     """The gap of an arm on the recordings of a case.
 

@@ -22,7 +22,7 @@ from gapscope.outputs.identification import DOCUMENT, write_identification
 from gapscope.reports.identification.terminal_summary import summary
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class IdentificationResult(Result):
     """What was identified.
 

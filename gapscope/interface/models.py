@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import warnings
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
 from gapscope.arm.case import Case, load_case
-from gapscope.arm.errors import ModelWarning
+from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.input_file import is_folder
+from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.io.write_case import write_case
+from gapscope.arm.nearest_name import nearest
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
@@ -100,15 +103,47 @@ def case_file(case: Case, folder: Path) -> Path:
     return case.file or write_case(case, folder / "case", overwrite=True)
 
 
-def recording_of(case: Case, recording: Recording | int | str) -> Recording:
-    """A recording of a case, by itself, its number from 0, or its name.
+def recording_of(
+    case: Case, recording: Recording | int | str | Path, *, every_row: bool = False
+) -> Recording:
+    """A recording of a case, by itself, its number from 0, or its name; or one in its form, by its path.
+
+    Args:
+        case: the case.
+        recording: which one.
+        every_row: of a path, keep every row; the file then may hold no more than t and q.
 
     Raises:
-        KeyError: the case has no recording of that name.
+        InputError: the case has no recording of that name, and there is no such file; or it cannot be read.
     """
     if isinstance(recording, Recording):
         return recording
     everything = (*case.recordings, *case.judged)
     if isinstance(recording, int):
         return everything[recording]
-    return {r.name: r for r in everything}[recording]
+    named = {r.name: r for r in everything}
+    if str(recording) in named:
+        return named[str(recording)]
+    path = Path(recording)
+    check_recording(path, named)
+    return load_recording(
+        path,
+        case.arm,
+        case.importing,
+        every_row=every_row,
+        payload=case.payload_of(path),
+    )
+
+
+def check_recording(path: Path, named: Collection[str]) -> None:
+    """Check that a recording that is none of a case's by its name is there.
+
+    Raises:
+        InputError: it is not.
+    """
+    if not os.path.lexists(path):
+        raise InputError(
+            "no such file, and the case has no recording of that name",
+            f"{nearest(str(path), named)}give a path, or one of {', '.join(named)}",
+            file=path,
+        )

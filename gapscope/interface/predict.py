@@ -24,7 +24,7 @@ from gapscope.interface.result import Result
 from gapscope.outputs.folder import make_folder
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Prediction(Result):
     """Predicted torque at every sample of a recording, N samples of n joints.
 
@@ -63,14 +63,14 @@ class Prediction(Result):
 
 def predict(
     case: Case | NominalArm | str | Path,
-    recording: Recording | int | str = 0,
+    recording: Recording | int | str | Path = 0,
     model: Model = None,
 ) -> Prediction:
     """Predict the torque that would be recorded, from time, position and known payload alone.
 
     Args:
         case: the case; or an arm (see ``make_arm``), with a ``Recording`` beside it.
-        recording: a recording, or of a case its number from 0 or its name.
+        recording: a recording, or of a case its number from 0 or its name, or the path of a file in its form.
         model: what corrects the nominal arm; see ``Model``.
 
     Raises:
@@ -88,7 +88,7 @@ def predict(
         chosen, arm = recording, make_arm(case)
     else:
         loaded = _case(case)
-        chosen, arm = recording_of(loaded, recording), loaded.arm
+        chosen, arm = recording_of(loaded, recording, every_row=True), loaded.arm
     corrected = corrected_arm(arm, model)
     say_state(corrected, chosen)
     torque = predict_torque(corrected, chosen)

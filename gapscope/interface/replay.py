@@ -19,7 +19,7 @@ from gapscope.outputs.folder import make_folder
 from gapscope.reports.gap_tables import replay_line
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ReplayResult(Result):
     """A replayed motion.
 

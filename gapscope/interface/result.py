@@ -11,6 +11,9 @@ from pathlib import Path
 import pandas as pd
 from rich.console import Console
 
+SCREEN = 24
+"""Lines of a screen."""
+
 
 class Result(ABC):
     """A result that can be saved as files, read as text, and looked at as a data frame."""
@@ -37,10 +40,18 @@ class Result(ABC):
     def __str__(self) -> str:
         return self.summary()
 
+    def __repr__(self) -> str:
+        """The first screen of the text."""
+        lines = self.summary().splitlines()
+        if len(lines) <= SCREEN:
+            return "\n".join(lines)
+        more = f"... {len(lines) - SCREEN + 1} more lines: print(result)"
+        return "\n".join([*lines[: SCREEN - 1], more])
+
     def _repr_html_(self) -> str:
-        """What a notebook shows: the text, and the data frame below it."""
+        """What a notebook shows: the first screen of the text, and the data frame below it."""
         table = self.to_frame().to_html(max_rows=12, float_format="{:.4g}".format)
-        return f"<pre>{html.escape(self.summary())}</pre>{table}"
+        return f"<pre>{html.escape(repr(self))}</pre>{table}"
 
 
 def as_text(show: Callable[[Console], None]) -> str:

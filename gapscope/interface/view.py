@@ -6,7 +6,6 @@ from pathlib import Path
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import GapscopeError
-from gapscope.arm.nearest_name import check_known
 from gapscope.arm.recording import Recording
 from gapscope.interface.models import Model, recording_of
 from gapscope.interface.predict import predict
@@ -28,9 +27,6 @@ def view(
         InputError: the case or the model cannot be used.
     """
     loaded = case if isinstance(case, Case) else load_case(case)
-    if isinstance(recording, str):
-        names = [r.name for r in (*loaded.recordings, *loaded.judged)]
-        check_known("recording", recording, names, where=loaded.name)
     chosen = recording_of(loaded, recording)
     torque = predict(loaded, chosen, model).tau
     scene = Scene(loaded.arm, chosen.t, chosen.q, chosen.tau, torque)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.inspection.draft import case_text
 from gapscope.inspection.draft_check import DraftCheck
@@ -14,6 +15,20 @@ from gapscope.reports.inspection.picture import write_picture
 
 CASE, PAGE, PICTURE = "case.yaml", "inspection.html", "inspection.png"
 """Files in the folder of results."""
+
+
+def check_unused(folder: Path) -> None:
+    """Check that no case is there, which may have been edited.
+
+    Raises:
+        InputError: one is.
+    """
+    if (folder / CASE).exists():
+        raise InputError(
+            "is there already, and may have been edited",
+            "name another folder with --out, or remove it",
+            file=folder / CASE,
+        )
 
 
 def save_inspection(

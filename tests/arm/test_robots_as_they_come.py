@@ -11,8 +11,10 @@ import pytest
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.dynamics.robot_file import placeholder
 from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.io.write_case import write_case
+from gapscope.arm.known_robots import KNOWN_ROBOTS, pybullet_data
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.corrected import CorrectedArm
@@ -374,3 +376,22 @@ def test_what_the_parser_says_is_part_of_the_error(
         load_nominal_arm(path)
     assert "chain:" in caught.value.remedy
     assert capfd.readouterr() == ("", "")
+
+
+def test_known_robots_have_inertials_of_their_own_and_say_their_source() -> None:
+    pytest.importorskip("pybullet_data", reason="the xarm6 comes with PyBullet")
+    for name, known in KNOWN_ROBOTS.items():
+        arm = load_nominal_arm(name)
+        assert known.source and not placeholder(arm.urdf, arm.joints)
+    # Gaz and others 2019, table of the identified masses
+    mass = RigidBody(load_nominal_arm("franka_panda")).inertial_parameters()[::10]
+    expected = [4.970684, 0.646926, 3.228604, 3.587895, 1.225946, 1.666555]
+    np.testing.assert_allclose(mass[:6], expected, atol=1e-9)
+
+
+def test_placeholders_of_an_engine_get_a_warning() -> None:
+    folder = pybullet_data()
+    if folder is None:
+        pytest.skip("the placeholders come with PyBullet")
+    with pytest.warns(ModelWarning, match="10 different masses have the same moments"):
+        load_nominal_arm(folder / "franka_panda" / "panda.urdf")

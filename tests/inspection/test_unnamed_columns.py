@@ -137,3 +137,18 @@ def test_columns_of_a_file_with_a_header_may_be_given_by_number(arm, motion, tmp
     )
     read = load_case(tmp_path).recordings[0]
     np.testing.assert_allclose(read.q, motion.q, atol=1e-8)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_lost_rows_and_noise_of_single_rows_do_not_matter(known, arm, moved, tmp_path):
+    names = ("t", "q", "dq", "tau", "q_ref")
+    table = np.hstack([moved[name] for name in names])
+    table = np.delete(table, np.arange(500, 600), axis=0)
+    table[[20, 400], 3] = 1e154
+    table[700:760, 1:] = np.nan
+    found = inspected(written(tmp_path, table), arm if known else None)
+    first = 2
+    for name in names[1:]:
+        numbers = [str(first + j) for j in range(7)]
+        assert list(found.chosen[name][1].group.names) == numbers, name
+        first += 7

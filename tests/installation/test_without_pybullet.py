@@ -60,9 +60,7 @@ def test_identification_and_report_are_made(case: Path, tmp_path: Path) -> None:
     assert (tmp_path / "report.html").is_file()
 
 
-@pytest.mark.parametrize(
-    "asked", [("kuka_iiwa", "--engine", "pybullet"), ("franka_panda",)]
-)
+@pytest.mark.parametrize("asked", [("kuka_iiwa", "--engine", "pybullet"), ("xarm6",)])
 def test_what_needs_it_says_the_remedy(asked: tuple[str, ...], tmp_path: Path) -> None:
     effects = tmp_path / "effects.yaml"
     effects.write_text(yaml.safe_dump({"schema": 1, "effects": []}), encoding="utf-8")

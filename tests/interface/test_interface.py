@@ -147,8 +147,11 @@ BAD = {
     ),
     "lists that differ": (lambda t, q, tau: {"t": t, "q": [q, q]}, "2 recordings"),
     "nan": (
-        lambda t, q, tau: {"t": t, "q": np.where(t[:, None] > 1, np.nan, q)},
-        "finite",
+        lambda t, q, tau: {
+            "t": t,
+            "q": np.where(np.arange(len(t))[:, None] % 2, np.nan, q),
+        },
+        "row 2, column q1: is not a finite number",
     ),
 }
 
@@ -161,3 +164,68 @@ def test_bad_arrays_are_refused_with_the_place(name, case):
         gapscope.Case.from_arrays(
             arm(), **make(recording.t, recording.q, recording.tau)
         )
+
+
+def test_repr_is_the_first_screen(case, result):
+    assert result.summary().startswith(repr(result).splitlines()[0])
+    for one in (result, gapscope.predict(case), gapscope.identify(case)):
+        lines = repr(one).splitlines()
+        assert len(lines) <= 24 and max(map(len, lines)) <= 100
+        assert "array(" not in repr(one)
+    assert "print(result)" in repr(result) or len(result.summary().splitlines()) <= 24
+
+
+def test_a_case_in_memory_is_checked(case):
+    found = gapscope.check(case)
+    assert found.document["case"] == "stiff"
+    assert len(found.to_frame()) == len(found.document["remarks"])
+
+
+@pytest.fixture(scope="module")
+def written(case, tmp_path_factory):
+    """The case as files."""
+    from gapscope.arm.io.write_case import write_case
+
+    file = write_case(case, tmp_path_factory.mktemp("written") / "case")
+    return gapscope.load_case(file)
+
+
+def test_a_recording_is_named_by_number_name_or_path(written, tmp_path, monkeypatch):
+    name = written.recordings[0].name
+    path = written.folder / name
+    by_number = gapscope.predict(written, 0)
+    for given in (name, path, str(path)):
+        found = gapscope.predict(written, given)
+        assert np.array_equal(found.tau, by_number.tau)
+    with pytest.raises(InputError, match="no recording of that name") as caught:
+        gapscope.predict(written, "other.csv")
+    assert name in caught.value.remedy
+    # the command takes a name of the case too
+    from gapscope.commands.inputs import read_recording
+
+    monkeypatch.chdir(tmp_path)
+    for given in (Path(name), path):
+        _, recording = read_recording(written.folder, given, every_row=True)
+        assert np.array_equal(recording.q, written.recordings[0].q)
+    with pytest.raises(InputError, match="no recording of that name"):
+        read_recording(written.folder, Path("other.csv"))
+
+
+def test_inspection_makes_a_case(written, tmp_path):
+    log = written.folder / written.recordings[0].name
+    found = gapscope.inspect(log, written.arm.urdf)
+    assert set(found.to_frame()["channel"]) >= {"time", "q", "tau"}
+    assert "columns" in found.summary()
+    *_, file = found.save(tmp_path / "made")
+    assert gapscope.load_case(file).arm.n_joints == 3
+    with pytest.raises(InputError, match="is there already"):
+        found.save(tmp_path / "made")
+
+
+def test_a_log_is_no_case(written, tmp_path):
+    log = written.folder / written.recordings[0].name
+    for given in (log, str(log)):
+        with pytest.raises(InputError, match="is a log, and a case") as caught:
+            gapscope.load_case(given)
+        assert f"gapscope inspect {log}" in caught.value.remedy
+        assert len(str(caught.value)) < 500

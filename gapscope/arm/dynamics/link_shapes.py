@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.input_file import is_file
+from gapscope.arm.known_robots import pybullet_data
 
 SCHEMES = ("package://", "model://", "file://")
 """How a URDF may begin the path of a mesh."""
@@ -94,7 +95,7 @@ def find_mesh(name: str, urdf: Path) -> Path | None:
     """File of a mesh that a URDF names, or ``None`` if it is not found.
 
     A path after ``package://`` starts from the folder of the URDF or one of the three above it, with the package's
-    name or without.
+    name or without; that of ``pybullet_data`` from the installed package too.
     """
     scheme = next((s for s in SCHEMES if name.startswith(s)), "")
     rest = Path(name[len(scheme) :])
@@ -102,7 +103,9 @@ def find_mesh(name: str, urdf: Path) -> Path | None:
     # the package's folder may have another name than the package
     without_package = Path(*rest.parts[1:]) if len(rest.parts) > 1 else rest
     parts = (rest, without_package) if in_package else (rest,)
-    folders = urdf.resolve().parents[: 4 if in_package else 1]
+    folders = list(urdf.resolve().parents[: 4 if in_package else 1])
+    if in_package and rest.parts[:1] == ("pybullet_data",):
+        folders += filter(None, [pybullet_data()])
     for part in parts:
         for folder in folders:
             if is_file(folder / part):

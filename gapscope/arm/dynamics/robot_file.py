@@ -41,6 +41,8 @@ _OF_JOINTS = (
     ("dynamics", "friction", 1),
 )
 """Elements of a URDF's joint, their attributes, and how many numbers each has; limits may be infinite."""
+SAME_INERTIA = 4
+"""So many links of different masses with the same moments of inertia have no moments of their own [1]."""
 _NEEDED = ("origin", "parent", "child", "axis", "limit")
 """Elements of a URDF's joint that make its motion."""
 _PARSER_ERROR = re.compile(r"Error: +(.*)")
@@ -350,6 +352,25 @@ def _of_mjcf(root: ET.Element) -> pin.Model:
         file = Path(folder) / "arm.xml"
         file.write_text(ET.tostring(root, encoding="unicode"), encoding="utf-8")
         return pin.buildModelFromMJCF(str(file))
+
+
+def placeholder(path: Path, joints: Collection[str]) -> str:
+    """What says that the moments of inertia of an arm of a URDF stand in for unknown ones; empty if they do not."""
+    root = read_root(path)
+    moved = read_tree(root, path).moved(joints)
+    masses: dict[tuple[tuple[str, str], ...], set[str]] = {}
+    for link in root.findall("link"):
+        inertia, mass = link.find("inertial/inertia"), link.find("inertial/mass")
+        if link.get("name") in moved and inertia is not None and mass is not None:
+            own = masses.setdefault(tuple(sorted(inertia.attrib.items())), set())
+            own.add(mass.get("value", ""))
+    most = max(masses.values(), key=len, default=set())
+    if len(most) < SAME_INERTIA:
+        return ""
+    return (
+        f"{path}: links of {len(most)} different masses have the same moments of inertia, placeholders that are not "
+        "the arm's: its torque cannot be judged by them; give its published inertials"
+    )
 
 
 def silent_limits(path: Path, joints: Collection[str]) -> dict[str, list[str]]:

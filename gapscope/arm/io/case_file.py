@@ -22,6 +22,9 @@ DEEPEST_YAML = 300
 LARGEST_EXPANSION = 1_000_000
 """Values that a YAML file may stand for, aliases written out [1]."""
 
+LONGEST_SHOWN = 200
+"""Letters of a value that a message shows."""
+
 _KINDS = {
     "object": "a mapping (key: value)",
     "array": "a list",
@@ -223,7 +226,7 @@ def _sentence(rule: str, expected: Any, value: Any, schema: Any) -> tuple[str, s
     if rule == "type":
         kinds = [expected] if isinstance(expected, str) else expected
         return (
-            f"expected {' or '.join(_KINDS[kind] for kind in kinds)}, got {value!r}",
+            f"expected {' or '.join(_KINDS[kind] for kind in kinds)}, got {_shown(value)}",
             "",
         )
     if rule == "enum":
@@ -239,5 +242,11 @@ def _sentence(rule: str, expected: Any, value: Any, schema: Any) -> tuple[str, s
             "",
         )
     if rule == "uniqueItems":
-        return f"has an entry twice: {value!r}", ""
-    return f"must not be empty, got {value!r}", ""
+        return f"has an entry twice: {_shown(value)}", ""
+    return f"must not be empty, got {_shown(value)}", ""
+
+
+def _shown(value: Any) -> str:
+    """A value in a message, its beginning if it is long."""
+    text = repr(value)
+    return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]} ..."

@@ -72,6 +72,22 @@ def open_log(path: str | Path) -> Log:
     return reader(path)
 
 
+def check_no_log(path: Path) -> None:
+    """Check that what was given for a case, its file or folder, is no recording.
+
+    Raises:
+        InputError: it is a log, or the folder of one.
+    """
+    case = os.path.lexists(path / "case.yaml")
+    bag = os.path.lexists(path / METADATA) or is_dataset(path)
+    if path.suffix.lower() in READERS or (bag and not case):
+        raise InputError(
+            "is a log, and a case was expected",
+            f"gapscope inspect {path} tells what is in it, and with --robot and --out makes a case of it",
+            file=path,
+        )
+
+
 def _check_bag_folder(path: Path) -> None:
     """Check that a folder has what makes it a rosbag2 folder.
 

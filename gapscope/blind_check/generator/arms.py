@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gapscope.arm.known_robots import KNOWN_ROBOTS
+from gapscope.arm.known_robots import KNOWN_ROBOTS, pybullet_data
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.blind_check.generator.urdf import (
     Inertial,
@@ -145,7 +145,12 @@ def draw_arm(name: str, rng: np.random.Generator) -> Arm:
     if name in DH:
         urdf = text_of(_by_dh(*DH[name]))
     else:
-        text = load_nominal_arm(name).urdf.read_text(encoding="utf-8")
+        # the published figures rest on the model that comes with the engine
+        folder = pybullet_data()
+        file = None if folder is None else folder / "franka_panda" / "panda.urdf"
+        if name != "franka_panda" or file is None:
+            file = load_nominal_arm(name).urdf
+        text = file.read_text(encoding="utf-8")
         urdf = text_of(cleaned(text, KNOWN_ROBOTS[name].joints))
     return _with_sheet(name, urdf, SHEETS[name], rng)
 

@@ -342,9 +342,21 @@ def test_write_case_without_torque_and_with_equal_names(
     same(made, load_case(tmp_path / "made"))
 
 
-def test_a_log_given_for_a_case_is_not_printed_whole(tmp_path: Path) -> None:
-    path = tmp_path / "recording.csv"
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [("recording.csv", "is a log"), ("recording.yaml", "expected a mapping")],
+)
+def test_a_log_given_for_a_case_is_not_printed_whole(
+    name: str, said: str, tmp_path: Path
+) -> None:
+    path = tmp_path / name
     path.write_text("t,q1\n" + "0.5,1.0\n" * 10_000)
-    with pytest.raises(InputError, match="expected a mapping") as caught:
+    with pytest.raises(InputError, match=said) as caught:
         load_case(path)
-    assert len(str(caught.value)) < 2500
+    assert len(str(caught.value)) < 500
+
+
+def test_the_folder_of_a_bag_is_no_case(tmp_path: Path) -> None:
+    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information: {}")
+    with pytest.raises(InputError, match="is a log, and a case was expected"):
+        load_case(tmp_path)
