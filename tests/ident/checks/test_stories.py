@@ -128,31 +128,40 @@ def resting(r: Recording) -> Recording:
     return replace(r, q=np.where(np.arange(7) == 6, 0.3, r.q))
 
 
+Fault = Callable[[Recording], Recording]
+ROWS: dict[Fault, tuple[str, tuple[int, ...] | None]] = {
+    swapped: ("swapped_joints", (3, 4)),
+    turned: ("torque_sign", (4,)),
+    late: ("time_offset", None),
+    noisy: ("derivative_noise", None),
+    saturated: ("saturated_torque", (1, 2, 3, 4, 5, 6, 7)),
+    resting: ("resting_joint", (7,)),
+}
+"""Row of the table that a fault fires, and its joints."""
+
+
 class TestTroubleshooting:
     def test_healthy_arm_fires_no_row(self) -> None:
         assert found(healthy()) == {}
         assert len(healthy().table) == len(CHECKS)
 
     @pytest.mark.parametrize(
-        ("fault", "row", "joints"),
+        "planted",
         [
-            (swapped, "swapped_joints", (3, 4)),
-            nightly(turned, "torque_sign", (4,)),
-            (late, "time_offset", None),
-            (noisy, "derivative_noise", None),
-            (saturated, "saturated_torque", (1, 2, 3, 4, 5, 6, 7)),
-            nightly(resting, "resting_joint", (7,)),
+            (late, swapped),
+            (noisy, saturated),
+            *(nightly((fault,)) for fault in ROWS),
         ],
+        ids=lambda planted: " and ".join(fault.__name__ for fault in planted),
     )
-    def test_planted_fault_fires_its_row(
-        self,
-        fault: Callable[[Recording], Recording],
-        row: str,
-        joints: tuple[int, ...] | None,
-    ) -> None:
-        fired = found(identify(each(panda_case(), fault), CUTOFF))
-        assert row in fired
-        assert joints is None or fired[row] == joints
+    def test_planted_faults_fire_their_rows(self, planted: tuple[Fault, ...]) -> None:
+        case = panda_case()
+        for fault in planted:
+            case = each(case, fault)
+        fired = found(identify(case, CUTOFF))
+        for row, joints in map(ROWS.__getitem__, planted):
+            assert row in fired
+            assert joints is None or fired[row] == joints
 
     def test_zero_fires_its_row(self) -> None:
         assert found(off(2))["joint_zero"] == (2,)
