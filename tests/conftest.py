@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import tempfile
 from collections.abc import Iterator
 from importlib.util import find_spec
@@ -16,6 +17,9 @@ from own_effect_page import write_example
 from gapscope.arm.known_robots import KNOWN_ROBOTS
 from gapscope.effects.catalogue import load_effects, remove
 from gapscope.effects.effect import TorqueLaw
+
+# helpers of tests in their sub-folders and in other folders: ``documents``, ``synthetic``, ``problems``
+sys.path[:0] = [str(Path(__file__).parent / name) for name in ("diagnosis", "ident")]
 
 BESIDE_THE_PROJECT = Path(__file__).resolve().parents[2] / "shared" / "data"
 

@@ -16,7 +16,7 @@ from gapscope.arm.errors import ModelWarning
 from gapscope.arm.robots import load_nominal_arm
 
 Command = Callable[..., object]
-QUICK = ("--evaluations", 60, "--seed", 1, "--optimiser", "random")
+QUICK = ("--evaluations", 25, "--seed", 1, "--optimiser", "random")
 
 
 def _columns(path: Path) -> dict[str, np.ndarray]:

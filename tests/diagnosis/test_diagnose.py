@@ -192,7 +192,13 @@ def silent(recording: Recording) -> Recording:
 
 
 def late(recording: Recording) -> Recording:
-    return replace(recording, t=recording.t + 1.7e9)
+    """At half the rate as well."""
+    return replace(
+        recording,
+        t=recording.t[::2] + 1.7e9,
+        q=recording.q[::2],
+        tau=recording.tau[::2],
+    )
 
 
 def torn(recording: Recording) -> Recording:
@@ -277,6 +283,8 @@ def test_order_of_the_columns() -> None:
     payload = next(e for e in result.effects if e.name == "payload")
     assert payload.parameters["mass"] == pytest.approx(1.0, rel=0.03)
     np.testing.assert_allclose(payload.parameters["com"], [0.2, 0.0, 0.0], atol=0.01)
+    encoder = next(e for e in result.effects if e.name == "encoder_offset")
+    assert encoder.parameters["offset"] == pytest.approx([0.06], rel=0.05)
 
 
 @pytest.mark.nightly
@@ -308,6 +316,7 @@ def test_a_joint_that_never_moves() -> None:
     assert [(e.name, e.joints) for e in result.effects] == [("coulomb_friction", (2,))]
 
 
+@pytest.mark.nightly
 def test_recordings_of_different_rates() -> None:
     """A sine of 5 Hz is found in its band although the recordings have 125, 250 and 250 Hz."""
 

@@ -286,6 +286,7 @@ class TestDiagnosis:
             None,
         ]
 
+    @pytest.mark.nightly
     def test_one_that_is_not_declared_is(self) -> None:
         document = diagnose(case(declared=False)).document
         assert document["verdict"] != "no_gap"

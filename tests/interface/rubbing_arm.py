@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "diagnosis"))
 import synthetic
 
 COULOMB = (0.0, 4.0, 0.0)

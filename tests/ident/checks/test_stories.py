@@ -5,23 +5,30 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 from cases import each, panda_case
-from sweeps import nightly
+from sweeps import daily, nightly
 
-from gapscope.arm.case import Case
+from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import InputError
 from gapscope.arm.recording import Recording
 from gapscope.effects.applied import AppliedEffect
+from gapscope.ident.checks.fit_evidence import NominalSimilarity, nominal_similarity
 from gapscope.ident.checks.table_row import FOUND
+from gapscope.ident.checks.torque_gain import torque_gain
 from gapscope.ident.checks.troubleshooting import CHECKS
 from gapscope.ident.identification import (
     Identification,
     IdentificationSettings,
     identify,
 )
+from gapscope.ident.model.model_columns import ModelColumns
+from gapscope.ident.signals.samples import Band, Samples
+from gapscope.ident.signals.split import split
+from gapscope.model.conditioning import position_cutoff
 
 CUTOFF = IdentificationSettings(cutoff=20.0)
 FIVE = np.deg2rad(5.0)
@@ -63,7 +70,7 @@ class TestWrongZero:
             "link 3 even of negative mass" in warning for warning in off(2).warnings
         )
 
-    @pytest.mark.parametrize("joint", [2, 3, 4])
+    @pytest.mark.parametrize("joint", daily((2, 3, 4), 2))
     def test_tool_asks_for_the_zero_and_recovers_it(self, joint: int) -> None:
         result = off(joint)
         assert result.zeros.asked.tolist() == [joint - 1]
@@ -121,34 +128,43 @@ def resting(r: Recording) -> Recording:
     return replace(r, q=np.where(np.arange(7) == 6, 0.3, r.q))
 
 
+Fault = Callable[[Recording], Recording]
+ROWS: dict[Fault, tuple[str, tuple[int, ...] | None]] = {
+    swapped: ("swapped_joints", (3, 4)),
+    turned: ("torque_sign", (4,)),
+    late: ("time_offset", None),
+    noisy: ("derivative_noise", None),
+    saturated: ("saturated_torque", (1, 2, 3, 4, 5, 6, 7)),
+    resting: ("resting_joint", (7,)),
+}
+"""Row of the table that a fault fires, and its joints."""
+
+
 class TestTroubleshooting:
     def test_healthy_arm_fires_no_row(self) -> None:
         assert found(healthy()) == {}
         assert len(healthy().table) == len(CHECKS)
 
     @pytest.mark.parametrize(
-        ("fault", "row", "joints"),
+        "planted",
         [
-            (swapped, "swapped_joints", (3, 4)),
-            nightly(turned, "torque_sign", (4,)),
-            (late, "time_offset", None),
-            (noisy, "derivative_noise", None),
-            (saturated, "saturated_torque", (1, 2, 3, 4, 5, 6, 7)),
-            nightly(resting, "resting_joint", (7,)),
+            (late, swapped),
+            (noisy, saturated),
+            *(nightly((fault,)) for fault in ROWS),
         ],
+        ids=lambda planted: " and ".join(fault.__name__ for fault in planted),
     )
-    def test_planted_fault_fires_its_row(
-        self,
-        fault: Callable[[Recording], Recording],
-        row: str,
-        joints: tuple[int, ...] | None,
-    ) -> None:
-        fired = found(identify(each(panda_case(), fault), CUTOFF))
-        assert row in fired
-        assert joints is None or fired[row] == joints
+    def test_planted_faults_fire_their_rows(self, planted: tuple[Fault, ...]) -> None:
+        case = panda_case()
+        for fault in planted:
+            case = each(case, fault)
+        fired = found(identify(case, CUTOFF))
+        for row, joints in map(ROWS.__getitem__, planted):
+            assert row in fired
+            assert joints is None or fired[row] == joints
 
     def test_zero_fires_its_row(self) -> None:
-        assert found(off(3))["joint_zero"] == (3,)
+        assert found(off(2))["joint_zero"] == (2,)
 
     @pytest.mark.nightly
     def test_torque_in_another_unit_fires_its_row_where_it_is_let_pass(self) -> None:
@@ -191,3 +207,69 @@ class TestTroubleshooting:
                 (row.entry.symptom, row.entry.cause, row.entry.check, row.entry.remedy)
             )
             assert np.isfinite(row.measured)
+
+
+# Torque in another unit is refused or said with its factor; healthy arms and arms full of friction are let pass.
+
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def scaled(factor: float) -> Case:
+    return each(panda_case(), lambda r: replace(r, tau=factor * np.asarray(r.tau)))
+
+
+@cache
+def identified(factor: float) -> Identification:
+    return identify(scaled(factor), replace(CUTOFF, any_torque=True))
+
+
+def compared(case: Case) -> NominalSimilarity:
+    fit, _ = split(case)
+    band, columns = (
+        Band(position_cutoff(tuple(fit))),
+        ModelColumns(case.arm),
+    )
+    return nominal_similarity(Samples(columns, band.segments(fit), band))
+
+
+@pytest.mark.parametrize("factor", daily((1 / 5, 9.81, 0.738), 1 / 5, 0.738))
+def test_a_wrong_factor_is_quoted(factor: float) -> None:
+    result = identified(factor)
+    (warning,) = (w for w in result.warnings if "times the nominal arm's" in w)
+    assert f"is {factor:.3g} times" in warning and "alike" in warning
+    assert any(
+        row.entry.key == "torque_gain" and row.verdict == "found"
+        for row in result.table
+    )
+
+
+def test_the_unit_is_guessed() -> None:
+    assert any("as if it were in lbf ft" in w for w in identified(0.738).warnings)
+
+
+def test_large_factors_are_refused() -> None:
+    with pytest.raises(InputError, match="9.81 times larger"):
+        identify(scaled(9.81), CUTOFF)
+
+
+def test_a_nominal_arm_that_is_off_by_more_than_the_torque_is_said_plainly() -> None:
+    assert any("off by 400% of the recorded" in w for w in identified(1 / 5).warnings)
+
+
+def test_silent_on_a_healthy_arm() -> None:
+    assert not torque_gain(compared(panda_case())).found
+
+
+@pytest.mark.shared_data
+@pytest.mark.parametrize("number", daily(range(9), 0))
+def test_silent_on_sample_cases(number: int, sample_cases: Path) -> None:
+    """None of them has torque in another unit; one has scaled torque on some joints, one a payload."""
+    case = load_case(sample_cases / f"case{number:03d}")
+    assert not torque_gain(compared(case)).found
+
+
+@pytest.mark.shared_data
+def test_silent_on_an_arm_full_of_friction(data_root: Path) -> None:
+    path = ROOT / "experiments" / "cases" / "staubli_tx40.yaml"
+    assert not torque_gain(compared(load_case(path, data_root=data_root))).found

@@ -2,31 +2,43 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from cases import sines
+from sweeps import daily
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.errors import InputError
+from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.trajectory import Limits
+from gapscope.arm.motions.way_points import WayPoints
 from gapscope.arm.nominal import NominalArm
+from gapscope.ident.excitation import binding_limit as module
+from gapscope.ident.excitation.binding_limit import binding_limit, check_condition
 from gapscope.ident.excitation.candidate_model import ExcitationModel
-from gapscope.ident.excitation.criteria import CRITERIA
+from gapscope.ident.excitation.criteria import CRITERIA, condition_number, criterion
 from gapscope.ident.excitation.design import Excitation, design, sampled
 from gapscope.ident.excitation.excitation_plan import (
     OPTIMISERS,
     ExcitationPlan,
     LimitPlan,
 )
-from gapscope.ident.excitation.families import family
+from gapscope.ident.excitation.families import KINDS, family
 from gapscope.ident.excitation.limits import Allowed, Checker
 from gapscope.ident.excitation.random_search import RandomSearch
+from gapscope.ident.excitation.separation import Signatures
 from gapscope.ident.excitation.trajectory_files import write_joint_trajectory
 from gapscope.ident.excitation.trajectory_parametrisation import Parametrisation
-from gapscope.ident.excitation.trajectory_search import Budget, TrajectorySearch
+from gapscope.ident.excitation.trajectory_search import (
+    SAMPLES,
+    Budget,
+    TrajectorySearch,
+)
 from gapscope.ident.model.regressor import JOINT_COLUMNS
 
 COLUMNS = ("rotor", "damping")
@@ -219,3 +231,360 @@ def test_names_for_another_number_of_joints_are_refused(tmp_path: Path) -> None:
         write_joint_trajectory(
             Motion(np.arange(2.0), *np.zeros((3, 2, 3))), ("a",), tmp_path / "x.yaml"
         )
+
+
+# Every candidate keeps its limits, rests at both ends, and the exact gradients are those of finite differences.
+
+
+DURATION = 10.0
+
+
+def space(kind: str, limits: Limits, frequency: float = 0.1) -> Parametrisation:
+    return Parametrisation(family(kind, 3, DURATION, 4, frequency), limits)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("frequency", [0.1, 0.5])
+def test_every_candidate_keeps_the_limits_at_every_millisecond(
+    kind: str, frequency: float, limits: Limits
+) -> None:
+    made, rng, t = (
+        space(kind, limits, frequency),
+        np.random.default_rng(0),
+        np.linspace(0, DURATION, 10001),
+    )
+    for _ in range(10):
+        x = 2 * made.draw(rng)
+        reference = made.reference(x)
+        q = reference.position(t)
+        assert (q >= limits.lower).all() and (q <= limits.upper).all()
+        assert (np.abs(reference.velocity(t)) <= limits.velocity).all()
+        assert (np.abs(reference.acceleration(t)) <= limits.acceleration).all()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_full_amplitude_meets_a_limit_on_every_joint(kind: str, limits: Limits) -> None:
+    made, t = space(kind, limits), np.linspace(0, DURATION, 10001)
+    x = made.draw(np.random.default_rng(1))
+    x[3:6] = 9.0
+    reference = made.reference(x)
+    q, dq, ddq = reference.position(t), reference.velocity(t), reference.acceleration(t)
+    centre = q[0]
+    room = np.where(
+        q > centre,
+        (q - centre) / (limits.upper - centre),
+        (centre - q) / (centre - limits.lower),
+    )
+    use = np.maximum.reduce(
+        [
+            room.max(0),
+            np.abs(dq / limits.velocity).max(0),
+            np.abs(ddq / limits.acceleration).max(0),
+        ]
+    )
+    np.testing.assert_allclose(use, 1.0, atol=0.005)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_starts_and_ends_at_rest(kind: str, limits: Limits) -> None:
+    made = space(kind, limits)
+    reference = made.reference(made.draw(np.random.default_rng(2)))
+    ends = np.array([0.0, DURATION])
+    np.testing.assert_allclose(
+        np.diff(reference.position(ends), axis=0), 0.0, atol=1e-12
+    )
+    np.testing.assert_allclose(reference.velocity(ends), 0.0, atol=1e-9)
+    np.testing.assert_allclose(reference.acceleration(ends), 0.0, atol=1e-8)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_motion_on_a_basis_is_that_of_the_reference(kind: str, limits: Limits) -> None:
+    made, t = space(kind, limits), np.linspace(0, DURATION, 50)
+    x = made.draw(np.random.default_rng(3))
+    motion, reference = made.motion(x, t, made.family.basis(t)), made.reference(x)
+    np.testing.assert_allclose(motion.q, reference.position(t), atol=1e-12)
+    np.testing.assert_allclose(motion.dq, reference.velocity(t), atol=1e-12)
+    np.testing.assert_allclose(motion.ddq, reference.acceleration(t), atol=1e-11)
+
+
+def test_multisine_has_the_same_velocity_at_all_harmonics(limits: Limits) -> None:
+    made = family("multisine", 3, DURATION, 4, 0.1)
+    sine, cosine = np.split(
+        made.coefficients(np.random.default_rng(0).standard_normal(made.size)), 2
+    )
+    amplitude = np.hypot(sine, cosine) * np.arange(1, 5)[:, None]
+    np.testing.assert_allclose(amplitude, 1.0)
+
+
+def numeric(
+    function: Callable[[np.ndarray], float], x: np.ndarray, h: float = 1e-6
+) -> np.ndarray:
+    """Gradient by central differences, of the shape of x."""
+    rows = np.eye(x.size).reshape(x.size, *x.shape)
+    return np.array(
+        [(function(x + h * e) - function(x - h * e)) / (2 * h) for e in rows]
+    ).reshape(x.shape)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("seed", daily(range(4), 0))
+def test_gradient_through_the_limits_agrees_with_finite_differences(
+    kind: str, seed: int, limits: Limits
+) -> None:
+    made, t, rng = (
+        space(kind, limits, 0.2),
+        np.linspace(0, DURATION, 40),
+        np.random.default_rng(seed),
+    )
+    basis, weights = made.family.basis(t), rng.standard_normal((3, len(t), 3))
+
+    def value(x: np.ndarray) -> float:
+        motion = made.motion(x, t, basis)
+        return float(
+            sum(
+                (w * y).sum()
+                for w, y in zip(weights, (motion.q, motion.dq, motion.ddq), strict=True)
+            )
+        )
+
+    x = made.draw(rng)
+    np.testing.assert_allclose(
+        made.pullback(x, basis, tuple(weights)), numeric(value, x), atol=1e-6, rtol=1e-6
+    )
+
+
+def test_gradient_of_regressor_and_torque_agrees_with_finite_differences(
+    arm: NominalArm,
+) -> None:
+    smooth = NominalArm(
+        "three", arm.urdf, arm.joints, armature=arm.armature, viscous=arm.viscous
+    )
+    model = ExcitationModel(smooth, RigidBody(smooth), ("rotor", "damping"))
+    rng, t = np.random.default_rng(5), np.arange(4.0)
+    motion, weight = rng.standard_normal((3, 4, 3)), rng.standard_normal((4, 3))
+    by_matrix = rng.standard_normal((4, 3, len(model.names)))
+
+    def value(motion: np.ndarray) -> float:
+        made = Motion(t, *motion)
+        return float(
+            (by_matrix * model.matrix(made)).sum() + (weight * model.torque(made)).sum()
+        )
+
+    found = model.pullback(Motion(t, *motion), by_matrix, weight)
+    np.testing.assert_allclose(np.array(found), numeric(value, motion), atol=1e-6)
+
+
+@pytest.mark.parametrize("name", CRITERIA)
+def test_gradient_of_a_criterion_agrees_with_finite_differences(name: str) -> None:
+    rng, criterion = np.random.default_rng(6), CRITERIA[name]
+    matrix, reference = (
+        rng.standard_normal((10, 2, 4)) * [1.0, 2.0, 0.5, 3.0],
+        np.array([1.0, 1.5, 1.0, 2.0]),
+    )
+    expected = numeric(lambda w: criterion.evaluate(w, reference), matrix)
+    np.testing.assert_allclose(
+        criterion.gradient(matrix, reference), expected, atol=1e-8
+    )
+
+
+def test_way_points_are_passed_at_their_times() -> None:
+    times, points = (
+        np.array([0.0, 1.0, 2.5, 3.0]),
+        np.array([[0.0], [1.0], [-1.0], [0.5]]),
+    )
+    motion = WayPoints(times, points)
+    np.testing.assert_allclose(motion.position(times), points, atol=1e-12)
+    np.testing.assert_allclose(
+        motion.position(np.array([-1.0, 9.0])), [[0.0], [0.5]], atol=1e-12
+    )
+    np.testing.assert_allclose(motion.velocity(np.array([0.0, 3.0])), 0.0, atol=1e-9)
+    t, h = np.linspace(0.01, 2.99, 40), 1e-6
+    slope = (motion.position(t + h) - motion.position(t - h)) / (2 * h)
+    np.testing.assert_allclose(motion.velocity(t), slope, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("times", "points"),
+    [([0.0], [[1.0]]), ([0.0, 0.0], [[1.0], [2.0]]), ([0.5, 1.0], [[1.0], [2.0]])],
+)
+def test_bad_way_points_are_refused(
+    times: list[float], points: list[list[float]]
+) -> None:
+    with pytest.raises(InputError, match="way points|times"):
+        WayPoints(np.array(times), np.array(points))
+
+
+# Criteria by hand, and effects that can and cannot be separated.
+
+
+MATRIX = np.array([[[3.0, 0.0]], [[0.0, 0.5]], [[4.0, 0.5]]])
+"""Columns (3, 0, 4) and (0, 0.5, 0.5): norms 5 and sqrt(0.5), cosine 2 / (5 sqrt(0.5)) = 0.4 sqrt(2)."""
+
+
+def test_condition_number_of_unit_columns_by_hand() -> None:
+    cosine = 0.4 * np.sqrt(2)
+    expected = np.sqrt((1 + cosine) / (1 - cosine))
+    assert condition_number(MATRIX) == pytest.approx(expected)
+    assert np.exp(CRITERIA["condition"].evaluate(MATRIX, np.ones(2))) == pytest.approx(
+        expected
+    )
+
+
+def test_condition_number_does_not_depend_on_units() -> None:
+    assert condition_number(MATRIX * np.array([1e-3, 1e4])) == pytest.approx(
+        condition_number(MATRIX)
+    )
+
+
+def test_a_column_of_zeros_has_no_condition_number() -> None:
+    assert condition_number(MATRIX * np.array([1.0, 0.0])) == np.inf
+
+
+def test_d_and_e_by_hand() -> None:
+    """W^T W / 3 with columns over (5, 1): [[25, 2], [2, 0.5]] / 3 scaled: determinant (0.5 - 0.16) / 9."""
+    reference = np.array([5.0, 1.0])
+    gram = np.array([[1.0, 0.4], [0.4, 0.5]]) / 3
+    values = np.linalg.eigvalsh(gram)
+    assert CRITERIA["d"].evaluate(MATRIX, reference) == pytest.approx(
+        -0.25 * np.log((0.5 - 0.16) / 9)
+    )
+    assert CRITERIA["e"].evaluate(MATRIX, reference) == pytest.approx(
+        -0.5 * np.log(values[0])
+    )
+
+
+@pytest.mark.parametrize("name", ["d", "e"])
+def test_larger_motions_score_better_and_longer_ones_alike(name: str) -> None:
+    reference, rate = np.ones(2), CRITERIA[name]
+    assert rate.evaluate(2 * MATRIX, reference) == pytest.approx(
+        rate.evaluate(MATRIX, reference) - np.log(2)
+    )
+    twice = np.concatenate([MATRIX, MATRIX])
+    assert rate.evaluate(twice, reference) == pytest.approx(
+        rate.evaluate(MATRIX, reference)
+    )
+
+
+def test_unknown_criterion_is_refused() -> None:
+    with pytest.raises(InputError, match="condition"):
+        criterion("conditon")
+
+
+def to_and_fro(amplitude: float, n: int = 400) -> Motion:
+    t = np.linspace(0.0, 10.0, n)
+    w = 2 * np.pi * np.array([0.3, 0.4, 0.5])
+    return sines(t, amplitude, w, np.arange(3))
+
+
+def test_an_effect_is_as_far_from_its_likeness_as_the_load_varies(
+    arm: NominalArm, body: RigidBody
+) -> None:
+    """Load friction is Coulomb friction under constant load: telling them apart takes a load that changes."""
+    signatures = Signatures(arm, body, ("coulomb_friction", "load_friction"))
+    model = ExcitationModel(arm, body)
+    small, large = (
+        signatures.separate(m, model.matrix(m))
+        for m in (to_and_fro(0.01), to_and_fro(1.0))
+    )
+    assert 0 <= small.least < large.least <= 1
+    pair = ("coulomb_friction", "load_friction")
+    assert small.angle[pair] < large.angle[pair] <= np.pi / 2
+
+
+def test_an_effect_that_base_parameters_explain_shows_nothing_of_its_own(
+    arm: NominalArm, body: RigidBody
+) -> None:
+    motion, model = to_and_fro(1.0), ExcitationModel(arm, body)
+    found = Signatures(arm, body, ("payload", "coulomb_friction")).separate(
+        motion, model.matrix(motion)
+    )
+    assert found.least < 1e-6
+    assert found.angle[("payload", "coulomb_friction")] == 0.0
+
+
+@pytest.mark.parametrize(
+    "names", [(), ("payload",), ("payload", "payload"), ("payload", "stiction")]
+)
+def test_effects_that_cannot_be_compared_are_refused(
+    names: tuple[str, ...], arm: NominalArm, body: RigidBody
+) -> None:
+    with pytest.raises(InputError):
+        Signatures(arm, body, names)
+
+
+# Trajectories that determine no parameter: the limit that keeps them small, a warning, and a refusal.
+
+
+Candidate = Callable[..., tuple[TrajectorySearch, np.ndarray, float]]
+TINY = {
+    "acceleration": {"acceleration": np.full(3, 1e-3)},
+    "velocity": {"velocity": np.full(3, 1e-3)},
+    "position": {"lower": np.full(3, 0.500), "upper": np.full(3, 0.501)},
+}
+"""Limits that keep a motion of the arm small, each alone."""
+
+
+@pytest.fixture
+def candidate(arm: NominalArm, body: RigidBody, limits: Limits) -> Candidate:
+    """A search within changed limits, a random candidate of it, and its condition number."""
+
+    def made(**changed: np.ndarray) -> tuple[TrajectorySearch, np.ndarray, float]:
+        within = limits._replace(**changed)
+        space = Parametrisation(family("fourier", 3, 10.0, 3, 0.1), within)
+        model = ExcitationModel(arm, body, ("rotor", "damping"))
+        checker = Checker(arm, body, Allowed(within, np.full(3, 40.0), 0.0, 0.0), None)
+        search = TrajectorySearch(
+            space, model, CRITERIA["condition"], checker, Budget(10)
+        )
+        x, t = space.draw(np.random.default_rng(0)), np.linspace(0, 10.0, SAMPLES)
+        return (
+            search,
+            x,
+            condition_number(model.matrix(space.motion(x, t, space.family.basis(t)))),
+        )
+
+    return made
+
+
+@pytest.mark.parametrize("name", TINY)
+def test_the_limit_that_keeps_a_motion_small_is_named(
+    name: str, candidate: Candidate
+) -> None:
+    search, x, condition = candidate(**TINY[name])
+    found = binding_limit(search, x, condition)
+    assert found is not None and found.limit == name and found.condition < condition / 5
+
+
+def test_a_useless_trajectory_is_refused_with_the_option_that_helps(
+    candidate: Candidate,
+) -> None:
+    search, x, condition = candidate(acceleration=np.full(3, 1e-5))
+    assert condition > 1e8
+    with pytest.raises(
+        InputError,
+        match="(?s)acceleration keeps it small.*remedy: raise --acceleration",
+    ):
+        check_condition(search, x, condition)
+
+
+def test_a_poor_trajectory_is_warned_of(candidate: Candidate) -> None:
+    search, x, condition = candidate(velocity=np.full(3, 0.01))
+    assert 1e3 < condition < 1e8
+    with pytest.warns(ModelWarning, match="velocity keeps it small; raise --velocity"):
+        check_condition(search, x, condition)
+
+
+def test_where_no_limit_is_to_blame_more_search_is_advised(
+    candidate: Candidate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    search, x, _ = candidate()
+    monkeypatch.setattr(module, "condition_number", lambda matrix: 1999.0)
+    with pytest.warns(ModelWarning, match="2e\\+03; allow more evaluations"):
+        check_condition(search, x, 2000.0)
+
+
+def test_a_good_trajectory_passes_without_a_word(candidate: Candidate) -> None:
+    search, x, _ = candidate()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_condition(search, x, 999.0)

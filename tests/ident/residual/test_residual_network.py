@@ -2,17 +2,33 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 import toy
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
 from gapscope.effects.residual.file import write_residual
+from gapscope.effects.residual.inputs import Inputs, Layout
+from gapscope.effects.residual.network import Network
+from gapscope.ident.residual.additive import fit_additive
+from gapscope.ident.residual.export import onnx_model
 from gapscope.ident.residual.fit import fit_residual
+from gapscope.ident.residual.folds import (
+    GAINS,
+    Folds,
+    make_folds,
+    shares_closed,
+    usefulness,
+)
+from gapscope.ident.residual.rows import ResidualRows, rows_of
 from gapscope.ident.residual.settings import ResidualSettings
+from gapscope.ident.residual.settling import Choice, settled
+from gapscope.ident.residual.training import Ensemble
 
 FORMS = ("additive", "mlp", "tcn")
 
@@ -118,3 +134,124 @@ def test_settings_that_make_no_sense_are_refused(given: dict, message: str) -> N
 def test_a_file_in_no_folder_is_made(tmp_path) -> None:
     write_residual(toy.trained()[0], tmp_path / "new" / "residual.npz")
     assert [p.name for p in (tmp_path / "new").iterdir()] == ["residual.npz"]
+
+
+# The same network by numpy, by torch in training, and exported: one number.
+
+
+@pytest.mark.parametrize("form", ["mlp", "tcn"])
+@pytest.mark.parametrize("n", [1, 2, 7])
+def test_numpy_equals_torch(form: str, n: int) -> None:
+    settings = ResidualSettings(form=form, members=3, hidden=8)
+    c = Layout(n).channels
+    inputs = Inputs(n, settings.taps, 0.02, np.zeros((n, c)), np.ones((n, c)))
+    ensemble = Ensemble(settings, inputs, torch.Generator().manual_seed(1)).double()
+    windows = np.random.default_rng(2).standard_normal(
+        (n, 9, inputs.taps, inputs.channels)
+    )
+    with torch.no_grad():
+        expected = ensemble(torch.as_tensor(windows))
+    for found, wanted in zip(ensemble.arrays().outputs(windows), expected, strict=True):
+        np.testing.assert_allclose(found, wanted.numpy(), rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("form", ["additive", "mlp", "tcn"])
+def test_it_is_causal_and_samples_one_by_one_say_the_same(form: str) -> None:
+    residual, _ = toy.trained(form)
+    m = toy.motion(9)
+    windows = residual.inputs.windows(m, 5.0 * np.cos(m.q))
+    one = residual.of_windows(windows[:, 500:501]).torque[0]
+    np.testing.assert_allclose(
+        one, residual.torque(m, 5.0 * np.cos(m.q))[500], rtol=1e-9
+    )
+    early = type(m)(m.t[:501], m.q[:501], m.dq[:501], m.ddq[:501])
+    np.testing.assert_allclose(
+        residual.torque(early, 5.0 * np.cos(early.q))[500], one, rtol=1e-6
+    )
+
+
+@pytest.mark.parametrize("form", ["additive", "mlp", "tcn"])
+def test_the_onnx_model_says_the_same(form: str, tmp_path) -> None:
+    onnx = pytest.importorskip("onnx")
+    from onnx.reference import ReferenceEvaluator
+
+    residual, _ = toy.trained(form)
+    onnx_model(residual, tmp_path / "residual.onnx")
+    loaded = onnx.load(tmp_path / "residual.onnx")
+    model = ReferenceEvaluator(loaded)
+    # within the training data and far outside, where trust fades
+    for speed in (1.0, 4.0):
+        m = toy.motion(9, speed=speed)
+        rows = np.arange(0, len(m.t), 20)
+        windows = residual.inputs.windows(m, 5.0 * np.cos(m.q), rows)
+        expected = residual.of_windows(windows).torque
+        (found,) = model.run(None, {"windows": windows})
+        np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+def test_the_onnx_model_says_how_its_windows_are_made(tmp_path) -> None:
+    onnx = pytest.importorskip("onnx")
+
+    residual, _ = toy.trained("mlp")
+    inputs, m = residual.inputs, toy.motion(9)
+    onnx_model(residual, tmp_path / "residual.onnx")
+    (entry,) = onnx.load(tmp_path / "residual.onnx").metadata_props
+    said = json.loads(entry.value)
+    columns, scaling = said["input_columns"], said["normalization"]["inputs"]
+    assert (said["sample_dt_s"], said["taps"]) == (inputs.spacing, inputs.taps)
+    windows = inputs.windows(m, 5.0 * np.cos(m.q))
+    # the newest tap of the last joint, by the names of its channels
+    j = inputs.n - 1
+    raw = {
+        "velocity": m.dq[:, j],
+        "load": 5.0 * np.cos(m.q[:, j]),
+        "position": m.q[:, j],
+        "direction_0.1": np.tanh(m.dq[:, j] / 0.1),
+        **({"sin_position_other_1": np.sin(m.q[:, 0])} if j else {}),
+    }
+    for name, value in raw.items():
+        scaled = (value - scaling["mean"][name][j]) / scaling["std"][name][j]
+        np.testing.assert_allclose(windows[j, :, -1, columns.index(name)], scaled)
+
+
+# A joint speaks only if what the projection leaves of it helps on every recording that was held out.
+
+
+def test_shares_are_of_each_groups_own_squares() -> None:
+    group = np.repeat([0, 1], 4)
+    folds = Folds(group, np.stack([group == 0, group == 1]), np.zeros(0), np.zeros(0))
+    residual = np.array([[1.0]] * 4 + [[10.0]] * 4)
+    shares = shares_closed(folds, residual, np.ones((8, 1)))
+    assert np.allclose(shares[:, 0, -1], [1.0, 1.0 - 0.9**2])
+    assert np.allclose(shares[0, 0], 1.0 - (1.0 - GAINS) ** 2)
+
+
+def test_strict_judgement_silences_what_one_recording_does_not_need() -> None:
+    # joint 1 closes half of each recording, joint 2 nothing of one of them
+    full = np.array([[0.5, 0.5], [0.5, 0.5], [0.5, 0.0], [0.52, 0.5]])
+    shares = full[:, :, None] * GAINS
+    assert np.allclose(usefulness(shares)[1], [1.0, 1.0])
+    closed, gain = usefulness(shares, strict=True)
+    assert np.allclose(gain, [1.0, 0.0]) and np.allclose(closed, [0.505, 0.0])
+
+
+def test_the_judgement_is_repeated_until_nothing_changes() -> None:
+    rows, folds, network = _fitted()
+    # joint 2 has nothing to learn; it has to be silenced, and joint 1 judged without it
+    both = Choice(np.zeros(2, int), np.ones(2), np.ones(2))
+    hidden = [network.hidden(rows.windows)]
+    choice = settled(both, [network], hidden, rows, folds)
+    assert choice.chosen.tolist() == [0, -1]
+    assert choice.closed[0] > 0.4 and 0.6 < choice.gain[0] <= 1.0
+    assert choice.gain[1] == choice.closed[1] == 0.0
+    again = settled(choice, [network], hidden, rows, folds)
+    assert all(np.array_equal(a, b) for a, b in zip(choice, again, strict=True))
+
+
+def _fitted() -> tuple[ResidualRows, Folds, Network]:
+    """An additive network of three toy trajectories, before it is kept apart."""
+    settings = toy.quick()
+    rows = rows_of([toy.trajectory(k) for k in range(3)], settings)
+    folds = make_folds(rows.group, settings.members, rows.residual, rows.q)
+    network = fit_additive(rows.windows, rows.residual, rows.target, folds, 0)
+    return rows, folds, network

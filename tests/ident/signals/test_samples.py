@@ -13,6 +13,7 @@ from cases import panda_recording
 from gapscope.ident.model.friction_law import FrictionLaw
 from gapscope.ident.model.model_columns import ModelColumns
 from gapscope.ident.signals import samples as module
+from gapscope.ident.signals.sample_count import SampleCount
 from gapscope.ident.signals.samples import Band, Samples
 
 BAND = Band(10.0)
@@ -102,3 +103,18 @@ def test_torque_at_its_limit_does_not_count() -> None:
     # what is left is no nearer to the limit than the filters reach
     error = np.abs(samples.torque - whole.torque)[~out]
     assert error.max() < 0.02 * np.abs(whole.torque[:, 1]).max()
+
+
+# What is said of recordings that hold little information.
+
+
+FEW = SampleCount(
+    seconds=4.0, bandwidth=np.array([1.0, 2.0]), independent=24.0, parameters=24
+)
+
+
+def test_faster_motion_is_advised_unless_the_model_lacks_an_effect() -> None:
+    """Faster motion holds more information per second, and more of what the model lacks."""
+    (noise_alone,) = FEW.warnings(model_error=False)
+    (with_model_error,) = FEW.warnings(model_error=True)
+    assert noise_alone == with_model_error + ", or move faster"

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from arms import Link, written
+from arms import Link, changed, written
 
 import gapscope
 from gapscope.arm.errors import InputError
@@ -100,3 +100,58 @@ def test_positions_in_millimetres_are_refused_with_their_unit(tmp_path: Path) ->
     np.savetxt(file, rows, delimiter=",", header=header, comments="")
     with pytest.raises(InputError, match="looks like millimetres(.|\n)*unit: mm"):
         load_recording(file, arm)
+
+
+# An arm whose joints turn about parallel axes, as of a larger arm whose other joints are locked, along one plane.
+
+
+PLANAR = tuple(f"lbr_iiwa_joint_{k}" for k in (2, 4, 6))
+LONGER = Plan(recordings=2, duration=10.0, rate=100.0, engine="mujoco")
+
+
+@pytest.fixture
+def planar() -> NominalArm:
+    others = [j for j in load_nominal_arm("kuka_iiwa").joints if j not in PLANAR]
+    return load_nominal_arm(
+        "kuka_iiwa", joints=PLANAR, locked=dict.fromkeys(others, 0.0)
+    )
+
+
+def test_a_load_is_found_though_its_centre_along_the_axes_does_nothing(
+    planar: NominalArm,
+) -> None:
+    load = AppliedEffect("payload", (), {"mass": 2.0, "com": [0.0, 0.0, 0.08]})
+    case = record_case("planar", planar, (load,), LONGER, np.random.default_rng(0))
+    document = gapscope.diagnose(case).document
+    [effect] = document["effects"]
+    assert effect["effect"] == "payload"
+    mass = effect["parameters"]["mass"]
+    assert abs(mass["value"] - 2.0) < max(0.1, 3 * mass["std"])
+    assert document["unexplained"]["above_floor"] is False
+
+
+# Short recordings, on which the model of all effects together runs away beyond the motions that it was fitted to.
+
+
+LEG = (
+    Link("to_hip", "hip", "1 0 0", "0 0 0", 3.4, "0.04 0 -0.03", "0.005 0.005 0.005"),
+    Link("to_thigh", "thigh", "0 1 0", "0 0 -0.08", 3.1, "0 0 -0.15", "0.01 0.01 0.01"),
+    Link(
+        *("to_shank", "shank", "0 1 0", "0 0 -0.35", 0.9, "0 0 -0.12"),
+        inertia="0.004 0.004 0.004",
+    ),
+)
+
+
+@pytest.mark.filterwarnings("ignore::gapscope.arm.errors.ModelWarning")
+def test_friction_with_the_load_of_a_leg_is_found(tmp_path: Path) -> None:
+    """The richest model left half of the gap of each half of these recordings, and hid all of it as unknowable."""
+    file = written(tmp_path / "leg.urdf", "leg", *changed(LEG, limit="-1.2 0.7 100 5"))
+    friction = AppliedEffect("load_friction", (1,), {"coefficient": [0.19]})
+    plan = Plan(recordings=2, duration=10.0, rate=100.0, engine="mujoco")
+    leg = load_nominal_arm(file)
+    case = record_case("leg", leg, (friction,), plan, np.random.default_rng(10))
+    [effect] = gapscope.diagnose(case).document["effects"]
+    assert effect["effect"] == "load_friction"
+    [found] = effect["parameters"]["coefficient"]["value"]
+    assert found == pytest.approx(0.19, abs=0.01)

@@ -1,1 +1,0 @@
-"""Puts this folder on ``sys.path``, so that tests in its sub-folders import ``documents`` and ``synthetic``."""

@@ -1,8 +1,0 @@
-"""Puts the folder of the diagnosis' tests on ``sys.path``: the reports show its ``documents``."""
-
-from __future__ import annotations
-
-import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "diagnosis"))
