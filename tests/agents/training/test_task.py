@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cases import limits, motion_of
-from gapscope.envs.export.unit_spread import effect_range
 
 from gapscope.agents.torque_model import ArmModel, Gravity
 from gapscope.agents.training.held_out_trial import held_out, idle, judge
@@ -29,7 +28,7 @@ from gapscope.effects.residual.inputs import Inputs, Layout
 from gapscope.effects.residual.model import ResidualNetwork
 from gapscope.effects.residual.network import Network
 from gapscope.effects.residual.trust import Trust
-from gapscope.envs.effect_ranges import EffectRanges
+from gapscope.envs.effect_ranges import EffectRanges, effect_range
 from gapscope.envs.environment import ArmTracking
 from gapscope.envs.mystery_arm import HIDDEN
 
