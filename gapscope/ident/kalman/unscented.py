@@ -60,10 +60,10 @@ class Unscented:
                 "the filter needs a regressor with the columns of all quantities of drives",
                 where="regressor",
             )
-        for field, length in (("spread", len(self.names)), ("drift", len(self.names))):
-            if len(getattr(self, field)) != length:
+        for name, length in (("spread", len(self.names)), ("drift", len(self.names))):
+            if len(getattr(self, name)) != length:
                 raise InputError(
-                    f"expected {length} numbers, one per name", where=field
+                    f"expected {length} numbers, one per name", where=name
                 )
 
     def follow(self, recording: Recording, every: int = 1) -> Track:
