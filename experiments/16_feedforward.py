@@ -27,10 +27,9 @@ from typing import Any
 import numpy as np
 from feedforward_arms import MODELS, ROBOTS, prepare
 
-from gapscope.agents.evaluation import TrackingBench
-from gapscope.agents.evaluation_plan import EvaluationPlan
-from gapscope.agents.model_files import read_model
-from gapscope.agents.statistics import interquartile_mean, mean_of
+from gapscope.agents.evaluation import EvaluationPlan, TrackingBench
+from gapscope.agents.models import read_model
+from gapscope.agents.summary import interquartile_mean, mean_of
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.json_file import write_json
 from gapscope.arm.nominal import NominalArm

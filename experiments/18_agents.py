@@ -29,10 +29,9 @@ from typing import Any
 import numpy as np
 from feedforward_arms import MODELS, ROBOTS, prepare
 
-from gapscope.agents.statistics import mean_of
-from gapscope.agents.training.held_out_trial import Policy, episodes, held_out, idle
+from gapscope.agents.summary import mean_of
 from gapscope.agents.training.policy import write_agent
-from gapscope.agents.training.task import Task
+from gapscope.agents.training.task import Policy, Task, episodes, held_out, idle
 from gapscope.agents.training.training_loop import Training
 from gapscope.agents.training.training_settings import (
     RESIDUAL,

@@ -29,10 +29,13 @@ import numpy as np
 from feedforward_arms import MODELS
 from generator_arms import ARMS, MOTIONS, Fed, GeneratorArm, prepare
 
-from gapscope.agents.model_files import read_model
-from gapscope.agents.torque_model import ArmModel
-from gapscope.agents.training.agent_model import read_agent_model
-from gapscope.agents.training.policy import DOCUMENT, LAST, write_agent
+from gapscope.agents.models import ArmModel, read_model
+from gapscope.agents.training.policy import (
+    DOCUMENT,
+    LAST,
+    read_agent_model,
+    write_agent,
+)
 from gapscope.agents.training.task import Task
 from gapscope.agents.training.training_loop import Training
 from gapscope.agents.training.training_settings import RESIDUAL, read_settings
