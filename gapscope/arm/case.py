@@ -289,11 +289,10 @@ def _same_content(one: Recording, other: Recording) -> bool:
     """Whether two recordings hold the same motion with the same torque, whatever their names."""
     if one.q.shape != other.q.shape or not np.array_equal(one.q, other.q):
         return False
-    torques = [np.zeros(0) if r.tau is None else r.tau for r in (one, other)]
+    mine, theirs = (np.zeros(0) if r.tau is None else r.tau for r in (one, other))
     # a copy may have other dates
-    return np.allclose(one.t - one.t[0], other.t - other.t[0]) and np.array_equal(
-        *torques
-    )
+    same_times = np.allclose(one.t - one.t[0], other.t - other.t[0])
+    return same_times and np.array_equal(mine, theirs)
 
 
 def case_files(path: str | Path, *, data_root: Path | None = None) -> tuple[Path, ...]:
