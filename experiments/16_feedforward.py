@@ -50,15 +50,16 @@ import numpy as np
 from common import run_part
 from generator_arms import ARMS, MOTIONS, Fed, GeneratorArm
 
-from gapscope.agents.evaluation import TrackingBench
-from gapscope.agents.evaluation_plan import EvaluationPlan
-from gapscope.agents.model_files import read_model
-from gapscope.agents.statistics import interquartile_mean, mean_of
-from gapscope.agents.torque_model import ArmModel
-from gapscope.agents.training.agent_model import read_agent_model
-from gapscope.agents.training.held_out_trial import Policy, episodes, held_out, idle
-from gapscope.agents.training.policy import DOCUMENT, LAST, write_agent
-from gapscope.agents.training.task import Task
+from gapscope.agents.evaluation import EvaluationPlan, TrackingBench
+from gapscope.agents.models import ArmModel, read_model
+from gapscope.agents.summary import interquartile_mean, mean_of
+from gapscope.agents.training.policy import (
+    DOCUMENT,
+    LAST,
+    read_agent_model,
+    write_agent,
+)
+from gapscope.agents.training.task import Policy, Task, episodes, held_out, idle
 from gapscope.agents.training.training_loop import Training
 from gapscope.agents.training.training_settings import (
     RESIDUAL,

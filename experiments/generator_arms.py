@@ -10,11 +10,9 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from gapscope.agents.agent_controller import AgentController, AgentModel
-from gapscope.agents.gains import Tuning, gains
-from gapscope.agents.torque_model import TorqueModel
-from gapscope.agents.tracking import TrackingRun
-from gapscope.agents.tracking_metrics import Measures, TrackingMetrics
+from gapscope.agents.controllers import AgentController, Tuning, gains
+from gapscope.agents.models import AgentModel, TorqueModel
+from gapscope.agents.tracking import Measures, TrackingMetrics, TrackingRun
 from gapscope.arm.case import load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion

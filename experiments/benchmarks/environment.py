@@ -336,8 +336,7 @@ def _training(settings: object, together: bool) -> Callable[[], int]:
     from stable_baselines3.common.vec_env import DummyVecEnv
 
     from gapscope.agents.training.learner import make_learner, seed_all
-    from gapscope.agents.training.normalisation import Normalisation
-    from gapscope.agents.training.task import Task
+    from gapscope.agents.training.task import Normalisation, Task
     from gapscope.agents.training.vector_adapter import NormalisedArms
 
     task = Task.of("nominal", iiwa())

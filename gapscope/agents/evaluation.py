@@ -3,36 +3,181 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from functools import partial
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from gapscope.agents.agent_controller import (
+from gapscope.agents.controllers import (
     AgentController,
-    AgentModel,
-    Candidate,
+    ComputedTorque,
+    Feedforward,
+    TrackingController,
+    Tuning,
+    gains,
 )
-from gapscope.agents.controllers import ComputedTorque, Feedforward, TrackingController
-from gapscope.agents.disturbances import check_disturbance, disturbance
-from gapscope.agents.episode import Episode
-from gapscope.agents.evaluation_cache import EvaluationCache
-from gapscope.agents.evaluation_plan import MOTIONS, EvaluationPlan
-from gapscope.agents.gains import Tuning, gains
-from gapscope.agents.stability import largest_factor, settles
-from gapscope.agents.torque_model import ArmModel, Gravity
-from gapscope.agents.tracking import SampledReference, track
-from gapscope.agents.tracking_metrics import TrackingMetrics
+from gapscope.agents.models import AgentModel, ArmModel, Candidate, Gravity
+from gapscope.agents.tracking import (
+    Measures,
+    SampledReference,
+    TrackingMetrics,
+    largest_factor,
+    settles,
+    track,
+)
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
+from gapscope.arm.io.json_file import plain
 from gapscope.arm.motions.named_motions import check_motion_name, draw_motion, workspace
+from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
-from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.applied import AppliedEffect, push
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.effect import External
+from gapscope.envs.arguments import positive
+from gapscope.envs.engines import check_engine, default_engine
 from gapscope.envs.position_controller import loop_inertia
 from gapscope.envs.simulated_arm import SimulatedArm
 from gapscope.model.torque_gap import torque_scale
+
+DISTURBANCES = ("none", "push", "noise")
+"""``push``: a force on the tool; ``noise``: white noise on the encoders."""
+FORCE = 0.3
+"""Force of a push, as a share of the weight that the arm may carry [1]."""
+START, LENGTH = 0.4, 0.2
+"""A push begins at this share of a motion [1], and lasts so long [s]."""
+NOISE = 1e-4
+"""Standard deviation of the encoders' noise [rad]."""
+
+
+class Disturbance(NamedTuple):
+    """A disturbance: effects beside those of the arm, and the encoders' noise [rad]."""
+
+    effects: tuple[AppliedEffect, ...] = ()
+    noise: float = 0.0
+
+
+def check_disturbance(name: str, effects: tuple[AppliedEffect, ...]) -> None:
+    """Check that there is such a disturbance, and that it can be put on an arm with these effects.
+
+    Raises:
+        InputError: it is unknown, or a push on an arm that has an external force already.
+    """
+    check_known("disturbance", name, DISTURBANCES, where="disturbances")
+    if name == "push" and any(isinstance(e.effect, External) for e in effects):
+        raise InputError(
+            "the arm has an external force already",
+            "leave out push",
+            where="disturbances",
+        )
+
+
+def disturbance(
+    name: str, rng: np.random.Generator, scale: ArmScale, duration: float
+) -> Disturbance:
+    """A disturbance of a motion of ``duration`` [s]; a push comes from a direction drawn at random."""
+    if name == "noise":
+        return Disturbance(noise=NOISE)
+    if name == "none":
+        return Disturbance()
+    direction = rng.standard_normal(3)
+    start = START * duration
+    force = FORCE * 9.81 * scale.lift * direction / np.linalg.norm(direction)
+    return Disturbance((push(force, start, start + LENGTH),))
+
+
+LAWS = ("feedforward", "computed")
+"""``gapscope.agents.controllers.Feedforward`` and ``gapscope.agents.controllers.ComputedTorque``."""
+MOTIONS = ("fourier", "pick", "place", "weld_seam")
+"""Motions by default."""
+
+
+@dataclass(frozen=True)
+class EvaluationPlan:
+    """How models are evaluated.
+
+    Attributes:
+        motions, disturbances: names; each model does each of them.
+        seeds: of the motions.
+        engines: that simulate the arm.
+        duration: of a motion [s].
+        tuning: bandwidth and damping of the loop, on the nominal arm's inertia.
+        law: one of ``LAWS``.
+
+    Raises:
+        InputError: a name that is not known, or nothing to do.
+    """
+
+    motions: tuple[str, ...] = MOTIONS
+    disturbances: tuple[str, ...] = ("none", "push")
+    seeds: tuple[int, ...] = (0, 1, 2)
+    engines: tuple[str, ...] = field(default_factory=lambda: (default_engine(),))
+    duration: float = 4.0
+    tuning: Tuning = Tuning()  # noqa: RUF009 (it is frozen)
+    law: str = "feedforward"
+
+    def __post_init__(self) -> None:
+        """Check names and numbers."""
+        check_known("law", self.law, LAWS, where="law")
+        positive("duration", self.duration, "s")
+        for name in ("motions", "disturbances", "seeds", "engines"):
+            if not getattr(self, name):
+                raise InputError("expected at least one", where=name)
+        for engine in self.engines:
+            check_engine(engine)
+        for name in self.disturbances:
+            check_known("disturbance", name, DISTURBANCES, where="disturbances")
+
+
+@dataclass(frozen=True)
+class Episode:
+    """One model on one motion.
+
+    Attributes:
+        model, engine, motion, disturbance, seed: which.
+        measures: how well it was tracked.
+        torque_error: NRMSE of the model's feedforward against the torque that the motion needs, mean over joints [1].
+    """
+
+    model: str
+    engine: str
+    motion: str
+    disturbance: str
+    seed: int
+    measures: Measures
+    torque_error: float
+
+    def row(self) -> dict[str, Any]:
+        """As plain data; numbers that are not finite are ``None``."""
+        row = asdict(self)
+        row |= row.pop("measures")
+        return dict(plain(row, null_if_not_finite=True))
+
+
+class EvaluationCache(Protocol):
+    """Cells of an evaluation: episodes of a model in an engine with one seed, and its margin in an engine."""
+
+    def episodes(
+        self,
+        name: str,
+        model: Candidate,
+        engine: str,
+        seed: int,
+        compute: Callable[[], list[Episode]],
+    ) -> list[Episode]:
+        """Episodes of a model with one seed: the cached ones, or those that ``compute`` returns."""
+
+    def margin(
+        self,
+        name: str,
+        model: Candidate,
+        engine: str,
+        compute: Callable[[], float],
+    ) -> float:
+        """Largest stable bandwidth of a model [Hz]: the cached one, or the one that ``compute`` returns."""
+
 
 HELD_OUT = 0x6A95
 """Motions come from seeds behind this number, so that no recording has the same."""
@@ -182,7 +327,7 @@ class TrackingBench:
     def margin(self, model: Candidate, engine: str) -> float:
         """Largest bandwidth at which the loop stays stable on a held-out motion [Hz].
 
-        See ``gapscope.agents.stability``. Without torque limits, so that what is unstable grows. A model that feeds
+        See ``gapscope.agents.tracking``. Without torque limits, so that what is unstable grows. A model that feeds
         torque forward is outside the loop: all of them share one search, with the torque that the arm needs.
         """
         if self.plan.law == "feedforward" and not isinstance(model, AgentModel):

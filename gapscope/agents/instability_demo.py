@@ -6,12 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gapscope.agents.controllers import ComputedTorque, Feedforward, TrackingController
+from gapscope.agents.controllers import (
+    ComputedTorque,
+    Feedforward,
+    TrackingController,
+    Tuning,
+    gains,
+    own_inertia,
+)
 from gapscope.agents.evaluation import DT
-from gapscope.agents.gains import Tuning, gains, own_inertia
-from gapscope.agents.torque_model import ArmModel
-from gapscope.agents.tracking import SampledReference, track
-from gapscope.agents.tracking_metrics import Measures, TrackingMetrics
+from gapscope.agents.models import ArmModel
+from gapscope.agents.tracking import Measures, SampledReference, TrackingMetrics, track
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.named_motions import draw_motion, workspace
 from gapscope.arm.nominal import NominalArm

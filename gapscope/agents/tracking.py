@@ -1,18 +1,27 @@
-"""Tracking: a simulated arm with effects follows a reference under a controller, tick by tick."""
+"""Tracking: a simulated arm follows a reference, what a track is measured by, and whether the loop is stable."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 
 from gapscope.agents.controllers import TrackingController
+from gapscope.arm.dynamics.kinematics import Kinematics
+from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
+from gapscope.arm.motions.named_motions import Workspace
 from gapscope.arm.motions.trajectory import ReferenceMotion
+from gapscope.arm.nominal import NominalArm
 from gapscope.arm.velocity_filter import VelocityFilter
+from gapscope.envs.actions import rated_torque, torque_limit
 from gapscope.envs.divergence import diverged
 from gapscope.envs.position_controller import VELOCITY_CUTOFF, VELOCITY_DAMPING
+from gapscope.envs.reward import Reward
 from gapscope.envs.simulated_arm import SimulatedArm
+from gapscope.model.torque_gap import torque_scale
 
 SETTLE = 0.5
 """The start of the reference is held for this long before t = 0 [s]."""
@@ -137,3 +146,167 @@ def track(
             break
     rows = slice(min(course.first, done), done)
     return TrackingRun(motion.t[rows], motion.q[rows], q[rows], tau[rows], ran_away)
+
+
+ACTION = 0.02
+"""Period of the environment's actions, for the reward and the tool's error [s]."""
+
+
+@dataclass(frozen=True)
+class Measures:
+    """Measures of one track.
+
+    Attributes:
+        joint_error: RMS of q_ref - q of the encoders over time and joints [rad]; infinite if the arm diverged.
+        tool_error: RMS distance of the tool between both, by the kinematics [m]; infinite if the arm diverged.
+        reward: mean per action of the environment's reward, an action being the torque over the rated torque; what is
+            missing because the arm diverged counts as 0 [1].
+        torque_rate: RMS over time and joints of the change of the commanded torque per tick [N m/s].
+        diverged: whether the arm diverged.
+    """
+
+    joint_error: float
+    tool_error: float
+    reward: float
+    torque_rate: float
+    diverged: bool
+
+
+class TrackingMetrics:
+    """Measures the tracks of one arm.
+
+    Args:
+        arm: the nominal arm.
+        body: its rigid-body model.
+        space: where it moves.
+        reward: tolerance and weights; by default the environment's.
+    """
+
+    def __init__(
+        self,
+        arm: NominalArm,
+        body: RigidBody,
+        space: Workspace,
+        reward: Reward | None = None,
+    ) -> None:
+        self.limit = torque_limit(arm, body)
+        self._rated = rated_torque(arm, body, space)
+        self._kinematics: Kinematics = space.kinematics
+        self._reward = reward or Reward()
+
+    def __call__(self, track: TrackingRun, dt: float, duration: float) -> Measures:
+        """Measure a track with a period of ``dt`` [s] on a course of ``duration`` [s]."""
+        every = max(1, round(ACTION / dt))
+        actions = max(1, round(duration / dt) // every)
+        reward = self._reward_per_action(track, every, actions)
+        if track.diverged:
+            return Measures(inf, inf, reward, inf, True)
+        return Measures(
+            joint_error=_rms(track.q_ref - track.q),
+            tool_error=self._tool_error(track, every),
+            reward=reward,
+            torque_rate=_rms(np.diff(track.tau, axis=0) / dt),
+            diverged=False,
+        )
+
+    def _tool_error(self, track: TrackingRun, every: int) -> float:
+        """RMS distance of the tool between reference and encoders, once per action [m]."""
+        tool = self._kinematics.tool
+        wanted = [tool(q).position for q in track.q_ref[::every]]
+        reached = [tool(q).position for q in track.q[::every]]
+        squares = np.square(np.array(wanted) - np.array(reached)).sum(axis=1)
+        return float(np.sqrt(np.mean(squares)))
+
+    def _reward_per_action(self, track: TrackingRun, every: int, actions: int) -> float:
+        """Mean reward of the actions, those that were not done included."""
+        effort = track.tau / self._rated
+        last = min(len(track.t), actions * every + 1)
+        total = 0.0
+        for i in range(every, last, every):
+            error = track.q_ref[i] - track.q[i]
+            load = float(np.mean(effort[i - every : i] ** 2))
+            before = max(i - 1 - every, 0)
+            jump = effort[i - 1] - effort[before]
+            total += float(self._reward(error, load, jump).total)
+        return total / actions
+
+
+def _rms(x: np.ndarray) -> float:
+    """Root mean square over all numbers."""
+    return float(np.sqrt(np.mean(x**2)))
+
+
+KICK = 0.2
+"""Velocity of all joints at the start of one of two runs [rad/s]."""
+MAX_REMAINDER = 0.25
+"""A loop is stable if less than this share of the kick is left at the end [1]."""
+MAX_TORQUE_RATE = 10.0
+"""An arm shakes if its torque changes so many times as fast as the motion needs [1]. Set by hand: arms that follow stay
+below 2, those that shake between their torque limits are above 50 (``docs/feedforward.md``)."""
+SPAN = 0.01
+"""Time over which speeds and torque rates are taken, long beside a step of the encoders [s]."""
+FACTORS = 2.0 ** np.arange(-4, 7)
+LOWEST, HIGHEST = float(FACTORS[0]), float(FACTORS[-1])
+"""Factors on the bandwidth between which the margin is sought [1]."""
+RESOLUTION = 0.02
+"""The bisection ends when its interval is this narrow [1]."""
+
+
+def settles(
+    simulated: SimulatedArm,
+    controller: TrackingController,
+    course: SampledReference,
+    needed: np.ndarray,
+    cutoff: float | None = VELOCITY_CUTOFF,
+) -> bool:
+    """Whether an arm forgets a kick while it moves: two runs, one with a kick, come together again.
+
+    Two runs of one course differ by the loop alone, whatever feedforward and tracking error. The difference of
+    their speeds, RMS over the last third and largest over the joints, has to fall below ``MAX_REMAINDER`` of the kick.
+    Two arms that shake between their torque limits may fall into step: their torque rate tells them. How well the arm
+    tracks does not count. Arms without noise only.
+
+    Args:
+        simulated: the arm.
+        controller: with its feedforward, if it has one, in ``course``.
+        course: what is tracked.
+        needed: torque that the arm needs on the course [N m], shape (N, n).
+        cutoff: of the velocity's differentiator [Hz]; a backward difference if ``None``.
+    """
+    calm = track(simulated, controller, course, cutoff=cutoff)
+    kicked = track(simulated, controller, course, kick=KICK, cutoff=cutoff)
+    if calm.diverged or kicked.diverged:
+        return False
+    ticks = max(1, round(SPAN / simulated.dt))
+
+    def final_rate(series: np.ndarray) -> np.ndarray:
+        rate = (series[ticks:] - series[:-ticks]) / (ticks * simulated.dt)
+        last_third = rate[-len(rate) // 3 :]
+        return np.sqrt(np.mean(last_third**2, axis=0))
+
+    forgotten = final_rate(kicked.q - calm.q).max() < MAX_REMAINDER * KICK
+    usual = np.diff(needed[::ticks], axis=0) / (ticks * simulated.dt)
+    allowed = MAX_TORQUE_RATE * torque_scale(usual)
+    shakes = any((final_rate(run.tau) > allowed).any() for run in (calm, kicked))
+    return bool(forgotten and not shakes)
+
+
+def largest_factor(stable: Callable[[float], bool]) -> float:
+    """Largest factor f for which ``stable(f)`` holds, by halving or doubling from 1 and then bisection of log f.
+
+    A loop that is stable at f is assumed stable below, down to the first stable one: gains may be too small to hold
+    the arm. Sought between ``LOWEST`` and ``HIGHEST``, which is returned if it is stable; 0 if nothing is.
+    """
+    # from 1 downward, and only then upward
+    order = sorted(FACTORS.tolist(), key=lambda f: (f > 1, abs(np.log2(f))))
+    low = next((factor for factor in order if stable(factor)), 0.0)
+    high = 2 * low
+    if low >= 1.0:
+        while low < HIGHEST and stable(high):
+            low, high = high, 2 * high
+    if low in (0.0, HIGHEST):
+        return low
+    while high / low > 1 + RESOLUTION:
+        middle = float(np.sqrt(low * high))
+        low, high = (middle, high) if stable(middle) else (low, middle)
+    return low

@@ -5,10 +5,9 @@ from dataclasses import astuple, replace
 import numpy as np
 import pytest
 
-from gapscope.agents.agent_controller import AgentController, AgentModel
-from gapscope.agents.evaluation import TrackingBench
-from gapscope.agents.evaluation_plan import EvaluationPlan
-from gapscope.agents.torque_model import Gravity
+from gapscope.agents.controllers import AgentController
+from gapscope.agents.evaluation import EvaluationPlan, TrackingBench
+from gapscope.agents.models import AgentModel, Gravity
 from gapscope.agents.tracking import SampledReference, track
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError

@@ -5,11 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gapscope.agents.controllers import ComputedTorque, Feedforward
-from gapscope.agents.evaluation import TrackingBench
-from gapscope.agents.evaluation_plan import EvaluationPlan
-from gapscope.agents.gains import Tuning, gains, own_inertia
-from gapscope.agents.torque_model import ArmModel, Gravity
+from gapscope.agents.controllers import (
+    ComputedTorque,
+    Feedforward,
+    Tuning,
+    gains,
+    own_inertia,
+)
+from gapscope.agents.evaluation import EvaluationPlan, TrackingBench
+from gapscope.agents.models import ArmModel, Gravity
 from gapscope.agents.tracking import SampledReference, track
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError

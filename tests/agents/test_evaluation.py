@@ -7,15 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gapscope.agents.agent_controller import AgentModel
-from gapscope.agents.evaluation import TrackingBench, evaluate
-from gapscope.agents.evaluation_plan import EvaluationPlan
-from gapscope.agents.gains import Tuning
-from gapscope.agents.model_files import named, read_model, read_models
+from gapscope.agents.controllers import Tuning
+from gapscope.agents.evaluation import EvaluationPlan, TrackingBench, evaluate
+from gapscope.agents.models import (
+    AgentModel,
+    ArmModel,
+    Gravity,
+    named,
+    read_model,
+    read_models,
+)
 from gapscope.agents.summary import relation, summarise
-from gapscope.agents.torque_model import ArmModel, Gravity
-from gapscope.agents.tracking import TrackingRun
-from gapscope.agents.tracking_metrics import TrackingMetrics
+from gapscope.agents.tracking import TrackingMetrics, TrackingRun
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.named_motions import workspace

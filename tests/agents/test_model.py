@@ -6,9 +6,8 @@ from cases import limits, motion_of
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gapscope.agents.controllers import Feedforward
-from gapscope.agents.gains import Tuning, gains
-from gapscope.agents.torque_model import ArmModel
+from gapscope.agents.controllers import Feedforward, Tuning, gains
+from gapscope.agents.models import ArmModel
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.trajectory import Fourier

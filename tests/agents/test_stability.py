@@ -3,20 +3,19 @@
 import numpy as np
 import pytest
 
-from gapscope.agents.controllers import Feedforward
-from gapscope.agents.evaluation import TrackingBench
-from gapscope.agents.evaluation_plan import EvaluationPlan
-from gapscope.agents.gains import Tuning, gains
+from gapscope.agents.controllers import Feedforward, Tuning, gains
+from gapscope.agents.evaluation import EvaluationPlan, TrackingBench
 from gapscope.agents.instability_demo import CASES, run_instability_demo
-from gapscope.agents.stability import (
+from gapscope.agents.models import ArmModel, Gravity
+from gapscope.agents.tracking import (
     HIGHEST,
     LOWEST,
     RESOLUTION,
+    SampledReference,
     largest_factor,
     settles,
+    track,
 )
-from gapscope.agents.torque_model import ArmModel, Gravity
-from gapscope.agents.tracking import SampledReference, track
 from gapscope.arm.motions.point_to_point import PointToPoint
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect, carried

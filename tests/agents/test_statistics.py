@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gapscope.agents.statistics import interquartile_mean, mean_of, rank_correlation
+from gapscope.agents.summary import interquartile_mean, mean_of, rank_correlation
 
 
 def test_interquartile_mean_by_hand() -> None:

@@ -364,6 +364,34 @@ class TestShapes:
         assert any("link_3.obj is not found" in line for line in missing)
         assert "link_3.obj is not found" in (tmp_path / "arm.xml").read_text()
 
+    def test_a_urdf_without_its_meshes_is_read_by_pybullet(
+        self, tmp_path: Path
+    ) -> None:
+        """A recorded case has the URDF alone: shapes without a mesh are left out, those of packages keep their name."""
+        pybullet = pytest.importorskip("pybullet")
+        pytest.importorskip("pybullet_data", reason="the iiwa's meshes are there")
+        text = load_nominal_arm("kuka_iiwa").urdf.read_text()
+        text = text.replace("meshes/link_3.stl", "package://iiwa/link_3.stl")
+        (tmp_path / "robot.urdf").write_text(text)
+        out = tmp_path / "arm.urdf"
+        arm = CorrectedArm(load_nominal_arm(tmp_path / "robot.urdf"))
+        missing, _ = export(arm, "urdf", out)
+        names = {x.get("filename") for x in ET.parse(out).getroot().iter("mesh")}
+        assert names == {"package://iiwa/link_3.stl"}
+        said = "\n".join(missing)
+        assert "link_3.stl is not found, its name is kept" in said
+        assert "link_4.stl is not found" in said
+        (tmp_path / "robot.urdf").write_text(
+            load_nominal_arm("kuka_iiwa").urdf.read_text()
+        )
+        export(CorrectedArm(load_nominal_arm(tmp_path / "robot.urdf")), "urdf", out)
+        client = pybullet.connect(pybullet.DIRECT)
+        try:
+            body = pybullet.loadURDF(str(out), physicsClientId=client)
+            assert pybullet.getNumJoints(body, physicsClientId=client) >= 7
+        finally:
+            pybullet.disconnect(client)
+
 
 class TestLeftOut:
     @pytest.mark.parametrize("form", FORMATS)

@@ -14,7 +14,7 @@ from typing import Any
 import fuzz_mutations as mutations
 import numpy as np
 
-from gapscope.agents.model_files import read_arm
+from gapscope.agents.models import read_arm
 from gapscope.archive.archive import Archive
 from gapscope.arm.case import load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -352,8 +352,8 @@ def _agent(file: str, mutate: mutations.Mutation) -> Target:
 
     def make(folder: Path) -> None:
         from gapscope.agents.training.learner import make_learner, write_weights
-        from gapscope.agents.training.normalisation import Normalisation
         from gapscope.agents.training.policy import _Spaces
+        from gapscope.agents.training.task import Normalisation
         from gapscope.agents.training.training_settings import TrainingSettings
 
         settings = TrainingSettings(network=(2,), environments=1)
@@ -367,7 +367,7 @@ def _agent(file: str, mutate: mutations.Mutation) -> Target:
         (folder / "agent.json").write_text(json.dumps(document))
 
     def read(folder: Path) -> object:
-        from gapscope.agents.training.agent_model import read_agent_model
+        from gapscope.agents.training.policy import read_agent_model
 
         return read_agent_model(folder, arm())
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import random
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -42,17 +43,20 @@ def check_installed() -> None:
         ) from None
 
 
-def make_learner(settings: TrainingSettings, environment: Any) -> Any:
+def make_learner(
+    settings: TrainingSettings, environment: Any, events: Path | None = None
+) -> Any:
     """A learner whose untrained agent does nothing: the deterministic action is exactly zero.
 
     Args:
         settings: of the training.
         environment: a vector environment, or one that has the spaces.
+        events: folder of TensorBoard's events, if tensorboard is installed.
     """
     check_installed()
     import stable_baselines3
     import torch
-    from stable_baselines3.common.logger import Logger
+    from stable_baselines3.common.logger import Logger, configure
     from stable_baselines3.common.noise import NormalActionNoise
     from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
@@ -83,7 +87,10 @@ def make_learner(settings: TrainingSettings, environment: Any) -> Any:
             np.zeros(size), settings.exploration * np.ones(size)
         )
     learner = kind("MlpPolicy", environment, device="cpu", **options)
-    learner.set_logger(Logger(folder=None, output_formats=[]))
+    if events is not None and find_spec("tensorboard") is not None:
+        learner.set_logger(configure(str(events), ["tensorboard"]))
+    else:
+        learner.set_logger(Logger(folder=None, output_formats=[]))
     _hush(learner, settings, torch)
     return learner
 

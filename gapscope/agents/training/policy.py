@@ -1,4 +1,4 @@
-"""A trained agent as files: written with what it was made from, read with checks."""
+"""A trained agent as files: written with what it was made from, read with checks, and evaluated beside models."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
 
+from gapscope.agents.models import AgentModel
 from gapscope.agents.training.learner import make_learner, read_weights
-from gapscope.agents.training.normalisation import LARGEST, Normalisation
-from gapscope.agents.training.task import Task
+from gapscope.agents.training.task import LARGEST, Normalisation, Task
 from gapscope.agents.training.training_loop import NORMALISATION, Trained
 from gapscope.agents.training.training_settings import TrainingSettings, from_plain
+from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.input_file import (
     LARGEST_IN_MEMORY,
@@ -27,8 +28,11 @@ from gapscope.arm.input_file import (
 )
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import read_json, write_json
+from gapscope.arm.motions.named_motions import workspace
 from gapscope.arm.nominal import NominalArm
+from gapscope.envs.actions import control
 from gapscope.envs.environment import ArmTracking
+from gapscope.envs.episode import LOOK_AHEAD, SUB_STEPS, TIME_STEP
 from gapscope.provenance import library_versions, sha256
 
 POLICY, DOCUMENT = "policy.zip", "agent.json"
@@ -214,3 +218,40 @@ class _Spaces(gymnasium.Env):
     def __init__(self, observation: int, actions: int) -> None:
         self.observation_space = Box(-LARGEST, LARGEST, (observation,), np.float32)
         self.action_space = Box(-1.0, 1.0, (actions,), np.float32)
+
+
+def read_agent_model(folder: Path, arm: NominalArm) -> AgentModel:
+    """The agent of a folder that ``gapscope train`` wrote, with the model that it was trained on top of.
+
+    Raises:
+        InputError: no agent of this arm, or its model's file is not where it was.
+    """
+    agent = read_agent(folder, arm)
+    source = str(agent.document["model"])
+    path = Path(source)
+    if path.suffix and not is_file(path):
+        raise InputError(
+            f"was trained on top of {source}, which is not there",
+            "run this in the folder in which it was trained, or put the model's file back",
+            file=folder / DOCUMENT,
+            where="model",
+        )
+    body, settings = RigidBody(arm), agent.settings
+    reach = settings.action_reach if settings.action == "residual" else None
+    trained_with = control(
+        arm, body, workspace(body), settings.action, None, settings.bandwidth, reach
+    )
+    try:
+        model = Task.of(source, arm).model()
+    except InputError as error:
+        raise (
+            error.at(folder / DOCUMENT, "model") if error.file is None else error
+        ) from None
+    return AgentModel(
+        policy=agent.act,
+        model=model,
+        control=trained_with,
+        look_ahead=LOOK_AHEAD,
+        period=TIME_STEP * SUB_STEPS,
+        digest=sha256(folder / DOCUMENT),
+    )

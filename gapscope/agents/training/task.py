@@ -1,19 +1,29 @@
-"""What an agent is trained and tried on: the simulator made from a model, and the arm with hidden effects."""
+"""What an agent is trained and tried on: the simulator made from a model, what it sees, and held-out motions."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import partial
+from math import inf
 from pathlib import Path
 from typing import Any
 
-from gapscope.agents.model_files import read_arm
-from gapscope.agents.torque_model import ArmModel, Gravity, TorqueModel
-from gapscope.agents.training.normalisation import Normalisation, Normalised
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box
+from gymnasium.wrappers import TransformObservation
+
+from gapscope.agents.evaluation import HELD_OUT, MOTIONS
+from gapscope.agents.models import ArmModel, Gravity, TorqueModel, read_arm
 from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.arm.errors import InputError
-from gapscope.arm.motions.named_motions import check_motion_name
+from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.json_file import plain
+from gapscope.arm.motions.named_motions import check_motion_name, draw_motion
+from gapscope.arm.motions.trajectory import ReferenceMotion
 from gapscope.arm.nominal import NominalArm
+from gapscope.arm.npz_file import read_arrays
 from gapscope.diagnosis.fleet.unit_ranges import read_ranges
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
@@ -22,6 +32,114 @@ from gapscope.envs.effect_ranges import EffectRanges
 from gapscope.envs.environment import ArmTracking, VectorArmTracking
 from gapscope.envs.mystery_arm import HIDDEN
 from gapscope.envs.randomisation import Randomisation
+
+LARGEST = 10.0
+"""What an agent sees is clipped here [1]."""
+EPISODES = 6
+"""Untrained episodes that the figures are taken from."""
+CENTRED = ("error", "velocity", "action")
+"""Quantities about zero, whose mean is left alone."""
+FLOORS = {
+    "position": 0.05,
+    "velocity": 0.02,
+    "reference": 0.05,
+    "reference_rate": 0.05,
+    "look_ahead": 0.005,
+}
+"""Least scale, in the quantity's unit; a quantity that hardly changes in training may do so elsewhere."""
+OTHER_FLOOR = 0.02
+"""Least scale of the other quantities."""
+
+
+@dataclass(frozen=True, eq=False)
+class Normalisation:
+    """z = clip((x - mean) / scale), where in x the velocity is replaced by that of the error, dq_ref - dq.
+
+    Attributes:
+        mean, scale: in the observation's units, shape (m,).
+        velocity, reference_rate: first and last place of these quantities in the observation.
+    """
+
+    mean: np.ndarray
+    scale: np.ndarray
+    velocity: tuple[int, int]
+    reference_rate: tuple[int, int]
+
+    @classmethod
+    def measured(
+        cls, env: ArmTracking, seed: int, tolerance: float, episodes: int = EPISODES
+    ) -> Normalisation:
+        """Figures of episodes in which the agent does nothing.
+
+        Args:
+            env: the simulator.
+            seed: of the episodes.
+            tolerance: of the reward [rad]; errors are scaled by twice this at least.
+            episodes: how many.
+        """
+        slices, size = env.layout.slices, env.layout.size
+        velocity, rate = slices["velocity"], slices["reference_rate"]
+        places = (velocity.start, velocity.stop), (rate.start, rate.stop)
+        unscaled = cls(np.zeros(size), np.ones(size), *places)
+        rows = []
+        idle = np.zeros(env.actions)
+        for number in range(episodes):
+            observation, _ = env.reset(seed=seed + number)
+            over = False
+            while not over:
+                rows.append(unscaled._features(observation))
+                observation, _, terminated, truncated, _ = env.step(idle)
+                over = terminated or truncated
+        features = np.array(rows)
+        mean = features.mean(axis=0)
+        floors = {**FLOORS, "error": 2 * tolerance, "action": 1.0}
+        floor = np.empty(size)
+        for name, part in slices.items():
+            floor[part] = floors.get(name, OTHER_FLOOR)
+            if name in CENTRED:
+                mean[part] = 0.0
+        spread = np.sqrt(np.mean((features - mean) ** 2, axis=0))
+        return cls(mean, np.maximum(spread, floor), *places)
+
+    def __call__(self, observation: np.ndarray) -> np.ndarray:
+        """What the agent sees of observations, each of shape (..., m), float32."""
+        seen = (self._features(observation) - self.mean) / self.scale
+        return np.minimum(np.maximum(seen, -LARGEST), LARGEST).astype(np.float32)
+
+    def _features(self, observation: np.ndarray) -> np.ndarray:
+        out = observation.astype(float)
+        (a, b), (c, d) = self.velocity, self.reference_rate
+        out[..., a:b] = out[..., c:d] - out[..., a:b]
+        return out
+
+    def write(self, path: Path) -> None:
+        """Write as NPZ; ``path`` never holds half of it."""
+        places = np.array([self.velocity, self.reference_rate])
+        with atomic_write(path) as aside, aside.open("wb") as file:
+            np.savez(
+                file,
+                allow_pickle=False,
+                mean=self.mean,
+                scale=self.scale,
+                places=places,
+            )
+
+    @classmethod
+    def read(cls, path: Path) -> Normalisation:
+        """Read the NPZ file.
+
+        Raises:
+            InputError: it is missing or not such a file.
+        """
+        content = read_arrays(path, "train the agent again")
+        try:
+            velocity, rate = (tuple(int(x) for x in row) for row in content["places"])
+            return cls(content["mean"], content["scale"], velocity, rate)  # type: ignore[arg-type]
+        except (ValueError, TypeError, KeyError, OverflowError) as error:
+            raise InputError(
+                f"is no normalisation ({error})", "train the agent again", file=path
+            ) from None
+
 
 ROUGH = ("pd", "gravity")
 """Models without inverse dynamics."""
@@ -189,5 +307,161 @@ def _left_open(source: str, known: CorrectedArm) -> EffectRanges | None:
 
 def _normalised(
     task: Task, settings: TrainingSettings, normalisation: Normalisation
-) -> Normalised:
-    return Normalised(task.simulator(settings), normalisation)
+) -> gymnasium.Env:
+    env = task.simulator(settings)
+    shape = env.observation_space.shape
+    seen = Box(-LARGEST, LARGEST, shape, np.float32)
+    return TransformObservation(env, normalisation, seen)
+
+
+Policy = Callable[[np.ndarray], np.ndarray]
+"""Action of an observation as the environment gives it."""
+
+
+@dataclass(frozen=True)
+class AgentScore:
+    """How an agent does on some motions, means over them.
+
+    Attributes:
+        reward: per action; actions missing because an episode ended early count as 0 [1].
+        joint_error: RMS over actions and joints of reference minus encoders [rad]; infinite if an episode ended early.
+        torque_rate: RMS over steps and joints of the change of the torque commanded [N m/s]; likewise.
+        ended: episodes that ended early: the arm diverged, or came to its stop.
+        episodes: how many.
+    """
+
+    reward: float
+    joint_error: float
+    torque_rate: float
+    ended: int
+    episodes: int
+
+    def plain(self) -> dict[str, Any]:
+        """As JSON data; what is not finite is ``None``."""
+        return dict(plain(asdict(self), null_if_not_finite=True))
+
+
+def held_out(
+    settings: TrainingSettings, env: ArmTracking, first: int = 0
+) -> list[tuple[str, ReferenceMotion]]:
+    """Names and motions of an evaluation: those of ``gapscope evaluate``, from seeds that no training draws.
+
+    Args:
+        settings: kinds of motions, how many of each, and how long.
+        env: the arm that does them.
+        first: seed of the first; motions from other seeds have chosen no agent.
+    """
+    found = []
+    for seed in range(first, first + settings.seeds):
+        for name in settings.motions:
+            number = list(MOTIONS).index(name) if name in MOTIONS else 99
+            rng = np.random.default_rng((HELD_OUT, number, seed))
+            found.append((name, draw_motion(name, rng, env.space, settings.duration)))
+    return found
+
+
+def idle(env: ArmTracking) -> Policy:
+    """The policy that does nothing, in one environment or in several."""
+    size = env.actions
+    return lambda observation: np.zeros((*np.shape(observation)[:-1], size))
+
+
+def episodes(
+    env: ArmTracking | VectorArmTracking,
+    policy: Policy,
+    motions: Sequence[tuple[str, ReferenceMotion]],
+) -> list[AgentScore]:
+    """A score for each motion; effects that the environment draws are the same at each call.
+
+    Args:
+        env: an environment, or one for each motion, stepped together.
+        policy: gives the action of an observation, or those of several in rows.
+        motions: names and motions.
+    """
+    if isinstance(env, VectorArmTracking):
+        return _together(env, policy, [motion for _, motion in motions])
+    return [
+        _episode(env, policy, motion, number)
+        for number, (_, motion) in enumerate(motions)
+    ]
+
+
+def judge(
+    env: ArmTracking | VectorArmTracking,
+    policy: Policy,
+    motions: Sequence[tuple[str, ReferenceMotion]],
+) -> AgentScore:
+    """The mean score over motions."""
+    scores = episodes(env, policy, motions)
+    return AgentScore(
+        reward=float(np.mean([score.reward for score in scores])),
+        joint_error=float(np.mean([score.joint_error for score in scores])),
+        torque_rate=float(np.mean([score.torque_rate for score in scores])),
+        ended=sum(score.ended for score in scores),
+        episodes=len(scores),
+    )
+
+
+def _episode(
+    env: ArmTracking, policy: Policy, motion: ReferenceMotion, number: int
+) -> AgentScore:
+    observation, _ = env.reset(seed=HELD_OUT + number, options={"motion": motion})
+    rewards, errors, rates = [], [], []
+    while True:
+        observation, reward, terminated, truncated, info = env.step(policy(observation))
+        rewards.append(reward)
+        errors.append(info["tracking_rms"])
+        rates.append(info["torque_rate"])
+        if terminated or truncated:
+            break
+    count = round(env.length / env.period)
+    return _score(rewards, errors, rates, count, bool(terminated))
+
+
+def _together(
+    env: VectorArmTracking, policy: Policy, motions: Sequence[ReferenceMotion]
+) -> list[AgentScore]:
+    """The scores of one episode of each motion."""
+    seeds = [HELD_OUT + number for number in range(len(motions))]
+    each = [{"motion": motion} for motion in motions]
+    observations, _ = env.reset(seed=seeds, options={"each": each})
+    count = env.setup.timing.actions
+    # an action in which all episodes begin anew has no figures
+    none = np.zeros(len(motions))
+    rows, fallen, over = [], [], []
+    for _ in range(count):
+        found = env.step(policy(observations))
+        observations, reward, terminated, truncated, info = found
+        measures = (info.get(name, none) for name in ("tracking_rms", "torque_rate"))
+        rows.append((reward, *measures))
+        fallen.append(terminated)
+        over.append(terminated | truncated)
+    series, lengths = np.array(rows), np.argmax(over, axis=0) + 1
+    scores = []
+    for number, length in enumerate(lengths.tolist()):
+        rewards, errors, rates = series[:length, :, number].T
+        early = bool(fallen[length - 1][number])
+        scores.append(_score(rewards, errors, rates, count, early))
+    return scores
+
+
+def _score(
+    rewards: Sequence[float] | np.ndarray,
+    errors: Sequence[float] | np.ndarray,
+    rates: Sequence[float] | np.ndarray,
+    count: int,
+    ended: bool,
+) -> AgentScore:
+    """The score of an episode.
+
+    Args:
+        rewards, errors, rates: of its actions [1], [rad], [N m/s].
+        count: actions of a whole episode.
+        ended: whether it ended early.
+    """
+    reward = float(sum(rewards)) / count
+    if ended:
+        return AgentScore(reward, inf, inf, 1, 1)
+    error = float(np.sqrt(np.mean(np.square(errors))))
+    rate = float(np.sqrt(np.mean(np.square(rates))))
+    return AgentScore(reward, error, rate, 0, 1)

@@ -1,18 +1,18 @@
-"""Training in rounds: each is seeded anew, so that resumed training is bit-identical."""
+"""Training in rounds, each seeded anew, so that resumed training is bit-identical: checkpoints, curve and events."""
 
 from __future__ import annotations
 
+import csv
+import json
+import os
 import shutil
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import Any
 
-from gapscope.agents.training.checkpoint import read_checkpoint, written_checkpoint
-from gapscope.agents.training.curve import Point
-from gapscope.agents.training.events import write_events
-from gapscope.agents.training.held_out_trial import Policy, held_out, idle, judge
 from gapscope.agents.training.learner import (
     check_installed,
     make_learner,
@@ -22,11 +22,167 @@ from gapscope.agents.training.learner import (
     write_replay,
     write_weights,
 )
-from gapscope.agents.training.normalisation import Normalisation
-from gapscope.agents.training.task import Task
+from gapscope.agents.training.task import (
+    AgentScore,
+    Normalisation,
+    Policy,
+    Task,
+    held_out,
+    idle,
+    judge,
+)
 from gapscope.agents.training.training_settings import TrainingSettings
-from gapscope.arm.errors import InputError
+from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.json_file import to_json
 from gapscope.envs.environment import ArmTracking, VectorArmTracking
+from gapscope.provenance import sha256
+
+MANIFEST, STATE = "manifest.json", "state.json"
+_PREFIX = "round_"
+_REMEDY = "remove that folder to resume from the round before, if it is there, or train from the start with --again"
+
+
+@contextmanager
+def written_checkpoint(
+    folder: Path, number: int, state: dict[str, Any]
+) -> Iterator[Path]:
+    """A folder to write the files of a round into; it becomes the checkpoint when the block ends without error.
+
+    Args:
+        folder: of all checkpoints; only the newest one is kept.
+        number: rounds that are done.
+        state: plain data, written as ``state.json``.
+
+    Raises:
+        GapscopeError: it cannot be written.
+    """
+    aside, place = folder / f".{os.getpid()}", folder / f"{_PREFIX}{number:05d}"
+    try:
+        for left in folder.glob(".*"):  # by a process that was killed
+            shutil.rmtree(left)
+        aside.mkdir(parents=True)
+        try:
+            yield aside
+            (aside / STATE).write_text(to_json(state), encoding="utf-8")
+            hashes = {path.name: sha256(path) for path in sorted(aside.iterdir())}
+            (aside / MANIFEST).write_text(to_json(hashes), encoding="utf-8")
+            aside.replace(place)
+        finally:
+            shutil.rmtree(aside, ignore_errors=True)
+        for older in _all(folder):
+            if older != place:
+                shutil.rmtree(older)
+    except OSError as error:
+        raise GapscopeError(
+            f"{place}: cannot be written ({error.strerror})",
+            "choose another folder, or check the permissions of this one",
+        ) from None
+
+
+def read_checkpoint(folder: Path) -> tuple[Path, dict[str, Any]] | None:
+    """Folder and state of the newest checkpoint, or ``None`` if there is none.
+
+    Raises:
+        InputError: a file of it is missing, was cut short or changed.
+    """
+    found = _all(folder)
+    if not found:
+        return None
+    newest = found[-1]
+    try:
+        hashes = json.loads((newest / MANIFEST).read_text(encoding="utf-8"))
+        for name, digest in hashes.items():
+            if sha256(newest / name) != digest:
+                raise InputError(
+                    "was cut short or changed", _REMEDY, file=newest / name
+                )
+        return newest, json.loads((newest / STATE).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(
+            f"is not whole ({error.strerror}: {error.filename})", _REMEDY, file=newest
+        ) from None
+    except (ValueError, AttributeError) as error:
+        raise InputError(
+            f"is not whole ({error})", _REMEDY, file=newest / MANIFEST
+        ) from None
+
+
+def _all(folder: Path) -> list[Path]:
+    return sorted(folder.glob(f"{_PREFIX}*")) if folder.is_dir() else []
+
+
+COLUMNS = ("reward", "joint_error", "torque_rate", "ended")
+
+
+@dataclass(frozen=True)
+class Point:
+    """Scores after some actions of training.
+
+    Attributes:
+        steps: actions, all environments together.
+        simulator: in the simulator that the agent is trained in.
+        hidden: on the arm with hidden effects, or ``None``.
+    """
+
+    steps: int
+    simulator: AgentScore
+    hidden: AgentScore | None
+
+    def plain(self) -> dict[str, Any]:
+        """As JSON data."""
+        hidden = None if self.hidden is None else self.hidden.plain()
+        return {
+            "steps": self.steps,
+            "simulator": self.simulator.plain(),
+            "hidden": hidden,
+        }
+
+    @classmethod
+    def of(cls, content: dict[str, Any]) -> Point:
+        """From plain data."""
+        hidden = content["hidden"]
+        return cls(
+            content["steps"],
+            _score(content["simulator"]),
+            None if hidden is None else _score(hidden),
+        )
+
+
+def _score(content: dict[str, Any]) -> AgentScore:
+    known: dict[str, Any] = {
+        name: inf if value is None else value for name, value in content.items()
+    }
+    return AgentScore(**known)
+
+
+def write_curve(curve: Sequence[Point], path: Path) -> None:
+    """Write the curve as CSV; what is not finite is left empty.
+
+    Columns: steps, then with ``simulator_`` and ``hidden_`` reward [1], joint_error [rad], torque_rate [N m/s], ended.
+    """
+    parts = ("simulator", "hidden")
+    with (
+        atomic_write(path) as aside,
+        aside.open("w", newline="", encoding="utf-8") as file,
+    ):
+        writer = csv.writer(file)
+        writer.writerow(
+            ["steps", *(f"{part}_{name}" for part in parts for name in COLUMNS)]
+        )
+        for point in curve:
+            plain = point.plain()
+            writer.writerow(
+                [
+                    point.steps,
+                    *(
+                        (plain[part] or {}).get(name)
+                        for part in parts
+                        for name in COLUMNS
+                    ),
+                ]
+            )
+
 
 CHECKPOINTS, EVENTS = "checkpoint", "tensorboard"
 WEIGHTS, BEST, REPLAY, NORMALISATION = (
@@ -126,7 +282,7 @@ class Training:
             else:
                 self._normalisation = Normalisation.read(found[0] / NORMALISATION)
             vector = self._vector()
-            self._learner = make_learner(settings, vector)
+            self._learner = make_learner(settings, vector, self._folder / EVENTS)
             self._rate = float(self._learner.learning_rate)
             if found is None:
                 self._point(idle(self._simulator))
@@ -242,9 +398,16 @@ class Training:
                 shutil.copyfile(before[0] / BEST, aside / BEST)
             if getattr(learner, "replay_buffer", None) is not None:
                 write_replay(learner, aside / REPLAY)
-        write_events(
-            self._folder / EVENTS, self._curve[-1], learner.logger.name_to_value
-        )
+        self._log(self._curve[-1].plain())
+
+    def _log(self, point: dict[str, Any]) -> None:
+        """Record the scores of a point beside the learner's own figures."""
+        logger = self._learner.logger
+        for part in ("simulator", "hidden"):
+            for name, value in (point[part] or {}).items():
+                if value is not None:
+                    logger.record(f"{part}/{name}", value)
+        logger.dump(point["steps"])
 
     def _restore(self, place: Path, state: dict[str, Any]) -> None:
         """Go on from a checkpoint.

@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium.spaces import Box
 from stable_baselines3.common.vec_env import VecEnv
 
-from gapscope.agents.training.normalisation import LARGEST, Normalisation
+from gapscope.agents.training.task import LARGEST, Normalisation
 from gapscope.envs.environment import VectorArmTracking
 
 

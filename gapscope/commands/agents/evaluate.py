@@ -12,8 +12,8 @@ from gapscope.commands.options import Results, RobotOption, split_names
 from gapscope.terminal import Progress, console, note, say, wrote
 
 if TYPE_CHECKING:
-    from gapscope.agents.agent_controller import AgentModel
-    from gapscope.agents.evaluation_plan import EvaluationPlan
+    from gapscope.agents.evaluation import EvaluationPlan
+    from gapscope.agents.models import AgentModel
     from gapscope.agents.summary import SummaryLine
     from gapscope.arm.nominal import NominalArm
 
@@ -101,8 +101,8 @@ def evaluate(
 
 
 def _plan(options: dict[str, Any]) -> EvaluationPlan:
-    from gapscope.agents.evaluation_plan import EvaluationPlan
-    from gapscope.agents.gains import Tuning
+    from gapscope.agents.controllers import Tuning
+    from gapscope.agents.evaluation import EvaluationPlan
     from gapscope.envs.engines import default_engine
 
     return EvaluationPlan(
@@ -118,7 +118,7 @@ def _plan(options: dict[str, Any]) -> EvaluationPlan:
 
 def _read_agent(folder: Path, arm: NominalArm) -> AgentModel:
     """The agent of a folder; torch is imported here, so that models do without it."""
-    from gapscope.agents.training.agent_model import read_agent_model
+    from gapscope.agents.training.policy import read_agent_model
 
     return read_agent_model(folder, arm)
 
@@ -138,7 +138,7 @@ def evaluate_path(
     Finished cells are kept in a folder in ``out`` until then, so that the same call continues after an interruption.
 
     Args:
-        models: see ``gapscope.agents.model_files.read_models``.
+        models: see ``gapscope.agents.models.read_models``.
         robot: a nominal arm; a name or URDF; or a case, whose nominal arm is taken.
         effects: file of the form of ``corrected.yaml`` with what the arm that is tracked has beyond the nominal one.
         plan: how to evaluate.
@@ -155,7 +155,7 @@ def evaluate_path(
     """
     from gapscope.agents.evaluation import TrackingBench
     from gapscope.agents.evaluation import evaluate as evaluate_models
-    from gapscope.agents.model_files import read_models
+    from gapscope.agents.models import read_models
     from gapscope.agents.summary import summarise
     from gapscope.arm.folder_lock import locked
     from gapscope.commands.agents.evaluation_cells import Cells

@@ -9,11 +9,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from gapscope.agents.agent_controller import AgentModel, Candidate
-from gapscope.agents.episode import Episode
-from gapscope.agents.evaluation import TrackingBench
-from gapscope.agents.torque_model import ArmModel
-from gapscope.agents.tracking_metrics import Measures
+from gapscope.agents.evaluation import Episode, TrackingBench
+from gapscope.agents.models import AgentModel, ArmModel, Candidate
+from gapscope.agents.tracking import Measures
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import to_json

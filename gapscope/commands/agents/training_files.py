@@ -8,7 +8,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from gapscope.agents.training.curve import write_curve
 from gapscope.agents.training.learner import check_installed
 from gapscope.agents.training.policy import DOCUMENT, LAST, POLICY, write_agent
 from gapscope.agents.training.task import Task
@@ -17,6 +16,7 @@ from gapscope.agents.training.training_loop import (
     EVENTS,
     NORMALISATION,
     Training,
+    write_curve,
 )
 from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.agents.training.tuning import tune

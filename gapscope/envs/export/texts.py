@@ -42,6 +42,9 @@ HELD = {
 }
 """Quantities that a format holds."""
 
+NOT_FOUND = "is not found"
+"""How it ends what is said of a mesh that is not there."""
+
 
 def rendered(template: str, **content: Any) -> str:
     """Text of a file of ``templates``; those of XML escape what they are given."""
@@ -187,14 +190,12 @@ def left_out(arm: PlainArm, form: str) -> tuple[str, ...]:
         )
     if form == "mjcf" and any(d.velocity < np.inf for d in arm.drives.values()):
         lines.append("velocity limits of the joints: MuJoCo knows none")
-    kept = form == "urdf"  # whose elements stay as they are
-    return (
-        *lines,
-        *(
-            f"{x}, its name is kept" if kept and x.endswith("is not found") else x
-            for x in arm.missing
-        ),
-    )
+    # of a URDF the elements stay as they are, if their mesh is in a package that may be elsewhere
+    kept = [
+        form == "urdf" and x.endswith(NOT_FOUND) and "://" in x for x in arm.missing
+    ]
+    ends = (", its name is kept" if name_kept else "" for name_kept in kept)
+    return (*lines, *(x + end for x, end in zip(arm.missing, ends, strict=True)))
 
 
 def _without_rotor(arm: PlainArm) -> list[str]:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gapscope.arm.dynamics.link_shapes import find_mesh
+from gapscope.arm.dynamics.link_shapes import SCHEMES, find_mesh
 from gapscope.arm.dynamics.plain_urdf import numbers, plain_urdf
 from gapscope.arm.dynamics.urdf_inertials import (
     own_parameters,
@@ -113,8 +113,19 @@ def _vector(element: ET.Element | None, key: str, otherwise: str) -> np.ndarray:
 def _name_meshes(
     root: ET.Element, arm: PlainArm, out: Path, relative: bool
 ) -> tuple[str, ...]:
-    """Let meshes and textures be found from the new place; says which are not found."""
+    """Let meshes and textures be found from the new place; says which textures are not found.
+
+    A shape whose mesh is not there is removed, since simulators refuse the file; a name in a package is kept, which may
+    be elsewhere.
+    """
     missing = []
+    for link in root.iter("link"):
+        for shape in [*link.findall("visual"), *link.findall("collision")]:
+            mesh = shape.find("geometry/mesh")
+            name = "" if mesh is None else mesh.get("filename", "")
+            lost = mesh is not None and find_mesh(name, arm.body.file) is None
+            if lost and not name.startswith(SCHEMES):
+                link.remove(shape)
     for element in (*root.iter("mesh"), *root.iter("texture")):
         name = element.get("filename", "")
         found = find_mesh(name, arm.body.file)

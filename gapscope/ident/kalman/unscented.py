@@ -62,9 +62,7 @@ class Unscented:
             )
         for name, length in (("spread", len(self.names)), ("drift", len(self.names))):
             if len(getattr(self, name)) != length:
-                raise InputError(
-                    f"expected {length} numbers, one per name", where=name
-                )
+                raise InputError(f"expected {length} numbers, one per name", where=name)
 
     def follow(self, recording: Recording, every: int = 1) -> Track:
         """The filter over a recording: names ``q1..``, ``dq1..`` and the parameters', these as gains over the prior.

@@ -8,8 +8,7 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gapscope.agents.statistics import Mean
-from gapscope.agents.summary import SummaryLine
+from gapscope.agents.summary import Mean, SummaryLine
 from gapscope.reports.evaluation.table import HEADS, cells
 from gapscope.reports.plot_page import (
     COLOURS,

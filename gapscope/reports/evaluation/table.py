@@ -9,8 +9,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from gapscope.agents.statistics import Mean
-from gapscope.agents.summary import SummaryLine
+from gapscope.agents.summary import Mean, SummaryLine
 
 HEADS = (
     "model",

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from gapscope.agents.training.hyperparameters import ALGORITHMS
 from gapscope.agents.training.training_settings import (
+    ALGORITHMS,
     RESIDUAL,
     TrainingSettings,
     from_plain,

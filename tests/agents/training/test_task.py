@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from cases import limits, motion_of
 
-from gapscope.agents.torque_model import ArmModel, Gravity
-from gapscope.agents.training.held_out_trial import held_out, idle, judge
-from gapscope.agents.training.task import Task
+from gapscope.agents.models import ArmModel, Gravity
+from gapscope.agents.training.task import Task, held_out, idle, judge
 from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.arm.case import Case
 from gapscope.arm.errors import InputError

@@ -7,9 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gapscope.agents.training.held_out_trial import episodes, held_out, idle
-from gapscope.agents.training.normalisation import Normalisation
-from gapscope.agents.training.task import Task
+from gapscope.agents.training.task import Normalisation, Task, episodes, held_out, idle
 from gapscope.agents.training.training_loop import Training
 
 from .conftest import short

@@ -9,18 +9,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gapscope.agents.evaluation import TrackingBench, evaluate
-from gapscope.agents.evaluation_plan import EvaluationPlan
-from gapscope.agents.training.agent_model import read_agent_model
-from gapscope.agents.training.checkpoint import read_checkpoint
-from gapscope.agents.training.held_out_trial import held_out, idle, judge
-from gapscope.agents.training.policy import LAST, read_agent, write_agent
-from gapscope.agents.training.task import Task
+from gapscope.agents.evaluation import EvaluationPlan, TrackingBench, evaluate
+from gapscope.agents.training.policy import (
+    LAST,
+    read_agent,
+    read_agent_model,
+    write_agent,
+)
+from gapscope.agents.training.task import Task, held_out, idle, judge
 from gapscope.agents.training.training_loop import (
     CHECKPOINTS,
     EVENTS,
     WEIGHTS,
     Training,
+    read_checkpoint,
 )
 from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.arm.errors import InputError
