@@ -292,13 +292,20 @@ def with_collision_shapes(path: Path, joints: Collection[str]) -> ET.Element:
 def parser_output() -> Iterator[io.StringIO]:
     """Keep what libraries in C++ print from the terminal; it is in what is given once they are done."""
     kept = io.StringIO()
-    with TemporaryFile() as file:
+    # in memory, where the system has such files
+    in_memory = getattr(os, "memfd_create", None)
+    with (
+        TemporaryFile()
+        if in_memory is None
+        else open(in_memory("parser"), "w+b") as file
+    ):
         try:
             saved = os.dup(2)
         except OSError:  # there is no standard error
             yield kept
             return
-        sys.stderr.flush()
+        if sys.stderr is not None:
+            sys.stderr.flush()
         os.dup2(file.fileno(), 2)
         try:
             yield kept

@@ -87,6 +87,8 @@ class Folder:
                 continue
             item = self._read(file)
             self._done[key] = READ if isinstance(item, Recording) else size
+            if isinstance(item, Recording):
+                yield from self.reading.damage(item, file)
             yield item
 
     def _read(self, file: Path) -> Recording | Event:

@@ -128,6 +128,7 @@ class GrowingFile:
         except InputError as error:
             yield self.reading.note(error)
             return
+        yield from self.reading.damage(part, self.path)
         self.reading.succeeded = True
         name = self.path.name if self._part == 1 else f"{self.path.name} ({self._part})"
         # every part goes on by the clock of the log

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.import_section import Import
 from gapscope.arm.io.log import READERS
+from gapscope.arm.io.samples.damaged import DAMAGED, PAUSE
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.watching.alarm import NOTE, Event
@@ -51,6 +52,12 @@ class Reading:
         if not self.succeeded and self.failure is None:
             self.failure = error
         return Event(event=NOTE, sentence=f"left out: {error}")
+
+    def damage(self, recording: Recording, file: Path) -> Iterator[Event]:
+        """Notes on rows of a file that could not be read."""
+        for said in recording.notes:
+            if said.startswith((DAMAGED, PAUSE)):
+                yield Event(event=NOTE, sentence=f"{file}: {said}")
 
 
 def is_text(path: Path) -> bool:
