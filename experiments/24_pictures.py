@@ -2,9 +2,9 @@
 
     GAPSCOPE_DATA=... .venv/bin/python experiments/24_pictures.py readme [--out docs/pictures] [--work out/pictures]
 
-Overview and report show the public UR10 recording (unisa-acg/inverse-dynamics-solver, BSD-3-Clause). The overview is
-drawn from its diagnosis: torque of the joint whose gap closes most, and the gap of all joints. The second report is
-that of ``gapscope demo``. Reports are photographed by Chromium; without one the overview alone is drawn.
+The overview shows the public UR10 recording (unisa-acg/inverse-dynamics-solver, BSD-3-Clause), drawn from its
+diagnosis: torque of the joint whose gap closes most, and the gap of all joints. The report is that of ``gapscope
+demo``, photographed by Chromium; without one the overview alone is drawn.
 
     .venv/bin/python experiments/24_pictures.py signatures [--out docs/pictures/signatures]
 
