@@ -106,12 +106,12 @@ class Episodes:
 
     def act(
         self, action: np.ndarray
-    ) -> tuple[np.ndarray, dict[str, Any], dict[int, dict[str, Any]]]:
+    ) -> tuple[np.ndarray, np.ndarray, dict[str, Any], dict[int, dict[str, Any]]]:
         """Carry out an action in each environment, shape (N, ...), what exceeds -1 .. 1 clipped.
 
         Returns:
-            Rewards, shape (N,); what ``info`` says of each action, by name, each (N,); and why episodes ended early, by
-            number of the environment.
+            Tracking errors [rad], shape (N, n); rewards, shape (N,); what ``info`` says of each action, by name, each
+            (N,); and why episodes ended early, by number of the environment.
         """
         setup, plant = self._setup, self._plant
         chosen = np.clip(action, -1.0, 1.0)
@@ -135,7 +135,7 @@ class Episodes:
             at, steps = int(self.at[number]) - 1, int(done[number])
             acted = bool(self._acted[number])
             ends[number] = plant.early_end(number, at, steps, acted)
-        return parts.total, values, ends
+        return error, parts.total, values, ends
 
 
 class ArmTracking(gymnasium.Env):
@@ -333,16 +333,15 @@ class ArmTracking(gymnasium.Env):
             raise ResetNeeded("the episode has ended or not begun: call reset() first")
         episodes = self._episodes
         chosen = arguments.checked_actions(action, (self._control.size,))
-        rewards, values, early = episodes.act(chosen[None])
+        errors, rewards, values, early = episodes.act(chosen[None])
         info: dict[str, Any] = {name: float(x[0]) for name, x in values.items()}
         info |= early.get(0, {}) | episodes.truth(0)
         terminated = bool(early)
         truncated = bool(episodes.at[0] >= self._timing.actions)
-        error = episodes.error()
-        self._show(error[0], info)
+        self._show(errors[0], info)
         if terminated or truncated:
             self._course = None
-        observation = episodes.observations(error)[0]
+        observation = episodes.observations(errors)[0]
         return observation, float(rewards[0]), terminated, truncated, info
 
     def render(self) -> np.ndarray | None:
@@ -474,8 +473,7 @@ class VectorArmTracking(VectorEnv):
             raise ResetNeeded("no episode has begun: call reset() first")
         episodes, waiting = self._episodes, self._ended.copy()
         chosen = checked_actions(actions, episodes.action.shape)
-        rewards, values, early = episodes.act(chosen)
-        error = episodes.error()
+        error, rewards, values, early = episodes.act(chosen)
         early = {i: why for i, why in early.items() if not waiting[i]}
         terminated = np.zeros(self.num_envs, dtype=bool)
         terminated[list(early)] = True

@@ -227,6 +227,12 @@ class ControlledArms:
         self.q, self.dq, self.applied = np.zeros((3, *shape))
         self.load, self.torque_rate = np.zeros((2, count))
         self._diverged: dict[int, _Diverged] = {}
+        # of the shape of the torque: numpy takes longer for one that it must spread
+        control = setup.control
+        gains = control.gains or Gains(np.zeros(shape[1]), np.zeros(shape[1]))
+        self._gains = Gains(*(np.tile(gain, (count, 1)) for gain in gains))
+        self._limit = np.tile(control.limit, (count, 1))
+        self._lowest = -self._limit
 
     def _drive(self, effects: tuple[AppliedEffect, ...]) -> ArmDrive:
         """The drives and bodies of an arm with effects; raises ``InputError`` if they cannot be simulated."""
@@ -355,16 +361,14 @@ class ControlledArms:
         assert control.gains is not None
         added: np.ndarray | float = 0.0
         factor: np.ndarray | float = 1.0
-        # of the shape of the torque: numpy takes longer for one that it must spread
-        gains = Gains(*(np.tile(gain, (len(at), 1)) for gain in control.gains))
+        gains = self._gains
         if control.multiplies:
             factor, gains = scaled(control.gains, action)
         else:
             added = control.scale * action
         reference, feedforward = self.courses.steps(at)
         wanted = feedforward[:-1] * factor + added
-        limit = np.tile(control.limit, (len(at), 1))
-        lowest = -limit
+        limit, lowest = self._limit, self._lowest
         error = reference[0] - self.position
         rate = self.courses.rate(at) - self.velocity
         for done, torque in enumerate(wanted):  # rows, filled in place

@@ -269,7 +269,6 @@ class SimulatedArm:
         encoder_noise: standard deviation of white noise of the encoders [rad], a number or shape (n,).
         rng: source of the noise.
         load: known body on the last link, beyond the effects.
-        nominal: the nominal rigid bodies with that load, if they are there already; see ``nominal_body``.
 
     Attributes:
         q: true joint positions [rad], shape (n,).
@@ -296,9 +295,8 @@ class SimulatedArm:
         encoder_noise: np.ndarray | float = 0.0,
         rng: np.random.Generator | None = None,
         load: KnownLoad | None = None,
-        nominal: RigidBody | None = None,
     ) -> None:
-        self.nominal = nominal_body(arm, load) if nominal is None else nominal
+        self.nominal = nominal_body(arm, load)
         drive = ArmDrive(arm, effects, dt, self.nominal)
         self.arm, self.dt, self.body, self.parts = arm, dt, drive.body, drive.parts
         self._order, self._places = self.nominal.order, self.nominal.places
@@ -351,11 +349,6 @@ class SimulatedArm:
     def dq(self) -> np.ndarray:
         """True joint velocities [rad/s], shape (n,)."""
         return self._dq.copy() if self._ordered else self._dq[self._places]
-
-    @property
-    def present_dq(self) -> np.ndarray:
-        """``dq`` in kinematic order, not to be kept: the next step may change it in place."""
-        return self._dq
 
     @property
     def motor_q(self) -> np.ndarray:

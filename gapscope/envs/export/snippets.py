@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import yaml
@@ -88,8 +89,7 @@ class JointValues(JointDrive):
         return finite({key: getattr(self, name) for key, name in names.items()})
 
 
-@dataclass(frozen=True)
-class BodyRange:
+class BodyRange(NamedTuple):
     """How far a moving body may differ from the exported one.
 
     Attributes:
