@@ -26,18 +26,24 @@ import numpy as np
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.ident.excitation.candidate_model import ExcitationModel
-from gapscope.ident.excitation.criteria import CRITERIA, condition_number
-from gapscope.ident.excitation.design import accept, design, prepare, sampled
-from gapscope.ident.excitation.excitation_plan import (
+from gapscope.ident.excitation.design import (
     OPTIMISERS,
     ExcitationPlan,
     LimitPlan,
+    accept,
+    design,
+    prepare,
+    sampled,
 )
-from gapscope.ident.excitation.families import KINDS
-from gapscope.ident.excitation.optimiser import Optimiser
-from gapscope.ident.excitation.random_search import RandomSearch
-from gapscope.ident.excitation.trajectory_search import Budget
+from gapscope.ident.excitation.trajectory_search import (
+    CRITERIA,
+    KINDS,
+    Budget,
+    ExcitationModel,
+    Optimiser,
+    RandomSearch,
+    condition_number,
+)
 
 EFFECTS = ("coulomb_friction", "load_friction")
 RATE = 200.0

@@ -32,21 +32,24 @@ from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.position_controller import position_controller
 from gapscope.envs.recorder import Plan, record_case
-from gapscope.ident.estimators.consistent_sdp import ConsistentSdp
-from gapscope.ident.estimators.didim import DirectInverse
-from gapscope.ident.estimators.estimate import Estimator
 from gapscope.ident.estimators.experiment import Experiment
-from gapscope.ident.estimators.instrumental_variables import InstrumentalVariables
-from gapscope.ident.estimators.irls import HuberLeastSquares
-from gapscope.ident.estimators.log_cholesky import LogCholesky
-from gapscope.ident.estimators.maximum_likelihood import MaximumLikelihood
-from gapscope.ident.estimators.ols import OrdinaryLeastSquares
-from gapscope.ident.estimators.output_error import OutputError
-from gapscope.ident.estimators.partial_update import PartialUpdate
-from gapscope.ident.estimators.ridge import Ridge
-from gapscope.ident.estimators.total_least_squares import TotalLeastSquares
-from gapscope.ident.estimators.truncated_svd import TruncatedSvd
-from gapscope.ident.estimators.wls import WeightedLeastSquares
+from gapscope.ident.estimators.linear import (
+    Estimator,
+    HuberLeastSquares,
+    MaximumLikelihood,
+    OrdinaryLeastSquares,
+    PartialUpdate,
+    Ridge,
+    TotalLeastSquares,
+    TruncatedSvd,
+    WeightedLeastSquares,
+)
+from gapscope.ident.estimators.physical import ConsistentSdp, LogCholesky
+from gapscope.ident.estimators.simulating import (
+    DirectInverse,
+    InstrumentalVariables,
+    OutputError,
+)
 from gapscope.ident.model.base_parameters import BaseParameters, base_parameters
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.regressor import Regressor
@@ -55,8 +58,8 @@ from gapscope.ident.uncertainty.intervals import (
     block_jackknife,
     plain,
     sandwich,
+    torque_interval,
 )
-from gapscope.ident.uncertainty.torque_interval import torque_interval
 from gapscope.model.conditioning import condition, low_pass
 
 # Arms, noise and problems

@@ -31,10 +31,9 @@ from gapscope.ident.identification import (
     IdentificationSettings,
     identify,
 )
-from gapscope.ident.model.friction_law import FrictionLaw
-from gapscope.ident.model.model_columns import ModelColumns
-from gapscope.ident.signals.samples import Band
-from gapscope.ident.uncertainty.validation import MOVING
+from gapscope.ident.model.linear_problem import FrictionLaw, ModelColumns
+from gapscope.ident.samples import Band
+from gapscope.ident.uncertainty.examination import MOVING
 from gapscope.model.conditioning import TRIM, Segment
 
 HERE = Path(__file__).parent

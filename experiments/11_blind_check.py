@@ -17,16 +17,12 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
+from gapscope.blind_check.check import BlindPlan, make, read_commitment, read_plan, run
 from gapscope.blind_check.generator.laws import LAWS
-from gapscope.blind_check.make import make
-from gapscope.blind_check.plan import BlindPlan, read_plan
-from gapscope.blind_check.run import run
-from gapscope.blind_check.score import score
-from gapscope.blind_check.seal import read_commitment
+from gapscope.blind_check.scoring import score
 from gapscope.effects.catalogue import CATALOGUE
-from gapscope.effects.setup_faults.fault_catalogue import FAULTS
-from gapscope.reports.blind_check.page import write_score
-from gapscope.reports.blind_check.tables import Table, tables
+from gapscope.effects.setup_faults import FAULTS
+from gapscope.reports.blind_check import Table, tables, write_score
 
 SMALL = BlindPlan(singles=24, pairs=6, triples=3, outside=6, healthy=8, ladder=6)
 """The set that is made by default."""

@@ -36,15 +36,19 @@ from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.json_file import write_json
 from gapscope.arm.nominal import smooth_sign
 from gapscope.arm.recording import Recording
-from gapscope.blind_check.generator.case import MadeCase, write_case
-from gapscope.blind_check.generator.case_setup import CaseSetup, draw_setup
-from gapscope.blind_check.generator.conditions import Conditions
+from gapscope.blind_check.generator.case import (
+    CaseSetup,
+    MadeCase,
+    draw_setup,
+    write_case,
+)
 from gapscope.blind_check.generator.law import Cause
 from gapscope.blind_check.generator.laws import LAWS
+from gapscope.blind_check.generator.simulate import Conditions
 from gapscope.blind_check.generator.true_arm import Columns, TrueArm
-from gapscope.blind_check.scoring.statistics import wilson
+from gapscope.blind_check.scoring import wilson
 from gapscope.diagnosis.reference.diagnose_change import diagnose_change
-from gapscope.diagnosis.reference.identify_reference import identify_reference
+from gapscope.diagnosis.reference.reference_file import identify_reference
 from gapscope.model.conditioning import condition, position_cutoff
 
 DAY = 0.12

@@ -31,20 +31,26 @@ from gapscope.arm.io.json_file import write_json
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.blind_check.generator.case_setup import CaseSetup, draw_setup, sheet_of
-from gapscope.blind_check.generator.conditions import Conditions
+from gapscope.blind_check.generator.case import CaseSetup, draw_setup, sheet_of
 from gapscope.blind_check.generator.law import Cause
 from gapscope.blind_check.generator.laws import LAWS
-from gapscope.blind_check.generator.measure import nominal_torque
-from gapscope.blind_check.generator.motions import draw_motion
+from gapscope.blind_check.generator.simulate import (
+    Conditions,
+    draw_motion,
+    nominal_torque,
+)
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.residual.file import write_residual
-from gapscope.ident.residual.fit import fit_residual
-from gapscope.ident.residual.learnt import boosted_trees, torque_left
-from gapscope.ident.residual.rows import rows_of
-from gapscope.ident.residual.settings import ResidualSettings
-from gapscope.ident.residual.trajectory import Trajectory, from_segment
+from gapscope.effects.residual import write_residual
+from gapscope.ident.residual.fit import (
+    ResidualSettings,
+    Trajectory,
+    boosted_trees,
+    fit_residual,
+    from_segment,
+    rows_of,
+    torque_left,
+)
 from gapscope.model.conditioning import condition, position_cutoff
 
 # Arms with one remainder each

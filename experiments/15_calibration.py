@@ -21,13 +21,12 @@ import numpy as np
 from scipy.optimize import minimize
 
 from gapscope.arm.io.json_file import to_json, write_json
-from gapscope.blind_check.scoring.compare import compare
-from gapscope.blind_check.scoring.statistics import brier, ece
-from gapscope.blind_check.seal import open_labels
-from gapscope.diagnosis.assessment.alternatives import Alternative
-from gapscope.diagnosis.assessment.calibration import (
+from gapscope.blind_check.check import open_labels
+from gapscope.blind_check.scoring import brier, compare, ece
+from gapscope.diagnosis.assessment.confidence import (
     FILE,
     WEIGHT_PRECISION,
+    Alternative,
     Support,
     probability,
     with_probabilities,

@@ -75,19 +75,17 @@ from gapscope.arm.io.write_case import write_case
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.blind_check.generator.arms import SHEETS
-from gapscope.blind_check.scoring.statistics import wilson
+from gapscope.blind_check.scoring import wilson
 from gapscope.commands.diagnose_path import diagnose_path
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import read_corrected, write_corrected
-from gapscope.effects.residual.file import write_residual
+from gapscope.effects.residual import write_residual
 from gapscope.envs.mystery_arm import HIDDEN, iiwa
 from gapscope.envs.randomisation import Randomisation, draw_effects
 from gapscope.envs.recorder import Plan, record_case
-from gapscope.ident.residual.fit import fit_residual
-from gapscope.ident.residual.settings import ResidualSettings
-from gapscope.ident.residual.trajectory import from_segment
+from gapscope.ident.residual.fit import ResidualSettings, fit_residual, from_segment
 from gapscope.interface.identify import identify
 from gapscope.model.conditioning import condition, position_cutoff
 
@@ -499,7 +497,7 @@ def draw_curves(cells: Cells, path: Path) -> None:
     from plotly.graph_objects import Scatter
     from plotly.subplots import make_subplots
 
-    from gapscope.reports.plot_page import COLOURS
+    from gapscope.reports.pages import COLOURS
 
     names = list(dict.fromkeys(key[1] for key in cells))
     figure = make_subplots(

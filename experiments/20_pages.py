@@ -26,8 +26,7 @@ from common import run_part
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.effect import Effect
 from gapscope.effects.parameter import Parameter
-from gapscope.effects.setup_faults.fault import Fault
-from gapscope.effects.setup_faults.fault_catalogue import FAULTS
+from gapscope.effects.setup_faults import FAULTS, Fault
 
 EFFECT_HEAD = (
     "| effect | scope | law | parameter | symbol | unit | bounds | met on real arms | source |\n"

@@ -51,19 +51,23 @@ from gapscope.arm.errors import ModelWarning
 from gapscope.arm.io.json_file import read_json, write_json
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
-from gapscope.blind_check.scoring.classes import Named, matched, named, same
-from gapscope.blind_check.scoring.compare import Compared, compare
-from gapscope.blind_check.scoring.statistics import (
+from gapscope.blind_check.scoring import (
+    Compared,
+    Named,
     brier,
+    compare,
+    matched,
+    named,
     proportion,
     reliability,
+    same,
     wilson,
 )
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.model.conditioning import condition, position_cutoff
 from gapscope.model.torque_gap import torque_gap
-from gapscope.reports.blind_check.tables import Table
+from gapscope.reports.blind_check import Table
 
 # Whether the truth of a case closes its gap
 

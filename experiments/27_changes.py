@@ -25,12 +25,16 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.recording import Recording
 from gapscope.blind_check.generator.arms import ROBOTS
-from gapscope.blind_check.generator.case import MadeCase, write_case
-from gapscope.blind_check.generator.case_setup import CaseSetup, draw_setup
-from gapscope.blind_check.generator.conditions import STRONG, Conditions
+from gapscope.blind_check.generator.case import (
+    CaseSetup,
+    MadeCase,
+    draw_cause,
+    draw_setup,
+    write_case,
+)
 from gapscope.blind_check.generator.law import Cause
 from gapscope.blind_check.generator.laws import LAWS, SETUP
-from gapscope.blind_check.generator.sizing import draw_cause
+from gapscope.blind_check.generator.simulate import STRONG, Conditions
 from gapscope.blind_check.generator.true_arm import Columns, TrueArm
 from gapscope.model.change_findings import (
     PAYLOAD,

@@ -60,7 +60,7 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.severity import draw, possible
 from gapscope.envs.recorder import Plan, record_case
-from gapscope.ident.excitation.excitation_plan import ExcitationPlan, LimitPlan
+from gapscope.ident.excitation.design import ExcitationPlan, LimitPlan
 from gapscope.ident.excitation.trajectory_search import Budget
 from gapscope.ident.model.base_parameters import structural_base
 from gapscope.ident.model.regressor import Regressor

@@ -20,15 +20,16 @@ from pathlib import Path
 
 import numpy as np
 
-from gapscope.arm.known_robots import KNOWN_ROBOTS
-from gapscope.model_audit.audit import (
-    check_description,
-    read_description,
-    total_mass,
+from gapscope.arm.robots import KNOWN_ROBOTS
+from gapscope.model_audit.audit import check_description, read_description, total_mass
+from gapscope.model_audit.description import (
+    Description,
+    Geometry,
+    Inertial,
+    Link,
+    find_robot,
+    link_geometries,
 )
-from gapscope.model_audit.description import Description, Inertial, Link
-from gapscope.model_audit.find_robot import find_robot
-from gapscope.model_audit.geometry import Geometry, link_geometries
 
 SHIFTS = ("shifted_inertials", "shifted_masses")
 SIZES = (

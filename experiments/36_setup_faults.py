@@ -55,7 +55,7 @@ from scipy.optimize import brentq
 
 import gapscope
 from gapscope.arm.case import Case, load_case
-from gapscope.arm.control.laws import LAWS
+from gapscope.arm.control import LAWS
 from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError
@@ -66,37 +66,31 @@ from gapscope.arm.recording import Recording
 from gapscope.arm.velocity_filter import filter_gains
 from gapscope.blind_check.generator.case import make_case
 from gapscope.blind_check.generator.case import write_case as write_made_case
-from gapscope.blind_check.generator.conditions import CaseSpec, Conditions
+from gapscope.blind_check.generator.simulate import CaseSpec, Conditions
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
-from gapscope.diagnosis.setup_faults.references.detection import find_reference_faults
+from gapscope.diagnosis.setup_faults.references import find_reference_faults
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.environment import tilt
-from gapscope.effects.setup_faults.channel_faults import (
-    JointSwap,
-    SignFlip,
-    UnitMismatch,
-    ZeroOffset,
-)
-from gapscope.effects.setup_faults.controller_faults import (
-    GainMismatch,
-    UnmeasuredTorque,
-)
-from gapscope.effects.setup_faults.fault import Fault
-from gapscope.effects.setup_faults.fault_catalogue import FAULTS
-from gapscope.effects.setup_faults.inertial_fault import ShiftedInertials
-from gapscope.effects.setup_faults.reference_faults import (
+from gapscope.effects.setup_faults import (
+    FAULTS,
     CoarseReference,
-    IgnoredVelocityReference,
-    SpeedScaling,
-    VelocityOfReference,
-)
-from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
-from gapscope.effects.setup_faults.torque_faults import (
+    Fault,
+    GainMismatch,
     GravityCompensatedTorque,
+    IgnoredVelocityReference,
+    JointSwap,
     LateTorque,
+    ShiftedInertials,
+    SignFlip,
+    SpeedScaling,
+    TimeStamps,
     TorqueUnit,
+    UnitMismatch,
+    UnmeasuredTorque,
+    VelocityOfReference,
+    ZeroOffset,
 )
 from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.position_controller import SampledLoop, position_controller

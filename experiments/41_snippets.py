@@ -38,7 +38,7 @@ Torque = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 def write(out: Path) -> None:
     """The arm, its snippets with and without ranges, and the torque that it needs."""
-    from gapscope.arm.control.pd import PD
+    from gapscope.arm.control import PD
     from gapscope.arm.dynamics.rigid_body import RigidBody
     from gapscope.arm.motions.motion import Motion
     from gapscope.arm.robots import load_nominal_arm

@@ -47,11 +47,16 @@ from gapscope.arm.io.json_file import read_json, write_json
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.blind_check.generator.arms import SHEETS, Arm, draw_arm
-from gapscope.blind_check.generator.urdf import perturb_inertials, text_of
+from gapscope.blind_check.generator.arms import (
+    SHEETS,
+    Arm,
+    draw_arm,
+    perturb_inertials,
+    text_of,
+)
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.watching.alarm import ALARM, DRIFT, MISFIT, Event
 from gapscope.watching.detector import Detector
+from gapscope.watching.events import ALARM, DRIFT, MISFIT, Event
 
 # Arms at work
 

@@ -38,8 +38,7 @@ import gapscope
 from gapscope.arm.case import Case
 from gapscope.arm.io.write_case import write_case
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.robots import load_nominal_arm
-from gapscope.arm.shifted_inertials import shifted_arm
+from gapscope.arm.robots import load_nominal_arm, shifted_arm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.engines import ENGINES, installed
 from gapscope.envs.randomisation import Randomisation

@@ -38,10 +38,14 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
-from gapscope.ident.excitation.design import Excitation, design
-from gapscope.ident.excitation.excitation_plan import ExcitationPlan, LimitPlan
+from gapscope.ident.excitation.design import (
+    Excitation,
+    ExcitationPlan,
+    LimitPlan,
+    design,
+)
 from gapscope.ident.excitation.trajectory_search import Budget
-from gapscope.outputs.trajectory import write_trajectory
+from gapscope.reports.trajectory import write_trajectory
 
 RATE = 1777.0
 """Points per second of the full trajectory [Hz]; no multiple of any rate that is written."""

@@ -49,13 +49,11 @@ from gapscope.arm.case import load_case
 from gapscope.arm.errors import ModelWarning
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import plain, read_json, write_json
-from gapscope.blind_check.generator.arms import USUAL
+from gapscope.blind_check.generator.arms import USUAL, perturb_inertials, text_of
 from gapscope.blind_check.generator.case import make_case, write_case
-from gapscope.blind_check.generator.conditions import STRONG, CaseSpec, Conditions
-from gapscope.blind_check.generator.urdf import perturb_inertials, text_of
-from gapscope.blind_check.scoring.classes import named, same
-from gapscope.blind_check.scoring.statistics import brier, ece, wilson
-from gapscope.reports.blind_check.tables import Table
+from gapscope.blind_check.generator.simulate import STRONG, CaseSpec, Conditions
+from gapscope.blind_check.scoring import brier, ece, named, same, wilson
+from gapscope.reports.blind_check import Table
 
 # Simulated cases
 

@@ -35,10 +35,10 @@ from scipy.interpolate import make_interp_spline
 from gapscope.arm.case import load_case
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.json_file import read_json, write_json
+from gapscope.blind_check.check import BlindPlan, allocate_cases
 from gapscope.blind_check.generator.case import make_case, write_case
 from gapscope.blind_check.generator.laws import INSIDE
-from gapscope.blind_check.plan import BlindPlan, allocate_cases
-from gapscope.blind_check.scoring.compare import Compared, compare
+from gapscope.blind_check.scoring import Compared, compare
 from gapscope.diagnosis.diagnose import diagnose
 
 # What loggers do to recordings

@@ -35,7 +35,7 @@ from metamorphic import RELATIONS, CaseFiles, Difference, Relation, Twin, compar
 
 from gapscope.arm.case import load_case
 from gapscope.blind_check.generator.case import make_case, write_case
-from gapscope.blind_check.generator.conditions import STRONG, CaseSpec, Conditions
+from gapscope.blind_check.generator.simulate import STRONG, CaseSpec, Conditions
 from gapscope.diagnosis.diagnose import diagnose
 
 

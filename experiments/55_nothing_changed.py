@@ -44,7 +44,7 @@ from gapscope.arm.io.json_file import read_json, write_json
 from gapscope.arm.io.write_case import write_case
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.blind_check.scoring.statistics import wilson
+from gapscope.blind_check.scoring import wilson
 from gapscope.diagnosis.agreement.agreement import (
     AGREES,
     DIFFERS,
@@ -52,7 +52,7 @@ from gapscope.diagnosis.agreement.agreement import (
     Agreement,
     agreement,
 )
-from gapscope.reports.blind_check.tables import Table
+from gapscope.reports.blind_check import Table
 
 REAL = ("ur10", "panda", "tx40", "emps")
 WITHHELD = ("kinova", "kuka", "z1")

@@ -40,14 +40,18 @@ from threadpoolctl import threadpool_limits
 
 from gapscope.arm.errors import GapscopeError, ModelWarning
 from gapscope.arm.io.json_file import read_json, write_json
-from gapscope.blind_check.generator.case import MadeCase, write_case
-from gapscope.blind_check.generator.case_setup import CaseSetup, draw_setup
-from gapscope.blind_check.generator.conditions import Conditions
+from gapscope.blind_check.generator.case import (
+    CaseSetup,
+    MadeCase,
+    draw_setup,
+    write_case,
+)
 from gapscope.blind_check.generator.law import Cause
 from gapscope.blind_check.generator.laws import LAWS
+from gapscope.blind_check.generator.simulate import Conditions
 from gapscope.blind_check.generator.true_arm import Columns, TrueArm
-from gapscope.blind_check.scoring.classes import Named, matched, named, same
-from gapscope.reports.blind_check.tables import Table
+from gapscope.blind_check.scoring import Named, matched, named, same
+from gapscope.reports.blind_check import Table
 
 ROBOTS = ("ur5_like", "franka_panda", "drawn", "kuka_iiwa", "ur10_like", "xarm6")
 ARM = np.array([], dtype=int)

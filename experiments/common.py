@@ -38,7 +38,7 @@ from gapscope.arm.dynamics.plain_urdf import moving_links, plain_urdf
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.json_file import plain, read_json, write_json
 from gapscope.arm.io.write_case import write_case
-from gapscope.reports.blind_check.tables import Table
+from gapscope.reports.blind_check import Table
 
 T = TypeVar("T")
 WAITING = 5.0

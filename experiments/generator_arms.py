@@ -19,9 +19,13 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.named_motions import workspace
 from gapscope.arm.velocity_filter import VelocityFilter
 from gapscope.blind_check.generator.case import make_case, write_case
-from gapscope.blind_check.generator.conditions import STRONG, CaseSpec, Conditions
-from gapscope.blind_check.generator.motions import draw_motion
-from gapscope.blind_check.generator.simulate import simulate
+from gapscope.blind_check.generator.simulate import (
+    STRONG,
+    CaseSpec,
+    Conditions,
+    draw_motion,
+    simulate,
+)
 from gapscope.envs.actions import Gains
 from gapscope.envs.position_controller import (
     CUTOFF,

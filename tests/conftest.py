@@ -14,7 +14,7 @@ from shutil import rmtree
 import pytest
 from own_effect_page import write_example
 
-from gapscope.arm.known_robots import KNOWN_ROBOTS
+from gapscope.arm.robots import KNOWN_ROBOTS
 from gapscope.effects.catalogue import load_effects, remove
 from gapscope.effects.effect import TorqueLaw
 

@@ -74,8 +74,8 @@ ONLY_IN = {
     "stable_baselines3": ("agents/training/",),
     "optuna": ("agents/training/tuning.py",),
     "sklearn": (
-        "ident/residual/baselines.py",
-        "blind_check/baselines/classifier.py",
+        "ident/residual/fit.py",
+        "blind_check/baselines.py",
     ),
 }
 """The only places that may import a library."""
@@ -94,14 +94,14 @@ NAMES_EFFECTS: dict[str, str] = {
         "armature is the data sheet's or a model file's own key": (
             *("arm.beyond_any_arm", "arm.nominal", "arm.robots"),
             *("arm.dynamics.robot_file", "envs.mystery_arm"),
-            *("model_audit.check_joints", "model_audit.read_mjcf"),
+            *("model_audit.checks", "model_audit.description"),
             "diagnosis.reference.reference_file",
         ),
-        "payload is the case's key of a known load": ("diagnosis.document.context",),
+        "payload is the case's key of a known load": (
+            "diagnosis.document.diagnosis_json",
+        ),
         "the blind check keeps what hides what, and plain methods, apart": (
-            *("blind_check.plan", "blind_check.baselines.columns"),
-            *("blind_check.baselines.methods", "blind_check.scoring.classes"),
-            *("blind_check.scoring.closure", "blind_check.scoring.compare"),
+            *("blind_check.baselines", "blind_check.check", "blind_check.scoring"),
         ),
     }.items()
     for module in modules

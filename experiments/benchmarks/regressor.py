@@ -20,9 +20,13 @@ from threadpoolctl import threadpool_limits
 
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.ident.model.base_parameters import base_parameters, random_states
+from gapscope.ident.model.base_parameters import (
+    JointFactors,
+    base_parameters,
+    factored,
+    random_states,
+)
 from gapscope.ident.model.regressor import Regressor
-from gapscope.ident.model.tsqr import JointFactors, factored
 
 from .child import FIGAROH, install, run_child, without_meshes
 from .measure import MEMORY, Point, Row, Settings, compared

@@ -20,9 +20,8 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.write_case import write_columns
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.watching.settings import WatchSettings
-from gapscope.watching.sources.growing_file import GrowingFile
-from gapscope.watching.sources.source import Reading
+from gapscope.watching.detector import WatchSettings
+from gapscope.watching.sources import GrowingFile, Reading
 from gapscope.watching.watch import Watch
 
 from .measure import Point, Row, Settings, compared, in_turns

@@ -16,20 +16,20 @@ from gapscope.arm.coupling import coupling_of_transmission
 from gapscope.arm.errors import InputError
 from gapscope.arm.input_file import is_folder, real_path
 from gapscope.arm.io.arrays import Samples, frames_of_arrays
-from gapscope.arm.io.case_file import read_case_file
+from gapscope.arm.io.case_file import parse_controller, read_case_file
 from gapscope.arm.io.case_paths import CasePaths, files_of, known_loads
-from gapscope.arm.io.controller_file import parse_controller
 from gapscope.arm.io.import_section import Import, parse_import
-from gapscope.arm.io.load_recording import load_recording, recording_of_columns
-from gapscope.arm.io.locked_section import locked_positions
-from gapscope.arm.io.log import check_no_log
-from gapscope.arm.io.plausibility import UNSIGNED
-from gapscope.arm.io.recording_parts import (
+from gapscope.arm.io.load_recording import (
     Part,
     fitted_parts,
     judged_parts,
+    load_recording,
+    recording_of_columns,
     whole_parts,
 )
+from gapscope.arm.io.locked_section import locked_positions
+from gapscope.arm.io.log import check_no_log
+from gapscope.arm.io.plausibility import UNSIGNED
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording

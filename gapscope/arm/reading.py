@@ -14,16 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from gapscope.arm.control.pd import PD
+from gapscope.arm.control import PD
 from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.even_rows import even_stamps
 from gapscope.arm.io.plausibility import repeated_rows
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.recording import Recording
-from gapscope.arm.set_points import set_points
-from gapscope.arm.shifted_inertials import shifted_arm
+from gapscope.arm.recording import Recording, set_points
+from gapscope.arm.robots import shifted_arm
 
 GAP_STEPS = 4.0
 """A step of time longer than this many median steps is a gap, over which no torque is interpolated."""

@@ -1,15 +1,20 @@
-"""A recording: time series of one motion of one arm."""
+"""Recordings, and what the torque column of one may be: steps, held values, set points, split logs."""
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.motion import whole_rate
+
+# A recording: time series of one motion of one arm.
+
 
 CHANNELS = ("q", "dq", "tau", "q_ref", "dq_ref", "tau_sensor", "temperature")
 """Names of the per-joint channels, in the order in which files hold them."""
@@ -139,3 +144,249 @@ def _frozen(value: Any) -> np.ndarray:
     array = np.array(value, dtype=float)
     array.setflags(write=False)
     return array
+
+
+# Steps in which a torque is recorded: a converter of few bits, or a driver that stores whole units.
+
+
+SMALLEST_CHANGES = 0.1
+"""The step is the size below which this share of all changes between samples lie [1]."""
+WHOLE = 0.05
+"""A change is a whole number of steps if it differs from one by less [1]..."""
+MOSTLY = 0.9
+"""...which this share of all changes are [1]."""
+NOTED = 0.01
+"""Steps are noted whose rounding, step / sqrt 12, exceeds this share of the torque's deviation [1]."""
+
+
+def torque_step(tau: np.ndarray) -> np.ndarray:
+    """Step of each joint's torque [N m], (n,), of a torque tau (N, n); 0 if it has none."""
+    return np.array([_step(series) for series in tau.T])
+
+
+def step_notes(recording: Recording) -> tuple[str, ...]:
+    """A note on the joints whose torque comes in coarse steps."""
+    if recording.tau is None:
+        return ()
+    steps, deviation = torque_step(recording.tau), recording.tau.std(axis=0)
+    coarse = np.flatnonzero(steps > NOTED * np.sqrt(12.0) * deviation)
+    if not len(coarse):
+        return ()
+    columns = ", ".join(f"tau{j + 1} {steps[j]:.3g}" for j in coarse)
+    return (f"torque recorded in coarse steps, which raise the noise floor: {columns}",)
+
+
+def _step(series: np.ndarray) -> float:
+    changes = np.abs(np.diff(series))
+    changes = changes[changes > 0]
+    if len(changes) < 2:
+        return 0.0
+    ratio = changes / np.quantile(changes, SMALLEST_CHANGES)
+    whole = np.abs(ratio - np.round(ratio)) < WHOLE
+    if whole.mean() < MOSTLY:
+        return 0.0
+    # over many steps the rounding of the log averages out
+    return float(changes[whole].sum() / np.round(ratio[whole]).sum())
+
+
+# Torques that were not measured though the log holds a number: a sensor's or converter's limit, or a stuck sensor.
+#
+# A torque that keeps one value, while its joint moves, for far longer than its values usually last. At its largest or
+# least value that is a limit that was reached: the joint's torque was larger, by how much is unknown. At any other
+# value, and for longer, the sensor or its driver was stuck.
+
+
+STUCK_TIME = 0.2
+"""Any value that is kept for less is left as it is [s]: slow updates and coarse steps do that."""
+CLIPPED_RATIO = 5.0
+"""A limit was reached if the longest time at the largest or least value is so many times as long as usual [1]."""
+STUCK_RATIO = 10.0
+"""A sensor was stuck if a value lasts so many times as long as usual [1]."""
+USUAL_SHARE = 0.95
+"""The usual time is that below which values last in this share of all other rows [1]."""
+HELD_MOTION = 1e-3
+"""Share of its travel by which the joint moves meanwhile at least [1]: at rest a command may stand."""
+CLIPPED = "rows not used whose torque stands at a limit of the sensor or the drive, its largest or least value"
+STUCK = "rows not used whose torque stands while the joint moves, as of a stuck sensor"
+"""Notes on them; the share of each column follows."""
+
+
+class HeldTorque(NamedTuple):
+    """Samples of a torque that were not measured, masks (N, n).
+
+    Attributes:
+        clipped: at the largest or least value.
+        stuck: at any other.
+    """
+
+    clipped: np.ndarray
+    stuck: np.ndarray
+
+    @property
+    def unknown(self) -> np.ndarray:
+        """Both, (N, n)."""
+        return self.clipped | self.stuck
+
+
+def held_torque(t: np.ndarray, q: np.ndarray, tau: np.ndarray) -> HeldTorque:
+    """Which samples of a torque were not measured.
+
+    Args:
+        t: time [s], (N,).
+        q: positions, any unit, (N, n).
+        tau: torque, any unit, (N, n).
+    """
+    clipped, stuck = np.zeros(tau.shape, dtype=bool), np.zeros(tau.shape, dtype=bool)
+    for j, series in enumerate(tau.T):
+        _mark(t, q[:, j], series, clipped[:, j], stuck[:, j])
+    return HeldTorque(clipped, stuck)
+
+
+def held_notes(recording: Recording) -> tuple[str, ...]:
+    """Notes on the joints whose torque was not measured at all times."""
+    if recording.tau is None:
+        return ()
+    held = held_torque(recording.t, recording.q, recording.tau)
+    notes = []
+    for mask, what in ((held.clipped, CLIPPED), (held.stuck, STUCK)):
+        shares = mask.mean(axis=0)
+        columns = [f"tau{j + 1} {shares[j]:.1%}" for j in np.flatnonzero(shares)]
+        if columns:
+            notes.append(f"{what}: {', '.join(columns)}")
+    return tuple(notes)
+
+
+def _mark(
+    t: np.ndarray,
+    q: np.ndarray,
+    series: np.ndarray,
+    clipped: np.ndarray,
+    stuck: np.ndarray,
+) -> None:
+    """Mark the samples of one joint's torque, (N,) each, that were not measured."""
+    edges = np.flatnonzero(np.diff(series)) + 1
+    # most torques never keep a value for three rows
+    starts, stops = np.r_[0, edges], np.r_[edges, len(series)]
+    lengths = stops - starts
+    if lengths.max(initial=0) < 3 or len(lengths) < 3:
+        return
+    extreme = np.isin(series[starts], (series.min(), series.max()))
+    long = t[stops - 1] - t[starts] >= STUCK_TIME
+    usual = _usual(lengths[~extreme & ~long])
+    least = HELD_MOTION * np.ptp(q)
+
+    def moves(place: int) -> bool:
+        return bool(np.ptp(q[starts[place] : stops[place]]) > least)
+
+    for value in (series.min(), series.max()):
+        at_limit = np.flatnonzero(series[starts] == value)
+        longest = int(at_limit[lengths[at_limit].argmax()])
+        if lengths[longest] > CLIPPED_RATIO * usual and moves(longest):
+            clipped |= series == value
+    for place in np.flatnonzero(long & ~extreme & (lengths > STUCK_RATIO * usual)):
+        if moves(place):
+            # the first of them was measured
+            stuck[starts[place] + 1 : stops[place]] = True
+
+
+def _usual(lengths: np.ndarray) -> float:
+    """Time for which values usually last [rows]: below it they last in most rows; one row if there are none."""
+    ordered = np.sort(lengths)
+    rows = np.cumsum(ordered)
+    if not len(rows):
+        return 1.0
+    return float(ordered[np.searchsorted(rows, USUAL_SHARE * rows[-1])])
+
+
+# Set points of a reference that was recorded at a lower rate than the rest, and the smooth motion through them.
+
+
+SET_POINT_LEAST = (
+    30  # Set points of a reference at least, for their distance to be regular. (hand)
+)
+SET_POINT_REGULARITY = (
+    0.8  # Share of their distances that are alike within a row, at least [1]. (hand)
+)
+# A row is the corner of a line if the second difference there exceeds this share of that at the plainest [1]. (hand)
+CORNER_SHARE = 0.02
+
+
+@dataclass(frozen=True)
+class SetPoints:
+    """Set points of a recording.
+
+    Attributes:
+        variant: ``held`` until the next one, or ``interpolated`` between two by a straight line.
+        rows: at which they are.
+        every: rows from one to the next, median.
+    """
+
+    variant: str
+    rows: np.ndarray
+    every: int
+
+    def smooth(self, recording: Recording) -> Recording:
+        """The recording with the cubic spline through the set points as its reference."""
+        assert recording.q_ref is not None
+        rows = _with_rests(self.rows, self.every, len(recording.t))
+        t = recording.t
+        spline = make_interp_spline(t[rows], recording.q_ref[rows], k=3)
+        rate = None if recording.dq_ref is None else spline(t, 1)
+        return replace(recording, q_ref=spline(t), dq_ref=rate)
+
+
+def set_points(recording: Recording) -> SetPoints | None:
+    """Set points of a recording's reference; ``None`` if it changes from row to row, or at no regular steps."""
+    if recording.q_ref is None or len(recording.t) < SET_POINT_LEAST:
+        return None
+    step = np.diff(recording.q_ref, axis=0)
+    changed = np.flatnonzero(step.any(axis=1)) + 1
+    if _every(changed) is not None and not _quantised(step):
+        return _regular("held", changed)
+    # a straight line has no second difference but for rounding, its corners have
+    bend = np.abs(np.diff(step, axis=0)) / np.maximum(
+        np.ptp(recording.q_ref, axis=0), 1e-9
+    )
+    most = bend.max(axis=1)
+    plain = np.sort(most)[-SET_POINT_LEAST]
+    corners = np.flatnonzero(most > CORNER_SHARE * plain) + 1
+    return _regular("interpolated", corners)
+
+
+def _regular(variant: str, rows: np.ndarray) -> SetPoints | None:
+    every = _every(rows)
+    return None if every is None else SetPoints(variant, rows, every)
+
+
+def _every(rows: np.ndarray) -> int | None:
+    """Median distance of rows if it is two or more, and most distances are it or one less or more; rests aside."""
+    distance = np.diff(rows)
+    if len(distance) < SET_POINT_LEAST:
+        return None
+    every = int(np.median(distance))
+    moving = distance[distance < 4 * every]
+    near = np.abs(moving - every) <= 1
+    # of two rows, one more or less would be anything
+    regular = near & (moving > 1)
+    if every < 2 or regular.mean() < SET_POINT_REGULARITY:
+        return None
+    return every
+
+
+def _quantised(step: np.ndarray) -> bool:
+    """Whether all joints step by whole multiples of few sizes: an encoder's or a log's resolution, not a rate."""
+    for column in step.T:
+        sizes = np.abs(column[column != 0])
+        if len(np.unique(np.round(sizes / max(sizes.max(initial=0.0), 1e-12), 4))) > 10:
+            return False
+    return True
+
+
+def _with_rests(rows: np.ndarray, every: int, count: int) -> np.ndarray:
+    """Set points, with further ones at the same distance where the reference rests, and the first and last row."""
+    edges = np.unique(np.concatenate([[0], rows, [count - 1]]))
+    filled = [
+        np.arange(first, last, every) if last - first > 2 * every else [first]
+        for first, last in itertools.pairwise(edges)
+    ]
+    return np.concatenate([*filled, edges[-1:]])

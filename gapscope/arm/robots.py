@@ -1,17 +1,24 @@
-"""Nominal arms from a URDF file, or from a known name."""
+"""Robots by name or file, and the best published inertials of known ones."""
 
 from __future__ import annotations
 
+import re
 import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from gapscope.arm.data_sheet import checked_sheet
 from gapscope.arm.dynamics.mjcf import numbers
+from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.robot_file import (
     actuated_joints,
     impossible_links,
@@ -23,8 +30,210 @@ from gapscope.arm.dynamics.robot_file import (
 from gapscope.arm.dynamics.tree.kinematic_tree import KinematicTree
 from gapscope.arm.dynamics.tree.locked_joints import lock
 from gapscope.arm.errors import InputError, ModelWarning
-from gapscope.arm.known_robots import locate
+from gapscope.arm.input_file import check_file, is_file
+from gapscope.arm.nearest_name import nearest
 from gapscope.arm.nominal import SHEET_UNITS, NominalArm
+
+# Files of robots that are given by path, by a known name, or by a name of the package ``robot_descriptions``.
+
+
+MODELS = Path(__file__).with_name("robot_models")
+"""Models that come with the package."""
+DESCRIPTION = re.compile(r"[a-z][a-z0-9_]*_description")
+"""How names of ``robot_descriptions`` look."""
+
+
+@dataclass(frozen=True)
+class KnownRobot:
+    """A robot that may be given by name.
+
+    Attributes:
+        source: where its inertials come from.
+        urdf: path of its model, with meshes, inside ``pybullet_data``; empty if its inertials are placeholders.
+        joints: the joints of the arm, all by default.
+        plain: file of the same arm that comes with the package, if there is one.
+        rotors: inertia of the rotors on each joint in simulated arms, if their bodies alone are too light for sampled
+            control [kg m^2]; no part of the nominal arm of a diagnosis, which nobody measured it for.
+    """
+
+    source: str
+    urdf: str = ""
+    joints: tuple[str, ...] | None = None
+    plain: Path | None = None
+    rotors: tuple[float, ...] = ()
+
+
+KNOWN_ROBOTS = {
+    "kuka_iiwa": KnownRobot(
+        "round figures of github.com/rtkg/lbr_iiwa, not identified; no friction of the drives",
+        "kuka_iiwa/model.urdf",
+        plain=MODELS / "kuka_iiwa.urdf",
+    ),
+    "franka_panda": KnownRobot(
+        "identified by Gaz and others 2019 [gaz2019], hand and fingers by Franka; no friction of the drives",
+        joints=tuple(f"panda_joint{j}" for j in range(1, 8)),
+        plain=MODELS / "franka_panda.urdf",
+        # as MuJoCo Menagerie's model of the arm has them
+        rotors=(0.1,) * 7,
+    ),
+    "xarm6": KnownRobot(
+        "UFACTORY's, of its xarm_ros; two of its bodies break the triangle inequality",
+        "xarm/xarm6_robot.urdf",
+    ),
+}
+"""Robots that may be given by name."""
+
+
+def locate(robot: str | Path, folder: Path) -> tuple[Path, tuple[str, ...] | None]:
+    """Path of the robot's file, and the arm's joints if the name is a known one.
+
+    Raises:
+        InputError: there is neither such a file nor such a robot, or the package that has it is not installed.
+    """
+    path = folder / robot
+    if is_file(path):
+        return path, None
+    known = KNOWN_ROBOTS.get(str(robot))
+    if known is None:
+        if DESCRIPTION.fullmatch(str(robot)):
+            return described(str(robot)), None
+        remedy = (
+            f"{nearest(str(robot), KNOWN_ROBOTS)}give a URDF, or one of the known robots {', '.join(KNOWN_ROBOTS)}, or "
+            "name of robot_descriptions such as ur5e_description"
+        )
+        check_file(path, remedy, absent="no such URDF file")
+        return path, None
+    package = pybullet_data()
+    if package is not None and known.urdf:
+        return package / known.urdf, known.joints
+    if known.plain is not None:
+        return known.plain, known.joints
+    raise InputError(
+        f"the model of {robot} comes with PyBullet",
+        "pip install 'gapscope[pybullet]', or give a URDF file",
+    )
+
+
+def pybullet_data() -> Path | None:
+    """Folder of the package of models that comes with PyBullet, or ``None``."""
+    package = find_spec("pybullet_data")
+    if package is None or not package.submodule_search_locations:
+        return None
+    return Path(package.submodule_search_locations[0])
+
+
+def described(name: str) -> Path:
+    """File of a robot of the package ``robot_descriptions``, which downloads it when it is first asked for.
+
+    Raises:
+        InputError: the package is not installed, has no such robot, cannot download it, or has it as xacro only.
+    """
+    if find_spec("robot_descriptions") is None:
+        raise InputError(
+            f"no such file, and the package robot_descriptions, which may have {name}, is not installed",
+            "pip install 'gapscope[robots]', or give a URDF file",
+        )
+    try:
+        module = import_module(f"robot_descriptions.{name}")
+    except ModuleNotFoundError:
+        raise InputError(
+            f"the package robot_descriptions has no {name}",
+            "its list of robots is on github.com/robot-descriptions/robot_descriptions.py; or give a URDF file",
+        ) from None
+    # the module clones a repository when it is imported, which fails in as many ways as git and the network do
+    except Exception as error:
+        raise InputError(
+            f"the package robot_descriptions cannot get {name} ({error})",
+            "check git and the network, or give a URDF file",
+        ) from None
+    for kind in ("URDF_PATH", "MJCF_PATH"):
+        if (path := getattr(module, kind, None)) is not None:
+            return Path(path)
+    raise InputError(
+        f"{name} comes as xacro, from which a URDF is made first: {getattr(module, 'XACRO_PATH', 'its file')}",
+        "pip install xacrodoc and expand it into a URDF file",
+    )
+
+
+# The nominal arm with the inertials of its URDF moved to other links.
+
+
+def shifted_arm(arm: NominalArm, links: int, moved_only: bool = False) -> NominalArm:
+    """The arm with each ``<inertial>`` moved ``links`` further among the links that have one, in file order.
+
+    With ``moved_only`` among those of them that a joint moves. The new URDF lies in a temporary folder that lasts as
+    long as the process, one for each text. An MJCF file is left as it is.
+    """
+    text = _shifted_text(arm, links, moved_only)
+    if text is None:
+        return arm
+    return replace(arm, urdf=Path(_folder(text, arm.urdf.name).name) / arm.urdf.name)
+
+
+def shifted_body(
+    arm: NominalArm, links: int, moved_only: bool = False
+) -> RigidBody | None:
+    """Dynamics of ``shifted_arm``, for a trial that leaves no file behind; ``None`` if nothing would be moved.
+
+    Raises:
+        InputError: with its inertials moved the arm is none that can be.
+    """
+    text = _shifted_text(arm, links, moved_only)
+    if text is None:
+        return None
+    with TemporaryDirectory(prefix="gapscope-") as folder:
+        path = Path(folder) / arm.urdf.name
+        path.write_text(text, encoding="utf-8")
+        return RigidBody(replace(arm, urdf=path))
+
+
+def _shifted_text(arm: NominalArm, links: int, moved_only: bool) -> str | None:
+    """The changed URDF; ``None`` if nothing is moved, or the file is no URDF."""
+    if links == 0 or ET.parse(arm.urdf).getroot().tag != "robot":
+        return None
+    return shifted_text(arm.urdf.read_text(encoding="utf-8"), links, moved_only)
+
+
+def shifted_text(text: str, by: int, moved_only: bool = False) -> str:
+    """URDF text with the ``<inertial>`` of each link that has one moved ``by`` such links further, in file order."""
+    root = ET.fromstring(text)
+    links = _links(root, moved_only)
+    inertials = [link.find("inertial") for link in links]
+    givers = np.roll(np.arange(len(links)), by)
+    for link, own, giver in zip(links, inertials, givers, strict=True):
+        given = inertials[int(giver)]
+        assert own is not None and given is not None
+        link.remove(own)
+        link.append(given)
+    return ET.tostring(root, encoding="unicode")
+
+
+def _links(root: ET.Element, moved_only: bool) -> list[ET.Element]:
+    """Links whose inertials are exchanged, in file order."""
+    moved = {
+        child.get("link")
+        for joint in root.iter("joint")
+        if joint.get("type") in ("revolute", "continuous", "prismatic")
+        for child in joint.iter("child")
+    }
+    return [
+        link
+        for link in root.iter("link")
+        if link.find("inertial") is not None
+        and (not moved_only or link.get("name") in moved)
+    ]
+
+
+@cache
+def _folder(text: str, name: str) -> TemporaryDirectory[str]:
+    """Temporary folder with a URDF; kept by its text, so that a thousand cases of one arm share it."""
+    folder: TemporaryDirectory[str] = TemporaryDirectory(prefix="gapscope-")
+    (Path(folder.name) / name).write_text(text, encoding="utf-8")
+    return folder
+
+
+# Nominal arms from a URDF file, or from a known name.
+
 
 PER_JOINT = tuple(SHEET_UNITS)
 """Entries of the data sheet with one value per joint."""
@@ -47,7 +256,7 @@ def load_nominal_arm(
     inertial no body can have, and what of an MJCF file is not read.
 
     Args:
-        robot: path of a URDF or MJCF file, relative to ``folder``, one of ``gapscope.arm.known_robots.KNOWN_ROBOTS``,
+        robot: path of a URDF or MJCF file, relative to ``folder``, one of ``gapscope.arm.robots.KNOWN_ROBOTS``,
             or a name of the package ``robot_descriptions``.
         folder: folder that a relative path starts from; the current one by default.
         joints: order of the joints; by default those of ``chain``, else the file's movable joints that follow no other.

@@ -1,29 +1,717 @@
-"""All checks of a case."""
+"""Whether a case can be diagnosed: recordings, motion, torque and nominal arm, with remarks and a document."""
 
 from __future__ import annotations
 
 import warnings
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from itertools import combinations
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
 
 from gapscope.arm.case import Case, load_case
+from gapscope.arm.display import effect_name
+from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError, ModelWarning
-from gapscope.case_check.motion import JointMotions, check_motion, joint_motions
-from gapscope.case_check.nominal import check_controller, check_nominal, check_ranges
-from gapscope.case_check.recordings import check_recordings
-from gapscope.case_check.remark import Remark
-from gapscope.case_check.thresholds import RATE, SECONDS
-from gapscope.case_check.torque import check_set_up
-from gapscope.diagnosis.setup_faults.found_fault import FoundFault
-from gapscope.diagnosis.study import with_torque
-from gapscope.ident.model.model_columns import ModelColumns
-from gapscope.model.conditioning import (
-    Segment,
-    condition,
-    position_cutoff,
-    thinned,
+from gapscope.arm.io.json_file import plain
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import CHANNELS, Recording
+from gapscope.diagnosis.document.wording import capital, listing
+from gapscope.diagnosis.setup_faults.detection import (
+    find_setup_faults,
+    nominal_gap,
+    upright,
 )
+from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
+from gapscope.diagnosis.study import with_torque
+from gapscope.effects.setup_faults import TimeStamps
+from gapscope.ident.model.base_parameters import random_states, structural_base
+from gapscope.ident.model.linear_problem import FrictionLaw, ModelColumns
+from gapscope.ident.model.regressor import Regressor
+from gapscope.model.conditioning import Segment, condition, position_cutoff, thinned
+from gapscope.model_audit.audit import audit_model
+
+# One line of the check of a case.
+
+
+LEVELS = ("ok", "warn", "error")
+"""As it should be; can be diagnosed, with what it costs; cannot be diagnosed."""
+
+
+@dataclass(frozen=True)
+class Remark:
+    """One line of the check of a case.
+
+    Attributes:
+        level: one of ``LEVELS``.
+        topic: ``case``, ``recordings``, ``channels``, ``time``, ``positions``, ``torque``, ``excitation``,
+            ``data sheet``, ``controller`` or ``model``.
+        place: recordings or joints that it concerns, or an empty string.
+        said: what was found, with numbers and units.
+        remedy: what to do; empty if nothing is to be done.
+    """
+
+    level: str
+    topic: str
+    place: str
+    said: str
+    remedy: str = ""
+
+
+def numbers(joints: list[int]) -> str:
+    """Joints, counted from 1, in words."""
+    listed = ", ".join(str(joint) for joint in joints)
+    return f"joint {listed}" if len(joints) == 1 else f"joints {listed}"
+
+
+# All thresholds of the check of a case, each with its meaning, its unit in brackets and its origin in parentheses.
+#
+# ``physical`` follows from what arms, drives and logs are; ``hand`` was set by hand, and only decides about a remark.
+
+
+# fmt: off
+
+# --- recordings
+SLOW_RATE = 100.0  # Below, delays, elasticity and ripple are hardly seen [Hz]. (physical)
+SHORT_DURATION = 10.0  # Seconds of motion in all, below which little can be told apart [s]. (hand)
+STAMP_JITTER = 0.05  # Standard deviation of the steps of time over their median [1]. (hand)
+VELOCITY_GAIN = 0.1  # A recorded velocity differs from that of the positions by less than this share [1]. (hand)
+REFERENCE_ERROR = 0.5  # A reference follows the position to this share of the joint's range at least [1]. (hand)
+SAME = 1e-9  # Series that differ by less are the same [rad or N m]. (physical)
+
+# --- motion; of sliding joints in what counts as a radian
+FOLLOWED = 0.1  # A joint that moves less may be held off its reference by its load [rad]. (hand)
+STILL = 0.01  # A joint that moves less than this does not move [rad]. (physical)
+SLIDING = 0.02  # Below this speed dry friction is not fully developed [rad/s]. (physical)
+# Cosine between speed and its sign, of sliding samples: at one speed it is 1, evenly spread speeds have 0.87 [1].
+ONE_SPEED = 0.97  # (hand)
+FEW_REVERSALS = 4  # Reversals of a joint in all recordings [1]. (hand)
+ONE_WAY = 0.05  # Share of sliding samples that each direction has at least [1]. (hand)
+# Gravity torque of the nominal arm over the recordings, as share of what random postures give [1]. (hand)
+GRAVITY_SHARE = 0.1
+LEAST_GRAVITY = 0.1  # Gravity torque below this is none [N m]. (physical)
+LEFT_OVER = 0.03  # Share of its torque that a healthy joint leaves, mostly the form of friction [1]. (physical)
+INDEPENDENT = 0.1  # Share of the samples that are independent: a motion of 3 Hz at 60 samples a second [1]. (physical)
+LEAST_LOAD = 0.01  # Joints with less than this share of the largest nominal torque count as loaded so [1]. (hand)
+KNOWN = 0.5  # A base parameter is excited if its standard deviation is below this share of its size [1]. (hand)
+FEW_EXCITED = 0.75  # Share of base parameters that should be excited [1]. (hand)
+
+# --- torque
+AT_LIMIT = 0.01  # Share of samples at the torque limit from which it is said [1]. (hand)
+
+# --- amount of data
+SECONDS = 30.0  # Of each recording is looked at for excitation and torque [s]. (budget)
+RATE = 60.0  # Samples of these per second [Hz]. (budget)
+
+
+
+# Recordings of a case: how many, how long, which channels, time stamps, copies.
+
+
+def check_recordings(case: Case) -> Iterator[Remark]:
+    """Number, length, channels, time stamps and copies of the recordings."""
+    every = [*case.recordings, *case.judged]
+    yield from _amount(case)
+    yield from _channels(case, every)
+    for recording in every:
+        yield from _stamps(recording)
+        for note in recording.notes:
+            yield Remark("warn", "recordings", recording.name, note)
+        yield from _copied_columns(recording)
+        yield from _velocity(recording)
+        yield from _reference(recording)
+    yield from _copies(every)
+
+
+def _amount(case: Case) -> Iterator[Remark]:
+    seconds = sum(recording.duration for recording in case.recordings)
+    said = f"{len(case.recordings)} to fit, {seconds:.0f} s in all; {len(case.judged)} held out"
+    if seconds < SHORT_DURATION:
+        remedy = "record at least a minute in which all joints move, slowly and fast"
+        yield Remark("warn", "recordings", "", said, remedy)
+    elif len(case.recordings) == 1 and not case.judged:
+        yield Remark(
+            "warn",
+            "recordings",
+            "",
+            f"{said}: parts of the one recording are predicted from the others",
+            "add a recording of another motion, or name one in judge:, so that effects are confirmed on other data",
+        )
+    else:
+        yield Remark("ok", "recordings", "", said)
+
+
+def _channels(case: Case, every: Sequence[Recording]) -> Iterator[Remark]:
+    present = {
+        name: sum(getattr(recording, name) is not None for recording in every)
+        for name in CHANNELS
+    }
+    parts = [
+        name if count == len(every) else f"{name} (in {count} of {len(every)})"
+        for name, count in present.items()
+        if count
+    ]
+    said = f"read: t, {', '.join(parts)}"
+    with_torque = sum(recording.tau is not None for recording in case.recordings)
+    if with_torque == len(case.recordings):
+        yield Remark("ok", "channels", "", said)
+    elif with_torque:
+        yield Remark(
+            "warn",
+            "channels",
+            "",
+            f"{said}; recordings without torque are not fitted",
+            "name their torque columns in import: {tau: ...}",
+        )
+    elif case.controller is not None and present["q_ref"]:
+        yield Remark(
+            "warn",
+            "channels",
+            "",
+            f"{said}; no torque: it is worked out as what the controller must have commanded",
+            "record torque or motor current if you can: noise and wrong gains pass into what is worked out",
+        )
+
+
+def _stamps(recording: Recording) -> Iterator[Remark]:
+    steps = np.diff(recording.t)
+    jitter = float(steps.std() / np.median(steps)) if len(steps) else 0.0
+    said = f"{recording.duration:.1f} s at {recording.rate:.4g} Hz"
+    remedies = []
+    if recording.rate < SLOW_RATE:
+        remedies.append(
+            f"log at {SLOW_RATE:g} Hz or more: delays, elasticity and ripple are hardly seen below"
+        )
+    if jitter > STAMP_JITTER:
+        said += f", steps of time vary by {jitter:.0%}"
+        remedies.append(
+            "log the controller's own time; if rows are evenly spaced in truth, say import: {time: {rate: ...}}"
+        )
+    level = "warn" if remedies else "ok"
+    yield Remark(level, "time", recording.name, said, "; ".join(remedies))
+
+
+def _copied_columns(recording: Recording) -> Iterator[Remark]:
+    """Joints whose columns are the very same."""
+    for name in ("q", "tau"):
+        series = getattr(recording, name)
+        if series is None:
+            continue
+        for first, second in combinations(range(recording.n_joints), 2):
+            same = np.abs(series[:, first] - series[:, second]).max() < SAME
+            if same and np.ptp(series[:, first]) > SAME:
+                yield Remark(
+                    "warn",
+                    "channels",
+                    recording.name,
+                    f"{name}{first + 1} and {name}{second + 1} are the same column",
+                    f"correct import: {{{name}: ...}}",
+                )
+
+
+def _velocity(recording: Recording) -> Iterator[Remark]:
+    """A recorded velocity that is not that of the positions."""
+    if recording.dq is None or len(recording.t) < 3:
+        return
+    rate = np.gradient(recording.q, recording.t, axis=0)
+    power = (rate**2).sum(axis=0)
+    moving = np.ptp(recording.q, axis=0) > STILL
+    gain = (recording.dq * rate).sum(axis=0) / np.where(moving, power, 1.0)
+    size = np.sqrt((recording.dq**2).sum(axis=0) / np.where(moving, power, 1.0))
+    # noise of a differentiated encoder lowers the gain, not the size of a velocity in another unit
+    other = (
+        moving & (np.abs(size - 1) > VELOCITY_GAIN) & (np.abs(gain - 1) > VELOCITY_GAIN)
+    )
+    if other.any():
+        worst = int(np.abs(np.where(other, size - 1, 0.0)).argmax())
+        yield Remark(
+            "warn",
+            "channels",
+            recording.name,
+            f"dq of {numbers((np.flatnonzero(other) + 1).tolist())} is not the velocity of q: "
+            f"{size[worst]:.3g} times it on joint {worst + 1}",
+            "check unit, order and transmission of import: {dq: ...}, or set it to null: it is then derived from q",
+        )
+
+
+def _reference(recording: Recording) -> Iterator[Remark]:
+    """A reference that the joint does not follow."""
+    if recording.q_ref is None:
+        return
+    range_ = np.ptp(recording.q, axis=0)
+    error = np.sqrt(np.mean((recording.q_ref - recording.q) ** 2, axis=0))
+    off = (range_ > FOLLOWED) & (error > REFERENCE_ERROR * range_)
+    if off.any():
+        yield Remark(
+            "warn",
+            "controller",
+            recording.name,
+            f"{numbers((np.flatnonzero(off) + 1).tolist())} far from q_ref: they differ by more than half of "
+            "the joint's range",
+            "check unit and order of import: {q_ref: ...}",
+        )
+
+
+def _copies(every: Sequence[Recording]) -> Iterator[Remark]:
+    """Recordings that hold the same data: what is confirmed on a copy is not confirmed."""
+    for first, second in combinations(every, 2):
+        count = min(len(first.t), len(second.t))
+        if np.abs(first.q[:count] - second.q[:count]).max() < SAME:
+            yield Remark(
+                "warn",
+                "recordings",
+                f"{first.name}, {second.name}",
+                f"hold the same {count} positions",
+                "remove one: effects are confirmed on data that was not fitted, and a copy was",
+            )
+
+
+
+# How the joints move, and what cannot be told from that.
+
+
+SEED = 0
+"""Of the random postures."""
+MOST_NAMED = 8
+"""Most parameters that are named."""
+
+
+@dataclass(frozen=True)
+class JointMotions:
+    """How n joints move in all recordings that are fitted.
+
+    Attributes:
+        range: of the positions [rad or m], shape (n,).
+        slow, fast: 10 and 90 % quantile of the speed of sliding samples [rad/s or m/s], (n,); 0 if it never slides.
+        reversals: changes of direction, shape (n,).
+        one_speed: cosine between the velocity and its sign over sliding samples [1], (n,); nan if it never slides.
+        forward: share of sliding samples with positive velocity [1], (n,); nan if it never slides.
+        gravity: range of the nominal arm's gravity torque [N m], (n,).
+        possible_gravity: the same over random postures within the limits [N m], (n,).
+        excited: share of the base parameters of the bodies that the motion excites [1].
+        silent: names of those that it does not.
+    """
+
+    range: np.ndarray
+    slow: np.ndarray
+    fast: np.ndarray
+    reversals: np.ndarray
+    one_speed: np.ndarray
+    forward: np.ndarray
+    gravity: np.ndarray
+    possible_gravity: np.ndarray
+    excited: float
+    silent: tuple[str, ...]
+
+
+def joint_motions(columns: ModelColumns, segments: Sequence[Segment]) -> JointMotions:
+    """Measure how the joints move.
+
+    Args:
+        columns: model of the nominal arm.
+        segments: of the recordings that are fitted, with torque or without.
+    """
+    arm, body = columns.arm, columns.body
+    q, dq = (
+        np.concatenate([getattr(s.motion, name)[s.inner] for s in segments])
+        for name in ("q", "dq")
+    )
+    speed = np.abs(dq) / arm.per_radian
+    sliding = speed > SLIDING
+    each = [np.abs(dq[sliding[:, j], j]) for j in range(arm.n_joints)]
+    states = random_states(Regressor(arm, body, ()), np.random.default_rng(SEED), 200)
+    silent, count = _silent(columns, segments)
+    return JointMotions(
+        range=np.ptp(q, axis=0),
+        slow=np.array([np.quantile(v, 0.1) if len(v) else 0.0 for v in each]),
+        fast=np.array([np.quantile(v, 0.9) if len(v) else 0.0 for v in each]),
+        reversals=_reversals(segments, arm.per_radian),
+        one_speed=np.array([_cosine(v) for v in each]),
+        forward=np.array(
+            [_share(dq[sliding[:, j], j] > 0) for j in range(arm.n_joints)]
+        ),
+        gravity=np.ptp(_gravity(body, q), axis=0),
+        possible_gravity=np.ptp(_gravity(body, states.q), axis=0),
+        excited=1 - len(silent) / count,
+        silent=silent,
+    )
+
+
+def check_motion(motions: JointMotions, per_radian: np.ndarray) -> Iterator[Remark]:
+    """What cannot be told from the motion, joint by joint.
+
+    Args:
+        motions: how the joints move.
+        per_radian: what counts as a radian of each joint [rad or m], shape (n,).
+    """
+    still = motions.range / per_radian < STILL
+    moving = ~still
+    one_speed = moving & ~(motions.one_speed < ONE_SPEED)
+    share = np.minimum(motions.forward, 1 - motions.forward)
+    one_way = moving & ~one_speed & ~(share > ONE_WAY)
+    few = moving & (motions.reversals < FEW_REVERSALS) & ~one_way
+    could = np.maximum(motions.possible_gravity, LEAST_GRAVITY)
+    flat = moving & (motions.possible_gravity > LEAST_GRAVITY)
+    flat &= motions.gravity < GRAVITY_SHARE * could
+    yield from _of_joints(
+        still,
+        "at rest: nothing can be told of friction and rotor",
+        "record a motion to and fro",
+    )
+    yield from _of_joints(
+        one_speed,
+        "hardly more than one speed: Coulomb and viscous friction cannot be told apart",
+        "repeat the motion ten times slower, and faster",
+    )
+    yield from _of_joints(
+        one_way,
+        "one direction only: friction cannot be told from a constant torque",
+        "move it to and fro",
+    )
+    yield from _of_joints(
+        few,
+        f"fewer than {FEW_REVERSALS} reversals: backlash and dry friction show at reversals",
+        "move it to and fro several times",
+    )
+    yield from _of_joints(
+        flat,
+        "hardly any change of gravity torque: torque scale, offset and joint zero cannot be told apart",
+        "record in postures that differ more, arm stretched and folded",
+    )
+    if not (still | one_speed | one_way | few | flat).any():
+        yield Remark(
+            "ok", "excitation", "", "all joints move to and fro, slowly and fast"
+        )
+    yield _of_bodies(motions)
+
+
+def _of_joints(mask: np.ndarray, said: str, remedy: str) -> Iterator[Remark]:
+    joints = (np.flatnonzero(mask) + 1).tolist()
+    if joints:
+        yield Remark("warn", "excitation", numbers(joints), said, remedy)
+
+
+def _of_bodies(motions: JointMotions) -> Remark:
+    said = f"{motions.excited:.0%} of the base parameters of the bodies show in the torque by themselves"
+    if motions.silent:
+        named = ", ".join(motions.silent[:MOST_NAMED])
+        rest = len(motions.silent) - MOST_NAMED
+        said += f", not {named}" + (f" and {rest} more" if rest > 0 else "")
+    if motions.excited >= FEW_EXCITED:
+        return Remark("ok", "excitation", "", said)
+    return Remark(
+        "warn",
+        "excitation",
+        "",
+        f"{said}: errors of these stay hidden",
+        "record an exciting trajectory (gapscope excite)",
+    )
+
+
+def _silent(
+    columns: ModelColumns, segments: Sequence[Segment]
+) -> tuple[tuple[str, ...], int]:
+    """Base parameters of the bodies that would not be known to half of their size, and how many there are in all.
+
+    X are the columns of the base parameters times 100 % of each, rows over the RMS of the joint's nominal torque. If a
+    healthy arm leaves a share s of the torque, column k has the standard deviation s sqrt([(X^T X)^-1]_kk / r), r the
+    share of independent samples.
+    """
+    regressor = Regressor(columns.arm, columns.body, ())
+    base = structural_base(regressor, np.random.default_rng(SEED))
+    scale = columns.scale(FrictionLaw())[: columns.links][base.kept]
+    rows = np.vstack([regressor.matrix(_inner(segment)) for segment in segments])
+    torque = np.sqrt(np.mean((rows @ columns.body.inertial_parameters()) ** 2, axis=0))
+    # a joint that nothing loads has no torque to compare with
+    least = LEAST_LOAD * torque.max()
+    rows = rows[:, :, base.kept] * scale / np.maximum(torque, least)[:, None]
+    scaled = rows.reshape(-1, len(base.kept))
+    norms = np.linalg.norm(scaled, axis=0)
+    full = norms > 1e-12 * norms.max()
+    unit = np.where(full, scaled / np.where(full, norms, 1.0), 0.0)
+    values, vectors = np.linalg.eigh(unit.T @ unit)
+    inverse = (vectors**2 / np.maximum(values, 1e-14)) @ np.ones(len(values))
+    own = np.where(full, norms, 1e-12) / np.sqrt(inverse)
+    deviation = LEFT_OVER / own / np.sqrt(INDEPENDENT)
+    names = [base.names[k] for k in base.kept]
+    silent = tuple(
+        name for name, std in zip(names, deviation, strict=True) if std > KNOWN
+    )
+    return silent, len(names)
+
+
+def _inner(segment: Segment) -> Motion:
+    m, rows = segment.motion, segment.inner
+    return Motion(m.t[rows], m.q[rows], m.dq[rows], m.ddq[rows])
+
+
+def _gravity(body: RigidBody, q: np.ndarray) -> np.ndarray:
+    still = np.zeros_like(q)
+    return body.inverse_dynamics(q, still, still)
+
+
+def _reversals(segments: Sequence[Segment], per_radian: np.ndarray) -> np.ndarray:
+    """Changes of direction between sliding samples of each joint, shape (n,)."""
+    counts = np.zeros(len(per_radian), dtype=int)
+    for segment in segments:
+        velocity = segment.motion.dq / per_radian
+        for j in range(len(counts)):
+            direction = np.sign(velocity[np.abs(velocity[:, j]) > SLIDING, j])
+            counts[j] += int((np.diff(direction) != 0).sum())
+    return counts
+
+
+def _cosine(speed: np.ndarray) -> float:
+    return float(speed.mean() / np.sqrt((speed**2).mean())) if len(speed) else np.nan
+
+
+def _share(mask: np.ndarray) -> float:
+    return float(mask.mean()) if len(mask) else np.nan
+
+
+
+# The data sheet, the controller and the model of a case.
+
+
+def check_nominal(case: Case, body: RigidBody) -> Iterator[Remark]:
+    """Friction and where it comes from, rotors, limits, gravity, and what is odd about the model."""
+    arm = case.arm
+    yield Remark(
+        "ok", "data sheet", "", f"joints in this order: {', '.join(arm.joints)}"
+    )
+    yield _friction(arm)
+    yield from _drives(arm, body)
+    yield from _model(case)
+
+
+def check_controller(case: Case) -> Iterator[Remark]:
+    """Whether the closed loop can be simulated."""
+    every = [*case.recordings, *case.judged]
+    referred = [recording for recording in every if recording.q_ref is not None]
+    if case.controller is None:
+        yield Remark(
+            "warn",
+            "controller",
+            "",
+            "no controller: there is no replay gap",
+            "give controller: if you know it; the torque gap does not need it",
+        )
+    elif not referred:
+        yield Remark(
+            "warn",
+            "controller",
+            "",
+            f"{case.controller.kind} at {case.controller.rate:g} Hz, "
+            "but no recording has its reference",
+            "record q_ref1.., or name the columns in import: {q_ref: ...}",
+        )
+    else:
+        yield Remark(
+            "ok",
+            "controller",
+            "",
+            f"{case.controller.kind} at {case.controller.rate:g} Hz; reference in {len(referred)} of {len(every)} "
+            "recordings",
+        )
+
+
+def check_ranges(case: Case, body: RigidBody) -> Iterator[Remark]:
+    """Positions within the limits of the model; what leaves them was noted as the recording was read."""
+    lower, upper = body.position_limits()
+    every = [*case.recordings, *case.judged]
+    lowest = np.min([recording.q.min(axis=0) for recording in every], axis=0)
+    highest = np.max([recording.q.max(axis=0) for recording in every], axis=0)
+    outside = (lowest < lower - 0.1) | (highest > upper + 0.1)
+    if not outside.any():
+        yield Remark("ok", "positions", "", "within the limits of the model")
+        return
+    yield Remark(
+        "warn",
+        "positions",
+        numbers((np.flatnonzero(outside) + 1).tolist()),
+        "beyond the limits of the model",
+        "check unit, zero and order of the joints in import:",
+    )
+
+
+def _friction(arm: NominalArm) -> Remark:
+    """Nominal friction and where it comes from."""
+    give = "give nominal: {coulomb: [...], viscous: [...]}"
+    if not arm.friction_source:
+        said = "no friction is stated: all of it will be found as an effect"
+        remedy = f"{give}, or identify the arm (gapscope identify)"
+        return Remark("warn", "data sheet", "", said, remedy)
+    said = (
+        f"coulomb {_listed(arm.coulomb)} N m, viscous {_listed(arm.viscous)} "
+        f"N m s/rad, from {arm.friction_source}"
+    )
+    measured = "data sheet" in arm.friction_source
+    if measured or np.ptp(arm.coulomb) > 0 or np.ptp(arm.viscous) > 0:
+        return Remark("ok", "data sheet", "", said)
+    said = f"{said}: the same on all joints"
+    return Remark("warn", "data sheet", "", said, f"a placeholder, as it seems: {give}")
+
+
+def _drives(arm: NominalArm, body: RigidBody) -> Iterator[Remark]:
+    """Rotors and torque limits that are not stated."""
+    if not arm.armature.any():
+        yield Remark(
+            "warn",
+            "data sheet",
+            "",
+            "no rotor inertia is stated: it will be found as an effect",
+            "give nominal: {armature: [...]}: inertia of the rotor times the gear ratio squared [kg m^2]",
+        )
+    if arm.torque_limit is None and not body.effort_limits().any():
+        yield Remark(
+            "warn",
+            "data sheet",
+            "",
+            "no torque limits: saturation is told by the torque alone",
+            "give nominal: {torque_limit: [...]}",
+        )
+
+
+def _model(case: Case) -> Iterator[Remark]:
+    """What the audit says of the robot file, in one line."""
+    found = audit_model(case.arm.urdf).findings
+    odd = Counter(x.kind for x in found if x.severity in ("impossible", "implausible"))
+    if not odd:
+        yield Remark("ok", "model", "", "nothing implausible in the robot file")
+        return
+    said = ", ".join(
+        f"{kind.replace('_', ' ')} ({count})" for kind, count in odd.items()
+    )
+    yield Remark("warn", "model", "", said, f"gapscope audit {case.arm.urdf}")
+
+
+def _listed(values: np.ndarray) -> str:
+    return ", ".join(f"{value:.3g}" for value in values)
+
+
+
+# What is wrong with the set-up by the torque, as a diagnosis finds it, and samples at the torque's limit.
+
+
+NO_TORQUE = 1.0
+"""Gap over the torque's deviation beyond which no torque at all would be a better prediction [1]. (definition)"""
+
+
+def check_set_up(case: Case, seen: Sequence[FoundFault]) -> Iterator[Remark]:
+    """Faults of the set-up that a diagnosis of the case finds, or that its torque fits the nominal arm as it is read.
+
+    Args:
+        case: the case, with references put right.
+        seen: faults of references.
+    """
+    found = find_setup_faults(case)
+    for fault in (*seen, *found):
+        yield _remark(fault, case)
+    case = repaired(case, found)
+    gap, gravity = nominal_gap(case), upright(case).arm.gravity
+    if gap is None:
+        return
+    size = float(np.sqrt((gap**2).mean()))
+    if gravity is not case.arm.gravity:
+        shown, said = (
+            [round(float(x), 2) + 0.0 for x in g] for g in (gravity, case.arm.gravity)
+        )
+        yield Remark(
+            "warn",
+            "torque",
+            "",
+            f"shows gravity {shown} m/s^2 in the frame of the base, the case says {said}: the base is mounted turned",
+            f"gravity: {shown}",
+        )
+    elif size > NO_TORQUE:
+        yield Remark(
+            "warn",
+            "torque",
+            "",
+            f"the nominal arm's torque is off by {size:.0%} of the recorded one, more than no torque would be: "
+            "probably another robot, or a load that is not in the case",
+            "check robot: and payloads:",
+        )
+    elif not found:
+        yield Remark(
+            "ok",
+            "torque",
+            "",
+            "no other unit, sign, order or clock of the columns explains the torque better; the nominal arm is off by "
+            f"{size:.0%} of it",
+        )
+    yield from _limits(case)
+
+
+def _topic(fault: FoundFault) -> str:
+    """What of a case a fault is of."""
+    if fault.name == TimeStamps.name:
+        return "time"
+    reading = fault.fault.reading(max(fault.joints, default=1))
+    topics = {
+        "positions": ("motion",),
+        "controller": ("kp_factor", "kd_factor", "law", "lead", "pace"),
+        "model": ("link_shift",),
+    }
+    return next((t for t, what in topics.items() if reading.differs(*what)), "torque")
+
+
+def _remark(fault: FoundFault, case: Case) -> Remark:
+    """A fault in words, by how much the gap falls if it is put right, and the line that does that."""
+    variant = f" ({fault.variant.replace('_', ' ')})" * bool(fault.variant)
+    said = f"{capital(effect_name(fault.name))}{variant}, probability {fault.probability:.0%}"
+    before, after = fault.gap_without_this, fault.gap_after
+    if before is not None and after is not None:
+        read, right = (float(np.sqrt((gap**2).mean())) for gap in (before, after))
+        much = f"{read:.0%}" if read < 10 else f"{read:.0f} times"
+        said += f": the nominal arm is off by {much} of the torque as it is read, by {right:.0%} if that is put right"
+    mend = _rounded(fault.reading(case.arm.n_joints).to_mend())
+    line = yaml.safe_dump(mend, default_flow_style=True, width=1000).strip()
+    remedy = (
+        f"import: {{mend: {line}}} puts it right; gapscope diagnose writes mended_case.yaml"
+        if mend
+        else "gapscope diagnose puts it right and says what to correct"
+    )
+    places = [*fault.recordings, *([numbers(list(fault.joints))] * bool(fault.joints))]
+    return Remark("warn", _topic(fault), listing(places), said, remedy)
+
+
+def _rounded(entry: Any) -> Any:
+    """An entry of a case file with as many digits of its numbers as a person copies."""
+    if isinstance(entry, dict):
+        return {key: _rounded(value) for key, value in entry.items()}
+    if isinstance(entry, (list, tuple)):
+        return [_rounded(value) for value in entry]
+    return float(f"{entry:.5g}") if isinstance(entry, float) else entry
+
+
+def _limits(case: Case) -> Iterator[Remark]:
+    """Samples at the torque limit of the data sheet, or beyond."""
+    limit = case.arm.torque_limit
+    torque = [r.tau for r in case.recordings if r.tau is not None]
+    if limit is None or not torque:
+        return
+    size = np.abs(np.vstack(torque))
+    at_limit = (size > 0.99 * limit).mean(axis=0)
+    if (at_limit > AT_LIMIT).any():
+        joints = (np.flatnonzero(at_limit > AT_LIMIT) + 1).tolist()
+        yield Remark(
+            "warn",
+            "torque",
+            numbers(joints),
+            f"at the torque limit in up to {at_limit.max():.0%} of the samples",
+            "what is clipped says little of the arm: record a slower motion; if the drive allows more, correct "
+            "nominal: {torque_limit: ...}",
+        )
+
+
+
+# All checks of a case.
 
 
 @dataclass(frozen=True)
@@ -125,3 +813,53 @@ def _segments(case: Case, cutoff: float) -> Iterator[Segment]:
         first = recording.part(recording.t <= recording.t[0] + SECONDS)
         for segment in condition(first):
             yield thinned(segment, max(RATE, 3 * cutoff))
+
+
+
+# The document of the check of a case, ``check.json``.
+
+
+def document(check: CaseCheck) -> dict[str, Any]:
+    """The check of a case as plain data; what is not known is null."""
+    case = check.case
+    content = {
+        "schema": 1,
+        "case": None if case is None else case.name,
+        "can_be_diagnosed": check.can_be_diagnosed,
+        "remarks": [asdict(remark) for remark in check.remarks],
+        "recordings": [],
+        "joints": [],
+        "excited": None if check.motions is None else check.motions.excited,
+    }
+    if case is not None:
+        content["recordings"] = [
+            {**_recording(recording), "held_out": held_out}
+            for group, held_out in ((case.recordings, False), (case.judged, True))
+            for recording in group
+        ]
+        content["joints"] = _joints(check)
+    result: dict[str, Any] = plain(content, null_if_not_finite=True)
+    return result
+
+
+def _recording(recording: Recording) -> dict[str, Any]:
+    return {
+        "name": recording.name,
+        "duration": recording.duration,
+        "rate": recording.rate,
+        "samples": len(recording.t),
+        "channels": [x for x in CHANNELS if getattr(recording, x) is not None],
+    }
+
+
+def _joints(check: CaseCheck) -> list[dict[str, Any]]:
+    """How each joint moves; only the names if that is not known."""
+    assert check.case is not None
+    motions = check.motions
+    if motions is None:
+        return [{"name": name} for name in check.case.arm.joints]
+    names = ("range", "slow", "fast", "reversals", "gravity", "possible_gravity")
+    return [
+        {"name": joint, **{name: getattr(motions, name)[j] for name in names}}
+        for j, joint in enumerate(check.case.arm.joints)
+    ]

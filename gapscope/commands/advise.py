@@ -80,14 +80,17 @@ def advise(
     seed: SearchSeed = None,
 ) -> None:
     """Design the recording that separates what is still confounded."""
+    from gapscope.arm.io.atomic_write import make_folder
     from gapscope.commands.search_progress import SearchProgress
-    from gapscope.diagnosis.advice.advice_wording import lines
-    from gapscope.diagnosis.advice.next_recording import AdviceRequest
+    from gapscope.diagnosis.advice.next_recording import AdviceRequest, lines
     from gapscope.diagnosis.advice.next_recording import advise as advise_case
-    from gapscope.ident.excitation.excitation_plan import LimitPlan
-    from gapscope.outputs.folder import make_folder
-    from gapscope.outputs.trajectory import check_csv, write_trajectory
-    from gapscope.reports.trajectory.terminal_summary import margin_lines, margin_table
+    from gapscope.ident.excitation.design import LimitPlan
+    from gapscope.reports.trajectory import (
+        check_csv,
+        margin_lines,
+        margin_table,
+        write_trajectory,
+    )
 
     check_csv(out)
     limits = LimitPlan(

@@ -20,10 +20,10 @@ AsJson = Annotated[bool, typer.Option("--json", help="print JSON to standard out
 
 def agree(case: CasePath, out: Out = None, as_json: AsJson = False) -> None:
     """Say which parameters agree in all recordings, and with what the others differ."""
-    from gapscope.arm.folder_lock import locked
     from gapscope.arm.io.json_file import to_json
+    from gapscope.arm.io.locked_section import locked
     from gapscope.interface.agree import agree as compare
-    from gapscope.reports.agreement.terminal_summary import summary
+    from gapscope.reports.agreement import summary
 
     with Progress(case.name or str(case)) as progress, locked(out):
         result = compare(case, progress=progress)

@@ -33,9 +33,9 @@ def audit(
     robot: Robot, recording: Recording = None, out: Out = None, as_json: AsJson = False
 ) -> None:
     """Say what is odd about a robot model, worst first, with the line in its file."""
-    from gapscope.arm.folder_lock import locked
     from gapscope.arm.io.json_file import to_json
-    from gapscope.arm.known_robots import KNOWN_ROBOTS
+    from gapscope.arm.io.locked_section import locked
+    from gapscope.arm.robots import KNOWN_ROBOTS
     from gapscope.interface.audit import audit as audit_robot
 
     with Progress(Path(robot).name) as progress, locked(out):
@@ -44,7 +44,7 @@ def audit(
     if as_json:
         sys.stdout.write(to_json(result.document))
         return
-    from gapscope.reports.model_audit.terminal_summary import summary
+    from gapscope.reports.audit import summary
 
     console.print(summary(result.document))
     if robot in KNOWN_ROBOTS:

@@ -12,7 +12,7 @@ from gapscope.commands.options import split_names, with_own_effects
 from gapscope.terminal import console, note, say, wrote
 
 if TYPE_CHECKING:
-    from gapscope.blind_check.plan import BlindPlan
+    from gapscope.blind_check.check import BlindPlan
 
 blind = typer.Typer(
     help="The sealed check of the diagnosis.",
@@ -84,10 +84,10 @@ def make(
     show: Show = False,
 ) -> None:
     """Make cases whose effect is withheld, and publish the hash of their labels."""
-    from gapscope.arm.folder_lock import locked
-    from gapscope.blind_check.make import make as make_cases
-    from gapscope.blind_check.plan import COUNTS
-    from gapscope.reports.blind_check.truth import truth_lines
+    from gapscope.arm.io.locked_section import locked
+    from gapscope.blind_check.check import COUNTS
+    from gapscope.blind_check.check import make as make_cases
+    from gapscope.reports.blind_check import truth_lines
 
     counts = (singles, pairs, triples, outside, healthy, ladder)
     changes: dict[str, Any] = dict(zip(COUNTS, counts, strict=True))
@@ -109,7 +109,7 @@ def make(
 
 def _changed_plan(path: Path | None, changes: dict[str, Any]) -> BlindPlan:
     """The plan of a file, or the default one, with the options that were given."""
-    from gapscope.blind_check.plan import BlindPlan, read_plan
+    from gapscope.blind_check.check import BlindPlan, read_plan
 
     plan = read_plan(path) if path else BlindPlan()
     given = {name: value for name, value in changes.items() if value is not None}
@@ -122,9 +122,9 @@ def run(
     cases: Cases, out: NewResults, labels: SealedLabels = None, jobs: Jobs = 1
 ) -> None:
     """Diagnose every case with what is frozen now; refuses to start if the labels can be read."""
-    from gapscope.arm.folder_lock import locked
-    from gapscope.blind_check.run import FROZEN
-    from gapscope.blind_check.run import run as run_cases
+    from gapscope.arm.io.locked_section import locked
+    from gapscope.blind_check.check import FROZEN
+    from gapscope.blind_check.check import run as run_cases
 
     with locked(out):
         failed = run_cases(cases, out, labels=labels, jobs=jobs, progress=note)
@@ -146,11 +146,10 @@ def score(
     jobs: Jobs = 1,
 ) -> None:
     """Open the labels, compare them with their published hash, and score the verdicts."""
-    from gapscope.arm.folder_lock import locked
-    from gapscope.blind_check.score import score as score_cases
-    from gapscope.blind_check.seal import labels_folder
-    from gapscope.reports.blind_check.page import write_score
-    from gapscope.reports.blind_check.tables import BRIEFLY, tables
+    from gapscope.arm.io.locked_section import locked
+    from gapscope.blind_check.check import labels_folder
+    from gapscope.blind_check.scoring import score as score_cases
+    from gapscope.reports.blind_check import BRIEFLY, tables, write_score
 
     training = (train, labels_folder(train)) if train else None
     scored = score_cases(

@@ -24,7 +24,7 @@ Seed = Annotated[int | None, typer.Option(help="draw the same mystery arm again"
 
 def demo(out: Out = Path("gapscope-demo"), seed: Seed = None) -> None:
     """Record a mystery arm, diagnose it, and open the truth."""
-    from gapscope.arm.folder_lock import locked
+    from gapscope.arm.io.locked_section import locked
 
     with Progress("mystery arm") as progress, locked(out):
         paths = play(out, seed, progress)
@@ -46,7 +46,7 @@ def play(
     from gapscope.effects.corrected_file import write_corrected
     from gapscope.envs.engines import default_engine
     from gapscope.envs.mystery_arm import mystery_arm
-    from gapscope.reports.diagnosis.terminal_summary import print_summary
+    from gapscope.reports.diagnosis import print_summary
     from gapscope.reports.truth_table import truth_table
 
     start = monotonic()

@@ -60,7 +60,7 @@ def _one(case: Path, out: Path) -> None:
     with Progress(case.name or str(case)) as progress:
         progress(LOADS)
         from gapscope.commands.diagnose_path import diagnose_path
-        from gapscope.reports.diagnosis.terminal_summary import print_summary
+        from gapscope.reports.diagnosis import print_summary
 
         result, paths = diagnose_path(case, out, progress)
     print_summary(result.document, console)
@@ -88,8 +88,7 @@ def _against(case: Path, reference: Path, out: Path) -> None:
     with Progress(case.name or str(case)) as progress:
         progress(LOADS)
         from gapscope.commands.diagnose_path import diagnose_path
-        from gapscope.outputs.diagnosis import CASE, CORRECTED
-        from gapscope.reports.diagnosis.terminal_summary import print_summary
+        from gapscope.reports.diagnosis import CASE, CORRECTED, print_summary
 
         result, paths = diagnose_path(case, out, progress, against=reference)
     print_summary(result.document, console)
@@ -103,7 +102,7 @@ def _against(case: Path, reference: Path, out: Path) -> None:
 
 def _say_mended(paths: Sequence[Path]) -> None:
     """Say what the mended case is for, if there is one."""
-    from gapscope.outputs.mended_case import CASE
+    from gapscope.reports.mended_case import CASE
 
     for path in paths:
         if path.name == CASE:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from gapscope.arm.folder_lock import locked
+from gapscope.arm.io.atomic_write import begin_results
+from gapscope.arm.io.locked_section import locked
 from gapscope.interface.diagnose import DiagnosisResult, diagnose
-from gapscope.outputs.diagnosis import DOCUMENT
-from gapscope.outputs.folder import begin_results
+from gapscope.reports.diagnosis import DOCUMENT
 
 
 def diagnose_path(
@@ -18,7 +18,7 @@ def diagnose_path(
     *,
     against: Path | None = None,
 ) -> tuple[DiagnosisResult, tuple[Path, ...]]:
-    """Diagnose the case at a path and write the results; see ``gapscope.outputs.diagnosis``.
+    """Diagnose the case at a path and write the results; see ``gapscope.reports.diagnosis``.
 
     Args:
         path: the case.

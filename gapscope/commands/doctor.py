@@ -15,8 +15,7 @@ def doctor() -> None:
     from rich.text import Text
 
     from gapscope import __version__
-    from gapscope.installation.engine_check import check_engines
-    from gapscope.installation.packages import packages
+    from gapscope.installation import check_engines, packages
 
     say(
         f"gapscope {__version__}, Python {platform.python_version()}, {platform.platform()}"

@@ -74,11 +74,11 @@ def excite(
     It is written as CSV, as a ROS JointTrajectory, and as a page of plots.
     """
     from gapscope.commands.search_progress import SearchProgress
-    from gapscope.ident.excitation.excitation_plan import ExcitationPlan, LimitPlan
+    from gapscope.ident.excitation.design import ExcitationPlan, LimitPlan
     from gapscope.ident.excitation.trajectory_search import Budget
     from gapscope.interface.excite import excite as excite_arm
-    from gapscope.outputs.trajectory import check_csv
-    from gapscope.reports.trajectory.terminal_summary import (
+    from gapscope.reports.trajectory import (
+        check_csv,
         margin_lines,
         margin_table,
         summary,

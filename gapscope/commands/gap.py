@@ -17,7 +17,7 @@ def gap(case: CasePath, model: Model = None, as_json: AsJson = False) -> None:
     """Measure the gap alone, per joint, of a nominal or corrected arm."""
     from gapscope.arm.io.json_file import to_json
     from gapscope.interface.gap import gap as measure_gap
-    from gapscope.reports.gap_tables import gap_tables
+    from gapscope.reports.gap import gap_tables
 
     with Progress(case.name or str(case)) as progress:
         progress("measures the gap")

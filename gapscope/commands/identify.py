@@ -84,12 +84,11 @@ def identify(
     keep: Keep = "",
 ) -> None:
     """Identify base and physical parameters and friction."""
-    from gapscope.arm.folder_lock import locked
+    from gapscope.arm.io.atomic_write import begin_results
+    from gapscope.arm.io.locked_section import locked
     from gapscope.ident.identification import IdentificationSettings
     from gapscope.interface.identify import identify as identify_case
-    from gapscope.outputs.folder import begin_results
-    from gapscope.outputs.identification import DOCUMENT
-    from gapscope.reports.identification.terminal_summary import summary
+    from gapscope.reports.identification import DOCUMENT, summary
 
     if estimator == "consistent" and ridge is not None:
         estimator = "ridge"

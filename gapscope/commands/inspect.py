@@ -25,10 +25,9 @@ Out = Annotated[
 
 def inspect(logs: Logs, robot: Robot = None, out: Out = None) -> None:
     """Say what is in a log, draw it, and write the case to start from."""
-    from gapscope.arm.folder_lock import locked
+    from gapscope.arm.io.locked_section import locked
     from gapscope.interface.inspect import inspect as inspect_logs
-    from gapscope.outputs.inspection import check_unused
-    from gapscope.reports.inspection.terminal_summary import summary
+    from gapscope.reports.inspection import check_unused, summary
 
     if out is not None:
         check_unused(out)

@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from gapscope.arm.case import Case
-from gapscope.arm.control.laws import LAWS
+from gapscope.arm.control import LAWS
 from gapscope.arm.controller import Controller
 from gapscope.arm.errors import InputError
-from gapscope.arm.folder_lock import locked
-from gapscope.arm.io.controller_file import read_controller
+from gapscope.arm.io.atomic_write import make_folder
+from gapscope.arm.io.case_file import read_controller
+from gapscope.arm.io.locked_section import locked
 from gapscope.arm.io.write_case import is_used, write_case
 from gapscope.arm.nearest_name import check_known, nearest
 from gapscope.arm.nominal import NominalArm
@@ -22,9 +23,8 @@ from gapscope.effects.corrected_file import (
     read_with_faults,
     write_corrected,
 )
-from gapscope.effects.setup_faults.fault import Fault
+from gapscope.effects.setup_faults import Fault
 from gapscope.envs.recorder import Plan, hidden_by_reading_back, record_case
-from gapscope.outputs.folder import make_folder
 
 ENDINGS = ("csv", "parquet", "npz")
 """Formats of the recordings."""

@@ -36,7 +36,7 @@ def replay(
 ) -> None:
     """Move the simulated arm under the same commands as a recording."""
     from gapscope.arm.io.write_case import write_columns
-    from gapscope.reports.gap_tables import replay_line
+    from gapscope.reports.gap import replay_line
 
     with Progress(recording.name) as progress:
         replayed = replay_path(case, recording, model, engine, progress)

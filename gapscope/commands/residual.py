@@ -47,14 +47,17 @@ def residual(
     """Train a network on what the effects leave, and judge it on recordings set aside (extra: learn)."""
     from gapscope.arm.case import load_case
     from gapscope.arm.errors import GapscopeError
-    from gapscope.arm.folder_lock import locked
-    from gapscope.ident.residual.learnt import learn_residual
-    from gapscope.ident.residual.settings import ResidualSettings
+    from gapscope.arm.io.atomic_write import begin_results
+    from gapscope.arm.io.locked_section import locked
+    from gapscope.ident.residual.fit import ResidualSettings, learn_residual
     from gapscope.interface.models import corrected_arm
-    from gapscope.outputs.folder import begin_results
-    from gapscope.outputs.residual import DOCUMENT, write_learnt
-    from gapscope.reports.residual.terminal_summary import joint_table
-    from gapscope.reports.residual.wording import facts, physics_sentence
+    from gapscope.reports.residual import (
+        DOCUMENT,
+        facts,
+        joint_table,
+        physics_sentence,
+        write_learnt,
+    )
 
     needed = ("torch", "sklearn", *(("onnx",) if onnx else ()))
     if missing := [name for name in needed if find_spec(name) is None]:

@@ -8,7 +8,7 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case
-from gapscope.diagnosis.document.content import diagnosis_content
+from gapscope.diagnosis.document.diagnosis_json import diagnosis_content
 from gapscope.diagnosis.document.plotted_curves import (
     located,
     signatures,

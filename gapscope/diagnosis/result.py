@@ -12,8 +12,7 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.assessment.replay_gap import ReplayedMotion
 from gapscope.diagnosis.localisation.locate import JointLocalisation
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault
-from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.states import State
+from gapscope.effects.applied import AppliedEffect, State
 
 
 @dataclass(frozen=True)

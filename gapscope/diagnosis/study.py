@@ -12,39 +12,45 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.agreement.agreement import Agreement, alike, compared
 from gapscope.diagnosis.agreement.states import States, states_of
-from gapscope.diagnosis.assessment.confidence import Confidence
-from gapscope.diagnosis.assessment.excess_residual import ExcessResidual
-from gapscope.diagnosis.assessment.held_out_prediction import HeldOutPredictor
+from gapscope.diagnosis.assessment.confidence import Confidence, divide
+from gapscope.diagnosis.assessment.held_out_prediction import (
+    ExcessResidual,
+    HeldOutPredictor,
+    Rejection,
+    measured_gap,
+    reject,
+)
 from gapscope.diagnosis.assessment.instrumental_values import commanded, instrumented
-from gapscope.diagnosis.assessment.measured_gap import measured_gap
-from gapscope.diagnosis.assessment.naming import divide
-from gapscope.diagnosis.assessment.rejection import Rejection, reject
 from gapscope.diagnosis.assessment.replay_gap import ReplayGap, replay_gap
 from gapscope.diagnosis.assessment.sensor_sides import SensorSides, find_sides
-from gapscope.diagnosis.gap.changes_during import up_to_changes
 from gapscope.diagnosis.gap.commanded_torque import (
     WARNING,
     with_commanded_torque,
     with_likelier_rule,
 )
-from gapscope.diagnosis.gap.excerpt import excerpt, folds_of
-from gapscope.diagnosis.gap.plausible_data import check_stamps, check_torque
-from gapscope.diagnosis.gap.plausible_motion import check_moving
+from gapscope.diagnosis.gap.plausible_data import (
+    check_moving,
+    check_stamps,
+    check_torque,
+    excerpt,
+    folds_of,
+    up_to_changes,
+)
 from gapscope.diagnosis.selection.search import Selection, search
 from gapscope.diagnosis.selection.undeclared_coupling import (
     UndeclaredCoupling,
     undeclared_coupling,
 )
+from gapscope.diagnosis.setup_faults.clocks import find_quantization
 from gapscope.diagnosis.setup_faults.detection import (
     find_setup_faults,
     on_one_clock,
     upright,
 )
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
-from gapscope.diagnosis.setup_faults.quantization import find_quantization
-from gapscope.diagnosis.setup_faults.references.detection import find_reference_faults
+from gapscope.diagnosis.setup_faults.references import find_reference_faults
 from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
+from gapscope.effects.setup_faults import TimeStamps
 from gapscope.model.changes import Change, changes_of
 from gapscope.model.conditioning import (
     TORQUE_CUTOFF,

@@ -9,7 +9,7 @@ Each states its meaning, its unit in brackets, and in parentheses where the valu
     budget      as much as computing time allows; more would hardly change a diagnosis
 
 Array layouts, grids of plots, texts and tolerances of rounding stay in their modules. The blind check freezes these
-values (``gapscope/blind_check/frozen.py``).
+values (``gapscope/blind_check/check.py``).
 """
 
 from __future__ import annotations

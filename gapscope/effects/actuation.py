@@ -17,7 +17,7 @@ from gapscope.effects.parametrisation import (
     Values,
     linear_in,
 )
-from gapscope.effects.sampling import log_uniform, random_sign
+from gapscope.effects.signals import log_uniform, random_sign
 
 
 def saturate(

@@ -17,9 +17,9 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
-from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.applied import AppliedEffect, State
 from gapscope.effects.coupled_motors import COUPLED_ARMATURE
-from gapscope.effects.deflection import behind_elasticity
+from gapscope.effects.deflection import behind_elasticity, behind_play
 from gapscope.effects.effect import (
     SHEET,
     Drift,
@@ -33,13 +33,11 @@ from gapscope.effects.effect import (
     Transmission,
 )
 from gapscope.effects.environment import BASE_TILT, tilt
-from gapscope.effects.free_play import behind_play
 from gapscope.effects.friction import LOAD, friction_direction
 from gapscope.effects.passivity import check_totals, is_movable
-from gapscope.effects.residual.model import ResidualNetwork
+from gapscope.effects.residual import ResidualNetwork
 from gapscope.effects.rigid_body import ARMATURE
-from gapscope.effects.series import MotionSeries, slow_with_rates
-from gapscope.effects.states import State
+from gapscope.effects.signals import MotionSeries, slow_with_rates
 from gapscope.effects.transmission import BACKLASH, ELASTICITY
 
 K = TypeVar("K", bound=Effect)

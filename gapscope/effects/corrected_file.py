@@ -17,13 +17,10 @@ from gapscope.arm.input_file import file_beside
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.case_file import read_yaml
 from gapscope.arm.nominal import NominalArm
-from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.applied import AppliedEffect, Entry, Place, State, states_of
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.residual.file import read_residual
-from gapscope.effects.residual.model import ResidualNetwork
-from gapscope.effects.setup_faults.fault import Fault
-from gapscope.effects.setup_faults.fault_catalogue import FAULTS
-from gapscope.effects.states import Entry, Place, State, states_of
+from gapscope.effects.residual import ResidualNetwork, read_residual
+from gapscope.effects.setup_faults import FAULTS, Fault
 
 _KEYS = {
     "schema",

@@ -1,16 +1,100 @@
-"""Torque of the bodies behind elastic joints whose motors, not links, carry the encoders."""
+"""Joints between motor and link: deflection by springs, and within free play."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
+from scipy.linalg.lapack import dtbtrs
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
-from gapscope.effects.spring_recursion import SpringRecursion
+
+# The motion of links behind springs, step by step, as a triangular band of equations that is set up once.
+
+
+class SpringRecursion:
+    """Delta of e joints over S steps, for any driving torque.
+
+        (m + d) x[i+1] + (k - 2 m) x[i] + (m - d) x[i-1] = torque[i]
+
+    Joints with m = d = 0 follow k x[i] = torque[i]. Solved for x[i+1], each step is a row of blocks below a diagonal of
+    ones.
+
+    Args:
+        m, d, k: mass over h^2, damping over 2 h, and stiffness, (S, e, e).
+
+    Raises:
+        numpy.linalg.LinAlgError: a step does not determine the next one.
+    """
+
+    def __init__(self, m: np.ndarray, d: np.ndarray, k: np.ndarray) -> None:
+        self._moving = np.diagonal(m, axis1=1, axis2=2)[0] > 0
+        moves = self._moving[:, None]
+        lead = np.where(moves, (m + d)[1:-1], k[2:])
+        now = np.where(moves, (k - 2 * m)[1:-1], 0.0)
+        before = np.where(moves, (m - d)[1:-1], 0.0)
+        self._inverse = _inverse(lead)
+        self._at_rest = np.linalg.pinv(k[0], rcond=1e-9)
+        self._band = _band(self._inverse @ now, self._inverse @ before)
+
+    def follow(self, torque: np.ndarray) -> np.ndarray:
+        """Delta (S, e) under a torque (S, e), from its static value."""
+        right = np.where(self._moving, torque[1:-1], torque[2:])
+        pushed = self._inverse @ right[:, :, None]
+        start = self._at_rest @ torque[0]
+        return self._solve(start[:, None], pushed)[:, :, 0]
+
+    def changes(self, delta: np.ndarray, damping: np.ndarray, h: float) -> np.ndarray:
+        """Derivatives of delta (S, e) by the stiffness of each joint, then by its damping, (S, e, 2 e).
+
+        Args:
+            delta: as ``follow`` gives it.
+            damping: derivative of each joint's damping by its stiffness, (S, e).
+            h: step [s].
+        """
+        # one more of k or d pushes its own joint back by delta or its rate, at the sample that the step is about
+        rate = np.where(self._moving, (delta[2:] - delta[:-2]) / (2 * h), 0.0)
+        about = np.where(self._moving, delta[1:-1], delta[2:])
+        by_stiffness = about + damping[1:-1] * rate
+        blocks = [-self._inverse * x[:, None, :] for x in (by_stiffness, rate)]
+        start = np.hstack([-self._at_rest * delta[0], np.zeros_like(self._at_rest)])
+        return self._solve(start, np.concatenate(blocks, axis=2))
+
+    def _solve(self, start: np.ndarray, pushed: np.ndarray) -> np.ndarray:
+        """Delta for R right-hand sides, (S, e, R): its first two samples (e, R), and what pushes the others."""
+        right = np.concatenate([start[None], start[None], pushed])
+        flat = right.reshape(-1, right.shape[2])
+        found, _ = dtbtrs(self._band, flat, uplo="L", diag="U")
+        return np.asarray(found).reshape(right.shape)
+
+
+def _inverse(blocks: np.ndarray) -> np.ndarray:
+    """Inverse of blocks (S, e, e); of a single joint, of which many are tried, a division."""
+    if blocks.shape[1] > 1:
+        return np.linalg.inv(blocks)
+    if not blocks.all():
+        raise np.linalg.LinAlgError("no inertia, damping or stiffness")
+    return np.asarray(1.0 / blocks)
+
+
+def _band(now: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """Blocks (S - 2, e, e) by which a step depends on the last two, as LAPACK stores a lower band: (3 e, S e)."""
+    steps, e = len(now), now.shape[1]
+    # entry (i, j) of the equations lies in row i - j, column j of the band, which is kept column by column
+    columns = np.zeros((steps + 2, e, 3 * e))
+    for a in range(e):
+        for b in range(e):
+            columns[1:-1, b, e + a - b] = now[:, a, b]
+            columns[:-2, b, 2 * e + a - b] = before[:, a, b]
+    return columns.reshape(-1, 3 * e).T
+
+
+# Torque of the bodies behind elastic joints whose motors, not links, carry the encoders.
+
 
 Matrices = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Derivatives of the bodies' torque by position, velocity and acceleration, (N, n, n) each."""
@@ -117,7 +201,7 @@ class Springs:
 
     def of_bodies(self, delta: np.ndarray) -> np.ndarray:
         """What R lags, (S, e, R), take from the bodies' torque [N m], (N, n, R)."""
-        rates = _with_rates(delta, self._step)
+        rates = _with_spring_rates(delta, self._step)
         parts = [
             matrix[:, :, self.elastic] @ x[:: self._parts]
             for matrix, x in zip(self._matrices, rates, strict=True)
@@ -177,7 +261,7 @@ def _held(recursion: SpringRecursion | None, torque: np.ndarray) -> np.ndarray |
     return delta if held else None
 
 
-def _with_rates(delta: np.ndarray, h: float) -> tuple[np.ndarray, ...]:
+def _with_spring_rates(delta: np.ndarray, h: float) -> tuple[np.ndarray, ...]:
     """Delta (S, ...) and its first two derivatives by time; step h [s]."""
     rate = np.gradient(delta, h, axis=0)
     acceleration = np.gradient(rate, h, axis=0)
@@ -202,4 +286,173 @@ def of_bodies(
     out = np.zeros_like(series[0])
     for matrix, x in zip(matrices, series, strict=True):
         out += (matrix[:, :, moved] * x[:, None, moved]).sum(axis=2)
+    return out
+
+
+# Torque of the bodies behind free play whose motors, not links, carry the encoders.
+
+
+CONTACT = 40.0
+"""Frequency at which a link swings on the flank of a gear whose stiffness is not known [Hz]."""
+CONTACT_DAMPING = 0.6
+"""Its damping ratio [1]: teeth in grease hardly rebound, and no recording tells when a rebound ends."""
+LONGEST_STEP = 2e-3
+"""Steps with which free play is followed are no longer [s]: within one a link hardly leaves its flank."""
+
+
+def behind_play(
+    body: RigidBody,
+    motion: Motion,
+    torque: np.ndarray,
+    width: np.ndarray,
+    stiffness: np.ndarray,
+    damping: np.ndarray,
+) -> np.ndarray:
+    """Torque of bodies that follow the motors through free play [N m], shape (N, n).
+
+    As ``behind_elasticity``, with the spring's torque K (delta - w / 2 sgn delta) + D delta' outside the free play
+    abs(delta) < w / 2 and none inside it, where the link floats. Implicit Euler steps of ``LONGEST_STEP``, one joint
+    at a time; a joint without a spring has a contact of ``CONTACT``.
+
+    Args:
+        body, motion, torque, stiffness, damping: as for ``behind_elasticity``.
+        width: whole free play per joint [rad], shape (n,); 0 if there is none.
+    """
+    matrices = body.sensitivities(motion.q, motion.dq, motion.ddq)
+    return through_play(matrices, motion.rate, torque, width, stiffness, damping)
+
+
+def through_play(
+    matrices: Matrices,
+    rate: float,
+    torque: np.ndarray,
+    width: np.ndarray,
+    stiffness: np.ndarray,
+    damping: np.ndarray,
+) -> np.ndarray:
+    """As ``behind_play``, from the derivatives of the bodies' torque at a sampling rate [Hz], (N, n)."""
+    deltas = _deflections(matrices, rate, torque, width, stiffness, damping)
+    return torque - of_bodies(matrices, deltas)
+
+
+def play_columns(
+    body: RigidBody, motion: Motion, torque: np.ndarray, width: np.ndarray
+) -> np.ndarray:
+    """Torque that a little free play on each joint alone adds, per radian of it [N m/rad], shape (N, n, n).
+
+    Entry (i, j) is that of joint i from play on joint j; of joints whose torque keeps its sign there is none.
+
+    Args:
+        body, motion, torque: as for ``behind_elasticity``.
+        width: free play [rad or m], (n,).
+    """
+    matrices = body.sensitivities(motion.q, motion.dq, motion.ddq)
+    none = np.zeros(torque.shape[1])
+    # a joint whose torque keeps its sign stays on one flank of its gear
+    reverses = (torque.min(axis=0) < 0) & (torque.max(axis=0) > 0)
+    deltas = _deflections(matrices, motion.rate, torque, width * reverses, none, none)
+    pairs = zip(matrices, deltas, strict=True)
+    return -sum(matrix * delta[:, None, :] for matrix, delta in pairs) / width
+
+
+def _deflections(
+    matrices: Matrices,
+    rate: float,
+    torque: np.ndarray,
+    width: np.ndarray,
+    stiffness: np.ndarray,
+    damping: np.ndarray,
+) -> Matrices:
+    """Delta of joints with free play and its first two derivatives by time, (N, n) each."""
+    deltas = (np.zeros_like(torque), np.zeros_like(torque), np.zeros_like(torque))
+    for j in np.flatnonzero(width):
+        own = tuple(matrix[:, j, j] for matrix in matrices)
+        followed = _one_joint(
+            own, torque[:, j], rate, width[j], stiffness[j], damping[j]
+        )
+        for series, delta in zip(deltas, followed, strict=True):
+            series[:, j] = delta
+    return deltas
+
+
+def _one_joint(
+    own: tuple[np.ndarray, ...],
+    torque: np.ndarray,
+    rate: float,
+    width: float,
+    k: float,
+    d: float,
+) -> Matrices:
+    """Delta of one joint with free play and its first two derivatives by time, (N,) each.
+
+    Args:
+        own: derivatives of its torque by its own position, velocity and acceleration, (N,) each.
+        torque: that its bodies need [N m], (N,).
+        rate: sampling rate [Hz].
+        width: whole free play [rad].
+        k, d: contact [N m/rad], [N m s/rad]; k is 0 if it is not known.
+    """
+    by_position, by_velocity, mass = own
+    # bodies of no or negative mass, on the way of a search, are light ones here
+    mass = np.maximum(mass, LIGHTEST)
+    if not k:
+        k = float(mass.mean()) * (2 * np.pi * CONTACT) ** 2
+        d = 2 * CONTACT_DAMPING * float(np.sqrt(k * mass.mean()))
+    parts = max(1, int(np.ceil(1.0 / (rate * LONGEST_STEP))))
+    h, half = 1.0 / (rate * parts), 0.5 * width
+    series = np.column_stack([mass, by_velocity, by_position, torque])
+    m, c, g, push = finer(series, parts).T
+    delta = _play(push, _OwnJoint(m, c, g, k, d), half, h)
+    held = np.isfinite(delta).all() and np.abs(delta).max() <= half + FARTHEST
+    if not held:
+        delta = half * np.sign(push)
+    return _with_play_rates(delta[::parts], 1.0 / rate)
+
+
+def _with_play_rates(delta: np.ndarray, h: float) -> Matrices:
+    """Delta (N,) with its first two derivatives by time, by central differences over samples h [s] apart."""
+    rate = np.gradient(delta, h)
+    acceleration = np.gradient(rate, h)
+    # narrower, so that the upper end of the band is not damped
+    acceleration[1:-1] = (delta[2:] - 2 * delta[1:-1] + delta[:-2]) / h**2
+    return delta, rate, acceleration
+
+
+class _OwnJoint(NamedTuple):
+    """Coefficients of one joint's own equation, M delta'' + C delta' + G delta plus spring and damper, (N,) or numbers.
+
+    Attributes:
+        m, c, g: of the bodies [kg m^2], [N m s/rad], [N m/rad].
+        k, d: of the contact [N m/rad], [N m s/rad].
+    """
+
+    m: np.ndarray
+    c: np.ndarray
+    g: np.ndarray
+    k: float
+    d: float
+
+
+def _play(torque: np.ndarray, own: _OwnJoint, half: float, h: float) -> np.ndarray:
+    """Delta (N,) of one joint with free play of half the width ``half`` [rad], by implicit steps of h [s]."""
+    out = np.empty(len(torque))
+    # numbers of Python are faster than those of arrays, and overflow without a word: see ``held``
+    half, k, damper = float(half), float(own.k), float(own.d / h)
+    flank = half if torque[0] > 0 else -half
+    start = flank + float(torque[0]) / k
+    now, before = start, start
+    inertia = (own.m / h**2).tolist()
+    drag = (own.c / h).tolist()
+    inside = (own.m / h**2 + own.c / h + own.g).tolist()
+    push = torque.tolist()
+    contact = k + damper
+    for i, floating in enumerate(inside):
+        right = push[i] + inertia[i] * (2 * now - before) + drag[i] * now
+        new = right / floating
+        if new > half or new < -half:
+            # beyond the play: the same step, with the contact on the flank that it meets
+            flank = half if new > 0 else -half
+            new = (right + k * flank + damper * now) / (floating + contact)
+        before, now = now, new
+        out[i] = new
     return out

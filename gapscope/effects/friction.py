@@ -23,7 +23,7 @@ from gapscope.effects.parametrisation import (
     amplitude_and_searched,
     linear_in,
 )
-from gapscope.effects.sampling import log_uniform
+from gapscope.effects.signals import log_uniform
 
 
 def friction_direction(

@@ -37,7 +37,7 @@ from gapscope.effects.effect import (
 from gapscope.effects.effect import (
     Path as WayToJoint,
 )
-from gapscope.effects.series import MotionSeries
+from gapscope.effects.signals import MotionSeries
 
 GROUP = "gapscope.effects"
 """Entry points by which an installed package brings effects: a record, several, or a module that holds some."""

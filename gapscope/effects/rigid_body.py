@@ -14,7 +14,7 @@ from gapscope.effects.parametrisation import (
     linear_in,
     nonzero,
 )
-from gapscope.effects.sampling import random_sign
+from gapscope.effects.signals import random_sign
 
 
 def payload_change(own: np.ndarray, mass: np.ndarray, com: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.effect import Sensing
 from gapscope.effects.parameter import Parameter
 from gapscope.effects.parametrisation import Values, linear_in
-from gapscope.effects.sampling import random_sign
+from gapscope.effects.signals import random_sign
 
 EXACT = 2.0**-500
 """Rounding to this power of two [rad] changes nothing: neither dividing nor multiplying by it does."""

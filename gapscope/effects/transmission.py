@@ -11,9 +11,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from gapscope.effects.arm_scale import ArmScale
-from gapscope.effects.deflection import Matrices, Springs, through_springs
+from gapscope.effects.deflection import Matrices, Springs, through_play, through_springs
 from gapscope.effects.effect import Mechanics, Signals, TorqueLaw, Transmission
-from gapscope.effects.free_play import through_play
 from gapscope.effects.parameter import Parameter
 from gapscope.effects.parametrisation import (
     Parametrisation,
@@ -21,8 +20,7 @@ from gapscope.effects.parametrisation import (
     linear_in,
     nonzero,
 )
-from gapscope.effects.sampling import log_uniform
-from gapscope.effects.series import slow_with_rates
+from gapscope.effects.signals import log_uniform, slow_with_rates
 
 
 def elastic_deflection(

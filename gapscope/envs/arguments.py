@@ -13,13 +13,12 @@ import numpy as np
 
 from gapscope.arm.dynamics.feedforward import KINDS as FEEDFORWARDS
 from gapscope.arm.errors import InputError
-from gapscope.arm.known_robots import KNOWN_ROBOTS
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.named_motions import check_motion_name
 from gapscope.arm.motions.trajectory import Limits, ReferenceMotion
 from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.robots import load_nominal_arm
+from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm
 from gapscope.effects.corrected import CorrectedArm
 
 READ = "read one with gapscope.effects.corrected_file.read_corrected_arm(arm, path)"

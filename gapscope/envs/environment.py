@@ -147,7 +147,7 @@ class ArmTracking(gymnasium.Env):
     end.
 
     Args:
-        robot: a name of ``gapscope.arm.known_robots.KNOWN_ROBOTS``, a path of a URDF, or a nominal arm.
+        robot: a name of ``gapscope.arm.robots.KNOWN_ROBOTS``, a path of a URDF, or a nominal arm.
         effects: what the simulated arm has beyond the nominal arm; records, entries as in a ``corrected.yaml``, or the
             path of one.
         engine: name of the engine that steps the simulation.

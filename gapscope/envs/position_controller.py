@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import brentq
 
-from gapscope.arm.control.pd import PD
+from gapscope.arm.control import PD
 from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.plain_urdf import check_inertia
 from gapscope.arm.dynamics.rigid_body import RigidBody

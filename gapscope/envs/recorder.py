@@ -15,8 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from gapscope.arm.case import SHORTEST, Case
-from gapscope.arm.control.control_loop import ControlLoop, Targets
-from gapscope.arm.control.laws import like_pd
+from gapscope.arm.control import ControlLoop, Targets, like_pd
 from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.rollout import steps_per_tick
@@ -27,9 +26,12 @@ from gapscope.arm.motions.named_motions import (
     draw_motion,
     workspace,
 )
-from gapscope.arm.motions.sample_count import check_sample_count
-from gapscope.arm.motions.sampled import Sampled, read_sampled
-from gapscope.arm.motions.trajectory import ReferenceMotion
+from gapscope.arm.motions.trajectory import (
+    ReferenceMotion,
+    Sampled,
+    check_sample_count,
+    read_sampled,
+)
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.velocity_filter import VelocityFilter

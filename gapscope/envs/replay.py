@@ -15,24 +15,18 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
-from gapscope.arm.control.control_loop import ControlLoop, Targets
-from gapscope.arm.control.recorded_start import integral_at_start
+from gapscope.arm.control import ControlLoop, Targets, integral_at_start
 from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.dynamics.rollout import (
-    LONGEST_STEP,
-    UNSTABLE_SPEED,
-    steps_per_tick,
-)
+from gapscope.arm.dynamics.rollout import LONGEST_STEP, UNSTABLE_SPEED, steps_per_tick
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.velocity_filter import VelocityFilter, rule_of
-from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.applied import AppliedEffect, State
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.residual.model import ResidualNetwork
-from gapscope.effects.states import State
+from gapscope.effects.residual import ResidualNetwork
 from gapscope.envs.simulated_arm import NetworkTorque, SimulatedArm
 
 TRIM = 0.3

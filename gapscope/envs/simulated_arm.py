@@ -16,9 +16,7 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.residual.inputs import channels, channels_with
-from gapscope.effects.residual.memory import Memory
-from gapscope.effects.residual.model import ResidualNetwork
+from gapscope.effects.residual import Memory, ResidualNetwork, channels, channels_with
 from gapscope.envs.drive.arm_drive import ArmDrive, Encoders, nominal_body
 from gapscope.envs.drive.rigid_step import Predicted, RigidStep
 from gapscope.envs.engines import Bodies, make_engine

@@ -14,26 +14,22 @@ from gapscope.arm.case import Case
 from gapscope.arm.errors import InputError
 from gapscope.arm.nearest_name import check_known
 from gapscope.arm.recording import Recording
-from gapscope.ident.checks.fit_evidence import NominalSimilarity, nominal_similarity
 from gapscope.ident.checks.plausible_samples import (
     check_count,
     check_mounted,
     check_recordings,
     check_unit,
 )
+from gapscope.ident.checks.symptoms import NominalSimilarity, nominal_similarity
 from gapscope.ident.estimators.by_name import Given, method
-from gapscope.ident.estimators.closed_loop import closed_loop
-from gapscope.ident.estimators.estimate import Estimate, Estimator
-from gapscope.ident.held_out import base_problem
+from gapscope.ident.estimators.linear import Estimate, Estimator
+from gapscope.ident.estimators.simulating import closed_loop
 from gapscope.ident.model.base_parameters import BaseParameters, base_parameters
-from gapscope.ident.model.friction_law import FrictionLaw
-from gapscope.ident.model.friction_trials import penalties
-from gapscope.ident.model.law_choice import Choice, choose
-from gapscope.ident.model.linear_problem import Problem
-from gapscope.ident.model.model_columns import ModelColumns
+from gapscope.ident.model.friction import Choice, choose, penalties
+from gapscope.ident.model.linear_problem import FrictionLaw, ModelColumns, Problem
 from gapscope.ident.model.physical_parameters import Physical, consistent
-from gapscope.ident.signals.samples import Band, Samples
-from gapscope.ident.signals.split import split
+from gapscope.ident.samples import Band, Samples, split
+from gapscope.ident.uncertainty.examination import base_problem
 from gapscope.ident.uncertainty.intervals import Uncertainty
 from gapscope.model.conditioning import position_cutoff
 

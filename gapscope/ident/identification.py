@@ -11,35 +11,34 @@ import numpy as np
 from gapscope.arm.case import Case
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.recording import Recording
-from gapscope.ident.checks.fit_evidence import FitEvidence
-from gapscope.ident.checks.table_row import Row
-from gapscope.ident.checks.troubleshooting import fill_in
-from gapscope.ident.checks.warnings import identification_warnings
+from gapscope.ident.checks.symptoms import FitEvidence
+from gapscope.ident.checks.troubleshooting import Row, fill_in, identification_warnings
 from gapscope.ident.estimators.by_name import method
-from gapscope.ident.estimators.estimate import Estimate
-from gapscope.ident.estimators.partial_update import PartialUpdate
-from gapscope.ident.estimators.wls import WeightedLeastSquares
+from gapscope.ident.estimators.linear import (
+    Estimate,
+    PartialUpdate,
+    WeightedLeastSquares,
+)
 from gapscope.ident.fitted_parameters import (
     FittedParameters,
     IdentificationSettings,
     fit_parameters,
 )
-from gapscope.ident.held_out import predicted, validated
+from gapscope.ident.kalman.filters import StatesAndFriction, follow_states
 from gapscope.ident.kalman.review import FilterReview, review
-from gapscope.ident.kalman.states_and_friction import (
-    StatesAndFriction,
-    follow_states,
-)
-from gapscope.ident.model.base_parameters import BaseParameters
+from gapscope.ident.model.base_parameters import BaseParameters, Recovery, recoveries
+from gapscope.ident.model.friction import Choice
 from gapscope.ident.model.joint_zero import JointZeros, estimate_zeros
-from gapscope.ident.model.law_choice import Choice
-from gapscope.ident.model.model_columns import ModelColumns
+from gapscope.ident.model.linear_problem import ModelColumns
 from gapscope.ident.model.physical_parameters import Physical
-from gapscope.ident.model.recoverability import Recovery, recoveries
-from gapscope.ident.uncertainty.examination import Examination, examine
-from gapscope.ident.uncertainty.intervals import Uncertainty
-from gapscope.ident.uncertainty.torque_interval import PredictedTorque
-from gapscope.ident.uncertainty.validation import Validation
+from gapscope.ident.uncertainty.examination import (
+    Examination,
+    Validation,
+    examine,
+    predicted,
+    validated,
+)
+from gapscope.ident.uncertainty.intervals import PredictedTorque, Uncertainty
 from gapscope.model.changes import Change, changes_of
 from gapscope.model.conditioning import condition
 from gapscope.model.gravity_direction import as_mounted

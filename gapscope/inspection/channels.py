@@ -10,8 +10,13 @@ import numpy as np
 from gapscope.arm.io.layouts import Layout
 from gapscope.inspection.columns import ColumnGroup, TableColumns
 from gapscope.inspection.time_column import TimeGuess
-from gapscope.inspection.units import derivative_ratio, position_unit, velocity_unit
-from gapscope.inspection.words import Meaning, meaning_of
+from gapscope.inspection.words import (
+    Meaning,
+    derivative_ratio,
+    meaning_of,
+    position_unit,
+    velocity_unit,
+)
 
 TORQUE_ORDER = (
     "derived from current",

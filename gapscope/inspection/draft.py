@@ -16,10 +16,10 @@ from gapscope.arm.io.layouts import LEROBOT
 from gapscope.arm.nominal import SHEET_UNITS
 from gapscope.arm.recording import CHANNELS
 from gapscope.effects.effect import SHEET
-from gapscope.inspection.against_arm import columns_of_arm
 from gapscope.inspection.channels import ChannelGuess
 from gapscope.inspection.inspection import MAIN, TIME, TORQUES, Inspection
-from gapscope.inspection.units import LARGEST
+from gapscope.inspection.torque_facts import columns_of_arm
+from gapscope.inspection.words import LARGEST
 
 BESIDE = 70
 """Longest reason that stands beside its line; longer ones stand above."""

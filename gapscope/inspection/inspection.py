@@ -11,12 +11,15 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.io.log import Log
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import CHANNELS
-from gapscope.inspection.against_arm import arm_of_columns, torque_fits
 from gapscope.inspection.channels import ChannelGuess
 from gapscope.inspection.inspected_table import InspectedTable, inspect_table
 from gapscope.inspection.oddities import Oddity, oddities_of
-from gapscope.inspection.torque_facts import torque_facts
-from gapscope.inspection.torque_fit import what_it_is
+from gapscope.inspection.torque_facts import (
+    arm_of_columns,
+    torque_facts,
+    torque_fits,
+    what_it_is,
+)
 
 TORQUES = ("tau", "tau_sensor")
 """Channels that hold a torque."""

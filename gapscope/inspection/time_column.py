@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.arm.io.plausibility import PLAUSIBLE_RATES
-from gapscope.inspection.units import derivative_ratio
-from gapscope.inspection.words import meaning_of
+from gapscope.inspection.words import derivative_ratio, meaning_of
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 USUAL_RATES = (

@@ -19,8 +19,7 @@ from gapscope.arm.io.table import Table
 from gapscope.arm.nominal import NominalArm
 from gapscope.inspection.columns import ColumnGroup, TableColumns, numbers_of
 from gapscope.inspection.time_column import counts_rows, runs_forward
-from gapscope.inspection.units import ALIKE, ANGLES, LARGEST, UNITS
-from gapscope.inspection.words import meaning_of
+from gapscope.inspection.words import ALIKE, ANGLES, LARGEST, UNITS, meaning_of
 
 SPAN = 10
 """Rows over which a block is compared with the sum of another [1]: noise of single rows is averaged."""

@@ -1,9 +1,16 @@
-"""What the name of a column says that it holds."""
+"""Units and words of an inspection."""
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+
+import numpy as np
+
+from gapscope.arm.io.import_section import UNITS
+
+# What the name of a column says that it holds.
+
 
 QUANTITIES = {
     "position": {"q", "position", "pos", "angle", "theta", "state", "action"},
@@ -107,3 +114,104 @@ def _quantity(words: set[str]) -> str:
         if words & names:
             return quantity
     return ""
+
+
+# Units of positions and velocities, from their names, their range and each other.
+
+
+ANGLES = ("rad", "deg", "rev")
+SPEEDS = ("rad/s", "deg/s", "rpm")
+FARTHEST = 7.0
+"""Position beyond which an arm's joint has made more than a turn if it is in radians [rad]."""
+LARGEST = 1e9
+"""Value that no quantity of a joint reaches, in any unit."""
+ALIKE = 0.1
+"""Units fit if velocity over derivative of the position is as they say within this share [1]."""
+
+Guess = tuple[str, str]
+"""A unit of the import section, and what the guess rests on."""
+
+
+def position_unit(name: str, positions: np.ndarray, moved: float | None) -> Guess:
+    """Unit of positions, (N, k).
+
+    Args:
+        name: of the columns.
+        positions: as they are in the log.
+        moved: velocity over derivative of the position [1], if a velocity is there.
+    """
+    said = _said(name, ANGLES)
+    if said:
+        return said, "its name says so"
+    reach = float(np.nanmax(np.abs(positions)))
+    if reach <= FARTHEST:
+        return "rad", f"it reaches {reach:.3g}, less than a turn"
+    if reach <= 100.0 and "observation" in words_of(name):
+        why = "degrees, or LeRobot's normalised -100 to 100: then unit: normalised, and calibration: with its file"
+        return "deg", f"it reaches {reach:.3g}: {why}"
+    if reach <= 400.0:
+        return "deg", f"it reaches {reach:.3g}, more than a turn in radians"
+    reason = f"it reaches {reach:.3g}: the motor's side, or counts of an encoder"
+    return "rad", reason + (
+        "" if moved is None else f"; velocity is {moved:.3g} of its derivative"
+    )
+
+
+def velocity_unit(name: str, angle: str, moved: float | None) -> Guess:
+    """Unit of velocities.
+
+    Args:
+        name: of the columns.
+        angle: unit of the positions.
+        moved: velocity over derivative of the position, both as in the log [1], or ``None``.
+    """
+    said = _said(name, SPEEDS)
+    if said:
+        return said, "its name says so"
+    same = {"rad": "rad/s", "deg": "deg/s", "rev": "rpm"}[angle]
+    if moved is None:
+        return same, "taken as that of the position; it does not follow its derivative"
+    fitting = {unit: abs(moved * UNITS[unit] / UNITS[angle] - 1) for unit in SPEEDS}
+    best = min(fitting, key=lambda unit: fitting[unit])
+    if fitting[best] < ALIKE:
+        return best, f"it is {moved:.3g} times the derivative of the position"
+    return (
+        same,
+        f"it is {moved:.3g} times the derivative of the position, as no unit has it",
+    )
+
+
+def derivative_ratio(
+    t: np.ndarray, positions: np.ndarray, velocities: np.ndarray
+) -> float | None:
+    """Velocity over derivative of the position, median over the joints that move and agree in shape; or ``None``.
+
+    Args:
+        t: time [s], (N,).
+        positions, velocities: (N, n), in any unit.
+    """
+    width = min(positions.shape[1], velocities.shape[1])
+    span = t[2:] - t[:-2]
+    usable = span > 0
+    ratios = []
+    for j in range(width):
+        slope = (positions[2:, j] - positions[:-2, j])[usable] / span[usable]
+        speed = velocities[1:-1, j][usable]
+        numbers = (np.abs(slope) < LARGEST) & (np.abs(speed) < LARGEST)
+        slope, speed = slope[numbers], speed[numbers]
+        power = float(slope @ slope)
+        scale = np.sqrt(power * float(speed @ speed))
+        if scale > 0 and abs(float(slope @ speed)) / scale > 0.9:
+            ratios.append(float(slope @ speed) / power)
+    return float(np.median(ratios)) if ratios else None
+
+
+def _said(name: str, units: tuple[str, ...]) -> str | None:
+    """The unit that the name of a column states."""
+    words = words_of(name)
+    degrees = words & {"deg", "degree"}
+    for unit in units:
+        base = unit.split("/")[0]
+        if base in words or (base == "deg" and degrees):
+            return unit
+    return None

@@ -8,10 +8,9 @@ from pathlib import Path
 
 import pandas as pd
 
-from gapscope.diagnosis.advice.advice_wording import lines
-from gapscope.diagnosis.advice.next_recording import Advice, AdviceRequest
+from gapscope.diagnosis.advice.next_recording import Advice, AdviceRequest, lines
 from gapscope.diagnosis.advice.next_recording import advise as design_recording
-from gapscope.ident.excitation.excitation_plan import LimitPlan
+from gapscope.ident.excitation.design import LimitPlan
 from gapscope.interface.diagnose import DiagnosisResult, diagnose
 from gapscope.interface.excite import ExcitationResult
 from gapscope.interface.result import Result

@@ -11,11 +11,9 @@ import pandas as pd
 from rich.console import Console
 
 from gapscope.arm.case import Case, load_case
-from gapscope.diagnosis.agreement.agreement import Agreement, agreement
-from gapscope.diagnosis.agreement.agreement_json import document
+from gapscope.diagnosis.agreement.agreement import Agreement, agreement, document
 from gapscope.interface.result import Result, as_text
-from gapscope.outputs.agreement import write_agreement
-from gapscope.reports.agreement.terminal_summary import summary
+from gapscope.reports.agreement import summary, write_agreement
 
 
 @dataclass(frozen=True, repr=False)

@@ -11,10 +11,8 @@ import pandas as pd
 from rich.console import Console
 
 from gapscope.interface.result import Result, as_text
-from gapscope.model_audit.audit import Audit, audit_model
-from gapscope.model_audit.audit_json import document
-from gapscope.outputs.audit import write_audit
-from gapscope.reports.model_audit.terminal_summary import summary
+from gapscope.model_audit.audit import Audit, audit_model, document
+from gapscope.reports.audit import summary, write_audit
 
 
 @dataclass(frozen=True, repr=False)

@@ -12,12 +12,11 @@ import pandas as pd
 from rich.console import Console
 
 from gapscope.arm.case import Case
+from gapscope.arm.io.atomic_write import begin_results
 from gapscope.arm.io.json_file import write_json
-from gapscope.case_check.case_check_json import document
-from gapscope.case_check.check import CaseCheck, check_case
+from gapscope.case_check.check import CaseCheck, check_case, document
 from gapscope.interface.models import case_file
 from gapscope.interface.result import Result, as_text
-from gapscope.outputs.folder import begin_results
 from gapscope.reports.case_check.terminal_summary import summary
 
 DOCUMENT = "check.json"

@@ -14,10 +14,9 @@ import numpy as np
 import pandas as pd
 
 from gapscope.arm.case import Case, load_case
-from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.atomic_write import atomic_write, begin_results
 from gapscope.diagnosis.diagnose import diagnose as diagnose_case
-from gapscope.diagnosis.reference.change import Change
-from gapscope.diagnosis.reference.diagnose_change import diagnose_change
+from gapscope.diagnosis.reference.diagnose_change import Change, diagnose_change
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
@@ -29,11 +28,15 @@ from gapscope.interface.reference import (
     known_reference,
 )
 from gapscope.interface.result import Result, as_text
-from gapscope.outputs.diagnosis import DOCUMENT, URDF, write_change, write_diagnosis
-from gapscope.outputs.folder import begin_results
-from gapscope.outputs.mended_case import write_mended_case
 from gapscope.provenance import KEY, made_from
-from gapscope.reports.diagnosis.terminal_summary import print_summary
+from gapscope.reports.diagnosis import (
+    DOCUMENT,
+    URDF,
+    print_summary,
+    write_change,
+    write_diagnosis,
+)
+from gapscope.reports.mended_case import write_mended_case
 
 
 @dataclass(frozen=True, repr=False)

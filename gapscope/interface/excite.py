@@ -10,14 +10,17 @@ import numpy as np
 import pandas as pd
 
 from gapscope.arm.case import Case
+from gapscope.arm.io.atomic_write import make_folder
 from gapscope.arm.nominal import NominalArm
-from gapscope.ident.excitation.design import Excitation, design
-from gapscope.ident.excitation.excitation_plan import ExcitationPlan, LimitPlan
+from gapscope.ident.excitation.design import (
+    Excitation,
+    ExcitationPlan,
+    LimitPlan,
+    design,
+)
 from gapscope.interface.models import make_arm
 from gapscope.interface.result import Result
-from gapscope.outputs.folder import make_folder
-from gapscope.outputs.trajectory import check_csv, write_trajectory
-from gapscope.reports.trajectory.terminal_summary import summary
+from gapscope.reports.trajectory import check_csv, summary, write_trajectory
 
 
 @dataclass(frozen=True, repr=False)

@@ -8,10 +8,10 @@ from pathlib import Path
 import pandas as pd
 
 from gapscope.arm.controller import Controller
+from gapscope.arm.io.atomic_write import make_folder
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.export.formats import export as write_arm
 from gapscope.interface.result import Result
-from gapscope.outputs.folder import make_folder
 
 
 @dataclass(frozen=True, repr=False)

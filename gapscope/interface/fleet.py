@@ -11,13 +11,11 @@ from typing import Any
 import pandas as pd
 
 from gapscope.arm.io.json_file import write_json
-from gapscope.fleets.fleet_json import fleet_document
-from gapscope.fleets.run import FleetCounts, FleetPlan, run_fleet
+from gapscope.fleets.fleet import fleet_document
+from gapscope.fleets.run import ALL, FleetCounts, FleetPlan, run_fleet
 from gapscope.fleets.store import FleetStore
-from gapscope.fleets.task import ALL
 from gapscope.interface.result import Result, as_text
-from gapscope.reports.fleet.page import render_fleet
-from gapscope.reports.fleet.terminal_summary import print_fleet
+from gapscope.reports.fleet import print_fleet, render_fleet
 
 DOCUMENT, PAGE = "fleet.json", "fleet.html"
 

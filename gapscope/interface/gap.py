@@ -10,12 +10,11 @@ import pandas as pd
 from rich.console import Console
 
 from gapscope.arm.case import Case, load_case
+from gapscope.arm.io.atomic_write import make_folder
 from gapscope.arm.io.json_file import write_json
 from gapscope.interface.models import Model, corrected_arm
 from gapscope.interface.result import Result, as_text
-from gapscope.outputs.folder import make_folder
-from gapscope.outputs.gap import gap_document
-from gapscope.reports.gap_tables import gap_tables
+from gapscope.reports.gap import gap_document, gap_tables
 
 
 @dataclass(frozen=True, repr=False)

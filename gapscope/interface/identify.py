@@ -12,14 +12,13 @@ from rich.console import Console
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import InputError
+from gapscope.arm.io.atomic_write import begin_results
 from gapscope.arm.io.log import READERS
 from gapscope.ident.identification import Identification, IdentificationSettings
 from gapscope.ident.identification import identify as identify_case
 from gapscope.interface.models import case_file
 from gapscope.interface.result import Result, as_text
-from gapscope.outputs.folder import begin_results
-from gapscope.outputs.identification import DOCUMENT, write_identification
-from gapscope.reports.identification.terminal_summary import summary
+from gapscope.reports.identification import DOCUMENT, summary, write_identification
 
 
 @dataclass(frozen=True, repr=False)

@@ -17,9 +17,12 @@ from gapscope.arm.robots import load_nominal_arm
 from gapscope.inspection.draft_check import DraftCheck, check_draft
 from gapscope.inspection.inspection import Inspection, inspect_logs
 from gapscope.interface.result import Result, as_text
-from gapscope.outputs.inspection import check_unused, save_inspection
-from gapscope.reports.inspection.page import channel_rows
-from gapscope.reports.inspection.terminal_summary import summary
+from gapscope.reports.inspection import (
+    channel_rows,
+    check_unused,
+    save_inspection,
+    summary,
+)
 
 DESCRIBED = "robot.urdf"
 """Name of the file of a robot that a log describes."""

@@ -29,7 +29,7 @@ def make_arm(robot: str | Path | NominalArm | Case, **sheet: Any) -> NominalArm:
     """Nominal arm from a name, a URDF or MJCF file, or a case.
 
     Args:
-        robot: a name of ``gapscope.arm.known_robots.KNOWN_ROBOTS``, a file, a case or its folder.
+        robot: a name of ``gapscope.arm.robots.KNOWN_ROBOTS``, a file, a case or its folder.
         **sheet: the data sheet, one value per joint: ``armature`` [kg m^2], ``coulomb`` [N m], ``viscous``
             [N m s/rad], ``torque_limit`` [N m], ...
 

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from gapscope.arm.case import Case, load_case
+from gapscope.arm.io.atomic_write import make_folder
 from gapscope.arm.io.write_case import write_columns
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
@@ -21,7 +22,6 @@ from gapscope.interface.models import (
     say_state,
 )
 from gapscope.interface.result import Result
-from gapscope.outputs.folder import make_folder
 
 
 @dataclass(frozen=True, repr=False)

@@ -8,15 +8,15 @@ from pathlib import Path
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import InputError
-from gapscope.diagnosis.reference.identify_reference import identify_reference
-from gapscope.diagnosis.reference.kept_reference import KeptReference
+from gapscope.diagnosis.reference.diagnose_change import check_same_arm, place_of
 from gapscope.diagnosis.reference.reference_file import (
     FOLDER,
+    KeptReference,
     identified_folder,
+    identify_reference,
     read_reference,
     write_reference,
 )
-from gapscope.diagnosis.reference.same_arm import check_same_arm, place_of
 from gapscope.provenance import made_from
 
 Reference = Case | KeptReference | str | Path

@@ -9,14 +9,14 @@ import numpy as np
 import pandas as pd
 
 from gapscope.arm.case import Case, load_case
+from gapscope.arm.io.atomic_write import make_folder
 from gapscope.arm.io.write_case import write_columns
 from gapscope.arm.recording import Recording
 from gapscope.envs.replay import Replay
 from gapscope.envs.replay import replay as replay_recording
 from gapscope.interface.models import Model, corrected_arm, recording_of, say_state
 from gapscope.interface.result import Result
-from gapscope.outputs.folder import make_folder
-from gapscope.reports.gap_tables import replay_line
+from gapscope.reports.gap import replay_line
 
 
 @dataclass(frozen=True, repr=False)

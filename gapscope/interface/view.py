@@ -10,7 +10,7 @@ from gapscope.arm.recording import Recording
 from gapscope.interface.models import Model, recording_of
 from gapscope.interface.predict import predict
 from gapscope.interface.replay import replay
-from gapscope.outputs.scene import Scene
+from gapscope.reports.scene import Scene
 
 
 def view(

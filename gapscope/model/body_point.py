@@ -11,8 +11,8 @@ import numpy as np
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.deflection import play_columns
 from gapscope.effects.effect import Effect, LinkChange, Transmission
-from gapscope.effects.free_play import play_columns
 from gapscope.model.conditioning import Segment
 from gapscope.model.prediction import Prediction
 from gapscope.model.terms import Terms

@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
-from gapscope.arm.held_torque import held_torque
-from gapscope.arm.recording import Recording
-from gapscope.arm.torque_step import torque_step
+from gapscope.arm.recording import Recording, held_torque, torque_step
 
 FILTER_REACH = 0.04
 """A torque that was not measured spoils those so near to it [s]: the 12 Hz filter's response is half as wide."""

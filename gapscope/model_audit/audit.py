@@ -1,35 +1,300 @@
-"""All checks of a model file."""
+"""The audit of a model: findings over its description, worst first, and the torque of still poses."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from gapscope.arm.case import load_case
+from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.robot_file import build
 from gapscope.arm.errors import GapscopeError, InputError
-from gapscope.model_audit.check_geometry import check_geometry
-from gapscope.model_audit.check_inertials import check_inertials
-from gapscope.model_audit.check_joints import check_joints
-from gapscope.model_audit.check_products import check_products
-from gapscope.model_audit.check_repeats import check_repeats
-from gapscope.model_audit.description import Description
-from gapscope.model_audit.find_robot import RobotFile, find_robot
-from gapscope.model_audit.finding import Finding, worst_first
-from gapscope.model_audit.geometry import Geometry, link_geometries
-from gapscope.model_audit.read_mjcf import read_mjcf
-from gapscope.model_audit.read_urdf import read_urdf
-from gapscope.model_audit.shifted import check_shifted
-from gapscope.model_audit.static_poses import StaticPoses, check_static, static_poses
-from gapscope.model_audit.thresholds import (
+from gapscope.arm.input_file import is_file, is_folder
+from gapscope.arm.io.json_file import plain
+from gapscope.arm.io.load_recording import load_recording
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import Recording
+from gapscope.arm.robots import load_nominal_arm, shifted_body
+from gapscope.model_audit.checks import (
+    GRAVITY_MISFIT,
     GRAVITY_TOLERANCE,
+    LEAST_POSE,
+    LEAST_POSES,
     LIGHT_SHARE,
+    OPPOSITE,
+    REST_SPEED,
     STANDARD_GRAVITY,
+    box_density,
+    check_geometry,
+    check_inertials,
+    check_joints,
+    check_products,
+    check_repeats,
+    check_shifted,
 )
-from gapscope.model_audit.xml_lines import read_xml
+from gapscope.model_audit.description import (
+    SEVERITIES,
+    Description,
+    Finding,
+    Geometry,
+    Joint,
+    Link,
+    RobotFile,
+    find_robot,
+    link_geometries,
+    read_mjcf,
+    read_urdf,
+    read_xml,
+    worst_first,
+)
+
+# Gravity torque of the model against the torque measured at rest.
+
+
+FIRST_MOMENTS = 4
+"""Columns of a link's regressor that gravity acts on: mass and first moments."""
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What the measured gravity torque would mean.
+
+    Attributes:
+        name: in words.
+        misfit: RMS of what is left, offsets free, over the spread of the measured torque [1].
+        parameters: how many numbers were fitted beside the offsets.
+        changes: of mass [kg] and first moment [kg m] of the link, shape (4,), for a wrong link; else empty.
+    """
+
+    name: str
+    misfit: float
+    parameters: int
+    changes: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class StaticPoses:
+    """Gravity torque of a model against measured, K poses of an arm with n joints.
+
+    Attributes:
+        joints: their names.
+        poses: how many.
+        correlation, scale: of the measured torque with the model's [1], shape (n,); nan where gravity does not act.
+        offset: of the measured torque from scale times the model's [N m], shape (n,).
+        rms: of measured minus model [N m], shape (n,).
+        spread: standard deviation of the measured torque [N m], shape (n,).
+        explanations: best first, the model as it is among them.
+    """
+
+    joints: tuple[str, ...]
+    poses: int
+    correlation: np.ndarray
+    scale: np.ndarray
+    offset: np.ndarray
+    rms: np.ndarray
+    spread: np.ndarray
+    explanations: tuple[Explanation, ...]
+
+
+def static_poses(robot: str | Path, recording: Path) -> StaticPoses:
+    """Compare the torque at rest with the model's gravity torque.
+
+    Args:
+        robot: URDF or MJCF file, known name, or case.
+        recording: a recording in the columns of the case format, or a case; at rest in several poses.
+
+    Raises:
+        InputError: robot or recording cannot be used, it has no torque, or it rests in too few poses.
+    """
+    arm, recordings = _read(robot, recording)
+    rests = [rest for one in recordings for rest in _rests(one)]
+    if len(rests) < LEAST_POSES:
+        raise InputError(
+            f"rests in {len(rests)} poses (all joints below {REST_SPEED:g} rad/s for {LEAST_POSE:g} s), "
+            f"expected at least {LEAST_POSES}",
+            "hold the arm for a second in each of twenty poses that differ in all joints",
+            file=recording,
+        )
+    q, tau = (np.array([rest[k] for rest in rests]) for k in (0, 1))
+    model = _pose_gravity(RigidBody(arm), q)
+    fits = [_line(model[:, j], tau[:, j]) for j in range(arm.n_joints)]
+    correlation, scale, offset = np.array(fits).T
+    return StaticPoses(
+        arm.joints,
+        len(q),
+        correlation,
+        scale,
+        offset,
+        np.sqrt(np.mean((tau - model) ** 2, axis=0)),
+        tau.std(axis=0),
+        _explanations(arm, q, tau, model),
+    )
+
+
+def check_static(static: StaticPoses) -> Iterator[Finding]:
+    """What the measured gravity torque says of the model."""
+    as_is = next(x for x in static.explanations if x.name == "the model as it is")
+    if as_is.misfit <= GRAVITY_MISFIT:
+        return
+    best = static.explanations[0]
+    if best is as_is or best.misfit > 0.7 * as_is.misfit:
+        said = "no single error of sign, scale, link or assignment explains it"
+        remedy = "check units and order of the joints (gapscope check), then identify the arm (gapscope identify)"
+    else:
+        said = f"{best.name} leaves {best.misfit:.0%}"
+        remedy = "put this right and run the audit again; several explanations that leave as much cannot be told apart"
+    yield Finding(
+        "implausible",
+        "gravity_torque",
+        "",
+        0,
+        f"at rest the measured torque differs from the model's gravity torque by {as_is.misfit:.0%} of its spread; "
+        f"{said}",
+        f"less than {GRAVITY_MISFIT:.0%}, offsets left free",
+        remedy,
+        20.0 + as_is.misfit,
+    )
+
+
+def _read(robot: str | Path, recording: Path) -> tuple[NominalArm, list[Recording]]:
+    """The arm, and its recordings with torque."""
+    path = Path(robot)
+    robot_is_case = is_folder(path) or path.suffix in (".yaml", ".yml")
+    if recording.suffix in (".yaml", ".yml") or is_file(recording / "case.yaml"):
+        case = load_case(recording)
+        arm, found = case.arm, [*case.recordings, *case.judged]
+        if not robot_is_case:
+            arm = load_nominal_arm(
+                robot, joints=arm.joints, gravity=arm.gravity.tolist()
+            )
+    elif robot_is_case:
+        case = load_case(path, read_recordings=False)
+        arm, found = case.arm, [load_recording(recording, case.arm, case.importing)]
+    else:
+        arm = load_nominal_arm(robot)
+        found = [load_recording(recording, arm)]
+    found = [one for one in found if one.tau is not None]
+    if not found:
+        raise InputError(
+            "holds no torque that can be trusted",
+            "give columns tau1.., or a case whose import section names them",
+            file=recording,
+        )
+    return arm, found
+
+
+def _rests(recording: Recording) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Mean position [rad] and torque [N m] of each rest, each of shape (n,)."""
+    assert recording.tau is not None
+    window = max(1, int(LEAST_POSE * recording.rate / 2))
+    # over a window, so that the steps of an encoder are no speed
+    late = np.minimum(np.arange(len(recording.t)) + window, len(recording.t) - 1)
+    early = np.maximum(np.arange(len(recording.t)) - window, 0)
+    passed = recording.t[late] - recording.t[early]
+    speed = np.abs(recording.q[late] - recording.q[early]) / passed[:, None]
+    still = (speed < REST_SPEED).all(axis=1)
+    edges = np.flatnonzero(np.diff(np.r_[False, still, False].astype(int)))
+    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+        if recording.t[stop - 1] - recording.t[start] >= LEAST_POSE:
+            rows = slice(start, stop)
+            yield recording.q[rows].mean(axis=0), recording.tau[rows].mean(axis=0)
+
+
+def _pose_gravity(body: RigidBody, q: np.ndarray) -> np.ndarray:
+    still = np.zeros_like(q)
+    return body.inverse_dynamics(q, still, still)
+
+
+def _line(model: np.ndarray, tau: np.ndarray) -> tuple[float, float, float]:
+    """Correlation, scale and offset of measured over computed torque; nan where gravity does not act."""
+    if model.std() < 1e-6 or tau.std() == 0:
+        return np.nan, np.nan, float(tau.mean() - model.mean())
+    correlation = float(np.corrcoef(model, tau)[0, 1])
+    scale = correlation * tau.std() / model.std()
+    return correlation, float(scale), float(tau.mean() - scale * model.mean())
+
+
+def _explanations(
+    arm: NominalArm, q: np.ndarray, tau: np.ndarray, model: np.ndarray
+) -> tuple[Explanation, ...]:
+    """Hypotheses on what is wrong, by what they leave; each parameter costs as in Akaike's criterion."""
+    torque = tau - tau.mean(axis=0)
+    count, size = torque.size, float(np.sqrt(np.mean(torque**2)))
+    by_model = model - model.mean(axis=0)
+
+    def explained(name: str, left: np.ndarray, parameters: int = 0) -> Explanation:
+        return Explanation(name, float(np.sqrt(np.mean(left**2))) / size, parameters)
+
+    found = [
+        explained("the model as it is", torque - by_model),
+        explained("a torque column without gravity", torque),
+        explained("torque of the opposite sign on all joints", torque + by_model),
+    ]
+    scale = float((torque * by_model).sum() / (by_model**2).sum())
+    name = f"one scale of {scale:.3g} on all joints"
+    found.append(explained(name, torque - scale * by_model, 1))
+    signs = _signs(tau, model)
+    if (signs < 0).any() and (signs > 0).any():
+        joints = ", ".join(str(j + 1) for j in np.flatnonzero(signs < 0))
+        name = f"torque of the opposite sign on joint {joints}"
+        found.append(explained(name, torque - signs * by_model))
+    for word, shifted in _shifted_gravity(arm, q):
+        name = f"each link with the inertial of the {word} one"
+        found.append(explained(name, torque - shifted + shifted.mean(axis=0)))
+    found += _wrong_links(arm, q, torque - by_model, size)
+
+    def criterion(one: Explanation) -> float:
+        return count * 2 * np.log(max(one.misfit, 1e-6)) + 2 * one.parameters
+
+    return tuple(sorted(found, key=criterion))
+
+
+def _signs(tau: np.ndarray, model: np.ndarray) -> np.ndarray:
+    """-1 of joints whose torque has the opposite sign, else 1, also of those on which gravity hardly acts; (n,)."""
+    joints = range(tau.shape[1])
+    correlation = np.array([_line(model[:, j], tau[:, j])[0] for j in joints])
+    return np.where(correlation < OPPOSITE, -1.0, 1.0)
+
+
+def _shifted_gravity(
+    arm: NominalArm, q: np.ndarray
+) -> Iterator[tuple[str, np.ndarray]]:
+    """Gravity torque with the inertials of the next and of the previous link, if they make an arm."""
+    for by, word in ((1, "next"), (-1, "previous")):
+        try:
+            # the file's inertials go back to where they belong
+            other = shifted_body(arm, -by)
+        except GapscopeError:
+            continue  # moved this way, the inertials leave no arm
+        if other is not None:
+            yield word, _pose_gravity(other, q)
+
+
+def _wrong_links(
+    arm: NominalArm, q: np.ndarray, error: np.ndarray, size: float
+) -> Iterator[Explanation]:
+    """Mass and first moments of one link fitted to the error of the model, for each link."""
+    still = np.zeros_like(q)
+    regressor = RigidBody(arm).regressor(q, still, still)
+    for j, joint in enumerate(arm.joints):
+        columns = regressor[:, :, 10 * j : 10 * j + FIRST_MOMENTS]
+        columns = (columns - columns.mean(axis=0)).reshape(-1, FIRST_MOMENTS)
+        changes = np.linalg.lstsq(columns, error.ravel(), rcond=1e-6)[0]
+        left = error.ravel() - columns @ changes
+        yield Explanation(
+            f"another mass or centre of the link moved by joint {j + 1} ({joint})",
+            float(np.sqrt(np.mean(left**2))) / size,
+            FIRST_MOMENTS,
+            tuple(changes.tolist()),
+        )
+
+
+# All checks of a model file.
 
 
 @dataclass(frozen=True)
@@ -197,3 +462,86 @@ def _gravity(source: RobotFile) -> Iterator[Finding]:
             "correct gravity: in the case; 0 is right only of an arm that lies on a table or floats",
             1.0,
         )
+
+
+# The document of an audit, ``audit.json``.
+
+
+def document(audit: Audit) -> dict[str, Any]:
+    """An audit as plain data; what is not known is null.
+
+    Findings are in order, worst first. Moments are principal ones about the centre of mass [kg m^2]; ``density`` is
+    mass over the volume of the link's shapes, ``box_density`` that of the homogeneous box with the same mass and
+    moments [kg/m^3].
+    """
+    description = audit.description
+    content = {
+        "schema": 1,
+        "robot": description.name,
+        "file": str(description.file),
+        "form": description.form,
+        "refused": audit.refused or None,
+        "total_mass": total_mass(description),
+        "counts": {
+            severity: sum(one.severity == severity for one in audit.findings)
+            for severity in SEVERITIES
+        },
+        "findings": [asdict(one) for one in audit.findings],
+        "links": [_link(audit, link) for link in description.links],
+        "joints": [_joint(joint) for joint in description.joints],
+        "static": None if audit.static is None else _static(audit),
+    }
+    result: dict[str, Any] = plain(content, null_if_not_finite=True)
+    return result
+
+
+def _link(audit: Audit, link: Link) -> dict[str, Any]:
+    inertial, geometry = link.inertial, audit.geometries.get(link.name)
+    above = audit.description.joint_above(link.name)
+    content = {
+        "name": link.name,
+        "line": link.line,
+        "joint": None if above is None else above.name,
+        "moved": audit.description.is_moved(link.name),
+        "volume": None if geometry is None else geometry.volume,
+    }
+    if inertial is None:
+        nothing = ("mass", "com", "moments", "density", "box_density")
+        return {**content, **dict.fromkeys(nothing)}
+    density = None if geometry is None else inertial.mass / geometry.volume
+    return {
+        **content,
+        "mass": inertial.mass,
+        "com": inertial.com,
+        "moments": np.linalg.eigvalsh(inertial.moments),
+        "density": density,
+        "box_density": box_density(inertial) if inertial.is_body else None,
+    }
+
+
+def _joint(joint: Joint) -> dict[str, Any]:
+    # what a file may leave out
+    numbers = [each.name for each in fields(joint) if each.default is None]
+    return {
+        "name": joint.name,
+        "line": joint.line,
+        "kind": joint.kind,
+        "parent": joint.parent,
+        "child": joint.child,
+        **{name: getattr(joint, name) for name in numbers},
+    }
+
+
+def _static(audit: Audit) -> dict[str, Any]:
+    static = audit.static
+    assert static is not None
+    return {
+        "joints": static.joints,
+        "poses": static.poses,
+        "correlation": static.correlation,
+        "scale": static.scale,
+        "offset": static.offset,
+        "rms": static.rms,
+        "spread": static.spread,
+        "explanations": [asdict(one) for one in static.explanations],
+    }

@@ -1,35 +1,50 @@
-"""From parts of a recording to events: learns what is normal, then asks again and again what has changed since."""
+"""What a watch learns as normal, what it says of a departure from it, and its state on disk."""
 
 from __future__ import annotations
 
+import json
+import zipfile
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
+from hashlib import blake2b
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
+from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.joint_units import joint_unit
+from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.recording import Recording
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.model.change_findings import (
-    PLAIN_FRICTION,
-    called,
-    change_findings,
-)
+from gapscope.model.change_findings import PLAIN_FRICTION, called, change_findings
 from gapscope.model.changes import SPANS, Change, Learnt, changes_since
-from gapscope.model.conditioning import TORQUE_CUTOFF, Segment, thinned
+from gapscope.model.conditioning import (
+    GAP_STEPS,
+    TORQUE_CUTOFF,
+    TRIM,
+    Segment,
+    condition,
+    pieces,
+    position_cutoff,
+    slips,
+    thinned,
+)
 from gapscope.model.design import FreeArm, design, fitted_arm
 from gapscope.model.difference import Fit
 from gapscope.model.equations import Equations
 from gapscope.model.form_error import FormError, learn
-from gapscope.model.rows import Kept, Rows
-from gapscope.model.terms import Term
-from gapscope.watching.alarm import NOTE, Event, Size
-from gapscope.watching.segments import BLOCK, SegmentStream, Slip
-from gapscope.watching.wording import (
+from gapscope.model.rows import MODEL_RATE, Kept, Rows
+from gapscope.model.terms import Term, Terms
+from gapscope.watching.events import (
+    NOTE,
+    Event,
     Name,
+    Size,
+    Slip,
     Time,
     alarm,
     drift_note,
@@ -37,6 +52,142 @@ from gapscope.watching.wording import (
     noise_alarm,
     slipped,
 )
+
+# Samples as they come, cut into overlapping pieces and conditioned as a whole recording would be.
+
+
+BLOCK = 2.0
+"""Samples are conditioned in blocks of this length [s]. (budget)"""
+FIRST = 10.0
+"""The cut-off of the positions is chosen on this much of the first motion [s]. (budget)"""
+WINDOW = BLOCK + 2 * TRIM
+"""Length of a piece [s]: a block, and what trimming takes from both ends."""
+LEAST_LEFT = 2.0
+"""The end of a recording is used if this much of it is left [s]."""
+STILL = 1e-3
+"""A first motion in which no joint travels farther shows no band [rad]."""
+
+
+class SegmentStream:
+    """Recordings that arrive in parts, as segments of ``WINDOW`` seconds whose trimmed samples follow each other.
+
+    An encoder that slips is told, and what it slipped by is taken out of all that follows.
+
+    Both ends of a recording lose ``TRIM`` seconds, as they do in a diagnosis. Of a recording
+    that comes in small parts no more than ``FIRST`` seconds are held.
+
+    Args:
+        cutoff: of the positions [Hz], the largest that a motion asked for so far (``position_cutoff``).
+        held: samples that were not used yet, from an earlier run.
+        slipped: by how much encoders have slipped so far [rad or m], (n,), or 0.
+    """
+
+    def __init__(
+        self,
+        cutoff: float | None = None,
+        held: Recording | None = None,
+        slipped: np.ndarray | float = 0.0,
+    ) -> None:
+        self.cutoff, self.held, self.slipped = cutoff, held, slipped
+
+    def add(self, part: Recording) -> Iterator[Segment | Slip]:
+        """The segments that are complete with the next part of a recording, of this name or a new one.
+
+        Parts without torque end what came before them.
+        """
+        if self.held is not None and self._breaks(self.held, part):
+            yield from self.finish()
+        if part.tau is None:
+            return
+        part = replace(part, q=part.q - self.slipped)
+        own = part if self.held is None else _joined_segments(self.held, part)
+        if self.cutoff is None:
+            own = self._from_motion_on(own)
+        self.held = own
+        if self.cutoff is not None:
+            yield from self._windows(own, WINDOW)
+
+    def finish(self) -> Iterator[Segment | Slip]:
+        """The last segments of a recording that has ended, if what is left is long enough."""
+        own, self.held = self.held, None
+        if own is None or own.duration < LEAST_LEFT:
+            return
+        if self.cutoff is not None or self._chosen(own):
+            yield from self._windows(own, LEAST_LEFT)
+            self.held = None
+
+    def _windows(self, own: Recording, least: float) -> Iterator[Segment | Slip]:
+        """Segments of windows that begin ``BLOCK`` seconds after each other while ``least`` seconds are left."""
+        first = 0
+        while own.t[-1] - own.t[first] >= least:
+            begin = own.t[first]
+            stop = int(np.searchsorted(own.t, begin + WINDOW)) + 1
+            following = int(np.searchsorted(own.t, begin + BLOCK))
+            for jump in slips(own.part(slice(first, stop))):
+                k = first + jump.sample
+                before, after = float(own.t[k - 1]), float(own.t[k])
+                yield Slip(
+                    own.name, before, after, jump.joint + 1, jump.size, jump.error
+                )
+                gone = np.zeros(own.q.shape[1])
+                gone[jump.joint] = jump.size
+                self.slipped = self.slipped + gone
+                late = np.arange(len(own.t)) >= k
+                own = replace(own, q=own.q - gone * late[:, None])
+            piece = own.part(slice(first, stop))
+            first = min(following, len(own.t) - 1)
+            yield from self._conditioned(piece)
+        self.held = own.part(slice(first, None))
+
+    def _from_motion_on(self, own: Recording) -> Recording:
+        """What is left of the first samples when those before a motion are dropped; the cut-off is chosen on it."""
+        while own.duration >= FIRST:
+            first = own.part(own.t < own.t[0] + FIRST)
+            if self._chosen(first):
+                break
+            own = own.part(own.t >= own.t[0] + 0.5 * FIRST)
+        return own
+
+    def _chosen(self, first: Recording) -> bool:
+        """Whether the cut-off could be chosen on the first motion."""
+        if np.ptp(first.q, axis=0).max() <= STILL:
+            return False
+        self.cutoff = position_cutoff((first,))
+        return True
+
+    def _conditioned(self, piece: Recording) -> Iterator[Segment]:
+        assert self.cutoff is not None
+        # gaps may leave nothing that is long enough
+        if pieces(piece):
+            # a motion may be faster than all before it
+            self.cutoff = max(self.cutoff, position_cutoff((piece,)))
+            for segment in condition(piece, self.cutoff):
+                yield thinned(segment, MODEL_RATE)
+
+    @staticmethod
+    def _breaks(held: Recording, part: Recording) -> bool:
+        """Whether a part does not go on where the samples before it end."""
+        if part.tau is None or part.name != held.name or len(held.t) < 2:
+            return True
+        step = float(part.t[0] - held.t[-1])
+        return not 0 < step <= max(GAP_STEPS / held.rate, 0.1)
+
+
+def _joined_segments(held: Recording, part: Recording) -> Recording:
+    """Two parts of a recording, one after the other: time, positions and torque; turns between them taken back."""
+    assert held.tau is not None and part.tau is not None
+    turns = 2 * np.pi * np.round((part.q[0] - held.q[-1]) / (2 * np.pi))
+    return Recording(
+        name=held.name,
+        t=np.concatenate([held.t, part.t]),
+        q=np.concatenate([held.q, part.q - turns]),
+        tau=np.concatenate([held.tau, part.tau]),
+        payload=held.payload,
+    )
+
+
+# From parts of a recording to events: learns what is normal, then asks again and again what has changed since.
+
 
 LEARN = 60.0
 """Motion from which normal behaviour is learnt [s]. (budget)"""
@@ -449,3 +600,232 @@ def _joined(before: Segment, after: Segment) -> Segment | None:
         unknown = both(~before.measured, ~after.measured)
     torque = both(np.asarray(before.torque), np.asarray(after.torque))
     return replace(before, motion=motion, torque=torque, unknown=unknown)
+
+
+# The state of a watch as one NPZ file, so that a later run goes on where this one ended.
+
+
+STATE = "watch_state.npz"
+"""Name of the file in the folder of the results."""
+SCHEMA = 2
+"""Version of its form."""
+
+
+@dataclass(frozen=True)
+class Resumed:
+    """What a state file holds beside the detector and the stream.
+
+    Attributes:
+        position: of the source.
+        count: events that were written.
+    """
+
+    position: dict[str, Any]
+    count: int
+
+
+def fingerprint(corrected: CorrectedArm, learning: float) -> str:
+    """A short text that changes with the arm, its effects and the settings that a state depends on."""
+    arm = corrected.arm
+    body = RigidBody(arm)
+    effects = [
+        (e.name, e.joints, {k: np.asarray(v).tolist() for k, v in e.parameters.items()})
+        for e in corrected.effects
+    ]
+    sheet = [arm.gravity, arm.armature, arm.coulomb, arm.viscous, arm.presliding]
+    parts = [body.inertial_parameters(), *sheet]
+    digest = blake2b(digest_size=16)
+    for part in parts:
+        digest.update(np.ascontiguousarray(part).data)
+    digest.update(repr((arm.joints, effects, learning)).encode())
+    return digest.hexdigest()
+
+
+def save_state(
+    file: Path,
+    detector: Detector,
+    resumed: Resumed,
+    arm: str,
+) -> None:
+    """Write a state whole or not at all.
+
+    Raises:
+        GapscopeError: the file cannot be written.
+    """
+    stream, state = detector.stream, detector.state
+    content: dict[str, Any] = {
+        "arm": arm,
+        "schema": SCHEMA,
+        "count": resumed.count,
+        "position": resumed.position,
+        "cutoff": stream.cutoff,
+        "slipped": np.asarray(stream.slipped).tolist(),
+    }
+    arrays: dict[str, Any] = {}
+    if stream.held is not None:
+        held = stream.held
+        content["held"] = held.name
+        arrays |= {"held_t": held.t, "held_q": held.q}
+        arrays["held_tau"] = np.asarray(held.tau)
+    _pack(state, content, arrays)
+    with atomic_write(file) as aside:
+        np.savez(aside, **{"content": np.array(json.dumps(content)), **arrays})
+
+
+def load_state(file: Path, detector: Detector, arm: str) -> Resumed | None:
+    """Put a detector into the state of a file; ``None`` if it is of another arm or other settings.
+
+    Raises:
+        InputError: the file is no state of a watch.
+    """
+    try:
+        with np.load(file, allow_pickle=False) as stored:
+            arrays = dict(stored)
+        content = json.loads(str(arrays.pop("content")))
+        if content["schema"] != SCHEMA or content["arm"] != arm:
+            return None
+        stream = detector.stream
+        stream.cutoff, stream.slipped = content["cutoff"], np.array(content["slipped"])
+        if "held" in content:
+            held = (arrays[f"held_{name}"] for name in ("t", "q", "tau"))
+            t, q, tau = held
+            stream.held = Recording(content["held"], t, q, tau=tau)
+        arm_of = detector.corrected.arm
+        terms = Terms(arm_of.n_joints, {}, arm_of.coupled_motors)
+        by_name = {(term.effect, term.joint): term for term in terms.all}
+        detector.state = _unpacked(content, arrays, by_name)
+        if detector.state.band:
+            detector.prepare()
+        return Resumed(content["position"], int(content["count"]))
+    except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(
+            f"is no state of a watch ({error})",
+            "delete it: the watch then learns anew",
+            file=file,
+        ) from None
+
+
+SERIES = ("t", "q", "dq", "ddq")
+"""Of a motion."""
+
+
+def _pack(state: State, content: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+    """Samples as arrays, and what is left as data for JSON."""
+    segments = [block.segment for block in state.blocks]
+    content["blocks"] = [
+        {
+            "recording": segment.recording,
+            "offset": block.offset,
+            "count": len(segment.motion.t),
+            "mounted": None if segment.payload is None else asdict(segment.payload),
+            "step": None
+            if segment.torque_step is None
+            else segment.torque_step.tolist(),
+            "unknown": segment.unknown is not None,
+        }
+        for block, segment in zip(state.blocks, segments, strict=True)
+    ]
+    content["seen"] = len(state.seen)
+    if segments:
+        for name in SERIES:
+            arrays[name] = np.concatenate([getattr(s.motion, name) for s in segments])
+        arrays["torque"] = np.concatenate([np.asarray(s.torque) for s in segments])
+        arrays["unknown"] = np.concatenate([~s.measured for s in segments])
+    content |= {key: getattr(state, key) for key in ("band", "looked", "pace")}
+    content |= {"drift": state.drift.tolist(), "said": state.said.tolist()}
+    content["unknown"] = list(state.unknown.items())
+    content["known"] = [
+        (term.effect, term.joint, since, value.tolist())
+        for (term, since), value in state.known.items()
+    ]
+    content["free"] = [
+        (term.effect, term.joint, value.tolist()) for term, value in state.free.items()
+    ]
+
+
+def _unpacked(
+    content: dict[str, Any],
+    arrays: dict[str, np.ndarray],
+    terms: Mapping[tuple[str, int], Term],
+) -> State:
+    """The opposite of ``_pack``."""
+    blocks, first = [], 0
+    for entry in content["blocks"]:
+        own = slice(first, first + entry["count"])
+        first = own.stop
+        motion = Motion(*(arrays[name][own] for name in SERIES))
+        payload, step = entry["mounted"], entry["step"]
+        segment = Segment(
+            recording=entry["recording"],
+            motion=motion,
+            torque=arrays["torque"][own],
+            payload=None if payload is None else KnownLoad(**payload),
+            unknown=arrays["unknown"][own] if entry["unknown"] else None,
+            torque_step=None if step is None else np.array(step),
+        )
+        blocks.append(Block(segment, entry["offset"]))
+    return State(
+        drift=np.array(content["drift"], dtype=int),
+        said=np.array(content["said"]),
+        seen=blocks[: content["seen"]],
+        now=blocks[content["seen"] :],
+        band=content["band"],
+        known={
+            (terms[effect, joint], since): np.array(value)
+            for effect, joint, since, value in content["known"]
+        },
+        free={
+            terms[effect, joint]: np.array(value)
+            for effect, joint, value in content["free"]
+        },
+        looked=content["looked"],
+        pace=content["pace"],
+        unknown=dict(content["unknown"]),
+    )
+
+
+# What a user chooses about a watch.
+
+
+LEAST_LEARNING = LEAST_BLOCKS * BLOCK
+"""Motion to learn from at least [s]."""
+
+
+@dataclass(frozen=True)
+class WatchSettings:
+    """What a user chooses about a watch.
+
+    Attributes:
+        source: file or folder to follow.
+        out: folder for alarms and state; ``None``: neither is written.
+        learning: motion from which normal behaviour is learnt [s]; 0: the case's recordings show it.
+        false_alarms: wanted per 24 h of motion at most, if the model had no errors.
+        rest: time without a write after which a file in a folder is complete [s].
+        until_idle: end when nothing new came for this long [s]; ``None``: never; 0: at once.
+        poll: time between two looks at the source [s].
+
+    Raises:
+        InputError: a number is out of range.
+    """
+
+    source: Path
+    out: Path | None = None
+    learning: float = LEARN
+    false_alarms: float = 0.1
+    rest: float = 5.0
+    until_idle: float | None = None
+    poll: float = 0.5
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        if self.learning and self.learning < LEAST_LEARNING:
+            raise InputError(
+                f"expected at least {LEAST_LEARNING:g} s to learn from, or 0 for the case's recordings, "
+                f"got {self.learning:g}",
+                where="--learn",
+            )
+        if self.false_alarms <= 0:
+            raise InputError(
+                f"expected a number above 0, got {self.false_alarms:g}",
+                where="--false-alarms",
+            )

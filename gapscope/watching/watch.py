@@ -11,19 +11,24 @@ from gapscope.arm.case import Case
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.recording import Recording
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.watching.alarm import ALARM, MISFIT, NOTE, Event
-from gapscope.watching.detector import Detector
-from gapscope.watching.event_file import EVENTS, EventFile
-from gapscope.watching.settings import WatchSettings
-from gapscope.watching.sources.folder import Folder
-from gapscope.watching.sources.growing_file import GrowingFile
-from gapscope.watching.sources.source import (
+from gapscope.watching.detector import (
+    STATE,
+    Detector,
+    Resumed,
+    WatchSettings,
+    fingerprint,
+    load_state,
+    save_state,
+)
+from gapscope.watching.events import ALARM, EVENTS, MISFIT, NOTE, Event, EventFile
+from gapscope.watching.sources import (
+    Folder,
+    GrowingFile,
     Reading,
     Source,
     check_readable,
     is_text,
 )
-from gapscope.watching.state import STATE, Resumed, fingerprint, load_state, save_state
 
 SAVE_EVERY = 30.0
 """Time after which a state is saved that changed [s]; after every alarm and misfit as well."""

@@ -16,10 +16,7 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.residual.inputs import Inputs, Layout
-from gapscope.effects.residual.model import ResidualNetwork
-from gapscope.effects.residual.network import Network
-from gapscope.effects.residual.trust import Trust
+from gapscope.effects.residual import Inputs, Layout, Network, ResidualNetwork, Trust
 from gapscope.effects.severity import draw
 
 INSTANT = sorted(

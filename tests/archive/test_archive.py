@@ -9,8 +9,7 @@ from pathlib import Path
 import documents
 import pytest
 
-from gapscope.archive.archive import Archive
-from gapscope.archive.history import histories
+from gapscope.archive import Archive, histories
 from gapscope.arm.errors import InputError
 
 

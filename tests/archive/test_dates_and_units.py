@@ -6,8 +6,7 @@ from datetime import datetime
 
 import pytest
 
-from gapscope.archive.dates import split_date
-from gapscope.archive.entry import unit_name
+from gapscope.archive import split_date, unit_name
 
 
 @pytest.mark.parametrize(

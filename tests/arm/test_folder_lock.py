@@ -11,14 +11,14 @@ from pathlib import Path
 import pytest
 
 from gapscope.arm.errors import GapscopeError
-from gapscope.arm.folder_lock import LOCK, locked
 from gapscope.arm.io.atomic_write import folder_aside
+from gapscope.arm.io.locked_section import LOCK, locked
 from gapscope.cli import main
 
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from gapscope.arm.folder_lock import locked
+from gapscope.arm.io.locked_section import locked
 from gapscope.arm.io.atomic_write import atomic_write
 folder = Path(sys.argv[1])
 with locked(folder), atomic_write(folder / "diagnosis.json") as aside:

@@ -7,9 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gapscope.arm.held_torque import held_notes, held_torque
-from gapscope.arm.recording import Recording
-from gapscope.arm.torque_step import step_notes, torque_step
+from gapscope.arm.recording import (
+    Recording,
+    held_notes,
+    held_torque,
+    step_notes,
+    torque_step,
+)
 
 T = np.arange(3000) / 500
 RNG = np.random.default_rng(0)

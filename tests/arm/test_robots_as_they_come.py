@@ -14,9 +14,8 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.robot_file import placeholder
 from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.io.write_case import write_case
-from gapscope.arm.known_robots import KNOWN_ROBOTS, pybullet_data
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.robots import load_nominal_arm
+from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm, pybullet_data
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.interface.export import export
 
@@ -235,7 +234,7 @@ def test_robot_descriptions_are_known_by_name(
 
 
 def test_robot_descriptions_name_their_extra(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gapscope.arm.known_robots.find_spec", lambda name: None)
+    monkeypatch.setattr("gapscope.arm.robots.find_spec", lambda name: None)
     with pytest.raises(InputError, match=r"gapscope\[robots\]"):
         load_nominal_arm("ur5e_description")
 

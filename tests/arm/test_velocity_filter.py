@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gapscope.arm.control.pd import PD
+from gapscope.arm.control import PD
 from gapscope.arm.recording import Recording
 from gapscope.arm.velocity_filter import RULES, VelocityFilter, rule_of, stable
 

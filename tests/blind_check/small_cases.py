@@ -9,7 +9,7 @@ import pytest
 
 from gapscope.arm.case import load_case
 from gapscope.blind_check.generator.case import make_case, write_case
-from gapscope.blind_check.generator.conditions import CaseSpec, Conditions
+from gapscope.blind_check.generator.simulate import CaseSpec, Conditions
 from gapscope.diagnosis.diagnose import diagnose
 
 pytest.importorskip("mujoco")

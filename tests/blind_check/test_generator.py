@@ -11,17 +11,19 @@ from small_cases import CLEAN
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.blind_check.generator.case import make_case
-from gapscope.blind_check.generator.case_setup import CaseSetup, draw_setup
-from gapscope.blind_check.generator.conditions import CaseSpec, Conditions
+from gapscope.blind_check.check import BlindPlan, allocate_cases
+from gapscope.blind_check.generator.case import (
+    CaseSetup,
+    draw_joints,
+    draw_setup,
+    make_case,
+)
 from gapscope.blind_check.generator.law import Cause
 from gapscope.blind_check.generator.laws import BEYOND, INSIDE, LAWS, SETUP
 from gapscope.blind_check.generator.rigid import inverse_dynamics
-from gapscope.blind_check.generator.simulate import simulate
-from gapscope.blind_check.generator.sizing import draw_joints
-from gapscope.blind_check.plan import BlindPlan, allocate_cases
+from gapscope.blind_check.generator.simulate import CaseSpec, Conditions, simulate
 from gapscope.effects.catalogue import CATALOGUE
-from gapscope.effects.setup_faults.fault_catalogue import FAULTS
+from gapscope.effects.setup_faults import FAULTS
 
 ROOT = Path(__file__).parents[2]
 GENERATOR = sorted((ROOT / "gapscope" / "blind_check" / "generator").rglob("*.py"))

@@ -12,8 +12,8 @@ from small_cases import CLEAN, Solved, solve
 
 from gapscope.arm.case import load_case
 from gapscope.blind_check.generator.case import make_case, write_case
-from gapscope.blind_check.generator.conditions import CaseSpec
-from gapscope.blind_check.scoring.compare import compare
+from gapscope.blind_check.generator.simulate import CaseSpec
+from gapscope.blind_check.scoring import compare
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.effects.catalogue import without
 

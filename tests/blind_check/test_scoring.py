@@ -7,30 +7,34 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gapscope.blind_check.baselines.classifier import train
-from gapscope.blind_check.baselines.columns import Design, DesignColumn
-from gapscope.blind_check.baselines.methods import (
+from gapscope.blind_check.baselines import (
+    Design,
+    DesignColumn,
     answer,
     forward_bic,
     largest_r2,
     ridge,
+    train,
 )
-from gapscope.blind_check.scoring.classes import Named, matched, same
-from gapscope.blind_check.scoring.compare import compare, first_parameter_error
-from gapscope.blind_check.scoring.statistics import (
+from gapscope.blind_check.scoring import (
+    Named,
     brier,
+    compare,
     ece,
+    first_parameter_error,
+    matched,
     reliability,
+    same,
     smallest_set,
+    summary,
     wilson,
 )
-from gapscope.blind_check.scoring.summary import summary
-from gapscope.reports.blind_check.pictures import (
+from gapscope.reports.blind_check import (
     confusion_figure,
     reliability_figure,
     severity_figure,
+    tables,
 )
-from gapscope.reports.blind_check.tables import tables
 
 
 def label(

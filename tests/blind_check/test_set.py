@@ -11,13 +11,17 @@ import pytest
 import yaml
 
 from gapscope.arm.errors import InputError
-from gapscope.blind_check import make as make_module
-from gapscope.blind_check.frozen import threshold_values
-from gapscope.blind_check.make import make
-from gapscope.blind_check.plan import BlindPlan, read_plan
-from gapscope.blind_check.run import run
-from gapscope.blind_check.score import score
-from gapscope.blind_check.seal import open_labels, readable_labels
+from gapscope.blind_check import check as make_module
+from gapscope.blind_check.check import (
+    BlindPlan,
+    make,
+    open_labels,
+    read_plan,
+    readable_labels,
+    run,
+    threshold_values,
+)
+from gapscope.blind_check.scoring import score
 from gapscope.cli import main
 from gapscope.diagnosis import thresholds
 from gapscope.provenance import source_files

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from gapscope.arm.motions.sampled import read_sampled
+from gapscope.arm.motions.trajectory import read_sampled
 
 Command = Callable[..., object]
 QUICK = ("--evaluations", 150, "--seed", 1, "--no-collisions", "--singular", 0)

@@ -19,7 +19,7 @@ from guard import HANG
 from sweeps import daily, nightly
 
 from gapscope.commands.many.diagnosis_batch import KeptReference, finished
-from gapscope.diagnosis.reference.identify_reference import identify_reference
+from gapscope.diagnosis.reference.reference_file import identify_reference
 from gapscope.interface.reference import kept_reference
 from gapscope.provenance import made_from
 

@@ -129,7 +129,7 @@ class TestDiagnose:
         def interrupted(*_: object) -> None:
             raise stop
 
-        monkeypatch.setattr("gapscope.outputs.diagnosis.write_document", interrupted)
+        monkeypatch.setattr("gapscope.reports.diagnosis.write_document", interrupted)
         with pytest.raises(BaseException) as ended:
             main(["diagnose", str(sick), "--out", str(results)])
         assert not (results / "diagnosis.json").exists()

@@ -10,10 +10,10 @@ import yaml
 from sweeps import daily
 
 from gapscope.arm.case import Case, load_case
-from gapscope.arm.control.pd import PD
+from gapscope.arm.control import PD
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.folder_lock import LOCK
 from gapscope.arm.io.formats.table_files import read_csv, read_npz, read_parquet
+from gapscope.arm.io.locked_section import LOCK
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.cli import main

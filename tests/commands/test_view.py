@@ -10,8 +10,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from gapscope.arm.case import load_case
-from gapscope.arm.dynamics.kinematics import Kinematics
-from gapscope.arm.dynamics.link_poses import link_poses
+from gapscope.arm.dynamics.kinematics import Kinematics, link_poses
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.interface.predict import predict

@@ -12,7 +12,7 @@ from synthetic import Truth
 from gapscope.arm.case import Case
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.diagnosis_json import validate
-from gapscope.diagnosis.document.sentences import unexplained_sentence
+from gapscope.diagnosis.document.wording import unexplained_sentence
 from gapscope.diagnosis.result import Diagnosis
 
 COUPLING = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 1.0]])

@@ -20,7 +20,7 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.diagnosis_json import validate
-from gapscope.diagnosis.document.sentences import verdict_sentence
+from gapscope.diagnosis.document.wording import verdict_sentence
 from gapscope.diagnosis.result import Diagnosis
 
 COULOMB = Truth(coulomb=(0.0, 2.0, 0.0))

@@ -19,20 +19,17 @@ from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.reading import Reading
-from gapscope.diagnosis.advice.recorded_data import RecordedData
+from gapscope.diagnosis.advice.hypotheses import RecordedData
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.gap.predict import predict_torque
-from gapscope.diagnosis.model.compliant_bodies import CompliantBodies
-from gapscope.diagnosis.model.fit_data import FitData
-from gapscope.diagnosis.model.torque_sensor import link_torque
-from gapscope.diagnosis.reference.change import Change
-from gapscope.diagnosis.reference.diagnose_change import diagnose_change
-from gapscope.diagnosis.reference.identify_reference import identify_reference
+from gapscope.diagnosis.model.fit_data import CompliantBodies, FitData
+from gapscope.diagnosis.model.linearisation import link_torque
+from gapscope.diagnosis.reference.diagnose_change import Change, diagnose_change
+from gapscope.diagnosis.reference.reference_file import identify_reference
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
-from gapscope.diagnosis.setup_faults.fault_samples import sample
-from gapscope.diagnosis.setup_faults.nuisance import fold_equations
+from gapscope.diagnosis.setup_faults.nuisance import fold_equations, sample
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.transmission import BACKLASH, ELASTICITY

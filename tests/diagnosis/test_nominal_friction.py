@@ -12,7 +12,7 @@ from synthetic import Truth
 
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.diagnosis.diagnose import diagnose
-from gapscope.diagnosis.document.sentences import nominal_friction_sentence
+from gapscope.diagnosis.document.wording import nominal_friction_sentence
 
 STATED = '<dynamics damping="10.0" friction="0.5"/>'
 

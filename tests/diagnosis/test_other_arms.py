@@ -12,12 +12,10 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.diagnosis.document.slide_units import with_slide_units
-from gapscope.diagnosis.document.wording import parameter_texts
+from gapscope.diagnosis.document.wording import parameter_texts, with_slide_units
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.recorder import Plan, record_case
-from gapscope.ident.model.friction_law import FrictionLaw
-from gapscope.ident.model.model_columns import ModelColumns
+from gapscope.ident.model.linear_problem import FrictionLaw, ModelColumns
 
 SLIDE, TURN = "prismatic", "revolute"
 GANTRY = (

@@ -28,8 +28,7 @@ from gapscope.effects.corrected_file import (
     write_corrected,
 )
 from gapscope.effects.coupled_motors import COUPLED_MOTORS
-from gapscope.effects.deflection import behind_elasticity
-from gapscope.effects.free_play import behind_play
+from gapscope.effects.deflection import behind_elasticity, behind_play
 from gapscope.effects.severity import draw
 
 COULOMB = AppliedEffect("coulomb_friction", (2,), {"torque": [3.0]})

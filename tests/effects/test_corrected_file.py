@@ -28,15 +28,23 @@ from gapscope.effects.corrected_file import (
     read_with_faults,
     write_corrected,
 )
-from gapscope.effects.residual.basis import draw_basis, part_of_each
-from gapscope.effects.residual.file import read_residual, write_residual
-from gapscope.effects.residual.inputs import Inputs, Layout
-from gapscope.effects.residual.model import ResidualNetwork
-from gapscope.effects.residual.network import Network
-from gapscope.effects.residual.trust import Trust
-from gapscope.effects.setup_faults.channel_faults import SignFlip, UnitMismatch
-from gapscope.effects.setup_faults.inertial_fault import ShiftedInertials
-from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
+from gapscope.effects.residual import (
+    Inputs,
+    Layout,
+    Network,
+    ResidualNetwork,
+    Trust,
+    draw_basis,
+    part_of_each,
+    read_residual,
+    write_residual,
+)
+from gapscope.effects.setup_faults import (
+    ShiftedInertials,
+    SignFlip,
+    TimeStamps,
+    UnitMismatch,
+)
 
 
 @st.composite
@@ -398,7 +406,7 @@ def test_one_array_or_a_pickle_is_no_network(tmp_path: Path) -> None:
 def test_no_torch_is_needed(tmp_path: Path) -> None:
     write_residual(network(6), tmp_path / "residual.npz")
     code = (
-        "import sys; from gapscope.effects.residual.file import read_residual as r; "
+        "import sys; from gapscope.effects.residual import read_residual as r; "
         f"r(r'{tmp_path / 'residual.npz'}'); "
     )
     done = subprocess.run(

@@ -16,9 +16,10 @@ from gapscope.effects.deflection import (
     CALM,
     Springs,
     behind_elasticity,
+    behind_play,
+    play_columns,
     through_springs,
 )
-from gapscope.effects.free_play import behind_play, play_columns
 from gapscope.model.conditioning import low_pass
 
 INERTIA = 2.0 * 0.5**2 + 0.05

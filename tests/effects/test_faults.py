@@ -11,37 +11,30 @@ import pytest
 import yaml
 
 from gapscope.arm.case import Case
-from gapscope.arm.control.pd import PD
+from gapscope.arm.control import PD
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.reading import Reading
 from gapscope.arm.recording import Recording
-from gapscope.arm.robots import load_nominal_arm
-from gapscope.arm.shifted_inertials import shifted_text
-from gapscope.effects.setup_faults.channel_faults import (
-    JointSwap,
-    SignFlip,
-    UnitMismatch,
-    ZeroOffset,
-)
-from gapscope.effects.setup_faults.controller_faults import (
-    GainMismatch,
-    UnmeasuredTorque,
-)
-from gapscope.effects.setup_faults.fault import Fault
-from gapscope.effects.setup_faults.fault_catalogue import FAULTS
-from gapscope.effects.setup_faults.reference_faults import (
+from gapscope.arm.robots import load_nominal_arm, shifted_text
+from gapscope.effects.setup_faults import (
+    FAULTS,
     CoarseReference,
-    IgnoredVelocityReference,
-    SpeedScaling,
-    VelocityOfReference,
-)
-from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
-from gapscope.effects.setup_faults.torque_faults import (
+    Fault,
+    GainMismatch,
     GravityCompensatedTorque,
+    IgnoredVelocityReference,
+    JointSwap,
     LateTorque,
+    SignFlip,
+    SpeedScaling,
+    TimeStamps,
     TorqueUnit,
+    UnitMismatch,
+    UnmeasuredTorque,
+    VelocityOfReference,
+    ZeroOffset,
 )
 
 

@@ -30,7 +30,7 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import read_corrected_arm, write_corrected
 from gapscope.effects.effect import DryLaw, Path, Signals
 from gapscope.effects.friction import friction_direction
-from gapscope.effects.series import MotionSeries
+from gapscope.effects.signals import MotionSeries
 
 ONE = np.array([1.0])
 

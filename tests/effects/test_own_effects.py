@@ -27,8 +27,7 @@ from gapscope.effects.friction import COULOMB
 from gapscope.effects.own_effects import check_effect
 from gapscope.effects.parametrisation import linear_in
 from gapscope.provenance import program
-from gapscope.workers.as_completed import as_completed
-from gapscope.workers.in_order import in_order
+from gapscope.workers import as_completed, in_order
 
 EXAMPLE = blocks("python")[0]
 

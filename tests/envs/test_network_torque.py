@@ -10,11 +10,15 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.residual.basis import draw_basis, part_of_each
-from gapscope.effects.residual.inputs import Inputs, Layout
-from gapscope.effects.residual.model import ResidualNetwork
-from gapscope.effects.residual.network import Network
-from gapscope.effects.residual.trust import Trust
+from gapscope.effects.residual import (
+    Inputs,
+    Layout,
+    Network,
+    ResidualNetwork,
+    Trust,
+    draw_basis,
+    part_of_each,
+)
 from gapscope.envs.simulated_arm import NetworkTorque
 
 N, SUB_STEPS = 6, 4

@@ -7,7 +7,7 @@ import pytest
 from arms import Link, changed, written
 
 from gapscope.arm.case import Case
-from gapscope.arm.control.pd import PD
+from gapscope.arm.control import PD
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.nominal import NominalArm

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gapscope.arm.control.pd import PD
+from gapscope.arm.control import PD
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.motions.trajectory import Fourier
 from gapscope.arm.nominal import NominalArm

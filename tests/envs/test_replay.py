@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gapscope.arm.case import load_case
-from gapscope.arm.control.pd import PD
+from gapscope.arm.control import PD
 from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError

@@ -7,9 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gapscope.arm.control.control_loop import ControlLoop, Targets
-from gapscope.arm.control.laws import LAWS, like_pd
-from gapscope.arm.control.pd import PD
+from gapscope.arm.control import LAWS, PD, ControlLoop, Targets, like_pd
 from gapscope.arm.controller import Controller
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.motions.trajectory import Fourier

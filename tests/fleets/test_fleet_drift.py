@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gapscope.fleets.fleet_json import fleet_document
+from gapscope.fleets.fleet import fleet_document
 from gapscope.fleets.store import FleetStore
-from gapscope.reports.fleet.page import render_fleet
-from gapscope.reports.fleet.wording import change_line
+from gapscope.reports.fleet import change_line, render_fleet
 
 FIRST = datetime(2026, 1, 1)
 DAYS = 12

@@ -168,7 +168,7 @@ def test_nothing_is_left_in_scratch(
         assert not list(scratch.glob("*"))
 
     with monkeypatch.context() as patch:
-        patch.setattr("gapscope.fleets.task.fetch", fetched)
+        patch.setattr("gapscope.fleets.run.fetch", fetched)
         run_fleet(plan, see)
     (name,) = made
     (scratch / name).mkdir()

@@ -21,8 +21,7 @@ from guard import HANG
 from gapscope.cli import main
 from gapscope.fleets.run import FleetPlan, run_fleet
 from gapscope.fleets.store import FleetStore
-from gapscope.workers.backends import ray_module
-from gapscope.workers.in_order import in_order
+from gapscope.workers import in_order, ray_module
 
 pytestmark = pytest.mark.skipif(
     find_spec("ray") is None,

@@ -15,10 +15,10 @@ import fuzz_mutations as mutations
 import numpy as np
 
 from gapscope.agents.models import read_arm
-from gapscope.archive.archive import Archive
+from gapscope.archive import Archive
 from gapscope.arm.case import load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.io.controller_file import read_controller
+from gapscope.arm.io.case_file import read_controller
 from gapscope.arm.io.import_section import parse_import
 from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.io.log import open_log
@@ -29,13 +29,17 @@ from gapscope.arm.robots import load_nominal_arm
 from gapscope.diagnosis.document.diagnosis_json import read_document
 from gapscope.diagnosis.reference.reference_file import read_reference
 from gapscope.effects.corrected_file import read_corrected_arm, read_with_faults
-from gapscope.effects.residual.file import read_residual, write_residual
-from gapscope.effects.residual.inputs import Inputs, Layout
-from gapscope.effects.residual.model import ResidualNetwork
-from gapscope.effects.residual.network import Network
-from gapscope.effects.residual.trust import Trust
+from gapscope.effects.residual import (
+    Inputs,
+    Layout,
+    Network,
+    ResidualNetwork,
+    Trust,
+    read_residual,
+    write_residual,
+)
 from gapscope.model_audit.audit import audit_model
-from gapscope.serving.routes import answer
+from gapscope.serving import answer
 
 CORPUS = Path(__file__).with_name("corpus")
 N = 60

@@ -14,8 +14,8 @@ from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.position_controller import position_controller
 from gapscope.envs.recorder import record
 from gapscope.ident.identification import IdentificationSettings, identify
-from gapscope.ident.signals.samples import Band
-from gapscope.ident.uncertainty.validation import validate
+from gapscope.ident.samples import Band
+from gapscope.ident.uncertainty.examination import validate
 
 EFFECTS = (
     AppliedEffect("payload", (), {"mass": 2.0, "com": [0.02, 0.01, 0.08]}),

@@ -7,7 +7,7 @@ import pytest
 
 from gapscope.arm.case import load_case
 from gapscope.ident.identification import IdentificationSettings, identify
-from gapscope.ident.signals.samples import Band
+from gapscope.ident.samples import Band
 
 ROOT = Path(__file__).resolve().parents[2]
 CUTOFF = 10.0

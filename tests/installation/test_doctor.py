@@ -7,9 +7,9 @@ from importlib import metadata
 import numpy as np
 import pytest
 
+from gapscope import installation
 from gapscope.cli import main
 from gapscope.envs.engines import mujoco
-from gapscope.installation import packages
 
 
 def doctor(capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
@@ -33,8 +33,8 @@ def test_a_missing_extra_comes_with_its_remedy(capsys, monkeypatch):
             raise metadata.PackageNotFoundError(name)
         return real(name)
 
-    monkeypatch.setattr(packages.metadata, "version", without_ray)
-    ray = next(p for p in packages.packages() if p.name == "ray")
+    monkeypatch.setattr(installation.metadata, "version", without_ray)
+    ray = next(p for p in installation.packages() if p.name == "ray")
     assert ray.version is None and ray.remedy == "pip install 'gapscope[cluster]'"
     assert doctor(capsys)[0] == 0
 

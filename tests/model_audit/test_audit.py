@@ -15,10 +15,8 @@ from jsonschema import Draft202012Validator
 import gapscope
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
-from gapscope.arm.robots import load_nominal_arm
-from gapscope.arm.shifted_inertials import shifted_arm, shifted_text
-from gapscope.model_audit.audit import Audit, audit_model
-from gapscope.model_audit.static_poses import check_static, static_poses
+from gapscope.arm.robots import load_nominal_arm, shifted_arm, shifted_text
+from gapscope.model_audit.audit import Audit, audit_model, check_static, static_poses
 
 Text = Callable[..., str]
 Write = Callable[[str], Path]

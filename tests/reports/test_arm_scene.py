@@ -13,7 +13,7 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.diagnosis.assessment.replay_gap import ReplayedMotion
 from gapscope.diagnosis.result import Diagnosis
-from gapscope.reports.diagnosis.arm_scene import arm_scene
+from gapscope.reports.diagnosis import arm_scene
 
 
 @pytest.fixture(scope="module")

@@ -18,18 +18,19 @@ import pytest
 from guard import HANG
 from sweeps import nightly
 
-from gapscope.diagnosis.document.sentences import verdict_sentence
-from gapscope.diagnosis.localisation.locate import locate
-from gapscope.diagnosis.localisation.stacked_rows import MotionRows
+from gapscope.diagnosis.document.wording import verdict_sentence
+from gapscope.diagnosis.localisation.locate import MotionRows, locate
 from gapscope.diagnosis.result import Located, Spectrum
-from gapscope.reports.diagnosis import SummaryRow, render, render_summary
-from gapscope.reports.diagnosis.figures import (
+from gapscope.reports.diagnosis import (
     POINTS_PER_CURVE,
+    SummaryRow,
     encode,
     keep_extremes,
     payload,
+    render,
+    render_summary,
 )
-from gapscope.reports.diagnosis.places import curves
+from gapscope.reports.diagnosis import place_curves as curves
 
 CHROMIUM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))),

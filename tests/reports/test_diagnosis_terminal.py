@@ -17,19 +17,17 @@ from gapscope.arm.display import (
     significant,
     uncertain,
 )
-from gapscope.diagnosis.document.sentences import (
-    possible_texts,
-    unexplained_sentence,
-    verdict_sentence,
-    with_amount,
-)
 from gapscope.diagnosis.document.wording import (
     acts_on,
     joint_ranges,
     parameter_texts,
+    possible_texts,
     short_names,
+    unexplained_sentence,
+    verdict_sentence,
+    with_amount,
 )
-from gapscope.reports.diagnosis.terminal_summary import print_summary
+from gapscope.reports.diagnosis import print_summary
 
 
 def printed(document: dict[str, Any], width: int = 80) -> str:

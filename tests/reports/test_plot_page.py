@@ -8,8 +8,12 @@ from pathlib import Path
 import pytest
 from plotly.graph_objects import Figure
 
-from gapscope.reports.pages import percent_with_decimal
-from gapscope.reports.plot_page import PageSection, figure_html, write_plot_page
+from gapscope.reports.pages import (
+    PageSection,
+    figure_html,
+    percent_with_decimal,
+    write_plot_page,
+)
 
 EVIL = "<script>alert('x')</script>"
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from guard import HANG
 
-from gapscope.arm.dynamics.link_hulls import link_hulls
+from gapscope.arm.dynamics.link_shapes import link_hulls
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.diagnosis.assessment.replay_gap import ReplayedMotion

@@ -10,9 +10,9 @@ import documents
 import pytest
 from guard import HANG
 
-from gapscope.archive.archive import Archive
+from gapscope.archive import Archive
 from gapscope.reports.diagnosis import render
-from gapscope.serving.server import ArchiveServer
+from gapscope.serving import ArchiveServer
 
 playwright = pytest.importorskip(
     "playwright.sync_api", reason="Playwright is not installed: make setup"

@@ -15,9 +15,9 @@ import documents
 import pytest
 from guard import HANG
 
-from gapscope.archive.archive import Archive
+from gapscope.archive import Archive
 from gapscope.arm.errors import InputError
-from gapscope.serving.server import ArchiveServer
+from gapscope.serving import ArchiveServer
 
 SECRET = "not for the browser"
 EVIL = "<script>alert('x')</script>"

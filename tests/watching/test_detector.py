@@ -9,9 +9,8 @@ from typing import Any
 import pytest
 
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.watching.alarm import ALARM, MISFIT, NOTE, Event
-from gapscope.watching.detector import NOW, Detector
-from gapscope.watching.segments import BLOCK
+from gapscope.watching.detector import BLOCK, NOW, Detector
+from gapscope.watching.events import ALARM, MISFIT, NOTE, Event
 
 LEARNING, SECONDS = 20.0, 62.0
 

@@ -11,10 +11,8 @@ import numpy as np
 import pytest
 
 from gapscope.arm.recording import Recording
-from gapscope.watching.alarm import Event
-from gapscope.watching.sources.folder import Folder
-from gapscope.watching.sources.growing_file import GrowingFile
-from gapscope.watching.sources.source import Reading
+from gapscope.watching.events import Event
+from gapscope.watching.sources import Folder, GrowingFile, Reading
 
 Write = Callable[[Recording, Path], Path]
 

@@ -19,8 +19,7 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.recording import Recording
 from gapscope.cli import app
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.watching.settings import WatchSettings
-from gapscope.watching.state import STATE
+from gapscope.watching.detector import STATE, WatchSettings
 from gapscope.watching.watch import Watch
 
 Write = Callable[[Recording, Path], Path]

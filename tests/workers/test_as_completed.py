@@ -8,10 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from gapscope.workers.as_completed import as_completed
-from gapscope.workers.backends import LOCAL
-from gapscope.workers.in_order import in_order
-from gapscope.workers.pool import WorkerLostError
+from gapscope.workers import LOCAL, WorkerLostError, as_completed, in_order
 
 
 def _fragile(marks: Path) -> Callable[[int], int]:

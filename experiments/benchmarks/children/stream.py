@@ -18,9 +18,8 @@ from threadpoolctl import threadpool_limits
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.trajectory import Fourier, urdf_limits
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.ident.model.base_parameters import structural_base
+from gapscope.ident.model.base_parameters import JointFactors, structural_base
 from gapscope.ident.model.regressor import Regressor
-from gapscope.ident.model.tsqr import JointFactors
 
 CHUNK, RATE, NOISE = 5_000, 1e3, 0.5
 """Samples at a time, their rate [Hz], and noise of their torque [N m]."""

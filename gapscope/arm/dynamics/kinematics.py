@@ -1,4 +1,4 @@
-"""Kinematics of an arm by pinocchio: if its joints and its tool are, and how the tool moves."""
+"""Kinematics: poses of links, their inverse, and singular postures."""
 
 from __future__ import annotations
 
@@ -8,6 +8,47 @@ import numpy as np
 import pinocchio as pin
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import GapscopeError
+
+# Poses of all links of an arm along a motion, for pictures and logs.
+
+
+class LinkPoses(NamedTuple):
+    """Poses in the base frame of L links at N samples.
+
+    Attributes:
+        names: of the links, as the robot's file has them.
+        positions: of their frames [m], shape (N, L, 3).
+        quaternions: x, y, z, w [1], shape (N, L, 4).
+    """
+
+    names: tuple[str, ...]
+    positions: np.ndarray
+    quaternions: np.ndarray
+
+
+def link_poses(body: RigidBody, q: np.ndarray) -> LinkPoses:
+    """Poses of all links, fixed ones included.
+
+    Args:
+        body: the arm.
+        q: positions in the order of the arm's joints [rad or m], shape (N, n).
+    """
+    model, data = body.model, body.model.createData()
+    links = [k for k, f in enumerate(model.frames) if f.type == pin.FrameType.BODY]
+    in_order = q[:, body.order]
+    positions = np.empty((len(q), len(links), 3))
+    quaternions = np.empty((len(q), len(links), 4))
+    for i, state in enumerate(np.ascontiguousarray(in_order)):
+        pin.framesForwardKinematics(model, data, state)
+        for k, link in enumerate(links):
+            pose = pin.SE3ToXYZQUAT(data.oMf[link])
+            positions[i, k], quaternions[i, k] = pose[:3], pose[3:]
+    names = tuple(model.frames[k].name for k in links)
+    return LinkPoses(names, positions, quaternions)
+
+
+# Kinematics of an arm by pinocchio: if its joints and its tool are, and how the tool moves.
 
 
 class Pose(NamedTuple):
@@ -63,3 +104,83 @@ class Kinematics:
             centre_of_mass = self._model.inertias[len(joints)].lever
             tip = placements[-1].act(centre_of_mass)
         return np.array([np.zeros(3), *joints, tip])
+
+
+# How far a posture is from a singular one.
+
+
+def smallest_singular_value(kinematics: Kinematics, q: np.ndarray) -> np.ndarray:
+    """Smallest of the min(6, n) singular values of the tool's Jacobian, rows in m/rad and in rad/rad; shape (N,).
+
+    Zero in a singular posture, where the tool cannot move in some direction [nakamura1986].
+
+    Args:
+        kinematics: of the arm.
+        q: joint positions [rad], shape (N, n).
+    """
+    jacobians = np.array([kinematics.tool_jacobian(posture) for posture in q])
+    small = jacobians if jacobians.shape[2] < 6 else jacobians.transpose(0, 2, 1)
+    gram = small.transpose(0, 2, 1) @ small
+    return np.sqrt(np.linalg.eigvalsh(gram)[:, 0].clip(0.0))
+
+
+# Inverse kinematics: the joint positions that bring the tool to a pose.
+
+
+TURN = 0.3
+"""Length that weighs a turn against a shift: 1 rad counts as much as this many metres [m]."""
+TOLERANCE = 1e-7
+"""Largest error of the tool that counts as reached [m]."""
+LONGEST_STEP = 0.2
+"""Joints move by at most this per iteration [rad]."""
+
+
+def inverse_kinematics(
+    kinematics: Kinematics,
+    target: Pose,
+    start: np.ndarray,
+    *,
+    turns: bool = True,
+    damping: float = 1e-4,
+    iterations: int = 100,
+) -> np.ndarray:
+    """Joint positions [rad], shape (n,), by damped least squares: dq = J^T (J J^T + lambda E)^-1 e [nakamura1986].
+
+    e stacks the shift to the target and the turn to it times ``TURN`` [m]; lambda falls with the error, as
+    ``damping`` times e^T e [sugihara2011], so that the last steps are those of Newton.
+
+    Args:
+        kinematics: of the arm.
+        target: pose of the tool in the base frame.
+        start: joint positions to start from [rad], shape (n,); of several solutions a near one is found.
+        turns: whether the orientation counts too; an arm of fewer than six joints cannot choose it.
+        damping: lambda over e^T e [1]; larger is safer near a singularity, and slower.
+        iterations: before giving up.
+
+    Raises:
+        GapscopeError: the target was not reached.
+    """
+    q = np.array(start, dtype=float)
+    rows = 6 if turns else 3
+    weight = np.repeat([1.0, TURN], 3)[:rows]
+    for _ in range(iterations):
+        error = _error(kinematics.tool(q), target)[:rows] * weight
+        if np.abs(error).max() < TOLERANCE:
+            return q
+        jacobian = kinematics.tool_jacobian(q)[:rows] * weight[:, None]
+        # vanishes with the error, so that the last steps are those of Newton
+        lambda_ = damping * error @ error + 1e-12
+        regularised = jacobian @ jacobian.T + lambda_ * np.eye(rows)
+        step = jacobian.T @ np.linalg.solve(regularised, error)
+        longest = max(float(np.abs(step).max()), 1e-12)
+        q += step * min(1.0, LONGEST_STEP / longest)
+    raise GapscopeError(
+        f"the tool cannot reach {np.round(target.position, 3).tolist()} m: {np.linalg.norm(error):.2g} m away",
+        "choose a target nearer to the base, or start from another posture",
+    )
+
+
+def _error(pose: Pose, target: Pose) -> np.ndarray:
+    """Shift [m] and turn [rad] from a pose to the target along the base's axes, shape (6,)."""
+    turn = pin.log3(target.rotation @ pose.rotation.T)
+    return np.concatenate([target.position - pose.position, turn])

@@ -25,8 +25,9 @@ from gapscope.arm.dynamics.mjcf import (
     left_out,
     name_bodies,
     numbers,
+    position_gains,
+    torque_limits,
 )
-from gapscope.arm.dynamics.mjcf_actuators import position_gains, torque_limits
 from gapscope.arm.dynamics.tree.kinematic_tree import SINGLE, KinematicTree, read_tree
 from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.input_file import read_bytes

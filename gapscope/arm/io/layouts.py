@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from gapscope.arm.io.column_pattern import joints_in
-from gapscope.arm.io.formats.control_messages import (
+from gapscope.arm.io.formats.messages import (
     CONTROLLER_STATE,
     DYNAMIC_JOINT_STATE,
+    JOINT_STATE,
+    JOINT_TRAJECTORY,
 )
-from gapscope.arm.io.formats.joint_messages import JOINT_STATE, JOINT_TRAJECTORY
 from gapscope.arm.io.table import Table
 from gapscope.arm.recording import CHANNELS
 

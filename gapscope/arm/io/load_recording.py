@@ -1,32 +1,37 @@
-"""Recordings from files: any of the formats, through the import section, with the checks a reader owes its user."""
+"""A recording from its log: rows evened, parts split, units of datasets, samples put right."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.held_torque import held_notes
+from gapscope.arm.io.bad_samples import stuck_rows, without_spikes
 from gapscope.arm.io.channel_entry import Channel
 from gapscope.arm.io.channels import (
+    Locator,
+    Source,
     how_to_join,
+    in_radians,
     join,
     read_channel,
     read_time,
     stamps,
 )
-from gapscope.arm.io.dataset_units import in_radians
 from gapscope.arm.io.even_rows import EVENLY_TAKEN, even_stamps_of_rows
-from gapscope.arm.io.formats.lerobot import is_dataset, read_dataset
+from gapscope.arm.io.formats.lerobot import (
+    dataset_episodes,
+    episode_name,
+    is_dataset,
+    read_dataset,
+)
 from gapscope.arm.io.import_section import Import
 from gapscope.arm.io.layouts import layout_of_kind
 from gapscope.arm.io.log import open_log
-from gapscope.arm.io.log_channels import Locator, Source
-from gapscope.arm.io.log_table import Log, LogTable
 from gapscope.arm.io.plausibility import (
     check_positions,
     gap_notes,
@@ -35,13 +40,65 @@ from gapscope.arm.io.plausibility import (
     without_turns,
 )
 from gapscope.arm.io.samples.damaged import damage
-from gapscope.arm.io.samples.spikes import without_spikes
-from gapscope.arm.io.samples.stuck import stuck_rows
-from gapscope.arm.io.table import Table
+from gapscope.arm.io.table import Log, LogTable, Table
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.recording import Recording
-from gapscope.arm.torque_step import step_notes
+from gapscope.arm.recording import Recording, held_notes, step_notes
+
+# The parts of a case's files that are recordings of their own: ranges of rows, episodes of a dataset.
+
+
+Entry = Path | dict[str, Path]
+"""A file, or files side by side by label."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """One recording of an entry.
+
+    Attributes:
+        entry: the file, or files side by side.
+        rows: first and last row, from 0, both included; ``None``: all.
+        episode: of a dataset; ``None`` for other files.
+    """
+
+    entry: Entry
+    rows: tuple[int, int] | None = None
+    episode: int | None = None
+
+
+def fitted_parts(entry: Entry, importing: Import) -> list[Part]:
+    """The recordings of an entry that may be fitted: by default all rows, of all episodes.
+
+    An episode may also be named as a table is, in ``topic``.
+    """
+    episodes: Iterable[int] = importing.fit_episodes
+    if isinstance(entry, Path) and is_dataset(entry):
+        episodes = episodes or dataset_episodes(entry)
+        if importing.topic is not None:
+            episodes = [k for k in episodes if episode_name(k) == importing.topic]
+        return [Part(entry, episode=episode) for episode in episodes]
+    return _ranges(entry, importing.fit or (None,))
+
+
+def judged_parts(entry: Entry, importing: Import) -> list[Part]:
+    """The recordings of an entry that are held out: none by default."""
+    if isinstance(entry, Path) and is_dataset(entry):
+        return [Part(entry, episode=episode) for episode in importing.judge_episodes]
+    return _ranges(entry, importing.judge)
+
+
+def whole_parts(entry: Entry) -> list[Part]:
+    """All recordings of an entry that is held out whole."""
+    return fitted_parts(entry, Import())
+
+
+def _ranges(entry: Entry, ranges: Sequence[tuple[int, int] | None]) -> list[Part]:
+    return [Part(entry, rows) for rows in ranges]
+
+
+# Recordings from files: any of the formats, through the import section, with the checks a reader owes its user.
+
 
 SAID_START = 1.0
 """A log whose first stamp is farther from 0 has a note that says so [s]."""

@@ -12,8 +12,7 @@ from gapscope.arm.io.formats.array_files import read_hdf5, read_mat
 from gapscope.arm.io.formats.lerobot import INFO, is_dataset, read_dataset
 from gapscope.arm.io.formats.rosbag import METADATA, bag_files, read_bag
 from gapscope.arm.io.formats.table_files import read_csv, read_npz, read_parquet
-from gapscope.arm.io.log_table import Log, LogTable
-from gapscope.arm.io.table import Table, shortened
+from gapscope.arm.io.table import Log, LogTable, Table, shortened
 
 __all__ = ["READERS", "Log", "LogTable", "open_log"]
 

@@ -1,27 +1,355 @@
-"""Named motions, drawn at random within limits: what a tracked arm is asked to do."""
+"""Motions by name: between postures, through points of space, along a weld seam."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import cycle
 from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import BSpline, make_interp_spline
 
-from gapscope.arm.dynamics.kinematics import Kinematics
+from gapscope.arm.dynamics.kinematics import Kinematics, Pose, inverse_kinematics
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError
-from gapscope.arm.motions.chain import Chain, Reversed, Timed
-from gapscope.arm.motions.point_to_point import PointToPoint
-from gapscope.arm.motions.posture import working_posture
 from gapscope.arm.motions.trajectory import (
+    Chain,
     Fourier,
     Limits,
     ReferenceMotion,
+    Reversed,
+    Timed,
     urdf_limits,
 )
-from gapscope.arm.motions.weld_seam import WeldSeam
 from gapscope.arm.nearest_name import check_known
+
+# The posture about which an arm moves when nobody names one.
+
+
+CANDIDATES = 1000
+"""Postures that are compared."""
+SPREAD = 0.4
+"""They lie within this share of the joints' ranges about the middle [1]."""
+
+
+def working_posture(kinematics: Kinematics, limits: Limits) -> np.ndarray:
+    """Joint positions [rad], shape (n,), with the tool in front of the base, pointing down, free to move.
+
+    The best of fixed candidates about the middle of the limits; an arm of fewer than three joints works in the middle.
+    """
+    middle = (limits.lower + limits.upper) / 2
+    span = limits.upper - limits.lower
+    if kinematics.n_joints < 3:
+        return middle
+    size = (CANDIDATES, kinematics.n_joints)
+    shifts = np.random.default_rng(0).uniform(-SPREAD, SPREAD, size)
+    # about half of the joints stay in the middle
+    shifts[np.random.default_rng(1).random(size) < 0.5] = 0.0
+    scores = []
+    for shift in shifts:
+        distance_from_middle = np.mean(shift**2) / SPREAD**2
+        scores.append(_score(kinematics, middle + shift * span) - distance_from_middle)
+    best = shifts[int(np.argmax(scores))]
+    return np.round(middle + best * span, 2)
+
+
+def _score(kinematics: Kinematics, q: np.ndarray) -> float:
+    """Tool in front (x over distance), pointing down, neither low nor high, and away from singular postures [1]."""
+    position, rotation = kinematics.tool(q)
+    distance = max(float(np.linalg.norm(position)), 1e-9)
+    in_front = position[0] / distance
+    upwards = rotation[2, 2]
+    height_error = abs(position[2] / distance - 0.5)
+    singular = np.linalg.svd(kinematics.tool_jacobian(q), compute_uv=False)
+    dexterity = singular[-1] / max(singular[0], 1e-9)
+    return float(in_front - upwards - height_error + 2 * dexterity)
+
+
+# A smooth motion through way points: a quintic spline, at rest at both ends.
+
+
+def clamped_quintic(times: np.ndarray, values: np.ndarray) -> BSpline:
+    """The quintic spline through values, (M, n), at times [s], (M,), at rest and without acceleration at both ends.
+
+    It has four continuous derivatives [biagiotti2008].
+    """
+    rest = [(1, np.zeros(values.shape[1])), (2, np.zeros(values.shape[1]))]
+    return make_interp_spline(times, values, k=5, bc_type=(rest, rest))
+
+
+@dataclass(frozen=True)
+class WayPoints:
+    """A quintic spline through way points; outside its time it rests at the first and the last of them.
+
+    Attributes:
+        times: when the way points are passed [s], from 0 on, shape (M,).
+        points: way points [rad], shape (M, n).
+
+    Raises:
+        InputError: times that do not start at 0 or do not rise, fewer than two way points, or another number of them.
+    """
+
+    times: np.ndarray
+    points: np.ndarray
+
+    def __post_init__(self) -> None:
+        """Check the shapes."""
+        if len(self.times) != len(self.points) or len(self.times) < 2:
+            raise InputError(
+                f"{len(self.points)} way points at {len(self.times)} times",
+                "give two or more, each with its time",
+                where="points",
+            )
+        if self.times[0] != 0 or (np.diff(self.times) <= 0).any():
+            raise InputError("times have to start at 0 and to rise", where="times")
+
+    @property
+    def duration(self) -> float:
+        """Time of the last way point [s]."""
+        return float(self.times[-1])
+
+    @cached_property
+    def _spline(self) -> BSpline:
+        return clamped_quintic(self.times, self.points)
+
+    def position(self, t: np.ndarray) -> np.ndarray:
+        """Position [rad] at times t [s] of shape (N,); shape (N, n)."""
+        return self._spline(np.clip(t, 0.0, self.duration))
+
+    def velocity(self, t: np.ndarray) -> np.ndarray:
+        """Velocity [rad/s] at times t [s] of shape (N,); shape (N, n)."""
+        return self._spline(np.clip(t, 0.0, self.duration), 1)
+
+    def acceleration(self, t: np.ndarray) -> np.ndarray:
+        """Acceleration [rad/s^2] at times t [s] of shape (N,); shape (N, n)."""
+        return self._spline(np.clip(t, 0.0, self.duration), 2)
+
+
+# Point to point: from one posture to another, at rest at both ends.
+
+
+_QUINTIC = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
+_DERIVATIVES = tuple(_QUINTIC.deriv(k) for k in range(3))
+PEAK_SPEED = 15 / 8
+"""Largest s' of the quintic s(x) = 10 x^3 - 15 x^4 + 6 x^5."""
+PEAK_ACCELERATION = 10 / np.sqrt(3)
+"""Largest s'' of it."""
+
+
+@dataclass(frozen=True)
+class PointToPoint:
+    """A straight line in joint space, q(t) = a + s(t / T) (b - a) with s(x) = 10 x^3 - 15 x^4 + 6 x^5 [biagiotti2008].
+
+    Velocity and acceleration vanish at both ends; outside [0, T] the arm rests.
+
+    Attributes:
+        start, end: postures a and b [rad], shape (n,).
+        duration: T [s].
+
+    Raises:
+        InputError: a duration that is not positive.
+    """
+
+    start: np.ndarray
+    end: np.ndarray
+    duration: float
+
+    def __post_init__(self) -> None:
+        """Check the duration."""
+        if not self.duration > 0:
+            raise InputError(
+                f"{self.duration} s is not a positive duration", where="duration"
+            )
+
+    @classmethod
+    def within(cls, start: np.ndarray, end: np.ndarray, limits: Limits) -> PointToPoint:
+        """The fastest such motion within limits of velocity and acceleration; at least 0.1 s.
+
+        Raises:
+            InputError: an end lies outside the position limits.
+        """
+        for label, q in (("start", start), ("end", end)):
+            outside = (q < limits.lower) | (q > limits.upper)
+            if outside.any():
+                joint = int(outside.argmax())
+                low, high = limits.lower[joint], limits.upper[joint]
+                raise InputError(
+                    f"{q[joint]:.4g} rad lies outside {low:.4g} .. {high:.4g} rad",
+                    where=f"{label}, joint {joint + 1}",
+                )
+        way = np.abs(end - start)
+        by_speed = PEAK_SPEED * way / limits.velocity
+        by_acceleration = np.sqrt(PEAK_ACCELERATION * way / limits.acceleration)
+        fastest = np.maximum(by_speed, by_acceleration).max()
+        return cls(start, end, max(float(fastest), 0.1))
+
+    def position(self, t: np.ndarray) -> np.ndarray:
+        """Position [rad] at times t [s] of shape (N,); shape (N, n)."""
+        return self.start + self._progress(t, 0) * (self.end - self.start)
+
+    def velocity(self, t: np.ndarray) -> np.ndarray:
+        """Velocity [rad/s] at times t [s] of shape (N,); shape (N, n)."""
+        return self._progress(t, 1) * (self.end - self.start)
+
+    def acceleration(self, t: np.ndarray) -> np.ndarray:
+        """Acceleration [rad/s^2] at times t [s] of shape (N,); shape (N, n)."""
+        return self._progress(t, 2) * (self.end - self.start)
+
+    def _progress(self, t: np.ndarray, derivative: int) -> np.ndarray:
+        x = np.clip(np.asarray(t, dtype=float) / self.duration, 0.0, 1.0)
+        return (_DERIVATIVES[derivative](x) / self.duration**derivative)[:, None]
+
+
+# A weld seam: the tool follows a straight line at constant speed and keeps its orientation.
+
+
+RAMP = 0.2
+"""Share of the duration in which the tool speeds up, and again slows down [1]."""
+KNOTS = 41
+"""Points of the line at which the inverse kinematics is solved."""
+CHECKS = 401
+"""Points at which the limits are checked."""
+_RISE = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6]).integ()
+_RISE_RATE, _RISE_CURVE = _RISE.deriv(), _RISE.deriv(2)
+
+
+@dataclass(frozen=True)
+class WeldSeam:
+    """Joint motion q(t) = path(s(t / T)) along a straight line of the tool, at rest at both ends.
+
+    s'(x) rises as 10 x^3 - 15 x^4 + 6 x^5 within ``RAMP`` of the time, stays constant and falls back; path is a quintic
+    spline through solutions of the inverse kinematics. Outside [0, T] the arm rests.
+
+    Attributes:
+        path: joint positions [rad] over the share s of the line, 0 to 1.
+        duration: T [s].
+        length: of the line [m].
+    """
+
+    path: BSpline
+    duration: float
+    length: float
+
+    @classmethod
+    def along(
+        cls,
+        kinematics: Kinematics,
+        start: np.ndarray,
+        way: np.ndarray,
+        limits: Limits,
+        speed: float = np.inf,
+    ) -> WeldSeam:
+        """The fastest seam within limits, from where the tool is at joint positions ``start`` [rad], shape (n,).
+
+        Args:
+            kinematics: of the arm; with fewer than six joints the orientation of the tool is left free.
+            start: joint positions at the start [rad], shape (n,).
+            way: from the start of the line to its end, base frame [m], shape (3,).
+            limits: position, velocity and acceleration limits of the joints.
+            speed: the tool is no faster than this [m/s].
+
+        Raises:
+            InputError: fewer than three joints, or a line without length.
+            GapscopeError: the tool cannot follow the line within the position limits.
+        """
+        length = float(np.linalg.norm(way))
+        if kinematics.n_joints < 3 or not length > 0:
+            raise InputError(
+                f"a straight line of {length:.3g} m with {kinematics.n_joints} joints",
+                "a weld seam needs at least three joints, and a length",
+                where="weld_seam",
+            )
+        path = _joint_path(kinematics, start, np.asarray(way, dtype=float))
+        s = np.linspace(0.0, 1.0, CHECKS)
+        q = path(s)
+        outside = ((q < limits.lower - 1e-9) | (q > limits.upper + 1e-9)).any(axis=0)
+        if outside.any():
+            raise GapscopeError(
+                f"joint {int(outside.argmax()) + 1} would leave its limits along the seam",
+                "choose a shorter seam, or another posture to start from",
+            )
+        by_tool_speed = length / speed / (1 - RAMP)
+        duration = max(_shortest(path, limits), by_tool_speed, 0.1)
+        return cls(path, duration, length)
+
+    def position(self, t: np.ndarray) -> np.ndarray:
+        """Position [rad] at times t [s] of shape (N,); shape (N, n)."""
+        return self.path(_progress(t / self.duration, 0))
+
+    def velocity(self, t: np.ndarray) -> np.ndarray:
+        """Velocity [rad/s] at times t [s] of shape (N,); shape (N, n)."""
+        x = t / self.duration
+        rate = _progress(x, 1) / self.duration
+        return self.path(_progress(x, 0), 1) * rate[:, None]
+
+    def acceleration(self, t: np.ndarray) -> np.ndarray:
+        """Acceleration [rad/s^2] at times t [s] of shape (N,); shape (N, n)."""
+        x = t / self.duration
+        return _second_derivative(self.path, x) / self.duration**2
+
+
+def _joint_path(kinematics: Kinematics, start: np.ndarray, way: np.ndarray) -> BSpline:
+    """Spline through the joint positions along the line, over the share s of it."""
+    at_start = kinematics.tool(start)
+    shares = np.linspace(0.0, 1.0, KNOTS)
+    knots = [np.asarray(start, dtype=float)]
+    for share in shares[1:]:
+        target = Pose(at_start.position + share * way, at_start.rotation)
+        knots.append(
+            inverse_kinematics(
+                kinematics,
+                target,
+                knots[-1],
+                turns=kinematics.n_joints >= 6,
+                iterations=30,
+            )
+        )
+    return make_interp_spline(shares, np.array(knots), k=5)
+
+
+def _flank(x: np.ndarray) -> np.ndarray:
+    """Place on the rising or falling flank of the speed at the share x of the time, 1 in between; shape (N,)."""
+    to_end = np.minimum(x, 1 - x)
+    return np.minimum(to_end / RAMP, 1.0)
+
+
+def _progress(x: np.ndarray, derivative: int) -> np.ndarray:
+    """Share s of the line at the share x of the time, or its first derivative; shape (N,)."""
+    x = np.clip(np.asarray(x, dtype=float), 0.0, 1.0)
+    flank = _flank(x)
+    if derivative == 1:
+        return _RISE_RATE(flank) / (1 - RAMP)
+    at_constant_speed = np.maximum(np.minimum(x, 1 - x) - RAMP, 0.0)
+    half = (RAMP * _RISE(flank) + at_constant_speed) / (1 - RAMP)
+    return np.where(x <= 0.5, half, 1.0 - half)
+
+
+def _second_derivative(path: BSpline, x: np.ndarray) -> np.ndarray:
+    """d2 q / d x2 of path(s(x)) [rad], shape (N, n)."""
+    x = np.asarray(x, dtype=float)
+    inside = (x > 0) & (x < 1)
+    curve = _RISE_CURVE(_flank(x)) * np.sign(0.5 - x) / (RAMP * (1 - RAMP))
+    dds = np.where(inside, curve, 0.0)
+    s, ds = _progress(x, 0), _progress(x, 1)
+    return path(s, 2) * (ds**2)[:, None] + path(s, 1) * dds[:, None]
+
+
+def _shortest(path: BSpline, limits: Limits) -> float:
+    """Shortest duration [s] within the limits of velocity and acceleration; both only fall as it grows."""
+    x = np.linspace(0.0, 1.0, CHECKS)
+    velocity = path(_progress(x, 0), 1) * _progress(x, 1)[:, None]
+    speed = np.abs(velocity).max(axis=0)
+    acceleration = np.abs(_second_derivative(path, x)).max(axis=0)
+    by_speed = speed / limits.velocity
+    by_acceleration = np.sqrt(acceleration / limits.acceleration)
+    # a little longer, for what happens between the points
+    return 1.001 * float(np.maximum(by_speed, by_acceleration).max())
+
+
+# Named motions, drawn at random within limits: what a tracked arm is asked to do.
+
 
 ACCELERATION = 5.0
 """Limit of the joints' acceleration, which a URDF does not give [rad/s^2]."""

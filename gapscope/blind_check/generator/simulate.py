@@ -1,15 +1,19 @@
-"""A recording of the true arm: the sampled controller and the joints around MuJoCo's rigid bodies."""
+"""The generator's simulator: motions, conditions, what is simulated and what is measured of it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
+from scipy.signal import butter, sosfiltfilt
 
 from gapscope.arm.errors import GapscopeError
-from gapscope.blind_check.generator import joint, loop
-from gapscope.blind_check.generator.motions import Motion
+from gapscope.arm.motions.motion import Motion
+from gapscope.blind_check.generator import joint, true_arm
+from gapscope.blind_check.generator.arms import Arm, text_of
 from gapscope.blind_check.generator.rigid import (
     inverse_dynamics,
     model_of,
@@ -17,7 +21,293 @@ from gapscope.blind_check.generator.rigid import (
     tip_body,
 )
 from gapscope.blind_check.generator.true_arm import Columns, TrueArm
-from gapscope.blind_check.generator.urdf import text_of
+
+# Motions that excite an arm: sums of sines slow and fast, point to point, crawl; at rest at both ends.
+
+
+KINDS = ("slow", "middle", "fast", "point_to_point", "crawl")
+"""Names of the kinds of motion."""
+_BANDS = {"slow": (0.09, 0.55, 5), "middle": (0.1, 1.6, 7), "crawl": (0.03, 0.25, 3)}
+"""Lowest and highest frequency [Hz] and number of sines per joint."""
+
+Series = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Position [rad], velocity [rad/s] and acceleration [rad/s^2], each (N, n)."""
+
+
+def draw_motion(
+    kind: str, arm: Arm, duration: float, rate: float, rng: np.random.Generator
+) -> Motion:
+    """A motion of one kind, within the arm's range, sampled at the controller's rate [Hz]."""
+    t = np.arange(round(duration * rate)) / rate
+    top = rng.uniform(1.2, 1.8) * rng.uniform(0.85, 1.0, arm.n)
+    if kind == "point_to_point":
+        return _about(arm.home, t, _points(arm, t, top, rng))
+    if kind == "fast":
+        series = _fast(arm, t, top, rng)
+    else:
+        low, high, count = _BANDS[kind]
+        # drawn for every kind, so that a seed gives the same draws whatever the kind
+        slow_share = float(rng.uniform(0.6, 1.0))
+        share = {"crawl": 0.2, "slow": slow_share, "middle": 1.0}[kind]
+        series = _sines(t, (low, high), count, share * top, rng)
+        series = _within(series, arm.half)
+    return _about(arm.home, t, _faded(t, series))
+
+
+def _about(home: np.ndarray, t: np.ndarray, series: Series) -> Motion:
+    """A motion about a posture [rad], (n,)."""
+    q, dq, ddq = series
+    return Motion(t, home + q, dq, ddq)
+
+
+def _fast(arm: Arm, t: np.ndarray, top: np.ndarray, rng: np.random.Generator) -> Series:
+    """Slow sines through the range, and fast ones on top of them."""
+    slow = _within(_sines(t, (0.09, 0.5), 4, 0.6 * top, rng), 0.9 * arm.half)
+    fast = _sines(t, (3.0, 7.5), 4, 0.4 * top, rng)
+    return slow[0] + fast[0], slow[1] + fast[1], slow[2] + fast[2]
+
+
+def _sines(
+    t: np.ndarray,
+    band: tuple[float, float],
+    count: int,
+    top: np.ndarray,
+    rng: np.random.Generator,
+) -> Series:
+    """Sums of sines whose speed peaks at ``top`` [rad/s]; q, dq, ddq of shape (N, n)."""
+    q, dq, ddq = np.empty((3, len(t), len(top)))
+    for j, peak in enumerate(top):
+        w = 2 * np.pi * np.sort(rng.uniform(*band, count))
+        phase = rng.uniform(0, 2 * np.pi, count)
+        size = rng.uniform(0.4, 1.0, count)
+        angle = np.outer(t, w) + phase
+        speed = np.sin(angle) @ size
+        scale = peak / np.abs(speed).max()
+        q[:, j] = scale * (-(np.cos(angle) / w) @ size)
+        dq[:, j] = scale * speed
+        ddq[:, j] = scale * ((np.cos(angle) * w) @ size)
+    return q, dq, ddq
+
+
+def _within(series: Series, half: np.ndarray) -> Series:
+    """A motion moved to the middle and shrunk to its range [rad]."""
+    q, dq, ddq = series
+    middle = (q.max(axis=0) + q.min(axis=0)) / 2
+    span = np.maximum(np.ptp(q, axis=0), 1e-9)
+    shrink = np.minimum(1.0, 2 * half / span)
+    return (q - middle) * shrink, dq * shrink, ddq * shrink
+
+
+def _faded(t: np.ndarray, series: Series, ramp: float = 1.0) -> Series:
+    """The motion times an envelope e that rises from 0 and falls back to it within ``ramp`` [s]; product rule."""
+    q, dq, ddq = series
+    rise, rise_rate, rise_curve = _quintic(t, ramp)
+    fall, fall_rate, fall_curve = _quintic(t[-1] - t, ramp)
+    e = (rise * fall)[:, None]
+    de = (rise_rate * fall - fall_rate * rise)[:, None]
+    # the flanks never overlap, so that the mixed term of the product is zero
+    dde = (rise_curve * fall + fall_curve * rise)[:, None]
+    return e * q, de * q + e * dq, dde * q + 2 * de * dq + e * ddq
+
+
+def _quintic(
+    t: np.ndarray, duration: float | np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """10 x^3 - 15 x^4 + 6 x^5 with its derivatives by time, x = t / duration in 0..1 [biagiotti2008]."""
+    x = np.clip(t / duration, 0.0, 1.0)
+    value = x**3 * (10 - 15 * x + 6 * x**2)
+    rate = x**2 * (30 - 60 * x + 30 * x**2) / duration
+    curve = x * (60 - 180 * x + 120 * x**2) / duration**2
+    return value, rate, curve
+
+
+def _points(
+    arm: Arm, t: np.ndarray, top: np.ndarray, rng: np.random.Generator
+) -> Series:
+    """From posture to posture, with short rests; starts in the home posture."""
+    q, dq, ddq = np.zeros((3, len(t), arm.n))
+    now, here = 0.2, np.zeros(arm.n)
+    while now < t[-1]:
+        goal = rng.uniform(-1, 1, arm.n) * arm.half
+        way = goal - here
+        # 1.875 is the peak speed of the quintic over its mean speed
+        takes = max(1.2, float((1.875 * np.abs(way) / top).max()))
+        rows = t >= now
+        s, ds, dds = _quintic(t[rows] - now, takes)
+        q[rows] = here + s[:, None] * way
+        dq[rows] = ds[:, None] * way
+        ddq[rows] = dds[:, None] * way
+        here = goal
+        now = now + takes + float(rng.uniform(0.1, 0.5))
+    return q, dq, ddq
+
+
+# Conditions under which a case is recorded, and their allocation over a set of cases.
+
+
+T = TypeVar("T")
+
+STRONG = ((3.0, 5.0), (5.0, 10.0), (10.0, 20.0))
+"""Severity classes of the cases that count: ratio of the effect's own gap to the healthy twin's floor."""
+WEAK = ((0.5, 1.0), (1.0, 2.0), (2.0, 3.0))
+"""Severity classes of the ladder, for information."""
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Conditions of one case.
+
+    Attributes:
+        robot: name of the arm.
+        inertials_off: relative width of the errors of the nominal inertials [1].
+        noise: factor on the encoders' noise [1].
+        bare: whether the controller and its references stay unknown.
+        loop_rate, rate: of the controller and of the recordings [Hz].
+        recordings: how many may be used.
+        duration: shortest and longest recording [s].
+    """
+
+    robot: str
+    inertials_off: float = 0.0
+    noise: float = 1.0
+    bare: bool = False
+    loop_rate: int = 1000
+    rate: int = 500
+    recordings: int = 3
+    duration: tuple[float, float] = (8.0, 14.0)
+
+
+@dataclass(frozen=True)
+class CaseSpec:
+    """What one case is to be.
+
+    Attributes:
+        kind: ``single``, ``pair``, ``triple``, ``outside``, ``healthy`` or ``ladder``, or ``recovery``.
+        laws: names of the laws at work.
+        severity: class that each effect's own gap over the floor is drawn from, or ``None``.
+        conditions: its conditions.
+    """
+
+    kind: str
+    laws: tuple[str, ...]
+    severity: tuple[float, float] | None
+    conditions: Conditions
+
+
+def allocate(
+    rng: np.random.Generator, count: int, options: Sequence[T], shares: Sequence[float]
+) -> list[T]:
+    """``count`` draws whose numbers follow the shares (largest remainder), shuffled."""
+    exact = np.array(shares) / sum(shares) * count
+    numbers = np.floor(exact).astype(int)
+    # the largest remainders get one more; equal ones in an order that is drawn
+    tie_break = 1e-6 * rng.random(len(exact))
+    by_remainder = np.argsort(numbers - exact + tie_break)
+    numbers[by_remainder[: count - numbers.sum()]] += 1
+    order = rng.permutation(np.repeat(np.arange(len(options)), numbers))
+    return [options[k] for k in order]
+
+
+def draw_conditions(
+    rng: np.random.Generator, count: int, options: dict[str, Any]
+) -> list[Conditions]:
+    """Conditions of ``count`` cases; see ``BlindPlan`` for the options."""
+    robots = list(options["robots"])
+    off, noisy, bare = (options[key] for key in ("inertials_off", "noisy", "bare"))
+    # allocated in this order, so that a seed gives the same set
+    robot = allocate(rng, count, robots, [1.0] * len(robots))
+    is_off = allocate(rng, count, [True, False], [off, 1 - off])
+    noise = allocate(rng, count, [3.0, 1.0], [noisy, 1 - noisy])
+    is_bare = allocate(rng, count, [True, False], [bare, 1 - bare])
+    loop_rate = allocate(rng, count, [1000, 500], [0.7, 0.3])
+    rate = allocate(rng, count, [100, 250, 500, 1000], [0.15, 0.35, 0.3, 0.2])
+    recordings = allocate(rng, count, [3, 4], [0.6, 0.4])
+    width = rng.uniform(0.01, 0.1, count)
+    return [
+        Conditions(
+            robot=robot[k],
+            inertials_off=float(width[k]) if is_off[k] else 0.0,
+            noise=noise[k],
+            bare=is_bare[k],
+            loop_rate=loop_rate[k],
+            rate=min(rate[k], loop_rate[k]),
+            recordings=recordings[k],
+            duration=tuple(options["duration"]),
+        )
+        for k in range(count)
+    ]
+
+
+# The torque gap as the generator measures it: nominal arm against recording, filtered, per joint.
+
+
+TORQUE_BAND = 12.0
+"""Cut-off of the torque [Hz]."""
+POSITION_BAND = 30.0
+"""Cut-off of the position [Hz]."""
+TRIM = 0.3
+"""Time that is left out at both ends [s]."""
+KNEE = 0.005
+"""Speed scale of the nominal arm's smoothed sign [rad/s]."""
+
+
+def smooth(x: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
+    """Zero-phase fourth-order Butterworth over time, cut-off [Hz] at most 0.95 of Nyquist; shape (N, n)."""
+    cutoff = min(cutoff, 0.95 * rate / 2)
+    sos = butter(4, cutoff, output="sos", fs=rate)
+    return sosfiltfilt(sos, x, axis=0, padlen=min(len(x) - 1, int(3 * rate / cutoff)))
+
+
+def nominal_torque(
+    model: Any, sheet: dict[str, np.ndarray], t: np.ndarray, q: np.ndarray
+) -> np.ndarray:
+    """Torque that the nominal arm needs for a recorded motion [N m], (N, n).
+
+    Args:
+        model: MuJoCo model of the nominal arm.
+        sheet: armature, coulomb, viscous of the data sheet.
+        t: time [s], (N,), evenly spaced.
+        q: recorded position [rad], (N, n).
+    """
+    rate = (len(t) - 1) / (t[-1] - t[0])
+    even = np.arange(len(t)) / rate
+    spline = make_interp_spline(even, smooth(q, rate, POSITION_BAND), k=5)
+    position = spline(even)
+    speed = spline.derivative(1)(even)
+    acceleration = spline.derivative(2)(even)
+    rigid = inverse_dynamics(model, position, speed, acceleration)
+    return rigid + sheet_torque(sheet, speed, acceleration)
+
+
+def sheet_torque(
+    sheet: dict[str, np.ndarray], speed: np.ndarray, acceleration: np.ndarray
+) -> np.ndarray:
+    """Torque of rotors and friction by the data sheet [N m], (N, n)."""
+    rotors = sheet["armature"] * acceleration
+    dry = sheet["coulomb"] * np.tanh(speed / KNEE)
+    return rotors + dry + sheet["viscous"] * speed
+
+
+def residual(
+    torque: np.ndarray, predicted: np.ndarray, rate: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Recorded minus predicted torque, filtered and trimmed [N m], (M, n), and the scale it is measured by, (n,)."""
+    cut = round(TRIM * rate)
+    recorded = smooth(torque, rate, TORQUE_BAND)[cut:-cut]
+    needed = smooth(predicted, rate, TORQUE_BAND)[cut:-cut]
+    deviation = recorded.std(axis=0)
+    # a joint that hardly moves is measured by a share of the busiest one
+    scale = np.maximum(deviation, 0.05 * deviation.max())
+    return recorded - needed, scale
+
+
+def rms(x: np.ndarray) -> np.ndarray:
+    """Root mean square over time, (n,)."""
+    return np.sqrt((x**2).mean(axis=0))
+
+
+# A recording of the true arm: the sampled controller and the joints around MuJoCo's rigid bodies.
+
 
 SETTLING = 0.4
 """Time after which a command that is clipped counts [s]."""
@@ -110,7 +400,7 @@ class _Simulation:
         self._joints = plant.record()
         self._state = np.zeros(1, dtype=joint.STATE)
         _start(plant, self._model, self._data, self._state, start)
-        self._memory = np.zeros(1, dtype=loop.FILTER)
+        self._memory = np.zeros(1, dtype=true_arm.FILTER)
         self._filter = plant.loop.coefficients()
         self._history = np.zeros((joint.HISTORY, n))
         # a compliant joint has its rotor as a mass of its own, a rigid one on the diagonal
@@ -136,8 +426,8 @@ class _Simulation:
         out: np.ndarray,
         first: bool,
     ) -> int:
-        """One tick of the controller; see ``loop.command``."""
-        clipped: int = loop.command(
+        """One tick of the controller; see ``true_arm.command``."""
+        clipped: int = true_arm.command(
             self._joints,
             self._state,
             self._memory,

@@ -83,7 +83,7 @@ def evaluate(
 ) -> None:
     """Evaluate models and trained agents by how well an arm is tracked with them."""
     from gapscope.commands.agents.environment_file import merge_options
-    from gapscope.reports.evaluation.table import tables
+    from gapscope.reports.evaluation import tables
 
     arm, options, unused = merge_options(env, ctx)
     if unused:
@@ -133,7 +133,7 @@ def evaluate_path(
     *,
     again: bool = False,
 ) -> tuple[dict[str, Any], list[SummaryLine], list[Path]]:
-    """Evaluate models and write the results; see ``gapscope.outputs.evaluation``.
+    """Evaluate models and write the results; see ``gapscope.reports.evaluation``.
 
     Finished cells are kept in a folder in ``out`` until then, so that the same call continues after an interruption.
 
@@ -157,16 +157,16 @@ def evaluate_path(
     from gapscope.agents.evaluation import evaluate as evaluate_models
     from gapscope.agents.models import read_models
     from gapscope.agents.summary import summarise
-    from gapscope.arm.folder_lock import locked
+    from gapscope.arm.io.atomic_write import begin_results
+    from gapscope.arm.io.locked_section import locked
     from gapscope.commands.agents.evaluation_cells import Cells
     from gapscope.commands.inputs import read_arm
     from gapscope.effects.corrected_file import error_context, read_corrected
-    from gapscope.outputs.evaluation import (
+    from gapscope.reports.evaluation import (
         DOCUMENT,
         evaluation_document,
         write_evaluation,
     )
-    from gapscope.outputs.folder import begin_results
 
     arm = read_arm(robot) if isinstance(robot, str) else robot
     hidden = () if effects is None else read_corrected(effects)

@@ -21,15 +21,15 @@ from gapscope.agents.training.training_loop import (
 from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.agents.training.tuning import tune
 from gapscope.arm.errors import GapscopeError, InputError
-from gapscope.arm.folder_lock import locked
 from gapscope.arm.io.json_file import to_json, write_json
+from gapscope.arm.io.locked_section import locked
 from gapscope.arm.nominal import SHEET_UNITS
 from gapscope.commands.inputs import read_arm
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import error_context, read_corrected
 from gapscope.envs.divergence import described
 from gapscope.provenance import fingerprint
-from gapscope.reports.training.page import write_page
+from gapscope.reports.training import write_page
 
 COMMAND, CURVE, PAGE = "command.json", "curve.csv", "learning_curve.html"
 OURS = (COMMAND, CURVE, PAGE, DOCUMENT, POLICY, NORMALISATION)

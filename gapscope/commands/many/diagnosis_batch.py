@@ -11,27 +11,35 @@ from pathlib import Path
 from typing import Any
 
 from gapscope.arm.errors import GapscopeError, InterruptedRunError
-from gapscope.arm.folder_lock import locked
 from gapscope.arm.io.json_file import write_json
+from gapscope.arm.io.locked_section import locked
 from gapscope.commands.diagnose_path import diagnose_path
 from gapscope.diagnosis.document.diagnosis_json import validate
-from gapscope.diagnosis.fleet.confusion import (
+from gapscope.diagnosis.fleet.compare_units import (
     ConfusionColumn,
+    FleetGroup,
     FleetUnit,
     confusion_column,
+    explains_as_much,
+    grouped,
+    other_laws,
+    units_document,
 )
-from gapscope.diagnosis.fleet.fleet_json import FleetGroup, grouped, units_document
-from gapscope.diagnosis.fleet.friction_of_type import explains_as_much, other_laws
 from gapscope.diagnosis.reference.reference_file import FOLDER
 from gapscope.effects.catalogue import without
 from gapscope.interface.reference import kept_reference
-from gapscope.outputs.diagnosis import CASE, CORRECTED, DOCUMENT, REPORT
 from gapscope.provenance import KEY, made_from
-from gapscope.reports.diagnosis.fleet_tables import fleet_tables
-from gapscope.reports.diagnosis.summary import SummaryRow, render_summary
+from gapscope.reports.compared_units import fleet_tables
+from gapscope.reports.diagnosis import (
+    CASE,
+    CORRECTED,
+    DOCUMENT,
+    REPORT,
+    SummaryRow,
+    render_summary,
+)
 from gapscope.terminal import console, say
-from gapscope.workers.backends import RAY, check_backend
-from gapscope.workers.in_order import in_order
+from gapscope.workers import RAY, check_backend, in_order
 
 SUMMARY, UNITS = "summary.html", "units.json"
 AGAIN = ".of_type"

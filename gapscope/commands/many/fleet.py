@@ -61,7 +61,7 @@ def fleet(
 ) -> None:
     """Diagnose many cases, compare their units, and find what changed."""
     from gapscope.interface.fleet import DOCUMENT, PAGE, fleet
-    from gapscope.reports.fleet.terminal_summary import print_fleet
+    from gapscope.reports.fleet import print_fleet
 
     with Progress("fleet") as progress:
         overview = fleet(

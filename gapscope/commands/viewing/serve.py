@@ -30,8 +30,8 @@ def serve(
     folder: Folder, port: Port = 0, units_by: UnitsBy = "case", show: Show = False
 ) -> None:
     """Show many diagnoses as a table, and the effects of each unit over time; read-only, on this machine alone."""
-    from gapscope.archive.archive import Archive
-    from gapscope.serving.server import ArchiveServer
+    from gapscope.archive import Archive
+    from gapscope.serving import ArchiveServer
 
     archive = Archive(folder, units_by)
     with ArchiveServer(archive, port) as server:

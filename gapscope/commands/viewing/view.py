@@ -34,8 +34,7 @@ def view(
 ) -> None:
     """Write recorded, predicted and remaining torque and the arm as one MCAP, and open Rerun if installed."""
     from gapscope.interface.view import view as view_recording
-    from gapscope.outputs.foxglove_layout import write_layout
-    from gapscope.outputs.scene import write_mcap
+    from gapscope.reports.scene import write_layout, write_mcap
 
     layout = out.with_suffix(".foxglove.json")
 

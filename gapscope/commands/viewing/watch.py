@@ -82,10 +82,10 @@ def watch(
     """Follow a recording while it grows, and name what changes: a load, friction, an offset, an encoder."""
     from gapscope.arm.case import load_case
     from gapscope.arm.errors import GapscopeError, InputError
-    from gapscope.arm.folder_lock import locked
+    from gapscope.arm.io.locked_section import locked
     from gapscope.arm.robots import load_nominal_arm
     from gapscope.interface.models import corrected_arm
-    from gapscope.watching.settings import WatchSettings
+    from gapscope.watching.detector import WatchSettings
     from gapscope.watching.watch import Watch
 
     if (case is None) == (robot is None):

@@ -1,29 +1,28 @@
-"""Do these recordings agree? For each parameter: agrees or differs, with what, and which value to trust.
-
-The contrast of the recordings (``gapscope.model``), each a group: what all share is free, and each may have some of its
-own. The best set of what recordings have of their own says which parameters differ.
-"""
+"""Whether recordings agree: one parameter at a time, what a difference goes with, in words and as a document."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case
-from gapscope.arm.display import effect_name
+from gapscope.arm.display import effect_name, percent
 from gapscope.arm.errors import InputError
+from gapscope.arm.io.json_file import plain
 from gapscope.arm.recording import Recording
-from gapscope.diagnosis.agreement.covariates import (
-    Covariate,
-    Explanation,
-    covariates,
-    explain,
+from gapscope.diagnosis.thresholds import (
+    COVARIATE_CHANGE,
+    COVARIATE_SHARE,
+    COVARIATE_TEMPERATURE,
+    FALSE_ALARM_RATE,
+    NAMED_PROBABILITY,
+    OPEN_ALTERNATIVE,
 )
-from gapscope.diagnosis.thresholds import NAMED_PROBABILITY, OPEN_ALTERNATIVE
 from gapscope.ident.checks.plausible_samples import check_recordings
 from gapscope.model.changes import between_recordings
 from gapscope.model.contrast import SIZES
@@ -32,8 +31,159 @@ from gapscope.model.difference import Difference, is_within
 from gapscope.model.rows import Rows
 from gapscope.model.terms import Candidate, Term
 
+# What a difference between recordings goes with: speed, temperature, load, time, or one recording alone.
+
+
+SPEED, TEMPERATURE, LOAD, START, ORDER = (
+    "speed",
+    "temperature",
+    "load",
+    "start time",
+    "order",
+)
+CLOCK = 1e8
+"""Time stamps beyond this are those of a clock, not of the recording's start [s]."""
+AS_WELL = 4.0
+"""What leaves no more than this many times the least remainder explains about as well [1]."""
+
+
+@dataclass(frozen=True)
+class Covariate:
+    """A property of the recordings.
+
+    Attributes:
+        name: speed, temperature, load, start time or order.
+        unit: of the values.
+        value: in each recording, (R,).
+    """
+
+    name: str
+    unit: str
+    value: np.ndarray
+
+    def differs(self, among: np.ndarray) -> bool:
+        """Whether some recordings, numbers (k,), differ in it enough to compare them by it."""
+        value = self.value[among]
+        apart = float(np.ptp(value))
+        if self.name == TEMPERATURE:
+            return apart >= COVARIATE_TEMPERATURE
+        if self.name in (START, ORDER):
+            return apart > 0.0
+        return apart >= COVARIATE_CHANGE * float(np.abs(value).mean()) > 0.0
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What a difference goes with.
+
+    Attributes:
+        goes_with: names of covariates that explain it about as well as the best; one name is an answer, several are
+            not told apart by these recordings, none explains it.
+        alone: number of the recording without which the others agree as well, or ``None``.
+        shares: share of the squared deviations that each differing covariate explains [1], by name.
+        changed: names of the covariates that differ, the most different first.
+    """
+
+    goes_with: tuple[str, ...]
+    alone: int | None
+    shares: dict[str, float]
+    changed: tuple[str, ...]
+
+
+def covariates(
+    recordings: Sequence[Recording], rows: Rows, joint: int | None
+) -> tuple[Covariate, ...]:
+    """Covariates of a joint, from 1, or of the whole arm: mean |dq|, temperature, |torque|, start.
+
+    Args:
+        recordings: R recordings.
+        rows: of them, a group each.
+        joint: the joint; ``None`` for all.
+    """
+    places = slice(None) if joint is None else slice(joint - 1, joint)
+    numbers = range(len(recordings))
+
+    def mean(series: np.ndarray) -> np.ndarray:
+        """Mean size in each recording, (R,)."""
+        return np.array([np.abs(series[rows.of(k)][:, places]).mean() for k in numbers])
+
+    found = [
+        Covariate(SPEED, "rad/s", mean(rows.velocity)),
+        Covariate(LOAD, "N m", mean(rows.torque)),
+    ]
+    logged = [r.temperature for r in recordings if r.temperature is not None]
+    if len(logged) == len(recordings):
+        warmth = np.array([series[:, places].mean() for series in logged])
+        found.append(Covariate(TEMPERATURE, "deg C", warmth))
+    starts = np.array([r.stamps[0] for r in recordings])
+    if starts.min() > CLOCK:
+        found.append(Covariate(START, "h", (starts - starts.min()) / 3600.0))
+    else:
+        found.append(Covariate(ORDER, "1", np.arange(1.0, len(recordings) + 1.0)))
+    return tuple(found)
+
+
+def explain(
+    value: np.ndarray,
+    std: np.ndarray,
+    among: np.ndarray,
+    candidates: Sequence[Covariate],
+) -> Explanation:
+    """What values that differ, (R,) with deviations, go with among the recordings that determine them, numbers (k,).
+
+    A weighted line over each covariate leaves Q_res of Cochran's Q; so does leaving one recording out. Two recordings
+    lie on a line over anything: nothing is named then.
+    """
+    differing = [one for one in candidates if one.differs(among)]
+    differing.sort(key=lambda one: _relative_change(one, among), reverse=True)
+    x, weight = value[among], std[among] ** -2.0
+    total = _remainder(x, weight, np.ones((len(x), 1)))
+    left = {}
+    for one in differing:
+        line = np.column_stack([np.ones(len(x)), one.value[among]])
+        left[one.name] = _remainder(x, weight, line)
+    shares = {name: 1.0 - rest / total for name, rest in left.items()}
+    changed = tuple(left)
+    if len(among) < 3:
+        return Explanation((), None, shares, changed)
+    apart = {}
+    for place, number in enumerate(among.tolist()):
+        step = np.column_stack([np.ones(len(x)), np.arange(len(x)) == place])
+        apart[number] = _remainder(x, weight, step)
+    odd = min(apart, key=lambda number: apart[number])
+    least = min(min(left.values(), default=np.inf), apart[odd])
+    if 1.0 - least / total < COVARIATE_SHARE:
+        return Explanation((), None, shares, changed)
+    # a remainder as small as noise leaves is as good as none
+    border = AS_WELL * max(least, len(x) - 2.0)
+    names = tuple(name for name in changed if left[name] <= border)
+    return Explanation(names, odd if apart[odd] <= border else None, shares, changed)
+
+
+def _relative_change(one: Covariate, among: np.ndarray) -> float:
+    """Range over mean [1]; of times and temperatures, whose zero is arbitrary, below those of the others."""
+    value = one.value[among]
+    change = float(np.ptp(value) / max(np.abs(value).mean(), 1e-300))
+    return change if one.name in (SPEED, LOAD) else min(change, COVARIATE_CHANGE)
+
+
+def _remainder(x: np.ndarray, weight: np.ndarray, design: np.ndarray) -> float:
+    """Sum of weighted squares that a design of few columns leaves."""
+    root = np.sqrt(weight)
+    # centred columns keep a covariate with a large mean well conditioned
+    shifted = design - np.append(0.0, design[:, 1:].mean(axis=0))
+    fit = np.linalg.lstsq(shifted * root[:, None], x * root, rcond=None)[0]
+    return float((((x - shifted @ fit) * root) ** 2).sum())
+
+
+# Do these recordings agree? For each parameter: agrees or differs, with what, and which value to trust.
+#
+# The contrast of the recordings (``gapscope.model``), each a group: what all share is free, and each may have some of
+# its own. The best set of what recordings have of their own says which parameters differ.
+
+
 AGREES, DIFFERS, NOT_DETERMINED = "agrees", "differs", "not determined"
-LOAD = "load"
+LAST_LOAD = "load"
 """Key of the load on the last link."""
 SHORT = {
     "friction": ("c", "Coulomb friction"),
@@ -229,7 +379,7 @@ def quantities(found: Difference) -> tuple[Quantity, ...]:
 def _quantity(term: Term) -> Quantity:
     unit = term.definition.parameters[0].unit
     if term.is_load:
-        return Quantity(LOAD, "load on the last link", unit, None, term)
+        return Quantity(LAST_LOAD, "load on the last link", unit, None, term)
     plain = term.effect, effect_name(term.effect)
     quantity = "".join(term.definition.quantities.values())
     short, name = SHORT.get(quantity, plain) if term.joint else plain
@@ -385,3 +535,213 @@ def _weighted_mean(
     scatter = float((weight * (value - mean) ** 2).sum())
     birge = float(np.sqrt(scatter / (len(value) - 1)))
     return (mean, max(1.0, birge) / float(np.sqrt(weight.sum()))), birge
+
+
+# An agreement in sentences: with what a difference goes, and which recording would settle it.
+
+
+QUANTITY = {
+    SPEED: "mean speed",
+    TEMPERATURE: "temperature",
+    LOAD: "load torque",
+    START: "start time",
+    ORDER: "order of the recordings",
+}
+"""Covariates in words."""
+
+
+def goes_with(line: ParameterAgreement, labels: Sequence[str]) -> str:
+    """What a difference goes with; an empty string if there is none."""
+    found = line.explanation
+    if found is None:
+        return ""
+    if len(_among(line)) < 3:
+        changed = [QUANTITY[name] for name in found.changed]
+        return f"two recordings cannot say; they differ in {_listed(changed) or 'nothing known'}"
+    names = [QUANTITY[name] for name in found.goes_with]
+    if found.alone is not None:
+        names.insert(0, f"{labels[found.alone]} alone")
+    if not names:
+        return "nothing that is known of the recordings"
+    if len(names) == 1:
+        shares = [found.shares[name] for name in found.goes_with]
+        return f"{names[0]} ({percent(shares[0])})" if shares else names[0]
+    return f"{' or '.join(names)}: not told apart"
+
+
+def settles(line: ParameterAgreement, labels: Sequence[str]) -> str:
+    """The recording that would settle a difference; an empty string if there is none."""
+    found = line.explanation
+    if found is None:
+        return ""
+    among = _among(line)
+    if line.quantity.key == LAST_LOAD:
+        value = line.values.value
+        heaviest = labels[among[int(np.argmax(value[among]))]]
+        return (
+            f"repeat {heaviest} with the empty flange; if it carried a known load, enter that under payloads: in the "
+            "case"
+        )
+    if len(among) > 2 and found.alone is not None:
+        again = f"repeat {labels[found.alone]}: if its value comes back, what is different there changes it"
+        others = [QUANTITY[name] for name in found.goes_with]
+        if others:
+            again += f"; then vary the {others[0]} alone"
+        return again
+    names = found.goes_with if len(among) > 2 else found.changed
+    if len(names) > 1:
+        return _one_at_a_time(line, labels, names[0])
+    if names:
+        return _variation(line, labels, names[0])
+    last = labels[among[-1]]
+    return f"repeat {labels[among[0]]} and {last} one after the other: values that stay apart belong to the motion"
+
+
+def _variation(line: ParameterAgreement, labels: Sequence[str], name: str) -> str:
+    """The recording that tests one covariate."""
+    low, high = _extremes(line, labels, name)
+    if name == SPEED:
+        return f"the motion of {high} at half speed: if the value follows the speed, the arm is the same"
+    if name == TEMPERATURE:
+        return f"the motion of {low} once more, as warm as {high}: the value should be that of {high}"
+    if name == LOAD:
+        return f"the motion of {low} with a known payload (payloads: in the case): does the value follow the load?"
+    return f"repeat {low} now: if the value of {low} comes back, it was not the time between"
+
+
+def _one_at_a_time(line: ParameterAgreement, labels: Sequence[str], name: str) -> str:
+    """The recording that separates covariates that changed together."""
+    low, high = _extremes(line, labels, name)
+    if name in (START, ORDER):
+        return f"repeat {low} now: if the value of {low} comes back, it was not the time between"
+    return f"repeat {low} with the {QUANTITY[name]} of {high}, all else as it was"
+
+
+def _extremes(
+    line: ParameterAgreement, labels: Sequence[str], name: str
+) -> tuple[str, str]:
+    """Recordings with the lowest and highest value of a covariate."""
+    among = _among(line)
+    values = covariate(line, name).value[among]
+    low, high = among[int(np.argmin(values))], among[int(np.argmax(values))]
+    return labels[low], labels[high]
+
+
+def covariate(line: ParameterAgreement, name: str) -> Covariate:
+    """A covariate of a line by its name."""
+    return next(one for one in line.covariates if one.name == name)
+
+
+def _among(line: ParameterAgreement) -> list[int]:
+    """Numbers of the recordings that determine the parameter."""
+    return [int(r) for r in np.flatnonzero(np.isfinite(line.values.std))]
+
+
+def _listed(names: Sequence[str]) -> str:
+    """``a, b and c``."""
+    if len(names) < 2:
+        return "".join(names)
+    return f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+# The document of an agreement, ``agreement.json``.
+
+
+def document(found: Agreement) -> dict[str, Any]:
+    """An agreement as plain data; numbers that are not known are null.
+
+    ``parameters`` has one entry per parameter, what differs first. ``values``, ``std`` and ``information`` have one
+    number per recording, in the order of ``recordings``. ``covariates`` are those of the recordings as that parameter
+    sees them.
+    """
+    content = {
+        "schema": 1,
+        "case": found.case.name,
+        "joints": list(found.case.arm.joints),
+        "recordings": list(found.labels),
+        "friction_law": "Coulomb and viscous friction",
+        "false_alarm_rate": FALSE_ALARM_RATE,
+        "level": 1.0 - NAMED_PROBABILITY,
+        "parameters": [_parameter(line, found) for line in found.parameters],
+        "unknown": [
+            {"joint": joint, "recording": found.labels[number]}
+            for joint, number in found.unknown
+        ],
+    }
+    result: dict[str, Any] = plain(content, null_if_not_finite=True)
+    return result
+
+
+def states(found: Agreement) -> dict[str, Any]:
+    """Whether recordings share a state, and what differs, as an entry of ``diagnosis.json``."""
+    differing = found.having(DIFFERS)
+    content = {
+        "shared": not differing,
+        "recordings": list(found.labels),
+        "differs": [
+            {
+                "name": line.quantity.name,
+                "unit": line.quantity.unit,
+                "joints": [] if line.quantity.joint is None else [line.quantity.joint],
+                "probability": 1.0 - (line.p or 0.0),
+                "values": line.values.value,
+                "std": line.values.std,
+                "parameters": _per_recording(line),
+            }
+            for line in differing
+        ],
+        "command": f"gapscope agree {found.case.name}",
+        "diagnosed": [found.labels[k] for k in found.states[0]],
+    }
+    result: dict[str, Any] = plain(content, null_if_not_finite=True)
+    return result
+
+
+def _per_recording(line: ParameterAgreement) -> list[dict[str, Any]]:
+    """Parameters of the effect in each recording."""
+    return [
+        {name: value.tolist() for name, value in each.items()}
+        for each in line.values.parameters
+    ]
+
+
+def _parameter(line: ParameterAgreement, found: Agreement) -> dict[str, Any]:
+    """One parameter."""
+    trusted = line.trusted
+    names = {one.quantity.key: one.quantity.name for one in found.parameters}
+    return {
+        "key": line.quantity.key,
+        "name": line.quantity.name,
+        "unit": line.quantity.unit,
+        "joint": line.quantity.joint,
+        "verdict": line.verdict,
+        "p": line.p,
+        "values": line.values.value,
+        "parameters": _per_recording(line),
+        "std": line.values.std,
+        "information": line.information,
+        "birge": line.birge,
+        "trusted": None
+        if trusted is None
+        else {"value": trusted[0], "std": trusted[1]},
+        "goes_with": None if line.explanation is None else _explanation(line, found),
+        "settled_by": settles(line, found.labels) or None,
+        "alternatives": [names[key] for key in line.alternatives],
+        "covariates": {
+            one.name: {"unit": one.unit, "values": one.value} for one in line.covariates
+        },
+    }
+
+
+def _explanation(line: ParameterAgreement, found: Agreement) -> dict[str, Any]:
+    """What a difference goes with."""
+    explanation = line.explanation
+    assert explanation is not None
+    alone = explanation.alone
+    return {
+        "text": goes_with(line, found.labels),
+        "covariates": list(explanation.goes_with),
+        "recording": None if alone is None else found.labels[alone],
+        "shares": explanation.shares,
+        "differ": list(explanation.changed),
+    }

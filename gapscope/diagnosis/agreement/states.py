@@ -12,7 +12,7 @@ from gapscope.arm.case import Case
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.agreement.agreement import Agreement, compared
 from gapscope.diagnosis.thresholds import VISIBLE_EFFECT
-from gapscope.effects.states import Place, State
+from gapscope.effects.applied import Place, State
 from gapscope.model.changes import Change
 from gapscope.model.rows import comparable
 from gapscope.model.terms import Term, Terms

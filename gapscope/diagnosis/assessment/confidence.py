@@ -1,27 +1,366 @@
-"""How sure a finding is: what supports it, its calibrated probability, and the alternatives that share the rest."""
+"""How sure a name is: probability, its calibration, and what it may be instead."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from gapscope.diagnosis.assessment.alternatives import (
-    Alternative,
-    alternatives,
-    equivalents,
+from gapscope.diagnosis.assessment.held_out_prediction import (
+    ExcessResidual,
+    HeldOutPredictor,
 )
-from gapscope.diagnosis.assessment.calibration import (
-    Support,
-    probability,
-    with_probabilities,
-)
-from gapscope.diagnosis.assessment.excess_residual import ExcessResidual
-from gapscope.diagnosis.assessment.held_out_prediction import HeldOutPredictor
+from gapscope.diagnosis.selection.fitted_model import near_equivalent_pairs
 from gapscope.diagnosis.selection.search import Selection
-from gapscope.diagnosis.thresholds import ABOVE_FLOOR_NRMSE, CLOSING_JOINTS, TEMPER
+from gapscope.diagnosis.thresholds import (
+    ABOVE_FLOOR_NRMSE,
+    CLOSING_JOINTS,
+    LAST_LINK_ODDS,
+    LEAST_PROBABILITY,
+    LISTED_PROBABILITY,
+    LOAD_FORM_ODDS,
+    MOST_PROBABILITY,
+    NAMED_PROBABILITY,
+    NEAR_EQUIVALENT_ODDS,
+    TEMPER,
+)
+from gapscope.effects.catalogue import effect as by_name
 from gapscope.model.terms import Term, count_findings
+
+# What else could explain the gap: alternatives to each effect found, with probabilities.
+#
+# Most alternatives are other causes, weighed by evidence. An exact equivalent is the same cause by another name: a load
+# on the last link, or that link changed, are one body. No data tell them apart, and what is common decides.
+
+
+NONE = "none"
+"""Name of the alternative that nothing takes the effect's place."""
+
+LONGER_RECORDING = "a longer recording with more of the motion on which the effect acts"
+"""What separates an effect from none."""
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """An effect in the place of another.
+
+    Attributes:
+        effect: its name; ``none`` if nothing takes the place.
+        joints: its joints.
+        probability: probability that it, and not the effect named, is the cause.
+        evidence: its evidence less that of the effect named, odds before the data included [nats].
+        equivalent: whether it is the same cause by another name.
+    """
+
+    effect: str
+    joints: tuple[int, ...]
+    probability: float
+    evidence: float
+    equivalent: bool = False
+
+
+def alternatives(selection: Selection, finding: str) -> list[Alternative]:
+    """Other causes in the place of an effect found, by evidence alone, in falling order of probability."""
+    mine = frozenset(t for t in selection.fit.terms if t.finding == finding)
+    options = _options(selection, mine)
+    evidence = _relative_evidence(selection, finding, mine, options)
+    evidence |= _with_prior(finding, evidence)
+    weights = _odds(evidence)
+    total = 1.0 + sum(weights.values())
+    ranked = sorted(evidence, key=lambda name: evidence[name], reverse=True)
+    return [
+        Alternative(
+            effect=name,
+            joints=_joints(options.get(name, frozenset())),
+            probability=weights[name] / total,
+            evidence=evidence[name],
+        )
+        for name in ranked
+    ]
+
+
+def equivalents(selection: Selection, finding: str) -> list[Alternative]:
+    """Other names of an effect found, each with its odds against the name given.
+
+    A load is far more common than a changed last link. That link is named only if the motion speaks against a load of
+    this form, which a real load need not have, or if mass is missing, which is a load only if the URDF contains one.
+    """
+    every = selection.evidence.terms.all
+    load = next((t for t in every if t.is_load), None)
+    link = next((t for t in every if t.changes_link(selection.last_link)), None)
+    if load is None or link is None:
+        return []
+    if finding == load.finding:
+        return [_equivalent(link.effect, LAST_LINK_ODDS)]
+    if finding != link.finding:
+        return []
+    mass_is_missing = selection.fit.theta[link.columns[0]] <= 0
+    odds = LAST_LINK_ODDS if mass_is_missing else LOAD_FORM_ODDS
+    return [_equivalent(load.effect, odds)]
+
+
+def _equivalent(effect: str, odds: float) -> Alternative:
+    evidence = float(np.log(odds)) / TEMPER
+    return Alternative(effect, (), odds / (1.0 + odds), evidence, equivalent=True)
+
+
+def _options(selection: Selection, mine: frozenset[Term]) -> dict[str, frozenset[Term]]:
+    """Terms by which each effect of the catalogue could take the place of an effect's terms; empty sets left out."""
+    found = selection.fit.terms
+    of_last_link = any(t.changes_link(selection.last_link) for t in mine)
+    joints = {t.joint for t in mine} - {0}
+    named = {t.effect for t in found}
+    options: dict[str, frozenset[Term]] = {NONE: frozenset()}
+    for effect in selection.evidence.terms.definitions:
+        # The joints do not say which link; an effect that is named already explains its part.
+        if effect.scope == "link" or effect.name in named:
+            continue
+        terms = frozenset(
+            t
+            for t in selection.evidence.terms.open
+            if t.effect == effect.name
+            and (t.joint in joints or effect.scope == "arm" or not joints)
+            # A load is the last link's other name, see equivalents.
+            and not (of_last_link and t.is_load)
+        )
+        if terms:
+            options[effect.name] = terms
+    return options
+
+
+def _relative_evidence(
+    selection: Selection,
+    finding: str,
+    mine: frozenset[Term],
+    options: Mapping[str, frozenset[Term]],
+) -> dict[str, float]:
+    """Evidence with each alternative instead of the terms, less that with the terms [nats]."""
+    fit = selection.fit
+    # The search has compared near-equivalents each around its own values: more exact than the linearisation here.
+    compared = {
+        other: evidence
+        for (named, other), evidence in selection.contested.items()
+        if named == finding
+    }
+    out = {}
+    for name, terms in options.items():
+        if name in compared:
+            out[name] = compared[name]
+        else:
+            replaced = selection.evidence.fit((fit.terms - mine) | terms)
+            out[name] = replaced.score - fit.score
+    return out | compared
+
+
+def _with_prior(finding: str, evidence: Mapping[str, float]) -> dict[str, float]:
+    """Evidence of the rarer effect that equals the one found to first order, its odds before the data included [nats].
+
+    The data hardly tell the two apart, and what is common decides.
+    """
+    prior = float(np.log(NEAR_EQUIVALENT_ODDS)) / TEMPER
+    return {
+        rare: min(evidence[rare], 0.0) + prior
+        for common, rare in near_equivalent_pairs()
+        if finding == common and rare in evidence
+    }
+
+
+def _odds(evidence: Mapping[str, float]) -> dict[str, float]:
+    """Odds of each alternative against the effect named, at most 1: exp(tau evidence)."""
+    return {
+        name: float(np.exp(np.clip(TEMPER * nats, -700.0, 0.0)))
+        for name, nats in evidence.items()
+    }
+
+
+def _joints(terms: frozenset[Term]) -> tuple[int, ...]:
+    return tuple(sorted(t.joint for t in terms if t.joint))
+
+
+def separated_by(effect: str, alternative: Alternative) -> str:
+    """What separates an effect found from an alternative, in words."""
+    if alternative.equivalent:
+        return (
+            "no motion, as both are the same body: by looking at what the arm carries"
+        )
+    return _recording_between(effect, alternative.effect)
+
+
+def _recording_between(effect: str, alternative: str) -> str:
+    if alternative == NONE:
+        return LONGER_RECORDING
+    for one, other in ((effect, alternative), (alternative, effect)):
+        for name, recording in by_name(one).confused_with:
+            if name == other:
+                return recording
+    return "the same path at half and at double speed, and with a known payload"
+
+
+# Probability that an effect is named correctly, calibrated on blind cases that serve no other purpose.
+#
+# Evidence compares effects with each other. It does not say how often the best of them is wrong: the true cause may be
+# missing from the catalogue, or another effect may take over a part of it. How often that happens is learnt,
+#
+#     p = p_evidence / (1 + exp(-(b + w . x)))
+#
+# with p_evidence the probability against the known alternatives and x the features of a finding's support.
+# ``calibration.json`` holds b and w and names the script that fitted them.
+#
+# What was learnt on simulated arms holds for arms like them. On a real arm a healthy model may leave far more than
+# any of them does, and nothing says what that does to a finding: z = log(left / most that was seen) is a feature
+# whose weight is as unknown as its prior says, variance V about zero. Averaged over that,
+#
+#     p = p_evidence / (1 + exp(-(b + w . x) / sqrt(1 + pi V z^2 / 8)))        z >= 0            [mackay1992]
+
+
+FILE = Path(__file__).with_name("calibration.json")
+"""The fitted values."""
+WEIGHT_PRECISION = 0.3
+"""Prior precision of the weights."""
+UNSEEN_VARIANCE = 1.0 / WEIGHT_PRECISION
+"""V: variance of a weight that no case tells."""
+
+
+@dataclass(frozen=True)
+class Support:
+    """What supports a finding.
+
+    Attributes:
+        margin: log odds against all alternatives together, by evidence alone.
+        closed: torque NRMSE that it closes on the joint where it closes most.
+        left: share of the gap above the floor that remains on its joints, the largest of them.
+        times_floor: what remains there over the floor, the largest of them.
+        times_expected: the same over what a healthy arm of this kind leaves, learnt from the data.
+        effects: number of effects named.
+        nominal: relative error of the nominal inertials.
+        expected: torque NRMSE that a healthy arm of this kind leaves there, the largest of its joints.
+    """
+
+    margin: float
+    closed: float
+    left: float
+    times_floor: float
+    times_expected: float
+    effects: int
+    nominal: float
+    expected: float = 0.0
+
+    @property
+    def evidence(self) -> float:
+        """Probability against all alternatives together, by evidence alone."""
+        return float(1.0 / (1.0 + np.exp(-np.clip(self.margin, -50.0, 50.0))))
+
+    def features(self) -> np.ndarray:
+        """The numbers that the probability depends on, each about 0 to 3."""
+        # Logarithms of what varies by orders of magnitude; bounds where more of it says nothing new.
+        margin = np.log1p(np.clip(self.margin, 0.0, 200.0)) / 2
+        closed = np.clip(np.log(max(self.closed, 1e-4) / 0.01), -1.0, 3.0)
+        # What is left speaks for a cause that is missing, if it is more than a healthy arm of this kind leaves.
+        left = np.clip(self.left, 0.0, 1.0)
+        times = np.clip(np.log(max(self.times_expected, 1e-3)), 0.0, 2.0)
+
+        # Many effects may stand in for one that is missing, and poor inertials look like many effects.
+        other_effects = min(self.effects - 1, 4)
+        poor_inertials = float(self.nominal > 0.02)
+
+        return np.array([margin, closed, left, times, other_effects, poor_inertials])
+
+    def plain(self) -> dict[str, float]:
+        """As plain numbers for JSON."""
+        return {name: float(value) for name, value in asdict(self).items()}
+
+
+@cache
+def fitted() -> Mapping[str, Any]:
+    """The fitted values.
+
+    ``intercept``, ``weights``, ``effects`` with a number each, ``level`` of the sets, and ``expected``, the most that a
+    healthy arm left on 19 of 20 findings.
+    """
+    return dict(json.loads(FILE.read_text(encoding="utf-8")))
+
+
+def probability(
+    effect: str, support: Support, values: Mapping[str, Any] | None = None
+) -> float:
+    """Probability that an effect with this support is a true cause, on these joints or others."""
+    values = fitted() if values is None else values
+    learnt = float(np.dot(values["weights"], support.features()))
+    logit = values["intercept"] + learnt + values["effects"].get(effect, 0.0)
+
+    # What no arm of the calibration was like is not known to count for the finding, nor against it.
+    beyond = max(np.log(max(support.expected, 1e-9) / values["expected"]), 0.0)
+    logit /= np.sqrt(1.0 + np.pi * UNSEEN_VARIANCE * beyond**2 / 8.0)
+
+    # Both have to hold: the effect beats its alternatives, and the true cause is among them.
+    calibrated = support.evidence / (1.0 + np.exp(-logit))
+    return float(np.clip(calibrated, LEAST_PROBABILITY, MOST_PROBABILITY))
+
+
+def with_probabilities(
+    alternatives: Sequence[Alternative],
+    probability: float,
+    support: Support,
+    values: Mapping[str, Any] | None = None,
+) -> list[Alternative]:
+    """Alternatives with their share of the probability that an effect named leaves, in falling order.
+
+    The effect named may be wrong for two reasons, and its probability is a product of both. What evidence leaves is
+    shared by evidence. What calibration takes beyond that is shared by evidence that counts less, and a cause that is
+    not listed takes a part of it, so that the sum over all alternatives stays below the remaining probability.
+
+    Args:
+        alternatives: with their evidence relative to the effect named.
+        probability: of the effect named.
+        support: of the effect named.
+        values: the fitted ones if ``None``.
+    """
+    values = fitted() if values is None else values
+    cause_is_known = min(probability / support.evidence, 1.0)
+    relative = np.minimum([other.evidence for other in alternatives], 0.0)
+
+    # The cause is among those compared: the effect named has odds 1.
+    odds = np.exp(TEMPER * relative)
+    by_evidence = odds / (1.0 + odds.sum())
+    # The effect named is wrong for another reason: evidence has misled, and says less of the others.
+    milder_odds = np.exp(values["temper"] * relative)
+    by_default = milder_odds / (milder_odds.sum() + values["unlisted"])
+
+    chances = cause_is_known * by_evidence + (1.0 - cause_is_known) * by_default
+    out = [
+        replace(other, probability=float(chance))
+        for other, chance in zip(alternatives, chances, strict=True)
+    ]
+    return sorted(out, key=lambda other: -other.probability)
+
+
+def conformal_set(
+    effect: str, probability: float, alternatives: Sequence[Alternative]
+) -> list[str]:
+    """Names that hold the true one in nine cases of ten: in falling order until they reach the conformal level.
+
+    If those listed do not reach it, ``unknown`` takes the rest.
+    """
+    level = fitted()["level"]
+    names, total = [effect], probability
+
+    for other in alternatives:
+        if total >= level or other.probability < LISTED_PROBABILITY:
+            break
+        names.append(other.effect)
+        total += other.probability
+
+    if total < level:
+        names.append("unknown")
+    return names
+
+
+# How sure a finding is: what supports it, its calibrated probability, and the alternatives that share the rest.
 
 
 @dataclass(frozen=True)
@@ -120,3 +459,51 @@ def _expected(selection: Selection) -> np.ndarray:
     """Torque NRMSE that a healthy arm leaves of every model, (n,)."""
     healthy = np.sqrt(selection.evidence.expected2.mean(axis=0))
     return np.asarray(healthy / selection.scale)
+
+
+# Named or possible: what has a calibrated probability of at least one half is named, what has less is possible.
+
+
+@dataclass(frozen=True)
+class Naming:
+    """Findings divided by how sure they are.
+
+    Attributes:
+        selection: with what is named alone.
+        named: how sure each finding is that is named, by its name.
+        possible: how sure each finding is that is possible, the least sure first.
+    """
+
+    selection: Selection
+    named: Mapping[str, Confidence]
+    possible: Mapping[str, Confidence]
+
+
+def divide(found: HeldOutPredictor, residual: ExcessResidual) -> Naming:
+    """Divide findings into named and possible ones.
+
+    The least sure goes first, and the others are weighed anew without it: of two that do as well without each other,
+    one stays.
+
+    Args:
+        found: with all findings.
+        residual: what all of them leave. It counts to the end: a possible effect explains its part.
+    """
+    selection = found.selection
+    possible: dict[str, Confidence] = {}
+    while True:
+        sure = {
+            finding: confidence(found, residual, selection, finding)
+            for finding in sorted({t.finding for t in selection.fit.terms})
+        }
+        least = min(sure, key=lambda finding: sure[finding].probability, default=None)
+        if least is None or sure[least].probability >= NAMED_PROBABILITY:
+            return Naming(selection, sure, possible)
+        possible[least] = sure[least]
+        kept = selection.fit.terms - terms_of(selection, least)
+        selection = replace(selection, fit=selection.evidence.fit_possible(kept))
+        # what cannot be without it is no surer
+        remaining = {t.finding for t in selection.fit.terms}
+        for finding in sure.keys() - remaining - {least}:
+            most = min(sure[finding].probability, sure[least].probability)
+            possible[finding] = replace(sure[finding], probability=most)

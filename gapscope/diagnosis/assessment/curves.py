@@ -1,4 +1,4 @@
-"""The gap as a function of one variable: which variable, and the shape of the curve."""
+"""Curves of a diagnosis for its report, and values by instruments."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gapscope.diagnosis.localisation.stacked_rows import MotionRows
+from gapscope.diagnosis.localisation.locate import MotionRows
 
 KNOTS = 16
 """Knots of a curve, at equal shares of the samples and of the range in turn."""

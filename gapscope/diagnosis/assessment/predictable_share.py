@@ -1,9 +1,4 @@
-"""Share of the residual that a flexible model predicts on held-out data.
-
-Noise cannot be predicted; what can be, is a cause that the catalogue lacks. The model is a ridge regression on random
-Fourier features, a kernel method whose fit to any set of folds follows from sums of normal equations, so that leaving
-folds out costs little; beside it an oscillation at one frequency that does not follow the motion.
-"""
+"""Which share of what remains follows the motion: folds of a flexible model, and vibration."""
 
 from __future__ import annotations
 
@@ -12,21 +7,190 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.diagnosis.assessment.curves import Curve, Variable, curve_of, variables
-from gapscope.diagnosis.assessment.oscillation import amplitudes, predict_oscillation
-from gapscope.diagnosis.assessment.ridge_folds import Folds, predict_held_out
-from gapscope.diagnosis.localisation.stacked_rows import MotionRows
+from gapscope.diagnosis.localisation.locate import MotionRows
 from gapscope.diagnosis.thresholds import (
     FOLD_GUARD,
     FOURIER_FEATURES,
     KERNEL_LENGTHS,
     LEAST_OSCILLATION,
     MOST_OSCILLATION,
+    OSCILLATION_GRID,
     PREDICTABLE_LEAST_RATIO,
+    RIDGE_STRENGTHS,
     ROWS_PER_CUTOFF,
 )
-from gapscope.ident.uncertainty.validation import band_correlation, whiteness
+from gapscope.ident.uncertainty.examination import band_correlation, whiteness
 from gapscope.model.conditioning import TORQUE_CUTOFF
 from gapscope.model.torque_gap import TorqueGap
+
+# Ridge regression with prediction of held-out folds, from sums of normal equations.
+
+
+@dataclass(frozen=True)
+class Folds:
+    """How rows are left out together.
+
+    Attributes:
+        fold: of each row, (M,).
+        fitted: rows that may be fitted, (M,); all are predicted.
+    """
+
+    fold: np.ndarray
+    fitted: np.ndarray
+
+
+def predict_held_out(x: np.ndarray, y: np.ndarray, folds: Folds) -> np.ndarray:
+    """Prediction of y, (M,), each fold with a ridge regression on columns x, (M, p), of the other folds.
+
+    The strength for a fold is the one that predicts the other folds best, those being left out in turn. If even the
+    best is worse than predicting 0 there, the prediction is 0.
+    """
+    rows_of_fold = [folds.fold == fold for fold in np.unique(folds.fold)]
+    by_strength = _predictions(x, y, folds.fitted, rows_of_fold)
+
+    # Squared errors per strength and fold, and those of predicting 0.
+    squares = (y - by_strength) ** 2
+    errors = np.column_stack([squares[:, rows].sum(axis=1) for rows in rows_of_fold])
+    powers = np.array([(y[rows] ** 2).sum() for rows in rows_of_fold])
+
+    out = np.zeros(len(y))
+    for k, rows in enumerate(rows_of_fold):
+        # A fold has no say in its own strength: it is chosen by how the others are predicted.
+        on_others = errors.sum(axis=1) - errors[:, k]
+        best = int(np.argmin(on_others))
+        if on_others[best] < powers.sum() - powers[k]:
+            out[rows] = by_strength[best, rows]
+    return out
+
+
+def _predictions(
+    x: np.ndarray, y: np.ndarray, fitted: np.ndarray, rows_of_fold: list[np.ndarray]
+) -> np.ndarray:
+    """Prediction of each fold from the others under each strength of the ridge, (strengths, M)."""
+    # Normal equations of each fold: those of all others are sums less its own.
+    grams, rights = [], []
+    for rows in rows_of_fold:
+        own = rows & fitted
+        columns = x[own]
+        grams.append(columns.T @ columns)
+        rights.append(columns.T @ y[own])
+    gram = np.sum(grams, axis=0)
+    right = np.sum(rights, axis=0)
+    mean_square = np.trace(gram) / len(gram)
+
+    out = np.zeros((len(RIDGE_STRENGTHS), len(y)))
+    for rows, own_gram, own_right in zip(rows_of_fold, grams, rights, strict=True):
+        # One decomposition serves all strengths: a ridge adds to every eigenvalue.
+        value, vector = np.linalg.eigh(gram - own_gram)
+        rotated = vector.T @ (right - own_right)
+
+        for k, strength in enumerate(RIDGE_STRENGTHS):
+            ridged = np.maximum(value + strength * mean_square, 1e-300)
+            coefficients = vector @ (rotated / ridged)
+            out[k, rows] = x[rows] @ coefficients
+    return out
+
+
+# An oscillation at one frequency that does not follow the motion, predicted on held-out halves of recordings.
+
+
+def predict_oscillation(
+    t: np.ndarray, gap: np.ndarray, segment: np.ndarray, fold: np.ndarray
+) -> np.ndarray:
+    """Prediction of a gap [N m], (M,), as a sin(2 pi f t) + b cos(2 pi f t), a and b per recording, f common.
+
+    Each fold is predicted with f from all others, and a and b from the rest of its own recording; 0 if a recording
+    has no rest.
+
+    Args:
+        t: time of the rows since the start of their recording [s], (M,).
+        gap: [N m], (M,).
+        segment: recording of each row, (M,).
+        fold: what is left out together, (M,).
+    """
+    durations = [float(np.ptp(t[segment == s])) for s in np.unique(segment)]
+    longest = max(durations)
+    out = np.zeros(len(gap))
+    if longest <= 0:
+        return out
+
+    step = 1.0 / (OSCILLATION_GRID * longest)
+    frequency = np.arange(LEAST_OSCILLATION, MOST_OSCILLATION, step)
+    # The power spectrum of any set of folds follows from the Fourier sums of each.
+    sums = {
+        f: _fourier(frequency, t[fold == f], gap[fold == f]) for f in np.unique(fold)
+    }
+
+    for left_out in sums:
+        own = fold == left_out
+        recording = segment[own][0]
+        rest = (segment == recording) & ~own
+
+        # A phase is known within a recording alone.
+        if not rest.any():
+            continue
+        power = _power_without(left_out, sums, segment, fold)
+        strongest = frequency[int(np.argmax(power))]
+
+        waves = _waves(strongest, t[rest])
+        amplitude, *_ = np.linalg.lstsq(waves, gap[rest], rcond=None)
+        out[own] = _waves(strongest, t[own]) @ amplitude
+    return out
+
+
+def _power_without(
+    left_out: int, sums: dict[int, np.ndarray], segment: np.ndarray, fold: np.ndarray
+) -> np.ndarray:
+    """Power per frequency over all folds but one, (K,); phases count within a recording, not between recordings."""
+    power = np.zeros(len(sums[left_out]))
+    for s in np.unique(segment):
+        kept = (segment == s) & (fold != left_out)
+        parts = [sums[f] for f in np.unique(fold[kept])]
+
+        if parts:
+            power += np.abs(np.sum(parts, axis=0)) ** 2 / kept.sum()
+    return power
+
+
+def amplitudes(
+    t: np.ndarray, gap: np.ndarray, segment: np.ndarray, frequency: np.ndarray
+) -> np.ndarray:
+    """Amplitude of a gap at some frequencies [N m], root mean square over the recordings, (K,)."""
+    power = np.zeros(len(frequency))
+    for s in np.unique(segment):
+        rows = segment == s
+        count = rows.sum()
+
+        fourier = _fourier(frequency, t[rows], gap[rows])
+        amplitude = np.abs(2.0 / count * fourier)
+        power += count * amplitude**2
+    return np.sqrt(power / len(gap))
+
+
+def _fourier(frequency: np.ndarray, t: np.ndarray, series: np.ndarray) -> np.ndarray:
+    """Sum of series(t) exp(-2 pi i f t), (K,); to single precision."""
+    # Whole turns are taken off before the precision is.
+    turns = np.outer(frequency, t) % 1.0
+    angle = (2.0 * np.pi * turns).astype(np.float32)
+    values = series.astype(np.float32)
+
+    real = np.cos(angle) @ values
+    imaginary = np.sin(angle) @ values
+    return np.asarray(real - 1j * imaginary)
+
+
+def _waves(frequency: float, t: np.ndarray) -> np.ndarray:
+    """Sine and cosine, (M, 2)."""
+    angle = 2.0 * np.pi * frequency * t
+    return np.column_stack([np.sin(angle), np.cos(angle)])
+
+
+# Share of the residual that a flexible model predicts on held-out data.
+#
+# Noise cannot be predicted; what can be, is a cause that the catalogue lacks. The model is a ridge regression on random
+# Fourier features, a kernel method whose fit to any set of folds follows from sums of normal equations, so that leaving
+# folds out costs little; beside it an oscillation at one frequency that does not follow the motion.
+
 
 OSCILLATION = "frequency"
 """Name of the oscillation among the variables."""

@@ -13,11 +13,10 @@ from gapscope.arm.dynamics.rollout import LONGEST_STEP
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.assessment.held_out_prediction import HeldOutPredictor
-from gapscope.diagnosis.selection.moves import by_finding
+from gapscope.diagnosis.selection.fitted_model import by_finding
 from gapscope.diagnosis.thresholds import REPLAYED_TICKS, REPLAYED_TICKS_COMPLIANT
-from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.residual.model import ResidualNetwork
-from gapscope.effects.states import State
+from gapscope.effects.applied import AppliedEffect, State
+from gapscope.effects.residual import ResidualNetwork
 from gapscope.envs.engines import default_engine, installed
 from gapscope.envs.replay import replay
 from gapscope.model.terms import Term

@@ -11,7 +11,7 @@ import numpy as np
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.diagnosis.assessment.held_out_prediction import HeldOutPredictor
 from gapscope.diagnosis.gap.noise_floor import noise_floor
-from gapscope.diagnosis.model.torque_sensor import (
+from gapscope.diagnosis.model.linearisation import (
     actuator_floor,
     link_floor,
     link_torque,

@@ -1,35 +1,174 @@
-"""Findings on the effects of a study: evidence, parameters, share, places and alternatives of each."""
+"""Findings of a diagnosis: effects with their parameters, faults of the set-up, states, and what else is to be said."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from gapscope.arm.display import effect_name
 from gapscope.arm.nominal import NominalArm
-from gapscope.diagnosis.assessment.alternatives import (
+from gapscope.diagnosis.agreement.agreement import DIFFERS, Agreement, states
+from gapscope.diagnosis.agreement.states import OtherState, States
+from gapscope.diagnosis.assessment.confidence import (
     LONGER_RECORDING,
     Alternative,
+    conformal_set,
     separated_by,
+    terms_of,
 )
-from gapscope.diagnosis.assessment.calibration import conformal_set
-from gapscope.diagnosis.assessment.confidence import terms_of
-from gapscope.diagnosis.assessment.held_out_prediction import HeldOutPredictor, Share
-from gapscope.diagnosis.assessment.significance import (
+from gapscope.diagnosis.assessment.held_out_prediction import (
+    HeldOutPredictor,
+    Share,
     false_discovery_rates,
     log_e_values,
 )
-from gapscope.diagnosis.document.entries import known_numbers, numbers, region_entry
-from gapscope.diagnosis.document.parameters import finding_of, parameters
-from gapscope.diagnosis.localisation.regimes import regions
-from gapscope.diagnosis.localisation.stacked_rows import MotionRows
-from gapscope.diagnosis.selection.value_draws import value_draws
+from gapscope.diagnosis.document.wording import coupling_text
+from gapscope.diagnosis.localisation.locate import MotionRows, Region, regions
+from gapscope.diagnosis.selection.evidence import value_draws
+from gapscope.diagnosis.selection.search import Selection
+from gapscope.diagnosis.selection.undeclared_coupling import UndeclaredCoupling
+from gapscope.diagnosis.setup_faults.found_fault import FoundFault
 from gapscope.diagnosis.study import Study
-from gapscope.diagnosis.thresholds import FALSE_DISCOVERY_RATE
+from gapscope.diagnosis.thresholds import (
+    FALSE_DISCOVERY_RATE,
+    LEAST_PROBABILITY,
+    OPEN_ALTERNATIVE,
+    SKEWS,
+)
 from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.catalogue import CATALOGUE
+from gapscope.effects.catalogue import CATALOGUE, known_effect, of_quantity
 from gapscope.effects.effect import Turn
-from gapscope.model.torque_gap import TorqueGap
+from gapscope.effects.parameter import Parameter
+from gapscope.model.terms import Term, Terms
+from gapscope.model.torque_gap import TorqueGap, torque_scale
+
+# Small parts of ``diagnosis.json`` that several sections share.
+
+
+def numbers(values: np.ndarray) -> list[float]:
+    """One number per joint."""
+    return [float(value) for value in values]
+
+
+def known_numbers(values: np.ndarray | None) -> list[float] | None:
+    """One number per joint, or ``None`` if they are not known."""
+    return None if values is None else numbers(values)
+
+
+def region_entry(region: Region) -> dict[str, Any]:
+    """A region as the document holds it."""
+    return {
+        "joint": region.joint,
+        "kind": region.kind,
+        "regime": region.regime,
+        "share": region.share,
+        "coverage": region.coverage,
+        "enrichment": region.enrichment,
+        **region.detail,
+    }
+
+
+def states_entry(found: Agreement | None) -> dict[str, Any]:
+    """``states`` of the document: whether the recordings share a state; nothing if that was not asked."""
+    return {} if found is None else {"states": states(found)}
+
+
+# The parameters of an effect found, with their standard deviations.
+
+
+INTERVAL = 1.96
+"""Standard deviations to either side of a value in a 95 % interval [1]."""
+
+
+def finding_of(applied: AppliedEffect) -> str:
+    """Name of an effect's finding: all joints of an effect together, each link on its own."""
+    if "link" in applied.parameters:
+        return f"{applied.name} {int(applied.parameters['link'])}"
+    return applied.name
+
+
+def parameters(
+    selection: Selection,
+    applied: AppliedEffect,
+    draws: np.ndarray,
+    instrumented: AppliedEffect | None = None,
+) -> dict[str, Any]:
+    """Values with standard deviations, by the names of the parameters.
+
+    Args:
+        selection: result of the search.
+        applied: the effect with its values.
+        draws: values of all terms as likely as the data make them, (draws, P).
+        instrumented: the effect with values by the commands as instruments, if these are known; they are added for
+            parameters that act linearly.
+    """
+    known, finding = selection.evidence.terms, finding_of(applied)
+    terms = [t for t in known.all if t in selection.fit.terms and t.finding == finding]
+    nonlinear = terms[0].parametrisation.nonlinear
+    samples = _samples(selection, terms, draws)
+
+    out: dict[str, Any] = {}
+    for parameter in applied.effect.parameters:
+        name, value = parameter.name, applied.parameters[parameter.name]
+        if name in nonlinear:
+            std = _scan_std(selection, terms, nonlinear.index(name))
+        elif name == "link":
+            std = np.zeros(1)
+        else:
+            std = std_of_draws(parameter, value, samples)
+
+        # A skew of sampling acts as a delay: delays and lags are not known better than it.
+        skew = SKEWS[1] if applied.effect.delays else 0.0
+        std = np.hypot(std, skew).reshape(value.shape)
+        entry = {
+            "unit": parameter.unit,
+            "value": value.tolist(),
+            "std": std.tolist(),
+        }
+        fitted_linearly = name not in (*nonlinear, "link")
+        if instrumented is not None and fitted_linearly:
+            entry["by_commands"] = instrumented.parameters[name].tolist()
+        out[name] = entry
+    return out
+
+
+def _scan_std(selection: Selection, terms: list[Term], place: int) -> np.ndarray:
+    """Standard deviation of a parameter that acts nonlinearly, from its scan, (m,) for m terms."""
+    scanned = [selection.evidence.linear.nonlinear(term) for term in terms]
+    return np.array([shape.std[place] for shape in scanned])
+
+
+def _samples(
+    selection: Selection, terms: list[Term], draws: np.ndarray
+) -> list[dict[str, np.ndarray]]:
+    """Parameters of an effect on each draw of the linear coordinates, others at their values."""
+    scanned = [selection.evidence.linear.nonlinear(term).values for term in terms]
+    nonlinear = np.array(scanned).T
+
+    # Places of the linear coordinates in theta, (linear, m).
+    columns = np.array([term.columns for term in terms], dtype=int).T
+    to_values = terms[0].parametrisation.values
+    return [dict(to_values(draw[columns], nonlinear)) for draw in draws]
+
+
+def std_of_draws(
+    parameter: Parameter, value: np.ndarray, samples: list[dict[str, np.ndarray]]
+) -> np.ndarray:
+    """The deviation whose 1.96-fold holds 95 % of the draws to either side of a value.
+
+    Not that of the draws: they are no Gaussian, a quotient of coordinates has some without bound, and what is likely
+    under other errors of the nominal arm may lie to one side of the value.
+    """
+    drawn = np.array([sample[parameter.name] for sample in samples])
+    inside = np.clip(drawn.reshape(len(drawn), *value.shape), *parameter.bounds)
+    return np.asarray(np.quantile(np.abs(inside - value), 0.95, axis=0) / INTERVAL)
+
+
+# Findings on the effects of a study: evidence, parameters, share, places and alternatives of each.
+
 
 LISTED_ALTERNATIVE = 1e-3
 """Alternatives less probable than this are not listed."""
@@ -172,3 +311,292 @@ def alternative_entry(effect: str, other: Alternative) -> dict[str, Any]:
         "separated_by": separated_by(effect, other),
         "equivalent": other.equivalent,
     }
+
+
+# Faults of the set-up among the findings, with the shares of faults and effects in one whole.
+
+
+HANGING = -0.5
+"""Gravity along the upright axis of the base, over the whole, of an arm that hangs, at most [1]."""
+
+
+@dataclass(frozen=True)
+class GapStages:
+    """Torque NRMSE at the stages of a diagnosis, (n,) each.
+
+    Attributes:
+        recorded: of the case as it was given.
+        repaired: with the faults of the set-up repaired.
+        corrected: with the effects as well.
+        floor: of a healthy arm.
+    """
+
+    recorded: np.ndarray
+    repaired: np.ndarray
+    corrected: np.ndarray
+    floor: np.ndarray
+
+    @property
+    def whole(self) -> float:
+        """The whole gap: what is above the floor, or what is closed if that is more."""
+        return max(self._closable(self.recorded), 1e-9)
+
+    @property
+    def closed(self) -> float | None:
+        """Share of the gap above the floor that is closed, ``None`` if no joint stands above its floor [1].
+
+        1 - sum_j max(after_j - floor_j, 0) / sum_j max(before_j - floor_j, 0), at least 0: a joint below its floor pays
+        for no other.
+        """
+        above = (self.recorded - self.floor).clip(0).sum()
+        left = (self.corrected - self.floor).clip(0).sum()
+        return max(0.0, float(1.0 - left / above)) if above > 0 else None
+
+    @property
+    def physical_share(self) -> float:
+        """Share of the whole gap that remains for effects once the set-up is repaired [1]."""
+        return min(self._closable(self.repaired) / self.whole, 1.0)
+
+    def _closable(self, before: np.ndarray) -> float:
+        above_floor = float((before - self.floor).clip(0).sum())
+        closed = float((before - self.corrected).sum())
+        return max(above_floor, closed)
+
+
+def with_faults(
+    effects: list[dict[str, Any]], faults: tuple[FoundFault, ...], gap: GapStages
+) -> list[dict[str, Any]]:
+    """Findings on effects and faults together, those with the largest share first.
+
+    A fault's share is what repairing it takes from the whole gap; the effects share the rest. All together are what is
+    closed.
+    """
+    rescaled = [_with_share_times(gap.physical_share, effect) for effect in effects]
+    findings = rescaled + [_fault_finding(fault, gap) for fault in faults]
+    total = sum(finding["share"] for finding in findings)
+    if gap.closed is not None and total > 0:
+        factor = gap.closed / total
+        findings = [_with_share_times(factor, finding) for finding in findings]
+    return sorted(findings, key=lambda finding: finding["share"], reverse=True)
+
+
+def _with_share_times(factor: float, finding: dict[str, Any]) -> dict[str, Any]:
+    interval = finding.get("share_interval", [])
+    scaled = [min(bound * factor, 1.0) for bound in interval]
+    entry = {**finding, "share": min(finding["share"] * factor, 1.0)}
+    return entry | {"share_interval": scaled} if scaled else entry
+
+
+def _fault_finding(fault: FoundFault, gap: GapStages) -> dict[str, Any]:
+    only, without = fault.gap_with_only_this, fault.gap_without_this
+    # A fault that cannot be simulated alone, such as quantisation, has no gaps of its own.
+    if only is None:
+        only = gap.recorded
+    if without is None:
+        without = gap.recorded
+    share = (gap.recorded - only).sum() / gap.whole
+    return {
+        "effect": fault.name,
+        "joints": list(fault.joints),
+        "probability": fault.probability,
+        **fault.document(),
+        "share": float(np.clip(share, 0.0, 1.0)),
+        "gap_with_only_this": {"torque_nrmse": numbers(only)},
+        "gap_without_this": {"torque_nrmse": numbers(without)},
+        "where": [],
+        "alternatives": _alternatives(fault),
+    }
+
+
+def _alternatives(fault: FoundFault) -> list[dict[str, Any]]:
+    """All torques turned are gravity turned, but for what does not turn with gravity."""
+    if fault.turned_base is None:
+        return []
+    return [_other_sign(of_quantity("gravity")[0].name, [], fault.turned_base)]
+
+
+def with_torques_turned(
+    effects: list[dict[str, Any]], n_joints: int
+) -> list[dict[str, Any]]:
+    """Findings on effects; a base that hangs has all torques turned as its alternative."""
+    return [_with_its_equivalent(effect, n_joints) for effect in effects]
+
+
+def _with_its_equivalent(effect: dict[str, Any], n_joints: int) -> dict[str, Any]:
+    turn = known_effect(effect["effect"])
+    if not isinstance(turn, Turn):
+        return effect
+    angles = [effect["parameters"][name]["value"] for name in turn.names]
+    # gravity along the base's axis that was upright, over the whole [1]
+    if turn.rotation(*angles)[2, 2] > HANGING:
+        return effect
+    joints = list(range(1, n_joints + 1))
+    other = _other_sign("sign_flip", joints, LEAST_PROBABILITY)
+    return {**effect, "alternatives": [*effect["alternatives"], other]}
+
+
+def _other_sign(name: str, joints: list[int], probability: float) -> dict[str, Any]:
+    return {
+        "effect": name,
+        "joints": joints,
+        "probability": probability,
+        "separated_by": "a look at how the arm is mounted; or one joint moved slowly to and fro: friction opposes the "
+        "motion if the base is turned, and would drive it if the torques were",
+    }
+
+
+# Findings of a case whose recordings do not share a state: what holds where.
+
+
+Finding = dict[str, Any]
+
+
+def with_states(
+    findings: Sequence[Finding],
+    states: States,
+    terms: Terms,
+    theta: np.ndarray,
+) -> list[Finding]:
+    """Findings with the recordings in which they hold, and what other recordings have in their place.
+
+    Args:
+        findings: of the recordings in the first state.
+        states: of all recordings.
+        terms: terms.
+        theta: coordinates of the effects found, (P,).
+    """
+    found, others = states.found, states.others
+    if found is None or not others:
+        return list(findings)
+    differing = {term.effect for state in others for term in state.increments}
+    here = [found.recordings[k].name for k in found.states[0]]
+    out = [
+        {**f, "recordings": here, "elsewhere": []} if f["effect"] in differing else f
+        for f in findings
+    ]
+    for state in others:
+        there = state.theta(terms, theta)
+        for applied in terms.effects(there):
+            if applied.name not in differing:
+                continue
+            place = {
+                "recordings": list(state.place.recordings),
+                "joints": list(applied.joints),
+                "parameters": _parameters(applied, state, terms, there),
+            }
+            twins = [f for f in out if f["effect"] == applied.name]
+            if twins:
+                twins[0].setdefault("elsewhere", []).append(place)
+            else:
+                out.append(
+                    {**_evidence(applied, state, found), **place, "elsewhere": []}
+                )
+    return sorted(out, key=lambda finding: -finding["share"])
+
+
+def _parameters(
+    applied: AppliedEffect, state: OtherState, terms: Terms, theta: np.ndarray
+) -> dict[str, Any]:
+    """Values at a place, and their deviations as far as they follow from what differs there."""
+    variances = {name: np.zeros(x.shape) for name, x in applied.parameters.items()}
+    mine = [t for t in terms.of(applied.name) if theta[list(t.columns)].any()]
+    for term in mine:
+        if term not in state.increments:
+            continue
+        for column, deviation in zip(
+            term.columns, state.increments[term].deviation, strict=True
+        ):
+            step = np.zeros(len(theta))
+            step[column] = deviation
+            (more,) = terms.effects(terms.clipped(theta + step), mine)
+            (less,) = terms.effects(terms.clipped(theta - step), mine)
+            for name, variance in variances.items():
+                half = (more.parameters[name] - less.parameters[name]) / 2
+                variances[name] = variance + half**2
+    return {
+        parameter.name: {
+            "unit": parameter.unit,
+            "value": applied.parameters[parameter.name].tolist(),
+            "std": np.sqrt(variances[parameter.name]).tolist(),
+        }
+        for parameter in applied.effect.parameters
+    }
+
+
+def _evidence(applied: AppliedEffect, state: OtherState, found: Agreement) -> Finding:
+    """Probability and gaps of an effect that the first state has not, in a recording that has it."""
+    assert found.found is not None
+    fit, name = found.found.fit, state.place.recordings[0]
+    number = next(k for k, r in enumerate(found.recordings) if r.name == name)
+    rows = fit.contrast.design.rows
+    mine = rows.of(number)
+    left = fit.left[mine] * rows.scale
+    every = state.increments.items()
+    whole = left + sum(x.torque for _, x in every)
+    this = sum(x.torque for term, x in every if term.effect == applied.name)
+
+    def nrmse(gap: np.ndarray) -> np.ndarray:
+        return np.sqrt((gap**2).mean(axis=0)) / torque_scale(rows.torque[mine])
+
+    # of what it closes first and last, the mean (Shapley of two orders)
+    before, after = nrmse(whole), nrmse(left)
+    only, without = nrmse(whole - this), nrmse(left + this)
+    closed = np.array([(before - only).sum(), (without - after).sum()])
+    share = np.clip(closed / max(float(before.sum()), 1e-9), 0.0, 1.0)
+    differing = [
+        line
+        for line in found.having(DIFFERS)
+        if line.quantity.term.effect == applied.name
+    ]
+    return {
+        "effect": applied.name,
+        "probability": max(1.0 - (line.p or 0.0) for line in differing),
+        "gap_with_only_this": {"torque_nrmse": numbers(only)},
+        "gap_without_this": {"torque_nrmse": numbers(without)},
+        "share": float(share.mean()),
+        "share_interval": numbers(np.sort(share)),
+        "where": [],
+        "alternatives": [],
+    }
+
+
+# The next recording that a diagnosis suggests, from its own findings; ``gapscope advise`` designs it in detail.
+
+
+def suggested_recording(
+    effects: list[dict[str, Any]],
+    possible: list[dict[str, Any]],
+    open_joints: list[int],
+    coupling: UndeclaredCoupling | None = None,
+) -> str | None:
+    """What to record, or to declare first, to settle what is still open, or ``None``.
+
+    Args:
+        effects: findings that are named, the one with the largest share first.
+        possible: findings that are possible only, likewise.
+        open_joints: joints whose residual the verdict calls unexplained, from 1.
+        coupling: two joints that seem to be turned by one motor.
+    """
+    if coupling is not None:
+        return (
+            f"none yet: first look whether one motor turns joints {coupling.joint} and {coupling.motor}, declare it in "
+            f"the case as {coupling_text(coupling.declaration)}, and diagnose again"
+        )
+    for effect in (*effects, *possible):
+        for alternative in effect["alternatives"]:
+            # no recording tells two names of one cause apart
+            separable = not alternative.get("equivalent")
+            if separable and alternative["probability"] >= OPEN_ALTERNATIVE:
+                return _to_tell_apart(effect["effect"], alternative)
+    if not open_joints:
+        return None
+    joints = ", ".join(map(str, open_joints))
+    return (
+        f"to place what is unexplained on joint {joints}: "
+        "that joint alone, the same path at half and double speed"
+    )
+
+
+def _to_tell_apart(effect: str, alternative: dict[str, Any]) -> str:
+    other = effect_name(alternative["effect"]).replace("none", "nothing")
+    return f"to tell {effect_name(effect)} from {other}: {alternative['separated_by']}"

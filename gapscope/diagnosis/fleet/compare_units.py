@@ -1,16 +1,182 @@
-"""Effects that several units of one type of arm share, and effects of one of them."""
+"""Units of one type: effects that they share or not, values that differ, types of friction, and what is mixed up."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from math import pi
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.stats import chi2
 
-from gapscope.diagnosis.fleet.heterogeneity import Pooled, pooled
-from gapscope.diagnosis.thresholds import FLEET_LEVEL
+from gapscope.arm.case import Case, load_case
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.robots import PER_JOINT
+from gapscope.diagnosis.document.diagnosis_json import read_document
+from gapscope.diagnosis.thresholds import ALIKE_NRMSE, EFFECT_FORM, FLEET_LEVEL
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.catalogue import CATALOGUE
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.corrected_file import read_corrected, read_corrected_arm
+from gapscope.effects.effect import TorqueLaw
+from gapscope.envs.effect_ranges import (
+    EffectRange,
+    EffectRanges,
+    effect_range,
+    spread,
+    within_nominal,
+)
+from gapscope.model.conditioning import Segment, condition
+from gapscope.model.torque_gap import torque_gap
+
+# The ranges of effects from the files of one or several diagnoses.
+
+
+SHEET_ROUNDING = 1e-6
+"""Relative difference up to which a value is the same in both files [1]."""
+
+
+def read_ranges(
+    corrected: Path, found: CorrectedArm, units: Sequence[Path]
+) -> EffectRanges:
+    """The 95 % intervals of a diagnosis, or the ranges that hold those of several units.
+
+    Args:
+        corrected: the file with the effects; ``diagnosis.json`` is beside it.
+        found: the arm with them.
+        units: folders of diagnoses of other units of the same type.
+
+    Raises:
+        InputError: a diagnosis is missing or not that of its ``corrected.yaml``, or of another arm.
+    """
+    intervals = [_intervals(corrected, found.effects)]
+    for folder in units:
+        file = folder / "corrected.yaml"
+        other = read_corrected_arm(found.arm, file)
+        intervals.append(_intervals(file, other.effects))
+    return within_nominal(spread(intervals), found.arm)
+
+
+def _intervals(
+    corrected: Path, effects: tuple[AppliedEffect, ...]
+) -> list[EffectRange]:
+    """The intervals of the effects of one unit."""
+    path = corrected.parent / "diagnosis.json"
+    findings = read_document(path)["effects"]
+    intervals = []
+    for applied in effects:
+        same = (f for f in findings if _is_of(f, applied))
+        finding = next(same, None)
+        if finding is None:
+            raise InputError(
+                f"has no {applied.name} with the values of {corrected.name}",
+                "give the corrected.yaml that gapscope diagnose wrote beside it, unchanged",
+                file=path,
+                where="effects",
+            )
+        # what has no standard deviation keeps its value
+        stds = {
+            p.name: np.nan_to_num(
+                np.array(finding["parameters"][p.name]["std"], dtype=float)
+            )
+            for p in applied.effect.parameters
+        }
+        intervals.append(effect_range(applied, stds))
+    return intervals
+
+
+def _is_of(finding: Mapping[str, Any], applied: AppliedEffect) -> bool:
+    """Whether a finding is that of an effect with its values."""
+    if finding["effect"] != applied.name or finding["joints"] != list(applied.joints):
+        return False
+    return all(
+        np.allclose(
+            np.array(finding["parameters"][name]["value"], dtype=float),
+            value,
+            rtol=SHEET_ROUNDING,
+            atol=0.0,
+        )
+        for name, value in applied.parameters.items()
+    )
+
+
+# Whether values estimated on several units are the same but for their uncertainty, and what their common value is.
+
+
+ROUNDING = 1e-9
+"""Relative standard deviation below which a value is treated as exact up to rounding [1]."""
+
+
+@dataclass(frozen=True)
+class Pooled:
+    """Values x_i with standard deviations s_i of k units, taken together.
+
+    Fixed effect: weights w_i = 1 / s_i^2, mean m = sum w x / sum w. Cochran's Q = sum w_i (x_i - m)^2 is chi-squared
+    with k - 1 degrees of freedom if all units have one value [cochran1954]; I^2 = max(0, 1 - (k - 1) / Q) is the
+    share of the scatter that the s_i do not account for [higgins2002]. Random effects: each unit has its own value,
+    drawn around the common one with variance tau^2, here by moments [dersimonian1986].
+
+    Attributes:
+        estimate: common value, weights 1 / (s_i^2 + tau^2).
+        std: its standard deviation.
+        between: tau, by which the units differ beyond their s_i.
+        q: Cochran's Q [1].
+        p: probability of a Q at least as large if all units have one value [1].
+        i_squared: I^2 [1].
+    """
+
+    estimate: float
+    std: float
+    between: float
+    q: float
+    p: float
+    i_squared: float
+
+
+def pooled(
+    values: Sequence[float], stds: Sequence[float | None], form: float = EFFECT_FORM
+) -> Pooled:
+    """Take the values of several units together.
+
+    Args:
+        values: one per unit, (k,).
+        stds: their standard deviations, in the same unit; ``None`` or 0 if not known.
+        form: share of the mean magnitude that is added to each deviation in squares: the catalogue's laws are simple,
+            real ones differ in form, and two units that were moved differently then differ by that much.
+    """
+    x = np.asarray(values, dtype=float)
+    size = np.abs(x).mean()
+    s = np.array([0.0 if std is None else std for std in stds])
+    s = np.sqrt(
+        s**2 + (form * size) ** 2 + (ROUNDING * size) ** 2 + np.finfo(float).tiny
+    )
+    unit = (
+        s.min()
+    )  # weights relative to the largest: no overflow if deviations are tiny
+    w = (unit / s) ** 2
+    mean = x[0] + (w * (x - x[0])).sum() / w.sum()
+    q = float((w * ((x - mean) / unit) ** 2).sum())
+    freedom = len(x) - 1
+    spread = w.sum() - (w**2).sum() / w.sum()
+    tau2 = max(0.0, q - freedom) / spread * unit**2 if freedom and spread > 0 else 0.0
+    w = unit**2 / (s**2 + tau2)
+    return Pooled(
+        estimate=float(x[0] + (w * (x - x[0])).sum() / w.sum()),
+        std=float(unit / np.sqrt(w.sum())),
+        between=float(np.sqrt(tau2)),
+        q=q,
+        p=float(chi2.sf(q, freedom)) if freedom else 1.0,
+        i_squared=max(0.0, 1.0 - freedom / q) if q > 0 else 0.0,
+    )
+
+
+# Effects that several units of one type of arm share, and effects of one of them.
+
 
 ANGLES = ("phase",)
 """Parameters that repeat after a full turn, of which a share means nothing."""
@@ -21,8 +187,6 @@ SHARED, DIFFERING, SOME, ONE = (
     "one_unit",
 )
 ORDER = (SHARED, DIFFERING, SOME, ONE)
-
-Document = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -231,3 +395,364 @@ def _same_turn(angles: Sequence[float]) -> list[float]:
     """Angles [rad] within half a turn of the first."""
     first = angles[0]
     return [float(first + np.remainder(a - first + pi, 2 * pi) - pi) for a in angles]
+
+
+# One law of friction for a type of robot, unless a unit shows otherwise.
+#
+# Units of one design rub alike, by different amounts. Where each of them has friction on a joint, but by different
+# laws, most of them tell the law; the others are asked again without what they have in its place, and keep their own
+# where that explains more.
+
+
+FEWEST = 3
+"""Of two units neither has the law of the type. (definition)"""
+EXPLAINS_MORE = 0.01
+"""A law explains more if another leaves so much more of a joint's torque [1]: what an effect closes that is named."""
+
+Document = Mapping[str, Any]
+
+
+def other_laws(documents: Mapping[str, Document]) -> dict[str, tuple[str, ...]]:
+    """Laws of friction that units have in the place of those of their type, by the unit.
+
+    Args:
+        documents: content of ``diagnosis.json`` by name of the unit.
+    """
+    out: dict[str, tuple[str, ...]] = {}
+    for members in groups(documents).values():
+        if len(members) >= FEWEST:
+            out |= _other_laws(members)
+    return out
+
+
+def _other_laws(members: Mapping[str, Document]) -> dict[str, tuple[str, ...]]:
+    """The same of the units of one type."""
+    own = {unit: _laws(document) for unit, document in members.items()}
+    # joints on which all of them have friction
+    joints = set.intersection(*(set(laws) for laws in own.values()))
+    common: set[str] = set()
+    apart: dict[str, set[str]] = {unit: set() for unit in members}
+    for joint in sorted(joints):
+        counts = Counter(laws[joint] for laws in own.values())
+        (most, number), *others = counts.most_common()
+        common |= most
+        if others and number > others[0][1]:
+            for unit, laws in own.items():
+                apart[unit] |= laws[joint] - most
+    # a law that the type has on another joint cannot be left out
+    kept = {unit: tuple(sorted(names - common)) for unit, names in apart.items()}
+    return {unit: names for unit, names in kept.items() if names}
+
+
+def _laws(document: Document) -> dict[int, frozenset[str]]:
+    """Names of the laws of friction by joint, of those on which there are any."""
+    found: dict[int, set[str]] = {}
+    for entry in document["effects"]:
+        effect = CATALOGUE.get(entry["effect"])
+        if isinstance(effect, TorqueLaw) and effect.family == "friction":
+            for joint in entry["joints"]:
+                found.setdefault(joint, set()).add(effect.name)
+    return {joint: frozenset(names) for joint, names in found.items()}
+
+
+def explains_as_much(asked: Document, before: Document) -> bool:
+    """Whether a diagnosis with the law of the type leaves no more of any joint's torque than that with a unit's own."""
+    if asked["verdict"] != before["verdict"]:
+        return False
+    left, least = (
+        np.array(document["gap"]["after"]["torque_nrmse"], dtype=float)
+        for document in (asked, before)
+    )
+    return bool((left <= least + EXPLAINS_MORE).all())
+
+
+# Which unit is this? The corrected arm of each unit predicts the torque recorded on every other.
+
+
+NOMINAL = "nominal"
+"""Row of the arm without effects."""
+
+
+@dataclass(frozen=True)
+class FleetUnit:
+    """One unit: its case, and what its diagnosis found.
+
+    Attributes:
+        name: name of the unit.
+        case: folder of the case, or its case file.
+        corrected: its ``corrected.yaml``.
+    """
+
+    name: str
+    case: Path
+    corrected: Path
+
+
+@dataclass(frozen=True)
+class ConfusionColumn:
+    """How well each arm predicts the recordings of one unit, R arms with n joints.
+
+    Attributes:
+        unit: whose recordings.
+        torque_nrmse: of each arm, (n,) [1]; ``None`` for an arm that cannot predict them.
+        problem: why there is no value at all, else empty.
+    """
+
+    unit: str
+    torque_nrmse: Mapping[str, np.ndarray | None]
+    problem: str = ""
+
+    def mean(self, row: str) -> float | None:
+        """Mean over the joints of one arm's torque NRMSE [1]."""
+        values = self.torque_nrmse.get(row)
+        return None if values is None else float(values.mean())
+
+    @property
+    def best(self) -> str | None:
+        """The unit whose arm leaves least; the unit itself among equals."""
+        means = {row: self.mean(row) for row in self.torque_nrmse if row != NOMINAL}
+        known = {row: mean for row, mean in means.items() if mean is not None}
+        if not known:
+            return None
+        return min(known, key=lambda row: (known[row], row != self.unit))
+
+    @property
+    def confused_with(self) -> tuple[str, ...]:
+        """Other units whose arm predicts this one as well: no larger mean, or no joint worse by ``ALIKE_NRMSE``."""
+        own = self.torque_nrmse.get(self.unit)
+        if own is None:
+            return ()
+        alike = []
+        for row, nrmse in self.torque_nrmse.items():
+            if row in (NOMINAL, self.unit) or nrmse is None:
+                continue
+            if nrmse.mean() <= own.mean() or (nrmse - own).max() < ALIKE_NRMSE:
+                alike.append(row)
+        return tuple(alike)
+
+
+def confusion_column(unit: FleetUnit, units: Sequence[FleetUnit]) -> ConfusionColumn:
+    """Predict the recordings of a unit with the nominal arm and with the corrected arm of every unit.
+
+    An arm is the URDF and data sheet of its own case with the effects found there; gravity is that of the unit that was
+    recorded, which may hang from another wall. Nothing is read but cases and ``corrected.yaml``. The unit's own arm was
+    fitted to these recordings, or to most of them, and has the advantage of that.
+    """
+    try:
+        case = load_case(unit.case)
+        segments = _segments(case)
+        nrmse = {
+            row: _nrmse(segments, arm, effects)
+            for row, (arm, effects) in _arms(case, unit, units).items()
+        }
+    except GapscopeError as error:
+        return ConfusionColumn(unit.name, {}, str(error))
+    return ConfusionColumn(unit.name, nrmse)
+
+
+def _arms(
+    case: Case, unit: FleetUnit, units: Sequence[FleetUnit]
+) -> dict[str, tuple[NominalArm, tuple[AppliedEffect, ...]]]:
+    """Nominal arm and effects of each row."""
+    arms: dict[str, tuple[NominalArm, tuple[AppliedEffect, ...]]] = {
+        NOMINAL: (case.arm, ())
+    }
+    for other in units:
+        arm = case.arm
+        if other.name != unit.name:
+            arm = load_case(other.case, read_recordings=False).arm
+        # the other arm, hung where the recorded unit hangs
+        mounted = replace(arm, gravity=case.arm.gravity)
+        arms[other.name] = (mounted, read_corrected(other.corrected))
+    return arms
+
+
+def _segments(case: Case) -> list[Segment]:
+    """What was recorded in a case, conditioned; raises ``GapscopeError`` if no recording carries a torque."""
+    recordings = tuple(r for r in (*case.recordings, *case.judged) if r.tau is not None)
+    if not recordings:
+        raise GapscopeError(
+            f"{case.name}: no recording carries a torque", "; ".join(case.warnings)
+        )
+    return [segment for recording in recordings for segment in condition(recording)]
+
+
+def _nrmse(
+    segments: list[Segment], arm: NominalArm, effects: tuple[AppliedEffect, ...]
+) -> np.ndarray | None:
+    """Torque NRMSE of an arm over all segments, (n,) [1]; ``None`` if it is not finite."""
+    found = torque_gap(CorrectedArm(arm, effects), RigidBody(arm), segments).nrmse
+    return found if np.isfinite(found).all() else None
+
+
+# The comparison of several units as data: ``units.json``.
+
+
+SPOILS = (
+    "sign_flip",
+    "joint_swap",
+    "unit_mismatch",
+    "shifted_inertials",
+    "torque_unit",
+    "gravity_compensated_torque",
+)
+"""Faults of a set-up with which the recordings, or the arm believed, are of no use to another unit."""
+
+
+@dataclass(frozen=True)
+class FleetGroup:
+    """Units of one type of arm.
+
+    Attributes:
+        robot: name of the robot.
+        joints: names of its joints.
+        documents: diagnosis of each unit.
+        units: those that take part in the confusion.
+        left_out: those that do not, and why.
+        differ: what the cases do not believe alike of the nominal arm: ``urdf``, or entries of the data sheet.
+    """
+
+    robot: str
+    joints: tuple[str, ...]
+    documents: Mapping[str, Document]
+    units: tuple[FleetUnit, ...]
+    left_out: Mapping[str, str]
+    differ: tuple[str, ...]
+
+
+def grouped(
+    documents: Mapping[str, Document], units: Sequence[FleetUnit]
+) -> tuple[tuple[FleetGroup, ...], tuple[str, ...]]:
+    """Groups of two and more units of one type of arm, and the units that are alone.
+
+    Args:
+        documents: diagnosis of each unit, by its name.
+        units: where each unit's case and ``corrected.yaml`` lie.
+    """
+    made = []
+    for (robot, joints), members in groups(documents).items():
+        if len(members) > 1:
+            own = [unit for unit in units if unit.name in members]
+            made.append(_fleet_group(robot, joints, members, own))
+    compared = {unit for group in made for unit in group.documents}
+    return tuple(made), tuple(unit for unit in documents if unit not in compared)
+
+
+def _fleet_group(
+    robot: str,
+    joints: tuple[str, ...],
+    documents: Mapping[str, Document],
+    units: Sequence[FleetUnit],
+) -> FleetGroup:
+    """The group of units of one type of arm; those with a faulty set-up take no part in the confusion."""
+    problems = {unit: _spoilt(document) for unit, document in documents.items()}
+    sound = tuple(unit for unit in units if not problems[unit.name])
+    return FleetGroup(
+        robot,
+        joints,
+        documents,
+        sound if len(sound) > 1 else (),
+        {unit: problem for unit, problem in problems.items() if problem},
+        _differ(units),
+    )
+
+
+def units_document(
+    made: Sequence[tuple[FleetGroup, Sequence[ConfusionColumn]]], alone: Sequence[str]
+) -> dict[str, Any]:
+    """Content of ``units.json``: per type of arm the effects compared and, with columns, the confusion."""
+    return {
+        "schema": 1,
+        "groups": [_group(*entry) for entry in made],
+        "alone": list(alone),
+    }
+
+
+def _spoilt(document: Document) -> str:
+    found = [
+        entry["effect"].replace("_", " ")
+        for entry in document["effects"]
+        if entry["effect"] in SPOILS
+    ]
+    return f"its set-up is at fault: {', '.join(found)}" if found else ""
+
+
+def _differ(units: Sequence[FleetUnit]) -> tuple[str, ...]:
+    """What the nominal arms of units do not have alike."""
+    try:
+        arms = [load_case(unit.case, read_recordings=False).arm for unit in units]
+    except GapscopeError:  # the case was changed since; its column shows it
+        return ()
+    first, *others = arms
+    urdf = first.urdf.read_bytes()
+    differ = []
+    if any(arm.urdf.read_bytes() != urdf for arm in others):
+        differ.append("urdf")
+    for key in PER_JOINT:
+        if not all(_same(first, arm, key) for arm in others):
+            differ.append(key)
+    return tuple(differ)
+
+
+def _same(one: NominalArm, other: NominalArm, key: str) -> bool:
+    a, b = getattr(one, key), getattr(other, key)
+    if a is None or b is None:
+        return a is b
+    return bool(np.allclose(a, b, rtol=1e-6))
+
+
+def _group(group: FleetGroup, columns: Sequence[ConfusionColumn]) -> dict[str, Any]:
+    return {
+        "robot": group.robot,
+        "joints": list(group.joints),
+        "units": list(group.documents),
+        "nominal_differs": list(group.differ),
+        "effects": [_effect(row) for row in compare(group.documents)],
+        "confusion": _confusion(columns, group.left_out),
+    }
+
+
+def _effect(row: SharedEffect) -> dict[str, Any]:
+    return {
+        "effect": row.effect,
+        "joint": row.joint,
+        "link": row.link,
+        "kind": row.kind,
+        "units": list(row.units),
+        "agree": row.agree,
+        "shares": dict(row.shares),
+        "instead": dict(row.instead),
+        "parameters": [_value(value) for value in row.values],
+    }
+
+
+def _value(value: SharedParameter) -> dict[str, Any]:
+    together = None if value.pooled is None else asdict(value.pooled)
+    return {
+        "name": value.name,
+        "component": value.component,
+        "unit": value.unit,
+        "value": dict(value.values),
+        "std": dict(value.stds),
+        "together": together,
+    }
+
+
+def _confusion(
+    columns: Sequence[ConfusionColumn], left_out: Mapping[str, str]
+) -> dict[str, Any]:
+    """Means over the joints and values per joint, rows by columns; problems of columns count as left out."""
+    shown = [c for c in columns if not c.problem]
+    rows = [NOMINAL, *(c.unit for c in columns)] if shown else []
+    per_joint = [[c.torque_nrmse.get(row) for c in shown] for row in rows]
+    return {
+        "rows": rows,
+        "columns": [c.unit for c in shown],
+        "torque_nrmse": [[c.mean(row) for c in shown] for row in rows],
+        "torque_nrmse_per_joint": [
+            [None if v is None else v.tolist() for v in line] for line in per_joint
+        ],
+        "best": {c.unit: c.best for c in shown},
+        "confused_with": {c.unit: list(c.confused_with) for c in shown},
+        "left_out": {**left_out, **{c.unit: c.problem for c in columns if c.problem}},
+    }

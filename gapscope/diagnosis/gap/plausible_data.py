@@ -1,6 +1,10 @@
-"""Whether the recordings of a case hold what an arm can have: numbers beyond every unit are an error of the input."""
+"""Recordings that can be diagnosed: what is odd about motion and torque, and what is left out."""
 
 from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -9,10 +13,137 @@ from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.plausibility import DIAGNOSE_FIRST, PLAUSIBLE_RATES
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.thresholds import (
+    EXAMINED,
     LARGEST_POSITION,
     LARGEST_TORQUE,
+    LEAST_MOTION,
     LEAST_TORQUE_CHANGE,
+    LEAST_UNCHANGED,
+    LEAST_WINDOW,
+    LONE_OF_OTHERS,
+    LONE_POSITION,
+    LONE_SAMPLES,
+    LONG_RECORDINGS,
+    MOST_FOLDS,
+    MOVING_TORQUE,
+    SHORT_MOTION,
+    SINGLE_RECORDING_FOLDS,
+    STICKING_SPEED,
+    WINDOW,
 )
+from gapscope.model.changes import Change
+from gapscope.model.conditioning import Segment, blocks
+
+# Whether positions are those of a motion: joints that never move, little motion, values that lie alone.
+
+
+LOOK = 0.1
+"""Time over which a joint's speed is looked at [s]."""
+
+
+def check_moving(case: Case) -> None:
+    """Check that joints move, in every recording whose torque tells of a motion, and that no value lies alone.
+
+    Raises:
+        InputError: no joint moves in any recording, or none in one whose torque changes as in the others; or some
+            samples lie far from all others.
+    """
+    for recording in (*case.recordings, *case.judged):
+        _check_lone_positions(recording)
+    least = LEAST_MOTION * case.arm.per_radian
+    moves = [bool((np.ptp(r.q, axis=0) > least).any()) for r in case.recordings]
+    if not any(moves):
+        raise InputError(
+            "the positions never change: without a motion no effect can be told from another",
+            "record a motion of all joints; or check the columns q1.. and their unit in import: {q: ...}",
+            file=", ".join(recording.name for recording in case.recordings),
+            where="columns q",
+        )
+    changes = [_torque_change(recording) for recording in case.recordings]
+    in_motion = [
+        change for change, moving in zip(changes, moves, strict=True) if moving
+    ]
+    # what a standing arm's torque changes by is noise and drift
+    most = MOVING_TORQUE * max(in_motion)
+    for recording, moving, change in zip(case.recordings, moves, changes, strict=True):
+        if not moving and change > most:
+            raise InputError(
+                "the positions never change, but the torque does as in a motion",
+                "take the recording out of the case; did the logger lose the positions?",
+                file=recording.name,
+                where="columns q",
+            )
+
+
+def still_note(case: Case) -> tuple[str, ...]:
+    """A sentence on each joint that moves in no recording."""
+    ranges = np.max([np.ptp(r.q, axis=0) for r in case.recordings], axis=0)
+    still = ranges <= LEAST_MOTION * case.arm.per_radian
+    return tuple(
+        f"joint {j + 1} ({case.arm.joints[j]}) never moves: its friction and drive cannot be told, the other joints "
+        "are diagnosed; if it did move, its position was not recorded"
+        for j in np.flatnonzero(still)
+    )
+
+
+def short_note(case: Case) -> tuple[str, ...]:
+    """A sentence on recordings in which the joints move for too short a time to tell small effects."""
+    seconds = sum(_moving_time(r, case.arm.per_radian) for r in case.recordings)
+    if seconds >= SHORT_MOTION:
+        return ()
+    return (
+        f"only {int(seconds)} s of motion in all: a small effect may not stand out, and errors are wide; record "
+        f"{SHORT_MOTION:g} s or more, in two motions at least",
+    )
+
+
+def _moving_time(recording: Recording, per_radian: np.ndarray) -> float:
+    """Time in which some joint is faster than dry friction needs to be known [s]."""
+    every = max(1, round(LOOK * recording.rate))
+    steps = np.abs(np.diff(recording.q[::every], axis=0))
+    spans = np.diff(recording.t[::every])
+    moves = (steps > STICKING_SPEED * per_radian * spans[:, None]).any(axis=1)
+    # a gap in time counts as one step
+    return float(np.minimum(spans[moves], 2 * LOOK).sum())
+
+
+def _torque_change(recording: Recording) -> float:
+    """Largest standard deviation of a joint's torque [N m]; 0 without a torque."""
+    return 0.0 if recording.tau is None else float(recording.tau.std(axis=0).max())
+
+
+def _check_lone_positions(recording: Recording) -> None:
+    """Check that no few samples of a joint lie many times further out than all of its others.
+
+    A joint that moves passes through what lies between. A torque may do so, in an impact.
+
+    Raises:
+        InputError: some do.
+    """
+    series, few = recording.q, LONE_SAMPLES
+    if len(series) <= 4 * few:
+        return
+    ends = [*range(few + 1), *range(-few - 1, 0)]
+    ordered = np.partition(series, [k % len(series) for k in ends], axis=0)
+    # the least span that is left without so many samples, taken from both ends together
+    spans = [ordered[-1 - few + k] - ordered[k] for k in range(few + 1)]
+    taken, span = np.argmin(spans, axis=0), np.min(spans, axis=0)
+    joints = np.arange(series.shape[1])
+    low, high = ordered[taken, joints], ordered[-1 - few + taken, joints]
+    beyond = np.maximum(series - high, low - series)
+    allowed = LONE_POSITION * np.maximum(span, LONE_OF_OTHERS * span.max())
+    if not (beyond > allowed).any() or not span.max():
+        return
+    row, joint = np.unravel_index((beyond - allowed).argmax(), series.shape)
+    raise InputError(
+        f"{series[row, joint]:.4g} lies alone: all but {few} samples are from {low[joint]:.4g} to {high[joint]:.4g}",
+        "drop or repair the row (a gap in time is understood); no arm jumps there and back",
+        file=recording.name,
+        where=f"row {int(row) + 1}, column q{int(joint) + 1}",
+    )
+
+
+# Whether the recordings of a case hold what an arm can have: numbers beyond every unit are an error of the input.
 
 
 def check_stamps(case: Case) -> None:
@@ -110,3 +241,139 @@ def _check_size(recording: Recording, channel: str, largest: float, unit: str) -
             file=recording.name,
             where=f"row {int(row) + 1}, column {channel}{int(column) + 1}",
         )
+
+
+# What is looked at of long recordings: windows spread evenly over them, so that an hour costs what minutes cost.
+#
+# Recordings that last longer in all than ``LONG_RECORDINGS`` are cut into windows of the same length, one in the
+# middle of each of equal parts, ``EXAMINED`` seconds in all. Every part of a log has its window: an effect that is
+# always there shows in them as in the whole, and one that comes and goes is seen where it lasts longer than the
+# distance between two windows. Nothing is drawn at random: the same log has the same windows.
+
+
+def excerpt(case: Case) -> Case:
+    """The case with windows of its recordings, fitted and set aside apart, each if they are long; else as it is.
+
+    The windows are the pieces of a recording between gaps in time. A note on the recording says what is looked at.
+    """
+    fitted, judged = _windows(case.recordings), _windows(case.judged)
+    if fitted is case.recordings and judged is case.judged:
+        return case
+    return replace(case, recordings=fitted, judged=judged)
+
+
+def folds_of(recordings: Sequence[list[Segment]]) -> list[list[Segment]]:
+    """Folds of the segments of each recording: a recording each, or the blocks of a single one.
+
+    Their equations are kept one by one: of more than ``MOST_FOLDS`` neighbours are joined, and of a single recording
+    in many pieces those that make up ``SINGLE_RECORDING_FOLDS`` parts of it.
+    """
+    if len(recordings) > 1:
+        return _joined(recordings, MOST_FOLDS)
+    segments = recordings[0]
+    if len(segments) > SINGLE_RECORDING_FOLDS:
+        return _joined([[segment] for segment in segments], SINGLE_RECORDING_FOLDS)
+    parts = [blocks(segment, SINGLE_RECORDING_FOLDS) for segment in segments]
+    return _joined([[block] for cut in parts for block in cut], MOST_FOLDS)
+
+
+def _joined(folds: Sequence[list[Segment]], most: int) -> list[list[Segment]]:
+    """Folds, neighbours joined if there are more than so many."""
+    count = min(len(folds), most)
+    edges = np.linspace(0, len(folds), count + 1).astype(int)
+    return [
+        [segment for fold in folds[start:stop] for segment in fold]
+        for start, stop in itertools.pairwise(edges)
+    ]
+
+
+def _windows(recordings: tuple[Recording, ...]) -> tuple[Recording, ...]:
+    """Windows of recordings that are long in all; others as they are, and those whose time has no usual unit."""
+    slowest = min((r.rate for r in recordings), default=0.0)
+    seconds = sum(_seconds(r) for r in recordings)
+    if seconds <= LONG_RECORDINGS or not slowest >= PLAUSIBLE_RATES[0]:
+        return recordings
+    # of many short recordings some, spread evenly, so that a window is never shorter than the filters need
+    most = int(EXAMINED / LEAST_WINDOW)
+    if len(recordings) > most:
+        chosen = np.linspace(0, len(recordings) - 1, most).round().astype(int)
+        recordings = tuple(recordings[k] for k in chosen)
+        seconds = sum(_seconds(r) for r in recordings)
+    share = min(1.0, EXAMINED / seconds)
+    return tuple(_windows_of(r, share) for r in recordings)
+
+
+def _seconds(recording: Recording) -> float:
+    """Time over which there are samples [s]."""
+    return len(recording.t) / recording.rate
+
+
+def _windows_of(recording: Recording, share: float) -> Recording:
+    """A share of a recording [1], in windows in the middle of equal parts of its rows."""
+    rows, rate = len(recording.t), recording.rate
+    examined = max(share * _seconds(recording), LEAST_WINDOW)
+    count = max(1, round(examined / WINDOW))
+    length = int(examined / count * rate)
+    if count * length >= rows:
+        return recording
+    middles = (np.arange(count) + 0.5) * rows / count
+    kept = np.zeros(rows, dtype=bool)
+    for start in (middles - length / 2).astype(int):
+        kept[start : start + length] = True
+    note = f"long: {count} windows of {length / rate:.3g} s, spread evenly over it, are looked at"
+    return recording.part(kept, notes=(*recording.notes, note))
+
+
+# The recordings of a case up to the first moment at which something changes.
+
+
+def up_to_changes(case: Case, changes: Sequence[Change]) -> Case:
+    """The case with each recording that has a change cut at the first one: the arm as it was before.
+
+    A part of less than ``LEAST_UNCHANGED`` seconds is left out. If nothing would remain to fit, the longest part
+    after the last change of a recording is kept in its place; if that is as short, the recordings are kept whole.
+    """
+    if not changes:
+        return case
+    by_name: dict[str, list[Change]] = {}
+    for found in sorted(changes, key=lambda found: found.time):
+        by_name.setdefault(found.recording, []).append(found)
+    kept = _cut(case.recordings, by_name)
+    if not kept:
+        longest = _longer_part(case.recordings, by_name)
+        if longest.duration < LEAST_UNCHANGED:
+            return case
+        kept = (longest,)
+    return replace(case, recordings=kept, judged=_cut(case.judged, by_name))
+
+
+def _cut(
+    recordings: Sequence[Recording], changes: Mapping[str, list[Change]]
+) -> tuple[Recording, ...]:
+    """The recordings up to their first changes, those long enough."""
+    kept = []
+    for recording in recordings:
+        if recording.name not in changes:
+            kept.append(recording)
+            continue
+        first = changes[recording.name][0]
+        if first.time - recording.t[0] >= LEAST_UNCHANGED:
+            before = recording.t < first.interval[0]
+            note = f"used up to {first.time:.2f} s only, since it changes there"
+            kept.append(recording.part(before, notes=(*recording.notes, note)))
+    return tuple(kept)
+
+
+def _longer_part(
+    recordings: Sequence[Recording], changes: Mapping[str, list[Change]]
+) -> Recording:
+    """The longest part of any recording after its last change."""
+
+    def left(recording: Recording) -> float:
+        return float(recording.t[-1] - changes[recording.name][-1].ends)
+
+    longest = max(recordings, key=left)
+    last = changes[longest.name][-1]
+    after = longest.t > last.ends
+    note = f"used from {last.time:.2f} s on only, since it changes there"
+    return longest.part(after, notes=(*longest.notes, note))

@@ -1,12 +1,99 @@
-"""Weighted normal equations of the terms, the nominal arm's errors eliminated."""
+"""Sums of squares and products of a search, and posteriors of values."""
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Mapping, Sequence
 from copy import copy
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_solve
+from scipy.linalg import block_diag, cho_solve, solve_triangular
 from scipy.linalg.lapack import dpotrf
+
+from gapscope.diagnosis.thresholds import (
+    INERTIAL_ERROR,
+    INERTIAL_ERROR_FACTOR,
+    INERTIAL_ERRORS,
+    LINK_TO_LINK,
+    NOMINAL_ERROR,
+)
+
+# What a diagnosis believes of the nuisances: errors of the nominal arm and of its sensors.
+
+
+@dataclass(frozen=True)
+class ErrorSizes:
+    """Sizes that the errors of the nominal arm may have when the intervals of values are drawn.
+
+    Not the levels of the search: these cost evidence, so that errors do not replace effects, and the smallest that
+    suits the data is preferred. Intervals have to hold whatever the size is.
+
+    Attributes:
+        roots: R of the covariance R R^T of the nuisances at each size, (K, k) each.
+        log_prior: of the sizes, up to a constant [nats].
+        unseen: chance that errors that the data do not show have the size of the column, if those that they do show
+            have the size of the row, (L, L): sizes differ from link to link.
+    """
+
+    roots: tuple[np.ndarray, ...]
+    log_prior: np.ndarray
+    unseen: np.ndarray
+
+
+@dataclass(frozen=True)
+class NuisancePrior:
+    """Prior of the K nuisances, at several levels of how far the nominal arm may be off.
+
+    Attributes:
+        precision: of the nuisances at each level, (K, K).
+        levels: the levels that are tried, each with its charge [nats].
+        sizes: what intervals of values are drawn from.
+    """
+
+    precision: Mapping[float, np.ndarray]
+    levels: Mapping[float, float]
+    sizes: ErrorSizes
+
+    def at(self, level: float) -> np.ndarray:
+        """Precision of the nuisances at a level, (K, K)."""
+        return self.precision[level]
+
+
+def data_sheet_prior(errors: np.ndarray, others: int) -> NuisancePrior:
+    """Errors of the inertials, which a level scales, and of others in units of their spread.
+
+    The search takes relative errors of the inertials as independent; intervals take those of one body together.
+
+    Args:
+        errors: root of the covariance of inertials that are off by their own size, (10 n, 10 n).
+        others: number of the other nuisances.
+    """
+    precision = {}
+    for level in NOMINAL_ERROR:
+        of_inertials = np.full(len(errors), 1.0 / level**2)
+        precision[level] = np.diag(np.concatenate([of_inertials, np.ones(others)]))
+    sizes = ErrorSizes(
+        tuple(block_diag(size * errors, np.eye(others)) for size in INERTIAL_ERRORS),
+        _log_normal(INERTIAL_ERRORS / INERTIAL_ERROR, INERTIAL_ERROR_FACTOR),
+        _unseen(INERTIAL_ERRORS),
+    )
+    return NuisancePrior(precision, NOMINAL_ERROR, sizes)
+
+
+def _log_normal(ratio: np.ndarray, factor: float) -> np.ndarray:
+    """Logarithm of a density by which ratios of ``factor`` and one over it are one deviation off [nats]."""
+    return np.asarray(-0.5 * (np.log(ratio) / np.log(factor)) ** 2)
+
+
+def _unseen(sizes: np.ndarray) -> np.ndarray:
+    """Chances of the sizes of one link's errors, by row that of another's, (L, L)."""
+    density = np.exp(_log_normal(sizes / sizes[:, None], LINK_TO_LINK))
+    return np.asarray(density / density.sum(axis=1, keepdims=True))
+
+
+# Weighted normal equations of the terms, the nominal arm's errors eliminated.
+
 
 LIFTS = (1e-13, 1e-11, 1e-9, 1e-7, 1e-5)
 """What is added to a unit diagonal until a matrix is positive definite in spite of rounding [1]."""
@@ -260,3 +347,117 @@ def positive_root(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if not failed:
             return scale, np.tril(root)
     raise np.linalg.LinAlgError("normal equations are not positive definite")
+
+
+# How likely values of some terms are beside errors of the nominal arm whose size is not known.
+#
+# With A the columns of the terms, N those of the nuisances, W weights of one over variance, and R_s the root of the
+# covariance of nuisances of size s,
+#
+#     y = A theta + N R_s u + e        u ~ N(0, 1), e ~ N(0, W^-1), theta flat or Gaussian
+#     p(s | y) ~ p(s) |G_s|^-1/2 exp(1/2 r_s^T G_s^-1 r_s)        G_s = X_s^T W X_s + Q, r_s = X_s^T W y
+#
+# with X_s = [A, N R_s] and Q the prior precision, 1 for u: the restricted likelihood of s [patterson1971].
+#
+# The errors that the data show tell s. What widens an interval is those that they do not show, as the terms take their
+# place, and they may be of another size: values are drawn for sizes drawn about those of p(s | y).
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Values of some terms, Gaussian for one size of the nuisances.
+
+    Attributes:
+        columns: places of the terms, (C,).
+        mean: of the values, (C,).
+        root: B of the values' covariance B B^T, (C, D).
+        log_evidence: of the size, up to a constant [nats].
+    """
+
+    columns: np.ndarray
+    mean: np.ndarray
+    root: np.ndarray
+    log_evidence: float
+
+    def draws(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        """Values, (count, C)."""
+        noise = rng.normal(size=(count, self.root.shape[1]))
+        return np.asarray(self.mean + noise @ self.root.T)
+
+
+def posteriors(
+    total: np.ndarray, columns: np.ndarray, precision: np.ndarray, sizes: ErrorSizes
+) -> list[Posterior]:
+    """The values under every size.
+
+    Args:
+        total: X^T W X of X = [A, N, y], (P + K + 1, P + K + 1).
+        columns: places of the terms, (C,).
+        precision: prior precision of all P values, zero if flat, (P,).
+        sizes: of the K nuisances.
+    """
+    own = precision[columns]
+    used = np.append(columns, np.arange(len(precision), len(total)))
+    chosen = total[np.ix_(used, used)]
+    return [
+        _posterior(chosen, columns, own, root, float(log_prior))
+        for root, log_prior in zip(sizes.roots, sizes.log_prior, strict=True)
+    ]
+
+
+def drawn(
+    among: Sequence[Sequence[Posterior]],
+    unseen: np.ndarray,
+    size: int,
+    rng: np.random.Generator,
+    count: int,
+) -> np.ndarray:
+    """Values from some sets of terms, each under every size, as likely as the data make either, (count, P).
+
+    Args:
+        among: of each set of terms the posteriors under all sizes.
+        unseen: see ``ErrorSizes``.
+        size: P.
+        rng: source of random numbers.
+        count: number of draws.
+    """
+    log_evidence = np.array([[one.log_evidence for one in sizes] for sizes in among])
+    chance = np.exp(log_evidence - log_evidence.max()) @ unseen
+    counts = rng.multinomial(count, (chance / chance.sum()).ravel())
+    out = np.zeros((count, size))
+    start = 0
+    for one, number in zip(itertools.chain(*among), counts, strict=True):
+        rows = slice(start, start + number)
+        out[rows, one.columns] = one.draws(rng, number)
+        start += number
+    return out
+
+
+def _posterior(
+    total: np.ndarray,
+    columns: np.ndarray,
+    precision: np.ndarray,
+    root: np.ndarray,
+    log_prior: float,
+) -> Posterior:
+    """The values under one size: X^T W X over the terms alone, (C + K + 1, C + K + 1), their precision, (C,)."""
+    own, errors = len(columns), root.shape[1]
+    # from [theta, u, 1] to [theta, delta, 1]
+    to_errors = np.zeros((len(total), own + errors + 1))
+    to_errors[:own, :own] = np.eye(own)
+    to_errors[own:-1, own:-1] = root
+    to_errors[-1, -1] = 1.0
+    whole = to_errors.T @ total @ to_errors
+    gram, right = whole[:-1, :-1], whole[:-1, -1]
+    gram += np.diag(np.append(precision, np.ones(errors)))
+    scale, lower = positive_root(gram)
+    # G = S^-1 L L^T S^-1, so that its inverse is B B^T with B = S L^-T
+    inverse = solve_triangular(lower, np.eye(len(lower)), lower=True)
+    inverse_root = scale[:, None] * inverse.T
+    reduced = inverse_root.T @ right
+    log_det = 2.0 * float((np.log(np.diag(lower)) - np.log(scale)).sum())
+    proper = float(np.log(precision[precision > 0]).sum())
+    log_evidence = log_prior + 0.5 * (float(reduced @ reduced) - log_det + proper)
+    return Posterior(
+        columns, inverse_root[:own] @ reduced, inverse_root[:own], log_evidence
+    )

@@ -1,51 +1,215 @@
-"""Evidence for a set of terms: how well it predicts data that it was not fitted to, less what it costs.
-
-Score of a set S, in nats, over folds f (half a recording left out each) and joints j:
-
-    score = -(1 + nu)/2 sum_fj n_fj log(1 + mse_fj / e_fj^2) - charge(S) - 1/2 (delta^T Q delta + log det)
-
-with n the effective number of samples, mse the mean square of the held-out gap, e what a healthy arm leaves (noise, or
-the discrepancy learnt from the data). This is the likelihood of Gaussian errors whose unknown variance is integrated
-out: a reference tells it, e^2, as well as the n samples do (nu = 1), without one it is learnt from these themselves
-(nu = 0). delta are the errors of the nominal inertials, or of an arm identified on a
-reference, a nuisance of every model with the prior precision Q. A second nuisance is the skew
-between torque and motion that sampling leaves, the same on all joints: a torque held from one tick of the controller to
-the next acts half a tick late on average.
-
-With joint torque sensors j runs over both sides of each joint (``gapscope/diagnosis/model/torque_sensor.py``), and
-the errors of the sensors are a third nuisance.
-"""
+"""The evidence of a set of effects, from folds of equations, with draws of its values."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from scipy.stats import chi2
 
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.joint_units import size_per_radian
+from gapscope.arm.nominal import NominalArm
+from gapscope.diagnosis.model.fit_data import Discrepancy, Fold
 from gapscope.diagnosis.model.linearisation import Linearisation
-from gapscope.diagnosis.model.normal_equations import NormalEquations, solve_positive
-from gapscope.diagnosis.selection.coordinate_limits import (
-    lowest_values,
-    stated_bounds,
-    usual_sizes,
+from gapscope.diagnosis.model.normal_equations import (
+    NormalEquations,
+    Posterior,
+    drawn,
+    posteriors,
+    solve_positive,
+    with_skew,
 )
-from gapscope.diagnosis.selection.fold_equations import FoldEquations, mean_squares
 from gapscope.diagnosis.thresholds import (
+    EFFECT_FORM,
+    GAIN_ERROR,
+    LINK_CHANGE,
+    MODEL_FORM,
     NEW_EFFECT,
     PRIOR_EXPONENT,
     SKEW_CHARGE,
     SKEWS,
     UNLIKELY_ERRORS,
+    VALUE_DRAWS,
 )
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.model.terms import (
-    Term,
-    cost,
-    count_findings,
-)
+from gapscope.effects.effect import External, Inertial, Sensing
+from gapscope.model.terms import Term, Terms, cost, count_findings
+
+# How small the coordinates of terms may be, where they stop, and how large they usually are.
+
+
+def lowest_values(arm: NominalArm, body: RigidBody, terms: Terms) -> np.ndarray:
+    """Lowest values, (P,): as the effects say; what adds to the data sheet may not fall below zero in total."""
+    lowest = np.full(terms.size, -np.inf)
+    masses = body.inertial_parameters()[::10]
+    for effect in terms.definitions:
+        fitted, places = effect.fitted, terms.block(effect.name)[0]
+        least = fitted.lowest
+        lowest[places] = least(masses, body.last_link) if callable(least) else least
+        if fitted.data_sheet is not None:
+            lowest[places] = -getattr(arm, fitted.data_sheet) - 1e-9
+    return lowest
+
+
+def stated_bounds(arm: NominalArm, terms: Terms) -> np.ndarray:
+    """Lower bounds at which values stop, (P,): what the data sheet or the URDF states may be gone altogether.
+
+    Others have none: a value that cannot be speaks against its term, the absence of what is stated does not.
+    """
+    bounds = np.full(terms.size, -np.inf)
+    for effect in terms.definitions:
+        stated = effect.fitted.data_sheet
+        if stated is not None:
+            nominal = getattr(arm, stated)
+            places = terms.block(effect.name)[0]
+            bounds[places] = np.where(nominal > 0, -nominal, -np.inf)
+    return bounds
+
+
+def usual_sizes(arm: NominalArm, terms: Terms) -> np.ndarray:
+    """Usual sizes of the coordinates, (P,), infinite for those that the torque alone bounds."""
+    usual = np.full(terms.size, np.inf)
+    for effect in terms.definitions:
+        size: float | np.ndarray = effect.fitted.usual
+        alone = effect.scope == "joint" and len(effect.parameters) == 1
+        if alone and effect.reach != "motor":
+            size = size * size_per_radian(effect.parameters[0].unit, arm.sliding)
+        usual[terms.block(effect.name)] = size
+    return usual
+
+
+# Normal equations of the folds at one skew of sampling, as the evidence reads them.
+
+
+class FoldEquations:
+    """Normal equations of F folds with m rows each, at one skew of sampling.
+
+    Attributes:
+        skew: the skew [s].
+        gram: X^T W X of X = [A, N, y, d], (F, m, P + K + 2, P + K + 2), the same at any skew.
+        count: weight of the rows, (F, m).
+        floor2: mean square of a healthy arm [N^2 m^2], (F, m).
+        independent: effective number of independent samples, (F, m).
+        expected2: mean square that a model is expected to leave, the floor's or the discrepancy's [N^2 m^2], (F, m).
+    """
+
+    def __init__(
+        self, folds: Sequence[Fold], healthy: Discrepancy, skew: float = 0.0
+    ) -> None:
+        self.skew = skew
+        self.gram = np.array([fold.total for fold in folds])
+        self.count = np.array([fold.count for fold in folds])
+        self.floor2 = np.array([fold.floor for fold in folds]) ** 2
+        joints = self.floor2.shape[1]
+        self.independent = self.count / healthy.inflation[:joints]
+        self.expected2 = np.maximum(self.floor2, healthy.mean_square[:joints])
+        self._weighed: dict[bytes, np.ndarray] = {}
+        self._eliminated: dict[bytes, tuple[NormalEquations, NormalEquations]] = {}
+
+    def at(self, skew: float) -> FoldEquations:
+        """The same at another skew [s]."""
+        other = copy(self)
+        other.skew = skew
+        return other
+
+    def weighed(self, weights: np.ndarray) -> np.ndarray:
+        """X^T W X of X = [A, N, y - skew d] of each fold, its rows weighed by (F, m): (F, P + K + 1, P + K + 1)."""
+        return with_skew(self._weighed_at(weights), self.skew)
+
+    def normals(
+        self,
+        weights: np.ndarray,
+        size: int,
+        prior: np.ndarray,
+        bounds: np.ndarray | None = None,
+    ) -> tuple[NormalEquations, NormalEquations]:
+        """Normal equations of all folds, and of all but each, their rows weighed by (F, m).
+
+        Args:
+            weights: of the rows.
+            size, prior, bounds: see ``NormalEquations``.
+        """
+        key = weights.tobytes() + prior.tobytes()
+        if key not in self._eliminated:
+            by_fold = self._weighed_at(weights)
+            total = by_fold.sum(axis=0)
+            # at every skew the nuisances are eliminated alike
+            self._eliminated.clear()
+            self._eliminated[key] = (
+                NormalEquations(total, size, prior, bounds),
+                NormalEquations(total - by_fold, size, prior, bounds),
+            )
+        whole, without = self._eliminated[key]
+        return whole.at(self.skew), without.at(self.skew)
+
+    def _weighed_at(self, weights: np.ndarray) -> np.ndarray:
+        """X^T W X of X = [A, N, y, d] of each fold; the same weights are asked for at every skew."""
+        key = weights.tobytes()
+        if key not in self._weighed:
+            self._weighed.clear()
+            pairs = zip(weights, self.gram, strict=True)
+            sums = [np.tensordot(own, gram, axes=1) for own, gram in pairs]
+            self._weighed[key] = np.array(sums)
+        return self._weighed[key]
+
+    def mean_square(
+        self,
+        normals: NormalEquations,
+        columns: np.ndarray,
+        *,
+        corrected: bool,
+    ) -> np.ndarray:
+        """Mean square of the residual of each fold [N^2 m^2], (F, m).
+
+        Args:
+            normals: the equations that the values come from, of each fold its own or one for all.
+            columns: places of the terms that are fitted.
+            corrected: whether nuisances and skew are taken out of the residual.
+        """
+        theta = normals.solve(columns)
+        skew = self.skew if corrected else 0.0
+        squares = normals.rest(self.gram, theta, columns, skew, corrected=corrected)
+        return squares / np.maximum(self.count, 1e-9)
+
+
+def mean_squares(
+    reduced: np.ndarray, theta: np.ndarray, count: np.ndarray
+) -> np.ndarray:
+    """Mean square of the residual of each fold under S sets of values [N^2 m^2], (S, F, m).
+
+    Args:
+        reduced: of the folds' equations, see ``NormalEquations.reduced``, (F, m, P + 1, P + 1).
+        theta: values for each fold, (F, S, P).
+        count: weight of the rows, (F, m).
+    """
+    ones = np.ones((*theta.shape[:2], 1))
+    # (F, 1, S, P + 1): the same values on all joints
+    values = np.concatenate([theta, ones], axis=2)[:, None]
+    squares = np.maximum(((values @ reduced) * values).sum(axis=-1), 0.0)
+    return np.moveaxis(squares, 2, 0) / np.maximum(count, 1e-9)
+
+
+# Evidence for a set of terms: how well it predicts data that it was not fitted to, less what it costs.
+#
+# Score of a set S, in nats, over folds f (half a recording left out each) and joints j:
+#
+#     score = -(1 + nu)/2 sum_fj n_fj log(1 + mse_fj / e_fj^2) - charge(S) - 1/2 (delta^T Q delta + log det)
+#
+# with n the effective number of samples, mse the mean square of the held-out gap, e what a healthy arm leaves (noise,
+# or the discrepancy learnt from the data). This is the likelihood of Gaussian errors whose unknown variance is
+# integrated out: a reference tells it, e^2, as well as the n samples do (nu = 1), without one it is learnt from these
+# themselves (nu = 0). delta are the errors of the nominal inertials, or of an arm identified on a reference, a
+# nuisance of every model with the prior precision Q. A second nuisance is the skew between torque and motion that
+# sampling leaves, the same on all joints: a torque held from one tick of the controller to the next acts half a tick
+# late on average.
+#
+# With joint torque sensors j runs over both sides of each joint (``gapscope/diagnosis/model/linearisation.py``), and
+# the errors of the sensors are a third nuisance.
+
 
 FEWEST_AT_ONCE = 8
 """Sets of terms of one size from which on it pays to fit them at once."""
@@ -382,3 +546,136 @@ def _at(
     """Both at a skew of sampling [s]."""
     skewed = torque.at(skew)
     return skewed, skewed if scored is torque else scored.at(skew)
+
+
+# Pieces of the data divided in two: what one half says of the values, and the other of them.
+
+
+def alternate_pieces(evidence: Evidence) -> tuple[np.ndarray, np.ndarray]:
+    """Weighted normal equations of every other piece of the data, and of those between."""
+    pieces = _pieces(evidence)
+    return pieces[::2].sum(axis=0), pieces[1::2].sum(axis=0)
+
+
+def _pieces(evidence: Evidence) -> np.ndarray:
+    """Weighted normal equations of every piece of the data, (pieces, C, C)."""
+    # the last column is that of the skew, which is taken out of y
+    columns = np.arange(evidence.scored.gram.shape[-1])
+    out = []
+    for fold, weights in zip(evidence.linear.folds, evidence.weights, strict=True):
+        gram = with_skew(fold.scored.by_piece(columns), evidence.skew)
+        out.append(np.einsum("bjxy,j->bxy", gram, weights))
+    return np.concatenate(out)
+
+
+# Draws of the values of a set of terms, from which their intervals follow.
+#
+# Values are drawn beside errors of the nominal arm, of the sensors or of a reference whose size the data tell
+# (``gapscope/diagnosis/model/normal_equations.py``), with the weights of the evidence: independent samples over the
+# square of what a healthy arm leaves. Beside a data sheet, the gain by which each joint's torque is recorded is off
+# as well, unless its scale is among the terms. A changed link is an error of the nominal arm too: if one was named,
+# the values of all other terms are drawn with it and without it, as likely as the data make either.
+#
+# Added to each draw is
+#
+# - what values fitted without one half of a recording after the other scatter beyond it, by Student's t of the
+#   number of halves [kunsch1989];
+# - what the form of the model, wrong by ``MODEL_FORM``, may shift a value by, were half of it proportional to the
+#   term's own column;
+# - for laws whose form in nature differs, half of ``EFFECT_FORM`` of the value.
+
+
+EXACT = (Inertial, External, Sensing)
+"""Kinds of effects whose form is that of mechanics."""
+
+
+def value_draws(
+    evidence: Evidence,
+    terms: frozenset[Term],
+    rng: np.random.Generator,
+    count: int = VALUE_DRAWS,
+) -> np.ndarray:
+    """Values of the terms as likely as the data make them, zeros elsewhere, (count, P)."""
+    unseen, size = evidence.linear.data.prior.sizes.unseen, evidence.terms.size
+    found = _posteriors(evidence, terms)
+    values = drawn([found], unseen, size, rng, count)
+    linked = frozenset(t for t in terms if t.definition.scope == "link")
+    if linked:
+        links = columns_of(linked)
+        changes = values[:, links]
+        either = [found, _posteriors(evidence, terms - linked)]
+        values = drawn(either, unseen, size, rng, count)
+        values[:, links] = changes
+    columns = columns_of(terms)
+    values[:, columns] += _scatter(evidence, terms, values[:, columns], rng)
+    values += rng.normal(size=values.shape) * _form_of_model(evidence)
+    values *= _forms_of_effects(terms, rng, values.shape)
+    out = np.zeros_like(values)
+    # gains were drawn beside the terms
+    out[:, columns] = np.maximum(values, evidence.bounds)[:, columns]
+    return out
+
+
+def _posteriors(evidence: Evidence, terms: frozenset[Term]) -> list[Posterior]:
+    """The values of a set of terms, and of gains, under every size that the errors of the nominal arm may have."""
+    total = evidence.scored.weighed(evidence.weights).sum(axis=0)
+    precision = _precision(evidence, terms)
+    columns = np.union1d(columns_of(terms), np.flatnonzero(precision))
+    return posteriors(total, columns, precision, evidence.linear.data.prior.sizes)
+
+
+def _precision(evidence: Evidence, terms: frozenset[Term]) -> np.ndarray:
+    """Prior precision of the coordinates, (P,): of changed links that of ``LINK_CHANGE``, of gains, others are flat."""
+    out = np.zeros(evidence.terms.size)
+    gains = [
+        t
+        for t in evidence.terms.all
+        if "scale" in t.definition.quantities.values() and t not in terms
+    ]
+    out[columns_of(gains)] = GAIN_ERROR**-2.0
+    units = evidence.linear.data.units.reshape(-1, 10)
+    for term in terms:
+        if term.definition.scope == "link":
+            mass, moment = units[term.joint - 1, :2]
+            sizes = LINK_CHANGE * np.array([mass, *[moment / mass] * 3])
+            out[list(term.columns)] = sizes**-2.0
+    return out
+
+
+def _scatter(
+    evidence: Evidence,
+    terms: frozenset[Term],
+    values: np.ndarray,
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """What values scatter between halves of recordings beyond what draws of them, (D, C), do: (D, C)."""
+    pairs = evidence.left_out(terms)
+    without_half = np.array([half for pair in pairs for half in pair])
+    halves = len(without_half)
+    # of the jackknife
+    variance = (halves - 1) * without_half[:, columns_of(terms)].var(axis=0)
+    excess = np.sqrt(np.maximum(variance - values.var(axis=0), 0.0))
+    return np.asarray(rng.standard_t(halves - 1, size=values.shape) * excess)
+
+
+def _form_of_model(evidence: Evidence) -> np.ndarray:
+    """Standard deviation that the form of the model adds to each value, (P,)."""
+    squares = np.diagonal(evidence.torque.gram, axis1=2, axis2=3)
+    power = squares[:, :, : evidence.terms.size].sum(axis=0)
+    column_rms = np.sqrt(power / evidence.rows.sum(axis=0)[:, None])
+    torque = evidence.linear.data.torque_deviation[:, None]
+    by_joint = 0.5 * MODEL_FORM * torque / np.maximum(column_rms, 1e-12)
+    return np.asarray(by_joint.min(axis=0))
+
+
+def _forms_of_effects(
+    terms: frozenset[Term], rng: np.random.Generator, shape: tuple[int, ...]
+) -> np.ndarray:
+    """Factors on the values by which the forms of their laws differ from those in nature, (D, P)."""
+    out = np.ones(shape)
+    # in a fixed order, so that the same case has the same intervals
+    for term in sorted(terms, key=lambda t: t.columns):
+        if not isinstance(term.definition, EXACT):
+            error = 0.5 * EFFECT_FORM * rng.normal(size=(shape[0], 1))
+            out[:, list(term.columns)] += error
+    return out

@@ -16,13 +16,14 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.plausibility import PLAUSIBLE_RATES
 from gapscope.arm.nominal import NominalArm
-from gapscope.diagnosis.gap.excerpt import excerpt
-from gapscope.diagnosis.gap.plausible_data import check_rates
+from gapscope.diagnosis.gap.plausible_data import check_rates, excerpt
+from gapscope.diagnosis.setup_faults.clocks import (
+    find_jitter,
+    find_stamps,
+    find_torque_clock,
+)
 from gapscope.diagnosis.setup_faults.fault_search import faults_by_torque
-from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
-from gapscope.diagnosis.setup_faults.merge import merged
-from gapscope.diagnosis.setup_faults.time_stamps import find_jitter, find_stamps
-from gapscope.diagnosis.setup_faults.torque_clock import find_torque_clock
+from gapscope.diagnosis.setup_faults.found_fault import FoundFault, merged, repaired
 from gapscope.diagnosis.thresholds import (
     FAULT_FALL,
     FAULT_VISIBLE,
@@ -33,7 +34,7 @@ from gapscope.diagnosis.thresholds import (
     SHIFTED_INERTIALS_FALL,
 )
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.setup_faults.inertial_fault import ShiftedInertials
+from gapscope.effects.setup_faults import ShiftedInertials
 from gapscope.model.conditioning import (
     Segment,
     condition,

@@ -17,8 +17,8 @@ import numpy as np
 from numpy import add, multiply
 from scipy.linalg.lapack import dgesv
 
-from gapscope.arm.dynamics.forward_dynamics import ForwardDynamics
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.dynamics.rollout import ForwardDynamics
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Drift, DryLaw
 from gapscope.effects.passivity import total

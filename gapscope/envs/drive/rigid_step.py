@@ -14,8 +14,8 @@ from __future__ import annotations
 import numpy as np
 from numpy import absolute, add, greater, logical_and, multiply, sign, subtract
 
-from gapscope.arm.dynamics.forward_dynamics import ForwardDynamics
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.dynamics.rollout import ForwardDynamics
 from gapscope.envs.drive.arm_drive import ArmDrive
 from gapscope.envs.drive.friction import DryFriction
 from gapscope.envs.engines import Bodies, Engine

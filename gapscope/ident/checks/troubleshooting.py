@@ -1,22 +1,103 @@
-"""The troubleshooting table: symptom, cause, check, remedy, filled in from the data."""
+"""The table of what may be wrong with an identification, row by row, and the warnings that follow from it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gapscope.ident.checks import symptoms
-from gapscope.ident.checks.fit_evidence import (
+from gapscope.ident.checks.plausible_samples import UNIT_FACTOR, resting, unit_factor
+from gapscope.ident.checks.symptoms import (
+    GAIN,
     FitEvidence,
     NominalSimilarity,
     nominal_similarity,
+    torque_gain,
 )
-from gapscope.ident.checks.plausible_samples import UNIT_FACTOR, resting, unit_factor
-from gapscope.ident.checks.table_row import CLEAR, FOUND, Entry, Row, make_row
-from gapscope.ident.checks.torque_gain import GAIN, torque_gain
+from gapscope.ident.estimators.linear import Estimate
 from gapscope.ident.model.physical_parameters import inconsistent
+from gapscope.ident.uncertainty.examination import Examination, Validation
+from gapscope.model.change_findings import change_findings, change_text
+from gapscope.model.changes import Change
+
+# A row of the troubleshooting table: its text, and what was measured.
+
+
+FOUND, CLEAR = "found", "clear"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """The text of a row of the table, whatever the data.
+
+    Attributes:
+        key: name of the row.
+        symptom: what one sees.
+        cause: what is behind it.
+        check: how the data show it.
+        remedy: what to do.
+    """
+
+    key: str
+    symptom: str
+    cause: str
+    check: str
+    remedy: str
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of the table, filled in.
+
+    Attributes:
+        entry: its text.
+        measured: the number that the check gave; the worst joint's.
+        threshold: beyond which the row is found.
+        unit: of both.
+        verdict: ``found`` or ``clear``.
+        joints: where, from 1.
+    """
+
+    entry: Entry
+    measured: float
+    threshold: float
+    unit: str
+    verdict: str
+    joints: tuple[int, ...] = ()
+
+
+def make_row(
+    entry: Entry,
+    value: np.ndarray | float,
+    threshold: float,
+    unit: str = "1",
+    *,
+    below: bool = False,
+) -> Row:
+    """A row that is found if a value per joint exceeds the threshold, or falls below it if ``below``."""
+    per_joint = np.ndim(value) > 0
+    values = np.atleast_1d(np.asarray(value, dtype=float))
+    if below:
+        found, worst = values < threshold, values.min()
+    else:
+        found, worst = values > threshold, values.max()
+    joints: tuple[int, ...] = ()
+    if per_joint:
+        joints = tuple(int(j) + 1 for j in np.flatnonzero(found))
+    status = FOUND if found.any() else CLEAR
+    return Row(
+        entry=entry,
+        measured=float(worst),
+        threshold=threshold,
+        unit=unit,
+        verdict=status,
+        joints=joints,
+    )
+
+
+# The troubleshooting table: symptom, cause, check, remedy, filled in from the data.
 
 
 def fill_in(evidence: FitEvidence) -> tuple[Row, ...]:
@@ -114,7 +195,7 @@ def _zero(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
     )
 
 
-def _bodies(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
+def _bodies_row(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
     entry = Entry(
         key="unphysical",
         symptom="the torque fits, the bodies cannot exist",
@@ -234,7 +315,101 @@ def _saturated(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
 
 
 CHECKS: tuple[Callable[[FitEvidence, NominalSimilarity], Row], ...] = (
-    *(_unit, _gain, _sign, _swapped, _zero, _bodies, _low_speed),
+    *(_unit, _gain, _sign, _swapped, _zero, _bodies_row, _low_speed),
     *(_condition, _rest, _noise, _cutoff, _late, _saturated),
 )
 """The rows, in the order in which to look at them."""
+
+
+# What makes an identification doubtful: warnings, each a sentence with a remedy.
+
+
+BODIES = "unphysical"
+"""Row of the table that says whether parameters of no body are certain."""
+WORSE = "what was held out is predicted worse than by the nominal arm"
+"""How the warning begins that comes before all others."""
+SAID_OTHERWISE = (
+    "low_speed_friction",
+    "resting_joint",
+    "torque_gain",
+    "condition",
+    BODIES,
+)
+"""Rows of the troubleshooting table that need no warning, or have a fuller one here."""
+
+
+def identification_warnings(
+    evidence: FitEvidence,
+    estimate: Estimate,
+    examined: Examination,
+    changes: Sequence[Change],
+    similarity: NominalSimilarity,
+    table: Sequence[Row],
+    held_out: Validation,
+) -> tuple[str, ...]:
+    """The warnings, those that concern all results first."""
+    return (
+        *_worse(held_out),
+        *_torque(similarity, held_out),
+        *_changed(changes),
+        *estimate.warnings,
+        *examined.warnings(),
+        *_still(evidence),
+        *_bodies_warning(evidence, table),
+        *_rows(table),
+    )
+
+
+def _worse(held_out: Validation) -> Iterator[str]:
+    if held_out.every.overall > held_out.nominal.overall:
+        yield (
+            f"{WORSE}: {held_out.every.overall:.1%} of the torque against {held_out.nominal.overall:.1%}; use the "
+            "nominal arm, record an exciting trajectory (`gapscope excite`), or stay nearer to it: --estimator ridge, "
+            "truncated_svd or partial_update, --keep"
+        )
+
+
+def _torque(similarity: NominalSimilarity, held_out: Validation) -> Iterator[str]:
+    gain = torque_gain(similarity)
+    if gain.found:
+        yield gain.warning()
+    off = held_out.nominal.overall
+    if off > 1.0:
+        yield (
+            f"the nominal arm's torque is off by {off:.0%} of the recorded one, more than no torque would be: "
+            "another unit, another arm, or a load that is not in it; values near it mean little until that is clear"
+        )
+
+
+def _changed(changes: Sequence[Change]) -> Iterator[str]:
+    for entry in change_findings(changes):
+        yield f"{change_text(entry)}; cut the recording there, and name a known load in payloads:"
+
+
+def _still(evidence: FitEvidence) -> Iterator[str]:
+    still = resting([r for r in evidence.recordings if r.tau is not None])
+    if len(still):
+        joints = ", ".join(str(j + 1) for j in still)
+        yield f"joint {joints} rests in every fitted recording: its own parameters are not identifiable"
+
+
+def _bodies_warning(evidence: FitEvidence, table: Sequence[Row]) -> Iterator[str]:
+    wrong = inconsistent(evidence.physical.before)
+    # noise alone takes parameters that the data hardly determine out of what bodies can have
+    certain = any(row.entry.key == BODIES and row.verdict == FOUND for row in table)
+    if wrong and (certain or len(evidence.zeros.asked)):
+        negative = [str(c.link) for c in wrong if not c.positive_mass]
+        masses = (
+            f"; link {', '.join(negative)} even of negative mass" if negative else ""
+        )
+        yield (
+            f"the parameters nearest to the nominal arm that fit best are those of no body on link "
+            f"{', '.join(str(c.link) for c in wrong)}{masses}: the consistent ones are used instead"
+        )
+
+
+def _rows(table: Sequence[Row]) -> Iterator[str]:
+    for row in table:
+        if row.verdict == FOUND and row.entry.key not in SAID_OTHERWISE:
+            where = f" on joint {', '.join(map(str, row.joints))}" if row.joints else ""
+            yield f"{row.entry.cause}{where}: {row.entry.remedy}"

@@ -8,31 +8,36 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.arm.errors import InputError
-from gapscope.ident.estimators.consistent_sdp import ConsistentSdp
-from gapscope.ident.estimators.didim import DirectInverse
-from gapscope.ident.estimators.estimate import Estimate, Estimator
 from gapscope.ident.estimators.experiment import Experiment
-from gapscope.ident.estimators.instrumental_variables import InstrumentalVariables
-from gapscope.ident.estimators.irls import HuberLeastSquares
 from gapscope.ident.estimators.kalman import Kalman
-from gapscope.ident.estimators.log_cholesky import LogCholesky
-from gapscope.ident.estimators.maximum_likelihood import MaximumLikelihood
-from gapscope.ident.estimators.ols import OrdinaryLeastSquares
-from gapscope.ident.estimators.on_base import OnBase
-from gapscope.ident.estimators.output_error import OutputError
-from gapscope.ident.estimators.partial_update import PartialUpdate
-from gapscope.ident.estimators.ridge import Ridge
-from gapscope.ident.estimators.total_least_squares import TotalLeastSquares
-from gapscope.ident.estimators.truncated_svd import TruncatedSvd
-from gapscope.ident.estimators.wls import WeightedLeastSquares
+from gapscope.ident.estimators.linear import (
+    Estimate,
+    Estimator,
+    HuberLeastSquares,
+    MaximumLikelihood,
+    OnBase,
+    OrdinaryLeastSquares,
+    PartialUpdate,
+    Ridge,
+    TotalLeastSquares,
+    TruncatedSvd,
+    WeightedLeastSquares,
+)
+from gapscope.ident.estimators.physical import ConsistentSdp, LogCholesky
+from gapscope.ident.estimators.simulating import (
+    DirectInverse,
+    InstrumentalVariables,
+    OutputError,
+)
 from gapscope.ident.model.base_parameters import BaseParameters
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.uncertainty.intervals import (
     MOST_BLOCKS,
+    STRETCHES,
     Uncertainty,
     block_jackknife,
+    refit_jackknife,
 )
-from gapscope.ident.uncertainty.refit_jackknife import STRETCHES, refit_jackknife
 
 
 @dataclass(frozen=True)

@@ -9,17 +9,22 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
-from gapscope.arm.control.pd import PD
+from gapscope.arm.control import PD
 from gapscope.arm.dynamics.array_cache import ArrayCache
 from gapscope.arm.dynamics.feedforward import feedforward
-from gapscope.arm.dynamics.rollout import Commands, Plant, RollOut, roll_outs
-from gapscope.arm.dynamics.sensitivity import sensitivity, ticks_per_step
+from gapscope.arm.dynamics.rollout import (
+    Commands,
+    Plant,
+    RollOut,
+    roll_outs,
+    sensitivity,
+    ticks_per_step,
+)
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.recording import Recording
 from gapscope.arm.velocity_filter import rule_of
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.ident.checks.controller_check import check_controller
-from gapscope.ident.checks.plausible_samples import check_bare
+from gapscope.ident.checks.plausible_samples import check_bare, check_controller
 from gapscope.ident.model.base_parameters import BaseParameters
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.regressor import JOINT_COLUMNS, Regressor

@@ -1,33 +1,491 @@
-"""From an arm and a plan to the best trajectory found, checked at every sample."""
+"""The design of an excitation from its plan to files that a controller reads."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import yaml
 
+from gapscope.arm.dynamics.link_shapes import CollisionModel
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.errors import InputError
+from gapscope.arm.errors import GapscopeError, InputError, ModelWarning
+from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.write_case import write_columns
 from gapscope.arm.motions.motion import Motion
-from gapscope.arm.motions.sampled import Sampled
-from gapscope.arm.motions.trajectory import Limits, ReferenceMotion
-from gapscope.arm.nominal import NominalArm
-from gapscope.ident.excitation.binding_limit import check_condition
-from gapscope.ident.excitation.candidate_model import ExcitationModel
-from gapscope.ident.excitation.criteria import CRITERIA, condition_number
-from gapscope.ident.excitation.excitation_plan import (
-    OPTIMISERS,
-    ExcitationPlan,
-    LimitPlan,
+from gapscope.arm.motions.trajectory import (
+    Limits,
+    ReferenceMotion,
+    Sampled,
+    check_sample_count,
+    urdf_limits,
 )
-from gapscope.ident.excitation.limits import Checker, Margin
-from gapscope.ident.excitation.separation import Separated, Separator, Signatures
-from gapscope.ident.excitation.trajectory_parametrisation import Parametrisation
-from gapscope.ident.excitation.trajectory_search import SAMPLES, TrajectorySearch
-from gapscope.ident.excitation.written_check import CHECKED_RATE
+from gapscope.arm.nearest_name import check_known
+from gapscope.arm.nominal import NominalArm
+from gapscope.ident.excitation.limits import (
+    REMEDIES,
+    SURFACE,
+    Allowed,
+    Checker,
+    Margin,
+    check_motion_limits,
+    check_sampling,
+)
+from gapscope.ident.excitation.trajectory_search import (
+    CRITERIA,
+    KINDS,
+    SAMPLES,
+    Budget,
+    Evolution,
+    ExcitationModel,
+    Family,
+    GradientRefinement,
+    Optimiser,
+    Parametrisation,
+    ParticleSwarm,
+    RandomSearch,
+    Separated,
+    Separator,
+    Signatures,
+    TrajectorySearch,
+    condition_number,
+    family,
+)
+from gapscope.ident.model.regressor import JOINT_COLUMNS
+from gapscope.ident.uncertainty.examination import CONDITION_LIMIT
+
+# An exciting trajectory into files: CSV in the columns of the case format, and a ROS ``JointTrajectory``.
+
+
+ROS_RATE = 100.0
+"""Points per second of a ``JointTrajectory``, about [Hz]; controllers interpolate between them."""
+POINTS_PER_PERIOD = 25.0
+"""Points per period of the highest frequency at least, if there are as many samples [1]."""
+
+
+def write_csv(motion: Motion, path: Path) -> None:
+    """Write ``t``, ``q_ref1..``, ``dq_ref1..`` and ``ddq_ref1..``, without loss.
+
+    Raises:
+        GapscopeError: the file cannot be written.
+    """
+    columns = {"t": motion.t}
+    series = {"q_ref": motion.q, "dq_ref": motion.dq, "ddq_ref": motion.ddq}
+    for name, array in series.items():
+        for joint, values in enumerate(array.T, 1):
+            columns[f"{name}{joint}"] = values
+    write_columns(columns, path)
+
+
+def write_joint_trajectory(
+    motion: Motion, joints: Sequence[str], path: Path, rate: float = ROS_RATE
+) -> None:
+    """Write a ``trajectory_msgs/JointTrajectory`` as YAML, as ``ros2 topic pub`` and controllers take it.
+
+    Positions, velocities and accelerations at about ``rate`` points per second, first and last sample included.
+
+    Raises:
+        InputError: the number of names is not that of the joints.
+        GapscopeError: the file cannot be written.
+    """
+    if len(joints) != motion.q.shape[1]:
+        raise InputError(
+            f"{len(joints)} names for {motion.q.shape[1]} joints", where="joints"
+        )
+    last = len(motion.t) - 1
+    step = max(1, round(motion.rate / rate))
+    rows = np.unique([*range(0, last + 1, step), last])
+    lines = [
+        "header: {stamp: {sec: 0, nanosec: 0}, frame_id: ''}",
+        f"joint_names: [{', '.join(map(_quoted, joints))}]",
+        "points:",
+    ]
+    for i in rows:
+        nanoseconds = round(float(motion.t[i]) * 1e9)
+        sec, nanosec = divmod(nanoseconds, 10**9)
+        lines += [
+            f"- positions: {_numbers(motion.q[i])}",
+            f"  velocities: {_numbers(motion.dq[i])}",
+            f"  accelerations: {_numbers(motion.ddq[i])}",
+            "  effort: []",
+            f"  time_from_start: {{sec: {sec}, nanosec: {nanosec}}}",
+        ]
+    with atomic_write(path) as aside:
+        aside.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def read_joint_trajectory(path: Path) -> Sampled:
+    """The reference motion of a file that ``write_joint_trajectory`` wrote."""
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    points = yaml.load(path.read_text(encoding="utf-8"), loader)["points"]
+    stamps = [point["time_from_start"] for point in points]
+    t = np.array([stamp["sec"] + 1e-9 * stamp["nanosec"] for stamp in stamps])
+    series = (
+        np.array([point[key] for point in points])
+        for key in ("positions", "velocities", "accelerations")
+    )
+    return Sampled(Motion(t, *series))
+
+
+def _numbers(values: np.ndarray) -> str:
+    return "[" + ", ".join(f"{value + 0.0:.9f}" for value in values.round(9)) + "]"
+
+
+def _quoted(name: str) -> str:
+    return "'" + name.replace("'", "''") + "'"
+
+
+# What was written is read back and checked at finer steps than it holds, as a controller would carry it out.
+
+
+CHECKED_RATE = 1000.0
+"""Samples per second at which a file is checked, at full speed [Hz]; as many along the path of a slow one."""
+REST = 1e-6
+"""Share of the limits of velocity and acceleration that counts as rest [1]."""
+
+
+def check_written(
+    written: Sampled, checker: Checker, path: Path, speed: float = 1.0
+) -> None:
+    """Check a trajectory read back from a file, quintic between its samples, against all limits.
+
+    Position, velocity, acceleration, jerk, nominal torque, singular poses and distances at 1 kHz, and rest at both
+    ends.
+
+    Args:
+        written: the trajectory.
+        checker: of the limits.
+        path: of the file, for the message.
+        speed: of a slower version, as a share of the full speed [1].
+
+    Raises:
+        GapscopeError: a limit does not hold; names limit, joint, time and by how much.
+    """
+    count = int(np.ceil(written.duration * CHECKED_RATE * speed)) + 1
+    t = np.linspace(0.0, written.duration, count)
+    motion = Motion(
+        t, written.position(t), written.velocity(t), written.acceleration(t)
+    )
+    _check_rest(motion, checker, path)
+    for margin in checker.margins(motion, checker.torque(motion)):
+        if not margin.kept:
+            raise _refusal(margin, path)
+
+
+def _check_rest(motion: Motion, checker: Checker, path: Path) -> None:
+    """Check that a motion starts and ends at rest; raises ``GapscopeError``."""
+    limits, ends = checker.allowed.motion, [0, -1]
+    for name, values, limit in (
+        ("velocity", motion.dq, limits.velocity),
+        ("acceleration", motion.ddq, limits.acceleration),
+    ):
+        share = np.abs(values[ends]) / limit
+        if (share > REST).any():
+            end, joint = np.unravel_index(int(share.argmax()), share.shape)
+            raise GapscopeError(
+                f"{path}: not written: joint {joint + 1} does not rest at {motion.t[ends[end]]:.3f} s, its {name} is "
+                f"{100 * share[end, joint]:.3g} % of its limit",
+                "report this: what is designed starts and ends at rest",
+            )
+
+
+def _refusal(margin: Margin, path: Path) -> GapscopeError:
+    """What to say of a limit that does not hold."""
+    place, excess = "the arm", -float(np.min(margin.margin))
+    if margin.limit.ndim:
+        joint = int((margin.margin / margin.limit).argmin())
+        place, excess = f"joint {joint + 1}", -float(margin.margin[joint])
+    unit = "" if margin.unit == "1" else f" {margin.unit}"
+    return GapscopeError(
+        f"{path}: not written: {place} breaks its limit of {margin.name} by {excess:.3g}{unit} at {margin.at:.3f} s",
+        "raise --rate, or design it with lower limits",
+    )
+
+
+# What kind of exciting trajectory is wanted.
+
+
+SHORTEST = 10.0
+"""Duration if none is asked for, or one period if that is longer [s]."""
+RAMP = 1.0
+"""Length of the flanks in which a motion rises from rest and falls back [s]."""
+
+OPTIMISERS: dict[str, Callable[[], Optimiser]] = {
+    "random": RandomSearch,
+    "swarm": ParticleSwarm,
+    "cma": Evolution,
+    "gradient": GradientRefinement,
+}
+"""Optimisers by name."""
+
+
+@dataclass(frozen=True)
+class ExcitationPlan:
+    """What to look for, and how.
+
+    Attributes:
+        kind: ``fourier``, ``quintic`` or ``multisine``.
+        order: number of harmonics; half the number of way points of a quintic.
+        frequency: of the first harmonic [Hz].
+        duration: [s]; 10 s or one period, whichever is longer, if ``None``.
+        rate: samples per second that are written [Hz].
+        criterion: ``condition``, ``d`` or ``e``; or ``separation`` of effects.
+        effects: names of effects to separate, for ``separation``; with another criterion they are only reported on.
+        columns: quantities with columns of the regressor, beside the inertial ones.
+        optimiser: one of ``OPTIMISERS``; by default ``gradient``, and ``cma`` for ``separation``.
+        budget: when the search ends.
+
+    Raises:
+        InputError: an unknown name, or numbers that do not fit together.
+    """
+
+    kind: str = "fourier"
+    order: int = 5
+    frequency: float = 0.1
+    duration: float | None = None
+    rate: float = 250.0
+    criterion: str = "condition"
+    effects: tuple[str, ...] = ()
+    columns: tuple[str, ...] = JOINT_COLUMNS
+    optimiser: str | None = None
+    budget: Budget = field(default_factory=Budget)
+
+    def __post_init__(self) -> None:
+        """Check the names and numbers, and that the rate fits the frequencies."""
+        self._check_names()
+        self._check_numbers()
+        check_sampling(self.rate, self.family(1).highest_frequency)
+
+    def _check_names(self) -> None:
+        check_known("kind of trajectory", self.kind, KINDS, where="kind")
+        check_known(
+            "criterion", self.criterion, [*CRITERIA, "separation"], where="criterion"
+        )
+        if self.optimiser is not None:
+            check_known("optimiser", self.optimiser, OPTIMISERS, where="optimiser")
+        if self.criterion == "separation" and len(self.effects) < 2:
+            raise InputError(
+                "separation needs two or more effects",
+                "name them, such as coulomb_friction and load_friction",
+                where="effects",
+            )
+        if self.criterion == "separation" and self.optimiser == "gradient":
+            raise InputError(
+                "separation has no analytic gradient",
+                "use cma, swarm or random",
+                where="optimiser",
+            )
+
+    def _check_numbers(self) -> None:
+        if not (self.order >= 1 and self.order == int(self.order)):
+            raise InputError(
+                f"{self.order:g} is no number of harmonics",
+                "give 1 or more",
+                where="order",
+            )
+        for name, value in (("frequency", self.frequency), ("rate", self.rate)):
+            if not (np.isfinite(value) and value > 0):
+                raise InputError(f"{value:g} Hz is not above zero", where=name)
+        length = self.length
+        if not (np.isfinite(length) and length >= 3 * RAMP):
+            raise InputError(
+                f"{length:g} s leave no time between rising and falling",
+                f"give {3 * RAMP:g} s or more",
+                where="duration",
+            )
+        if self.kind != "quintic" and length * self.frequency < 1 - 1e-9:
+            raise InputError(
+                f"{length:g} s are shorter than a period of the base frequency {self.frequency:g} Hz",
+                f"give {1 / self.frequency:g} s or more, or a higher base frequency",
+                where="duration",
+            )
+        check_sample_count(length, max(self.rate, CHECKED_RATE))
+
+    @property
+    def length(self) -> float:
+        """Duration [s]."""
+        return (
+            max(SHORTEST, 1 / self.frequency)
+            if self.duration is None
+            else float(self.duration)
+        )
+
+    @property
+    def method(self) -> str:
+        """Name of the optimiser."""
+        return self.optimiser or (
+            "cma" if self.criterion == "separation" else "gradient"
+        )
+
+    def family(self, n_joints: int) -> Family:
+        """The family of trajectories for an arm of n joints."""
+        return family(
+            self.kind, n_joints, self.length, self.order, self.frequency, RAMP
+        )
+
+
+@dataclass(frozen=True)
+class LimitPlan:
+    """How limits follow from an arm.
+
+    Attributes:
+        velocity: no joint moves faster, whatever the URDF allows [rad/s].
+        acceleration: limit of all joints, which a URDF does not give [rad/s^2].
+        torque: share of the torque limits of data sheet or URDF that may be used [1].
+        margin: distance kept from the position limits [rad].
+        singular: least singular value of the tool's Jacobian; 0 for any.
+        clearance: least distance between bodies, and to the surface [m].
+        surface: height of the surface on which the base stands in the base frame [m], ``None`` if there is none.
+        collisions: whether collisions are checked at all.
+    """
+
+    velocity: float = 1.5
+    acceleration: float = 5.0
+    torque: float = 0.8
+    margin: float = 0.1
+    singular: float = 0.02
+    clearance: float = 0.01
+    surface: float | None = 0.0
+    collisions: bool = True
+
+    def allowed(self, arm: NominalArm, body: RigidBody) -> Allowed:
+        """The limits of an arm.
+
+        Raises:
+            InputError: they leave no room, or a number makes no sense.
+        """
+        for name, least in (
+            ("torque", 0.0),
+            ("margin", 0.0),
+            ("singular", 0.0),
+            ("clearance", 0.0),
+        ):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= least) or (
+                name == "torque" and value == 0
+            ):
+                raise InputError(
+                    f"{value:g} makes no sense", "give a number above zero", where=name
+                )
+        motion = urdf_limits(body, self.acceleration, margin=self.margin)
+        motion = motion._replace(velocity=np.minimum(motion.velocity, self.velocity))
+        check_motion_limits(motion)
+        effort = body.effort_limits() if arm.torque_limit is None else arm.torque_limit
+        torque = self.torque * np.where(effort > 0, effort, np.inf)
+        return Allowed(
+            motion=motion,
+            torque=torque,
+            singular=self.singular,
+            clearance=self.clearance,
+        )
+
+    def collision(self, arm: NominalArm, body: RigidBody) -> CollisionModel | None:
+        """The collision shapes of an arm, or ``None`` if collisions are not checked.
+
+        Raises:
+            InputError: there are none, or every body lies below the surface in nearly every posture.
+        """
+        if not self.collisions:
+            return None
+        collision = CollisionModel(arm, body, self.surface)
+        if self.surface is not None and not any(
+            SURFACE in pair for pair in collision.pairs
+        ):
+            raise InputError(
+                f"the whole arm lies below a surface at {self.surface:g} m in nearly every posture",
+                f"{REMEDIES[SURFACE]}; it is measured in the base frame",
+                where="surface",
+            )
+        return collision
+
+
+# Which limit keeps a motion too small to determine an arm's parameters.
+
+
+USELESS = 1e8
+"""Condition number above which a trajectory is refused: noise of 1e-8 of the torque would drown a parameter [1]."""
+WIDER = 10.0
+"""Factor by which a limit is widened to see what it costs [1]."""
+WORTH = 2.0
+"""Factor in the condition number that a wider limit must be worth to be named [1]."""
+OPTIONS = {
+    "acceleration": "raise --acceleration",
+    "velocity": "raise --velocity",
+    "position": "lower --margin",
+}
+"""Limits of the motion, and what widens each."""
+
+
+class BindingLimit(NamedTuple):
+    """The limit that keeps a motion small, and the condition number that it would have were it ``WIDER`` [1]."""
+
+    limit: str
+    condition: float
+
+
+def binding_limit(
+    search: TrajectorySearch, x: np.ndarray, condition: float
+) -> BindingLimit | None:
+    """The limit of the motion that costs a candidate most of its condition number; ``None`` if none costs much.
+
+    With wider limits the same numbers x are a larger motion, so each limit can be widened alone.
+
+    Args:
+        search: what the candidate comes from.
+        x: its numbers, shape (d,).
+        condition: its condition number [1].
+    """
+    widened = [BindingLimit(name, _widened(search, x, name)) for name in OPTIONS]
+    best = min(widened, key=lambda found: found.condition)
+    return best if WORTH * best.condition <= condition else None
+
+
+def check_condition(search: TrajectorySearch, x: np.ndarray, condition: float) -> None:
+    """Warn if the condition number of a candidate exceeds ``CONDITION_LIMIT``, and name what would lower it.
+
+    Raises:
+        InputError: it exceeds ``USELESS``.
+    """
+    if condition <= CONDITION_LIMIT:
+        return
+    problem = f"the motion hardly determines the parameters, its condition number is {condition:.2g}"
+    remedy = "allow more evaluations, more harmonics or a longer motion"
+    binding = binding_limit(search, x, condition)
+    if binding is not None:
+        problem += f": the limit of {binding.limit} keeps it small"
+        remedy = f"{OPTIONS[binding.limit]}; {WIDER:g} times as wide, it would leave {binding.condition:.2g}"
+    if condition > USELESS:
+        raise InputError(
+            problem, remedy, where="limits" if binding is None else binding.limit
+        )
+    warnings.warn(f"{problem}; {remedy}", ModelWarning, stacklevel=3)
+
+
+def _widened(search: TrajectorySearch, x: np.ndarray, name: str) -> float:
+    """Condition number of the candidate were one limit ``WIDER`` [1]."""
+    space = search.parametrisation
+    t = np.linspace(0.0, space.family.duration, SAMPLES)
+    wider = Parametrisation(space.family, _wider(space.limits, name))
+    motion = wider.motion(x, t, space.family.basis(t))
+    return condition_number(search.model.matrix(motion))
+
+
+def _wider(limits: Limits, name: str) -> Limits:
+    """Limits with one of them ``WIDER``."""
+    if name != "position":
+        return limits._replace(**{name: WIDER * getattr(limits, name)})
+    middle = (limits.upper + limits.lower) / 2
+    half = WIDER * ((limits.upper - limits.lower) / 2)
+    return limits._replace(lower=middle - half, upper=middle + half)
+
+
+# From an arm and a plan to the best trajectory found, checked at every sample.
+
 
 SLOW = 0.2
 """Speed of the version of a trajectory that is run first, as a share of its own [1]."""

@@ -1,4 +1,4 @@
-"""What a trajectory has to keep, and by how much it keeps it."""
+"""Limits of an excitation and the times at which they are kept."""
 
 from __future__ import annotations
 
@@ -6,17 +6,43 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gapscope.arm.dynamics.collision import CollisionModel
 from gapscope.arm.dynamics.feedforward import feedforward
-from gapscope.arm.dynamics.kinematics import Kinematics
+from gapscope.arm.dynamics.kinematics import Kinematics, smallest_singular_value
+from gapscope.arm.dynamics.link_shapes import CollisionModel
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.dynamics.singularity import smallest_singular_value
 from gapscope.arm.errors import InputError
 from gapscope.arm.joint_units import common_unit, joint_unit
 from gapscope.arm.motions.motion import Motion
-from gapscope.arm.motions.sampled import Sampled
-from gapscope.arm.motions.trajectory import Limits
+from gapscope.arm.motions.trajectory import Limits, Sampled
 from gapscope.arm.nominal import NominalArm
+
+# Whether a sampling rate is high enough for a trajectory.
+
+
+LEAST_RATIO = 10.0
+"""Samples per period of the highest frequency, at least [1]."""
+
+
+def check_sampling(rate: float, highest: float) -> None:
+    """Check that there are at least ten samples per period of the highest frequency.
+
+    Args:
+        rate: sampling rate [Hz].
+        highest: highest frequency of the trajectory [Hz].
+
+    Raises:
+        InputError: the rate is too low.
+    """
+    if not rate >= LEAST_RATIO * highest * (1 - 1e-9):
+        raise InputError(
+            f"{rate:g} samples per second are fewer than {LEAST_RATIO:g} times the highest frequency, {highest:g} Hz",
+            f"sample at {LEAST_RATIO * highest:g} Hz or more, or lower the base frequency or the order",
+            where="rate",
+        )
+
+
+# What a trajectory has to keep, and by how much it keeps it.
+
 
 JERK_TIME = 0.02
 """Shortest time in which the acceleration may rise from nothing to its limit [s]: jerk is bounded by their ratio."""
@@ -42,7 +68,7 @@ class Allowed:
     Attributes:
         motion: of position [rad], velocity [rad/s] and acceleration [rad/s^2].
         torque: largest nominal torque [N m], shape (n,).
-        singular: least singular value of the tool's Jacobian, as ``gapscope.arm.dynamics.singularity`` has it; 0
+        singular: least singular value of the tool's Jacobian, as ``gapscope.arm.dynamics.kinematics`` has it; 0
         if it may be any. clearance: least distance between bodies, and to the surface [m].
     """
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gapscope.ident.kalman.adaptive import SETTLED, Followed, Opening, follow
+from gapscope.ident.kalman.filters import SETTLED, Followed, Opening, follow
 from gapscope.ident.model.linear_problem import Problem
-from gapscope.ident.signals.samples import Samples
-from gapscope.ident.uncertainty.validation import (
+from gapscope.ident.samples import Samples
+from gapscope.ident.uncertainty.examination import (
     Whiteness,
     band_correlation,
     whiteness,

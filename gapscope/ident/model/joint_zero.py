@@ -12,10 +12,9 @@ from scipy.linalg import cholesky
 from scipy.optimize import least_squares
 
 from gapscope.arm.motions.motion import Motion
-from gapscope.ident.model.friction_law import FrictionLaw
-from gapscope.ident.model.model_columns import ModelColumns
+from gapscope.ident.model.linear_problem import FrictionLaw, ModelColumns
 from gapscope.ident.model.physical_parameters import check_links, inconsistent
-from gapscope.ident.signals.samples import PER_CUTOFF, Band
+from gapscope.ident.samples import PER_CUTOFF, Band
 from gapscope.model.conditioning import Segment
 
 WIDTH = 0.15

@@ -11,11 +11,17 @@ import numpy as np
 
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.atomic_write import atomic_write
-from gapscope.effects.residual.basis import BANDS, BEYOND, FRICTION, LENGTHS, Basis
-from gapscope.effects.residual.inputs import Layout
-from gapscope.effects.residual.memory import REACHES
-from gapscope.effects.residual.model import ResidualNetwork
-from gapscope.effects.residual.network import Network
+from gapscope.effects.residual import (
+    BANDS,
+    BEYOND,
+    FRICTION,
+    LENGTHS,
+    REACHES,
+    Basis,
+    Layout,
+    Network,
+    ResidualNetwork,
+)
 
 OPSET = 17
 """Operators of the graph."""

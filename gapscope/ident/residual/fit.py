@@ -1,24 +1,1278 @@
-"""From trajectories to a residual network orthogonal to the effects that fades out away from its training data."""
+"""A residual network from samples to its model: rows, physics, folds, training and what it may be trusted with."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
+import torch
+from scipy.linalg import cho_solve, lapack, solve_triangular
+from scipy.optimize import minimize
 
-from gapscope.effects.residual.model import ResidualNetwork
-from gapscope.effects.residual.network import ADDITIVE, Network
-from gapscope.effects.residual.trust import Trust, nearest
-from gapscope.ident.residual.additive import fit_additive
-from gapscope.ident.residual.apart import joint_heads, kept_apart, scaled
-from gapscope.ident.residual.folds import Folds, make_folds, shares_closed, usefulness
-from gapscope.ident.residual.orthogonality import parameter_moves, share_explained
-from gapscope.ident.residual.rows import ResidualRows, rows_of
-from gapscope.ident.residual.settings import ResidualSettings
-from gapscope.ident.residual.settling import Choice, settled
-from gapscope.ident.residual.trajectory import Trajectory
-from gapscope.model.conditioning import TORQUE_CUTOFF
+from gapscope.arm.case import Case
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import InputError
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.recording import Recording
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.residual import (
+    ADDITIVE,
+    FORMS,
+    LOG_VARIANCE,
+    Inputs,
+    Layout,
+    Network,
+    ResidualNetwork,
+    Trust,
+    channels,
+    draw_basis,
+    nearest,
+    part_of_each,
+)
+from gapscope.ident.model.regressor import JOINT_COLUMNS, Regressor
+from gapscope.ident.samples import split
+from gapscope.model.conditioning import (
+    TORQUE_CUTOFF,
+    Segment,
+    condition,
+    low_pass,
+    pieces,
+)
+from gapscope.model.effective_samples import variance_inflation
+
+# How a residual network is trained.
+
+
+TCN_LAYERS = 3
+"""Layers of the convolution; each doubles the samples that are seen."""
+PAST_OF_MLP = 4
+"""Samples in the window of the feed-forward network."""
+BEST = "best"
+"""The form that is chosen per joint on held-out data."""
+APART = ("all", "effects")
+"""What a network can be kept apart from."""
+
+
+@dataclass(frozen=True)
+class ResidualSettings:
+    """Settings of a training.
+
+    Attributes:
+        form: ``additive``, ``mlp`` or ``tcn``; or ``best``: additive and MLP are trained, and each joint gets the one
+            that predicts best what was held out.
+        apart: what the output is kept apart from: ``all`` that inertial parameters, friction, rotors, offsets and
+            effects can explain, or the parameters of the ``effects`` alone.
+        members: networks in the ensemble, 3 to 5.
+        hidden: units in a hidden layer.
+        spacing: time between the samples of a window [s].
+        steps: of the optimiser.
+        batch: rows in a step.
+        rate: of learning, by AdamW [1].
+        decay: of the weights [1].
+        bound: largest torque, over the largest residual seen in training [1].
+        seed: of weights and batches.
+    """
+
+    form: str = BEST
+    apart: str = "all"
+    members: int = 5
+    hidden: int = 24
+    spacing: float = 0.02
+    steps: int = 1000
+    batch: int = 128
+    rate: float = 4e-3
+    decay: float = 1.0
+    bound: float = 1.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Check what must be one of a few."""
+        for name, value, known in (
+            ("form", self.form, (BEST, *FORMS)),
+            ("apart", self.apart, APART),
+        ):
+            if value not in known:
+                raise InputError(
+                    f"{value!r} is not known",
+                    f"choose {' or '.join(known)}",
+                    where=name,
+                )
+        if not 3 <= self.members <= 5:
+            raise InputError(
+                f"an ensemble of {self.members} members",
+                "choose 3 to 5",
+                where="members",
+            )
+
+    @property
+    def forms(self) -> tuple[str, ...]:
+        """What is trained."""
+        return (ADDITIVE, "mlp") if self.form == BEST else (self.form,)
+
+    @property
+    def taps(self) -> int:
+        """Samples in a window."""
+        return int(2**TCN_LAYERS if self.form == "tcn" else PAST_OF_MLP)
+
+
+# Keeping a network and the physics apart: projections on the columns of the physics, in weighted torque.
+
+
+DEPENDENT = 1e-7
+"""Singular value of unit columns, over the largest, below which a direction counts as none."""
+
+
+def basis(columns: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Orthonormal basis Q of the columns, (M, n, p), each joint's rows divided by its scale [N m]; (M, n, r)."""
+    if not columns.any():
+        return np.zeros((*columns.shape[:2], 0))
+    stacked = (columns / scale[None, :, None]).reshape(-1, columns.shape[2])
+    norms = np.linalg.norm(stacked, axis=0)
+    unit = stacked[:, norms > 0] / norms[norms > 0]
+    u, size, _ = np.linalg.svd(unit, full_matrices=False)
+    if size.size:
+        u = u[:, size > DEPENDENT * size[0]]
+    return u.reshape(*columns.shape[:2], -1)
+
+
+def unexplained_by(q: np.ndarray, torque: np.ndarray) -> np.ndarray:
+    """What the columns do not explain of a weighted torque (M, n): y - Q Q^T y."""
+    return np.asarray(torque - q @ np.einsum("mnr,mn->r", q, torque))
+
+
+def share_explained(q: np.ndarray, torque: np.ndarray) -> float:
+    """Share of the squares of a weighted torque, (M, n), that lies in the span of the columns."""
+    return float(
+        (np.einsum("mnr,mn->r", q, torque) ** 2).sum()
+        / max(float((torque**2).sum()), 1e-300)
+    )
+
+
+@dataclass(frozen=True)
+class Head:
+    """How the linear head of a joint, f = Phi w over M rows, can change; r directions of the physics.
+
+    Attributes:
+        root: L of the metric L L^T = Phi^T Phi + diag(penalty) of a change, (K, K).
+        inside: Q^T Phi, the part of the output in the physics, (r, K).
+        turned: L^-1 (Q^T Phi)^T, (K, r).
+    """
+
+    root: np.ndarray
+    inside: np.ndarray
+    turned: np.ndarray
+
+
+def head_of(seen: np.ndarray, penalty: np.ndarray, q: np.ndarray) -> Head:
+    """A joint's head.
+
+    Args:
+        seen: Phi, what it sees, (M, K).
+        penalty: how much a change of each weight costs beside the change of the output, (K,).
+        q: the joint's rows of the orthonormal columns in weighted torque, (M, r).
+    """
+    metric = seen.T @ seen + np.diag(penalty)
+    # regular even if hidden units saturate
+    metric += 1e-9 * np.trace(metric) / len(metric) * np.eye(len(metric))
+    root = np.linalg.cholesky(metric)
+    inside = q.T @ seen
+    return Head(root, inside, solve_triangular(root, inside.T, lower=True))
+
+
+def project_heads(
+    heads: dict[int, Head], weights: dict[int, np.ndarray]
+) -> dict[int, np.ndarray]:
+    """Weights of linear heads, changed as little as can be, whose output is orthogonal to the columns.
+
+    Minimises the sum over joints of |Phi dw|^2 + dw^T diag(penalty) dw subject to Q^T Phi (w + dw) = 0: one constraint
+    per direction of the physics. If there are fewer weights than constraints, the constraints hold as nearly as
+    possible (least squares).
+
+    Args:
+        heads: by joint, from 0.
+        weights: of the joints that speak, w, each (K,).
+
+    Returns:
+        The weights by joint, each (K,).
+    """
+    if not weights:
+        return {}
+    turned = np.concatenate([heads[joint].turned for joint in weights])
+    inside = sum(heads[joint].inside @ w for joint, w in weights.items())
+    # in z = L^T dw the least change is the solution of least norm
+    z = np.linalg.lstsq(turned.T, -np.asarray(inside), rcond=1e-12)[0]
+    found, start = {}, 0
+    for joint, w in weights.items():
+        part = z[start : start + len(w)]
+        start += len(part)
+        change = solve_triangular(heads[joint].root, part, lower=True, trans="T")
+        found[joint] = w + change
+    return found
+
+
+def parameter_moves(
+    columns: np.ndarray, torque: np.ndarray, residual: np.ndarray, group: np.ndarray
+) -> np.ndarray:
+    """By how many standard deviations parameters would move if refitted with a torque in place; shape (k,).
+
+    The move is (T^T T)^+ T^T f, its standard deviation that of a fit to the data, the noise counted by its
+    autocorrelation.
+
+    Args:
+        columns: T of the parameters, in weighted torque, (M, n, k).
+        torque: f in weighted torque, (M, n).
+        residual: of the data without f, in weighted torque, (M, n).
+        group: trajectory of each row, (M,).
+    """
+    if columns.shape[2] == 0:
+        return np.zeros(0)
+    stacked = columns.reshape(-1, columns.shape[2])
+    norms = np.maximum(np.linalg.norm(stacked, axis=0), 1e-300)
+    unit = stacked / norms
+    gram = np.linalg.pinv(unit.T @ unit, rcond=1e-10, hermitian=True)
+    noise = (residual**2).mean(axis=0) * variance_inflation(residual, group)
+    by_joint = unit.reshape(columns.shape)
+    spread = np.einsum("mnk,mnl,n->kl", by_joint, by_joint, noise)
+    variance = np.diag(gram @ spread @ gram)
+    move = gram @ (unit.T @ torque.ravel())
+    return np.asarray(np.abs(move) / np.sqrt(np.clip(variance, 1e-300, None)))
+
+
+# Columns of the physics: what effects and inertial parameters can explain, which a network must not learn.
+
+
+NOT_LINEAR = ("link", "start", "end", "cycles")
+"""Parameters that the torque has no useful derivative by."""
+STEP = 1e-3
+"""Step of the differences, over the parameter's typical size."""
+
+
+def physics_columns(
+    corrected: CorrectedArm, body: RigidBody, motion: Motion
+) -> np.ndarray:
+    """Columns of the inertial parameters, of ``JOINT_COLUMNS`` and of the effects, shape (N, n, p).
+
+    They depend on each other; what counts is what they span together.
+    """
+    regressor = Regressor(corrected.arm, body, JOINT_COLUMNS)
+    of_effects = effect_columns(corrected, body, motion)
+    return np.concatenate([regressor.matrix(motion), of_effects], axis=2)
+
+
+def effect_columns(
+    corrected: CorrectedArm, body: RigidBody, motion: Motion
+) -> np.ndarray:
+    """Derivatives of the predicted torque by the parameters of the effects, (N, n, k)."""
+    physical = replace(corrected.unlimited, residual=None)
+    columns = [
+        _derivative(physical, k, name, i, body, motion)
+        for k, name, i in _places(physical)
+    ]
+    if not columns:
+        return np.zeros((*motion.q.shape, 0))
+    return np.stack(columns, axis=2)
+
+
+def _places(corrected: CorrectedArm) -> list[tuple[int, str, int]]:
+    """Effect, parameter and entry of each column."""
+    return [
+        (k, name, i)
+        for k, applied in enumerate(corrected.effects)
+        for name, values in applied.parameters.items()
+        if name not in NOT_LINEAR
+        for i in range(np.atleast_1d(values).size)
+    ]
+
+
+def _derivative(
+    corrected: CorrectedArm, k: int, name: str, i: int, body: RigidBody, motion: Motion
+) -> np.ndarray:
+    """Central difference by one parameter, one-sided at its bound; shape (N, n)."""
+    applied = corrected.effects[k]
+    parameter = next(p for p in applied.effect.parameters if p.name == name)
+    value = abs(float(np.atleast_1d(applied.parameters[name])[i]))
+    size = max(value, abs(parameter.typical[1]), 1e-6)
+    torques, steps = [], []
+    for step in (-STEP * size, STEP * size):
+        try:
+            moved = _moved(applied, name, i, step)
+        except (
+            InputError
+        ):  # beyond the bound: the difference is taken from the value itself
+            moved, step = applied, 0.0
+        effects = (*corrected.effects[:k], moved, *corrected.effects[k + 1 :])
+        torques.append(replace(corrected, effects=effects).predict(body, motion))
+        steps.append(step)
+    return np.asarray((torques[1] - torques[0]) / (steps[1] - steps[0]))
+
+
+def _moved(applied: AppliedEffect, name: str, i: int, step: float) -> AppliedEffect:
+    """The effect with one parameter a step further."""
+    value = np.array(applied.parameters[name], dtype=float)
+    value.reshape(-1)[i] += step
+    parameters = {**applied.parameters, name: value}
+    return AppliedEffect(applied.name, applied.joints, parameters)
+
+
+# What a residual network is trained on: trajectories with the residual of their torque, and their rows.
+
+
+PER_CUTOFF = 4.0
+"""Rows per period of the cut-off; more hold no further information."""
+EDGE = 0.2
+"""Time left out at both ends of a block [s], so that what lies in one is no neighbour of what lies in another."""
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """One trajectory, N samples of n joints on a uniform grid, M rows that count.
+
+    Attributes:
+        name: of the recording.
+        motion: its motion.
+        load: torque that is predicted without a network [N m], (N, n).
+        residual: recorded minus predicted torque, low-passed [N m], (N, n).
+        recorded: recorded torque, low-passed [N m], (N, n).
+        columns: of the physics, low-passed, at the rows only, (M, n, p).
+        parameters: columns of the effects' parameters alone, likewise, (M, n, k).
+        rows: samples that count, (M,).
+    """
+
+    name: str
+    motion: Motion
+    load: np.ndarray
+    residual: np.ndarray
+    recorded: np.ndarray
+    columns: np.ndarray
+    parameters: np.ndarray
+    rows: np.ndarray
+
+
+def from_segment(
+    corrected: CorrectedArm, body: RigidBody, segment: Segment
+) -> Trajectory:
+    """A segment with torque, and the residual of a corrected arm."""
+    assert segment.torque is not None
+    physical = replace(corrected, residual=None)
+    motion, body = segment.motion, segment.bodies(body)
+    rows = chosen_rows(segment)
+
+    def smooth(series: np.ndarray) -> np.ndarray:
+        return low_pass(series, motion.rate, TORQUE_CUTOFF)
+
+    load = physical.unlimited.predict(body, motion)
+    recorded = smooth(physical.delivered(segment.torque))
+    return Trajectory(
+        name=segment.recording,
+        motion=motion,
+        load=load,
+        residual=recorded - smooth(load),
+        recorded=recorded,
+        columns=smooth(physics_columns(physical, body, motion))[rows],
+        parameters=smooth(effect_columns(physical, body, motion))[rows],
+        rows=rows,
+    )
+
+
+def chosen_rows(segment: Segment) -> np.ndarray:
+    """Trimmed samples, as many as the band of the torque gap holds."""
+    step = max(1, int(segment.motion.rate / (PER_CUTOFF * TORQUE_CUTOFF) + 1e-6))
+    inner = segment.inner
+    return np.arange(inner.start, inner.stop, step)
+
+
+def groups(trajectories: Sequence[Trajectory], members: int) -> np.ndarray:
+    """Group of each row of all trajectories, for a split by trajectory, (M,); -1 if a row belongs to none.
+
+    With three trajectories or more each is a group; fewer are cut into blocks of time, at least one per member.
+
+    Raises:
+        InputError: there is no trajectory.
+    """
+    if not trajectories:
+        raise InputError("no trajectory to train on", "give recordings with a torque")
+    # held out by trajectory, which is stricter than by time
+    if len(trajectories) >= 3:
+        lengths = [len(x.rows) for x in trajectories]
+        return np.repeat(np.arange(len(trajectories)), lengths)
+    blocks = -(-members // len(trajectories))  # rounded up
+    out = []
+    for k, trajectory in enumerate(trajectories):
+        t = trajectory.motion.t[trajectory.rows]
+        cuts = np.linspace(t[0], t[-1], blocks + 1)
+        block = np.clip(np.searchsorted(cuts, t, side="right") - 1, 0, blocks - 1)
+        # rows near a cut have neighbours in the next block: they belong to none
+        to_cut = np.abs(t[:, None] - cuts[None, 1:-1]).min(axis=1, initial=np.inf)
+        out.append(np.where(to_cut > EDGE, k * blocks + block, -1))
+    return np.concatenate(out)
+
+
+# Rows of all trajectories as a residual network sees them.
+
+
+REACH = 0.99
+"""Quantile of the distance of held-out rows from the others up to which a network is tested, and trusted in full."""
+
+
+@dataclass(frozen=True)
+class ResidualRows:
+    """Rows of all trajectories, M of n joints, in weighted torque: over ``scale``.
+
+    Attributes:
+        inputs: what a network sees.
+        windows: of the rows, (n, M, taps, C).
+        residual: of the corrected arm [1], (M, n).
+        target: what the columns of the physics do not explain of it [1], (M, n).
+        q: orthonormal columns of the physics, (M, n, r).
+        parameters: columns of the effects' parameters, (M, n, k).
+        group: for a split by trajectory, (M,).
+        trajectory: of each row, (M,).
+        distance: of each row's input from those of all other groups [1], (M, n); infinite if it is in no group.
+        scale: RMS of the residual [N m], (n,).
+    """
+
+    inputs: Inputs
+    windows: np.ndarray
+    residual: np.ndarray
+    target: np.ndarray
+    q: np.ndarray
+    parameters: np.ndarray
+    group: np.ndarray
+    trajectory: np.ndarray
+    distance: np.ndarray
+    scale: np.ndarray
+
+    @property
+    def reach(self) -> np.ndarray:
+        """Distance up to which a network is tested on rows that it has not seen, (n,)."""
+        reach = np.zeros(self.distance.shape[1])
+        for joint, distance in enumerate(self.distance.T):
+            known = np.isfinite(distance)
+            if known.any():
+                reach[joint] = np.quantile(distance[known], REACH)
+        return reach
+
+
+def rows_of(
+    trajectories: Sequence[Trajectory], settings: ResidualSettings
+) -> ResidualRows:
+    """Rows of trajectories as a network sees them."""
+    group = groups(trajectories, settings.members)
+    residual = np.concatenate([x.residual[x.rows] for x in trajectories])
+    scale = np.maximum(np.sqrt((residual**2).mean(axis=0)), 1e-9)
+    weighted = residual / scale
+    inputs = _inputs(trajectories, settings)
+    windows = np.concatenate(
+        [inputs.windows(x.motion, x.load, x.rows) for x in trajectories], axis=1
+    )
+    apart = [
+        x.columns if settings.apart == "all" else x.parameters for x in trajectories
+    ]
+    q = basis(np.concatenate(apart), scale)
+    parameters = np.concatenate([x.parameters for x in trajectories])
+    lengths = [len(x.rows) for x in trajectories]
+    return ResidualRows(
+        inputs=inputs,
+        windows=windows,
+        residual=weighted,
+        target=unexplained_by(q, weighted),
+        q=q,
+        parameters=parameters / scale[None, :, None],
+        group=group,
+        trajectory=np.repeat(np.arange(len(trajectories)), lengths),
+        distance=_from_other_groups(
+            windows[:, :, -1, inputs.layout.neighbourhood], group
+        ),
+        scale=scale,
+    )
+
+
+def _inputs(trajectories: Sequence[Trajectory], settings: ResidualSettings) -> Inputs:
+    """Inputs of the network, with their scales over the rows."""
+    series = [channels(x.motion, x.load)[:, x.rows] for x in trajectories]
+    seen = np.concatenate(series, axis=1)
+    n = len(seen)
+    layout = Layout(n)
+    mean, std = seen.mean(axis=1), np.sqrt((seen**2).mean(axis=1))
+    # signals keep their zero, at which friction and load turn; postures have none
+    mean[:, : layout.angle] = 0.0
+    posture = slice(layout.angle, None)
+    std[:, posture] = seen[:, :, posture].std(axis=1)
+    # a joint that hardly moved must not be blown up
+    natural = [
+        *range(layout.channels)[layout.direction],
+        *range(layout.channels)[posture],
+    ]
+    least = 0.1 * std.max(axis=0)
+    least[natural] = 0.2
+    least[layout.memory] = 0.0
+    return Inputs(
+        n=n,
+        taps=settings.taps,
+        spacing=settings.spacing,
+        mean=mean,
+        std=np.maximum(np.maximum(std, least), 1e-9),
+    )
+
+
+def _from_other_groups(now: np.ndarray, group: np.ndarray) -> np.ndarray:
+    """Distance of each row's input, of (n, M, C), from the nearest of another group, (M, n)."""
+    distance = np.full((len(group), len(now)), np.inf)
+    for g in np.unique(group[group >= 0]):
+        own = group == g
+        others = now[:, ~own & (group >= 0)]
+        if not others.shape[1]:
+            continue
+        # a thousand of them show the distance well enough
+        thinned = others[:, :: max(1, others.shape[1] // 1000)]
+        distance[own] = nearest(now[:, own], thinned).T
+    return distance
+
+
+# What a residual network has to beat: gradient boosting, and a Gaussian process on a subset of the rows.
+
+
+SUBSET = 600
+"""Rows that the Gaussian process is fitted to, per joint."""
+Baseline = Callable[[np.ndarray], np.ndarray]
+"""From normalised windows (n, M, taps, C) to torque [N m], (M, n)."""
+
+
+def seen(rows: ResidualRows, windows: np.ndarray) -> np.ndarray:
+    """What all baselines see, (n, M, I): all channels now, and the joint's dq and direction before."""
+    past = windows[:, :, :-1, rows.inputs.layout.past]
+    flat = past.reshape(*past.shape[:2], -1)
+    return np.concatenate([flat, windows[:, :, -1]], axis=2)
+
+
+def gradient_boosting(rows: ResidualRows, seed: int = 0) -> Baseline:
+    """Boosted trees per joint, 150 trees of 15 leaves."""
+    from sklearn.ensemble import HistGradientBoostingRegressor
+
+    models = [
+        HistGradientBoostingRegressor(
+            max_iter=150,
+            learning_rate=0.08,
+            max_leaf_nodes=15,
+            l2_regularization=1.0,
+            random_state=seed,
+        ).fit(x, y)
+        for x, y in zip(seen(rows, rows.windows), rows.target.T, strict=True)
+    ]
+    return lambda windows: _torque(models, rows, windows)
+
+
+def gaussian_process(rows: ResidualRows, seed: int = 0) -> Baseline:
+    """A Gaussian process per joint, squared exponential of one length and white noise, on ``SUBSET`` rows at random."""
+    from sklearn.gaussian_process import GaussianProcessRegressor
+    from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
+
+    pick = np.random.default_rng(seed).permutation(len(rows.target))[:SUBSET]
+    models = []
+    for x, y in zip(seen(rows, rows.windows), rows.target.T, strict=True):
+        kernel = ConstantKernel(0.5) * RBF(4.0, (0.5, 50.0)) + WhiteKernel(
+            0.5, (1e-4, 10.0)
+        )
+        models.append(
+            GaussianProcessRegressor(kernel, n_restarts_optimizer=0).fit(
+                x[pick], y[pick]
+            )
+        )
+    return lambda windows: _torque(models, rows, windows)
+
+
+def _torque(models: list, rows: ResidualRows, windows: np.ndarray) -> np.ndarray:
+    inputs = seen(rows, windows)
+    columns = [model.predict(x) for model, x in zip(models, inputs, strict=True)]
+    return np.asarray(np.stack(columns, axis=1) * rows.scale)
+
+
+# Weights of a sum of functions whose sizes, part by part, are chosen by the evidence of the data.
+
+
+PRIOR_RANGE = (-12.0, 4.0)
+"""Range of the logarithm of a part's prior variance, over that of the target."""
+NOISE_RANGE = (-9.0, 1.0)
+"""Range of the logarithm of the noise variance, likewise."""
+ITERATIONS = 25
+"""Iterations of the search."""
+
+
+@dataclass(frozen=True)
+class Equations:
+    """Normal equations of a weighted fit to N rows of F functions: X^T X, X^T y, y^T y and N."""
+
+    gram: np.ndarray
+    moment: np.ndarray
+    square: float
+    count: float
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Prior of the weights.
+
+    Attributes:
+        part: number of the part that each function belongs to, (F,).
+        log_size: logarithm of each part's variance, shared evenly by its functions, (P,).
+        log_noise: logarithm of the noise variance.
+        share: share of the rows that count as independent [1].
+    """
+
+    part: np.ndarray
+    log_size: np.ndarray
+    log_noise: float
+    share: float
+
+    @property
+    def deviation(self) -> np.ndarray:
+        """Prior standard deviation of each weight, (F,)."""
+        variance = np.exp(self.log_size) / np.bincount(self.part)
+        return np.asarray(np.sqrt(variance[self.part]))
+
+
+def weights(equations: Equations, prior: Prior) -> np.ndarray:
+    """Posterior mean, (F,): minimises s |y - X w|^2 / v + sum_i (w_i / d_i)^2."""
+    factor, scaled = _whitened(equations, prior)
+    return np.asarray(prior.deviation * cho_solve((factor, True), scaled))
+
+
+def _whitened(equations: Equations, prior: Prior) -> tuple[np.ndarray, np.ndarray]:
+    """Cholesky factor of 1 + D X^T X D s / v, and D X^T y s / v, with D the deviations, s / v share over noise."""
+    d = prior.deviation
+    precision = prior.share / np.exp(prior.log_noise)
+    matrix = (d[:, None] * equations.gram * d) * precision
+    matrix[np.diag_indices_from(matrix)] += 1.0
+    return np.linalg.cholesky(matrix), d * equations.moment * precision
+
+
+def most_evident(equations: Equations, start: Prior) -> Prior:
+    """The prior under which the data are most probable; found by L-BFGS from a first one. Source: mackay1992."""
+    parts = len(start.log_size)
+
+    def prior_of(x: np.ndarray) -> Prior:
+        return Prior(start.part, x[:-1], float(x[-1]), start.share)
+
+    found = minimize(
+        lambda x: _cost(equations, prior_of(x)),
+        np.append(start.log_size, start.log_noise),
+        jac=True,
+        method="L-BFGS-B",
+        bounds=[PRIOR_RANGE] * parts + [NOISE_RANGE],
+        options={"maxiter": ITERATIONS},
+    )
+    return prior_of(found.x)
+
+
+def _cost(equations: Equations, prior: Prior) -> tuple[float, np.ndarray]:
+    """Negative logarithm of the evidence, and its gradient by the sizes and the noise, (P + 1,)."""
+    factor, scaled = _whitened(equations, prior)
+    unit = cho_solve((factor, True), scaled)
+    w = prior.deviation * unit
+    inverse = lapack.dtrtri(factor, lower=1)[0]
+    posterior = (inverse**2).sum(axis=0)
+    share, noise = prior.share, np.exp(prior.log_noise)
+    count = share * equations.count
+    explained = scaled @ unit
+    cost = 0.5 * (share * equations.square / noise - explained)
+    cost += np.log(np.diag(factor)).sum() + 0.5 * count * prior.log_noise
+    free = 1.0 - posterior - unit**2
+    by_size = 0.5 * np.bincount(prior.part, free)
+    left = equations.square - 2 * w @ equations.moment + w @ equations.gram @ w
+    determined = len(w) - posterior.sum()
+    by_noise = 0.5 * (count - share * left / noise - determined)
+    return float(cost), np.append(by_size, by_noise)
+
+
+# Which rows each member of an ensemble is fitted to and which it holds out, and how good it is on these.
+
+
+QUIET = 0.1
+"""A recording weighs as if its RMS were at least this share of the loudest one's."""
+LEAST_GAIN = 0.02
+"""A form that closes less than this share of the squares held out of a joint, less its error, gets no say there."""
+MOST_LOSS = 0.02
+"""A form may add no more than this share to the squares of a joint in any group that it did not see."""
+GAINS = np.linspace(0.05, 1.0, 20)
+"""Factors tried on a joint's output."""
+
+
+@dataclass(frozen=True)
+class Folds:
+    """Rows and targets of M members (the first axis), N rows of n joints.
+
+    What counts is the share of its own squares that is left of each group: a group with a large residual would
+    otherwise outvote those in which the same function does harm.
+
+    Attributes:
+        group: of each row, (N,); -1 is neither fitted nor held out.
+        held: rows that each member holds out, (M, N).
+        targets: residual without what the physics explains of it in the rows that the member is fitted to, over its
+            scale [1], (M, N, n).
+        weight: one over the RMS of the row's group, per joint, (N, n); (N,) of one joint.
+    """
+
+    group: np.ndarray
+    held: np.ndarray
+    targets: np.ndarray
+    weight: np.ndarray
+
+    @property
+    def any_fitted(self) -> np.ndarray:
+        """Rows that some member is fitted to, (N,)."""
+        return self.group >= 0
+
+    @property
+    def fitted(self) -> np.ndarray:
+        """Rows that each member is fitted to, (M, N)."""
+        return self.any_fitted & ~self.held
+
+    def of_joint(self, joint: int) -> Folds:
+        """The same of one joint."""
+        targets = self.targets[:, :, [joint]]
+        return replace(self, targets=targets, weight=self.weight[:, joint])
+
+    def held_out(self, outputs: np.ndarray) -> np.ndarray:
+        """Each row as the members that held it out predict it, from the outputs of all, (M, N, ...); (N, ...)."""
+        held = self.held.reshape(*self.held.shape, *[1] * (outputs.ndim - 2))
+        total = np.maximum(held.sum(axis=0), 1)
+        return np.asarray((outputs * held).sum(axis=0) / total)
+
+    def error(
+        self, residual: np.ndarray, outputs: np.ndarray, weight: np.ndarray
+    ) -> float:
+        """Weighted mean square of what is left of a joint's residual, (N,), on rows held out."""
+        left = weight * (residual - self.held_out(outputs))
+        return float((left[self.held.any(axis=0)] ** 2).mean())
+
+
+def make_folds(
+    group: np.ndarray, members: int, residual: np.ndarray, q: np.ndarray
+) -> Folds:
+    """Folds by group.
+
+    Args:
+        group: of each row, (N,).
+        members: in the ensemble; member m holds out the groups m, m + members, ...
+        residual: over its scale [1], (N, n).
+        q: orthonormal columns of the physics, (N, n, r).
+    """
+    held = np.stack([(group % members == m) & (group >= 0) for m in range(members)])
+    held = held[held.any(axis=1)]
+    targets = [
+        residual - q @ _explaining(q[rows], residual[rows])
+        for rows in (group >= 0) & ~held
+    ]
+    return Folds(group, held, np.stack(targets), group_weights(residual, group))
+
+
+def _explaining(q: np.ndarray, residual: np.ndarray) -> np.ndarray:
+    """Coefficients of the columns that explain a residual best on some rows, (r,)."""
+    gram = np.einsum("mnr,mns->rs", q, q)
+    moment = np.einsum("mnr,mn->r", q, residual)
+    return np.asarray(np.linalg.pinv(gram, rcond=1e-10, hermitian=True) @ moment)
+
+
+def group_weights(residual: np.ndarray, group: np.ndarray) -> np.ndarray:
+    """One over the RMS of each row's group, per joint, over its RMS over all rows, (N, n)."""
+    weight = np.zeros_like(residual)
+    groups = np.unique(group)
+    square = np.stack([(residual[group == g] ** 2).mean(axis=0) for g in groups])
+    square = np.maximum(square, QUIET**2 * square.max(axis=0))
+    for g, of_group in zip(groups, square, strict=True):
+        weight[group == g] = 1.0 / np.sqrt(np.maximum(of_group, 1e-300))
+    return np.asarray(weight / np.sqrt((weight**2).mean(axis=0)))
+
+
+def shares_closed(
+    folds: Folds, residual: np.ndarray, predicted: np.ndarray
+) -> np.ndarray:
+    """Share of each group's squares that a prediction closes at each factor of ``GAINS``, (groups, n, factors).
+
+    Args:
+        folds: the groups.
+        residual: over its scale [1], (N, n).
+        predicted: by the members that held each row out, (N, n).
+    """
+    shares = []
+    for g in np.unique(folds.group[folds.any_fitted]):
+        y, f = residual[folds.group == g], predicted[folds.group == g]
+        size = np.maximum((y**2).sum(axis=0), 1e-300)
+        agreement, square = (y * f).sum(axis=0) / size, (f**2).sum(axis=0) / size
+        shares.append(np.outer(agreement, 2 * GAINS) - np.outer(square, GAINS**2))
+    return np.stack(shares)
+
+
+def usefulness(
+    shares: np.ndarray, strict: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
+    """Share of the squares closed on rows held out, mean over the groups, and the factor for it; each (n,).
+
+    The factor on a joint's output is the one of ``GAINS`` with the largest share, less its standard error over the
+    groups, at which no group is left with more than ``MOST_LOSS`` above its squares. It is 0 if that share less its
+    error is below ``LEAST_GAIN``.
+
+    Args:
+        shares: of each group, at each factor, see ``shares_closed``.
+        strict: every group by itself must close ``LEAST_GAIN`` after that error is taken off: a motion that is in none
+            of the groups is then likely to gain as well.
+    """
+    worst, mean = shares.min(axis=0), shares.mean(axis=0)
+    error = shares.std(axis=0, ddof=1) / np.sqrt(len(shares))
+    harmless = worst - error >= LEAST_GAIN if strict else worst >= -MOST_LOSS
+    certain = np.where(harmless, mean - error, 0.0)
+    best = certain.argmax(axis=1)
+    joints = np.arange(len(best))
+    of_use = certain[joints, best] >= LEAST_GAIN
+    return (
+        np.where(of_use, mean[joints, best], 0.0),
+        np.where(of_use, GAINS[best], 0.0),
+    )
+
+
+# Fit of the additive form: per joint a sum of fixed functions, its parts sized by the evidence.
+
+
+SHARES = (1.0, 0.2, 0.03)
+"""Shares of the rows tried as independent; the one that predicts held-out rows best is kept."""
+FIRST_SIZE, FIRST_NOISE = -3.0, -0.5
+"""Logarithms of the first variances of a part and of the noise, over that of the target."""
+
+
+def fit_additive(
+    windows: np.ndarray,
+    residual: np.ndarray,
+    target: np.ndarray,
+    folds: Folds,
+    seed: int,
+    progress: Callable[[str], None] = lambda message: None,
+) -> Network:
+    """Fit an ensemble; each member is fitted without the rows that it holds out.
+
+    Args:
+        windows: normalised, (n, M, taps, C).
+        residual: over its scale [1], (M, n).
+        target: the residual without its part in the physics, (M, n).
+        folds: rows and targets of each member.
+        seed: of the random waves.
+        progress: called with a few words at each joint.
+    """
+    now = windows[:, :, -1]
+    basis = draw_basis(now.min(axis=1), now.max(axis=1), seed)
+    part = part_of_each(basis)
+    functions = basis.features(now)
+    members, n = len(folds.held), len(now)
+    weight = np.zeros((members, n, len(part), 2))
+    bias = np.zeros((members, n, 2))
+    for joint, x in enumerate(functions):
+        progress(f"fits the additive form: joint {joint + 1} of {n}")
+        centre, spread = x.mean(axis=0), x.std(axis=0) + 1e-9
+        scaled = np.column_stack([(x - centre) / spread, np.ones(len(x))])
+        found, noise = _fit_joint(
+            scaled,
+            residual[:, joint],
+            target[:, joint],
+            folds.of_joint(joint),
+            # the constant is a part of its own
+            np.append(part, part.max() + 1),
+        )
+        # the head sees the functions as they are
+        by_function = found[:, :-1] / spread
+        weight[:, joint, :, 0] = by_function
+        bias[:, joint, 0] = found[:, -1] - by_function @ centre
+        bias[:, joint, 1] = np.clip(np.log(noise), *LOG_VARIANCE)
+    return Network(ADDITIVE, np.zeros(0, int), (weight,), (bias,), basis)
+
+
+def _fit_joint(
+    x: np.ndarray,
+    residual: np.ndarray,
+    target: np.ndarray,
+    folds: Folds,
+    part: np.ndarray,
+) -> tuple[np.ndarray, float]:
+    """Weights of each member, (members, F), and their mean square error on what they held out."""
+    size = max(float(np.sqrt((target**2).mean())), 1e-12)
+    whole = _equations(x, target / size, folds.weight, folds.any_fitted)
+    each = [
+        _equations(x, y / size, folds.weight, fitted)
+        for y, fitted in zip(folds.targets[..., 0], folds.fitted, strict=True)
+    ]
+    parts = int(part.max()) + 1
+    prior = Prior(part, np.full(parts, FIRST_SIZE), FIRST_NOISE, SHARES[0])
+    least, kept = np.inf, np.zeros((len(each), x.shape[1]))
+    for share in SHARES:
+        prior = most_evident(whole, replace(prior, share=share))
+        found = size * np.stack([weights(equations, prior) for equations in each])
+        error = folds.error(residual, found @ x.T, folds.weight)
+        if error < least:
+            least, kept = error, found
+    return kept, folds.error(residual, kept @ x.T, np.ones(len(x)))
+
+
+def _equations(
+    x: np.ndarray, y: np.ndarray, weight: np.ndarray, rows: np.ndarray
+) -> Equations:
+    """Normal equations of some rows, each times its weight."""
+    wx = weight[rows, None] * x[rows]
+    wy = weight[rows] * y[rows]
+    return Equations(wx.T @ wx, wx.T @ wy, float(wy @ wy), float(len(wy)))
+
+
+# Networks whose heads are changed so that what the mean of the members says is orthogonal to the physics.
+
+
+STIFFNESS = 0.1
+"""Penalty of a change of a weight in the head, over the squares of what it sees: keeps the change small elsewhere."""
+
+
+def joint_heads(
+    networks: Sequence[Network],
+    chosen: np.ndarray,
+    hidden: Sequence[np.ndarray],
+    q: np.ndarray,
+) -> dict[int, Head]:
+    """The members of each joint that speaks as one linear head on some rows, by joint from 0.
+
+    Args:
+        networks: in one or several forms.
+        chosen: which of them speaks on each joint, -1 if none does, (n,).
+        hidden: what the heads of each see, (members, n, N, K), or (1, n, N, K) if all members see the same.
+        q: orthonormal columns of the physics on these rows, (N, n, r).
+    """
+    heads = {}
+    for joint in np.flatnonzero(chosen >= 0):
+        by_member = hidden[chosen[joint]][:, joint]
+        count, rows = by_member.shape[:2]
+        seen = by_member.transpose(1, 0, 2).reshape(rows, -1) / count
+        penalty = STIFFNESS * rows * np.append(seen.var(axis=0), 1.0)
+        heads[int(joint)] = head_of(
+            np.hstack([seen, np.ones((rows, 1))]), penalty, q[:, joint]
+        )
+    return heads
+
+
+def kept_apart(
+    networks: Sequence[Network], chosen: np.ndarray, heads: dict[int, Head]
+) -> tuple[Network, ...]:
+    """The networks with heads such that the mean of the members is orthogonal to the physics on the rows of ``heads``.
+
+    The mean alone speaks, so that its constraints are shared by the weights of all members.
+    """
+    weights = {
+        int(joint): _mean_head(networks[chosen[joint]], int(joint))
+        for joint in np.flatnonzero(chosen >= 0)
+    }
+    found = project_heads(heads, weights)
+    kept = []
+    for k, network in enumerate(networks):
+        weight, bias = network.weights[-1].copy(), network.biases[-1].copy()
+        for joint in np.flatnonzero(chosen == k):
+            change = found[joint] - weights[joint]
+            # members that see the same share one change
+            weight[:, joint, :, 0] += change[:-1].reshape(-1, weight.shape[2])
+            bias[:, joint, 0] += change[-1]
+        kept.append(_with_head(network, weight, bias))
+    return tuple(kept)
+
+
+def scaled(network: Network, gain: np.ndarray) -> Network:
+    """The network with the means of each joint multiplied by its gain, (n,)."""
+    weight, bias = network.weights[-1].copy(), network.biases[-1].copy()
+    weight[..., 0] *= gain[:, None]
+    bias[..., 0] *= gain
+    return _with_head(network, weight, bias)
+
+
+def member_of(network: Network, member: int) -> Network:
+    """One member of a network as a network."""
+    return replace(
+        network,
+        weights=tuple(weight[[member]] for weight in network.weights),
+        biases=tuple(bias[[member]] for bias in network.biases),
+    )
+
+
+def _mean_head(network: Network, joint: int) -> np.ndarray:
+    """Weights and offset of the mean of a joint's members, in the order of ``joint_heads``."""
+    weight = network.weights[-1][:, joint, :, 0]
+    # members that see the same have one mean weight; the others share the mean of their outputs
+    shared = weight if network.basis is None else weight.mean(axis=0)
+    return np.append(shared.ravel(), network.biases[-1][:, joint, 0].mean())
+
+
+def _with_head(network: Network, weight: np.ndarray, bias: np.ndarray) -> Network:
+    """The network with another last layer."""
+    return replace(
+        network,
+        weights=(*network.weights[:-1], weight),
+        biases=(*network.biases[:-1], bias),
+    )
+
+
+# Training of a residual network by torch: a heteroscedastic ensemble, bitwise repeatable.
+
+
+BETA = 0.5
+"""Weight of the likelihood's gradient by variance^beta: rows of large variance are not given up early."""
+EVERY = 250
+"""Steps between two reports of progress."""
+
+
+@contextmanager
+def repeatable(seed: int) -> Iterator[torch.Generator]:
+    """One thread and deterministic kernels: the same numbers on every run; the settings come back afterwards."""
+    threads, strict = (
+        torch.get_num_threads(),
+        torch.are_deterministic_algorithms_enabled(),
+    )
+    torch.set_num_threads(1)
+    torch.use_deterministic_algorithms(True, warn_only=True)
+    try:
+        yield torch.Generator().manual_seed(seed)
+    finally:
+        torch.set_num_threads(threads)
+        torch.use_deterministic_algorithms(strict)
+
+
+def device() -> torch.device:
+    """The GPU, if there is one."""
+    return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+
+
+class Ensemble(torch.nn.Module):
+    """The networks of all members and joints, trained side by side; the same formulas as ``Network``.
+
+    Args:
+        settings: of the training.
+        inputs: what the networks see.
+        generator: of the first weights.
+    """
+
+    seen: torch.Tensor
+
+    def __init__(
+        self, settings: ResidualSettings, inputs: Inputs, generator: torch.Generator
+    ) -> None:
+        super().__init__()
+        self.form, n = settings.form, inputs.n
+        width = settings.hidden
+        if self.form == "mlp":
+            seen = inputs.seen_by_mlp
+            sizes = [(len(seen), width), (width, width), (width, 2)]
+        else:
+            # each layer joins two neighbours of the layer before
+            seen = np.arange(inputs.taps * inputs.channels)
+            first, last = (2 * inputs.channels, width), (width, 2)
+            sizes = [first, *[(2 * width, width)] * (TCN_LAYERS - 1), last]
+        self.register_buffer("seen", torch.as_tensor(seen))
+        self.weights, self.biases = torch.nn.ParameterList(), torch.nn.ParameterList()
+        for k, (fan_in, fan_out) in enumerate(sizes):
+            # the head begins near zero: no torque before there is a reason
+            gain = (1.0 if k + 1 < len(sizes) else 0.1) / fan_in**0.5
+            shape = (settings.members, n, fan_in, fan_out)
+            self.weights.append(gain * torch.randn(shape, generator=generator))
+            self.biases.append(torch.zeros(settings.members, n, fan_out))
+
+    def forward(self, windows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Mean and log variance, each (M, n, N), of windows (n, N, taps, C)."""
+        n, count = windows.shape[:2]
+        flat = windows.reshape(n, count, -1)
+        h = (flat[:, :, self.seen] if self.form == "mlp" else flat)[None]
+        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
+            h = h.reshape(h.shape[0], n, -1, weight.shape[2])
+            h = torch.tanh(h @ weight + bias[:, :, None])
+        h = h.reshape(h.shape[0], n, count, -1)
+        outputs = h @ self.weights[-1] + self.biases[-1][:, :, None]
+        return outputs[..., 0], outputs[..., 1].clamp(*LOG_VARIANCE)
+
+    def arrays(self) -> Network:
+        """The same networks as arrays."""
+        weights = tuple(_array(weight) for weight in self.weights)
+        biases = tuple(_array(bias) for bias in self.biases)
+        return Network(
+            form=self.form,
+            seen=self.seen.cpu().numpy(),
+            weights=weights,
+            biases=biases,
+        )
+
+
+def _array(parameter: torch.Tensor) -> np.ndarray:
+    return np.asarray(parameter.detach().cpu().double().numpy())
+
+
+def train(
+    settings: ResidualSettings,
+    inputs: Inputs,
+    windows: np.ndarray,
+    folds: Folds,
+    progress: Callable[[str], None] = lambda message: None,
+) -> Network:
+    """Train an ensemble for a fixed number of steps, each member without the rows that it holds out.
+
+    What is held out chooses neither weights nor the end, so that it can judge the members after.
+
+    Args:
+        settings: of the training.
+        inputs: what the networks see.
+        windows: (n, M, taps, C).
+        folds: rows and targets of each member.
+        progress: called with a few words at times.
+    """
+    with repeatable(settings.seed) as generator:
+        ensemble = Ensemble(settings, inputs, generator)
+        where = device()
+        ensemble.to(where)
+
+        def tensor(array: np.ndarray) -> torch.Tensor:
+            return torch.as_tensor(array, dtype=torch.float32, device=where)
+
+        x = tensor(windows)
+        y = tensor(folds.targets.transpose(0, 2, 1))
+        square = tensor(folds.weight.T**2)
+        fitted = tensor(folds.fitted)[:, None] * square
+        optimiser = torch.optim.AdamW(
+            ensemble.parameters(), lr=settings.rate, weight_decay=settings.decay
+        )
+        schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, settings.steps)
+        for step in range(1, settings.steps + 1):
+            rows = torch.randint(x.shape[1], (settings.batch,), generator=generator)
+            rows = rows.to(where)
+            optimiser.zero_grad(set_to_none=True)
+            mask = fitted[:, :, rows]
+            mean, log_variance = ensemble(x[:, rows])
+            loss = _likelihood(mean, log_variance, y[:, :, rows]) * mask
+            # mean over the rows that a member is fitted to, sum over members and joints
+            mean_loss = loss.sum(dim=2) / mask.sum(dim=2).clamp(min=1e-9)
+            mean_loss.sum().backward()
+            optimiser.step()
+            schedule.step()
+            if step % EVERY == 0:
+                progress(
+                    f"trains the {settings.form.upper()}: step {step} of {settings.steps}"
+                )
+        return ensemble.arrays()
+
+
+def _likelihood(
+    mean: torch.Tensor, log_variance: torch.Tensor, y: torch.Tensor
+) -> torch.Tensor:
+    """Negative log-likelihood times variance^beta, (M, n, N). Source: seitzer2022."""
+    loss = 0.5 * (log_variance + (y - mean) ** 2 / log_variance.exp())
+    return loss * log_variance.detach().exp() ** BETA
+
+
+# Which joints a network speaks on, and how loud: judged after the projection, on what members had held out.
+
+
+class Choice(NamedTuple):
+    """What speaks on each of n joints.
+
+    Attributes:
+        chosen: number of the network, -1 for none, (n,).
+        gain: factor on its output [1], (n,).
+        closed: share of the squares held out that it closes [1], (n,).
+    """
+
+    chosen: np.ndarray
+    gain: np.ndarray
+    closed: np.ndarray
+
+
+def settled(
+    choice: Choice,
+    networks: Sequence[Network],
+    hidden: Sequence[np.ndarray],
+    rows: ResidualRows,
+    folds: Folds,
+) -> Choice:
+    """The choice scaled and silenced until what the projection leaves of it stands the strict ``usefulness`` as it is.
+
+    All joints share the constraints of the projection, so that a joint that is silenced or scaled changes the others:
+    each round silences one joint or scales some, and judges all again. A joint whose factor would fall below the least
+    of ``GAINS`` counts as failing, so that it ends.
+
+    Args:
+        choice: before the projection.
+        networks: one per form, not scaled.
+        hidden: what the heads of each see on all rows, (members or 1, n, N, K).
+        rows: all rows.
+        folds: which member holds out which.
+    """
+    chosen, gain, _ = choice
+    alone = [
+        _of_member(networks, hidden, member) for member in range(len(folds.fitted))
+    ]
+    heads = [
+        _member_heads(member, seen, chosen, rows, fitted)
+        for (member, seen), fitted in zip(alone, folds.fitted, strict=True)
+    ]
+    while True:
+        outputs = [
+            _outputs(member, seen, head, chosen, gain)
+            for (member, seen), head in zip(alone, heads, strict=True)
+        ]
+        predicted = folds.held_out(np.stack(outputs))
+        shares = shares_closed(folds, rows.residual, predicted)
+        closed, again = usefulness(shares, strict=True)
+        if (again[chosen >= 0] == 1.0).all():
+            return Choice(chosen, np.where(chosen >= 0, gain, 0.0), closed)
+        failing = np.flatnonzero((chosen >= 0) & (gain * again < GAINS[0]))
+        if failing.size:
+            # the others may stand once the one that harms a group most is silent
+            as_it_is = shares[:, failing, -1].min(axis=0)
+            silent = failing[as_it_is.argmin()]
+            chosen = np.where(np.arange(len(chosen)) == silent, -1, chosen)
+        else:
+            gain = gain * again
+
+
+def _of_member(
+    networks: Sequence[Network], hidden: Sequence[np.ndarray], member: int
+) -> tuple[list[Network], list[np.ndarray]]:
+    """One member of each network, and what its head sees."""
+    seen = [each if len(each) == 1 else each[[member]] for each in hidden]
+    return [member_of(network, member) for network in networks], seen
+
+
+def _member_heads(
+    networks: Sequence[Network],
+    hidden: Sequence[np.ndarray],
+    chosen: np.ndarray,
+    rows: ResidualRows,
+    fitted: np.ndarray,
+) -> dict[int, Head]:
+    """Heads of a member on the rows that it is fitted to."""
+    q = basis(rows.q[fitted], np.ones(rows.q.shape[1]))
+    seen = [each[:, :, fitted] for each in hidden]
+    return joint_heads(networks, chosen, seen, q)
+
+
+def _outputs(
+    networks: Sequence[Network],
+    hidden: Sequence[np.ndarray],
+    heads: dict[int, Head],
+    chosen: np.ndarray,
+    gain: np.ndarray,
+) -> np.ndarray:
+    """What a member says of all rows once it is kept apart, (N, n)."""
+    loud = [scaled(network, gain) for network in networks]
+    kept = kept_apart(loud, chosen, heads)
+    output = np.zeros((hidden[0].shape[2], len(chosen)))
+    for joint in np.flatnonzero(chosen >= 0):
+        k = chosen[joint]
+        head = kept[k].weights[-1][0, joint, :, 0]
+        output[:, joint] = hidden[k][0, joint] @ head + kept[k].biases[-1][0, joint, 0]
+    return output
+
+
+# From trajectories to a residual network orthogonal to the effects that fades out away from its training data.
+
 
 LANDMARKS = 200
 """Number of training inputs kept as landmarks, from which the distance of an input is measured."""
@@ -134,8 +1388,6 @@ def _candidate(
             rows.windows, rows.residual, rows.target, folds, own.seed, progress
         )
     else:
-        from gapscope.ident.residual.training import train  # torch
-
         network = train(own, rows.inputs, rows.windows, folds, progress)
     outputs = network.outputs(rows.windows)[0].transpose(0, 2, 1)
     predicted = folds.held_out(outputs)
@@ -192,3 +1444,142 @@ def _spread(points: np.ndarray, count: int) -> np.ndarray:
         distance = np.minimum(distance, from_last)
         chosen.append(int(distance.argmax()))
     return points[chosen]
+
+
+# A residual network learnt from a case and judged on recordings set aside, joint by joint.
+
+
+TREE_RATE = 50.0
+"""Rate at which trees are evaluated along a motion, about [Hz]; what they say is low-passed after."""
+Predict = Callable[[Motion, np.ndarray], np.ndarray]
+"""Torque [N m], (N, n), on a motion with the load that the corrected arm predicts [N m], (N, n)."""
+
+
+@dataclass(frozen=True)
+class LearntResidual:
+    """What was learnt of a case with n joints.
+
+    Attributes:
+        case: the case.
+        settings: of the training.
+        corrected: the corrected arm with the network.
+        report: of the training.
+        fitted, judged: trajectories trained on, and set aside.
+        nothing, network, trees: RMS of the torque left on those set aside [N m], (n,): by the corrected arm, with the
+            network, with boosted trees.
+    """
+
+    case: Case
+    settings: ResidualSettings
+    corrected: CorrectedArm
+    report: Report
+    fitted: list[Trajectory]
+    judged: list[Trajectory]
+    nothing: np.ndarray
+    network: np.ndarray
+    trees: np.ndarray
+
+    @property
+    def residual(self) -> ResidualNetwork:
+        """The network."""
+        assert self.corrected.residual is not None
+        return self.corrected.residual
+
+
+def learn_residual(
+    case: Case,
+    corrected: CorrectedArm,
+    settings: ResidualSettings,
+    judge: Sequence[str] = (),
+    progress: Callable[[str], None] = lambda message: None,
+) -> LearntResidual:
+    """Train a network on what a corrected arm leaves of some recordings, and judge it on the others.
+
+    Args:
+        case: the case.
+        corrected: the corrected arm; a network that it has is left out.
+        settings: of the training.
+        judge: names of the recordings to set aside; by default those of the case, else the last, else the last third
+            of the only one.
+        progress: called with a few words at each step.
+
+    Raises:
+        InputError: a recording has no torque, or a name is not that of a recording.
+    """
+    progress("reads the residual of the corrected arm")
+    plain = replace(corrected, residual=None, remainder=None)
+    fit, held_out = split(case, judge)
+    fitted, judged = (
+        _trajectories(plain, recordings) for recordings in (fit, held_out)
+    )
+    residual, report = fit_residual(fitted, settings, progress)
+    progress("fits boosted trees to compare with")
+    rows = rows_of(fitted, settings)
+    return LearntResidual(
+        case=case,
+        settings=settings,
+        corrected=replace(plain, residual=residual),
+        report=report,
+        fitted=fitted,
+        judged=judged,
+        nothing=torque_left(judged, None),
+        network=torque_left(judged, residual.torque),
+        trees=torque_left(judged, boosted_trees(rows)),
+    )
+
+
+def _trajectories(
+    corrected: CorrectedArm, recordings: Sequence[Recording]
+) -> list[Trajectory]:
+    """Trajectories of recordings with a torque."""
+    for recording in recordings:
+        if recording.tau is None:
+            raise InputError(
+                "has no torque that a network could learn from",
+                "give recordings with tau1.., or leave this one out of the case",
+                file=recording.name,
+            )
+    body = RigidBody(corrected.arm)
+    return [
+        from_segment(arm, body, segment)
+        for recording in recordings
+        for part, arm in _parts(corrected, recording)
+        for segment in condition(part)
+    ]
+
+
+def _parts(
+    corrected: CorrectedArm, recording: Recording
+) -> Iterator[tuple[Recording, CorrectedArm]]:
+    """The parts of a recording that share a state, and the arm there; of several, those long enough."""
+    spans = corrected.spans(recording.name, recording.t)
+    for inside, arm in spans:
+        part = recording.part(inside)
+        if len(spans) == 1 or pieces(part):
+            yield part, arm
+
+
+def torque_left(
+    trajectories: Sequence[Trajectory], predict: Predict | None
+) -> np.ndarray:
+    """RMS of what a model leaves of the residual, below 12 Hz [N m], (n,); ``None`` for no model."""
+    left = []
+    for x in trajectories:
+        said = np.zeros_like(x.residual)
+        if predict is not None:
+            said = low_pass(predict(x.motion, x.load), x.motion.rate, TORQUE_CUTOFF)
+        left.append((x.residual - said)[x.rows])
+    return np.asarray(np.sqrt((np.concatenate(left) ** 2).mean(axis=0)))
+
+
+def boosted_trees(rows: ResidualRows) -> Predict:
+    """Boosted trees, fitted to the same rows as a network, along a motion."""
+    trees = gradient_boosting(rows)
+
+    def predict(motion: Motion, load: np.ndarray) -> np.ndarray:
+        step = max(1, int(motion.rate / TREE_RATE))
+        at = np.arange(0, len(motion.t), step)
+        said = trees(rows.inputs.windows(motion, load, at))
+        return np.column_stack([np.interp(motion.t, motion.t[at], x) for x in said.T])
+
+    return predict

@@ -1,35 +1,437 @@
-"""What recordings determine of the parameters, and how far the model may be off: the findings beside the estimate."""
+"""An identification examined: what can be identified, and how it predicts motions it was not fitted to."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
+from scipy.signal import butter, sosfreqz
+from scipy.stats import chi2
 
 from gapscope.arm.errors import InputError
-from gapscope.ident.checks.fit_evidence import FitEvidence
-from gapscope.ident.estimators.estimate import Estimate, Estimator
+from gapscope.ident.checks.symptoms import FitEvidence
+from gapscope.ident.estimators.linear import Estimate, Estimator
 from gapscope.ident.model.base_parameters import (
+    EMPTY,
     BaseParameters,
+    EssentialParameters,
+    TriangularFactor,
     base_parameters,
+    essential_parameters,
     random_states,
+    rank_by_gap,
 )
-from gapscope.ident.model.essential import EssentialParameters, essential_parameters
-from gapscope.ident.model.friction_law import FrictionLaw
-from gapscope.ident.model.linear_problem import Problem
-from gapscope.ident.model.model_columns import ModelColumns
-from gapscope.ident.model.tsqr import TriangularFactor
-from gapscope.ident.signals.sample_count import SampleCount, count_samples
-from gapscope.ident.uncertainty.identifiability import (
-    CONDITION_LIMIT,
-    Identifiability,
-    identifiability,
+from gapscope.ident.model.friction import Choice
+from gapscope.ident.model.linear_problem import FrictionLaw, ModelColumns, Problem
+from gapscope.ident.samples import Band, SampleCount, Samples, count_samples
+from gapscope.ident.uncertainty.intervals import (
+    GroupComparison,
+    PredictedTorque,
+    TorqueInterval,
+    Uncertainty,
+    compare_groups,
+    predicted_torque,
+    torque_interval,
 )
-from gapscope.ident.uncertainty.intervals import Uncertainty
-from gapscope.ident.uncertainty.repeated_groups import GroupComparison, compare_groups
-from gapscope.ident.uncertainty.torque_interval import TorqueInterval, torque_interval
-from gapscope.model.conditioning import TORQUE_CUTOFF
-from gapscope.model.effective_samples import group_slices, variance_inflation
+from gapscope.model.conditioning import TORQUE_CUTOFF, Segment
+from gapscope.model.effective_samples import (
+    autocovariance,
+    group_slices,
+    variance_inflation,
+)
+
+# Which parameters of an arm a motion determines: rank, condition, spectrum, standing of each parameter.
+
+
+CONDITION_LIMIT = 1000.0
+"""Condition number above which a report warns."""
+ALONE, COMBINED, NONE = "alone", "combined", "none"
+"""Standings of a parameter: identifiable by itself, only in combination with others, not at all."""
+_FOLDED = 1e-6
+_WEAK = 0.3
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """What samples determine of p parameters pi of an arm, whose structure leaves b base parameters.
+
+    Attributes:
+        base: base parameters of the arm.
+        rows: number of rows of the samples.
+        rank: how many base parameters, or combinations of them, the samples determine.
+        condition: condition number of the base columns, scaled to unit norm [1].
+        condition_unscaled: that of the base columns as they are, which depends on the units.
+        singular_values: of the unit base columns over their largest, shape (b,), falling.
+        column_norms: RMS torque of each parameter per unit of it [N m per unit], shape (p,).
+        standing: of each parameter, ``alone``, ``combined`` or ``none``, by the structure of the arm; shape (p,).
+        weakest: the base parameters that make up the worst determined combination, largest share first.
+        warnings: what makes results doubtful, each a sentence with a remedy.
+    """
+
+    base: BaseParameters
+    rows: int
+    rank: int
+    condition: float
+    condition_unscaled: float
+    singular_values: np.ndarray
+    column_norms: np.ndarray
+    standing: tuple[str, ...]
+    weakest: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+    def having(self, standing: str) -> tuple[str, ...]:
+        """Names of the parameters of a standing."""
+        pairs = zip(self.base.names, self.standing, strict=True)
+        return tuple(name for name, own in pairs if own == standing)
+
+    def text(self) -> str:
+        """The report in words, some lines, the base parameters last."""
+        low, high = self.singular_values[-1], self.singular_values[0]
+        lines = [
+            f"{self.base.count} base parameters of {len(self.base.names)} (gap of the pivots {self.base.gap:.1e}); "
+            f"{self.rows} rows determine {self.rank}",
+            f"condition number {self.condition:.4g} with unit columns, {self.condition_unscaled:.4g} as they are; "
+            f"singular values from {high:.3g} down to {low:.3g}",
+            f"worst determined: {', '.join(self.weakest)}",
+            *(
+                f"{title}: {', '.join(self.having(s)) or 'none'}"
+                for title, s in _TITLES
+            ),
+            *(f"warning: {warning}" for warning in self.warnings),
+            "base parameters [RMS torque per unit, N m]:",
+        ]
+        norms = self.column_norms[self.base.kept]
+        return "\n".join(
+            lines
+            + [
+                f"  {e}  [{norm:.3g}]"
+                for e, norm in zip(self.base.expressions(), norms, strict=True)
+            ]
+        )
+
+
+_TITLES = (
+    ("identifiable alone", ALONE),
+    ("identifiable only in combination", COMBINED),
+    ("without effect on the torque", NONE),
+)
+
+
+def identifiability(
+    samples: np.ndarray | TriangularFactor, base: BaseParameters
+) -> Identifiability:
+    """What samples determine of the parameters of an arm.
+
+    Args:
+        samples: regressor of all p parameters, shape (M, p) or (N, n, p), or its factor for long recordings.
+        base: base parameters of the arm (``structural_base``), which separate what the arm cannot show from what the
+            motion does not show.
+
+    Raises:
+        InputError: values that are not finite, another number of columns, or no motion at all.
+
+    Source: gautier1992.
+    """
+    if isinstance(samples, TriangularFactor):
+        factor = samples
+    else:
+        factor = TriangularFactor(samples.shape[-1])
+        factor.add(samples)
+    if factor.columns != len(base.names):
+        raise InputError(
+            f"{factor.columns} columns, but {len(base.names)} parameters",
+            where="regressor",
+        )
+    triangle = factor.triangle
+    norms = np.linalg.norm(triangle, axis=0)
+    if not norms.any():
+        raise InputError(
+            "the regressor is zero: nothing moves and nothing weighs", "record a motion"
+        )
+    columns, kept_norms = triangle[:, base.kept], norms[base.kept]
+    excited = kept_norms > EMPTY * norms.max()
+    # columns without excitation would divide by zero
+    unit = np.where(excited, columns, 0.0) / np.where(excited, kept_norms, 1.0)
+    values, right = np.linalg.svd(unit)[1:]
+    relative = values / values[0]
+    rank = rank_by_gap(relative)
+    # the parameters that make up the direction that the samples show least
+    last = np.abs(right[-1])
+    names = [base.names[place] for place in base.kept]
+    order = [int(k) for k in np.argsort(-last)]
+    weakest = tuple(names[k] for k in order if last[k] > _WEAK * last.max())
+    condition, raw = float(np.linalg.cond(unit)), float(np.linalg.cond(columns))
+    return Identifiability(
+        base=base,
+        rows=factor.rows,
+        rank=rank,
+        condition=condition,
+        condition_unscaled=raw,
+        singular_values=relative,
+        column_norms=norms / np.sqrt(max(factor.rows, 1)),
+        standing=_standings(base),
+        weakest=weakest,
+        warnings=_warnings(base, rank, condition, raw, weakest),
+    )
+
+
+def _standings(base: BaseParameters) -> tuple[str, ...]:
+    """Standing of each parameter by the combinations it occurs in."""
+    involved = np.abs(base.combination) > _FOLDED
+    standing = [COMBINED if in_any else NONE for in_any in involved.any(axis=0)]
+    alone = involved.sum(axis=1) == 1
+    for place in base.kept[alone]:
+        standing[place] = ALONE
+    return tuple(standing)
+
+
+def _warnings(
+    base: BaseParameters,
+    rank: int,
+    condition: float,
+    raw: float,
+    weakest: tuple[str, ...],
+) -> tuple[str, ...]:
+    out = []
+    if rank < base.count:
+        out.append(
+            f"the samples determine only {rank} of {base.count} base parameters, not {', '.join(weakest)}; "
+            "record a motion that moves every joint, up to higher speed and acceleration"
+        )
+    if condition > CONDITION_LIMIT:
+        out.append(
+            f"condition number {condition:.3g} with unit columns is above {CONDITION_LIMIT:g}: "
+            f"{', '.join(weakest)} cannot be separated; record an optimised exciting motion, or drop what is not "
+            "essential"
+        )
+    elif raw > CONDITION_LIMIT:
+        out.append(
+            f"condition number {raw:.3g} is above {CONDITION_LIMIT:g} for the sake of units alone; scale the columns "
+            "to unit norm before solving"
+        )
+    return tuple(out)
+
+
+# Validation: how well the identified model predicts recordings, per joint, and whether the residual is noise.
+
+
+MOVING = 0.05
+"""A joint moves when it is faster than this [rad/s]."""
+LAGS = 20
+"""Lags of the test for whiteness."""
+LEVEL = 1e-3
+"""Noise alone fails the test this often."""
+Predict = Callable[[Segment], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of predicted torque on some samples, n joints.
+
+    Attributes:
+        rmse: [N m], shape (n,).
+        relative: RMS residual over RMS torque [1], shape (n,); NaN if there is no sample.
+        largest: [N m], shape (n,).
+        overall: RMS residual over RMS torque of all joints together [1].
+        share: of the samples that count, per joint [1], shape (n,).
+    """
+
+    rmse: np.ndarray
+    relative: np.ndarray
+    largest: np.ndarray
+    overall: float
+    share: np.ndarray
+
+
+@dataclass(frozen=True)
+class Whiteness:
+    """Whether residuals are what the band leaves of white noise, sampled at the cut-off, n joints.
+
+    Attributes:
+        statistic: Ljung and Box's Q over ``LAGS`` lags [1], shape (n,).
+        p_value: how often white noise has a larger one, shape (n,).
+        largest: largest autocorrelation beyond the band's own at lags from 1 [1], shape (n,).
+        bound: what white noise stays below with 99 % probability at any one lag [1].
+    """
+
+    statistic: np.ndarray
+    p_value: np.ndarray
+    largest: np.ndarray
+    bound: float
+
+    @property
+    def white(self) -> np.ndarray:
+        """Joints whose residual may be noise, shape (n,)."""
+        return self.p_value > LEVEL
+
+
+@dataclass(frozen=True)
+class Validation:
+    """Prediction against a group of recordings.
+
+    Attributes:
+        recordings: their names.
+        role: ``fit`` or ``judge``.
+        every: errors on every sample whose torque was measured.
+        moving: errors while the joint is faster than ``MOVING``.
+        nominal: errors of the nominal arm on every sample.
+        whiteness: of the residual.
+        t: time, of the segments one after the other [s], shape (M,).
+        torque, predicted, before: recorded, predicted and the nominal arm's torque in the band [N m], (M, n).
+        velocity: dq [rad/s], (M, n).
+        edges: rows at which segments begin, and the end.
+    """
+
+    recordings: tuple[str, ...]
+    role: str
+    every: Errors
+    moving: Errors
+    nominal: Errors
+    whiteness: Whiteness
+    t: np.ndarray
+    torque: np.ndarray
+    predicted: np.ndarray
+    before: np.ndarray
+    velocity: np.ndarray
+    edges: tuple[int, ...]
+
+
+def validate(
+    role: str,
+    segments: Sequence[Segment],
+    band: Band,
+    predict: Predict,
+    nominal: Predict,
+) -> Validation:
+    """Compare predictions with recorded torque, both in the band.
+
+    Args:
+        role: ``fit`` or ``judge``.
+        segments: with torque.
+        band: in which both sides are compared.
+        predict: the identified model, segment to torque [N m], (N, n).
+        nominal: the nominal arm, likewise.
+    """
+    pieces: list[_Compared] = []
+    for segment in segments:
+        rows = band.rows(segment)
+        pieces.append(
+            _Compared(
+                t=segment.motion.t[rows],
+                dq=segment.motion.dq[rows],
+                measured=segment.measured[rows],
+                torque=band.filtered(np.asarray(segment.torque), segment),
+                after=band.filtered(predict(segment), segment),
+                before=band.filtered(nominal(segment), segment),
+            )
+        )
+    whole = _Compared(*(np.concatenate(x) for x in zip(*pieces, strict=True)))
+    lengths = [len(piece.t) for piece in pieces]
+    edges = np.cumsum([0, *lengths])
+    group = np.repeat(np.arange(len(pieces)), lengths)
+    names = tuple(dict.fromkeys(segment.recording for segment in segments))
+    rate = segments[0].motion.rate
+    # the test of whiteness sees the samples that the band holds, not more
+    step = max(1, round(rate / band.cutoff))
+    every = whole.measured
+    residual = np.where(every, whole.torque - whole.after, 0.0)[::step]
+    expected = band_correlation(rate, band.cutoff, step)
+    moving = np.abs(whole.dq) > MOVING
+    return Validation(
+        recordings=names,
+        role=role,
+        every=errors(whole.torque, whole.after, every),
+        moving=errors(whole.torque, whole.after, every & moving),
+        nominal=errors(whole.torque, whole.before, every),
+        whiteness=whiteness(residual, group[::step], expected),
+        t=whole.t,
+        torque=whole.torque,
+        predicted=whole.after,
+        before=whole.before,
+        velocity=whole.dq,
+        edges=tuple(int(edge) for edge in edges),
+    )
+
+
+class _Compared(NamedTuple):
+    """Time [s], velocity [rad/s], whether the torque was measured, and torque [N m]: recorded, identified, nominal."""
+
+    t: np.ndarray
+    dq: np.ndarray
+    measured: np.ndarray
+    torque: np.ndarray
+    after: np.ndarray
+    before: np.ndarray
+
+
+def errors(torque: np.ndarray, predicted: np.ndarray, counted: np.ndarray) -> Errors:
+    """Errors [N m] on the samples that count; torque, prediction and mask of shape (N, n)."""
+    residual = np.where(counted, torque - predicted, 0.0)
+    counted_torque = np.where(counted, torque, 0.0)
+    count = counted.sum(axis=0)
+    rmse = np.sqrt((residual**2).sum(axis=0) / np.maximum(count, 1))
+    size = np.sqrt((counted_torque**2).sum(axis=0) / np.maximum(count, 1))
+    # a joint without samples has no relative error
+    with np.errstate(divide="ignore", invalid="ignore"):
+        relative = np.where(count > 0, rmse / size, np.nan)
+    power = float((counted_torque**2).sum())
+    overall = float(np.sqrt((residual**2).sum() / power)) if power > 0 else float("nan")
+    largest = np.abs(residual).max(axis=0)
+    return Errors(
+        rmse=rmse,
+        relative=relative,
+        largest=largest,
+        overall=overall,
+        share=count / len(torque),
+    )
+
+
+def band_correlation(rate: float, cutoff: float, step: int) -> np.ndarray:
+    """Autocorrelation that the zero-phase low-pass gives white noise at multiples of ``step`` samples, (LAGS + 1,)."""
+    filter_ = butter(4, min(cutoff, 0.95 * rate / 2), output="sos", fs=rate)
+    frequency, response = sosfreqz(filter_, 4096, fs=rate)
+    # forward and backward: the power gain is the fourth power of the response
+    power = np.abs(response) ** 4
+    lags = np.arange(LAGS + 1) * step / rate
+    phase = 2 * np.pi * lags[:, None] * frequency
+    covariance = (power * np.cos(phase)).sum(axis=1)
+    return np.asarray(covariance / covariance[0])
+
+
+def whiteness(
+    residual: np.ndarray, group: np.ndarray, expected: np.ndarray
+) -> Whiteness:
+    """Ljung and Box's test, Q = N (N + 2) sum_{k=1}^{m} (rho_k - rho0_k)^2 / (N - k), chi-squared of m degrees.
+
+    Args:
+        residual: [N m], shape (N, n).
+        group: stretch that a sample belongs to, shape (N,).
+        expected: rho0, autocorrelation of noise that has passed the band, from lag 0, shape (at least m + 1,).
+
+    Source: ljung1978.
+    """
+    n = len(residual)
+    lags = max(1, min(LAGS, n // 4))
+    covariance = autocovariance(residual - residual.mean(axis=0), group, lags)
+    rho = covariance[1:] / np.maximum(covariance[0], 1e-300)
+    beyond_band = rho - expected[1 : lags + 1, None]
+    pairs = (n - np.arange(1, lags + 1))[:, None]
+    statistic = n * (n + 2) * (beyond_band**2 / pairs).sum(axis=0)
+    p_value = chi2.sf(statistic, lags)
+    # 99 % of the correlations of white noise lie within this
+    bound = float(2.576 / np.sqrt(n))
+    return Whiteness(
+        statistic=statistic,
+        p_value=p_value,
+        largest=np.abs(beyond_band).max(axis=0),
+        bound=bound,
+    )
+
+
+# What recordings determine of the parameters, and how far the model may be off: the findings beside the estimate.
+
 
 HELD_OUT = 4
 """Stretches of time, at least, that are predicted one at a time from the others."""
@@ -150,3 +552,50 @@ def _essential(evidence: FitEvidence, problem: Problem) -> EssentialParameters:
     factor.add(problem.matrix / noise[:, None], problem.torque / noise)
     inflation = float(variance_inflation(residual, problem.group).mean())
     return essential_parameters(factor, problem.names, inflation=inflation)
+
+
+# What an identified arm predicts: on what was fitted and what was not, with intervals.
+
+
+def validated(
+    evidence: FitEvidence, value: np.ndarray, held_out: Sequence[Segment], band: Band
+) -> tuple[Validation, Validation]:
+    """Predictions of x = ``value`` and of the nominal arm, on what was fitted and on what was not."""
+    columns, law = evidence.samples.columns, evidence.choice.law
+    nominal = columns.nominal(law)
+
+    def predict(segment: Segment, x: np.ndarray) -> np.ndarray:
+        load = segment.known_torque(columns.body)
+        return np.asarray(columns.matrix(segment.motion, law) @ x + load)
+
+    def identified(segment: Segment) -> np.ndarray:
+        return predict(segment, value)
+
+    def of_nominal(segment: Segment) -> np.ndarray:
+        return predict(segment, nominal)
+
+    return (
+        validate("fit", evidence.samples.segments, band, identified, of_nominal),
+        validate("judge", held_out, band, identified, of_nominal),
+    )
+
+
+def predicted(
+    evidence: FitEvidence,
+    examined: Examination,
+    value: np.ndarray,
+    held_out: Sequence[Segment],
+) -> PredictedTorque | None:
+    """Intervals of the torque on segments that were not fitted, about what x = ``value`` predicts."""
+    if examined.interval is None:
+        return None
+    fitted = evidence.samples
+    samples = Samples(fitted.columns, held_out, fitted.band.bounded(held_out))
+    problem = base_problem(samples, evidence.choice, evidence.base)
+    return predicted_torque(examined.interval, problem, evidence.base.of(value))
+
+
+def base_problem(samples: Samples, choice: Choice, base: BaseParameters) -> Problem:
+    """The samples in the base columns."""
+    names = [base.names[k] for k in base.kept]
+    return samples.problem(choice.law, base.kept, names)

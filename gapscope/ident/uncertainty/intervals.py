@@ -1,20 +1,156 @@
-"""Uncertainty that holds for autocorrelated residuals: sandwich, block jackknife, intervals.
-
-Filtered recordings have autocorrelated residuals, so that s^2 (W^T W)^-1 states too small errors.
-Both methods here use the scores g_i = W_i^T S^-1 e_i, shape (b,), of samples i as they follow each other.
-"""
+"""Intervals of identified parameters: noise, repeated motions, refits, and the error of the model's form."""
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
+from scipy.stats import f as fisher
 from scipy.stats import t as student
 
-from gapscope.ident.estimators.estimate import Estimate
+from gapscope.arm.errors import InputError
+from gapscope.ident.estimators.linear import (
+    Estimate,
+    Estimator,
+    JointTriangles,
+    WeightedLeastSquares,
+)
 from gapscope.ident.model.linear_problem import Problem
-from gapscope.model.effective_samples import autocovariance, group_slices
+from gapscope.model.conditioning import TORQUE_CUTOFF
+from gapscope.model.effective_samples import (
+    autocovariance,
+    group_slices,
+    low_pass_inflation,
+)
+
+# Model error distinguished from noise: the residual at the frequencies of the motion against those above.
+
+
+LOW, FLOOR = 1 / 4, (1 / 3, 1 / 2)
+"""Bands of the motion and of the noise floor, as shares of the cut-off: up to 3 Hz and 4 to 6 Hz at 12 Hz."""
+DOUBT = 1e-3
+"""Chance, over all joints, below which noise alone is not believed."""
+MATERIAL = 0.05
+"""Share of the torque's deviation from which on model error is worth a warning, if it exceeds the noise [1]."""
+TAPER = 0.1
+"""Share of a series that is faded in and out before its spectrum is taken."""
+
+
+@dataclass(frozen=True)
+class ModelError:
+    """The part of the residuals that is not noise, per joint.
+
+    Attributes:
+        systematic: standard deviation of the part that follows the motion [N m], shape (n,).
+        noise: standard deviation of the rest [N m], shape (n,).
+        p_value: how often noise alone would look like this, shape (n,).
+        groups: number of groups that showed it.
+        torque: standard deviation of the torque [N m], shape (n,).
+    """
+
+    systematic: np.ndarray
+    noise: np.ndarray
+    p_value: np.ndarray
+    groups: int
+    torque: np.ndarray
+
+    @property
+    def found(self) -> np.ndarray:
+        """Joints, counted from 1, on which noise alone is not believed."""
+        return np.flatnonzero(self.p_value * len(self.p_value) < DOUBT) + 1
+
+    @property
+    def material(self) -> np.ndarray:
+        """Those of them, counted from 1, on which it is a visible part of the torque and exceeds the noise."""
+        least = np.maximum(MATERIAL * self.torque, self.noise)
+        visible = self.systematic > least
+        return self.found[visible[self.found - 1]]
+
+    def warnings(self) -> tuple[str, ...]:
+        """A warning that names the joints on which model error is material, if there are any."""
+        joints = self.material
+        if not len(joints):
+            return ()
+        size = np.hypot(self.systematic, self.noise).clip(1e-300)
+        share = (self.systematic / size)[joints - 1].max()
+        return (
+            f"the residual on joint {', '.join(map(str, joints))} is not noise ({share:.0%} of it follows the "
+            "motion): the model lacks an effect, and s^2 (W^T W)^-1 states too small errors; use intervals that count "
+            "model error, and `gapscope diagnose` to name the effect; record slow and fast motions apart, slow ones "
+            "for friction and gravity, fast ones for inertia, and validate each on the other",
+        )
+
+
+def model_error(
+    problem: Problem, residual: np.ndarray, cutoff: float = TORQUE_CUTOFF
+) -> ModelError:
+    """Split residuals into noise, level up to the cut-off, and model error, which lies where the motion lies.
+
+    The periodogram's mean up to a quarter of the cut-off over its mean from a third to a half of it has Fisher's F
+    distribution for noise, with twice the number of ordinates as degrees of freedom. What the low band holds above
+    the floor is the variance of the model error.
+
+    Args:
+        problem: whose groups and interval count.
+        residual: [N m], shape (N, n), better of groups that were not fitted.
+        cutoff: of the low-pass that the torque passed [Hz]; Nyquist's frequency if that is lower.
+
+    Source: pintelon2012.
+    """
+    cutoff = min(cutoff, 0.5 / problem.interval)
+    low, floor = np.zeros(residual.shape[1]), np.zeros(residual.shape[1])
+    low_count = floor_count = 0
+    spans = group_slices(problem.group)
+    for span in spans:
+        frequency, power = _periodogram(residual[span], problem.interval)
+        below = frequency <= LOW * cutoff
+        above = (frequency >= FLOOR[0] * cutoff) & (frequency <= FLOOR[1] * cutoff)
+        low += power[below].sum(axis=0)
+        floor += power[above].sum(axis=0)
+        low_count += int(below.sum())
+        floor_count += int(above.sum())
+    floor_count = max(floor_count, 1)
+    low, floor = low / low_count, floor / floor_count
+    ratio = low / np.maximum(floor, 1e-300)
+    p_value = fisher.sf(ratio, 2 * low_count, 2 * floor_count)
+    variance = (residual**2).mean(axis=0)
+    # share of all frequencies, of which a real series has two of each
+    band = 2 * LOW * cutoff * problem.interval
+    systematic = np.minimum((band * (low - floor)).clip(0.0), variance)
+    noise = np.sqrt(variance - systematic)
+    return ModelError(
+        systematic=np.sqrt(systematic),
+        noise=noise,
+        p_value=p_value,
+        groups=len(spans),
+        torque=problem.torque.std(axis=0),
+    )
+
+
+def _periodogram(series: np.ndarray, interval: float) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies [Hz] and power of a tapered series, shape (F, n)."""
+    taper = _taper(len(series))
+    transform = np.fft.rfft(series * taper[:, None], axis=0)
+    power = np.abs(transform) ** 2 / (taper**2).sum()
+    return np.fft.rfftfreq(len(series), interval), power
+
+
+def _taper(count: int) -> np.ndarray:
+    """A window that rises and falls by half a cosine, shape (count,)."""
+    place = np.arange(count) + 0.5
+    from_nearer_end = np.minimum(place, count - place)
+    edge = np.clip(from_nearer_end / (TAPER * count), 0, 1)
+    return 0.5 * (1 - np.cos(np.pi * edge))
+
+
+# Uncertainty that holds for autocorrelated residuals: sandwich, block jackknife, intervals.
+#
+# Filtered recordings have autocorrelated residuals, so that s^2 (W^T W)^-1 states too small errors.
+# Both methods here use the scores g_i = W_i^T S^-1 e_i, shape (b,), of samples i as they follow each other.
+
 
 MOST_BLOCKS = 200
 """Blocks of the jackknife; more only take longer, as Student's t is normal by then [1]."""
@@ -238,3 +374,318 @@ def _inverse(gram: np.ndarray) -> np.ndarray:
     scale = 1 / np.sqrt(np.diag(gram).clip(1e-300))
     outer = np.outer(scale, scale)
     return np.linalg.pinv(gram * outer, hermitian=True) * outer
+
+
+# Uncertainty of any estimator: the estimate is repeated without one stretch of time after the other.
+
+
+STRETCHES = 20
+"""About how many stretches of time are left out, one at a time."""
+
+
+def refit_jackknife(
+    problem: Problem, estimator: Estimator, stretches: int = STRETCHES
+) -> Uncertainty:
+    """Covariance (G - 1) / G sum_k (beta_k - mean)(beta_k - mean)^T, beta_k the estimate without stretch k of G.
+
+    It holds for estimators that are not linear in the torque, and counts that samples follow each other. What a pull
+    adds as bias is the same in every beta_k, so it is not counted. It has G - 1 degrees of freedom.
+
+    Args:
+        problem: that was solved.
+        estimator: that solved it.
+        stretches: about G; each belongs to one group.
+
+    Raises:
+        InputError: the samples without a stretch do not determine the parameters.
+
+    Source: kunsch1989.
+    """
+    values = []
+    for span in _spans(problem.group, stretches):
+        others = np.ones(len(problem.torque), dtype=bool)
+        others[span] = False
+        values.append(estimator.estimate(problem.rows(others)).value)
+    found, count = np.array(values), len(values)
+    change = found - found.mean(axis=0)
+    covariance = (count - 1) / count * change.T @ change
+    return Uncertainty(covariance, float(count - 1), len(problem.torque) // count)
+
+
+def _spans(group: np.ndarray, stretches: int) -> list[slice]:
+    """At least two stretches of about equal length within the groups."""
+    length = len(group) / max(stretches, 2)
+    out: list[slice] = []
+    for rows in group_slices(group):
+        size = rows.stop - rows.start
+        # a single group is cut at least once, so that something is left to fit
+        least = 2 if size == len(group) else 1
+        out += equal_parts(rows, max(least, round(size / length)))
+    return out
+
+
+# Repeated groups: identify each stretch alone; how much the results differ distinguishes noise from model error.
+
+
+REPEAT_DOUBT = 0.01
+"""Chance below which noise alone is not believed."""
+FACTOR = 2.0
+"""And the factor by which variances have to differ, since the stated one is itself an estimate."""
+
+
+@dataclass(frozen=True)
+class GroupComparison:
+    """Estimates of G groups against what each group states about its own error.
+
+    Attributes:
+        values: shape (G, b).
+        stated: mean variance that the groups state, shape (b,).
+        between: variance of the values between groups, shape (b,).
+        ratio: between over stated variance, all parameters together [1]; 1 if the stated errors hold.
+        p_value: how often noise alone gives a ratio this far from 1.
+        verdict: ``noise``, ``model error that differs between groups`` or ``model error common to all groups``.
+    """
+
+    values: np.ndarray
+    stated: np.ndarray
+    between: np.ndarray
+    ratio: float
+    p_value: float
+    verdict: str
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the verdict means for the stated errors."""
+        if self.verdict == "noise":
+            return ()
+        if self.ratio > 1:
+            return (
+                f"groups differ by {np.sqrt(self.ratio):.1f} times the errors they state: bias that changes with the "
+                "motion, not noise; the stated errors are too small; look for an effect that the model lacks",
+            )
+        return (
+            f"groups agree to {np.sqrt(self.ratio):.2f} of the errors they state: the residual repeats, "
+            "so it is model error common to all groups, not noise; more repetitions will not help; vary the motion",
+        )
+
+
+def compare_groups(
+    problem: Problem, estimator: Estimator, cutoff: float = TORQUE_CUTOFF
+) -> GroupComparison:
+    """Split into groups, identify each, and compare variance between groups with the variance that they state.
+
+    The statistic is sum_g (beta_g - mean)^T C_g^-1 (beta_g - mean), chi-squared with (G - 1) b degrees of freedom for
+    noise, C_g the group's own covariance s^2 (W^T W)^-1 per joint, inflated by what the low-pass makes noise remember,
+    and the mean weighted by C_g^-1. Over groups of different motion a missing effect biases each differently: the
+    ratio of statistic and degrees exceeds 1. Over repetitions of one motion it biases all alike, and the residual
+    torque, taken for noise, makes the groups state more than they differ: the ratio falls below 1.
+
+    Args:
+        problem: groups as ``problem.group``; a single one is cut into four.
+        estimator: whose estimate of a group is to be compared; weights of the estimator are not known here, so the
+            statement holds for estimators near weighted least squares.
+        cutoff: of the low-pass that the torque passed [Hz].
+
+    Raises:
+        InputError: a group by itself does not determine the parameters.
+    """
+    values, precisions = [], []
+    for number, span in enumerate(several_groups(problem.group), 1):
+        own = problem.rows(span)
+        try:
+            value = estimator.estimate(own).value
+        except InputError as error:
+            raise InputError(
+                error.problem, error.remedy, where=f"group {number}"
+            ) from None
+        values.append(value)
+        precisions.append(_precision(own, value, cutoff))
+    found, weight = np.array(values), np.array(precisions)
+    weighted_sum = np.einsum("gab,gb->a", weight, found)
+    mean = np.linalg.solve(weight.sum(axis=0), weighted_sum)
+    deviation = found - mean
+    statistic = float(np.einsum("ga,gab,gb->", deviation, weight, deviation))
+    freedom = (len(found) - 1) * found.shape[1]
+    # two-sided: the groups may differ by too much or by too little
+    upper, lower = chi2.sf(statistic, freedom), chi2.cdf(statistic, freedom)
+    p_value = 2 * min(float(upper), float(lower))
+    stated = np.mean([np.diag(np.linalg.inv(one)) for one in weight], axis=0)
+    between = found.var(axis=0, ddof=1)
+    ratio = statistic / freedom
+    verdict = _verdict(ratio, p_value)
+    return GroupComparison(
+        values=found,
+        stated=stated,
+        between=between,
+        ratio=ratio,
+        p_value=p_value,
+        verdict=verdict,
+    )
+
+
+def _verdict(ratio: float, p_value: float) -> str:
+    if p_value > REPEAT_DOUBT or 1 / FACTOR < ratio < FACTOR:
+        return "noise"
+    return (
+        f"model error {'that differs between' if ratio > 1 else 'common to all'} groups"
+    )
+
+
+def _precision(problem: Problem, beta: np.ndarray, cutoff: float) -> np.ndarray:
+    """C_g^-1 of one group, shape (b, b)."""
+    residual = problem.residual(beta)
+    size = residual.size
+    memory = low_pass_inflation(cutoff, problem.interval)
+    # fitting took up some of the independent samples
+    free = max(1 - memory * len(beta) / size, 1 / size)
+    variance = np.maximum((residual**2).mean(axis=0) / free * memory, 1e-300)
+    weighted = problem.matrix / np.sqrt(variance)[:, None]
+    flat = weighted.reshape(-1, len(beta))
+    return np.asarray(flat.T @ flat)
+
+
+# Intervals for the torque that an identified model predicts on other trajectories, model error included.
+
+
+@dataclass(frozen=True)
+class TorqueInterval:
+    """How far the arm's torque may lie from the model's.
+
+    Attributes:
+        estimate: the model.
+        parameters: how well its parameters are known.
+        error: noise and model error of torque that was not fitted.
+        warnings: of model error, with a remedy.
+    """
+
+    estimate: Estimate
+    parameters: Uncertainty
+    error: ModelError
+    warnings: tuple[str, ...]
+
+    def half_width(
+        self, matrix: np.ndarray, level: float = 0.95, *, recorded: bool = False
+    ) -> np.ndarray:
+        """Half the width of the interval [N m], shape (N, n), about W beta.
+
+        t sqrt(v + s^2), v = W C W^T with the parameters' covariance C, and the model error s of each joint. Student's
+        t has (v + s^2)^2 / (v^2 / f + s^4 / (G - 1)) degrees of freedom (Welch and Satterthwaite), f those of C, and
+        G groups: another motion's model error is one more draw beside theirs.
+
+        Args:
+            matrix: W of the other trajectory, shape (N, n, b).
+            level: share of samples that the interval is to hold [1].
+            recorded: of the torque as it would be recorded, noise included, instead of the torque itself.
+        """
+        own = ((matrix @ self.parameters.covariance) * matrix).sum(axis=2)
+        systematic = self.error.systematic**2
+        variance = own + systematic
+        # Welch and Satterthwaite
+        own_part = own**2 / max(self.parameters.freedom, 1.0)
+        systematic_part = systematic**2 / max(self.error.groups - 1, 1)
+        parts = np.maximum(own_part + systematic_part, 1e-300)
+        freedom = np.maximum(variance**2 / parts, 1.0)
+        noise = self.error.noise**2 if recorded else 0.0
+        return student.ppf(0.5 + level / 2, freedom) * np.sqrt(variance + noise)
+
+
+@dataclass(frozen=True)
+class PredictedTorque:
+    """Intervals of predicted torque on some recordings, n joints.
+
+    Attributes:
+        level: share of samples that an interval is to hold [1].
+        half_width: RMS half width for the arm's torque [N m], shape (n,).
+        recorded: the same for the torque as it is recorded, noise included [N m], shape (n,).
+        held: share of recorded samples within the latter [1], shape (n,).
+    """
+
+    level: float
+    half_width: np.ndarray
+    recorded: np.ndarray
+    held: np.ndarray
+
+
+def predicted_torque(
+    interval: TorqueInterval, problem: Problem, beta: np.ndarray, level: float = 0.95
+) -> PredictedTorque:
+    """Intervals on recordings that were not fitted, and how many of their samples lie within.
+
+    Args:
+        interval: of the model.
+        problem: other recordings in the same base columns.
+        beta: what is predicted with, shape (b,).
+        level: share of samples that an interval is to hold [1].
+    """
+    own = interval.half_width(problem.matrix, level)
+    recorded = interval.half_width(problem.matrix, level, recorded=True)
+    inside = np.abs(problem.residual(beta)) <= recorded
+    rms_own = np.sqrt((own**2).mean(axis=0))
+    rms_recorded = np.sqrt((recorded**2).mean(axis=0))
+    return PredictedTorque(
+        level=level,
+        half_width=rms_own,
+        recorded=rms_recorded,
+        held=inside.mean(axis=0),
+    )
+
+
+def torque_interval(
+    problem: Problem,
+    estimator: Estimator,
+    uncertainty: Uncertainty,
+    cutoff: float = TORQUE_CUTOFF,
+    estimate: Estimate | None = None,
+) -> TorqueInterval:
+    """Intervals from torque held out: each group is predicted by the model that the others give.
+
+    Args:
+        problem: of at least two groups, or one that is cut into four.
+        estimator: of the model.
+        uncertainty: of its parameters.
+        cutoff: of the low-pass that the torque passed [Hz].
+        estimate: of the whole problem; estimated if ``None``.
+
+    Raises:
+        InputError: the other groups do not determine the parameters.
+    """
+    estimate = estimate or estimator.estimate(problem)
+    error = model_error(problem, held_out(problem, estimator), cutoff)
+    return TorqueInterval(
+        estimate=estimate,
+        parameters=uncertainty,
+        error=error,
+        warnings=error.warnings(),
+    )
+
+
+def held_out(problem: Problem, estimator: Estimator) -> np.ndarray:
+    """Residual of each group under the estimate of the other groups [N m], shape (N, n)."""
+    residual = np.empty_like(problem.torque)
+    spans = several_groups(problem.group)
+    if len(spans) < 2:
+        raise InputError(
+            "too few samples to hold any out", "record for longer", where="samples"
+        )
+    for span, value in zip(
+        spans, _without_each(problem, spans, estimator), strict=True
+    ):
+        residual[span] = problem.rows(span).residual(value)
+    return residual
+
+
+def _without_each(
+    problem: Problem, spans: Sequence[slice], estimator: Estimator
+) -> Iterator[np.ndarray]:
+    """Estimates without each group, (b,)."""
+    if isinstance(estimator, WeightedLeastSquares):
+        # the equations of a group are made a triangle once, not for each of the others again
+        parts = [JointTriangles.of(problem.rows(span)) for span in spans]
+        for k in range(len(spans)):
+            others = JointTriangles.joined(parts[:k] + parts[k + 1 :])
+            yield estimator.value(others)
+        return
+    for span in spans:
+        kept = np.ones(len(problem.torque), dtype=bool)
+        kept[span] = False
+        yield estimator.estimate(problem.rows(kept)).value

@@ -22,11 +22,14 @@ from gapscope.arm.recording import Recording
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import write_corrected
-from gapscope.effects.residual.file import write_residual
-from gapscope.effects.residual.inputs import Inputs, Layout
-from gapscope.effects.residual.model import ResidualNetwork
-from gapscope.effects.residual.network import Network
-from gapscope.effects.residual.trust import Trust
+from gapscope.effects.residual import (
+    Inputs,
+    Layout,
+    Network,
+    ResidualNetwork,
+    Trust,
+    write_residual,
+)
 from gapscope.envs.effect_ranges import EffectRanges, effect_range
 from gapscope.envs.environment import ArmTracking
 from gapscope.envs.mystery_arm import HIDDEN

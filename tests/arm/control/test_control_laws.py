@@ -10,20 +10,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gapscope.arm.control.cascade import Cascade
-from gapscope.arm.control.computed_torque import ComputedTorque
-from gapscope.arm.control.control_loop import ControlLoop, Targets
-from gapscope.arm.control.integrator import ANTI_WINDUP, Integrator
-from gapscope.arm.control.laws import LAWS, like_pd
-from gapscope.arm.control.pd import PD
-from gapscope.arm.control.pid import PID
-from gapscope.arm.controller import Controller
-from gapscope.arm.errors import InputError
-from gapscope.arm.io.controller_file import (
-    COMMON,
-    controller_section,
-    parse_controller,
+from gapscope.arm.control import (
+    LAWS,
+    PD,
+    PID,
+    Cascade,
+    ComputedTorque,
+    ControlLoop,
+    Targets,
+    like_pd,
 )
+from gapscope.arm.controller import ANTI_WINDUP, Controller, Integrator
+from gapscope.arm.errors import InputError
+from gapscope.arm.io.case_file import COMMON, controller_section, parse_controller
 from gapscope.arm.nominal import NominalArm
 
 RATE = 10.0

@@ -13,9 +13,8 @@ from gapscope.arm.dynamics.plain_mjcf import plain_mjcf
 from gapscope.arm.dynamics.plain_urdf import moving_links
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError, ModelWarning
-from gapscope.arm.known_robots import KNOWN_ROBOTS
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.robots import load_nominal_arm
+from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm
 
 SHEET = {"armature": "0.05", "frictionloss": "0.4", "damping": "0.3"}
 INERTIAL = '<inertial pos="0 0 0.2" mass="2" diaginertia="0.1 0.1 0.02"/>'

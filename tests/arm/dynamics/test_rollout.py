@@ -9,11 +9,17 @@ import pytest
 from arms import ROD, chain
 from cases import sines
 
-from gapscope.arm.control.pd import PD
+from gapscope.arm.control import PD
 from gapscope.arm.dynamics.feedforward import feedforward
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.dynamics.rollout import Commands, Plant, roll_out, roll_outs
-from gapscope.arm.dynamics.sensitivity import sensitivity, ticks_per_step
+from gapscope.arm.dynamics.rollout import (
+    Commands,
+    Plant,
+    roll_out,
+    roll_outs,
+    sensitivity,
+    ticks_per_step,
+)
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm

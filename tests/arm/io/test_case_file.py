@@ -13,9 +13,8 @@ import yaml
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.write_case import write_case, write_recording
-from gapscope.arm.known_robots import KNOWN_ROBOTS
 from gapscope.arm.recording import CHANNELS, Recording
-from gapscope.arm.robots import load_nominal_arm
+from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm
 
 CONTENT: dict[str, Any] = {
     "name": "two",

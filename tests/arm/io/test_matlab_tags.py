@@ -11,8 +11,7 @@ import scipy.io
 from scipy.sparse import eye_array
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.io.formats.array_files import read_mat
-from gapscope.arm.io.formats.matlab_tags import check_tags
+from gapscope.arm.io.formats.array_files import check_tags, read_mat
 
 CONTENT = {
     "t": np.arange(5.0),

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.io.formats.numeric_csv import numeric_columns
-from gapscope.arm.io.formats.table_files import read_csv
+from gapscope.arm.io.formats.table_files import numeric_columns, read_csv
 
 NAMES = ["t", "q1", "mode"]
 

@@ -9,26 +9,29 @@ import pytest
 from arms import ROD, Link, written
 from sweeps import daily
 
-from gapscope.arm.dynamics.inverse_kinematics import inverse_kinematics
-from gapscope.arm.dynamics.kinematics import Kinematics, Pose
+from gapscope.arm.dynamics.kinematics import Kinematics, Pose, inverse_kinematics
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.write_case import write_columns
-from gapscope.arm.known_robots import KNOWN_ROBOTS
-from gapscope.arm.motions.chain import Chain, Reversed
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.named_motions import (
     MOTIONS,
+    PointToPoint,
+    WeldSeam,
     Workspace,
     draw_motion,
     motions_for,
     workspace,
 )
-from gapscope.arm.motions.point_to_point import PointToPoint
-from gapscope.arm.motions.sampled import Sampled, read_sampled
-from gapscope.arm.motions.trajectory import Fourier, Limits
-from gapscope.arm.motions.weld_seam import WeldSeam
-from gapscope.arm.robots import load_nominal_arm
+from gapscope.arm.motions.trajectory import (
+    Chain,
+    Fourier,
+    Limits,
+    Reversed,
+    Sampled,
+    read_sampled,
+)
+from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm
 
 LIMITS = Limits(
     np.array([-1.0, -2.0]),

@@ -13,19 +13,30 @@ from gapscope.arm.case import Case
 from gapscope.arm.errors import InputError
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.trajectory import Fourier
-from gapscope.diagnosis.advice.advice_wording import lines
-from gapscope.diagnosis.advice.contrast import HypothesisContrast
-from gapscope.diagnosis.advice.hypothesis import Hypothesis
-from gapscope.diagnosis.advice.motion_options import MotionOption, options
-from gapscope.diagnosis.advice.next_recording import Advice, AdviceRequest, advise
-from gapscope.diagnosis.advice.parameter_vector import scales, vector, with_values
-from gapscope.diagnosis.advice.questions import Question, open_questions
-from gapscope.diagnosis.advice.recorded_data import RecordedData, fitted
+from gapscope.diagnosis.advice.hypotheses import (
+    Hypothesis,
+    Question,
+    RecordedData,
+    fitted,
+    open_questions,
+    scales,
+    vector,
+    with_values,
+)
+from gapscope.diagnosis.advice.next_recording import (
+    Advice,
+    AdviceRequest,
+    HypothesisContrast,
+    MotionOption,
+    advise,
+    lines,
+    options,
+)
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.thresholds import DESIGNED_ALTERNATIVES
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.ident.excitation.excitation_plan import LimitPlan
+from gapscope.ident.excitation.design import LimitPlan
 
 LIMITS = LimitPlan(velocity=1.6, acceleration=7.0, singular=0.0, collisions=False)
 FLOOR = [0.02, 0.01, 0.01]

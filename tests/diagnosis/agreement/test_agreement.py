@@ -19,11 +19,12 @@ from gapscope.diagnosis.agreement.agreement import (
     DIFFERS,
     NOT_DETERMINED,
     Agreement,
+    Covariate,
     ParameterAgreement,
     agreement,
+    document,
+    explain,
 )
-from gapscope.diagnosis.agreement.agreement_json import document
-from gapscope.diagnosis.agreement.covariates import Covariate, explain
 from gapscope.diagnosis.thresholds import FALSE_ALARM_RATE
 
 DRAWS = 20

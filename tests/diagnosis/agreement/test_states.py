@@ -12,7 +12,7 @@ import gapscope
 from gapscope.arm.case import Case
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.diagnosis_json import validate
-from gapscope.diagnosis.document.sentences import verdict_sentence
+from gapscope.diagnosis.document.wording import verdict_sentence
 from gapscope.interface.diagnose import DiagnosisResult
 
 LOAD = Truth(mass=1.5, com=(0.2, 0.0, 0.05))

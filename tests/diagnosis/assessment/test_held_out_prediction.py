@@ -15,24 +15,27 @@ import synthetic
 from selections import TableEvidence, term
 
 from gapscope.diagnosis.assessment.curves import Variable, curve_of
-from gapscope.diagnosis.assessment.excess_residual import (
+from gapscope.diagnosis.assessment.held_out_prediction import (
     ExcessResidual,
+    HeldOutPredictor,
+    Share,
     elementwise_max,
     excess_residual,
     excess_residual_set_aside,
-    ratio_by_chance,
-)
-from gapscope.diagnosis.assessment.held_out_prediction import (
-    HeldOutPredictor,
-    Share,
     join_halves,
+    ratio_by_chance,
     shapley_value,
 )
-from gapscope.diagnosis.assessment.oscillation import amplitudes, predict_oscillation
-from gapscope.diagnosis.assessment.predictable_share import Predictable, predictable
-from gapscope.diagnosis.assessment.ridge_folds import Folds, predict_held_out
+from gapscope.diagnosis.assessment.predictable_share import (
+    Folds,
+    Predictable,
+    amplitudes,
+    predict_held_out,
+    predict_oscillation,
+    predictable,
+)
 from gapscope.diagnosis.document.diagnosis_json import validate
-from gapscope.diagnosis.localisation.stacked_rows import MotionRows
+from gapscope.diagnosis.localisation.locate import MotionRows
 from gapscope.diagnosis.selection.search import Selection
 from gapscope.diagnosis.thresholds import FALSE_ALARM_RATE
 from gapscope.effects.applied import AppliedEffect

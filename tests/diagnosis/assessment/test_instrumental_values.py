@@ -10,7 +10,7 @@ import synthetic
 from synthetic import Truth
 
 from gapscope.arm.case import Case
-from gapscope.arm.control.pd import PD
+from gapscope.arm.control import PD
 from gapscope.diagnosis.assessment.instrumental_values import commanded
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.diagnosis_json import validate

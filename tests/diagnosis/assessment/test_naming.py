@@ -14,26 +14,25 @@ import synthetic
 from selections import TERMS, TableEvidence, term
 from synthetic import Truth
 
-from gapscope.diagnosis.assessment import calibration
-from gapscope.diagnosis.assessment.alternatives import (
+from gapscope.diagnosis.assessment import confidence
+from gapscope.diagnosis.assessment.confidence import (
     Alternative,
-    alternatives,
-    equivalents,
-    separated_by,
-)
-from gapscope.diagnosis.assessment.calibration import (
+    Naming,
     Support,
+    alternatives,
     conformal_set,
+    divide,
+    equivalents,
     probability,
+    separated_by,
     with_probabilities,
 )
-from gapscope.diagnosis.assessment.excess_residual import ExcessResidual
-from gapscope.diagnosis.assessment.naming import Naming, divide
-from gapscope.diagnosis.assessment.rejection import reject
-from gapscope.diagnosis.assessment.significance import (
+from gapscope.diagnosis.assessment.held_out_prediction import (
+    ExcessResidual,
     false_discovery_rates,
     log_e_value,
     log_e_values,
+    reject,
 )
 from gapscope.diagnosis.selection.search import Selection, search
 from gapscope.diagnosis.thresholds import (
@@ -266,7 +265,7 @@ class TestAlternatives:
 class TestSets:
     @pytest.fixture(autouse=True)
     def level(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(calibration, "fitted", lambda: NEUTRAL)
+        monkeypatch.setattr(confidence, "fitted", lambda: NEUTRAL)
 
     def test_a_sure_effect_stands_alone(self) -> None:
         assert conformal_set("a", 0.9, [alternative("b", 0.0, 0.1)]) == ["a"]

@@ -20,14 +20,13 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.diagnosis.assessment.sensor_sides import SensorSides, SideGap
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.diagnosis_json import validate
-from gapscope.diagnosis.document.sentences import sides_sentence
-from gapscope.diagnosis.model.torque_sensor import link_torque
+from gapscope.diagnosis.document.wording import sides_sentence
+from gapscope.diagnosis.model.linearisation import link_torque
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.reports.diagnosis.page import render
-from gapscope.reports.diagnosis.terminal_summary import print_summary
+from gapscope.reports.diagnosis import print_summary, render
 
 
 def named(document: dict[str, Any]) -> list[tuple[str, list[int]]]:

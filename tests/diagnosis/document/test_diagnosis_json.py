@@ -20,18 +20,18 @@ from selections import TERMS, TableEvidence, term
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.json_file import plain
 from gapscope.diagnosis.document.diagnosis_json import validate, write_document
-from gapscope.diagnosis.document.fault_findings import (
+from gapscope.diagnosis.document.findings import (
     GapStages,
+    finding_of,
+    parameters,
+    suggested_recording,
     with_faults,
     with_torques_turned,
 )
-from gapscope.diagnosis.document.parameters import finding_of, parameters
-from gapscope.diagnosis.document.suggested_recording import suggested_recording
-from gapscope.diagnosis.document.verdict import verdict
-from gapscope.diagnosis.document.wording import pulled_texts
+from gapscope.diagnosis.document.wording import pulled_texts, verdict
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault
 from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.setup_faults.channel_faults import SignFlip
+from gapscope.effects.setup_faults import SignFlip
 from gapscope.model.terms import Term
 
 Change = Callable[[dict[str, Any]], Any]

@@ -29,27 +29,27 @@ from gapscope.diagnosis.fleet.change_points import (
 )
 from gapscope.diagnosis.fleet.compare_units import (
     DIFFERING,
+    NOMINAL,
     ONE,
     SHARED,
     SOME,
-    compare,
-    groups,
-)
-from gapscope.diagnosis.fleet.confusion import (
-    NOMINAL,
     ConfusionColumn,
     FleetUnit,
+    compare,
     confusion_column,
+    explains_as_much,
+    grouped,
+    groups,
+    other_laws,
+    pooled,
+    read_ranges,
+    units_document,
 )
-from gapscope.diagnosis.fleet.fleet_json import grouped, units_document
-from gapscope.diagnosis.fleet.friction_of_type import explains_as_much, other_laws
-from gapscope.diagnosis.fleet.heterogeneity import pooled
-from gapscope.diagnosis.fleet.unit_ranges import read_ranges
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import write_corrected
+from gapscope.reports.compared_units import findings, heading, told_apart
 from gapscope.reports.diagnosis import SummaryRow, render_summary
-from gapscope.reports.diagnosis.fleet_section import findings, heading, told_apart
 
 
 def unit(*effects: tuple[str, list[int], dict[str, tuple[Any, Any]]]) -> dict[str, Any]:

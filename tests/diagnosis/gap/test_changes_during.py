@@ -11,7 +11,7 @@ from cases import changed_during
 from gapscope.arm.case import Case
 from gapscope.diagnosis.diagnose import conclude
 from gapscope.diagnosis.document.diagnosis_json import validate
-from gapscope.diagnosis.gap.changes_during import up_to_changes
+from gapscope.diagnosis.gap.plausible_data import up_to_changes
 from gapscope.diagnosis.study import Study, examine
 from gapscope.effects.applied import AppliedEffect
 from gapscope.model.change_findings import change_findings, change_text

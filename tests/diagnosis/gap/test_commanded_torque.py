@@ -13,7 +13,7 @@ from cases import each
 from sweeps import daily
 
 from gapscope.arm.case import Case, load_case
-from gapscope.arm.control.laws import LAWS
+from gapscope.arm.control import LAWS
 from gapscope.arm.errors import GapscopeError
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.diagnosis_json import validate

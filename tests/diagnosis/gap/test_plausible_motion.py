@@ -16,12 +16,18 @@ from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
-from gapscope.diagnosis.gap.excerpt import excerpt, folds_of
 from gapscope.diagnosis.gap.noise_floor import NoiseFloor, sticking_rms, timing_error
-from gapscope.diagnosis.gap.plausible_data import check_rates, check_torque
-from gapscope.diagnosis.gap.plausible_motion import check_moving, short_note, still_note
+from gapscope.diagnosis.gap.plausible_data import (
+    check_moving,
+    check_rates,
+    check_torque,
+    excerpt,
+    folds_of,
+    short_note,
+    still_note,
+)
 from gapscope.diagnosis.gap.predict import predict_torque
-from gapscope.diagnosis.setup_faults.time_stamps import find_stamps
+from gapscope.diagnosis.setup_faults.clocks import find_stamps
 from gapscope.diagnosis.thresholds import (
     EXAMINED,
     LEAST_WINDOW,

@@ -9,12 +9,15 @@ import pytest
 from scipy.signal import butter, sosfiltfilt
 from sweeps import daily
 
-from gapscope.diagnosis.localisation.locate import locate
-from gapscope.diagnosis.localisation.region import Region
-from gapscope.diagnosis.localisation.spectra import spectra
-from gapscope.diagnosis.localisation.stacked_rows import MotionRows
-from gapscope.diagnosis.localisation.time_intervals import change_points, levels
-from gapscope.diagnosis.localisation.tree import hottest_leaf
+from gapscope.diagnosis.localisation.locate import (
+    MotionRows,
+    Region,
+    change_points,
+    hottest_leaf,
+    levels,
+    locate,
+    spectra,
+)
 
 RATE = 250.0
 SECONDS = 30.0

@@ -9,12 +9,22 @@ import pinocchio as pin
 import pytest
 from scipy.optimize import lsq_linear
 
-from gapscope.diagnosis.model.discrepancy import Discrepancy, discrepancy
-from gapscope.diagnosis.model.fold import EquationRows, Fold
-from gapscope.diagnosis.model.inertial_errors import inertial_errors
-from gapscope.diagnosis.model.normal_equations import NormalEquations, solve, solve_each
-from gapscope.diagnosis.model.nuisance_prior import ErrorSizes, data_sheet_prior
-from gapscope.diagnosis.model.value_posterior import drawn, posteriors
+from gapscope.diagnosis.model.fit_data import (
+    Discrepancy,
+    EquationRows,
+    Fold,
+    discrepancy,
+    inertial_errors,
+)
+from gapscope.diagnosis.model.normal_equations import (
+    ErrorSizes,
+    NormalEquations,
+    data_sheet_prior,
+    drawn,
+    posteriors,
+    solve,
+    solve_each,
+)
 from gapscope.diagnosis.thresholds import INERTIAL_ERROR, INERTIAL_ERRORS, SHAPE_ERROR
 
 

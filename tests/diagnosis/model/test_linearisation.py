@@ -14,9 +14,7 @@ import synthetic
 from synthetic import Truth
 
 from gapscope.diagnosis.gap.noise_floor import noise_floor
-from gapscope.diagnosis.model.compliant_bodies import CompliantCandidates
-from gapscope.diagnosis.model.fit_data import FitData
-from gapscope.diagnosis.model.force_window import force_window
+from gapscope.diagnosis.model.fit_data import CompliantCandidates, FitData, force_window
 from gapscope.diagnosis.model.linearisation import Linearisation
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import explained

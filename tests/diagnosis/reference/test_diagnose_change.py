@@ -17,11 +17,15 @@ from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.write_case import write_case
 from gapscope.cli import main
 from gapscope.diagnosis.document.diagnosis_json import validate
-from gapscope.diagnosis.reference.comparison_document import SCALED
-from gapscope.diagnosis.reference.diagnose_change import diagnose_change
-from gapscope.diagnosis.reference.identify_reference import identify_reference
-from gapscope.diagnosis.reference.kept_reference import KeptReference
-from gapscope.diagnosis.reference.same_arm import check_same_arm
+from gapscope.diagnosis.reference.diagnose_change import (
+    SCALED,
+    check_same_arm,
+    diagnose_change,
+)
+from gapscope.diagnosis.reference.reference_file import (
+    KeptReference,
+    identify_reference,
+)
 
 OFFSET = (0.6, -0.5, 0.2)
 """Torque offsets that the arm has on both days [N m]."""

@@ -17,8 +17,8 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.reference.diagnose_change import diagnose_change
-from gapscope.diagnosis.reference.kept_reference import KeptReference
 from gapscope.diagnosis.reference.reference_file import (
+    KeptReference,
     identified_folder,
     read_reference,
     write_reference,

@@ -9,12 +9,12 @@ from sweeps import nightly
 from synthetic import Truth
 
 from gapscope.diagnosis.model.linearisation import Linearisation
-from gapscope.diagnosis.selection.compliant_joints import (
+from gapscope.diagnosis.selection.fitted_model import fit_terms
+from gapscope.diagnosis.selection.questions import (
     best_compliant_joint,
     settle_compliance,
     starts,
 )
-from gapscope.diagnosis.selection.fitted_model import fit_terms
 
 HEALTHY = Truth()
 LOOSE = Truth(play=(0.008, 0.0, 0.0))

@@ -8,13 +8,19 @@ import synthetic
 from small_models import model, term
 from synthetic import COULOMB, Truth
 
-from gapscope.diagnosis.model.discrepancy import Discrepancy
-from gapscope.diagnosis.model.fold import EquationRows, Fold
+from gapscope.diagnosis.model.fit_data import Discrepancy, EquationRows, Fold
 from gapscope.diagnosis.model.normal_equations import NormalEquations, with_skew
-from gapscope.diagnosis.selection.fitted_model import Model, fit_terms, nominal_model
-from gapscope.diagnosis.selection.fold_equations import FoldEquations, mean_squares
-from gapscope.diagnosis.selection.value_draws import value_draws
-from gapscope.diagnosis.selection.visibility import visible
+from gapscope.diagnosis.selection.evidence import (
+    FoldEquations,
+    mean_squares,
+    value_draws,
+)
+from gapscope.diagnosis.selection.fitted_model import (
+    Model,
+    fit_terms,
+    nominal_model,
+    visible,
+)
 from gapscope.diagnosis.thresholds import NEW_EFFECT
 from gapscope.model.conditioning import TORQUE_CUTOFF, condition, thinned
 from gapscope.model.terms import Term

@@ -15,19 +15,19 @@ from synthetic import Truth
 
 from gapscope.diagnosis.model.linearisation import Linearisation
 from gapscope.diagnosis.selection import fitted_model, search
-from gapscope.diagnosis.selection.fitted_model import Model, fit_terms, nominal_model
-from gapscope.diagnosis.selection.load_or_link import prefer_payload
-from gapscope.diagnosis.selection.moves import (
+from gapscope.diagnosis.selection.fitted_model import (
+    Model,
     by_finding,
     by_term,
     clashes,
     consistent,
+    fit_terms,
     near_equivalent,
     neighbours,
+    nominal_model,
 )
-from gapscope.diagnosis.selection.near_equivalents import compare_near_equivalents
-from gapscope.diagnosis.selection.search import add_pair
-from gapscope.diagnosis.selection.turned_base import add_turned_base
+from gapscope.diagnosis.selection.questions import add_turned_base, prefer_payload
+from gapscope.diagnosis.selection.search import add_pair, compare_near_equivalents
 from gapscope.diagnosis.thresholds import RELINEARISATIONS
 from gapscope.model.conditioning import condition, thinned
 from gapscope.model.terms import Term, Terms

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from gapscope.effects.setup_faults.channel_faults import (
+from gapscope.effects.setup_faults import (
+    Fault,
+    GravityCompensatedTorque,
     JointSwap,
+    LateTorque,
+    ShiftedInertials,
     SignFlip,
+    TimeStamps,
+    TorqueUnit,
     UnitMismatch,
     ZeroOffset,
-)
-from gapscope.effects.setup_faults.fault import Fault
-from gapscope.effects.setup_faults.inertial_fault import ShiftedInertials
-from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
-from gapscope.effects.setup_faults.torque_faults import (
-    GravityCompensatedTorque,
-    LateTorque,
-    TorqueUnit,
 )
 
 FAULTS: dict[str, Fault] = {

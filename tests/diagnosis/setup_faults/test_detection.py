@@ -21,15 +21,13 @@ from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.fault_search import looks_late
 from gapscope.diagnosis.setup_faults.found_fault import repaired
 from gapscope.effects.arm_scale import ArmScale
-from gapscope.effects.setup_faults.channel_faults import (
-    SignFlip,
-    UnitMismatch,
-)
-from gapscope.effects.setup_faults.fault import Fault
-from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
-from gapscope.effects.setup_faults.torque_faults import (
+from gapscope.effects.setup_faults import (
+    Fault,
     LateTorque,
+    SignFlip,
+    TimeStamps,
     TorqueUnit,
+    UnitMismatch,
 )
 from gapscope.envs.mystery_arm import HIDDEN, iiwa
 from gapscope.envs.randomisation import Randomisation, draw_effects

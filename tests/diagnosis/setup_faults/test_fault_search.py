@@ -16,34 +16,35 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.reading import Reading
 from gapscope.arm.recording import Recording
-from gapscope.arm.shifted_inertials import shifted_arm, shifted_body
-from gapscope.diagnosis.setup_faults.arm_weight import weight_penalty, weight_share
-from gapscope.diagnosis.setup_faults.fault_samples import sample
-from gapscope.diagnosis.setup_faults.fault_search import decisive
-from gapscope.diagnosis.setup_faults.found_fault import FoundFault
-from gapscope.diagnosis.setup_faults.merge import merged
-from gapscope.diagnosis.setup_faults.nuisance import FoldEquations, fold_equations
-from gapscope.diagnosis.setup_faults.nuisance_fit import (
-    bounded_minimum,
-    fitted_gap,
-    held_out_gap,
-)
-from gapscope.diagnosis.setup_faults.quantization import (
+from gapscope.arm.robots import shifted_arm, shifted_body
+from gapscope.diagnosis.setup_faults.clocks import (
     encoder_step,
     find_quantization,
+    find_stamps,
     lattice,
+    lost,
 )
-from gapscope.diagnosis.setup_faults.reading_score import ReadingScore, ReadingScorer
-from gapscope.diagnosis.setup_faults.time_stamps import find_stamps, lost
+from gapscope.diagnosis.setup_faults.fault_search import decisive
+from gapscope.diagnosis.setup_faults.found_fault import FoundFault, merged
+from gapscope.diagnosis.setup_faults.nuisance import (
+    FoldEquations,
+    ReadingScore,
+    ReadingScorer,
+    bounded_minimum,
+    fitted_gap,
+    fold_equations,
+    held_out_gap,
+    sample,
+    weight_penalty,
+    weight_share,
+)
 from gapscope.diagnosis.thresholds import ORDINARY_PENALTY
-from gapscope.effects.setup_faults.channel_faults import (
+from gapscope.effects.setup_faults import (
+    GravityCompensatedTorque,
     JointSwap,
     SignFlip,
-    UnitMismatch,
-)
-from gapscope.effects.setup_faults.torque_faults import (
-    GravityCompensatedTorque,
     TorqueUnit,
+    UnitMismatch,
 )
 from gapscope.model.conditioning import TORQUE_CUTOFF, condition
 

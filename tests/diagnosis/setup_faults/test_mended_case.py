@@ -14,28 +14,26 @@ import yaml
 from fault_examples import FAULTS
 
 from gapscope.arm.case import Case, load_case
-from gapscope.arm.control.pd import PD
+from gapscope.arm.control import PD
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.write_case import write_case
 from gapscope.arm.recording import CHANNELS
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
-from gapscope.diagnosis.setup_faults.references.control_faults import OtherGainsAtWork
-from gapscope.effects.setup_faults.channel_faults import (
+from gapscope.diagnosis.setup_faults.references import OtherGainsAtWork
+from gapscope.effects.setup_faults import FAULTS as CATALOGUE
+from gapscope.effects.setup_faults import (
+    Fault,
+    GainMismatch,
+    IgnoredVelocityReference,
     JointSwap,
     SignFlip,
-    UnitMismatch,
-)
-from gapscope.effects.setup_faults.controller_faults import GainMismatch
-from gapscope.effects.setup_faults.fault import Fault
-from gapscope.effects.setup_faults.fault_catalogue import FAULTS as CATALOGUE
-from gapscope.effects.setup_faults.reference_faults import (
-    IgnoredVelocityReference,
     SpeedScaling,
+    TimeStamps,
+    UnitMismatch,
     VelocityOfReference,
 )
-from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
-from gapscope.outputs.mended_case import CASE, write_mended_case
+from gapscope.reports.mended_case import CASE, write_mended_case
 
 N = synthetic.N
 

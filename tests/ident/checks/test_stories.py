@@ -16,18 +16,19 @@ from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import InputError
 from gapscope.arm.recording import Recording
 from gapscope.effects.applied import AppliedEffect
-from gapscope.ident.checks.fit_evidence import NominalSimilarity, nominal_similarity
-from gapscope.ident.checks.table_row import FOUND
-from gapscope.ident.checks.torque_gain import torque_gain
-from gapscope.ident.checks.troubleshooting import CHECKS
+from gapscope.ident.checks.symptoms import (
+    NominalSimilarity,
+    nominal_similarity,
+    torque_gain,
+)
+from gapscope.ident.checks.troubleshooting import CHECKS, FOUND
 from gapscope.ident.identification import (
     Identification,
     IdentificationSettings,
     identify,
 )
-from gapscope.ident.model.model_columns import ModelColumns
-from gapscope.ident.signals.samples import Band, Samples
-from gapscope.ident.signals.split import split
+from gapscope.ident.model.linear_problem import ModelColumns
+from gapscope.ident.samples import Band, Samples, split
 from gapscope.model.conditioning import position_cutoff
 
 CUTOFF = IdentificationSettings(cutoff=20.0)

@@ -25,28 +25,27 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.trajectory import Fourier, urdf_limits
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.ident.estimators.by_name import METHODS, Given, method
-from gapscope.ident.estimators.consistent_sdp import ConsistentSdp
-from gapscope.ident.estimators.estimate import Estimator
 from gapscope.ident.estimators.experiment import Experiment
-from gapscope.ident.estimators.irls import HuberLeastSquares
-from gapscope.ident.estimators.joint_triangles import JointTriangles
-from gapscope.ident.estimators.linear_estimator import joint_noise
-from gapscope.ident.estimators.log_cholesky import LogCholesky
-from gapscope.ident.estimators.maximum_likelihood import MaximumLikelihood
-from gapscope.ident.estimators.ols import OrdinaryLeastSquares
-from gapscope.ident.estimators.on_base import OnBase
-from gapscope.ident.estimators.partial_update import PartialUpdate
-from gapscope.ident.estimators.ridge import Ridge
-from gapscope.ident.estimators.total_least_squares import TotalLeastSquares
-from gapscope.ident.estimators.truncated_svd import TruncatedSvd
-from gapscope.ident.estimators.wls import WeightedLeastSquares
+from gapscope.ident.estimators.linear import (
+    Estimator,
+    HuberLeastSquares,
+    JointTriangles,
+    MaximumLikelihood,
+    OnBase,
+    OrdinaryLeastSquares,
+    PartialUpdate,
+    Ridge,
+    TotalLeastSquares,
+    TruncatedSvd,
+    WeightedLeastSquares,
+    joint_noise,
+)
+from gapscope.ident.estimators.physical import ConsistentSdp, LogCholesky
 from gapscope.ident.model.base_parameters import BaseParameters, base_parameters
-from gapscope.ident.model.linear_problem import Problem
-from gapscope.ident.model.pseudo_inertia import is_consistent, triangle_inequality
+from gapscope.ident.model.linear_problem import Problem, unit_warnings
+from gapscope.ident.model.physical_parameters import is_consistent, triangle_inequality
 from gapscope.ident.model.regressor import Regressor
-from gapscope.ident.model.solvable import unit_warnings
-from gapscope.ident.uncertainty.refit_jackknife import refit_jackknife
-from gapscope.ident.uncertainty.torque_interval import held_out
+from gapscope.ident.uncertainty.intervals import held_out, refit_jackknife
 from gapscope.model.conditioning import low_pass
 
 PRIOR = 1.1 * TRUTH

@@ -17,13 +17,15 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.position_controller import position_controller
 from gapscope.envs.recorder import record
-from gapscope.ident.estimators.didim import DirectInverse
 from gapscope.ident.estimators.experiment import Experiment
-from gapscope.ident.estimators.instrumental_variables import InstrumentalVariables
-from gapscope.ident.estimators.output_error import OutputError
-from gapscope.ident.estimators.wls import WeightedLeastSquares
-from gapscope.ident.model.assembly import Assembly
+from gapscope.ident.estimators.linear import WeightedLeastSquares
+from gapscope.ident.estimators.simulating import (
+    DirectInverse,
+    InstrumentalVariables,
+    OutputError,
+)
 from gapscope.ident.model.base_parameters import structural_base
+from gapscope.ident.model.linear_problem import Assembly
 from gapscope.ident.model.regressor import Regressor
 from gapscope.model.conditioning import condition, low_pass
 

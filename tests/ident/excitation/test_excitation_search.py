@@ -15,29 +15,35 @@ from sweeps import daily
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.motions.motion import Motion
+from gapscope.arm.motions.named_motions import WayPoints
 from gapscope.arm.motions.trajectory import Limits
-from gapscope.arm.motions.way_points import WayPoints
 from gapscope.arm.nominal import NominalArm
-from gapscope.ident.excitation import binding_limit as module
-from gapscope.ident.excitation.binding_limit import binding_limit, check_condition
-from gapscope.ident.excitation.candidate_model import ExcitationModel
-from gapscope.ident.excitation.criteria import CRITERIA, condition_number, criterion
-from gapscope.ident.excitation.design import Excitation, design, sampled
-from gapscope.ident.excitation.excitation_plan import (
+from gapscope.ident.excitation import design as module
+from gapscope.ident.excitation.design import (
     OPTIMISERS,
+    Excitation,
     ExcitationPlan,
     LimitPlan,
+    binding_limit,
+    check_condition,
+    design,
+    sampled,
+    write_joint_trajectory,
 )
-from gapscope.ident.excitation.families import KINDS, family
 from gapscope.ident.excitation.limits import Allowed, Checker
-from gapscope.ident.excitation.random_search import RandomSearch
-from gapscope.ident.excitation.separation import Signatures
-from gapscope.ident.excitation.trajectory_files import write_joint_trajectory
-from gapscope.ident.excitation.trajectory_parametrisation import Parametrisation
 from gapscope.ident.excitation.trajectory_search import (
+    CRITERIA,
+    KINDS,
     SAMPLES,
     Budget,
+    ExcitationModel,
+    Parametrisation,
+    RandomSearch,
+    Signatures,
     TrajectorySearch,
+    condition_number,
+    criterion,
+    family,
 )
 from gapscope.ident.model.regressor import JOINT_COLUMNS
 

@@ -10,28 +10,28 @@ import numpy as np
 import pytest
 from sweeps import daily
 
-from gapscope.arm.dynamics.collision import CollisionModel
-from gapscope.arm.dynamics.inertia_boxes import box_edges
-from gapscope.arm.dynamics.kinematics import Kinematics
+from gapscope.arm.dynamics.inertials import box_edges
+from gapscope.arm.dynamics.kinematics import Kinematics, smallest_singular_value
+from gapscope.arm.dynamics.link_shapes import CollisionModel
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.dynamics.singularity import smallest_singular_value
 from gapscope.arm.errors import GapscopeError, InputError, ModelWarning
 from gapscope.arm.motions.motion import Motion
-from gapscope.arm.motions.sampled import Sampled, read_sampled
-from gapscope.arm.motions.trajectory import Limits
+from gapscope.arm.motions.trajectory import Limits, Sampled, read_sampled
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.ident.excitation.design import SLOW, Excitation, design
-from gapscope.ident.excitation.excitation_plan import ExcitationPlan, LimitPlan
-from gapscope.ident.excitation.limits import Allowed, Checker
-from gapscope.ident.excitation.sampling import check_sampling
-from gapscope.ident.excitation.trajectory_files import (
+from gapscope.ident.excitation.design import (
+    SLOW,
+    Excitation,
+    ExcitationPlan,
+    LimitPlan,
+    check_written,
+    design,
     read_joint_trajectory,
     write_joint_trajectory,
 )
+from gapscope.ident.excitation.limits import Allowed, Checker, check_sampling
 from gapscope.ident.excitation.trajectory_search import Budget
-from gapscope.ident.excitation.written_check import check_written
-from gapscope.outputs.trajectory import write_trajectory
+from gapscope.reports.trajectory import write_trajectory
 
 UP, DOWN = np.zeros(3), np.array([0.3, np.pi / 2 + 0.2, 0.0])
 

@@ -11,8 +11,8 @@ from gapscope.arm.motions.trajectory import Fourier, urdf_limits
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.position_controller import position_controller
 from gapscope.envs.recorder import record
-from gapscope.ident.model.assembly import Assembly
 from gapscope.ident.model.base_parameters import structural_base
+from gapscope.ident.model.linear_problem import Assembly
 from gapscope.ident.model.regressor import Regressor
 
 CENTRE = np.array([0.0, 0.6, -1.2])

@@ -14,16 +14,19 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.known_load import KnownLoad
 from gapscope.effects.applied import AppliedEffect
 from gapscope.ident.estimators.kalman import Kalman
-from gapscope.ident.estimators.wls import WeightedLeastSquares
+from gapscope.ident.estimators.linear import WeightedLeastSquares
 from gapscope.ident.identification import (
     Identification,
     IdentificationSettings,
     identify,
 )
-from gapscope.ident.kalman.adaptive import Opening, follow
-from gapscope.ident.kalman.recursive import Recursive
-from gapscope.ident.kalman.states_and_friction import follow_states
-from gapscope.ident.kalman.unscented import Unscented
+from gapscope.ident.kalman.filters import (
+    Opening,
+    Recursive,
+    Unscented,
+    follow,
+    follow_states,
+)
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.regressor import Regressor
 from gapscope.ident.output.identification_json import check, document, plain

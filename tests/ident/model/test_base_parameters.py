@@ -18,15 +18,23 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.ident.identification import IdentificationSettings, identify
 from gapscope.ident.model.base_parameters import (
+    COMBINED,
+    HIDDEN,
+    RECOVERED,
     BaseParameters,
+    OrthonormalBase,
     base_parameters,
+    orthonormal_base,
+    orthonormal_columns,
     random_states,
+    recoveries,
+    shortened,
     structural_base,
 )
-from gapscope.ident.model.orthonormal_base import OrthonormalBase, orthonormal_base
-from gapscope.ident.model.physical_parameters import check_links, consistent
-from gapscope.ident.model.pseudo_inertia import (
+from gapscope.ident.model.physical_parameters import (
     central_inertia,
+    check_links,
+    consistent,
     divergence,
     from_log_cholesky,
     inertial_parameters,
@@ -36,16 +44,8 @@ from gapscope.ident.model.pseudo_inertia import (
     to_log_cholesky,
     triangle_inequality,
 )
-from gapscope.ident.model.rank import orthonormal_columns
-from gapscope.ident.model.recoverability import (
-    COMBINED,
-    HIDDEN,
-    RECOVERED,
-    recoveries,
-    shortened,
-)
 from gapscope.ident.model.regressor import Regressor
-from gapscope.ident.output.base_file import write_base
+from gapscope.ident.output.identification_json import write_base
 
 LENGTH = 0.5
 

@@ -21,14 +21,18 @@ from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect, drives_with
 from gapscope.effects.catalogue import of_quantity
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.ident.model.base_parameters import random_states, structural_base
-from gapscope.ident.model.friction_law import FrictionLaw, drives
-from gapscope.ident.model.law_choice import PULLS, STRONGEST, Choice, choose
-from gapscope.ident.model.model_columns import ModelColumns
+from gapscope.ident.model.base_parameters import (
+    ROWS,
+    JointFactors,
+    TriangularFactor,
+    factored,
+    random_states,
+    structural_base,
+)
+from gapscope.ident.model.friction import PULLS, STRONGEST, Choice, choose
+from gapscope.ident.model.linear_problem import FrictionLaw, ModelColumns, drives
 from gapscope.ident.model.regressor import JOINT_COLUMNS, Regressor
-from gapscope.ident.model.tsqr import ROWS, JointFactors, TriangularFactor, factored
-from gapscope.ident.signals.samples import Band, Samples
-from gapscope.ident.signals.split import split
+from gapscope.ident.samples import Band, Samples, split
 
 SHEET = {
     "armature": np.arange(1, 8) / 10,

@@ -12,23 +12,23 @@ import toy
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
-from gapscope.effects.residual.file import write_residual
-from gapscope.effects.residual.inputs import Inputs, Layout
-from gapscope.effects.residual.network import Network
-from gapscope.ident.residual.additive import fit_additive
+from gapscope.effects.residual import Inputs, Layout, Network, write_residual
 from gapscope.ident.residual.export import onnx_model
-from gapscope.ident.residual.fit import fit_residual
-from gapscope.ident.residual.folds import (
+from gapscope.ident.residual.fit import (
     GAINS,
+    Choice,
+    Ensemble,
     Folds,
+    ResidualRows,
+    ResidualSettings,
+    fit_additive,
+    fit_residual,
     make_folds,
+    rows_of,
+    settled,
     shares_closed,
     usefulness,
 )
-from gapscope.ident.residual.rows import ResidualRows, rows_of
-from gapscope.ident.residual.settings import ResidualSettings
-from gapscope.ident.residual.settling import Choice, settled
-from gapscope.ident.residual.training import Ensemble
 
 FORMS = ("additive", "mlp", "tcn")
 

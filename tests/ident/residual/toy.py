@@ -7,9 +7,12 @@ from functools import cache
 import numpy as np
 
 from gapscope.arm.motions.motion import Motion
-from gapscope.ident.residual.fit import Report, fit_residual
-from gapscope.ident.residual.settings import ResidualSettings
-from gapscope.ident.residual.trajectory import Trajectory
+from gapscope.ident.residual.fit import (
+    Report,
+    ResidualSettings,
+    Trajectory,
+    fit_residual,
+)
 
 RATE, DURATION, N = 100.0, 12.0, 2
 

@@ -10,11 +10,9 @@ import pytest
 from arms import tooled_panda
 from cases import panda_recording
 
-from gapscope.ident.model.friction_law import FrictionLaw
-from gapscope.ident.model.model_columns import ModelColumns
-from gapscope.ident.signals import samples as module
-from gapscope.ident.signals.sample_count import SampleCount
-from gapscope.ident.signals.samples import Band, Samples
+from gapscope.ident import samples as module
+from gapscope.ident.model.linear_problem import FrictionLaw, ModelColumns
+from gapscope.ident.samples import Band, SampleCount, Samples
 
 BAND = Band(10.0)
 

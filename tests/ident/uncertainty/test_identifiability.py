@@ -22,13 +22,13 @@ from gapscope.ident.identification import (
 )
 from gapscope.ident.model.base_parameters import (
     BaseParameters,
+    TriangularFactor,
+    essential_parameters,
     random_states,
     structural_base,
 )
-from gapscope.ident.model.essential import essential_parameters
 from gapscope.ident.model.regressor import Regressor
-from gapscope.ident.model.tsqr import TriangularFactor
-from gapscope.ident.uncertainty.identifiability import identifiability
+from gapscope.ident.uncertainty.examination import identifiability
 
 QUANTITIES = ("rotor", "damping")
 

@@ -19,30 +19,32 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.position_controller import position_controller
 from gapscope.envs.recorder import record
 from gapscope.ident.estimators.by_name import method
-from gapscope.ident.estimators.maximum_likelihood import MaximumLikelihood
-from gapscope.ident.estimators.ols import OrdinaryLeastSquares
-from gapscope.ident.estimators.wls import WeightedLeastSquares
-from gapscope.ident.model.assembly import Assembly
-from gapscope.ident.model.base_parameters import structural_base
-from gapscope.ident.model.linear_problem import Problem
-from gapscope.ident.model.regressor import Regressor
-from gapscope.ident.signals.samples import Band
-from gapscope.ident.uncertainty.intervals import (
-    block_jackknife,
-    block_length,
-    jackknife,
-    plain,
-    sandwich,
+from gapscope.ident.estimators.linear import (
+    MaximumLikelihood,
+    OrdinaryLeastSquares,
+    WeightedLeastSquares,
 )
-from gapscope.ident.uncertainty.model_error import model_error
-from gapscope.ident.uncertainty.repeated_groups import compare_groups
-from gapscope.ident.uncertainty.torque_interval import held_out, torque_interval
-from gapscope.ident.uncertainty.validation import (
+from gapscope.ident.model.base_parameters import structural_base
+from gapscope.ident.model.linear_problem import Assembly, Problem
+from gapscope.ident.model.regressor import Regressor
+from gapscope.ident.samples import Band
+from gapscope.ident.uncertainty.examination import (
     LAGS,
     band_correlation,
     errors,
     validate,
     whiteness,
+)
+from gapscope.ident.uncertainty.intervals import (
+    block_jackknife,
+    block_length,
+    compare_groups,
+    held_out,
+    jackknife,
+    model_error,
+    plain,
+    sandwich,
+    torque_interval,
 )
 from gapscope.model.conditioning import Segment, low_pass
 from gapscope.model.effective_samples import group_slices

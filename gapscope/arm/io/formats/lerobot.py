@@ -13,8 +13,7 @@ from gapscope.arm.input_file import check_folder_files, is_file
 from gapscope.arm.io.formats.table_files import check_unpacked
 from gapscope.arm.io.json_file import read_json
 from gapscope.arm.io.layouts import LEROBOT
-from gapscope.arm.io.log_table import Log, LogTable
-from gapscope.arm.io.table import Table
+from gapscope.arm.io.table import Log, LogTable, Table
 
 INFO = Path("meta") / "info.json"
 """The file that describes a dataset."""

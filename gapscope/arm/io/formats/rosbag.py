@@ -11,13 +11,14 @@ from typing import Any
 from gapscope.arm.errors import InputError
 from gapscope.arm.input_file import check_folder_files, is_file, is_folder
 from gapscope.arm.io.case_file import read_yaml
-from gapscope.arm.io.formats.control_messages import known_typestores
-from gapscope.arm.io.formats.joint_messages import JOINT_TRAJECTORY, SAMPLES, Sample
-from gapscope.arm.io.formats.sample_tables import (
-    followed_trajectories,
-    tables_of_samples,
+from gapscope.arm.io.formats.messages import (
+    JOINT_TRAJECTORY,
+    SAMPLES,
+    Sample,
+    known_typestores,
 )
-from gapscope.arm.io.log_table import Log
+from gapscope.arm.io.formats.table_files import followed_trajectories, tables_of_samples
+from gapscope.arm.io.table import Log
 
 METADATA = "metadata.yaml"
 """The file that describes a bag's folder."""

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gapscope.blind_check.generator.law import Law, LawContext, LawValues, sign, times
-from gapscope.blind_check.generator.true_arm import TrueArm
-from gapscope.blind_check.generator.urdf import (
+from gapscope.blind_check.generator.arms import (
     Inertial,
     added,
     inertial_of,
     moved_links,
     set_inertial,
 )
+from gapscope.blind_check.generator.law import Law, LawContext, LawValues, sign, times
+from gapscope.blind_check.generator.true_arm import TrueArm
 
 
 def _draw_payload(

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from gapscope.blind_check.generator.arms import shifted
 from gapscope.blind_check.generator.law import Law, LawContext, LawValues, fixed
 from gapscope.blind_check.generator.true_arm import Columns, TrueArm
-from gapscope.blind_check.generator.urdf import shifted
 
 STAMPS = ("gaps", "repeats", "jitter", "wrong_rate")
 """Kinds of wrong time stamps."""

@@ -17,21 +17,19 @@ from sweeps import daily
 from synthetic import Truth
 
 from gapscope.arm.case import Case
-from gapscope.arm.control.pd import PD
+from gapscope.arm.control import PD
 from gapscope.arm.dynamics.feedforward import feedforward
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.gap.commanded_torque import with_commanded_torque
-from gapscope.diagnosis.setup_faults.references.detection import find_reference_faults
-from gapscope.effects.setup_faults.controller_faults import (
-    GainMismatch,
-    UnmeasuredTorque,
-)
-from gapscope.effects.setup_faults.fault import Fault
-from gapscope.effects.setup_faults.reference_faults import (
+from gapscope.diagnosis.setup_faults.references import find_reference_faults
+from gapscope.effects.setup_faults import (
     CoarseReference,
+    Fault,
+    GainMismatch,
     IgnoredVelocityReference,
     SpeedScaling,
+    UnmeasuredTorque,
     VelocityOfReference,
 )
 

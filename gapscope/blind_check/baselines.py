@@ -1,0 +1,460 @@
+"""What else could say which effect is there: simple methods that a blind check is compared with."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gapscope.arm.case import load_case
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import GapscopeError
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.catalogue import CATALOGUE
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.setup_faults import FAULTS
+from gapscope.model.conditioning import (
+    TORQUE_CUTOFF,
+    Segment,
+    condition,
+    low_pass,
+    position_cutoff,
+)
+
+# What each effect adds to the torque, by finite differences of the corrected arm's prediction.
+
+
+STEPS = {
+    "coulomb_friction": {"torque": 1e-3},
+    "viscous_friction": {"coefficient": 1e-3},
+    "load_friction": {"coefficient": 1e-4},
+    "armature": {"inertia": 1e-3},
+    "torque_scale": {"scale": 1e-4},
+    "torque_offset": {"torque": 1e-3},
+    "parallel_spring": {"stiffness": 1e-3, "rest": 0.0},
+    "actuator_delay": {"delay": 1e-4},
+    "actuator_lag": {"time_constant": 1e-4},
+}
+"""Effects that act on the torque of their own joint: small values; the springs' rest is fitted by the offset."""
+EFFECTS = (*STEPS, "encoder_offset", "payload", "base_tilt", "link_inertia")
+"""Effects that have columns."""
+THIN = 5
+"""Rows of the conditioned signals per row that is fitted."""
+
+
+@dataclass(frozen=True)
+class DesignColumn:
+    """One column: its effect, its joint (from 1; 0 for the arm)."""
+
+    effect: str
+    joint: int
+
+
+@dataclass(frozen=True)
+class Design:
+    """A case as linear regression; every torque over the joint's scale, M rows, n joints.
+
+    Attributes:
+        gap: recorded minus nominal torque, flattened, (M n,).
+        terms: the effects that the columns represent.
+        columns: (M n, K), each of unit length.
+        nrmse: torque gap per joint, (n,).
+        n_joints: n.
+    """
+
+    gap: np.ndarray
+    terms: tuple[DesignColumn, ...]
+    columns: np.ndarray
+    nrmse: np.ndarray
+    n_joints: int
+
+    def places(self, effect: str) -> list[int]:
+        """Columns of an effect."""
+        return [k for k, term in enumerate(self.terms) if term.effect == effect]
+
+
+def design(folder: Path) -> Design:
+    """The regression of the case in a folder."""
+    case = load_case(folder)
+    arm = case.arm
+    cutoff = position_cutoff(case.recordings)
+    segments: list[Segment] = []
+    for recording in case.recordings:
+        if recording.tau is not None:
+            segments += condition(recording, cutoff)
+    torque = _stacked([(s, s.torque) for s in segments if s.torque is not None])
+    body = RigidBody(arm)
+
+    def predicted(*effects: AppliedEffect) -> np.ndarray:
+        corrected = CorrectedArm(arm, effects)
+        return _stacked(
+            [(s, corrected.predict(s.bodies(body), s.motion)) for s in segments]
+        )
+
+    nominal = predicted()
+    deviation = torque.std(axis=0)
+    scale = np.maximum(deviation, 0.05 * deviation.max())
+    terms, columns = [], []
+    for term, column in _columns(arm.n_joints, predicted, nominal):
+        scaled = (column / scale).ravel()
+        length = np.linalg.norm(scaled)
+        # an effect that moves no torque on these motions has no column
+        if np.isfinite(length) and length > 1e-9:
+            terms.append(term)
+            columns.append(scaled / length)
+    gap = (torque - nominal) / scale
+    return Design(
+        gap=gap.ravel(),
+        terms=tuple(terms),
+        columns=np.stack(columns, axis=1),
+        nrmse=np.sqrt((gap**2).mean(axis=0)),
+        n_joints=arm.n_joints,
+    )
+
+
+def _stacked(series: list[tuple[Segment, np.ndarray]]) -> np.ndarray:
+    """Torque over segments, filtered, trimmed and thinned [N m], (M, n)."""
+    rows = []
+    for segment, torque in series:
+        filtered = low_pass(torque, segment.motion.rate, TORQUE_CUTOFF)
+        rows.append(filtered[segment.inner][::THIN])
+    return np.vstack(rows)
+
+
+Predict = Callable[..., np.ndarray]
+"""Torque of the arm with some effects [N m], (M, n)."""
+Columns = list[tuple[DesignColumn, np.ndarray]]
+"""The effect that a column represents, and the change of the torque [N m], (M, n)."""
+
+
+def _columns(n: int, predicted: Predict, nominal: np.ndarray) -> Columns:
+    """All columns of an arm with n joints, before scaling."""
+    return [
+        *_joint_columns(n, predicted, nominal),
+        *_offset_columns(n, predicted, nominal),
+        *_payload_columns(predicted, nominal),
+        *_tilt_columns(predicted, nominal),
+        *_link_columns(n, predicted, nominal),
+    ]
+
+
+def _joint_columns(n: int, predicted: Predict, nominal: np.ndarray) -> Columns:
+    """Effects on the torque of their own joint: one prediction gives the columns of all joints."""
+    joints = tuple(range(1, n + 1))
+    out: Columns = []
+    for effect, step in STEPS.items():
+        values = {name: np.full(n, value) for name, value in step.items()}
+        change = predicted(AppliedEffect(effect, joints, values)) - nominal
+        for j in joints:
+            own = np.where(np.arange(n) == j - 1, change, 0.0)
+            out.append((DesignColumn(effect, j), own))
+    return out
+
+
+def _offset_columns(n: int, predicted: Predict, nominal: np.ndarray) -> Columns:
+    """Offsets of the encoders, which change the torque of all joints."""
+    out: Columns = []
+    for j in range(1, n + 1):
+        offset = AppliedEffect("encoder_offset", (j,), {"offset": np.array([1e-4])})
+        change = predicted(offset) - nominal
+        out.append((DesignColumn("encoder_offset", j), change))
+    return out
+
+
+def _payload_columns(predicted: Predict, nominal: np.ndarray) -> Columns:
+    """A mass at the origin of the last link, and its shifts along three axes."""
+    term = DesignColumn("payload", 0)
+    weight = predicted(_payload(np.zeros(3))) - nominal
+    out: Columns = [(term, weight)]
+    for shift in 0.1 * np.eye(3):
+        out.append((term, predicted(_payload(shift)) - nominal - weight))
+    return out
+
+
+def _tilt_columns(predicted: Predict, nominal: np.ndarray) -> Columns:
+    """Roll and pitch of the base."""
+    out: Columns = []
+    for name in ("roll", "pitch"):
+        tilt = {"roll": np.array(0.0), "pitch": np.array(0.0), name: np.array(1e-4)}
+        change = predicted(AppliedEffect("base_tilt", (), tilt)) - nominal
+        out.append((DesignColumn("base_tilt", 0), change))
+    return out
+
+
+def _link_columns(n: int, predicted: Predict, nominal: np.ndarray) -> Columns:
+    """Mass of each link but the last, whose mass is the payload's."""
+    out: Columns = []
+    for j in range(1, n):
+        link = {
+            "link": np.array(float(j)),
+            "mass": np.array(1e-3),
+            "com": np.zeros(3),
+        }
+        change = predicted(AppliedEffect("link_inertia", (), link)) - nominal
+        out.append((DesignColumn("link_inertia", j), change))
+    return out
+
+
+def _payload(com: np.ndarray) -> AppliedEffect:
+    return AppliedEffect("payload", (), {"mass": np.array(1e-2), "com": com})
+
+
+# Plain methods; each answers with a verdict and effects in the form of ``diagnosis.json``.
+
+
+NO_GAP = 0.03
+"""Torque NRMSE of the worst joint below which there is no gap."""
+EXPLAINED = 0.7
+"""Share of the gap's squares above which it counts as explained."""
+EFFECTIVE = 10
+"""Rows that count as one independent observation."""
+NAMED = 0.1
+"""Share of the gap's length that an effect needs to be named by ridge regression."""
+MOST_COLUMNS = 25
+"""Columns that forward selection takes at most."""
+JOINT_SHARE = 0.2
+"""A joint is named if its weight is this share of the largest of its effect."""
+EFFECT_SHARE = 0.15
+"""Forward selection names an effect if its weight is this share of the largest."""
+NAMES = (*CATALOGUE, *FAULTS)
+"""What chance draws from."""
+
+
+def chance(n_joints: int, rng: np.random.Generator) -> dict[str, Any]:
+    """Any effect on any joint, no gap, or unexplained, each as likely."""
+    drawn = int(rng.integers(len(NAMES) + 2))
+    if drawn == len(NAMES):
+        return answer("no_gap", [])
+    if drawn > len(NAMES):
+        return answer("unexplained", [])
+    name = NAMES[drawn]
+    scope = CATALOGUE[name].scope if name in CATALOGUE else FAULTS[name].scope
+    joints = [int(rng.integers(n_joints)) + 1] if scope == "joint" else []
+    return answer("effects_found", [(name, joints)])
+
+
+def largest_r2(design: Design) -> dict[str, Any]:
+    """The one effect whose columns leave the smallest residual."""
+    if design.nrmse.max() < NO_GAP:
+        return answer("no_gap", [])
+    shares = {effect: residual_share(design, effect) for effect in _effects(design)}
+    best = min(shares, key=lambda effect: shares[effect])
+    if shares[best] > 1.0 - EXPLAINED:
+        return answer("unexplained", [])
+    places = design.places(best)
+    weights = np.abs(_fit(design, places))
+    return answer("effects_found", [(best, _joints(design, places, weights))])
+
+
+def forward_bic(design: Design) -> dict[str, Any]:
+    """Columns one by one, the best first, as long as Bayes' information criterion falls."""
+    chosen: list[int] = []
+    total = float(design.gap @ design.gap)
+    residual = design.gap
+    score = _bic(residual, 0)
+    while len(chosen) < MOST_COLUMNS:
+        gain = np.abs(design.columns.T @ residual)
+        gain[chosen] = 0.0
+        candidate = [*chosen, int(gain.argmax())]
+        fitted = design.columns[:, candidate] @ _fit(design, candidate)
+        candidate_residual = design.gap - fitted
+        candidate_score = _bic(candidate_residual, len(candidate))
+        if candidate_score >= score:
+            break
+        chosen, residual, score = candidate, candidate_residual, candidate_score
+    if not chosen or design.nrmse.max() < NO_GAP:
+        return answer("no_gap", [])
+    explained = residual @ residual < (1.0 - EXPLAINED) * total
+    verdict = "effects_found" if explained else "unexplained"
+    return answer(verdict, _named(design, chosen, np.abs(_fit(design, chosen))))
+
+
+def _bic(residual: np.ndarray, terms: int) -> float:
+    """Bayes' information criterion of a residual (M n,) after a fit of so many columns."""
+    count = len(residual) / EFFECTIVE
+    mean_square = max(float(residual @ residual), 1e-300) / len(residual)
+    return float(count * np.log(mean_square) + terms * np.log(count))
+
+
+def ridge(design: Design, penalty: float = 1e-2) -> dict[str, Any]:
+    """All columns at once with a quadratic penalty; effects whose part of the gap is long enough are named."""
+    if design.nrmse.max() < NO_GAP:
+        return answer("no_gap", [])
+    columns, gap = design.columns, design.gap
+    normal = columns.T @ columns + penalty * np.eye(columns.shape[1])
+    weights = np.linalg.solve(normal, columns.T @ gap)
+    residual = gap - columns @ weights
+    found = []
+    for effect in _effects(design):
+        places = design.places(effect)
+        explained = columns[:, places] @ weights[places]
+        part = np.linalg.norm(explained) / np.linalg.norm(gap)
+        if part > NAMED:
+            joints = _joints(design, places, np.abs(weights[places]))
+            found.append((part, effect, joints))
+    largest_first = [
+        (effect, joints) for _, effect, joints in sorted(found, reverse=True)
+    ]
+    small = residual @ residual < (1.0 - EXPLAINED) * gap @ gap
+    return answer("effects_found" if small and found else "unexplained", largest_first)
+
+
+def answer(
+    verdict: str, effects: Sequence[tuple[str, list[int]]], probability: float = 1.0
+) -> dict[str, Any]:
+    """A verdict in the form of ``diagnosis.json``, as far as the scorer reads it."""
+    return {
+        "verdict": verdict,
+        "effects": [
+            {
+                "effect": name,
+                "joints": joints,
+                "probability": probability,
+                "parameters": {},
+                "alternatives": [],
+            }
+            for name, joints in effects
+        ],
+    }
+
+
+def _effects(design: Design) -> list[str]:
+    return list(dict.fromkeys(term.effect for term in design.terms))
+
+
+def _fit(design: Design, places: list[int]) -> np.ndarray:
+    return np.linalg.lstsq(design.columns[:, places], design.gap, rcond=1e-8)[0]
+
+
+def residual_share(design: Design, effect: str) -> float:
+    """Share of the gap's squares that the columns of one effect do not explain."""
+    places = design.places(effect)
+    residual = design.gap - design.columns[:, places] @ _fit(design, places)
+    return float(residual @ residual / (design.gap @ design.gap))
+
+
+def _joints(design: Design, places: list[int], weights: np.ndarray) -> list[int]:
+    """Joints whose weight is at least ``JOINT_SHARE`` of the largest; none for effects on the arm or a link."""
+    terms = [design.terms[k] for k in places]
+    if terms[0].joint == 0 or terms[0].effect == "link_inertia":
+        return []
+    least = JOINT_SHARE * weights.max()
+    return [
+        term.joint
+        for term, weight in zip(terms, weights, strict=True)
+        if weight >= least
+    ]
+
+
+def _named(
+    design: Design, chosen: list[int], weights: np.ndarray
+) -> list[tuple[str, list[int]]]:
+    """Effects of chosen columns, longest first, without those below ``EFFECT_SHARE`` of the longest."""
+    effects = [design.terms[k].effect for k in chosen]
+    length: dict[str, float] = {}
+    for effect, weight in zip(effects, weights, strict=True):
+        length[effect] = float(np.hypot(length.get(effect, 0.0), weight))
+    least = EFFECT_SHARE * max(length.values())
+    long_enough = [effect for effect in length if length[effect] >= least]
+    out = []
+    for effect in sorted(long_enough, key=lambda effect: -length[effect]):
+        own = [i for i, name in enumerate(effects) if name == effect]
+        places = [chosen[i] for i in own]
+        out.append((effect, _joints(design, places, weights[own])))
+    return out
+
+
+# A classifier of effects from features of the gap: a network with one hidden layer, trained on separate cases.
+
+
+PENALTY = 1e-2
+"""Weight of the squared coefficients beside the mean log-likelihood."""
+HIDDEN = 32
+"""Hidden units."""
+MOST_ITERATIONS = 500
+"""Iterations of the fit."""
+
+
+def features(design: Design) -> np.ndarray:
+    """Residual share of each effect alone, its best joint's correlation; size and concentration of the gap."""
+    residual = [residual_share(design, effect) for effect in EFFECTS]
+    along = np.abs(design.columns.T @ design.gap) / np.linalg.norm(design.gap)
+    best = []
+    for effect in EFFECTS:
+        places = design.places(effect)
+        best.append(float(along[places].max()) if places else 0.0)
+    size = np.log(np.sort(design.nrmse)[::-1])
+    spread = design.nrmse / design.nrmse.sum()
+    entropy = -(spread * np.log(spread)).sum()
+    return np.concatenate([residual, best, [size[0], size[1], size[-1], entropy]])
+
+
+@dataclass(frozen=True)
+class Classifier:
+    """A trained classifier.
+
+    Attributes:
+        classes: names of the C classes.
+        network: standardisation and network of scikit-learn.
+    """
+
+    classes: tuple[str, ...]
+    network: Any
+
+    def probabilities(self, x: np.ndarray) -> np.ndarray:
+        """Of each class, (N, C), from features (N, F)."""
+        return np.asarray(self.network.predict_proba(x))
+
+    def diagnose(self, design: Design) -> dict[str, Any]:
+        """The likeliest class as a verdict."""
+        probability = self.probabilities(features(design)[None])[0]
+        name = self.classes[int(probability.argmax())]
+        if name == "healthy":
+            return answer("no_gap", [])
+        if name == "unknown":
+            return answer("unexplained", [])
+        return answer("effects_found", [(name, [])], float(probability.max()))
+
+
+def train(x: np.ndarray, names: Sequence[str]) -> Classifier:
+    """Fit to features (N, F) and class names (N,) by penalised likelihood, from fixed random weights.
+
+    Raises:
+        GapscopeError: scikit-learn is not installed, or there is one class alone.
+    """
+    try:
+        from sklearn.exceptions import ConvergenceWarning
+        from sklearn.neural_network import MLPClassifier
+        from sklearn.pipeline import make_pipeline
+        from sklearn.preprocessing import StandardScaler
+    except ImportError:
+        raise GapscopeError(
+            "the classifier needs scikit-learn",
+            "pip install 'gapscope[learn]', or score without --train",
+        ) from None
+    if len(set(names)) < 2:
+        raise GapscopeError(
+            "a classifier cannot be trained on cases of one class alone",
+            "give training cases with several effects, or score without --train",
+        )
+    network = make_pipeline(
+        StandardScaler(),
+        MLPClassifier(
+            hidden_layer_sizes=(HIDDEN,),
+            activation="tanh",
+            solver="lbfgs",
+            # scikit-learn divides the penalty by the number of samples
+            alpha=PENALTY * len(x),
+            max_iter=MOST_ITERATIONS,
+            random_state=0,
+        ),
+    )
+    with warnings.catch_warnings():
+        # the penalty, not the end of the search, keeps the network from overfitting
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        network.fit(x, np.asarray(names))
+    return Classifier(tuple(str(name) for name in network.classes_), network)

@@ -1,0 +1,823 @@
+"""How diagnoses are scored against the truth: classes, closure, intervals and their statistics."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from joblib import Parallel, delayed
+from scipy.stats import binomtest
+
+from gapscope.arm.case import load_case
+from gapscope.arm.errors import GapscopeError
+from gapscope.arm.io.json_file import read_json
+from gapscope.arm.io.load_recording import load_recording
+from gapscope.arm.recording import Recording
+from gapscope.blind_check.baselines import (
+    Classifier,
+    Design,
+    chance,
+    design,
+    features,
+    forward_bic,
+    largest_r2,
+    ridge,
+    train,
+)
+from gapscope.blind_check.check import DONE, FROZEN, UNSEEN, diagnosis_hash, open_labels
+from gapscope.blind_check.generator.simulate import residual, rms
+from gapscope.diagnosis.gap.predict import predict_torque
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.corrected_file import read_corrected_arm
+from gapscope.provenance import source_hash
+
+# Shares with intervals, and how good probabilities are.
+
+
+class Proportion(NamedTuple):
+    """A count over a number of cases."""
+
+    hits: int
+    total: int
+
+    @property
+    def rate(self) -> float | None:
+        """Hits over total, or ``None`` without cases."""
+        return self.hits / self.total if self.total else None
+
+    def plain(self) -> dict[str, Any]:
+        """As JSON data, with Wilson's interval."""
+        low, high = wilson(self.hits, self.total)
+        return {
+            "hits": self.hits,
+            "count": self.total,
+            "rate": self.rate,
+            "low": low,
+            "high": high,
+        }
+
+
+def proportion(values: Sequence[bool]) -> Proportion:
+    """Share of what is true."""
+    return Proportion(int(sum(values)), len(values))
+
+
+def wilson(hits: int, count: int) -> tuple[float, float]:
+    """Wilson's 95 % interval of a share [wilson1927]; (0, 1) without cases."""
+    if not count:
+        return 0.0, 1.0
+    interval = binomtest(hits, count).proportion_ci(method="wilson")
+    return float(interval.low), float(interval.high)
+
+
+def brier(probability: np.ndarray, right: np.ndarray) -> float | None:
+    """Mean of (p - right)^2, or ``None`` without findings."""
+    return float(np.mean((probability - right) ** 2)) if len(probability) else None
+
+
+def reliability(
+    probability: np.ndarray, right: np.ndarray, bins: int = 10
+) -> list[dict[str, float]]:
+    """Per bin of probability that holds findings: its edges, how many, mean probability, share that is right."""
+    bin_of = np.minimum((np.asarray(probability) * bins).astype(int), bins - 1)
+    rows = []
+    for k in range(bins):
+        inside = bin_of == k
+        if inside.any():
+            rows.append(
+                {
+                    "from": k / bins,
+                    "to": (k + 1) / bins,
+                    "count": int(inside.sum()),
+                    "probability": float(probability[inside].mean()),
+                    "right": float(right[inside].mean()),
+                }
+            )
+    return rows
+
+
+def ece(probability: np.ndarray, right: np.ndarray, bins: int = 10) -> float | None:
+    """Expected calibration error: mean over findings of |mean p - share right| of the bin; ``None`` without any."""
+    if not len(probability):
+        return None
+    weighted = 0.0
+    for row in reliability(probability, right, bins):
+        weighted += row["count"] * abs(row["probability"] - row["right"])
+    return float(weighted / len(probability))
+
+
+def smallest_set(candidates: Sequence[tuple[str, float]], level: float) -> list[str]:
+    """The likeliest candidates until their probability reaches a level."""
+    out, total = [], 0.0
+    for name, probability in sorted(candidates, key=lambda c: -c[1]):
+        out.append(name)
+        total += probability
+        if total >= level:
+            break
+    return out
+
+
+# Effects that recordings cannot separate, declared before any run; scores are given strictly and modulo these.
+
+
+@dataclass(frozen=True)
+class Named:
+    """An effect that is named, by a label or a diagnosis.
+
+    Attributes:
+        effect: its name.
+        joints: its joints, from 1; empty for the arm or a link.
+        link: the link of ``link_inertia``, from 1; 0 for others.
+    """
+
+    effect: str
+    joints: tuple[int, ...] = ()
+    link: int = 0
+
+
+@dataclass(frozen=True)
+class Declared:
+    """A pair of effects that count as the same under a condition.
+
+    Attributes:
+        first, second: names.
+        when: the condition, in words.
+        why: the reason.
+    """
+
+    first: str
+    second: str
+    when: str
+    why: str
+
+
+CLASSES = (
+    Declared(
+        "actuator_delay",
+        "actuator_lag",
+        "no recording that was given moves above 3 Hz",
+        "both delay the torque by the same time there; cosine of the signatures 1.00",
+    ),
+    Declared(
+        "armature",
+        "link_inertia",
+        "the armature acts on joints 1 or 2 only",
+        "the same base parameters, exactly",
+    ),
+    Declared(
+        "payload", "link_inertia", "the link is the last one", "the same body, exactly"
+    ),
+)
+"""The classes."""
+
+FAST = "fast"
+"""The kind of motion that moves above 3 Hz."""
+
+
+def named(entry: dict[str, Any]) -> Named:
+    """An entry of ``effects`` of a label or a diagnosis."""
+    link: Any = 0
+    if entry["effect"] == "link_inertia":
+        link = entry.get("parameters", {}).get("link", {}).get("value", 0)
+    if isinstance(link, list):
+        link = link[0]
+    return Named(entry["effect"], tuple(entry["joints"]), int(link))
+
+
+def same(one: Named, other: Named, n_joints: int, motions: Sequence[str]) -> bool:
+    """Whether two effects count as the same modulo the classes.
+
+    Args:
+        one, other: what is named.
+        n_joints: joints of the arm.
+        motions: kinds of the recordings that the diagnosis was given.
+    """
+    if one.effect == other.effect:
+        return True
+    pair = {one.effect: one, other.effect: other}
+    if set(pair) == {"actuator_delay", "actuator_lag"}:
+        return FAST not in motions
+    if set(pair) == {"armature", "link_inertia"}:
+        return max(pair["armature"].joints, default=9) <= 2
+    if set(pair) == {"payload", "link_inertia"}:
+        return pair["link_inertia"].link == n_joints
+    return False
+
+
+def matched(
+    truth: Sequence[Named], found: Sequence[Named], n: int, motions: Sequence[str]
+) -> list[tuple[int, int]]:
+    """Pairs (place in truth, place in found) of effects that count as the same, each used once, equal names first."""
+    pairs = [(i, j) for i in range(len(truth)) for j in range(len(found))]
+    # equal names first, so that a class never takes an effect away from its own name
+    pairs.sort(key=lambda pair: truth[pair[0]].effect != found[pair[1]].effect)
+    out: list[tuple[int, int]] = []
+    for i, j in pairs:
+        used = any(i == a or j == b for a, b in out)
+        if not used and same(truth[i], found[j], n, motions):
+            out.append((i, j))
+    return out
+
+
+def strict(truth: Iterable[Named], found: Iterable[Named]) -> bool:
+    """Whether the same names are in both, classes aside."""
+    return sorted(x.effect for x in truth) == sorted(x.effect for x in found)
+
+
+# One verdict beside its truth.
+
+
+LEVEL = 0.9
+"""Probability that a conformal set is to cover."""
+VECTORS = {
+    "base_tilt": ("roll", "pitch"),
+    "external_force": ("force",),
+    "link_inertia": ("mass",),
+    "payload": ("mass",),
+}
+"""Parameters whose common length is compared for an effect on the arm; of a joint effect it is the first parameter."""
+
+
+@dataclass(frozen=True)
+class ScoredFinding:
+    """One effect that a diagnosis named: its probability, whether it is right, and its set of rivals.
+
+    ``covered`` and ``size`` describe the smallest set of names that reaches ``LEVEL``.
+    """
+
+    probability: float
+    right: bool
+    covered: bool
+    size: int
+
+
+@dataclass(frozen=True)
+class Compared:
+    """One case: what is true, what was reported.
+
+    Attributes:
+        name, kind: the case.
+        severity: its severity class as text, ``fault`` or ``healthy``.
+        truth, found: what is at work and what was named, largest share first.
+        unknown: whether the cause is outside the catalogue.
+        verdict: of the diagnosis; ``failed`` if there is none.
+        top, exact, exact_strict: first name right; the set right, modulo classes and strictly.
+        jaccard: of the two sets, modulo classes.
+        joints: per effect named rightly whether all of its joints are right.
+        errors: per such effect on the right joints, the relative error of its first parameter.
+        findings: probabilities.
+        closure: share of the gap closed, or ``None``.
+        seconds: duration of the diagnosis [s].
+    """
+
+    name: str
+    kind: str
+    severity: str
+    truth: tuple[Named, ...]
+    found: tuple[Named, ...]
+    unknown: bool
+    verdict: str
+    top: bool
+    exact: bool
+    exact_strict: bool
+    jaccard: float
+    joints: tuple[bool, ...] = ()
+    errors: tuple[float, ...] = ()
+    findings: tuple[ScoredFinding, ...] = ()
+    closure: dict[str, Any] | None = None
+    seconds: float | None = None
+    robot: str = ""
+    conditions: dict[str, Any] = field(default_factory=dict)
+
+
+def compare(
+    name: str,
+    label: dict[str, Any],
+    document: dict[str, Any] | None,
+    seconds: float | None = None,
+    closed: dict[str, Any] | None = None,
+) -> Compared:
+    """Set a diagnosis beside its label; ``None`` means a diagnosis that failed."""
+    n, motions = len(label["gap"]), label["motions"][:-1]
+    unknown = any(entry["effect"] == "unknown" for entry in label["effects"])
+    entries = [entry for entry in label["effects"] if entry["effect"] != "unknown"]
+    reported = document["effects"] if document else []
+    verdict = document["verdict"] if document else "failed"
+    truth, found = tuple(map(named, entries)), tuple(map(named, reported))
+    pairs = matched(truth, found, n, motions)
+    all_found = len(pairs) == len(truth) == len(found)
+    return Compared(
+        name=name,
+        kind=label["kind"],
+        severity=_severity(label),
+        truth=truth,
+        found=found,
+        unknown=unknown,
+        verdict=verdict,
+        top=bool(found) and any(same(t, found[0], n, motions) for t in truth),
+        exact=all_found and bool(truth),
+        exact_strict=bool(truth) and strict(truth, found),
+        jaccard=_jaccard(truth, found, len(pairs), verdict, unknown),
+        joints=_joints_right(truth, found, pairs),
+        errors=_parameter_errors(entries, reported, pairs),
+        findings=tuple(_finding(entry, truth, n, motions) for entry in reported),
+        closure=closed,
+        seconds=seconds,
+        robot=label["conditions"]["robot"],
+        conditions=label["conditions"],
+    )
+
+
+def _jaccard(
+    truth: Sequence[Named],
+    found: Sequence[Named],
+    common: int,
+    verdict: str,
+    unknown: bool,
+) -> float:
+    """Common names over all names; of two empty sets 1 if the verdict is right, 0 otherwise."""
+    if truth or found:
+        return common / max(len(truth) + len(found) - common, 1)
+    return float(verdict == ("unexplained" if unknown else "no_gap"))
+
+
+def _joints_right(
+    truth: Sequence[Named], found: Sequence[Named], pairs: Sequence[tuple[int, int]]
+) -> tuple[bool, ...]:
+    """Per joint effect that is named rightly whether all of its joints are right."""
+    right = []
+    for i, j in pairs:
+        if truth[i].joints and truth[i].effect == found[j].effect:
+            right.append(set(truth[i].joints) == set(found[j].joints))
+    return tuple(right)
+
+
+def _parameter_errors(
+    entries: Sequence[dict[str, Any]],
+    reported: Sequence[dict[str, Any]],
+    pairs: Sequence[tuple[int, int]],
+) -> tuple[float, ...]:
+    """Relative errors of the first parameter of effects named rightly, if they can be compared."""
+    errors = [first_parameter_error(entries[i], reported[j]) for i, j in pairs]
+    return tuple(error for error in errors if error is not None)
+
+
+def _severity(label: dict[str, Any]) -> str:
+    if label["severity"] is None:
+        return "healthy"
+    if label["measure"] == "none":
+        return "fault"
+    low, high = label["severity"]
+    return f"{low:g}-{high:g}"
+
+
+def first_parameter_error(truth: dict[str, Any], found: dict[str, Any]) -> float | None:
+    """|found - true| / |true| of the first parameter, median over joints; ``None`` if it cannot be compared."""
+    same_joints = set(truth["joints"]) == set(found["joints"])
+    if truth["effect"] != found["effect"] or not same_joints:
+        return None
+    names = VECTORS.get(truth["effect"], tuple(truth["parameters"])[:1])
+    comparable = all(
+        name in found["parameters"] and truth["parameters"][name].get("unit") != ""
+        for name in names
+    )
+    if not names or not comparable:
+        return None
+    true, given = _values(truth, names), _values(found, names)
+    if truth["effect"] in VECTORS:
+        return float(np.linalg.norm(given - true) / np.linalg.norm(true))
+    order = [found["joints"].index(joint) for joint in truth["joints"]]
+    error = np.abs(given[order] - true) / np.maximum(np.abs(true), 1e-12)
+    return float(np.median(error))
+
+
+def _values(entry: dict[str, Any], names: Sequence[str]) -> np.ndarray:
+    """Values of some parameters of an effect, one after the other."""
+    return np.hstack([np.ravel(entry["parameters"][name]["value"]) for name in names])
+
+
+def _finding(
+    entry: dict[str, Any], truth: Sequence[Named], n: int, motions: Sequence[str]
+) -> ScoredFinding:
+    """A finding with its rivals, beside the truth."""
+    candidates = [entry, *entry["alternatives"]]
+    effects = {candidate["effect"]: named(candidate) for candidate in candidates}
+    probabilities = [(c["effect"], c["probability"]) for c in candidates]
+    right = {
+        name: any(same(true, effect, n, motions) for true in truth)
+        for name, effect in effects.items()
+    }
+    chosen = smallest_set(probabilities, LEVEL)
+    return ScoredFinding(
+        probability=float(entry["probability"]),
+        right=right[entry["effect"]],
+        covered=any(right[name] for name in chosen),
+        size=len(chosen),
+    )
+
+
+# How much of the gap above the floor a corrected arm closes on the recording that was held out.
+
+
+ABOVE = 2.0
+"""A joint counts when its gap is this many times its floor."""
+
+
+def closure(
+    case: Path, unseen: Path, corrected: Path, floor: np.ndarray
+) -> dict[str, Any] | None:
+    """Share of the gap above the floor that is closed on held-out data.
+
+    (before - after) / (before - floor), each a torque NRMSE; ``mean`` sums above and below the line over the joints
+    that count, ``worst`` is the smallest share among them.
+
+    Args:
+        case: folder of the case.
+        unseen: the recording held out; of it t and q are predicted from, the torque compared with.
+        corrected: ``corrected.yaml`` of the diagnosis.
+        floor: torque NRMSE of the healthy twin, (n,).
+
+    Returns:
+        ``None`` if no joint is above its floor or nothing can be predicted.
+    """
+    try:
+        loaded = load_case(case, read_recordings=False)
+        recording = load_recording(unseen, loaded.arm, loaded.importing, every_row=True)
+        arm = read_corrected_arm(loaded.arm, corrected)
+        before = _nrmse(CorrectedArm(loaded.arm), recording)
+        after = _nrmse(arm, recording) if arm.effects else before
+    except (GapscopeError, ValueError):
+        return None
+    counts = before > ABOVE * floor
+    if not counts.any():
+        return None
+    gained, wanted = (before - after)[counts], (before - floor)[counts]
+    return {
+        "mean": float(np.clip(gained.sum() / wanted.sum(), -1.0, 1.0)),
+        "worst": float(np.clip((gained / wanted).min(), -1.0, 1.0)),
+        "before": before.tolist(),
+        "after": after.tolist(),
+    }
+
+
+def _nrmse(arm: CorrectedArm, recording: Recording) -> np.ndarray:
+    """Torque NRMSE of an arm on a recording, (n,); if torque saturates, of what reached the joint."""
+    predicted = predict_torque(arm, recording)
+    assert recording.tau is not None
+    torque = recording.tau
+    for effect in arm.effects:
+        if effect.name == "torque_saturation":
+            columns = np.array(effect.joints) - 1
+            limit = effect.parameters["limit"]
+            torque = torque.copy()
+            torque[:, columns] = np.clip(torque[:, columns], -limit, limit)
+            predicted[:, columns] = np.clip(predicted[:, columns], -limit, limit)
+    t = recording.t
+    rate = (len(t) - 1) / (t[-1] - t[0])
+    gap, _ = residual(torque, predicted, rate)
+    # the scale is that of the torque as it was recorded, also under saturation
+    _, scale = residual(recording.tau, predicted, rate)
+    return rms(gap) / scale
+
+
+# The figures of a blind check, from its cases.
+
+
+def summary(cases: Sequence[Compared]) -> dict[str, Any]:
+    """All figures, as JSON data."""
+    kinds: dict[str, list[Compared]] = {}
+    for case in cases:
+        kinds.setdefault(case.kind, []).append(case)
+
+    def of(*names: str) -> list[Compared]:
+        return [case for case in cases if case.kind in names]
+
+    # a recovery check is no accuracy: it has a row of its own, and no part in the other figures
+    counted = [case for case in cases if case.kind not in ("ladder", "recovery")]
+    inside = [case for case in counted if case.truth]
+    seconds = [case.seconds for case in cases if case.seconds is not None]
+    return {
+        "cases": len(cases),
+        "failed": [case.name for case in cases if case.verdict == "failed"],
+        "by_kind": {kind: scores(chosen) for kind, chosen in kinds.items()},
+        "by_severity": _split(of("single", "ladder"), lambda c: c.severity),
+        "by_robot": _split(inside, lambda c: c.robot),
+        "by_rate": _split(inside, lambda c: f"{c.conditions['rate']} Hz"),
+        "by_controller": _split(inside, _controller),
+        "by_inertials": _split(inside, _inertials),
+        "by_effect": _split(of("single"), lambda c: c.truth[0].effect),
+        "healthy": healthy(of("healthy")),
+        "unknown": unknown(cases),
+        "calibration": calibration(counted),
+        "confusion": confusion(of("single", "outside", "healthy")),
+        "seconds": _quantiles(seconds),
+    }
+
+
+def _controller(case: Compared) -> str:
+    return "unknown" if case.conditions["bare"] else "known"
+
+
+def _inertials(case: Compared) -> str:
+    return "off" if case.conditions["inertials_off"] else "true"
+
+
+def scores(cases: Sequence[Compared]) -> dict[str, Any]:
+    """Names, joints, parameters and gap closed of some cases."""
+    errors = [e for c in cases for e in c.errors]
+    closed = [c.closure for c in cases if c.closure is not None]
+    return {
+        "count": len(cases),
+        "top": proportion([c.top for c in cases]).plain(),
+        "exact": proportion([c.exact for c in cases]).plain(),
+        "exact_strict": proportion([c.exact_strict for c in cases]).plain(),
+        "jaccard": float(np.mean([c.jaccard for c in cases])) if cases else None,
+        "joints": proportion([right for c in cases for right in c.joints]).plain(),
+        "called_unexplained": proportion(
+            [c.verdict == "unexplained" for c in cases]
+        ).plain(),
+        "called_no_gap": proportion([c.verdict == "no_gap" for c in cases]).plain(),
+        "parameter_error": _quantiles(errors),
+        "gap_closed": _quantiles([x["mean"] for x in closed]),
+        "gap_closed_worst_joint": _quantiles([x["worst"] for x in closed]),
+    }
+
+
+def healthy(cases: Sequence[Compared]) -> dict[str, Any]:
+    """False alarms: a healthy arm with the verdict of an effect or of an unexplained gap."""
+    return {
+        "count": len(cases),
+        "false_alarms": proportion(
+            [c.verdict not in ("no_gap", "failed") for c in cases]
+        ).plain(),
+        "effects_named": proportion([bool(c.found) for c in cases]).plain(),
+    }
+
+
+def unknown(cases: Sequence[Compared]) -> dict[str, Any]:
+    """How often the verdict is ``unexplained``, rightly and wrongly."""
+    outside = [c for c in cases if c.unknown]
+    inside = [c for c in cases if c.truth and c.kind in ("single", "pair", "triple")]
+    return {
+        "recall": proportion([c.verdict == "unexplained" for c in outside]).plain(),
+        "false_unknown": proportion(
+            [c.verdict == "unexplained" for c in inside]
+        ).plain(),
+    }
+
+
+def calibration(cases: Sequence[Compared]) -> dict[str, Any]:
+    """Brier score, ECE and reliability of the probabilities; coverage and size of the sets at ``LEVEL``."""
+    findings = [finding for c in cases for finding in c.findings]
+    p = np.array([f.probability for f in findings])
+    right = np.array([f.right for f in findings], dtype=float)
+    mean_size = float(np.mean([f.size for f in findings])) if findings else None
+    return {
+        "findings": len(findings),
+        "brier": brier(p, right),
+        "ece": ece(p, right),
+        "reliability": reliability(p, right),
+        "sets": {
+            "level": LEVEL,
+            "coverage": proportion([f.covered for f in findings]).plain(),
+            "mean_size": mean_size,
+        },
+    }
+
+
+def confusion(cases: Sequence[Compared]) -> dict[str, dict[str, int]]:
+    """Truth to answer to number of cases; the answer is the first effect named, or the verdict if none is."""
+    table: dict[str, Counter[str]] = {}
+    for case in cases:
+        table.setdefault(_truth(case), Counter())[_answer(case)] += 1
+    return {
+        truth: dict(answers.most_common()) for truth, answers in sorted(table.items())
+    }
+
+
+def _truth(case: Compared) -> str:
+    """Row of a case in the table of confusions."""
+    if case.unknown:
+        return "unknown"
+    return case.truth[0].effect if case.truth else "healthy"
+
+
+def _answer(case: Compared) -> str:
+    """Column of a case in it."""
+    if case.found and case.verdict != "unexplained":
+        return case.found[0].effect
+    return case.verdict
+
+
+def _split(cases: Sequence[Compared], key: Callable[[Compared], str]) -> dict[str, Any]:
+    """Scores of the cases with each value of a key."""
+    groups: dict[str, list[Compared]] = {}
+    for case in cases:
+        groups.setdefault(key(case), []).append(case)
+    return {name: scores(groups[name]) for name in sorted(groups, key=_order)}
+
+
+def _order(name: str) -> tuple[float, str]:
+    """Numbers by size, then names."""
+    head = name.replace(" Hz", "").split("-")[0]
+    is_number = head.replace(".", "").isdigit()
+    return (float(head), name) if is_number else (1e9, name)
+
+
+def _quantiles(values: Sequence[float]) -> dict[str, float] | None:
+    """How many, median and quartiles; ``None`` without values."""
+    if not values:
+        return None
+    low, middle, high = np.quantile(values, [0.25, 0.5, 0.75])
+    return {
+        "count": len(values),
+        "median": float(middle),
+        "lower": float(low),
+        "upper": float(high),
+    }
+
+
+# The score: labels opened, each verdict set beside its truth, figures, tables and pictures.
+
+
+METHODS = {"largest R^2": largest_r2, "forward BIC": forward_bic, "ridge": ridge}
+"""Baselines that need nothing but the case."""
+
+
+@dataclass(frozen=True)
+class Scored:
+    """A blind check, scored.
+
+    Attributes:
+        figures: what ``score.json`` holds.
+        cases: verdict and truth of each case.
+    """
+
+    figures: dict[str, Any]
+    cases: tuple[Compared, ...]
+
+
+def score(
+    cases: Path,
+    results: Path,
+    labels: Path,
+    *,
+    baselines: bool = True,
+    training: tuple[Path, Path] | None = None,
+    jobs: int = 1,
+    progress: Callable[[str], None] = lambda message: None,
+) -> Scored:
+    """Open the labels and score the verdicts.
+
+    Args:
+        cases, results: folders of ``make`` and ``run``.
+        labels: file of the labels, or its folder.
+        baselines: whether to run the plain methods as well.
+        training: folder of other cases and their labels, on which the classifier is trained.
+        jobs: cases at a time.
+        progress: called with a few words at each step.
+
+    Raises:
+        InputError: the labels are not those that were committed to.
+    """
+    progress("compares the labels with the commitment")
+    content = open_labels(cases, labels)
+    truth = content["cases"]
+    folder = labels if labels.is_dir() else labels.parent
+    progress("predicts the recordings held out")
+    work = (
+        delayed(_compare)(
+            name,
+            label,
+            cases / name,
+            folder / UNSEEN / f"{name}.csv",
+            results / name,
+        )
+        for name, label in truth.items()
+    )
+    compared = tuple(Parallel(n_jobs=jobs)(work))
+    figures: dict[str, Any] = {
+        "schema": 1,
+        "frozen": _frozen(results, truth),
+        "plan": content["plan"],
+        "classes": [[c.first, c.second, c.when, c.why] for c in CLASSES],
+        **summary(compared),
+    }
+    if baselines:
+        progress("runs the baselines")
+        figures["baselines"] = _baselines(cases, truth, training, jobs)
+    return Scored(figures, compared)
+
+
+def _compare(
+    name: str, label: dict[str, Any], case: Path, unseen: Path, results: Path
+) -> Compared:
+    """One case, with the gap that the diagnosis closes on the held-out recording."""
+    file = results / "diagnosis.json"
+    document = (
+        read_json(file, "run gapscope blind run again") if file.is_file() else None
+    )
+    done = results / DONE
+    seconds = read_json(done, "remove it")["seconds"] if done.is_file() else None
+    closed = None
+    if document is not None and label["measure"] == "torque" and label["effects"]:
+        closed = closure(
+            case, unseen, results / "corrected.yaml", np.array(label["floor"])
+        )
+    return compare(name, label, document, seconds, closed)
+
+
+def _frozen(results: Path, truth: dict[str, Any]) -> dict[str, Any]:
+    """Whether the run was frozen: one source throughout, no diagnosis changed after it."""
+    begun = read_json(results / FROZEN, "run gapscope blind run first")
+    hashes = begun.get("diagnoses") or {}
+    changed = [
+        name for name in truth if hashes.get(name) != diagnosis_hash(results / name)
+    ]
+    source = begun["source_sha256"]
+    return {
+        "complete": bool(hashes),
+        "source_sha256": source,
+        "source_changed_during_the_run": begun.get("source_sha256_at_the_end")
+        != source,
+        "source_is_this": source == source_hash(),
+        "changed_after_the_run": changed,
+    }
+
+
+def _baselines(
+    cases: Path, truth: dict[str, Any], training: tuple[Path, Path] | None, jobs: int
+) -> dict[str, Any]:
+    """Figures of each plain method on the same cases."""
+    designs = dict(zip(truth, _designs(cases, list(truth), jobs), strict=True))
+    rng = np.random.default_rng(0)
+    answers: dict[str, Callable[[str], dict[str, Any] | None]] = {
+        "chance": lambda name: chance(len(truth[name]["gap"]), rng),
+    }
+    for method, function in METHODS.items():
+        answers[method] = partial(_answer_on, designs, function)
+    if training is not None:
+        classifier = _trained(*training, jobs)
+        answers["classifier"] = partial(_answer_on, designs, classifier.diagnose)
+    figures = {}
+    for method, answer_to in answers.items():
+        compared = [
+            compare(name, label, answer_to(name)) for name, label in truth.items()
+        ]
+        figures[method] = _method_figures(compared)
+    return figures
+
+
+def _method_figures(compared: list[Compared]) -> dict[str, Any]:
+    """Figures of one plain method."""
+    by_kind: dict[str, list[Compared]] = {}
+    for case in compared:
+        by_kind.setdefault(case.kind, []).append(case)
+    return {
+        "by_kind": {kind: scores(chosen) for kind, chosen in by_kind.items()},
+        "healthy": healthy(by_kind.get("healthy", [])),
+        "unknown": unknown(compared),
+    }
+
+
+def _answer_on(
+    designs: dict[str, Design | None],
+    method: Callable[[Design], dict[str, Any]],
+    name: str,
+) -> dict[str, Any] | None:
+    """Answer of a method that needs the regression of a case."""
+    made = designs[name]
+    return None if made is None else method(made)
+
+
+def _designs(cases: Path, names: list[str], jobs: int) -> list[Design | None]:
+    return list(Parallel(n_jobs=jobs)(delayed(_design)(cases / name) for name in names))
+
+
+def _design(folder: Path) -> Design | None:
+    """The regression of a case; ``None`` if its recordings cannot be used by a plain method."""
+    try:
+        return design(folder)
+    except (GapscopeError, ValueError, np.linalg.LinAlgError):
+        return None
+
+
+def _trained(cases: Path, labels: Path, jobs: int) -> Classifier:
+    """The classifier, trained on the cases with at most one cause; what is outside the catalogue is ``unknown``."""
+    truth = open_labels(cases, labels)["cases"]
+    class_of = {}
+    for name, label in truth.items():
+        if len(label["effects"]) <= 1:
+            effects = [entry["effect"] for entry in label["effects"]]
+            class_of[name] = effects[0] if effects else "healthy"
+    rows, names = [], []
+    for name, made in zip(class_of, _designs(cases, list(class_of), jobs), strict=True):
+        if made is not None:
+            rows.append(features(made))
+            names.append(class_of[name])
+    return train(np.stack(rows), names)

@@ -1,1 +1,0 @@
-"""The scorer of the blind check: what it counts, against what, and how it is shown."""

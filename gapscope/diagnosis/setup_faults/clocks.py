@@ -1,0 +1,567 @@
+"""Clocks and steps of the log: time stamps, the clock of the torque, quantisation."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import butter, sosfiltfilt
+
+from gapscope.arm.case import Case
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.io.bad_samples import LEFT_OUT
+from gapscope.arm.io.even_rows import stamps_are_wrong, unevenness
+from gapscope.arm.io.plausibility import PLAUSIBLE_RATES, REPEATED, repeated_rows
+from gapscope.arm.recording import Recording
+from gapscope.diagnosis.setup_faults.found_fault import FoundFault
+from gapscope.diagnosis.thresholds import (
+    AGREED_RATE_ERROR,
+    CLOCK_GAIN,
+    CLOCK_HINT,
+    CLOCK_LEAST_SKEW,
+    CLOCK_ROUNDS,
+    CLOCK_SAMPLES,
+    FAULT_SIGN_WIDTH,
+    LATTICE_AGREEMENT,
+    LATTICE_COHERENCE,
+    LATTICE_LEVELS,
+    LATTICE_SAMPLES,
+    LOG_DIGITS,
+    MOST_CLOCK_SHARE,
+    NAMED_JITTER,
+    NAMED_LOST,
+    NAMED_RATE_ERROR,
+    NAMED_REPEATS,
+    OBVIOUS_FAULT_PROBABILITY,
+    RATE_AGREEMENT,
+    RATE_BAND,
+    RATE_DISAGREEMENT,
+    RATE_REPEATED,
+    STAMP_AMOUNT_STD,
+    STEP_OVER_DATA_SHEET,
+    STEP_WITHOUT_DATA_SHEET,
+)
+from gapscope.effects.catalogue import of_quantity
+from gapscope.effects.setup_faults import Fault, TimeStamps, UnitMismatch
+from gapscope.model.conditioning import (
+    GAP_STEPS,
+    SHORTEST,
+    TORQUE_CUTOFF,
+    Segment,
+    condition,
+    low_pass,
+)
+
+# Time stamps that are not those of the samples, seen in the recording itself.
+#
+# Named is what no usual clock does. A logger that runs freely against a robot's bus stores up to some per cent of its
+# rows twice; real-time clocks jitter by less than 5 % of their period; quartz clocks keep their rate to 1e-4, so that a
+# rate off by 3 %, or by the same 0.7 % in all recordings, is a mistake in the set-up.
+
+
+VELOCITY_UNITS = {
+    180 / np.pi: "positions in rad with velocities in deg/s",
+    np.pi / 180: "positions in deg with velocities in rad/s",
+    30 / np.pi: "positions in rad with velocities in rpm",
+}
+"""Velocities over what positions change by per second, of units that do not fit together [1]."""
+
+
+def find_stamps(recordings: Iterable[Recording]) -> tuple[FoundFault, ...]:
+    """Time stamps that are wrong, one finding for each kind, of the recordings that have it."""
+    recordings = tuple(recordings)
+    searches = (_milliseconds, _repeats, find_jitter, _gaps, _wrong_rate)
+    found: list[FoundFault] = []
+    for search in searches:
+        fault = search(recordings)
+        if fault is not None:
+            # the next search sees recordings on which this fault is corrected
+            recordings = tuple(fault.repair(r) for r in recordings)
+            found.append(fault)
+    return tuple(found)
+
+
+def _milliseconds(recordings: tuple[Recording, ...]) -> FoundFault | None:
+    """Stamps that give a rate at which no robot is logged in s, but do in ms."""
+    names = tuple(r.name for r in recordings if _in_milliseconds(r))
+    if not names:
+        return None
+    fault = UnitMismatch("milliseconds")
+    return FoundFault(fault, OBVIOUS_FAULT_PROBABILITY, recordings=names)
+
+
+def _in_milliseconds(recording: Recording) -> bool:
+    """Whether stamps are likelier in ms: at a rate of no log in s, and then not over at once.
+
+    A log of 6 s at 5 Hz would last 6 ms.
+    """
+    low, high = PLAUSIBLE_RATES
+    rate, duration = recording.rate, recording.duration
+    # stamps of 0.1 s round to a little more
+    slow = rate < 0.99 * low
+    return slow and low <= 1e3 * rate <= high and 1e-3 * duration >= SHORTEST
+
+
+def _repeats(recordings: tuple[Recording, ...]) -> FoundFault | None:
+    shares = {r.name: repeats(r) for r in recordings}
+    return _fault("repeats", _above(shares, NAMED_REPEATS))
+
+
+def find_jitter(recordings: tuple[Recording, ...]) -> FoundFault | None:
+    """Stamps that jitter while the samples do not; ``None`` if no recording has them."""
+    amounts = {r.name: jitter(r) for r in recordings}
+    return _fault("jitter", _above(amounts, NAMED_JITTER))
+
+
+def _gaps(recordings: tuple[Recording, ...]) -> FoundFault | None:
+    shares = {r.name: lost(r) for r in recordings}
+    return _fault("gaps", _above(shares, NAMED_LOST))
+
+
+def _wrong_rate(recordings: tuple[Recording, ...]) -> FoundFault | None:
+    every = {r.name: rate_error(r) for r in recordings}
+    _check_units(every)
+    errors = {name: error for name, error in every.items() if error is not None}
+    logs = np.log(list(errors.values()))
+    # a clock is off by the same in all recordings, which a velocity's own filter is not
+    agree = len(logs) > 1 and np.ptp(logs) < RATE_REPEATED
+    least = AGREED_RATE_ERROR if agree else NAMED_RATE_ERROR
+    wrong = {
+        name: error for name, error in errors.items() if abs(np.log(error)) > least
+    }
+    return _fault("wrong_rate", wrong)
+
+
+def _check_units(errors: Mapping[str, float | None]) -> None:
+    """Check that no rate seems wrong by what two units of velocity differ by: then the stamps are right.
+
+    Raises:
+        InputError: positions and velocities of a recording are in units that do not fit together.
+    """
+    for name, error in errors.items():
+        for factor, units in VELOCITY_UNITS.items():
+            if error is not None and abs(np.log(error / factor)) < NAMED_RATE_ERROR:
+                raise InputError(
+                    f"velocities are {error:.3g} times what the positions change by: {units}",
+                    "give the units: import: {q: {column: ..., unit: ...}, dq: {column: ..., unit: ...}}; "
+                    "or leave the velocities out: import: {dq: null}",
+                    file=name,
+                    where="columns q1.., dq1..",
+                )
+
+
+def _above(amounts: dict[str, float], most: float) -> dict[str, float]:
+    return {name: amount for name, amount in amounts.items() if amount > most}
+
+
+def _fault(kind: str, amounts: dict[str, float]) -> FoundFault | None:
+    """The finding on the recordings with these amounts: their median, and how far they differ."""
+    if not amounts:
+        return None
+    values = np.array(list(amounts.values()))
+    median = float(np.median(values))
+    std = float(max(values.std(), STAMP_AMOUNT_STD * median))
+    fault = TimeStamps(kind, median)
+    return FoundFault(
+        fault, OBVIOUS_FAULT_PROBABILITY, {"amount": (std,)}, tuple(amounts)
+    )
+
+
+def repeats(recording: Recording) -> float:
+    """Share of rows that repeat the measurement before them [1], those that the reader has dropped among them."""
+    dropped = _counted(recording, REPEATED)
+    if dropped:
+        return dropped / (len(recording.t) + dropped)
+    repeated, _ = repeated_rows(recording.t, recording.channels)
+    return float(repeated.mean())
+
+
+def _counted(recording: Recording, note: str) -> int:
+    """Number of rows that a note of the reader, which begins like this, counts; 0 without it."""
+    found = (re.match(re.escape(note) + r"(\d+)", own) for own in recording.notes)
+    return next((int(match[1]) for match in found if match), 0)
+
+
+def jitter(recording: Recording) -> float:
+    """Unevenness of stamps over the period, standard deviation [1]; 0 if the samples are as uneven as they say."""
+    amount = float(unevenness(recording.t).std())
+    if amount > NAMED_JITTER and stamps_are_wrong(recording.t, recording.q):
+        return amount
+    return 0.0
+
+
+def lost(recording: Recording) -> float:
+    """Share of samples missing in gaps of more than ``GAP_STEPS`` periods [1], those left out on reading apart."""
+    steps = np.diff(recording.t) * recording.rate
+    missing = float((steps[steps > GAP_STEPS] - 1).sum())
+    missing = max(missing - _counted(recording, LEFT_OUT), 0.0)
+    return missing / (len(recording.t) + missing)
+
+
+def rate_error(recording: Recording) -> float | None:
+    """Assumed over true period [1]: recorded velocities over those of the positions by the stamps.
+
+    ``None`` if no velocity is recorded, or joints contradict each other. References serve if they have both.
+    """
+    motions = (
+        (recording.q, recording.dq),
+        (recording.q_ref, recording.dq_ref),
+    )
+    for q, dq in motions:
+        if q is not None and dq is not None:
+            error = _velocity_ratio(recording, q, dq)
+            if error is not None:
+                return error
+    return None
+
+
+def _velocity_ratio(
+    recording: Recording, q: np.ndarray, dq: np.ndarray
+) -> float | None:
+    """Recorded velocities over those of the positions below ``RATE_BAND``; ``None`` if the joints disagree."""
+    if len(q) < 50:
+        return None
+    rate = recording.rate
+    cutoff = min(RATE_BAND / rate, 0.2) if rate > 2 * RATE_BAND else 0.2
+    sos = butter(2, cutoff, output="sos", fs=1.0)
+    beside_gap = np.diff(recording.t) >= 1.5 / rate
+    # derivatives across a gap are wrong
+    usual = np.zeros(len(q), dtype=bool)
+    usual[1:-1] = ~(beside_gap[1:] | beside_gap[:-1])
+    derivative = np.gradient(q, recording.t, axis=0)
+    by_stamps = sosfiltfilt(sos, derivative, axis=0)[usual]
+    recorded = sosfiltfilt(sos, dq, axis=0)[usual]
+
+    by_stamps_power = (by_stamps**2).sum(axis=0)
+    recorded_power = (recorded**2).sum(axis=0)
+    power = by_stamps_power * recorded_power
+    product = (by_stamps * recorded).sum(axis=0)
+    agree = (power > 0) & (product > RATE_AGREEMENT * np.sqrt(power))
+    # A joint that follows friction or noise alone does not agree; half of the joints have to.
+    if agree.sum() < max(1, recording.n_joints // 2):
+        return None
+    ratios = np.sqrt(recorded_power[agree] / by_stamps_power[agree])
+    if np.ptp(ratios) > RATE_DISAGREEMENT * np.median(ratios):
+        return None
+    return float(np.median(ratios))
+
+
+# A torque whose clock runs at another rate than the motion's: late by more and more, or early.
+#
+# Two loggers, or two nodes of a bus, whose clocks differ by a share s: the torque that belongs to the motion at t was
+# recorded at t + d + s (t - t_0). Both are found by Gauss-Newton steps, the torque of each joint explained by that of
+# the nominal bodies and of friction, each with a free factor,
+#
+#     tau(t + d + s (t - t_0)) = X b,  X = [gravity, the rest of the bodies' torque, a, sgn v, v, 1],
+#
+# with s the same for all recordings and joints, and d its own for each recording.
+
+
+TORQUE_CLOCK = "torque_clock"
+"""The variant of ``time_stamps``."""
+
+
+@dataclass(frozen=True)
+class _Samples:
+    """Samples of one recording's segment.
+
+    Attributes:
+        t: since the recording began [s], (M,).
+        columns: X, (M, n, 6).
+        grid, torque, rate: times [s], (N,), at which the torque [N m] and its rate [N m/s] are known, (N, n).
+        recording: its number.
+    """
+
+    t: np.ndarray
+    columns: np.ndarray
+    grid: np.ndarray
+    torque: np.ndarray
+    rate: np.ndarray
+    recording: int
+
+
+@dataclass(frozen=True)
+class _Clock:
+    """Delays d of R recordings [s], (R,), and the share s [1]."""
+
+    delay: np.ndarray
+    share: float = 0.0
+
+
+@dataclass(frozen=True)
+class _Step:
+    """A Gauss-Newton step from a clock.
+
+    Attributes:
+        clock: where it begins.
+        left: logarithm of what X leaves of the torque's variance there, mean over joints [1].
+        fall: share of that which the step promises to take away [1].
+        to: where it leads.
+    """
+
+    clock: _Clock
+    left: float
+    fall: float
+    to: _Clock
+
+
+def find_torque_clock(case: Case) -> FoundFault | None:
+    """The torque's clock as a fault of the time stamps, ``amount`` 1 + s; ``None`` if it keeps up."""
+    recordings = tuple(r for r in case.recordings if r.tau is not None)
+    try:
+        samples = _samples(case, recordings)
+    except (GapscopeError, ValueError):
+        # too short or too odd to be conditioned; what needs the signals says so
+        return None
+    if not samples:
+        return None
+    even = _Clock(np.zeros(len(recordings)))
+    first = _step(samples, even)
+    if first.fall - _step(samples, even, drifts=False).fall < CLOCK_HINT:
+        return None
+    starts = [_Clock(even.delay, k * first.to.share) for k in (1.0, 2.0, 4.0)]
+    best = min((_best(samples, start) for start in starts), key=lambda s: s.left)
+    share, longest = best.clock.share, max(float(part.t[-1]) for part in samples)
+    delayed = _best(samples, even, drifts=False)
+    if best.left > delayed.left - CLOCK_GAIN or abs(share) > MOST_CLOCK_SHARE:
+        return None
+    if abs(share) * longest < CLOCK_LEAST_SKEW:
+        return None
+    std = max(0.1 * CLOCK_LEAST_SKEW / longest, STAMP_AMOUNT_STD * abs(share))
+    every = (*case.recordings, *case.judged)
+    return FoundFault(
+        TimeStamps(TORQUE_CLOCK, 1.0 + share),
+        OBVIOUS_FAULT_PROBABILITY,
+        {"amount": (std,)},
+        tuple(r.name for r in every if r.tau is not None),
+    )
+
+
+def _samples(case: Case, recordings: tuple[Recording, ...]) -> list[_Samples]:
+    """Samples of the recordings with a torque."""
+    if not recordings:
+        return []
+    body = RigidBody(case.arm)
+    pieces = [
+        (k, float(recording.t[0]), segment)
+        for k, recording in enumerate(recordings)
+        for segment in condition(recording)
+    ]
+    rows = sum(len(segment.motion.t[segment.inner]) for _, _, segment in pieces)
+    step = max(1, rows // CLOCK_SAMPLES)
+    return [_of_segment(body, segment, k, start, step) for k, start, segment in pieces]
+
+
+def _of_segment(
+    body: RigidBody, segment: Segment, recording: int, start: float, step: int
+) -> _Samples:
+    m, inner = segment.motion, segment.inner
+    assert segment.torque is not None
+    torque = low_pass(segment.torque, m.rate, TORQUE_CUTOFF)
+    q, dq, ddq = (x[inner][::step] for x in (m.q, m.dq, m.ddq))
+    bodies, still = segment.bodies(body), np.zeros_like(q)
+    gravity = bodies.inverse_dynamics(q, still, still)
+    rest = bodies.inverse_dynamics(q, dq, ddq) - gravity
+    dry = np.tanh(dq / FAULT_SIGN_WIDTH)
+    columns = [gravity, rest, ddq, dry, dq, np.ones_like(q)]
+    return _Samples(
+        m.t[inner][::step] - start,
+        np.stack(columns, axis=2),
+        m.t - start,
+        torque,
+        np.gradient(torque, m.t, axis=0),
+        recording,
+    )
+
+
+def _best(samples: list[_Samples], start: _Clock, drifts: bool = True) -> _Step:
+    """The best of some steps, one after the other."""
+    steps = [_step(samples, start, drifts)]
+    for _ in range(CLOCK_ROUNDS):
+        steps.append(_step(samples, steps[-1].to, drifts))
+    return min(steps, key=lambda step: step.left)
+
+
+def _step(samples: list[_Samples], clock: _Clock, drifts: bool = True) -> _Step:
+    """A Gauss-Newton step; joints count by how well X explains them. ``drifts``: whether s is free."""
+    joints, recordings = samples[0].torque.shape[1], len(clock.delay)
+    normal, right = np.zeros((recordings + 1, recordings + 1)), np.zeros(recordings + 1)
+    left = np.zeros(joints)
+    for j in range(joints):
+        tau, own, shifts = _rows(samples, clock, j)
+        shifts[:, -1] *= drifts
+        basis = np.linalg.qr(own / np.maximum(np.abs(own).max(axis=0), 1e-12))[0]
+        # what b explains of the torque and of its shifts
+        shifts = shifts - basis @ (basis.T @ shifts)
+        rest = tau - basis @ (basis.T @ tau)
+        square = max(float(rest @ rest), 1e-12)
+        normal += shifts.T @ shifts / square
+        right += shifts.T @ rest / square
+        left[j] = square / max(len(tau) * float(tau.var()), 1e-12)
+    if not np.isfinite(normal).all():  # numbers that no arm has
+        return _Step(clock, np.inf, 0.0, clock)
+    change = np.linalg.lstsq(normal, right, rcond=1e-9)[0]
+    to = _Clock(clock.delay - change[:-1], clock.share - float(change[-1]))
+    return _Step(clock, float(np.log(left).mean()), float(change @ right) / joints, to)
+
+
+def _rows(
+    samples: list[_Samples], clock: _Clock, j: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Torque of joint j by a clock, (M,), its X, (M, 6), and its derivatives by all d and s, (M, R + 1)."""
+    torques, owns, shifts = [], [], []
+    for part in samples:
+        due = part.t + clock.delay[part.recording] + clock.share * part.t
+        inside = (due >= part.grid[0]) & (due <= part.grid[-1])
+        rate = np.interp(due[inside], part.grid, part.rate[:, j])
+        shift = np.zeros((len(rate), len(clock.delay) + 1))
+        shift[:, part.recording] = rate
+        shift[:, -1] = rate * part.t[inside]
+        torques.append(np.interp(due[inside], part.grid, part.torque[:, j]))
+        owns.append(part.columns[inside, j])
+        shifts.append(shift)
+    return np.concatenate(torques), np.concatenate(owns), np.concatenate(shifts)
+
+
+# Quantisation of the encoders, read from the positions themselves.
+#
+# Noise before rounding leaves every position on a lattice, q = o + k s with whole k. The smallest distances between
+# distinct values give a first step s; the share of values on the lattice decides whether there is one; a line
+# through values against k gives the step with its standard deviation.
+
+
+QUANTISATION, _ = of_quantity("resolution")
+
+
+@dataclass(frozen=True)
+class Quantisation(Fault):
+    """No fault but an effect: it shows in the recordings themselves, and no reading brings back what was rounded.
+
+    Attributes:
+        joints: from 1.
+        step: of each [rad].
+    """
+
+    name = QUANTISATION.name
+    parameters = QUANTISATION.parameters
+    joints: tuple[int, ...]
+    step: tuple[float, ...]
+
+
+def find_quantization(case: Case) -> tuple[FoundFault, ...]:
+    """Quantisation on the joints whose step exceeds the data sheet's, as one finding; or none."""
+    sheet = case.arm.encoder_step
+    least = STEP_WITHOUT_DATA_SHEET * case.arm.per_radian
+    if sheet is not None:
+        least = np.full(case.arm.n_joints, STEP_OVER_DATA_SHEET * sheet)
+    recordings = (*case.recordings, *case.judged)
+    found = {}
+    for joint in range(case.arm.n_joints):
+        step = encoder_step(recordings, joint)
+        if step is not None and step[0] > least[joint]:
+            found[joint + 1] = step
+    if not found:
+        return ()
+    steps, stds = zip(*found.values(), strict=True)
+    quantisation = Quantisation(tuple(found), steps)
+    return (FoundFault(quantisation, OBVIOUS_FAULT_PROBABILITY, {"step": stds}),)
+
+
+def encoder_step(
+    recordings: Iterable[Recording], joint: int
+) -> tuple[float, float] | None:
+    """Quantisation step of a joint, from 0, and its standard deviation [rad]; ``None`` if q lies on no lattice.
+
+    Recordings have to agree; those in which the joint hardly moves do not count.
+    """
+    found = [lattice(r.q[:LATTICE_SAMPLES, joint]) for r in recordings]
+    steps = [step for step in found if step is not None]
+    if not steps:
+        return None
+    values, stds = np.array(steps).T
+    agree = np.abs(values / float(np.median(values)) - 1) <= LATTICE_AGREEMENT
+    # without a majority the lattices are chance
+    if agree.mean() <= 0.5:
+        return None
+    weights = 1.0 / stds[agree] ** 2
+    mean = (weights * values[agree]).sum() / weights.sum()
+    return float(mean), float(weights.sum() ** -0.5)
+
+
+def lattice(q: np.ndarray) -> tuple[float, float] | None:
+    """Step of the lattice on which positions q [rad], (N,), lie, and its standard deviation; ``None`` for none."""
+    largest = max(float(np.abs(q).max()), 1e-9)
+    resolution = 10.0 ** (np.floor(np.log10(largest)) - LOG_DIGITS)
+    distances = np.diff(np.unique(q))
+    distances = np.sort(distances[distances > 3 * resolution])
+    if len(distances) < LATTICE_LEVELS:
+        return None
+    for guess in _first_steps(distances, resolution):
+        step = _sharpened(q, guess)
+        if step is not None:
+            return step
+    return None
+
+
+def _first_steps(distances: np.ndarray, resolution: float) -> list[float]:
+    """Guesses of the step from sorted distances of neighbouring values: the mean of the smallest that are alike."""
+    quantile, median = float(np.quantile(distances, 0.02)), float(np.median(distances))
+    guesses: list[float] = []
+    for smallest in (distances[0], quantile, median):
+        width = max(0.1 * smallest, 2 * resolution)
+        alike = distances[np.abs(distances - smallest) < width]
+        if not len(alike):
+            continue
+        guess = float(alike.mean())
+        is_new = all(abs(guess / other - 1) >= 0.02 for other in guesses)
+        if is_new:
+            guesses.append(guess)
+    return guesses
+
+
+def _sharpened(q: np.ndarray, step: float) -> tuple[float, float] | None:
+    """The step refined over wider and wider stretches of positions, with its standard deviation.
+
+    ``None`` if the positions do not lie on the refined lattice.
+    """
+    centre = float(np.median(q))
+    offset = q - q[np.argmin(np.abs(q - centre))]
+    travel = float(np.abs(offset).max())
+    reach = 8 * step  # near the centre even a rough step counts the levels rightly
+    while True:
+        near = offset[np.abs(offset) <= reach]
+        count = np.round(near / step)
+        if np.ptp(count) >= 1:
+            slope = _line(count, near)[0]
+            if not 0.8 < slope / step < 1.25:
+                return None
+            step = slope
+        if reach >= travel:
+            break
+        reach *= 2
+    return _line_through_levels(offset, step)
+
+
+def _line_through_levels(offset: np.ndarray, step: float) -> tuple[float, float] | None:
+    """Slope of positions against the numbers of their levels, and its standard deviation; ``None`` off the lattice."""
+    phase = np.exp(2j * np.pi * offset / step)
+    count = np.round(offset / step)
+    if (
+        np.abs(phase.mean()) < LATTICE_COHERENCE
+        or len(np.unique(count)) < LATTICE_LEVELS
+    ):
+        return None
+    slope, start = _line(count, offset)
+    residual = offset - start - slope * count
+    std = residual.std() / (count.std() * np.sqrt(len(offset)))
+    return slope, float(max(std, 1e-12))
+
+
+def _line(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+    """Slope and start of the straight line through points, by least squares."""
+    centred = x - x.mean()
+    slope = float(centred @ y) / float(centred @ centred)
+    return slope, float(y.mean() - slope * x.mean())

@@ -1,1 +1,0 @@
-"""Faults of references, velocities and control laws, found from the channels."""

@@ -1,1 +1,0 @@
-"""Setup faults, as they are made in recordings."""

@@ -1,0 +1,89 @@
+"""Signals that effects see: series at sample times, and how many samples a delay takes."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+from scipy.signal import butter, lfilter, sosfiltfilt
+
+from gapscope.arm.motions.motion import Motion
+
+# Series over time, shifted, differentiated and lagged, as the laws on the way to the joint need them.
+
+
+SLOW_DEFLECTION = 12.0
+"""Deflections of a transmission are followed up to this frequency [Hz]; their acceleration has no meaning above it."""
+
+
+class MotionSeries:
+    """The ``gapscope.effects.effect.Series`` of a motion, for series of shape (N, n), or K of them, (N, K, n).
+
+    Args:
+        motion: the motion.
+        many: whether series are K at once.
+
+    Attributes:
+        position: joint position [rad], shape (N, n), or (N, 1, n) for many.
+    """
+
+    def __init__(self, motion: Motion, *, many: bool = False) -> None:
+        self._t = motion.t
+        self.position = motion.q[:, None] if many else motion.q
+
+    def shifted(self, series: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """The series at t + T, T per joint [s], shape (n,); constant beyond the ends."""
+        t = self._t
+        out = np.array(series)
+        for joint in np.flatnonzero(time):
+            spline = make_interp_spline(t, series[..., joint], k=3)
+            moved = np.clip(t + time[joint], t[0], t[-1])
+            out[..., joint] = spline(moved)
+        return out
+
+    def rate(self, series: np.ndarray) -> np.ndarray:
+        """The derivative of a series by time, by a cubic spline [1/s]."""
+        return make_interp_spline(self._t, series, k=3)(self._t, 1)
+
+    def lagged(self, series: np.ndarray, time_constant: np.ndarray) -> np.ndarray:
+        """The series behind 1 / (1 + T s), T per joint [s], exact for a piecewise linear one; at rest before it."""
+        dt = float(self._t[1] - self._t[0])
+        out = np.array(series)
+        for joint in np.flatnonzero(time_constant):
+            u = series[..., joint]
+            time = float(time_constant[joint])
+            keep = np.exp(-dt / time)
+            # y[i] = keep y[i-1] + newer u[i] + older u[i-1], exact for u linear within a step
+            mean = (1.0 - keep) * time / dt
+            newer = 1.0 - mean
+            older = mean - keep
+            at_rest = u[:1] * (1.0 - newer)
+            lagged, _ = lfilter([newer, older], [1.0, -keep], u, axis=0, zi=at_rest)
+            out[..., joint] = lagged
+        return out
+
+
+def slow_with_rates(
+    deflection: np.ndarray, motion: Motion
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The part of a deflection [rad], (N, n), below ``SLOW_DEFLECTION``, with two derivatives by time."""
+    cutoff = min(SLOW_DEFLECTION, 0.4 * motion.rate)
+    sos = butter(4, cutoff, output="sos", fs=motion.rate)
+    padding = min(len(motion.t) - 1, int(3 * motion.rate / SLOW_DEFLECTION))
+    slow = sosfiltfilt(sos, deflection, axis=0, padlen=padding)
+    rate = np.gradient(slow, motion.t, axis=0)
+    return slow, rate, np.gradient(rate, motion.t, axis=0)
+
+
+# Random numbers from which severities are made.
+
+
+def random_sign(rng: np.random.Generator, size: int | None = None) -> np.ndarray:
+    """-1 or 1, one or ``size`` of them."""
+    return np.asarray(rng.choice([-1.0, 1.0], size))
+
+
+def log_uniform(
+    rng: np.random.Generator, low: float, high: float, size: int
+) -> np.ndarray:
+    """Values whose logarithms are uniform between those of ``low`` and ``high``, shape (size,)."""
+    return np.exp(rng.uniform(np.log(low), np.log(high), size))

@@ -1,0 +1,502 @@
+"""Cases of a fleet: their list, addresses on disk or elsewhere, and their files brought here."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import fsspec
+import numpy as np
+import pandas as pd
+from fsspec.core import url_to_fs
+from fsspec.implementations.local import LocalFileSystem
+from fsspec.utils import get_protocol
+
+from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.io.case_file import read_case_file
+from gapscope.diagnosis.fleet.compare_units import (
+    ORDER,
+    Pooled,
+    kind_of,
+    pooled_parameter,
+    units_agree,
+)
+from gapscope.fleets.store import PLACE
+
+# Cases at an address: a folder or an archive, on this machine or in the storage of a network.
+
+
+CASE_FILE = "case.yaml"
+STAMPS = (
+    ("ETag", "etag", "content_md5", "md5Hash", "CRC", "crc32c"),
+    ("mtime", "LastModified", "last_modified", "updated", "created", "date_time"),
+)
+"""What storages say of a file's content, and of its last change; the first that is there is taken."""
+GLOB = "*?["
+PROCESS_ONLY = ("memory",)
+"""Storages that other processes do not see."""
+
+
+@dataclass(frozen=True)
+class CaseAddress:
+    """Where a case is, and what is known of it before it is read.
+
+    Attributes:
+        address: of its folder: an absolute path, or a URL as fsspec takes it.
+        unit: name of the arm, if a list gives it.
+        date: ``YYYY-MM-DD``, if a list gives it.
+        fingerprint: hash of names, sizes and stamps of its files; empty if they have not been listed, or have no stamp.
+        changed: last change of its files [s since 1970]; ``None`` if not known.
+    """
+
+    address: str
+    unit: str = ""
+    date: str = ""
+    fingerprint: str = ""
+    changed: float | None = None
+
+
+@dataclass(frozen=True)
+class CaseListing:
+    """The files of a case in its storage.
+
+    Attributes:
+        files: what the storage says of each, by its path below the folder of the case.
+    """
+
+    files: Mapping[str, Mapping[str, Any]]
+
+    @property
+    def fingerprint(self) -> str:
+        """Hash of names, sizes and stamps; empty if a file has no stamp."""
+        digest = hashlib.sha256()
+        for name, info in sorted(self.files.items()):
+            stamp = _first(info, STAMPS[0]) or _first(info, STAMPS[1])
+            if stamp is None:
+                return ""
+            digest.update(f"{name}\0{info.get('size')}\0{stamp}\0".encode())
+        return digest.hexdigest()
+
+    @property
+    def changed(self) -> float | None:
+        """Last change [s since 1970], of the file changed last."""
+        stamps = [_first(info, STAMPS[1]) for info in self.files.values()]
+        seconds = [time for time in map(_seconds, stamps) if time is not None]
+        return max(seconds, default=None)
+
+
+def open_address(address: str) -> tuple[Any, str]:
+    """File system and path of an address.
+
+    Raises:
+        InputError: there is no such kind of address.
+        GapscopeError: a package for it is missing.
+    """
+    try:
+        return url_to_fs(address)
+    except ImportError as error:
+        raise GapscopeError(
+            f"{address}: cannot be read ({error})",
+            "install the package of fsspec for this storage: s3fs, gcsfs, adlfs, ...",
+        ) from None
+    except (ValueError, OSError) as error:
+        raise InputError(
+            f"{address}: cannot be opened ({error})",
+            "give a folder, a zip archive, a list of cases, or a URL such as s3://bucket/cases",
+        ) from None
+
+
+def is_process_only(address: str) -> bool:
+    """Whether other processes cannot read what is at an address."""
+    parts = address.split("::")
+    return any(get_protocol(part) in PROCESS_ONLY for part in parts)
+
+
+def find_cases(address: str) -> Iterator[CaseAddress]:
+    """Every case at an address, or at any depth below it, in the order of their paths.
+
+    Args:
+        address: a folder of a case, its ``case.yaml``, a folder of cases, a zip archive of them, or a pattern (``*``,
+            ``**``, ``?``) of any of these; a path, or a URL of fsspec.
+
+    Raises:
+        InputError: the address cannot be read, or there is no case.
+    """
+    if address.endswith(".zip") and "::" not in address:
+        address = f"zip://::{address}"
+    system, path = open_address(address)
+    try:
+        roots = sorted(system.glob(path)) if set(path) & set(GLOB) else [path]
+        count = 0
+        for root in roots:
+            for case in _below(system, root, address):
+                count += 1
+                yield case
+    except OSError as error:
+        raise InputError(
+            f"{address}: cannot be listed ({error})", "check address and rights"
+        ) from None
+    if not count:
+        raise InputError(
+            f"{address}: no {CASE_FILE} is there or below",
+            "give the folder of a case, a folder of such folders, or a list of them (.txt, .csv)",
+        )
+
+
+def _below(system: Any, root: str, address: str) -> Iterator[CaseAddress]:
+    """The cases at or below a path."""
+    if PurePosixPath(root).name == CASE_FILE:
+        root = _parent(root)
+    if root.endswith(".zip"):
+        yield from find_cases(_full(system, root, address))
+        return
+    listed = system.find(root, detail=True)
+    folders = {
+        _parent(path)
+        for path in listed
+        if PurePosixPath(path).name == CASE_FILE and not _is_hidden(path, root)
+    }
+    files: dict[str, dict[str, Any]] = {folder: {} for folder in sorted(folders)}
+    for path, info in listed.items():
+        folder = _case_folder(path, folders)
+        if folder is not None:
+            files[folder][_inside(path, folder)] = info
+    del listed  # what has been given is let go of: there may be a million files
+    for folder in list(files):
+        listing = CaseListing(files.pop(folder))
+        full = _full(system, folder, address)
+        yield CaseAddress(
+            full, fingerprint=listing.fingerprint, changed=listing.changed
+        )
+
+
+def list_case(system: Any, folder: str) -> CaseListing:
+    """List the files of one case.
+
+    Raises:
+        InputError: there is no case.
+    """
+    listed = system.find(folder, detail=True)
+    listing = CaseListing({_inside(path, folder): i for path, i in listed.items()})
+    if CASE_FILE not in listing.files:
+        raise InputError(f"{folder}: has no {CASE_FILE}", "give the folder of a case")
+    return listing
+
+
+def _case_folder(path: str, folders: set[str]) -> str | None:
+    """The nearest folder with a case that holds a path."""
+    while path:
+        path = _parent(path)
+        if path in folders:
+            return path
+    return None
+
+
+def _is_hidden(path: str, root: str) -> bool:
+    """Whether a folder below the root is hidden, as those of cases that are not written to their end."""
+    parts = PurePosixPath(_inside(path, root.rstrip("/"))).parts
+    return any(part.startswith(".") for part in parts)
+
+
+def _parent(path: str) -> str:
+    return path.rpartition("/")[0]
+
+
+def _inside(path: str, folder: str) -> str:
+    return path[len(folder) :].removeprefix("/")
+
+
+def _full(system: Any, path: str, address: str) -> str:
+    """The address of a path in a file system that an address has opened."""
+    if isinstance(system, LocalFileSystem):
+        return path
+    _, *archive = address.split("::")
+    return "::".join([f"{_protocol(address)}://{path.lstrip('/')}", *archive])
+
+
+def _protocol(address: str) -> str:
+    return str(fsspec.core.split_protocol(address.split("::")[0])[0])
+
+
+def _first(info: Mapping[str, Any], keys: Sequence[str]) -> Any:
+    return next((info[key] for key in keys if info.get(key) is not None), None)
+
+
+def _seconds(stamp: Any) -> float | None:
+    """Seconds since 1970 of a number or a date; ``None`` of anything else."""
+    if isinstance(stamp, (int, float)):
+        return float(stamp)
+    return float(stamp.timestamp()) if hasattr(stamp, "timestamp") else None
+
+
+# Lists of cases: a text file with an address a line, or a table that also names unit and date.
+
+
+ENDINGS = (".txt", ".csv")
+COLUMNS = ("case", "unit", "date")
+
+
+def all_cases(addresses: tuple[str, ...]) -> Iterator[CaseAddress]:
+    """The cases at several addresses, each of which may be a list."""
+    for address in addresses:
+        found = read_list if address.endswith(ENDINGS) else find_cases
+        yield from found(address)
+
+
+def read_list(address: str) -> Iterator[CaseAddress]:
+    """The cases of a list, each of which is the folder of one case.
+
+    A ``.txt`` file has an address a line; what begins with ``#`` is left out. A ``.csv`` file has the columns ``case``
+    and, if wanted, ``unit`` and ``date`` (``YYYY-MM-DD``). Relative paths start from the folder of the list.
+
+    Raises:
+        InputError: the list cannot be read; names the line.
+    """
+    try:
+        with fsspec.open(address, "rt", encoding="utf-8", newline="") as file:
+            rows = _table(file, address) if address.endswith(".csv") else _lines(file)
+            for number, row in rows:
+                yield _case(row, number, address)
+    except (OSError, ValueError, ImportError) as error:
+        raise InputError(
+            f"{address}: cannot be read ({error})", "give a list of cases"
+        ) from None
+
+
+def _lines(file: Any) -> Iterator[tuple[int, dict[str, str]]]:
+    for number, line in enumerate(file, start=1):
+        text = line.strip()
+        if text and not text.startswith("#"):
+            yield number, {"case": text}
+
+
+def _table(file: Any, address: str) -> Iterator[tuple[int, dict[str, str]]]:
+    reader = csv.DictReader(file)
+    header = tuple(reader.fieldnames or ())
+    if "case" not in header or not set(header) <= set(COLUMNS):
+        raise InputError(
+            f"has the columns {', '.join(header) or 'none'}",
+            f"expected are case, and if wanted unit and date, out of {', '.join(COLUMNS)}",
+            file=address,
+            where="line 1",
+        )
+    for row in reader:
+        texts = {key: (value or "").strip() for key, value in row.items()}
+        yield reader.line_num, texts
+
+
+def _case(row: dict[str, str], number: int, address: str) -> CaseAddress:
+    where = f"line {number}"
+    day = row.get("date", "")
+    try:
+        day and date.fromisoformat(day)
+    except ValueError:
+        raise InputError(
+            f"{day!r} is no date", "write YYYY-MM-DD", file=address, where=where
+        ) from None
+    if not row["case"]:
+        raise InputError("names no case", "give its address", file=address, where=where)
+    place = _absolute(row["case"], address).removesuffix(f"/{CASE_FILE}")
+    return CaseAddress(place.rstrip("/"), row.get("unit", ""), day)
+
+
+def _absolute(text: str, address: str) -> str:
+    """An address as it is, or a path that starts from the folder of the list."""
+    if "://" in text or text.startswith("/"):
+        return text
+    if "://" in address:
+        return f"{address.rpartition('/')[0]}/{text}"
+    return str((Path(address).resolve().parent / text).as_posix())
+
+
+# A case fetched from its storage into a folder of this machine, within bounds.
+
+
+CHUNK = 1 << 20
+"""Bytes that are copied at a time."""
+MOST_FILES = 10_000
+"""Files of a case, at most [1]."""
+
+
+def fetch(system: Any, folder: str, listing: CaseListing, to: Path, most: int) -> int:
+    """Copy the files of a case; returns their size [bytes].
+
+    Args:
+        system: file system of fsspec.
+        folder: of the case in it.
+        listing: its files.
+        to: an empty folder.
+        most: bytes that it may have.
+
+    Raises:
+        InputError: the case is too large, a file would leave the folder or is a link, or the case file names a file
+            outside of its folder.
+    """
+    _check_files(folder, listing, most)
+    left = most
+    for name in listing.files:
+        target = to / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        source = f"{folder}/{name}" if folder else name
+        left -= _copy(system, source, target, left)
+    _check_case_file(to / CASE_FILE)
+    return most - left
+
+
+def _check_files(folder: str, listing: CaseListing, most: int) -> None:
+    """Refuse what need not be fetched to know that it is not wanted."""
+    for name, info in listing.files.items():
+        if leaves_folder(name):
+            raise InputError(
+                f"{folder}: the name {name!r} leaves the case", "rename it"
+            )
+        if info.get("islink") or info.get("type") != "file":
+            raise InputError(
+                f"{folder}: {name} is a link or no file", "put the file itself there"
+            )
+    size = sum(int(info.get("size") or 0) for info in listing.files.values())
+    if size > most or len(listing.files) > MOST_FILES:
+        raise _too_large(folder, f"{len(listing.files)} files of {size} bytes", most)
+
+
+def _copy(system: Any, source: str, target: Path, most: int) -> int:
+    """Copy a file; what a storage says of its size need not be true."""
+    size = 0
+    with system.open(source, "rb") as content, target.open("xb") as file:
+        while block := content.read(CHUNK):
+            size += len(block)
+            if size > most:
+                raise _too_large(source, "more than its storage says", most)
+            file.write(block)
+    return size
+
+
+def _too_large(what: str, has: str, most: int) -> InputError:
+    return InputError(
+        f"{what}: has {has}, more than {MOST_FILES} files or {most} bytes",
+        "split the recording, or allow more with --largest",
+    )
+
+
+def _check_case_file(file: Path) -> None:
+    """Refuse a case that reads other files than its own: what is fetched comes from others."""
+    content = read_case_file(file)
+    for field, text in _named_files(content):
+        if leaves_folder(text) or "${" in text:
+            raise InputError(
+                f"names {text}, which is outside of the case",
+                "put robot and recordings into the folder of the case; a known robot is given by its name",
+                file=CASE_FILE,
+                where=f"field {field}",
+            )
+
+
+def _named_files(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Fields of a case file that name files, and the names."""
+    yield "robot", str(content["robot"])
+    for field in ("recordings", "judge"):
+        for entry in content.get(field, []):
+            names = entry.values() if isinstance(entry, Mapping) else [entry]
+            yield from ((field, str(name)) for name in names)
+    yield from (("payloads", str(name)) for name in content.get("payloads") or {})
+    section = content.get("import") or {}
+    if "calibration" in section:
+        yield "import.calibration", str(section["calibration"])
+
+
+def leaves_folder(name: str) -> bool:
+    """Whether a relative path could lead out of its folder, on any system."""
+    parts = PurePosixPath(name.replace("\\", "/")).parts
+    drive = re.match(r"[A-Za-z]:", name)
+    return not parts or ".." in parts or parts[0] == "/" or "\0" in name or bool(drive)
+
+
+# The units of one type of robot compared: which effects they share, and which unit stands out.
+
+
+EXTREMES = 5
+"""Units that are listed as the farthest from the common value, at most [1]."""
+
+
+def latest(cases: pd.DataFrame) -> pd.DataFrame:
+    """The last diagnosis of each unit of each type of robot."""
+    order = cases.sort_values(["recorded_at", "result"], kind="stable")
+    return order.drop_duplicates(["robot", "unit"], keep="last")
+
+
+def shared_effects(effects: pd.DataFrame, units: int) -> list[dict[str, Any]]:
+    """Effects of the last diagnoses of several units; see ``gapscope.diagnosis.fleet.compare_units``.
+
+    Args:
+        effects: numbers of the named effects, of one diagnosis a unit.
+        units: number of units that were diagnosed.
+
+    Returns:
+        An entry of ``fleet.json`` for each effect on each place: those on all units first, then the most frequent.
+    """
+    made = [
+        _effect(key, rows, units) for key, rows in effects.groupby(PLACE, dropna=False)
+    ]
+    return sorted(made, key=lambda row: (ORDER.index(row["kind"]), -row["units"]))
+
+
+def _effect(key: Any, rows: pd.DataFrame, units: int) -> dict[str, Any]:
+    count = rows["unit"].nunique()
+    numbers = rows[rows["parameter"] != ""]
+    by_number = numbers.groupby(["parameter", "component", "si_unit"])
+    # a number that only some of the units have is left out
+    complete = [(names, group) for names, group in by_number if len(group) == count]
+    together = [_pooled(group) for _, group in complete]
+    agree = units_agree(together) if count > 1 else None
+    effect, joint, link = key
+    return {
+        "effect": effect,
+        "joint": None if pd.isna(joint) else int(joint),
+        "link": None if pd.isna(link) else int(link),
+        "kind": kind_of(agree, on_all=count == units),
+        "units": count,
+        "agree": agree,
+        "share": float(rows["share"].median()),
+        "parameters": [
+            _parameter(names, group, pool)
+            for (names, group), pool in zip(complete, together, strict=True)
+        ],
+    }
+
+
+def _pooled(group: pd.DataFrame) -> Pooled | None:
+    stds = [std if std > 0 else None for std in group["std"]]
+    return pooled_parameter(group["parameter"].iloc[0], list(group["value"]), stds)
+
+
+def _parameter(names: Any, group: pd.DataFrame, pool: Pooled | None) -> dict[str, Any]:
+    name, component, unit = names
+    return {
+        "name": name,
+        "component": component,
+        "unit": unit,
+        "together": None if pool is None else vars(pool),
+        "extremes": [] if pool is None else list(_extremes(group, pool)),
+    }
+
+
+def _extremes(group: pd.DataFrame, pool: Pooled) -> Iterator[dict[str, Any]]:
+    """The units farthest from the common value, in standard deviations of a single unit."""
+    std = group["std"].fillna(0.0).to_numpy(float)
+    spread = np.hypot(std, pool.between)
+    spread = np.where(spread > 0, spread, np.inf)
+    deviation = (group["value"].to_numpy(float) - pool.estimate) / spread
+    for k in np.argsort(-np.abs(deviation), kind="stable")[:EXTREMES]:
+        row = group.iloc[k]
+        yield {
+            "unit": row["unit"],
+            "value": float(row["value"]),
+            "std": None if pd.isna(row["std"]) else float(row["std"]),
+            "deviation": float(deviation[k]),
+        }

@@ -1,1 +1,0 @@
-"""Signal conditioning, samples, and effective sample sizes."""

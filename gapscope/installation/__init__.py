@@ -1,1 +1,0 @@
-"""Whether this machine can run Gapscope: packages, and engines that agree with pinocchio."""

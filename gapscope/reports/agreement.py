@@ -1,0 +1,289 @@
+"""An agreement as a page, on the terminal and as files: what differs, what goes with it, the value to trust."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from markupsafe import Markup
+from rich import box
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from gapscope.arm.display import MISSING, display_unit, uncertain
+from gapscope.arm.io.atomic_write import begin_results
+from gapscope.arm.io.json_file import write_json
+from gapscope.diagnosis.agreement.agreement import Agreement, document
+from gapscope.reports.pages import COLOURS, PageSection, figure_html, write_plot_page
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure, Scatter
+
+# An agreement as a page and on the terminal: what differs, what goes with it, and the value to trust.
+
+
+# What table and page of an agreement share: numbers and sentences of its document.
+
+
+Line = Mapping[str, Any]
+
+RELATIVE = "Friction is that of each recording; all else counts from the first one."
+"""What is to be known of the values."""
+
+
+def heading(content: Line) -> str:
+    """How many parameters agree, differ and are not determined, in one sentence."""
+    verdicts = [line["verdict"] for line in content["parameters"]]
+    counts = {name: verdicts.count(name) for name in ("agrees", "differs")}
+    text = (
+        f"{len(content['recordings'])} recordings, {len(verdicts)} parameters: {counts['agrees']} agree, "
+        f"{counts['differs']} differ"
+    )
+    rest = len(verdicts) - sum(counts.values())
+    return f"{text}, {rest} not determined by two recordings." if rest else f"{text}."
+
+
+def with_unit(value: str, line: Line) -> str:
+    """A value as text with its unit; a dash stays alone."""
+    return value if value == MISSING else f"{value} {unit(line)}".rstrip()
+
+
+def differing(content: Line) -> list[Line]:
+    """Parameters that differ, the strongest first."""
+    return [line for line in content["parameters"] if line["verdict"] == "differs"]
+
+
+def trusted(line: Line) -> str:
+    """The value to trust, with its deviation."""
+    value = line["trusted"]
+    return MISSING if value is None else uncertain(value["value"], value["std"])
+
+
+def values(line: Line) -> list[str]:
+    """The value in each recording; a dash if it does not determine the parameter."""
+    pairs = zip(line["values"], line["std"], strict=True)
+    return [MISSING if std is None else uncertain(x, std) for x, std in pairs]
+
+
+def unit(line: Line) -> str:
+    """Unit of the values as it is shown; empty for a ratio."""
+    return "" if line["unit"] == "1" else display_unit(line["unit"], 1.0)[1]
+
+
+def undetermined(line: Line, recordings: list[str]) -> list[str]:
+    """Recordings that do not determine a parameter."""
+    pairs = zip(recordings, line["information"], strict=True)
+    return [name for name, ratio in pairs if ratio < 1.0]
+
+
+def sentences(line: Line) -> Iterator[str]:
+    """What a difference goes with, what would settle it, and what it may be instead."""
+    yield f"goes with: {line['goes_with']['text']}"
+    yield f"to settle it: {line['settled_by']}"
+    if line["alternatives"]:
+        yield f"may as well be: {', '.join(line['alternatives'])}"
+
+
+# An agreement as a page with the values of each recording that opens without a network.
+
+
+COLUMNS = 3
+"""Panels beside one another."""
+PANEL_HEIGHT = 190
+"""Height of a row of panels [pixels]."""
+MOST_PANELS = 60
+"""Most panels; the table has all parameters."""
+MOST_WIDTH = 44
+"""Longest title of a panel [characters]."""
+
+
+def write_page(content: dict[str, Any], path: Path) -> None:
+    """Write the differences, the values of each recording with bars, and the table of all parameters.
+
+    Args:
+        content: the document.
+        path: the page.
+
+    Raises:
+        GapscopeError: the file cannot be written.
+    """
+    recordings = content["recordings"]
+    table = PageSection(
+        title="All parameters",
+        note="Value in each recording ± its standard deviation; – if the recording does not determine it. "
+        f"{RELATIVE}",
+        heads=("parameter", "unit", "verdict", "to trust", *recordings),
+        rows=[
+            (line["name"], unit(line), line["verdict"], trusted(line), *values(line))
+            for line in content["parameters"]
+        ],
+        numbers=False,
+    )
+    write_plot_page(
+        path,
+        f"Do the recordings of {content['case']} agree?",
+        _facts(content),
+        [*_difference_sections(content), _panels(content), table],
+    )
+
+
+def _facts(content: dict[str, Any]) -> str:
+    """How many parameters agree, and at which rate one that agrees is said to differ."""
+    rate = content["false_alarm_rate"]
+    return (
+        f"{heading(content)} Of arms that are the same in all recordings {rate:.0%} have a parameter that is said to "
+        f"differ. Friction: {content['friction_law']}."
+    )
+
+
+def _difference_sections(content: dict[str, Any]) -> list[PageSection]:
+    """A section for each parameter that differs."""
+    return [
+        PageSection(title=_differs(line), note=". ".join(sentences(line)))
+        for line in differing(content)
+    ]
+
+
+def _panels(content: dict[str, Any]) -> PageSection:
+    """A panel for each parameter, those that differ first, with a bar of two deviations for each recording."""
+    lines = [one for one in content["parameters"] if one["birge"] is not None]
+    shown = lines[:MOST_PANELS]
+    figure = None
+    if shown:
+        rows = -(-len(shown) // COLUMNS)  # rounded up
+        drawn = _figure(shown, content["recordings"], rows)
+        height = 60 + PANEL_HEIGHT * rows
+        figure = figure_html(drawn, "agreement", height, showlegend=False)
+    return PageSection(
+        title="Values by recording",
+        note="Bars of two standard deviations; what differs is orange, the band is the value to trust.",
+        figure=figure or Markup(""),
+    )
+
+
+def _figure(lines: list[Line], recordings: list[str], rows: int) -> Figure:
+    from plotly.subplots import make_subplots
+
+    gap = min(0.35 / rows, 0.12)
+    titles = [_title(line) for line in lines]
+    figure = make_subplots(
+        rows=rows, cols=COLUMNS, subplot_titles=titles, vertical_spacing=gap
+    )
+    for place, line in enumerate(lines):
+        row, column = divmod(place, COLUMNS)
+        where = {"row": row + 1, "col": column + 1}
+        value = line["trusted"]
+        if value is not None:
+            low, high = (value["value"] + k * value["std"] for k in (-2.0, 2.0))
+            figure.add_hrect(
+                y0=low,
+                y1=high,
+                fillcolor=COLOURS[2],
+                opacity=0.15,
+                line_width=0,
+                **where,
+            )
+        figure.add_trace(_bars(line, recordings), **where)
+    figure.update_annotations(font_size=12)
+    numbers = list(range(1, len(recordings) + 1))
+    figure.update_xaxes(tickvals=numbers, range=[0.5, len(recordings) + 0.5])
+    return figure
+
+
+def _bars(line: Line, recordings: list[str]) -> Scatter:
+    """The value in each recording that determines it, over the recording's number."""
+    from plotly.graph_objects import Scatter
+
+    known = [k for k, std in enumerate(line["std"]) if std is not None]
+    colour = COLOURS[1] if line["verdict"] == "differs" else COLOURS[0]
+    return Scatter(
+        x=[k + 1 for k in known],
+        y=[line["values"][k] for k in known],
+        error_y={"type": "data", "array": [2.0 * line["std"][k] for k in known]},
+        text=[recordings[k] for k in known],
+        mode="markers",
+        marker={"color": colour, "size": 8},
+    )
+
+
+def _title(line: Line) -> str:
+    """Name and unit of a parameter, short enough for a panel."""
+    name = line["name"]
+    if len(name) > MOST_WIDTH:
+        name = name[: MOST_WIDTH - 1] + "…"
+    return f"{name} [{unit(line) or '1'}]"
+
+
+def _differs(line: Line) -> str:
+    """Heading of a parameter that differs."""
+    words = f"{line['name']} differs"
+    return words[0].upper() + words[1:]
+
+
+# An agreement on the terminal: one line per parameter, and what is to be said of those that differ.
+
+
+STYLES = {"differs": "bold red", "not determined": "dim"}
+"""Style of a verdict."""
+
+
+def summary(content: dict[str, Any]) -> Group:
+    """The table of all parameters, then the differences with what goes with them."""
+    table = Table(
+        title=f"{content['case']}: {heading(content)}",
+        title_justify="left",
+        caption=RELATIVE,
+        caption_justify="left",
+        box=box.SIMPLE_HEAD,
+        show_edge=False,
+        padding=(0, 1, 0, 0),
+    )
+    table.add_column("parameter", overflow="fold")
+    table.add_column("verdict", no_wrap=True)
+    table.add_column("to trust", justify="right", no_wrap=True)
+    for line in content["parameters"]:
+        verdict = Text(line["verdict"], STYLES.get(line["verdict"], ""))
+        value = with_unit(trusted(line), line)
+        table.add_row(Text(line["name"]), verdict, value)
+    texts = [*_undetermined(content), *_difference_lines(content)]
+    return Group(table, *(Text(text) for text in texts))
+
+
+def _undetermined(content: dict[str, Any]) -> Iterator[str]:
+    """A line for each recording that does not determine some parameters."""
+    missing: dict[str, list[str]] = {}
+    for line in content["parameters"]:
+        for recording in undetermined(line, content["recordings"]):
+            missing.setdefault(recording, []).append(line["name"])
+    for recording, names in missing.items():
+        yield f"\n{recording} does not determine: {'; '.join(names)}"
+
+
+def _difference_lines(content: dict[str, Any]) -> Iterator[str]:
+    """Lines on each parameter that differs."""
+    for line in differing(content):
+        pairs = zip(content["recordings"], values(line), strict=True)
+        by_recording = [f"{name} {with_unit(value, line)}" for name, value in pairs]
+        yield f"\n{line['name']} differs: {', '.join(by_recording)}"
+        yield from (f"  {text}" for text in sentences(line))
+
+
+# An agreement as files: the page, and ``agreement.json``.
+
+
+DOCUMENT, REPORT = "agreement.json", "agreement.html"
+
+
+def write_agreement(found: Agreement, folder: Path) -> tuple[Path, ...]:
+    """Write the page and, as the last, the document.
+
+    Raises:
+        GapscopeError: a file cannot be written.
+    """
+    begin_results(folder, DOCUMENT)
+    content = document(found)
+    write_page(content, folder / REPORT)
+    write_json(content, folder / DOCUMENT)
+    return folder / REPORT, folder / DOCUMENT

@@ -1,1 +1,0 @@
-"""Many diagnoses: a table of all, and the effects of a unit over time."""

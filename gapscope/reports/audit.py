@@ -1,0 +1,162 @@
+"""An audit as a page, on the terminal and as files: findings worst first, and the table of the links."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Group
+from rich.text import Text
+
+from gapscope.arm.display import MISSING
+from gapscope.arm.io.atomic_write import begin_results
+from gapscope.arm.io.json_file import write_json
+from gapscope.model_audit.audit import Audit, document
+from gapscope.reports.pages import write_html
+
+# An audit as a page and on the terminal: findings worst first, and the table of the links.
+
+
+# What page and terminal of an audit share: findings of a kind together, and sentences of its document.
+
+
+MOST_PLACES = 6
+"""Most places that are named of findings of a kind."""
+
+
+@dataclass(frozen=True)
+class FindingGroup:
+    """Findings of one severity and kind: the worst of them in full, and where the others are.
+
+    Attributes:
+        worst: the first of them.
+        others: places and lines of the others, in words; empty if there are none.
+    """
+
+    worst: Mapping[str, Any]
+    others: str
+
+
+def groups(content: Mapping[str, Any]) -> list[FindingGroup]:
+    """Findings by severity and kind, worst first."""
+    together: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    for finding in content["findings"]:
+        together.setdefault((finding["severity"], finding["kind"]), []).append(finding)
+    return [FindingGroup(found[0], _others(found[1:])) for found in together.values()]
+
+
+def heading(content: Mapping[str, Any]) -> str:
+    """How many findings of each severity, in one sentence."""
+    counts = [f"{count} {name}" for name, count in content["counts"].items() if count]
+    mass = content["total_mass"]
+    size = f"{len(content['links'])} links, {_moving(content)} moving joints, {number(mass)} kg"
+    return f"{size}: {', '.join(counts)}." if counts else f"{size}: nothing odd."
+
+
+def place(finding: Mapping[str, Any]) -> str:
+    """Link or joint with the line of the file."""
+    line = f"line {finding['line']}" if finding["line"] else ""
+    return ", ".join(part for part in (finding["place"], line) if part) or "whole file"
+
+
+def number(value: float | None) -> str:
+    """A number with three digits; a dash if there is none."""
+    return MISSING if value is None else f"{value:.3g}"
+
+
+def _moving(content: Mapping[str, Any]) -> int:
+    return sum(one["kind"] in ("revolute", "prismatic") for one in content["joints"])
+
+
+def _others(found: list[Mapping[str, Any]]) -> str:
+    named = [place(one) for one in found[:MOST_PLACES]]
+    rest = len(found) - len(named)
+    return "; ".join([*named, f"{rest} more"] if rest else named)
+
+
+# An audit as a page that opens without a network.
+
+
+def write_page(content: dict[str, Any], path: Path) -> None:
+    """Write the findings, worst first, and the table of the links.
+
+    Args:
+        content: the document.
+        path: the page.
+
+    Raises:
+        GapscopeError: the file cannot be written.
+    """
+    odd = {finding["place"] for finding in content["findings"]}
+    write_html(
+        "audit/audit.html",
+        path,
+        content=content,
+        heading=heading(content),
+        groups=groups(content),
+        place=place,
+        number=number,
+        odd=odd,
+    )
+
+
+# An audit on the terminal: one paragraph per kind of finding, worst first.
+
+
+STYLES = {"impossible": "bold red", "implausible": "red", "missing": "yellow"}
+"""Style of a severity."""
+MOST_EXPLANATIONS = 4
+
+
+def summary(content: dict[str, Any]) -> Group:
+    """What is odd about a model, and what to do."""
+    head = Text(f"{content['robot']} ({content['file']}): {heading(content)}", "bold")
+    parts = [head]
+    for group in groups(content):
+        worst = group.worst
+        title = Text(
+            f"\n{worst['severity']}: {worst['kind'].replace('_', ' ')}, {place(worst)}",
+            STYLES.get(worst["severity"], ""),
+        )
+        parts += [title, Text(f"  {worst['found']}")]
+        parts += [Text(f"  expected: {worst['expected']}")]
+        parts += [Text(f"  to do: {worst['remedy']}")]
+        if group.others:
+            parts.append(Text(f"  also: {group.others}"))
+    if content["static"] is not None:
+        parts += [Text(line) for line in _static(content["static"])]
+    return Group(*parts)
+
+
+def _static(static: dict[str, Any]) -> Iterator[str]:
+    """Gravity torque against measured, joint by joint."""
+    yield f"\ngravity torque in {static['poses']} poses, measured against the model's:"
+    columns = (static[name] for name in ("joints", "correlation", "scale", "offset"))
+    for joint, correlation, scale, offset in zip(*columns, strict=True):
+        yield (
+            f"  {joint}: correlation {number(correlation)}, scale {number(scale)}, "
+            f"offset {number(offset)} N m"
+        )
+    for one in static["explanations"][:MOST_EXPLANATIONS]:
+        yield f"  {one['name']} leaves {one['misfit']:.1%} of the spread"
+
+
+# An audit as files: the page, and ``audit.json``.
+
+
+DOCUMENT, REPORT = "audit.json", "audit.html"
+
+
+def write_audit(audit: Audit, folder: Path) -> tuple[Path, ...]:
+    """Write the page and, as the last, the document.
+
+    Raises:
+        GapscopeError: a file cannot be written.
+    """
+    begin_results(folder, DOCUMENT)
+    content = document(audit)
+    write_page(content, folder / REPORT)
+    write_json(content, folder / DOCUMENT)
+    return folder / REPORT, folder / DOCUMENT

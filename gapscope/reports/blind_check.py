@@ -1,0 +1,366 @@
+"""A blind check as a page: what was right, confused and missed, with intervals."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import plotly.graph_objects as go
+from rich.table import Table as RichTable
+
+from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.json_file import read_json, write_json
+from gapscope.blind_check.scoring import Scored
+from gapscope.reports.pages import COLOURS, PageSection, figure_html, write_plot_page
+
+# The truth of a set of cases in lines of text, to look at the generator.
+
+
+def truth_lines(labels: Path) -> Iterator[str]:
+    """One line per case: what it is, its severity and its conditions."""
+    for name, label in read_json(labels, "give the labels")["cases"].items():
+        effects = (
+            " + ".join(
+                f"{e.get('kind', e['effect'])}{e['joints'] or ''}"
+                for e in label["effects"]
+            )
+            or "healthy"
+        )
+        c = label["conditions"]
+        ratio = "-" if label["ratio"] is None else f"{label['ratio']:.2f}"
+        yield (
+            f"{name} {label['kind']:8s} {c['robot']:12s} {c['rate']:4d} Hz {effects:60s} ratio {ratio:>6s} "
+            f"floor {max(label['floor']):.4f} off {c['inertials_off']:.2f} noise x{c['noise']:.0f} "
+            f"{'bare' if c['bare'] else label['feedforward']}, {label['attempts']} draws"
+        )
+
+
+# The tables of a blind check: rows of text, rendered as Markdown or on a terminal.
+
+
+BRIEFLY = ("Effects named", "Verdicts and probabilities", "Beside plain methods")
+"""Titles of the tables that a terminal shows; the files have all of them."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table: title, heads of the columns, rows of text."""
+
+    title: str
+    heads: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+    def markdown(self) -> str:
+        """As Markdown."""
+        lines = [
+            f"### {self.title}",
+            "",
+            "| " + " | ".join(self.heads) + " |",
+            "|" + "---|" * len(self.heads),
+        ]
+        return (
+            "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in self.rows)])
+            + "\n"
+        )
+
+    def rich(self) -> RichTable:
+        """As a table on a terminal, without the counts of shares."""
+        table = RichTable(title=self.title)
+        for head in self.heads:
+            table.add_column(head)
+        for row in self.rows:
+            table.add_row(*(re.sub(r", \d+ of \d+$", "", cell) for cell in row))
+        return table
+
+
+def tables(figures: dict[str, Any]) -> list[Table]:
+    """All tables of a blind check."""
+    out = [_main(figures), _verdicts(figures)]
+    for key, title in (
+        ("by_severity", "Single effects over severity (own gap over the floor)"),
+        ("by_effect", "Single effects, severity 3 to 20"),
+        ("by_inertials", "Nominal inertials"),
+        ("by_controller", "Controller"),
+        ("by_rate", "Rate of the recordings"),
+        ("by_robot", "Arm"),
+    ):
+        if figures[key]:
+            out.append(_scores(title, figures[key]))
+    out += [_calibration(figures["calibration"]), _confusion(figures["confusion"])]
+    if "baselines" in figures:
+        out.append(_baselines(figures))
+    return out
+
+
+def _main(figures: dict[str, Any]) -> Table:
+    return _scores(
+        "Effects named",
+        {
+            k: v
+            for k, v in figures["by_kind"].items()
+            if k not in ("healthy", "outside")
+        },
+    )
+
+
+def _scores(title: str, groups: dict[str, Any]) -> Table:
+    heads = (
+        "",
+        "cases",
+        "top-1",
+        "exact set",
+        "exact, strictly",
+        "Jaccard",
+        "joints",
+        "called unexplained",
+        "first parameter, median error",
+        "gap closed, median",
+        "worst joint, median",
+    )
+    rows = tuple(
+        (
+            name,
+            str(s["count"]),
+            rate(s["top"]),
+            rate(s["exact"]),
+            rate(s["exact_strict"]),
+            _number(s["jaccard"]),
+            rate(s["joints"]),
+            rate(s["called_unexplained"]),
+            _median(s["parameter_error"]),
+            _median(s["gap_closed"]),
+            _median(s["gap_closed_worst_joint"]),
+        )
+        for name, s in groups.items()
+    )
+    return Table(title, heads, rows)
+
+
+def _verdicts(figures: dict[str, Any]) -> Table:
+    well, beyond, sets = (
+        figures["healthy"],
+        figures["unknown"],
+        figures["calibration"]["sets"],
+    )
+    rows = (
+        ("healthy arms called ill", rate(well["false_alarms"])),
+        ("healthy arms with an effect named", rate(well["effects_named"])),
+        ("outside the catalogue called unexplained", rate(beyond["recall"])),
+        ("inside the catalogue called unexplained", rate(beyond["false_unknown"])),
+        ("Brier score of the probabilities", _number(figures["calibration"]["brier"])),
+        ("expected calibration error", _number(figures["calibration"]["ece"])),
+        (f"sets at {sets['level']:.0%} that hold the truth", rate(sets["coverage"])),
+        ("mean size of these sets", _number(sets["mean_size"])),
+        ("diagnoses that failed", str(len(figures["failed"]))),
+        ("seconds of a diagnosis, median", _median(figures["seconds"], percent=False)),
+    )
+    return Table("Verdicts and probabilities", ("", ""), rows)
+
+
+def _calibration(calibration: dict[str, Any]) -> Table:
+    rows = tuple(
+        (
+            f"{r['from']:.1f} to {r['to']:.1f}",
+            str(r["count"]),
+            f"{r['probability']:.3f}",
+            f"{r['right']:.3f}",
+        )
+        for r in calibration["reliability"]
+    )
+    return Table(
+        "Reliability",
+        ("probability", "findings", "mean probability", "share right"),
+        rows,
+    )
+
+
+def _confusion(confusion: dict[str, dict[str, int]]) -> Table:
+    rows = tuple(
+        (
+            truth,
+            str(sum(answers.values())),
+            ", ".join(f"{answer} {count}" for answer, count in answers.items()),
+        )
+        for truth, answers in confusion.items()
+    )
+    return Table(
+        "Confusion: what single causes were taken for",
+        ("truth", "cases", "first answer"),
+        rows,
+    )
+
+
+def _baselines(figures: dict[str, Any]) -> Table:
+    methods = {"this diagnosis": figures, **figures["baselines"]}
+    heads = (
+        "method",
+        "single top-1",
+        "single exact",
+        "pair exact",
+        "triple Jaccard",
+        "ladder exact",
+        "healthy called ill",
+        "outside called unexplained",
+        "inside called unexplained",
+    )
+    rows = tuple(
+        (
+            name,
+            *(
+                _kind(m, *place)
+                for place in (("single", "top"), ("single", "exact"), ("pair", "exact"))
+            ),
+            _kind(m, "triple", "jaccard"),
+            _kind(m, "ladder", "exact"),
+            rate(m["healthy"]["false_alarms"]),
+            rate(m["unknown"]["recall"]),
+            rate(m["unknown"]["false_unknown"]),
+        )
+        for name, m in methods.items()
+    )
+    return Table("Beside plain methods", heads, rows)
+
+
+def _kind(figures: dict[str, Any], kind: str, key: str) -> str:
+    value = figures["by_kind"].get(kind, {}).get(key)
+    return rate(value) if isinstance(value, dict) else _number(value)
+
+
+def rate(share: dict[str, Any]) -> str:
+    """``95 % (90..98), 57 of 60``; a dash without cases."""
+    if not share["count"]:
+        return "–"
+    return (
+        f"{100 * share['rate']:.0f} % ({100 * share['low']:.0f}..{100 * share['high']:.0f}), "
+        f"{share['hits']} of {share['count']}"
+    )
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.3g}"
+
+
+def _median(quantiles: dict[str, float] | None, *, percent: bool = True) -> str:
+    if quantiles is None:
+        return "–"
+    return (
+        f"{100 * quantiles['median']:.1f} %"
+        if percent
+        else f"{quantiles['median']:.1f}"
+    )
+
+
+# The pictures of a blind check: accuracy over severity, reliability, confusion.
+
+
+QUANTITIES = (("top", "top-1"), ("exact", "exact set"), ("joints", "joints"))
+
+
+def severity_figure(figures: dict[str, Any]) -> go.Figure:
+    """Shares with Wilson's intervals over severity classes of single effects."""
+    groups = figures["by_severity"]
+    figure = go.Figure(layout={"colorway": COLOURS})
+    for key, name in QUANTITIES:
+        shares = [groups[group][key] for group in groups]
+        rates = [share["rate"] or 0.0 for share in shares]
+        pairs = list(zip(shares, rates, strict=True))
+        intervals = {
+            "type": "data",
+            "symmetric": False,
+            "array": [share["high"] - rate for share, rate in pairs],
+            "arrayminus": [rate - share["low"] for share, rate in pairs],
+        }
+        figure.add_scatter(
+            x=list(groups), y=rates, name=name, mode="lines+markers", error_y=intervals
+        )
+    figure.update_layout(
+        xaxis_title="own gap over the floor",
+        yaxis_title="share right",
+        yaxis_range=[0, 1.02],
+    )
+    return figure
+
+
+def reliability_figure(figures: dict[str, Any]) -> go.Figure:
+    """Share of findings that are right over their probability, beside the diagonal."""
+    rows = figures["calibration"]["reliability"]
+    figure = go.Figure(layout={"colorway": COLOURS})
+    figure.add_scatter(
+        x=[0, 1], y=[0, 1], mode="lines", name="calibrated", line={"dash": "dot"}
+    )
+    figure.add_scatter(
+        x=[row["probability"] for row in rows],
+        y=[row["right"] for row in rows],
+        mode="markers+lines",
+        name="findings",
+        text=[f"{row['count']} findings" for row in rows],
+    )
+    figure.update_layout(xaxis_title="probability", yaxis_title="share right")
+    return figure
+
+
+def confusion_figure(figures: dict[str, Any]) -> go.Figure:
+    """Truth against first answer, numbers of cases."""
+    table = figures["confusion"]
+    answers = sorted({answer for row in table.values() for answer in row})
+    counts = [[row.get(answer, 0) for answer in answers] for row in table.values()]
+    figure = go.Figure(
+        go.Heatmap(
+            z=counts, x=answers, y=list(table), text=counts, texttemplate="%{text}"
+        )
+    )
+    figure.update_layout(
+        xaxis_title="first answer",
+        yaxis_title="truth",
+        yaxis_autorange="reversed",
+    )
+    return figure
+
+
+# Writing a blind check: ``score.json``, ``score.md`` and ``score.html``, which opens offline.
+
+
+FIGURES = {
+    "severity": ("Single effects over severity", severity_figure, 460),
+    "reliability": ("Reliability", reliability_figure, 460),
+    "confusion": ("Confusion", confusion_figure, 900),
+}
+"""Figures by name, each with its title, its maker and its height [pixels]."""
+
+
+def write_score(scored: Scored, folder: Path) -> tuple[Path, ...]:
+    """Write the figures, the tables and the pictures; each file whole or not at all.
+
+    Returns:
+        ``score.json``, ``score.md`` and ``score.html``.
+
+    Raises:
+        GapscopeError: a file cannot be written.
+    """
+    document, text, page = (
+        folder / f"score.{ending}" for ending in ("json", "md", "html")
+    )
+    verdicts = [asdict(case) for case in scored.cases]
+    write_json({**scored.figures, "verdicts": verdicts}, document)
+    shown = tables(scored.figures)
+    with atomic_write(text) as aside:
+        content = "\n".join(table.markdown() for table in shown)
+        aside.write_text(f"# Blind check\n\n{content}", encoding="utf-8")
+    _write_page(scored, shown, page)
+    return document, text, page
+
+
+def _write_page(scored: Scored, shown: list[Table], path: Path) -> None:
+    sections = [
+        PageSection(
+            title=table.title, heads=table.heads, rows=table.rows, numbers=False
+        )
+        for table in shown
+    ]
+    for name, (title, make_figure, height) in FIGURES.items():
+        figure = figure_html(make_figure(scored.figures), name, height)
+        sections.append(PageSection(title=title, figure=figure))
+    write_plot_page(path, "Blind check", "", sections, whole=True)

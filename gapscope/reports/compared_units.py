@@ -1,0 +1,323 @@
+"""The section of a report that compares units of one type, and its tables on the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from math import log
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from gapscope.arm.display import (
+    MISSING,
+    display_unit,
+    effect_name,
+    nrmse,
+    percent,
+    uncertain,
+)
+from gapscope.diagnosis.document.wording import capital, joint_ranges, listing
+from gapscope.diagnosis.fleet.compare_units import DIFFERING, NOMINAL, ONE, SHARED, SOME
+from gapscope.diagnosis.thresholds import ALIKE_NRMSE, FLEET_LEVEL
+from gapscope.effects.catalogue import known_effect, of_quantity
+from gapscope.effects.effect import SHEET
+
+# The comparison of units as a person reads it: ``units.json`` in words, for the summary and the terminal.
+
+
+Content = Mapping[str, Any]
+
+MEANING = {
+    SHARED: "the model of this type of arm lacks it",
+    DIFFERING: "the model of this type of arm lacks it; each unit has its own size",
+    SOME: "several units have it, not all",
+    ONE: "this unit differs from the others",
+}
+ADDING = {key: of_quantity(quantity)[0] for quantity, key in SHEET.items()}
+"""Effects that add to an entry of the data sheet, by its key."""
+_SHEET = {"urdf": "URDF", "torque_limit": "torque limits"} | {
+    key: effect_name(effect.name) for key, effect in ADDING.items()
+}
+
+
+TOLERANCE = f"or worse by less than {ALIKE_NRMSE:g} NRMSE on every joint"
+
+
+@dataclass(frozen=True)
+class Line:
+    """One number of an effect, by unit of the arm.
+
+    Attributes:
+        label: joint, parameter and its unit, e.g. ``J2 coefficient [N m s/rad]``.
+        entries: ``value ± std`` of each unit, a dash if the effect was not found, in the order of the units.
+        together: ``value ± std`` over the units, or a dash if there is one.
+        scatter: I^2 in percent, or a dash.
+        differs: whether the values of this line differ.
+    """
+
+    label: str
+    entries: tuple[str, ...]
+    together: str
+    scatter: str
+    differs: bool
+
+
+@dataclass(frozen=True)
+class Finding:
+    """An effect with all places on which it was found on the same units.
+
+    Attributes:
+        name: of the effect.
+        place: what it acts on: ``joints 2 and 4``, ``link 3``, ``the whole arm``.
+        kind: as in ``units.json``.
+        label: kind in words.
+        meaning: what follows from it.
+        notes: of units that have it under another name.
+        lines: its numbers.
+    """
+
+    name: str
+    place: str
+    kind: str
+    label: str
+    meaning: str
+    notes: tuple[str, ...]
+    lines: tuple[Line, ...]
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One cell of the confusion: NRMSE, heat from 0 to 1 on a logarithmic scale, and its part in the column."""
+
+    value: float | None
+    heat: float
+    own: bool
+    best: bool
+
+
+def findings(group: Content) -> list[Finding]:
+    """Effects of a group, places with one answer together."""
+    alike: dict[tuple[Any, ...], list[Content]] = {}
+    for row in group["effects"]:
+        key = (
+            row["effect"],
+            row["kind"],
+            row["agree"],
+            row["link"],
+            tuple(row["units"]),
+            tuple(row["instead"].items()),
+        )
+        alike.setdefault(key, []).append(row)
+    return [
+        _finding(group, sorted(rows, key=lambda row: row["joint"] or 0))
+        for rows in alike.values()
+    ]
+
+
+def _finding(group: Content, rows: Sequence[Content]) -> Finding:
+    first, n = rows[0], len(group["units"])
+    joints = [row["joint"] for row in rows if row["joint"]]
+    plural = "s" if len(joints) > 1 else ""
+    link = f"link {first['link']}" if first["link"] else "the whole arm"
+    label = {
+        SHARED: f"on all {n} units, alike",
+        DIFFERING: f"on all {n} units, sizes differ",
+        SOME: f"on {len(first['units'])} of {n} units{', alike' if first['agree'] else ', sizes differ'}",
+        ONE: f"only on {first['units'][0]}",
+    }[first["kind"]]
+    return Finding(
+        name=capital(effect_name(first["effect"])),
+        place=f"joint{plural} {listing(joint_ranges(joints))}" if joints else link,
+        kind=first["kind"],
+        label=label,
+        meaning=MEANING[first["kind"]],
+        notes=tuple(
+            f"{unit} has {effect_name(other)} in its place"
+            for unit, other in first["instead"].items()
+        ),
+        lines=tuple(_lines(group["units"], rows)),
+    )
+
+
+def _lines(units: Sequence[str], rows: Sequence[Content]) -> Iterable[Line]:
+    for row in rows:
+        definition = known_effect(row["effect"])
+        added = (
+            {p.name for p in definition.parameters if p.increment}
+            if definition
+            else set()
+        )
+        for value in row["parameters"]:
+            factor, unit = display_unit(
+                value["unit"], max(abs(v) for v in value["value"].values())
+            )
+            text = lambda x, s, f=factor, signed=value["name"] in added: uncertain(  # noqa: E731
+                f * x, None if s is None else f * s, signed
+            )
+            together = value["together"]
+            where = f"J{row['joint']}" if row["joint"] else ""
+            name = value["name"].replace("_", " ")
+            yield Line(
+                " ".join(
+                    part
+                    for part in (
+                        where,
+                        name,
+                        value["component"],
+                        f"[{unit}]" if unit else "",
+                    )
+                    if part
+                ),
+                tuple(
+                    text(value["value"][u], value["std"][u])
+                    if u in value["value"]
+                    else MISSING
+                    for u in units
+                ),
+                text(together["estimate"], together["std"]) if together else MISSING,
+                percent(together["i_squared"]) if together else MISSING,
+                bool(together) and together["p"] < FLEET_LEVEL / len(row["parameters"]),
+            )
+
+
+def heading(group: Content) -> str:
+    """How many effects the units of a group share, in one sentence."""
+    kinds = [finding.kind for finding in findings(group)]
+    words = {
+        SHARED: "shared by all units",
+        DIFFERING: "shared in differing size",
+        SOME: "on some units",
+        ONE: "on one unit alone",
+    }
+    parts = [
+        f"{kinds.count(kind)} {text}" for kind, text in words.items() if kind in kinds
+    ]
+    if not parts:
+        return "No effect was found on any of them."
+    none = "" if {SHARED, DIFFERING} & set(kinds) else "none is shared by all units; "
+    return f"Effects found: {none}{listing(parts)}."
+
+
+def nominal_note(group: Content) -> str:
+    """Note on different nominal arms of the cases; empty if they are the same."""
+    differs = [_SHEET.get(key, key) for key in group["nominal_differs"]]
+    if not differs:
+        return ""
+    return (
+        f"The cases give these units different nominal arms ({listing(differs)}). Each value is on top of its own "
+        "case's, so values that agree need not mean equal totals, and units are told apart by their cases, too: give "
+        "all units of one type the same URDF and data sheet."
+    )
+
+
+def cells(confusion: Content) -> list[tuple[str, list[Cell]]]:
+    """The confusion row by row with its label."""
+    known = [
+        v for line in confusion["torque_nrmse"] for v in line if v is not None and v > 0
+    ]
+    low, high = (min(known), max(known)) if known else (1.0, 1.0)
+
+    def cell(row: str, unit: str, value: float | None) -> Cell:
+        heat = log(value / low) / log(high / low) if value and high > low else 0.0
+        return Cell(value, heat, row == unit, row == confusion["best"][unit])
+
+    lines = zip(confusion["rows"], confusion["torque_nrmse"], strict=True)
+    return [
+        (
+            row,
+            [cell(row, u, v) for u, v in zip(confusion["columns"], line, strict=True)],
+        )
+        for row, line in lines
+    ]
+
+
+def row_label(row: str) -> str:
+    """Label of a row of the confusion."""
+    return "nominal arm" if row == NOMINAL else f"corrected arm of {row}"
+
+
+def told_apart(confusion: Content) -> list[str]:
+    """What the confusion says, in sentences; units that are all confused with each other in one."""
+    confused = {
+        unit: (unit, *confusion["confused_with"][unit]) for unit in confusion["columns"]
+    }
+    if not confused:
+        return []
+    mixed = {unit: set(others) for unit, others in confused.items() if len(others) > 1}
+    if not mixed:
+        return [
+            "Every unit is predicted best by its own corrected arm: they can be told apart."
+        ]
+    out = []
+    for unit, others in mixed.items():
+        if any(mixed.get(other) != others for other in others):
+            out.append(_mixed(unit, confused[unit][1:]))
+        elif unit == next(other for other in confused if other in others):
+            names, more = (
+                listing([other for other in confused if other in others]),
+                "s" if len(others) > 2 else "",
+            )
+            out.append(
+                f"{names} cannot be told apart: the corrected arm of one predicts the other{more} as well as their own "
+                f"({TOLERANCE})."
+            )
+    return out
+
+
+def _mixed(unit: str, others: Sequence[str]) -> str:
+    their = (
+        "its corrected arm predicts"
+        if len(others) == 1
+        else "their corrected arms predict"
+    )
+    return f"{unit} cannot be told from {listing(others)}: {their} {unit} as well as its own does ({TOLERANCE})."
+
+
+# The comparison of units as tables on the terminal.
+
+
+def fleet_tables(content: Mapping[str, Any]) -> Group:
+    """The content of ``units.json``: per type of arm the effects with the units that have them, and the confusion."""
+    parts: list[RenderableType] = []
+    for group in content["groups"]:
+        confusion = group["confusion"]
+        parts.append(_effects(group))
+        if confusion["columns"]:
+            parts.append(_confusion(confusion))
+        notes = (*told_apart(confusion), nominal_note(group))
+        parts += [Text(note) for note in notes if note]
+    return Group(*parts)
+
+
+def _effects(group: Mapping[str, Any]) -> Table:
+    """Effects of a group and the units that have them."""
+    table = Table(
+        title=f"{group['robot']}, {len(group['units'])} units",
+        title_justify="left",
+        caption=heading(group),
+        caption_justify="left",
+    )
+    for name in ("effect", "on", "found"):
+        table.add_column(name, overflow="fold")
+    for found in findings(group):
+        meaning = Text(f"{found.label}: {found.meaning}")
+        table.add_row(Text(found.name), found.place, meaning)
+    return table
+
+
+def _confusion(confusion: Mapping[str, Any]) -> Table:
+    """Mean torque NRMSE of each arm on the recordings of each unit; the least of each column in bold."""
+    table = Table(
+        title="torque NRMSE of an arm (row) on the recordings of a unit (column)",
+        title_justify="left",
+    )
+    table.add_column("")
+    for unit in confusion["columns"]:
+        table.add_column(Text(unit), justify="right")
+    for row, line in cells(confusion):
+        values = (Text(nrmse(c.value), "bold" if c.best else "") for c in line)
+        table.add_row(Text(row_label(row)), *values)
+    return table

@@ -1,0 +1,1323 @@
+"""A diagnosis as a page, on the terminal and as files."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+from urllib.parse import quote
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+from scipy.spatial.transform import Rotation
+
+from gapscope.arm.display import (
+    MISSING,
+    display_unit,
+    effect_name,
+    nrmse,
+    percent,
+    significant,
+    uncertain,
+)
+from gapscope.arm.dynamics.link_shapes import Hull, link_hulls, reach
+from gapscope.arm.dynamics.plain_urdf import moving_links
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.io.json_file import plain
+from gapscope.arm.joint_units import joint_unit
+from gapscope.diagnosis.document.diagnosis_json import validate, write_document
+from gapscope.diagnosis.document.wording import (
+    VERDICTS,
+    ParameterText,
+    acts_on,
+    capital,
+    gap_rows,
+    holds_in,
+    in_text,
+    joint_names,
+    joint_ranges,
+    joint_slides,
+    listing,
+    nominal_friction_sentence,
+    parameter_texts,
+    possible_texts,
+    presliding_sentence,
+    pulled_texts,
+    short_names,
+    sides_sentence,
+    unexplained_sentence,
+    verdict_sentence,
+    worst_joint,
+)
+from gapscope.diagnosis.localisation.locate import DRIVES, JointLocalisation, Region
+from gapscope.diagnosis.reference.diagnose_change import Change
+from gapscope.diagnosis.reference.reference_file import FOLDER, write_reference
+from gapscope.diagnosis.result import Diagnosis, Signature, Spectrum, Trace
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.catalogue import known_effect
+from gapscope.effects.corrected_file import write_corrected
+from gapscope.effects.effect import Effect
+from gapscope.ident.output.identified_arm import write_case_beside
+from gapscope.model.change_findings import change_text
+from gapscope.reports import compared_units as units_words
+from gapscope.reports.compared_units import ADDING
+from gapscope.reports.pages import write_html
+
+# A diagnosis as a page and on the terminal.
+
+
+# Curves as text within a page.
+
+
+def encode(values: np.ndarray) -> str:
+    """Base64 of the values as little-endian float32."""
+    return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode(
+        "ascii"
+    )
+
+
+# What to do after a diagnosis: a sentence each, with the command if there is one.
+
+
+OF_COLUMNS = (
+    "motion",
+    "torque",
+    "time_factor",
+    "torque_delay",
+    "gravity",
+    "link_shift",
+)
+"""What a reading changes of a log's columns, or of the robot that goes with them."""
+
+
+class Action(NamedTuple):
+    """One thing to do, and the command for it; empty if there is none."""
+
+    text: str
+    command: str = ""
+
+
+def actions(diagnosis: Diagnosis) -> list[Action]:
+    """What a reader would do next, the most pressing first."""
+    document = diagnosis.document
+    found = []
+    n = len(joint_names(document))
+    if any(fault.reading(n).differs(*OF_COLUMNS) for fault in diagnosis.faults):
+        found.append(
+            Action(
+                "Read the logs as they are meant: mended_case.yaml, beside this page, does",
+                "gapscope diagnose mended_case.yaml --out mended",
+            )
+        )
+    if diagnosis.effects:
+        found.append(
+            Action(
+                "Give the effects found to your simulator",
+                "gapscope export corrected.yaml --case CASE --format mjcf --out arm.xml",
+            )
+        )
+    if document["next_recording"]:
+        found.append(
+            Action(
+                f"Record next: {document['next_recording']}",
+                "gapscope advise CASE --out next.csv",
+            )
+        )
+    if document["unexplained"]["above_floor"]:
+        found.append(
+            Action("Look at what stays unexplained: it says where and how the gap acts")
+        )
+    if not found:
+        found.append(
+            Action(
+                "Nothing: the arm is as its model says, within what a healthy arm leaves"
+            )
+        )
+    return found
+
+
+# The summary of several cases: one row each, with a link to its report.
+
+
+_COUNTED = {
+    "effects_found": "with effects found",
+    "no_gap": "without a gap",
+    "unexplained": "with an unexplained gap",
+    "failed": "failed",
+}
+
+
+@dataclass(frozen=True)
+class SummaryRow:
+    """One case in the summary.
+
+    Attributes:
+        name: name of the case.
+        folder: folder of its report, relative to the summary.
+        document: its diagnosis, or ``None`` if it failed.
+        failure: why it failed.
+    """
+
+    name: str
+    folder: str
+    document: Mapping[str, Any] | None = None
+    failure: str = ""
+
+    @property
+    def label(self) -> str:
+        """Name of the case, with its folder if that has another name."""
+        return self.name if self.folder == self.name else f"{self.name} ({self.folder})"
+
+    @property
+    def link(self) -> str:
+        """Relative address of the report."""
+        return f"./{quote(self.folder)}/report.html"
+
+    @property
+    def verdict(self) -> str:
+        """Verdict as a label."""
+        return "Failed" if self.document is None else VERDICTS[self.document["verdict"]]
+
+    @property
+    def kind(self) -> str:
+        """Verdict as a key: one of the three, or ``failed``."""
+        return "failed" if self.document is None else self.document["verdict"]
+
+    @property
+    def effects(self) -> list[tuple[str, str]]:
+        """Effects found, each with what it acts on."""
+        found = [] if self.document is None else self.document["effects"]
+        return [(effect_name(entry["effect"]), acts_on(entry)) for entry in found]
+
+    @property
+    def possible(self) -> list[tuple[str, str]]:
+        """Effects that are possible and not confirmed, each with what it acts on."""
+        found = [] if self.document is None else self.document["possible"]
+        return [(effect_name(entry["effect"]), acts_on(entry)) for entry in found]
+
+    @property
+    def closed(self) -> float | None:
+        """Share of the gap above the floor that is closed [1]; ``None`` if there is no gap."""
+        if self.document is None or self.document["verdict"] == "no_gap":
+            return None
+        return self.document["closed"]
+
+    def mean_gap(self, stage: str) -> float | None:
+        """Torque NRMSE ``before`` or ``after``, mean over the joints [1]."""
+        values = (
+            [] if self.document is None else self.document["gap"][stage]["torque_nrmse"]
+        )
+        known = [value for value in values if value is not None]
+        return sum(known) / len(known) if known else None
+
+
+def render_summary(
+    rows: Sequence[SummaryRow], path: Path | str, units: Mapping[str, Any] | None = None
+) -> None:
+    """Write the summary of several cases, in the order given.
+
+    Args:
+        rows: one per case.
+        path: file to write.
+        units: content of ``units.json``, the comparison of the cases as units of one type of arm.
+
+    Raises:
+        GapscopeError: ``path`` cannot be written.
+    """
+    counts = {
+        label: sum(row.kind == kind for row in rows) for kind, label in _COUNTED.items()
+    }
+    compared = units["groups"] if units is not None else []
+    write_html(
+        "diagnosis/summary.html",
+        path,
+        rows=rows,
+        counts=counts,
+        groups=compared,
+        words=units_words,
+    )
+
+
+# What the pictures of where a gap lies draw, and the words under them.
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One picture: its place among the place_curves, and what it shows, in words."""
+
+    index: int
+    title: str
+    words: str
+
+
+def pictures(diagnosis: Diagnosis, stage: str) -> list[Picture]:
+    """The pictures of one stage, in the order of ``place_curves``; only kinds that have something to say."""
+    return [
+        Picture(i, c["title"], c["words"])
+        for i, c in enumerate(place_curves(diagnosis))
+        if c["stage"] == stage
+    ]
+
+
+def place_curves(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    """All pictures as JSON-ready values: of a rule, of intervals of time, of bands and lines of frequency."""
+    out = []
+    slides = joint_slides(diagnosis.document)
+    for located in diagnosis.located:
+        place = located.place
+        for kind, drawn in (
+            ("rule", _rule(place, slides[place.joint - 1])),
+            ("time", _time(place)),
+            ("frequency", _frequency(place)),
+        ):
+            if drawn is not None:
+                out.append(
+                    {
+                        "stage": located.stage,
+                        "joint": place.joint,
+                        "kind": kind,
+                        **drawn,
+                    }
+                )
+    return out
+
+
+def _rule(place: JointLocalisation, slides: bool) -> dict[str, Any] | None:
+    profile = place.profile
+    if profile is None:
+        return None
+    words = f"{profile.words}. The shaded part is where the rule holds, the dashed line the floor of a healthy arm."
+    return {
+        "title": f"J{place.joint}: in which part of the motion",
+        "words": capital(in_text(words) if slides else words),
+        "axis": f"{profile.symbol} [{joint_unit(profile.unit, slides)}]",
+        "x": encode(profile.x),
+        "rms": encode(profile.rms),
+        "above": profile.above,
+        "below": profile.below,
+        "floor": place.floor,
+    }
+
+
+def _time(place: JointLocalisation) -> dict[str, Any] | None:
+    told = [region for region in place.regions if region.kind == "interval"]
+    if not told:
+        return None
+    name = told[0].detail["recording"]
+    level = next(level for level in place.levels if level.recording == name)
+    return {
+        "title": f"J{place.joint}: when",
+        "words": f"{_joined(told)}. The line is the RMS of the gap over a quarter of a second, the steps its level.",
+        "axis": f"time in {name} [s]",
+        "x": encode(level.t),
+        "rms": encode(level.rms),
+        "steps": encode(level.steps),
+        "floor": place.floor,
+    }
+
+
+def _frequency(place: JointLocalisation) -> dict[str, Any] | None:
+    told = [region for region in place.regions if region.kind in ("line", "coherence")]
+    if not told:
+        return None
+    if told[0].kind == "line":
+        meaning = "What has a frequency of its own does not follow the motion: vibration, a resonance, a ripple."
+    else:
+        meaning = (
+            "Coherence is the share of the gap that follows a signal: 1 all of it, 0 none. A gap that follows the "
+            "torque is a matter of the drive or of the load, one that follows velocity of friction or delay, one that "
+            "follows acceleration of inertia."
+        )
+    found = place.spectra
+    return {
+        "title": f"J{place.joint}: at which frequencies",
+        "words": f"{_joined(told)}. {meaning}",
+        "x": encode(found.frequency),
+        "gap": encode(found.gap / max(float(found.gap.max()), 1e-300)),
+        "coherence": [
+            {"name": drive.name, "y": encode(np.clip(row, 0.0, 1.0))}
+            for drive, row in zip(DRIVES, found.coherence, strict=True)
+        ],
+    }
+
+
+def _joined(regions: list[Region]) -> str:
+    return capital("; ".join(region.regime for region in regions))
+
+
+# What the report says of the part of a gap that no effect explains and a flexible model still predicts.
+
+
+WHITE = 1e-3
+"""With a larger p-value the residual may be noise."""
+NAMES = {
+    "position": "its position",
+    "speed": "its speed",
+    "velocity": "its velocity",
+    "direction": "the direction in which it moves",
+    "acceleration": "its acceleration",
+    "load": "the torque that it carries",
+    "time": "the time since the recording began",
+    "frequency": "an oscillation that follows no motion",
+}
+
+
+@dataclass(frozen=True)
+class Guess:
+    """One picture: its place among the guess_curves, and what it shows, in words."""
+
+    index: int
+    title: str
+    words: str
+
+
+def guesses(diagnosis: Diagnosis) -> list[Guess]:
+    """One picture for each joint left above the floor, in the order of ``guess_curves``."""
+    return [
+        Guess(i, f"J{e['joint']}: {_title(e)}", _words(e))
+        for i, e in enumerate(_entries(diagnosis))
+    ]
+
+
+def guess_curves(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    """The guess_curves as JSON-ready values."""
+    return [
+        {
+            "joint": entry["joint"] - 1,
+            "axis": f"{entry['curve']['variable']} [{entry['curve']['unit']}]",
+            "amplitude": entry["curve"]["variable"] == "frequency",
+            "x": encode(entry["curve"]["x"]),
+            "y": encode(entry["curve"]["y"]),
+        }
+        for entry in _entries(diagnosis)
+    ]
+
+
+def _entries(diagnosis: Diagnosis) -> list[Mapping[str, Any]]:
+    return list(diagnosis.document["unexplained"].get("predictable", []))
+
+
+def _title(entry: Mapping[str, Any]) -> str:
+    return f"{percent(entry['share'])} of what is left can be predicted"
+
+
+def _words(entry: Mapping[str, Any]) -> str:
+    """How much of it which variable predicts, and whether the residual may be noise."""
+    name = entry["curve"]["variable"]
+    noise = "may be noise" if entry["whiteness_p"] > WHITE else "is no noise"
+    if entry["share"] == 0.0:
+        return f"What is left {noise}, but nothing known of the motion predicts it on unseen data."
+    alone = (
+        f"{NAMES[name].capitalize()} alone predicts {percent(entry['by'][name])} of it."
+    )
+    shown = (
+        "how strong the gap is at each frequency"
+        if name == "frequency"
+        else "the gap along it"
+    )
+    return f"{alone} The curve is {shown}. What is left {noise}."
+
+
+# What the figures of the report draw: decimated curves as base64 of float32, little endian.
+
+
+POINTS_PER_CURVE = 4000
+"""Most points of one curve over time."""
+
+POINTS_OF_ALL_TRACES = 180_000
+"""Most points of all curves over time together, 1 MB; many recordings share them."""
+
+POINTS_PER_SIGNATURE = 700
+
+
+def payload(diagnosis: Diagnosis) -> dict[str, Any]:
+    """All that the script of the report draws, as JSON-ready values."""
+    names = joint_names(diagnosis.document)
+    roles = {r["name"]: r["role"] for r in diagnosis.document.get("recordings", [])}
+    most = POINTS_OF_ALL_TRACES // max(1, 4 * len(names) * len(diagnosis.traces))
+    points = int(np.clip(most, 400, POINTS_PER_CURVE))
+    return {
+        "joints": [
+            f"J{number} {name}".strip()
+            for number, name in enumerate(short_names(names), 1)
+        ],
+        "worst": (worst_joint(diagnosis.document, "before") or 1) - 1,
+        "recordings": [
+            {
+                "name": trace.recording,
+                "role": roles.get(trace.recording, ""),
+                "joints": _curves(trace, points),
+            }
+            for trace in diagnosis.traces
+        ],
+        "spectrum": _spectrum(diagnosis.spectrum),
+        "places": place_curves(diagnosis),
+        "guesses": guess_curves(diagnosis),
+        "slides": joint_slides(diagnosis.document),
+        "signatures": [_signature(signature) for signature in diagnosis.signatures],
+    }
+
+
+def _curves(trace: Trace, points: int) -> list[dict[str, str]]:
+    """Per joint the curves of one recording, all four at the same samples."""
+    joints = []
+    for joint in range(trace.measured.shape[1]):
+        measured, nominal, corrected = (
+            x[:, joint] for x in (trace.measured, trace.nominal, trace.corrected)
+        )
+        keep = keep_extremes([measured, measured - corrected], points)
+        curves = {
+            "t": trace.t,
+            "measured": measured,
+            "nominal": nominal,
+            "corrected": corrected,
+        }
+        joints.append({name: encode(curve[keep]) for name, curve in curves.items()})
+    return joints
+
+
+def keep_extremes(series: list[np.ndarray], points: int) -> np.ndarray:
+    """Indices of at most ``points`` samples that keep the peaks: of each series the extremes of equal stretches."""
+    n = len(series[0])
+    if n <= points:
+        return np.arange(n)
+    edges = np.linspace(0, n, max(1, points // (2 * len(series))) + 1).astype(int)
+    pairs = list(pairwise(edges))
+    kept = [
+        a + pick(np.nan_to_num(x[a:b]))
+        for x in series
+        for a, b in pairs
+        for pick in (np.argmin, np.argmax)
+    ]
+    return np.unique(kept)
+
+
+def _signature(signature: Signature) -> dict[str, Any]:
+    """A signature with its samples thinned evenly; ``line`` if the axis only grows, as time does."""
+    n = len(signature.x)
+    keep = (
+        np.unique(np.linspace(0, n - 1, min(n, POINTS_PER_SIGNATURE)).astype(int))
+        if n
+        else np.arange(0)
+    )
+    return {
+        "joint": signature.joint - 1,
+        "axis": signature.axis,
+        "unit": signature.unit,
+        "line": bool(n > 1 and np.all(np.diff(signature.x) > 0)),
+        "x": encode(signature.x[keep]),
+        "gap": encode(signature.gap[keep]),
+        "explained": encode(signature.explained[keep]),
+    }
+
+
+def _spectrum(spectrum: Spectrum) -> dict[str, Any]:
+    return {
+        "frequency": encode(spectrum.frequency),
+        "before": [encode(column) for column in np.atleast_2d(spectrum.before.T)],
+        "after": [encode(column) for column in np.atleast_2d(spectrum.after.T)],
+    }
+
+
+# The arm in 3D, as the page draws it: bodies, joints, and the motions that were recorded and replayed.
+
+
+FRAMES_PER_SECOND = 40.0
+"""Samples of a motion that are kept per second."""
+MOST_FRAMES = 2400
+"""Most samples of a motion: a minute."""
+
+
+def arm_scene(diagnosis: Diagnosis) -> dict[str, Any] | None:
+    """Bodies, joints and motion as JSON-ready values; ``None`` if the arm or its motion is not known.
+
+    The motion is the one that was replayed, with the simulated arms beside the recorded one; without a replay the first
+    recording alone.
+    """
+    if diagnosis.arm is None or not diagnosis.traces:
+        return None
+    body = RigidBody(diagnosis.arm)
+    links = moving_links(body, movable=False)
+    names = [link.joint for link in links]
+    joints = []
+    for link in links:
+        xyz, rpy = link.origin
+        turn = Rotation.from_euler("xyz", rpy).as_quat()
+        joints.append(
+            {
+                "parent": names.index(link.parent) if link.parent else -1,
+                "place": xyz.tolist(),
+                "turn": turn.tolist(),
+                "axis": link.axis.tolist(),
+                "slides": link.kind == "prismatic",
+                "column": diagnosis.arm.joints.index(link.joint),
+            }
+        )
+    return {
+        "joints": joints,
+        "reach": reach(body),
+        "hulls": [_hull(hull) for hull in link_hulls(body)],
+        "motion": _motion(diagnosis),
+    }
+
+
+def _hull(hull: Hull) -> dict[str, Any]:
+    faces = np.ascontiguousarray(hull.faces, dtype="<u2").tobytes()
+    return {
+        "joint": hull.body - 1,
+        "vertices": encode(hull.vertices.ravel()),
+        "faces": base64.b64encode(faces).decode("ascii"),
+    }
+
+
+def _motion(diagnosis: Diagnosis) -> dict[str, Any]:
+    """Times, positions of each arm, and the gap of each joint over its recorded torque's deviation."""
+    replayed = diagnosis.replayed
+    if replayed is None or (replayed.nominal is None and replayed.corrected is None):
+        trace = diagnosis.traces[0]
+        arms = {"recorded": trace.q}
+        name, t = trace.recording, trace.t
+    else:
+        name, t = replayed.recording, replayed.t
+        arms = {"recorded": replayed.recorded}
+        if replayed.nominal is not None:
+            arms["nominal"] = replayed.nominal
+        if replayed.corrected is not None:
+            arms["corrected"] = replayed.corrected
+    rate = 1.0 / float(np.median(np.diff(t)))
+    kept = slice(0, None, max(1, round(rate / FRAMES_PER_SECOND)))
+    times = t[kept][:MOST_FRAMES]
+    trace = next(
+        (x for x in diagnosis.traces if x.recording == name), diagnosis.traces[0]
+    )
+    return {
+        "recording": name,
+        "t": encode(times),
+        "arms": {arm: encode(q[kept][:MOST_FRAMES].ravel()) for arm, q in arms.items()},
+        "gaps": {
+            stage: encode(_gap(trace, stage, times).ravel())
+            for stage in ("before", "after")
+        },
+    }
+
+
+def _gap(trace: Trace, stage: str, times: np.ndarray) -> np.ndarray:
+    """Size of the gap at given times over the largest recorded deviation of each joint, (M, n)."""
+    predicted = trace.nominal if stage == "before" else trace.corrected
+    error = np.abs(trace.measured - predicted)
+    deviation = trace.measured.std(axis=0)
+    scale = np.maximum(deviation, 0.05 * deviation.max())
+    columns = [np.interp(times, trace.t, column) for column in error.T]
+    return np.column_stack(columns) / np.maximum(scale, 1e-12)
+
+
+# Section of the report on which side of the joint torque sensors the gap lies.
+
+
+TITLES = {"actuator": "Actuator side", "link": "Link side"}
+WORDS = {
+    "actuator": "recorded torque less sensor, against rotor, friction and all between the recorded torque and the gear",
+    "link": "sensor, against the bodies, springs and forces behind the gear",
+}
+
+
+def sides(diagnosis: Diagnosis) -> dict[str, Any]:
+    """Bars per joint of either side, the sensors' own errors, and the side of each effect; empty without sensors."""
+    document = diagnosis.document
+    if "sides" not in document:
+        return {}
+    told, names = document["sides"], joint_names(document)
+    gaps = {name: told[name] for name in TITLES}
+    values = [
+        v
+        for g in gaps.values()
+        for part in g.values()
+        for v in part["torque_nrmse"]
+        if v is not None
+    ]
+    floors = [v for g in gaps.values() for v in g["before"]["floor"] if v is not None]
+    return {
+        "sentence": sides_sentence(document),
+        "charts": [
+            {
+                "title": TITLES[name],
+                "words": WORDS[name],
+                "scale": max([*values, *floors], default=0.0) or 1.0,
+                "joints": _side_joints(names, gap),
+            }
+            for name, gap in gaps.items()
+        ],
+        "sensors": [
+            {
+                "label": f"J{j + 1}",
+                "name": name,
+                "carried": told["carried_by"][j],
+                **{
+                    key: significant(told["sensor"][key]["value"][j], 2, signed=True)
+                    for key in ("zero", "scale")
+                },
+                "lag": significant(
+                    1e3 * told["sensor"]["lag"]["value"][j], 2, signed=True
+                ),
+            }
+            for j, name in enumerate(names)
+        ],
+        "effects": [
+            (effect_name(entry["effect"]), acts_on(entry), entry["side"])
+            for entry in told["effects"]
+        ],
+        "recordings": told["recordings"],
+    }
+
+
+def _side_joints(names: list[str], gap: dict[str, Any]) -> list[dict[str, Any]]:
+    """Rows of one chart."""
+    columns = zip(
+        names,
+        short_names(names),
+        gap["before"]["torque_nrmse"],
+        gap["after"]["torque_nrmse"],
+        gap["before"]["floor"],
+        strict=True,
+    )
+    return [
+        {
+            "label": f"J{number}",
+            "name": name,
+            "short": short,
+            "before": before,
+            "after": after,
+            "floor": floor,
+        }
+        for number, (name, short, before, after, floor) in enumerate(columns, 1)
+    ]
+
+
+# What a diagnosis against a reference was compared with, as the report shows it.
+
+
+@dataclass(frozen=True)
+class ReferenceJoint:
+    """One joint: what was identified and what was allowed for.
+
+    Attributes:
+        label: ``J2``.
+        name: name of the joint.
+        identified: ``value ± std`` of each entry of ``ADDING``.
+        today: Coulomb and viscous friction on the day of the case, each with its change in percent.
+        held_out: torque NRMSE on stretches of the reference that were not fitted [1].
+        errors: torque NRMSE that the likeliest errors of the identified arm come to [1].
+    """
+
+    label: str
+    name: str
+    identified: tuple[str, ...]
+    today: tuple[str, ...]
+    held_out: float | None
+    errors: float | None
+
+
+def against(diagnosis: Diagnosis) -> dict[str, Any] | None:
+    """Reference, what was identified on it per joint, and what was put down to another day; ``None`` without one."""
+    content = diagnosis.document.get("against")
+    if content is None:
+        return None
+    today = content["today"]
+    return {
+        "name": content["reference"],
+        "recordings": content["recordings"],
+        "parameters": content["base_parameters"],
+        "law": content["friction_law"],
+        "ratio": percent(content["torque_ratio_to_nominal"]),
+        "joints": _reference_joints(content, joint_names(diagnosis.document)),
+        "sheet": [_titled(effect) for effect in ADDING.values()],
+        "allowed": percent(today["friction_allowed"]),
+        "inherent": [
+            _with_joints(e["effect"], e["joints"]) for e in content["inherent"]
+        ],
+        "lacking": _lacking(content),
+        "expected": _expected(content, len(joint_names(diagnosis.document))),
+    }
+
+
+def _expected(content: Mapping[str, Any], n_joints: int) -> list[tuple[str, list[str]]]:
+    """How large an effect would have to be to be named in nine cases of ten: name and unit, then a text per joint."""
+    rows: dict[str, list[str]] = {}
+    for entry in content.get("expected", ()):
+        factor, unit = display_unit(entry["unit"], 1.0)
+        unit = "" if entry["unit"] == "1" else f" [{unit}]"
+        name = f"{effect_name(entry['effect'])}, {entry['parameter'].replace('_', ' ')}{unit}"
+        texts = rows.setdefault(name, [""] * n_joints)
+        value = entry["nine_of_ten"]
+        text = MISSING if value is None else significant(factor * value, 2)
+        for joint in entry["joints"] or [1]:
+            texts[joint - 1] = text
+    return list(rows.items())
+
+
+def _lacking(content: Mapping[str, Any]) -> str:
+    """What possible bodies lack at most of a joint's torque; empty in a document that does not say so."""
+    remainder = content.get("remainder")
+    return percent(max(remainder["torque_nrmse"])) if remainder else ""
+
+
+def _titled(effect: Effect) -> str:
+    """Name and unit of an effect of one parameter."""
+    _, unit = display_unit(effect.parameters[0].unit, 1.0)
+    return f"{effect_name(effect.name)} [{unit}]"
+
+
+def _reference_joints(
+    content: Mapping[str, Any], names: Sequence[str]
+) -> list[ReferenceJoint]:
+    identified, std, today = (
+        content["identified"],
+        content["identified_std"],
+        content["today"],
+    )
+    return [
+        ReferenceJoint(
+            label=f"J{j + 1}",
+            name=name,
+            identified=tuple(
+                uncertain(identified[key][j], std[key][j]) for key in ADDING
+            ),
+            today=tuple(
+                _changed(identified[key][j], today[key][j])
+                for key in ("coulomb", "viscous")
+            ),
+            held_out=content["held_out"]["torque_nrmse"][j],
+            errors=today["torque_nrmse"][j],
+        )
+        for j, name in enumerate(names)
+    ]
+
+
+def _changed(before: float, after: float) -> str:
+    if not before:
+        return significant(after)
+    share = round(100.0 * (after / before - 1.0))
+    sign = "−" if share < 0 else "+"
+    return (
+        f"{significant(after)} ({sign}{abs(share)} %)"
+        if share
+        else f"{significant(after)} (same)"
+    )
+
+
+def _with_joints(name: str, joints: Sequence[int]) -> str:
+    where = (
+        f" (joint{'s' if len(joints) > 1 else ''} {listing(joint_ranges(joints))})"
+        if joints
+        else ""
+    )
+    return effect_name(name) + where
+
+
+# Sections of the report: each takes a diagnosis and returns what its part of the template shows.
+
+
+FIRST_SCREEN_EFFECTS = 4
+"""Effects shown with their parameters on the first screen; all of them follow below."""
+
+LEARNT = ("rule", "interval", "line")
+"""Kinds of regions that were learnt from the gap and hold a part of the motion."""
+
+ENGINE_NAMES = {"mujoco": "MuJoCo", "dart": "DART"}
+"""Engines as their makers write them."""
+
+FLOOR_SCALE = 4.0
+"""The bars' axis reaches at least this many times the highest floor, so that a healthy arm's bars look small."""
+
+
+@dataclass(frozen=True)
+class JointGap:
+    """One row of the per-joint chart: torque NRMSE [1] and replay RMSE [rad], ``None`` if not known."""
+
+    label: str
+    name: str
+    short: str
+    before: float | None
+    after: float | None
+    floor: float | None
+    replay_before: str
+    replay_after: str
+
+
+@dataclass(frozen=True)
+class FoundEffect:
+    """One effect found, with its parameters as text and its record, ``None`` if this process does not know it."""
+
+    entry: Mapping[str, Any]
+    parameters: list[ParameterText]
+    definition: Effect | None
+    only_this: list[float | None]
+    without_this: list[float | None]
+    signatures: list[int]
+    pulled: list[str]
+
+
+def heading(diagnosis: Diagnosis) -> dict[str, str]:
+    """Name of the case, robot, verdict as a label and as a sentence."""
+    document = diagnosis.document
+    return {
+        "robot": document.get("arm", {}).get("robot", ""),
+        "verdict": VERDICTS[document["verdict"]],
+        "sentence": verdict_sentence(document),
+    }
+
+
+def where(diagnosis: Diagnosis) -> dict[str, Any]:
+    """Gap per joint, the scale of its bars, and the regions that hold most of it."""
+    gap = diagnosis.document["gap"]
+    before, after = gap["before"], gap["after"]
+    names = joint_names(diagnosis.document)
+    columns = zip(
+        names,
+        short_names(names),
+        before["torque_nrmse"],
+        after["torque_nrmse"],
+        before["floor"],
+        *_motions(
+            joint_slides(diagnosis.document),
+            before["replay_rmse"] or [None] * len(names),
+            after["replay_rmse"] or [None] * len(names),
+        ),
+        strict=True,
+    )
+    joints = [
+        JointGap(f"J{number}", *column) for number, column in enumerate(columns, 1)
+    ]
+    values = [
+        value
+        for joint in joints
+        for value in (joint.before, joint.after)
+        if value is not None
+    ]
+    floors = [joint.floor for joint in joints if joint.floor is not None]
+    return {
+        "joints": joints,
+        "scale": max([*values, FLOOR_SCALE * max(floors, default=0.0)], default=0.0)
+        or 1.0,
+        "regions": _first_and_learnt(diagnosis.document.get("where", [])),
+        "telling": _most_telling(diagnosis.document.get("where", [])),
+        "pictures": pictures(diagnosis, "before"),
+        "replayed": any(joint.replay_before != MISSING for joint in joints),
+    }
+
+
+def which(diagnosis: Diagnosis) -> dict[str, Any]:
+    """The effects named and the possible ones, by share; without any, what came closest to explaining the gap."""
+    effects, possible = (
+        [_found(entry, diagnosis) for entry in diagnosis.document[section]]
+        for section in ("effects", "possible")
+    )
+    unexplained = diagnosis.document["verdict"] == "unexplained"
+    return {
+        "effects": effects,
+        "possible": possible,
+        "first": effects[:FIRST_SCREEN_EFFECTS],
+        "more": len(effects) - FIRST_SCREEN_EFFECTS,
+        "closest": diagnosis.document.get("considered", [])[:3] if unexplained else [],
+    }
+
+
+def how_far(diagnosis: Diagnosis) -> dict[str, Any]:
+    """Share of the gap closed, and means over the joints of the gap before, after and the floor."""
+    document = diagnosis.document
+    before, after = document["gap"]["before"], document["gap"]["after"]
+    rows = [row for row in gap_rows(document) if None not in row]
+    closed = None if document["verdict"] == "no_gap" else document["closed"]
+    replay_before, replay_after = _mean_motions(
+        document, before["replay_rmse"], after["replay_rmse"]
+    )
+    return {
+        "closed": closed,
+        "mean": {
+            name: _mean([row[i] for row in rows])
+            for i, name in enumerate(("before", "after", "floor"))
+        },
+        "replay": {
+            "before": replay_before,
+            "after": replay_after,
+            "by_torque": document["gap"].get("replayed") == "torque",
+        },
+        "elsewhere": [
+            _elsewhere(document, engine, before, after)
+            for engine in before.get("replay_elsewhere", {})
+        ],
+        "judged_on": document.get("judged_on", "data that was not used to fit"),
+    }
+
+
+def _elsewhere(
+    document: Mapping[str, Any],
+    engine: str,
+    before: dict[str, Any],
+    after: dict[str, Any],
+) -> dict[str, str]:
+    """Mean replay gap before and after in another engine."""
+    gaps = [stage["replay_elsewhere"].get(engine) for stage in (before, after)]
+    first, second = _mean_motions(document, *gaps)
+    return {
+        "engine": ENGINE_NAMES.get(engine, engine),
+        "before": first,
+        "after": second,
+    }
+
+
+def left_over(diagnosis: Diagnosis) -> dict[str, Any]:
+    """What no effect explains, and what was considered instead of the effects found."""
+    document = diagnosis.document
+    return {
+        "sentence": unexplained_sentence(document),
+        "regions": document["unexplained"]["where"],
+        "joints": _above_floor(document),
+        "pictures": pictures(diagnosis, "after"),
+        "guesses": guesses(diagnosis),
+        "considered": document.get("considered", []),
+    }
+
+
+def inputs(diagnosis: Diagnosis) -> dict[str, Any]:
+    """Recordings, how they were conditioned, warnings."""
+    document = diagnosis.document
+    return {
+        "recordings": document.get("recordings", []),
+        "conditioning": document.get("conditioning"),
+        "warnings": document.get("warnings", []),
+        "nominal_friction": nominal_friction_sentence(document),
+        "presliding": presliding_sentence(document),
+        "inferred": document.get("torque_from") == "controller",
+        "traces": len(diagnosis.traces),
+        "spectrum": diagnosis.spectrum.frequency.size > 0,
+    }
+
+
+SECTIONS: tuple[Callable[[Diagnosis], dict[str, Any] | None], ...] = (
+    heading,
+    where,
+    which,
+    how_far,
+    left_over,
+    inputs,
+    against,
+)
+
+
+def _found(entry: Mapping[str, Any], diagnosis: Diagnosis) -> FoundEffect:
+    own = [
+        index
+        for index, signature in enumerate(diagnosis.signatures)
+        if signature.effect == entry["effect"]
+        and (signature.joint in entry["joints"] or not entry["joints"])
+    ]
+    return FoundEffect(
+        entry=entry,
+        parameters=parameter_texts(entry),
+        definition=known_effect(entry["effect"]),
+        only_this=list(entry["gap_with_only_this"]["torque_nrmse"]),
+        without_this=list(entry["gap_without_this"]["torque_nrmse"]),
+        signatures=own,
+        pulled=pulled_texts(entry),
+    )
+
+
+def _first_and_learnt(regions: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Of each joint what was learnt from its gap, and without a rule the first that was cut in advance."""
+    joints = [region["joint"] for region in regions]
+    ruled = {region["joint"] for region in regions if region.get("kind") == "rule"}
+    return [
+        r
+        for i, r in enumerate(regions)
+        if r.get("kind") in LEARNT
+        or (joints.index(r["joint"]) == i and r["joint"] not in ruled)
+    ]
+
+
+def _most_telling(regions: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Of each joint the region that holds most of the gap in least of the time; a band of frequency if it is all."""
+    out: dict[int, dict[str, Any]] = {}
+    for region in regions:
+        known = out.setdefault(region["joint"], region)
+        if known is not region and _telling(region) > _telling(known):
+            out[region["joint"]] = region
+    return list(out.values())
+
+
+def _telling(region: Mapping[str, Any]) -> float:
+    """Share times log concentration; less than any other for what only a specialist reads."""
+    if region.get("kind") in ("frequency", "coherence"):
+        return -1.0
+    return float(region["share"] * np.log(max(region.get("enrichment") or 1.0, 1.0)))
+
+
+def _above_floor(document: Mapping[str, Any]) -> list[tuple[int, str, list[str]]]:
+    """Joints left above the floor: number, how many times the floor, and the effects named on them."""
+    if not document["unexplained"]["above_floor"] or not document["effects"]:
+        return []
+    out = []
+    for joint in document["unexplained"].get("joints", []):
+        named = [
+            effect_name(entry["effect"])
+            for entry in document["effects"]
+            if joint in entry["joints"]
+        ]
+        out.append(
+            (
+                joint,
+                significant(document["unexplained"]["times_floor"][joint - 1], 2),
+                named,
+            )
+        )
+    return out
+
+
+def _mean(values: Iterable[float | None] | None) -> float | None:
+    known = [value for value in values or [] if value is not None]
+    return sum(known) / len(known) if known else None
+
+
+def _mean_motions(
+    document: Mapping[str, Any], *columns: list[float | None] | None
+) -> list[str]:
+    """Means over the joints that turn as text, or over slides if all slide: one over both would mean nothing."""
+    slides = joint_slides(document)
+    kept = [j for j, slid in enumerate(slides) if not slid or all(slides)]
+    means = [_mean([column[j] for j in kept] if column else None) for column in columns]
+    shown = _angles(*[[mean] for mean in means], unit="m" if all(slides) else "rad")
+    return [texts[0] for texts in shown]
+
+
+def _motions(slides: list[bool], *columns: list[float | None]) -> list[list[str]]:
+    """Columns of angles [rad] and, of joints that slide, distances [m] as text."""
+    shown = [[MISSING] * len(slides) for _ in columns]
+    for sliding, unit in ((False, "rad"), (True, "m")):
+        places = [j for j, slid in enumerate(slides) if slid == sliding]
+        own = _angles(*[[column[j] for j in places] for column in columns], unit=unit)
+        for row, texts in zip(shown, own, strict=True):
+            for j, text in zip(places, texts, strict=True):
+                row[j] = text
+    return shown
+
+
+def _angles(*columns: list[float | None], unit: str = "rad") -> list[list[str]]:
+    """Columns of angles [rad], or of another unit, as text, all in the one unit that suits the largest."""
+    factor, unit = display_unit(
+        unit,
+        max((value for column in columns for value in column if value), default=0.0),
+    )
+    name = unit if unit == "°" else f" {unit}"
+    return [
+        [
+            MISSING if value is None else significant(factor * value, 2) + name
+            for value in column
+        ]
+        for column in columns
+    ]
+
+
+# Renders a diagnosis into one self-contained HTML file.
+
+
+def render(diagnosis: Diagnosis, path: Path | str) -> None:
+    """Write the report of a diagnosis; the file loads nothing from elsewhere.
+
+    Raises:
+        GapscopeError: the document is not valid, or ``path`` cannot be written.
+    """
+    validate(diagnosis.document)
+    diagnosis = replace(diagnosis, document=plain(diagnosis.document))
+    made = {part.__name__: part(diagnosis) for part in (*SECTIONS, sides)}
+    changes = diagnosis.document.get("changes", [])
+    write_html(
+        "diagnosis/report.html",
+        path,
+        curves=payload(diagnosis) | {"arm": arm_scene(diagnosis)},
+        actions=actions(diagnosis),
+        document=diagnosis.document,
+        changes=[capital(change_text(entry)) for entry in changes],
+        **made,
+    )
+
+
+# The summary of a diagnosis for a terminal, 80 columns wide.
+
+
+_COLOURS = {
+    "effects_found": "bold cyan",
+    "no_gap": "bold green",
+    "unexplained": "bold yellow",
+}
+
+
+def print_summary(document: Mapping[str, Any], console: Console) -> None:
+    """Print verdict, effects, gap per joint, what is possible, what is open and the warnings."""
+    label = Text(VERDICTS[document["verdict"]], style=_COLOURS[document["verdict"]])
+    console.print(Text.assemble((document["case"], "bold"), ": ", label))
+    console.print(Text(verdict_sentence(document)))
+    if "against" in document:
+        name, count = (
+            document["against"]["reference"],
+            len(document["against"]["recordings"]),
+        )
+        text = f"{name} ({count} recording{'s' if count != 1 else ''}); effects are changes since then"
+        _labelled(console, "Compared with", text)
+    for entry in document.get("changes", []):
+        _labelled(console, "Changed during a recording", change_text(entry))
+    if document["effects"]:
+        console.print()
+        console.print(_effects(document))
+    console.print()
+    console.print(_joint_table(document))
+    if "sides" in document:
+        console.print()
+        _labelled(console, "By the torque sensors", sides_sentence(document))
+    if document["possible"]:
+        console.print()
+    for text in possible_texts(document):
+        _labelled(console, "Possible, not confirmed", text)
+    if document["verdict"] != "no_gap":
+        console.print()
+        _labelled(console, "Unexplained", unexplained_sentence(document))
+    friction = nominal_friction_sentence(document)
+    if friction is not None:
+        _labelled(console, "Nominal friction", friction)
+    bent = presliding_sentence(document)
+    if bent is not None:
+        _labelled(console, "Dry friction builds up over", bent)
+    if document["next_recording"]:
+        _labelled(console, "Next recording", document["next_recording"])
+    for warning in document.get("warnings", []):
+        _labelled(console, "Warning", warning, "yellow")
+
+
+def _effects(document: Mapping[str, Any]) -> Table:
+    """One row per parameter of each effect."""
+    table = _table()
+    table.add_column("Effect", max_width=22)
+    table.add_column("Joints", max_width=9)
+    table.add_column("Value ± std")
+    table.add_column("Prob.", justify="right", no_wrap=True)
+    table.add_column("Share", justify="right", no_wrap=True)
+    for effect in document["effects"]:
+        place = acts_on(effect).removeprefix("the whole ")
+        joints = ", ".join(joint_ranges(effect["joints"]))
+        if not joints or place.startswith("motor"):
+            joints = place
+        lines = [f"{value.name} {value.text}" for value in parameter_texts(effect)]
+        values = "\n".join([*lines, *holds_in(effect)])
+        table.add_row(
+            Text(capital(effect_name(effect["effect"]))),
+            joints,
+            Text(values),
+            percent(effect["probability"]),
+            percent(effect["share"]),
+        )
+    return table
+
+
+def _joint_table(document: Mapping[str, Any]) -> Table:
+    """Torque NRMSE of each joint before, after, and its floor."""
+    table = _table()
+    table.add_column("Joint", no_wrap=True)
+    table.add_column("", max_width=30, no_wrap=True)
+    for name in ("before", "after", "floor"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for joint, (name, gaps) in enumerate(
+        zip(joint_names(document), gap_rows(document), strict=True), 1
+    ):
+        table.add_row(
+            str(joint), Text(name, overflow="ellipsis"), *(nrmse(gap) for gap in gaps)
+        )
+    table.title = Text("Torque gap (NRMSE, on data not used to fit)", style="bold")
+    closed = document["closed"]
+    if closed is not None and document["verdict"] != "no_gap":
+        table.caption = Text(f"{percent(closed)} of the gap above the floor is closed")
+    return table
+
+
+def _table() -> Table:
+    return Table(
+        box=None,
+        padding=(0, 2, 0, 0),
+        title_justify="left",
+        caption_justify="left",
+        header_style="dim",
+    )
+
+
+def _labelled(console: Console, label: str, text: str, style: str = "bold") -> None:
+    console.print(Text.assemble((f"{label}:", style), " ", text))
+
+
+# A diagnosis as files: ``report.html``, ``diagnosis.json`` and ``corrected.yaml``.
+
+
+DOCUMENT, REPORT, CORRECTED = "diagnosis.json", "report.html", "corrected.yaml"
+CASE, URDF = "identified_case.yaml", "identified.urdf"
+"""The nominal arm that was identified on a reference."""
+
+
+def write_diagnosis(result: Diagnosis, folder: Path) -> tuple[Path, ...]:
+    """Write the corrected arm, the report and, as the last, ``diagnosis.json``.
+
+    Returns:
+        The files, the report first.
+
+    Raises:
+        GapscopeError: the document is not valid, or a file cannot be written.
+    """
+    return _write(result, result.effects, folder)
+
+
+def write_change(change: Change, case_file: Path, folder: Path) -> tuple[Path, ...]:
+    """Write what ``write_diagnosis`` writes and the arm identified on the reference.
+
+    ``identified_case.yaml`` is the case with the identified arm as its nominal one; with ``corrected.yaml`` as model it
+    predicts the torque recorded in the case. Its URDF is there already. A reference that was identified in this run is
+    kept in the folder ``identified``.
+
+    Args:
+        change: what changed since the reference.
+        case_file: the case file, whose recordings the new case names.
+        folder: of the results.
+
+    Returns:
+        The files, the report first.
+
+    Raises:
+        GapscopeError: the document is not valid, or a file cannot be written.
+    """
+    write_case_beside(change.case.arm, case_file, folder / CASE, URDF)
+    kept = []
+    if change.reference.file is None:
+        kept.append(write_reference(change.reference, folder / FOLDER))
+    paths = _write(change.diagnosis, change.effects, folder, CASE, change.remainder)
+    return (*paths, folder / CASE, folder / URDF, *kept)
+
+
+def _write(
+    result: Diagnosis,
+    effects: Sequence[AppliedEffect],
+    folder: Path,
+    corrects: str | None = None,
+    remainder: np.ndarray | None = None,
+) -> tuple[Path, ...]:
+    write_corrected(
+        str(result.document["case"]),
+        tuple(effects),
+        folder / CORRECTED,
+        presliding=result.presliding,
+        corrects=corrects,
+        remainder=remainder,
+        states=result.states,
+    )
+    render(result, folder / REPORT)
+    write_document(result.document, folder / DOCUMENT)
+    return folder / REPORT, folder / DOCUMENT, folder / CORRECTED

@@ -1,0 +1,189 @@
+"""A fleet as a page and on the terminal: what changed, which units are worst, what units share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+from markupsafe import Markup
+from rich.console import Console
+from rich.table import Table
+
+from gapscope.arm.display import display_unit, effect_name, nrmse, percent, uncertain
+from gapscope.diagnosis.document.wording import VERDICTS, capital
+from gapscope.reports.pages import write_html
+
+# A fleet in words: its headline, places of effects, values and changes.
+
+
+Entry = Mapping[str, Any]
+
+
+def headline(content: Entry) -> str:
+    """What a fleet's document says, in one sentence."""
+    units = _count(content["units"], "unit")
+    cases = _count(content["cases"], "case")
+    changed = len({change["unit"] for change in content["changes"]})
+    what = f"{_count(changed, 'unit')} changed" if changed else "no unit changed"
+    failed = (
+        f"; {_count(content['failed'], 'case')} failed" if content["failed"] else ""
+    )
+    return f"{units} in {cases}: {what}{failed}"
+
+
+def place_words(entry: Entry) -> str:
+    """Where an effect acts."""
+    if entry["joint"]:
+        return f"joint {entry['joint']}"
+    return f"link {entry['link']}" if entry["link"] else "the whole arm"
+
+
+def value_words(value: float, std: float | None, unit: str) -> str:
+    """A value with its deviation in a readable unit."""
+    factor, shown = display_unit(unit, abs(value))
+    text = uncertain(factor * value, None if std is None else factor * std)
+    return f"{text} {shown}".strip()
+
+
+def change_words(change: Entry) -> str:
+    """What changed, from what to what."""
+    before, after = change["before"], change["after"]
+    if change["kind"] != "value":
+        shares = f"{percent(before['value'])} to {percent(after['value'])}"
+        return f"{change['kind']}: named in {shares} of the diagnoses"
+    name = f"{change['parameter'].replace('_', ' ')} {change['component']}".strip()
+    values = [
+        value_words(v["value"], v["std"], change["si_unit"]) for v in (before, after)
+    ]
+    return f"{name} from {values[0]} to {values[1]}"
+
+
+def change_line(change: Entry) -> str:
+    """A change as a line of the terminal."""
+    effect = capital(effect_name(change["effect"]))
+    dates = f"between {change['last_before']} and {change['first_after']}"
+    where = place_words(change)
+    return f"{change['unit']}: {effect}, {where}, {change_words(change)}, {dates}"
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+# A history as a small drawing: points with intervals, and the means before and after its change.
+
+
+WIDTH, HEIGHT, EDGE = 220, 46, 4
+"""Size of the drawing and its margin [pixels]."""
+INTERVAL = 1.96
+"""Standard deviations to each side of an interval of 95 % [1]."""
+
+
+def sparkline(change: Mapping[str, Any]) -> Markup:
+    """The history of a change as SVG, in colours of the page."""
+    points = change["history"]
+    days = [date.fromisoformat(point["date"]).toordinal() for point in points]
+    x = _scaled(days, WIDTH)
+    reach = [INTERVAL * (point["std"] or 0.0) for point in points]
+    values = [point["value"] for point in points]
+    low = [value - r for value, r in zip(values, reach, strict=True)]
+    high = [value + r for value, r in zip(values, reach, strict=True)]
+    means = [change["before"]["value"], change["after"]["value"]]
+    # upwards on the screen is downwards in its coordinates
+    y = [HEIGHT - v for v in _scaled([*values, *low, *high, *means], HEIGHT)]
+    count = len(points)
+    bars = zip(x, y[count : 2 * count], y[2 * count : 3 * count], strict=True)
+    parts = [
+        f'<path class="bars" d="{" ".join(f"M{a:.1f} {b:.1f}V{c:.1f}" for a, b, c in bars)}"/>'
+    ]
+    parts += [
+        f'<circle cx="{a:.1f}" cy="{b:.1f}" r="2"/>' for a, b in zip(x, y, strict=False)
+    ]
+    split = sum(point["date"] <= change["last_before"] for point in points)
+    spans = ((0, max(split - 1, 0)), (min(split, count - 1), count - 1))
+    for (first, last), level in zip(spans, y[3 * count :], strict=True):
+        parts.append(
+            f'<path class="mean" d="M{x[first] - 2:.1f} {level:.1f}H{x[last] + 2:.1f}"/>'
+        )
+    label = f"{count} diagnoses, {points[0]['date']} to {points[-1]['date']}"
+    # all parts are numbers and dates
+    return Markup(
+        f'<svg class="sparkline" role="img" aria-label="{label}" width="{WIDTH}" height="{HEIGHT}">'
+        f"<title>{label}</title>{''.join(parts)}</svg>"
+    )
+
+
+def _scaled(numbers: Sequence[float], size: int) -> list[float]:
+    """Numbers as pixels from one margin to the other; in the middle if all are the same."""
+    least, most = min(numbers), max(numbers)
+    if most == least:
+        return [size / 2] * len(numbers)
+    scale = (size - 2 * EDGE) / (most - least)
+    return [EDGE + scale * (number - least) for number in numbers]
+
+
+# The page of a fleet: ``fleet.html``.
+
+
+REPORT, DOCUMENT = "report.html", "diagnosis.json"
+KINDS = {
+    "shared": "on all units, alike",
+    "shared_differing_size": "on all units, of different size",
+    "some_units": "on some units",
+    "one_unit": "on one unit",
+}
+
+
+def render_fleet(content: Mapping[str, Any], path: Path, *, reports: bool) -> None:
+    """Write the page.
+
+    Args:
+        content: of ``fleet.json``.
+        path: the page, in the folder of the results.
+        reports: whether diagnoses were kept with their reports, which are linked then.
+
+    Raises:
+        GapscopeError: ``path`` cannot be written.
+    """
+    write_html(
+        "fleet/fleet.html",
+        path,
+        fleet=content,
+        headline=headline(content),
+        kinds=KINDS,
+        verdicts=VERDICTS,
+        place=place_words,
+        change_words=change_words,
+        value_words=value_words,
+        sparkline=sparkline,
+        false_share=percent(content["false_share"]),
+        linked=REPORT if reports else DOCUMENT,
+    )
+
+
+# A fleet on the terminal: what changed, and the worst units.
+
+
+SHOWN = 10
+"""Changes and units that are shown [1]."""
+
+
+def print_fleet(content: Mapping[str, Any], console: Console) -> None:
+    """Print the first lines of ``fleet.json``."""
+    lines = [capital(headline(content))]
+    lines += [change_line(change) for change in content["changes"][:SHOWN]]
+    for line in lines:
+        console.print(line, highlight=False, markup=False)
+    if content["worst"]:
+        console.print(_worst(content))
+
+
+def _worst(content: Mapping[str, Any]) -> Table:
+    table = Table("unit", "last", "verdict", "effects", "gap above floor", box=None)
+    for row in content["worst"][:SHOWN]:
+        effects = ", ".join(effect_name(effect) for effect in row["effects"])
+        verdict = VERDICTS[row["verdict"]]
+        table.add_row(row["unit"], row["date"], verdict, effects, nrmse(row["excess"]))
+    return table

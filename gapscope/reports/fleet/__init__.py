@@ -1,1 +1,0 @@
-"""A fleet as a page and in the terminal: what changed, which units are worst, what units share."""

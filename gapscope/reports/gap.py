@@ -1,0 +1,135 @@
+"""The gap of a case as tables and files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from gapscope.arm.case import Case
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import GapscopeError
+from gapscope.arm.recording import Recording
+from gapscope.diagnosis.assessment.replay_gap import attempt
+from gapscope.diagnosis.gap.plausible_data import check_rates
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.envs.replay import HORIZON, Replay
+from gapscope.model.conditioning import condition
+from gapscope.model.torque_gap import torque_gap
+
+# The gap as tables on the terminal.
+
+
+def gap_tables(document: dict[str, Any]) -> Group:
+    """Torque NRMSE and replay gap as tables, one row per recording, and why a recording was not replayed."""
+    count = len(document["joints"])
+    torque = _table(f"torque NRMSE of {document['case']}", count)
+    replays = _table(f"replay gap in {_unit(document['sliding'])}", count)
+    notes = []
+    for row in document["recordings"]:
+        name = row["recording"]
+        torque.add_row(name, *(f"{value:.3f}" for value in row["torque_nrmse"]))
+        if row["replay_rmse"] is None:
+            notes.append(Text(f"{name} was not replayed: {row['replayed']}"))
+        else:
+            angles = (f"{1e3 * value:.3g}" for value in row["replay_rmse"])
+            replays.add_row(name, *angles)
+    tables = [torque, replays] if replays.row_count else [torque]
+    return Group(*tables, *notes)
+
+
+def _unit(sliding: Sequence[object]) -> str:
+    """Unit of a thousandth of what positions count in, if some joints slide."""
+    return "mrad, of sliding joints in mm" if sliding else "mrad"
+
+
+def _table(title: str, joints: int) -> Table:
+    """An empty table with a column per joint."""
+    table = Table(title=title, title_justify="left")
+    table.add_column("recording")
+    for number in range(1, joints + 1):
+        table.add_column(f"J{number}", justify="right")
+    return table
+
+
+def replay_line(replayed: Replay) -> str:
+    """One line on a replay: its gap per joint, and what moved the arm."""
+    how = (
+        "through the controller"
+        if replayed.through_controller
+        else f"recorded torque, every {HORIZON:g} s anew"
+    )
+    gaps = ", ".join(f"J{j} {1e3 * gap:.3g}" for j, gap in enumerate(replayed.rmse, 1))
+    return f"replay gap in {_unit([s for s in replayed.sliding if s])}, {how}: {gaps}"
+
+
+# The gap of a case as data, for JSON and for tables.
+
+
+def gap_document(case: Case, corrected: CorrectedArm) -> dict[str, Any]:
+    """Both gaps per recording and joint: ``torque_nrmse`` [1], ``torque_rmse`` [N m] and ``replay_rmse`` [rad].
+
+    ``replayed`` says how: through the ``controller`` if it and the reference are known, else under the recorded
+    ``torque`` over short horizons, or why not; ``replay_rmse`` is null then. ``warnings`` are what was noticed while
+    the recordings were read.
+
+    Raises:
+        GapscopeError: no recording carries a torque.
+        InputError: the stamps of one give a rate at which no robot is logged.
+    """
+    check_rates(case)
+    roles = [(recording, "fit") for recording in case.recordings]
+    roles += [(recording, "judge") for recording in case.judged]
+    measured = [
+        (recording, role) for recording, role in roles if recording.tau is not None
+    ]
+    if not measured:
+        raise GapscopeError(
+            f"{case.name}: no recording carries a torque", "; ".join(case.warnings)
+        )
+    body = RigidBody(case.arm)
+    rows = [
+        {"recording": recording.name, "role": role}
+        | _torque(recording, corrected, body)
+        | _replay(recording, case, corrected)
+        for recording, role in measured
+    ]
+    return {
+        "schema": 1,
+        "case": case.name,
+        "joints": list(case.arm.joints),
+        "sliding": [j for j, slides in enumerate(case.arm.sliding, 1) if slides],
+        "recordings": rows,
+        "warnings": [
+            *(f"{r.name}: {note}" for r, _ in roles for note in r.notes),
+            *filter(None, (corrected.taken_as(r.name) for r, _ in measured)),
+        ],
+    }
+
+
+def _torque(
+    recording: Recording, corrected: CorrectedArm, body: RigidBody
+) -> dict[str, Any]:
+    found = torque_gap(corrected, body, condition(recording))
+    return {"torque_nrmse": found.nrmse.tolist(), "torque_rmse": found.rmse.tolist()}
+
+
+def _replay(
+    recording: Recording, case: Case, corrected: CorrectedArm
+) -> dict[str, Any]:
+    replayed, problem, _ = attempt(
+        case,
+        corrected.effects,
+        recording,
+        residual=corrected.residual,
+        states=corrected.states,
+    )
+    through_controller = case.controller is not None and recording.q_ref is not None
+    how = "controller" if through_controller else "torque"
+    return {
+        "replay_rmse": None if replayed is None else replayed.tolist(),
+        "replayed": problem or how,
+    }

@@ -1,0 +1,647 @@
+"""An identification as a page, on the terminal and as files."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from gapscope.arm.display import MISSING, uncertain
+from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.json_file import plain
+from gapscope.arm.joint_units import common_unit
+from gapscope.effects.corrected_file import write_corrected
+from gapscope.ident.checks.troubleshooting import FOUND, WORSE, Row
+from gapscope.ident.identification import Identification
+from gapscope.ident.kalman.review import FilterReview
+from gapscope.ident.output.identification_json import (
+    document,
+    filter_document,
+    write_base,
+    write_document,
+)
+from gapscope.ident.output.identified_arm import (
+    effects,
+    identified_bodies,
+    presliding,
+    urdf_text,
+    with_sheet,
+    write_case_beside,
+)
+from gapscope.ident.uncertainty.examination import CONDITION_LIMIT, Validation
+from gapscope.model.change_findings import change_findings, change_text
+from gapscope.reports.diagnosis import encode, keep_extremes
+from gapscope.reports.pages import percent_with_decimal, write_html
+
+# An identification as a page and on the terminal.
+
+
+# The section on the Kalman filter: a sentence, the innovations per joint, and curves of the estimates over time.
+
+
+FILTER_POINTS = 1500
+"""Most points of the innovations of one joint."""
+
+
+def filter_sentence(document: dict[str, Any]) -> str:
+    """What the filter did, in words, from the document of the identification."""
+    shown = document["filter"]
+    whole = shown["elapsed"][-1]
+    parts = [f"does not converge in {whole:.3g} s"]
+    if shown["converged"] is not None:
+        parts = [f"converges after {shown['converged']:.3g} s of {whole:.3g} s"]
+    level = shown["process_noise"]
+    wander = (
+        f"friction wanders by {100 * level:.2g} % in a second" if level else "no drift"
+    )
+    parts.append(wander)
+    unlike = [
+        j for j, white in enumerate(shown["innovations"]["white"], 1) if not white
+    ]
+    joints = ", ".join(map(str, unlike))
+    parts.append(
+        f"innovations not white on joint {joints}" if unlike else "white innovations"
+    )
+    count = len(shown["departures"])
+    departs = "no parameter departs from the batch"
+    if count:
+        worst = shown["departures"][0]
+        departs = (
+            f"{count} of {len(shown['parameters'])} parameters depart from the batch, {worst['expression']} farthest "
+            f"at {worst['time']:.3g} s of {worst['recording']}"
+        )
+    return "; ".join((*parts, departs))
+
+
+def innovation_rows(document: dict[str, Any]) -> list[dict[str, Any]]:
+    """A row per joint: RMS over the batch's residual, whiteness, and how many samples count as one."""
+    found = document["filter"]["innovations"]
+    keys = ("rms", "white", "largest_autocorrelation", "samples_per_independent")
+    columns = zip(*(found[key] for key in keys), strict=True)
+    return [
+        {
+            "label": f"J{j}",
+            "rms": rms,
+            "white": white,
+            "largest": largest,
+            "count": count,
+        }
+        for j, (rms, white, largest, count) in enumerate(columns, 1)
+    ]
+
+
+def filter_curves(result: Identification) -> dict[str, Any]:
+    """What the figures draw: each parameter with its band and the batch, and each joint's innovations."""
+    review = result.filtered
+    track = review.followed.track
+    expressions = result.base.expressions(1e-2)
+    names = [result.base.names[k] for k in result.base.kept]
+    nominal = result.base.of(result.columns.nominal(result.choice.law))
+    parameters = [
+        {
+            "name": names[i],
+            "expression": expression,
+            "value": encode(track.value[:, i]),
+            "std": encode(track.deviation[:, i]),
+            "batch": float(review.batch[i]),
+            "nominal": float(nominal[i]),
+        }
+        for i, expression in enumerate(expressions)
+    ]
+    start = review.converged
+    return {
+        "elapsed": encode(review.elapsed),
+        "parameters": parameters,
+        "first": _first(review, names),
+        "innovations": _innovations(review),
+        "converged": None if start is None else float(review.elapsed[start]),
+        "changes": _changes(review),
+        "starts": _starts(review),
+    }
+
+
+def _first(review: FilterReview, names: list[str]) -> int:
+    """The parameter that is drawn at first: one that changed, or that departs, or friction of the first joint."""
+    for moved in review.moved:
+        return int(np.abs(moved / review.followed.track.deviation[-1]).argmax())
+    if review.departures:
+        return review.departures[0].parameter
+    friction = [i for i, name in enumerate(names) if name[0] in "bc"]
+    return friction[0] if friction else 0
+
+
+def _innovations(review: FilterReview) -> list[dict[str, str]]:
+    """Each joint's innovations over the elapsed time."""
+    followed = review.followed
+    t = followed.problem.interval * np.arange(len(followed.innovation))
+    joints = []
+    for series in followed.innovation.T:
+        keep = keep_extremes([series], FILTER_POINTS)
+        joints.append({"t": encode(t[keep]), "value": encode(series[keep])})
+    return joints
+
+
+def _changes(review: FilterReview) -> list[dict[str, Any]]:
+    """Moments of the changes in elapsed time, in words."""
+    return [
+        {
+            "elapsed": _elapsed(review, entry["recording"], entry["time"]),
+            "text": change_text(entry),
+        }
+        for entry in change_findings(review.changes)
+    ]
+
+
+def _elapsed(review: FilterReview, recording: str, time: float) -> float:
+    """Elapsed time of a moment of a recording [s]."""
+    own = np.array([name == recording for name in review.recordings])
+    return float(np.interp(time, review.times[own], review.elapsed[own]))
+
+
+def _starts(review: FilterReview) -> list[dict[str, Any]]:
+    """Where recordings after the first begin, in elapsed time."""
+    names = review.recordings
+    edges = [k for k in range(1, len(names)) if names[k] != names[k - 1]]
+    return [{"elapsed": float(review.elapsed[k - 1]), "name": names[k]} for k in edges]
+
+
+# What the figures draw: torque over time and the residual over speed, as base64 of float32.
+
+
+POINTS = 3000
+"""Most points of one curve over time."""
+DOTS = 1200
+"""Most points of one cloud."""
+FLOOR = 1e-8
+"""Where the spectrum ends at the bottom [1]."""
+
+
+def payload(result: Identification) -> dict[str, Any]:
+    """All that the script of the report draws, as JSON-ready values."""
+    names = result.case.arm.joints
+    judged = result.validation[1]
+    worst = int(np.nanargmax(judged.every.relative))
+    groups = [
+        _group(validation, a, b, k)
+        for validation in result.validation[::-1]
+        for k, (a, b) in _spans(validation)
+    ]
+    return {
+        "joints": [f"J{j + 1} {name}" for j, name in enumerate(names)],
+        "worst": worst,
+        "slides": list(result.case.arm.sliding),
+        "groups": groups,
+        "spectrum": [
+            float(x) for x in np.maximum(result.examined.shown.singular_values, FLOOR)
+        ],
+        "limit": 1 / CONDITION_LIMIT,
+        "filter": filter_curves(result),
+    }
+
+
+def _spans(validation: Validation) -> list[tuple[int, tuple[int, int]]]:
+    return list(enumerate(pairwise(validation.edges), 1))
+
+
+def _group(validation: Validation, a: int, b: int, number: int) -> dict[str, Any]:
+    """One segment: per joint the curves over time, and the residual over the speed."""
+    joints = []
+    t = validation.t[a:b]
+    for j in range(validation.torque.shape[1]):
+        torque, predicted, before, speed = (
+            x[a:b, j]
+            for x in (
+                validation.torque,
+                validation.predicted,
+                validation.before,
+                validation.velocity,
+            )
+        )
+        keep = keep_extremes([torque, torque - predicted], POINTS)
+        dots = np.unique(np.linspace(0, b - a - 1, min(b - a, DOTS)).astype(int))
+        joints.append(
+            {
+                "t": encode(t[keep]),
+                "recorded": encode(torque[keep]),
+                "identified": encode(predicted[keep]),
+                "nominal": encode(before[keep]),
+                "speed": encode(speed[dots]),
+                "left": encode((torque - predicted)[dots]),
+            }
+        )
+    role = {"fit": "fitted", "judge": "unseen"}[validation.role]
+    names = ", ".join(validation.recordings)
+    return {
+        "name": f"{names}, part {number} ({role})"
+        if len(validation.edges) > 2
+        else f"{names} ({role})",
+        "joints": joints,
+    }
+
+
+# What the tables of the report say, made of the document alone.
+
+
+_FRICTION = (
+    ("I", "rotor inertia", "kg m^2"),
+    ("b", "viscous", "N m s/rad"),
+    ("c", "Coulomb", "N m"),
+    ("d", "Stribeck", "N m"),
+    ("s", "saturating", "N m"),
+    ("o", "offset", "N m"),
+)
+
+
+def joint_slides(document: dict[str, Any]) -> list[bool]:
+    """Whether each joint slides."""
+    sliding, count = document["arm"].get("sliding", []), len(document["arm"]["joints"])
+    return [joint in sliding for joint in range(1, count + 1)]
+
+
+def heading(document: dict[str, Any]) -> dict[str, Any]:
+    """Verdict as a label, and a sentence."""
+    judged = document["validation"][1]
+    asks = bool(document["questions"])
+    count, total = document["base"]["count"], len(document["parameters"])
+    return {
+        "label": "A question first" if asks else "Identified",
+        "badge": "unexplained" if asks else "effects_found",
+        "sentence": (
+            f"{count} base parameters of {total}. On samples that were not fitted the identified arm is off by "
+            f"{percent_with_decimal(judged['every']['overall'])} of the torque, the nominal arm by "
+            f"{percent_with_decimal(judged['nominal']['overall'])}."
+        ),
+        "unseen": judged["every"]["overall"],
+        "moving": judged["moving"]["overall"],
+        "fitted": document["validation"][0]["every"]["overall"],
+        "nominal": judged["nominal"]["overall"],
+    }
+
+
+def joints(document: dict[str, Any]) -> dict[str, Any]:
+    """Errors per joint on held-out samples, and the scale of their bars."""
+    judged = document["validation"][1]
+    rows = [
+        {
+            "label": f"J{j}",
+            "name": name,
+            "nominal": before,
+            "identified": after,
+            "moving": moving,
+        }
+        for j, (name, before, after, moving) in enumerate(
+            zip(
+                document["arm"]["joints"],
+                judged["nominal"]["relative"],
+                judged["every"]["relative"],
+                judged["moving"]["relative"],
+                strict=True,
+            ),
+            1,
+        )
+    ]
+    known = [
+        x for row in rows for x in (row["nominal"], row["identified"]) if x is not None
+    ]
+    return {"rows": rows, "scale": max(known, default=1.0) or 1.0}
+
+
+def friction(document: dict[str, Any]) -> dict[str, Any]:
+    """Rotor inertia, friction and offset: a column each, a row per joint and coupled motor."""
+    found = {p["name"]: p for p in document["parameters"]}
+    slides = joint_slides(document)
+    labels = [str(j + 1) for j in range(len(document["arm"]["joints"]))]
+    labels += sorted(
+        {
+            name.lstrip("Ibcd")
+            for name in found
+            if name.endswith("m") and name[0] in "Ibcd"
+        }
+    )
+    shown = [
+        entry
+        for entry in _FRICTION
+        if any(f"{entry[0]}{label}" in found for label in labels)
+    ]
+    rows = [
+        {
+            "label": f"J{label}" if not label.endswith("m") else f"motor {label[:-1]}",
+            "cells": [_value(found.get(f"{symbol}{label}")) for symbol, _, _ in shown],
+        }
+        for label in labels
+    ]
+    return {
+        "columns": [
+            {
+                "symbol": s,
+                "name": name,
+                "unit": common_unit(unit, slides).replace("^2", "²"),
+            }
+            for s, name, unit in shown
+        ],
+        "rows": rows,
+    }
+
+
+def _value(parameter: dict[str, Any] | None) -> dict[str, str]:
+    if parameter is None:
+        return {"text": MISSING, "status": ""}
+    return {
+        "text": uncertain(parameter["value"], parameter["std"]),
+        "status": parameter["status"],
+    }
+
+
+def links(document: dict[str, Any]) -> list[dict[str, Any]]:
+    """Per link mass, moments and checks, with how many of its ten parameters were recovered."""
+    parameters = document["parameters"]
+    out = []
+    for k, link in enumerate(document["links"]):
+        own = parameters[10 * k : 10 * k + 10]
+        out.append(
+            link
+            | {
+                "nominal": own[0]["nominal"],
+                "recovered": sum(p["status"] == "recovered" for p in own),
+                "hidden": sum(p["status"] == "not identifiable" for p in own),
+            }
+        )
+    return out
+
+
+# What the report says of identifiability, segments and torque intervals, made of the document alone.
+
+
+def identifiability(document: dict[str, Any]) -> dict[str, Any]:
+    """Sentences, and the parameters by their standing."""
+    shown, base = document["identifiability"], document["base"]
+    standing: dict[str, list[str]] = {
+        "recovered": [],
+        "only in combination": [],
+        "not identifiable": [],
+    }
+    for parameter in document["parameters"]:
+        standing[parameter["status"]].append(parameter["name"])
+    high = base["condition"] > shown["condition_limit"]
+    return {
+        "standing": [
+            {"status": key, "names": names} for key, names in standing.items()
+        ],
+        "high": high,
+        "limit": shown["condition_limit"],
+        "rank": (
+            f"The arm has {shown['structural']} base parameters; the fitted samples determine {shown['rank']} of them."
+        ),
+        "essential": _essential(document),
+        "groups": _groups(document),
+    }
+
+
+def _essential(document: dict[str, Any]) -> str:
+    found, count = document["essential"], document["base"]["count"]
+    if found is None:
+        return "Essential parameters could not be told: the samples do not suffice."
+    if not found["dropped"]:
+        return f"All {count} are essential: each is known well enough, or the torque needs it."
+    return (
+        f"{len(found['names'])} of {count} are essential; without the other {len(found['dropped'])} the residual grows "
+        f"by {100 * found['residual_growth']:.1f} %."
+    )
+
+
+def _groups(document: dict[str, Any]) -> str:
+    found = document["repeated_groups"]
+    if found is None:
+        return "Segments could not be compared: one of them does not determine the parameters by itself."
+    return (
+        f"Identified from each of {found['count']} segments by itself: variance between them over the variance that "
+        f"they state is {found['ratio']:.2g}; {found['meaning']}."
+    )
+
+
+def intervals(document: dict[str, Any]) -> list[dict[str, Any]]:
+    """Rows of the table of torque intervals: a label and a number per joint; empty if there are none."""
+    found = document["torque_interval"]
+    if found is None:
+        return []
+    unit = common_unit("N m", joint_slides(document))
+    return [
+        {
+            "label": "half width, the arm's torque",
+            "unit": unit,
+            "values": found["half_width"],
+        },
+        {
+            "label": "half width, torque as recorded",
+            "unit": unit,
+            "values": found["half_width_recorded"],
+        },
+        {
+            "label": "model error, standard deviation",
+            "unit": unit,
+            "values": found["model_error"],
+        },
+        {"label": "noise, standard deviation", "unit": unit, "values": found["noise"]},
+    ]
+
+
+# Renders an identification into one self-contained HTML file, in the style of the diagnosis.
+
+
+def render(
+    result: Identification, document: Mapping[str, Any], path: Path | str
+) -> None:
+    """Write the report; the file loads nothing from elsewhere.
+
+    Args:
+        result: what was identified, for the curves.
+        document: its document, for the tables.
+        path: of the file.
+
+    Raises:
+        GapscopeError: ``path`` cannot be written.
+    """
+    content = plain(document, null_if_not_finite=True)
+    found = [row for row in content["troubleshooting"] if row["verdict"] == FOUND]
+    write_html(
+        "identification/report.html",
+        path,
+        curves=payload(result),
+        document=content,
+        heading=heading(content),
+        joints=joints(content),
+        friction=friction(content),
+        force=common_unit("N m", joint_slides(content)),
+        speed_force=common_unit("N m s/rad", joint_slides(content)),
+        links=links(content),
+        shown=identifiability(content),
+        intervals=intervals(content),
+        found=found,
+        filter_sentence=filter_sentence(content),
+        innovations=innovation_rows(content),
+    )
+
+
+# An identification on the terminal: errors per joint, what was fitted and found, questions and warnings.
+
+
+MAX_WARNING = 160
+"""Longest warning [characters]; the report has all of it."""
+MAX_NAMES = 3
+"""Most recordings that are named one by one."""
+
+
+def summary(result: Identification) -> Group:
+    """The table of errors per joint, and lines on what was fitted, found, asked, and what is doubtful.
+
+    Before them, if the nominal arm predicts what was held out better, that it does.
+    """
+    found = [row for row in result.table if row.verdict == FOUND]
+    warnings = [text for text in result.warnings if not _repeats(text, found)]
+    lines = [
+        *_facts(result),
+        *(f"asks: {question}" for question in result.questions),
+        *(f"found: {row.entry.cause}{_on_joints(row.joints)}" for row in found),
+        *(f"warning: {shortened(warning)}" for warning in warnings),
+    ]
+    first = [f"warning: {text}" for text in warnings if text.startswith(WORSE)]
+    rest = [line for line in lines if WORSE not in line]
+    return Group(*map(Text, first), _errors(result), *map(Text, rest))
+
+
+def _errors(result: Identification) -> Table:
+    """Relative error of the torque per joint, before and after, on fitted and held-out samples."""
+    fit, held_out = result.validation
+    title = f"RMS residual over RMS torque of {result.case.name} [%]"
+    table = Table(title=title, title_justify="left", padding=(0, 0, 0, 1))
+    table.add_column("", no_wrap=True)
+    for number in range(1, result.case.arm.n_joints + 1):
+        table.add_column(f"J{number}", justify="right")
+    table.add_column("all", justify="right")
+    for label, errors in (
+        ("nominal, held out", held_out.nominal),
+        ("fitted", fit.every),
+        ("held out", held_out.every),
+        ("held out, moving", held_out.moving),
+    ):
+        values = (_percent(value) for value in errors.relative)
+        table.add_row(label, *values, _percent(errors.overall))
+    return table
+
+
+def _facts(result: Identification) -> list[str]:
+    """Which recordings were fitted and held out, and the size and condition of the problem."""
+    fit, held_out = result.validation
+    base, cutoff = result.base, result.settings.cutoff
+    moved = () if result.moved is None else (_moved(result, result.moved),)
+    document = {"filter": filter_document(result.filtered, base.expressions(1e-2))}
+    return [
+        f"fitted {_named(fit.recordings)}; held out {_named(held_out.recordings)}",
+        f"{base.count} base parameters of {len(base.names)}, condition number {result.condition:.3g}; "
+        f"friction: {result.choice.law}; cut-off {cutoff:.3g} Hz",
+        *moved,
+        f"Kalman filter: {filter_sentence(document)}",
+    ]
+
+
+def _moved(result: Identification, moved: np.ndarray) -> str:
+    """Which base parameters a partial update moved."""
+    names = [n for n, m in zip(result.estimate.names, moved, strict=True) if m]
+    which = f": {', '.join(names)}" if names else ""
+    return shortened(
+        f"partial update: {len(names)} of {len(moved)} base parameters moved, the others stay nominal{which}"
+    )
+
+
+def shortened(warning: str, limit: int = MAX_WARNING) -> str:
+    """The first clauses of a warning, as many as ``limit`` characters hold, or words of the first clause."""
+    first, *others = warning.split("; ")
+    kept = first
+    for clause in others:
+        if len(kept) + 2 + len(clause) > limit:
+            break
+        kept = f"{kept}; {clause}"
+    return textwrap.shorten(kept, limit, placeholder=" ...")
+
+
+def _repeats(warning: str, found: Sequence[Row]) -> bool:
+    """Whether a warning says no more than a row that is shown."""
+    return any(warning.startswith(row.entry.cause) for row in found)
+
+
+def _named(recordings: Sequence[str]) -> str:
+    """Names of recordings, or how many there are."""
+    if len(recordings) <= MAX_NAMES:
+        return ", ".join(recordings)
+    return f"{len(recordings)} recordings, {recordings[0]} first"
+
+
+def _on_joints(joints: tuple[int, ...]) -> str:
+    return f", joint {', '.join(map(str, joints))}" if joints else ""
+
+
+def _percent(value: float) -> str:
+    is_nan = value != value
+    return "–" if is_nan else f"{100 * value:.1f}"
+
+
+# An identification as files: report, document, and the identified arm as a case that other commands read.
+
+
+DOCUMENT, REPORT, EFFECTS = "identification.json", "report.html", "identified.yaml"
+CASE, URDF, BASE = "identified_case.yaml", "identified.urdf", "base_parameters.npz"
+FILES = {
+    "report": REPORT,
+    "urdf": URDF,
+    "case": CASE,
+    "effects": EFFECTS,
+    "base": BASE,
+}
+"""What is written beside the document, by purpose."""
+
+
+def write_identification(
+    result: Identification,
+    case_file: Path,
+    folder: Path,
+) -> tuple[Path, ...]:
+    """Write report, identified arm and, as the last, ``identification.json``.
+
+    The identified arm is a URDF of consistent bodies, a case beside it with the data sheet, and ``identified.yaml``
+    with the effects that the catalogue has: ``predict``, ``replay`` and ``gap`` read the case with that as model.
+
+    Args:
+        result: what was identified.
+        case_file: the case file, whose recordings the new case names.
+        folder: of the results.
+
+    Raises:
+        GapscopeError: no physically consistent parameters were found, or a file cannot be written.
+    """
+    _write_arm(result, case_file, folder)
+    write_base(result, folder / BASE)
+    content = document(result, FILES)
+    render(result, content, folder / REPORT)
+    write_document(content, folder / DOCUMENT)
+    names = (REPORT, DOCUMENT, CASE, URDF, EFFECTS, BASE)
+    return tuple(folder / name for name in names)
+
+
+def _write_arm(result: Identification, case_file: Path, folder: Path) -> None:
+    text = urdf_text(result.case.arm, identified_bodies(result))
+    with atomic_write(folder / URDF) as aside:
+        aside.write_text(text, encoding="utf-8")
+    write_case_beside(with_sheet(result), case_file, folder / CASE, URDF)
+    write_corrected(
+        result.case.name,
+        effects(result),
+        folder / EFFECTS,
+        presliding=presliding(result),
+    )

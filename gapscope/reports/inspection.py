@@ -1,0 +1,407 @@
+"""An inspection as a page, on the terminal and as files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+from scipy.signal import welch
+
+from gapscope.arm.errors import InputError
+from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.inspection.draft import case_text
+from gapscope.inspection.draft_check import DraftCheck
+from gapscope.inspection.inspection import TORQUES, Inspection
+from gapscope.inspection.words import LARGEST
+from gapscope.reports.pages import (
+    COLOURS,
+    GRID,
+    INK,
+    PageSection,
+    figure_html,
+    write_plot_page,
+)
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+# What is drawn of a log: positions, velocities, torques and their spectra, one panel each.
+
+
+POINTS = 3000
+"""Most points of a curve."""
+CHANNELS_DRAWN = {
+    "q": "position",
+    "q_ref": "reference",
+    "dq": "velocity",
+    "tau": "torque",
+    "tau_sensor": "torque sensor",
+}
+"""Channels that are drawn over time, and their names."""
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One panel: a curve for each joint.
+
+    Attributes:
+        title: of the ordinate, with its unit.
+        x: abscissa: time [s] or frequency [Hz], (M,).
+        curves: (M, n).
+        spectrum: whether the abscissa is a frequency; both axes are then logarithmic.
+    """
+
+    title: str
+    x: np.ndarray
+    curves: np.ndarray
+    spectrum: bool = False
+
+
+def panels_of(found: Inspection, number: int) -> list[Panel]:
+    """Panels of one recording.
+
+    Args:
+        found: what is in the logs.
+        number: of the recording, from 0.
+    """
+    return [*_over_time(found, number), *_spectra(found, number)]
+
+
+def _series(
+    found: Inspection, number: int, channel: str
+) -> tuple[np.ndarray, np.ndarray, str] | None:
+    """Time [s], values in the unit of the log, and that unit; ``None`` if the log has no such channel."""
+    if channel not in found.chosen:
+        return None
+    label, _ = found.chosen[channel]
+    table = found.entries[number][label]
+    guess = table.best(channel)
+    if guess is None:
+        return None
+    return table.time.seconds, guess.group.values, guess.unit
+
+
+def _over_time(found: Inspection, number: int) -> Iterator[Panel]:
+    for channel, name in CHANNELS_DRAWN.items():
+        series = _series(found, number, channel)
+        if series is not None:
+            t, values, unit = series
+            step = -(-len(t) // POINTS)
+            drawn = np.where(np.abs(values) < LARGEST, values, np.nan)
+            yield Panel(f"{name} [{unit}]", t[::step], drawn[::step])
+
+
+def _spectra(found: Inspection, number: int) -> Iterator[Panel]:
+    """Amplitude spectral densities of what moves and of the torque."""
+    for channel, name in (("q", "position"), ("tau", "torque")):
+        series = _series(found, number, channel)
+        if series is None or not (np.abs(series[1]) < LARGEST).all():
+            continue
+        t, values, unit = series
+        rate = 1.0 / float(np.median(np.diff(t)))
+        frequency, power = welch(values, rate, nperseg=min(len(t), 1024), axis=0)
+        yield Panel(
+            f"spectrum of {name} [{unit}/√Hz]",
+            frequency[1:],
+            np.sqrt(power[1:]),
+            spectrum=True,
+        )
+
+
+# The panels of a log as a PNG, for a chat or an issue.
+
+
+def write_picture(
+    path: Path, title: str, panels: Sequence[Panel], joints: Sequence[str]
+) -> None:
+    """Draw all panels, one above the other.
+
+    Raises:
+        GapscopeError: the file cannot be written.
+    """
+    # the object interface alone: pyplot would look for a display
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11, 2.1 * len(panels) + 0.8), layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(title, fontsize=11, color=INK)
+    all_axes = figure.subplots(len(panels), 1, squeeze=False)[:, 0]
+    for axes, panel in zip(all_axes, panels, strict=True):
+        for j, curve in enumerate(panel.curves.T):
+            style = "-" if j < len(COLOURS) else "--"
+            axes.plot(
+                panel.x,
+                curve,
+                style,
+                color=COLOURS[j % len(COLOURS)],
+                lw=1,
+                label=joints[j],
+            )
+        if panel.spectrum:
+            axes.set_xscale("log")
+            axes.set_yscale("log")
+        axes.set_ylabel(panel.title, fontsize=8)
+        axes.set_xlabel("frequency [Hz]" if panel.spectrum else "time [s]", fontsize=8)
+        axes.tick_params(labelsize=8)
+        axes.grid(color=GRID)
+        axes.margins(x=0.01)
+    all_axes[0].legend(fontsize=7, ncols=min(7, len(joints)), loc="upper right")
+    with atomic_write(path) as aside:
+        figure.savefig(aside, dpi=110)
+
+
+# What is in a log as a page that opens without a network.
+
+
+LEGEND = {"orientation": "h", "x": 0, "y": 1, "yanchor": "bottom", "xanchor": "left"}
+"""Place of the names of the joints: above the first panel."""
+DRAWN = 4
+"""Most recordings that are drawn."""
+
+
+def write_page(path: Path, found: Inspection, checked: DraftCheck) -> None:
+    """Write what is in the logs, what looks wrong, and the plots.
+
+    Args:
+        path: of the page.
+        found: what is in the logs.
+        checked: what reading the draft showed.
+
+    Raises:
+        GapscopeError: the file cannot be written.
+    """
+    sections = [
+        PageSection("What looks wrong", "" if wrong_rows(found, checked) else "Nothing.",
+                    heads=("where", "what", "what to do"), rows=wrong_rows(found, checked), numbers=False),
+        PageSection("What the columns are taken for", heads=("channel", "columns", "unit", "because"),
+                    rows=list(channel_rows(found)), numbers=False),
+        PageSection("What the torque can be", heads=("columns", "seen"), rows=list(torque_rows(found)), numbers=False),
+        PageSection("Joints", heads=("joint", "from", "to", "fastest"), rows=list(joint_rows(found)), numbers=False),
+        *_plots(found),
+    ]  # fmt: skip
+    names = ", ".join(log.path.name for log in found.logs[:3])
+    more = f" and {len(found.logs) - 3} more" if len(found.logs) > 3 else ""
+    write_plot_page(path, f"What is in {names}{more}", facts_of(found), sections)
+
+
+def facts_of(found: Inspection) -> str:
+    """Formats, recordings, rates and durations in a sentence."""
+    formats = ", ".join(sorted({log.format for log in found.logs}))
+    times = [next(iter(entry.values())).time for entry in found.entries]
+    rates = sorted({f"{time.rate:.4g}" for time in times}, key=float)
+    durations = [float(time.seconds[-1]) for time in times]
+    certain = "" if times[0].certain else " (not told by the log)"
+    count = len(found.entries)
+    return (
+        f"{formats}: {count} recording{'s' if count > 1 else ''} of {found.n_joints} joints, "
+        f"{', '.join(rates)} Hz{certain}, {min(durations):.1f} to {max(durations):.1f} s."
+    )
+
+
+def wrong_rows(found: Inspection, checked: DraftCheck) -> list[tuple[str, str, str]]:
+    """What looks wrong: where, what, what to do."""
+    rows = [
+        (
+            "torque and motion",
+            fault,
+            "gapscope diagnose says how sure that is and mends the case",
+        )
+        for fault in checked.faults
+    ]
+    if checked.problem:
+        rows.append(("the drafted case", checked.problem, ""))
+    rows += [(odd.where, odd.what, odd.remedy) for odd in found.oddities]
+    notes = (*found.notes, *checked.notes)
+    for note in notes:
+        where, _, what = note.partition(": ")
+        # the reader and the case may say the same of a table
+        if all(what != said for _, said, _ in rows):
+            rows.append((where, what, ""))
+    return rows
+
+
+def channel_rows(found: Inspection) -> Iterator[tuple[str, str, str, str]]:
+    """Time and channels: columns, unit, reason."""
+    time = found.main.time
+    yield (
+        "time",
+        time.column or "-",
+        time.unit or f"rows at {time.rate:.4g} Hz",
+        time.why,
+    )
+    for channel, (_, guess) in found.chosen.items():
+        yield channel, guess.group.pattern, guess.unit, guess.why
+
+
+def torque_rows(found: Inspection) -> Iterator[tuple[str, str]]:
+    """What was seen of each column that may be a torque."""
+    taken = [guess for _, guess in found.chosen.values()]
+    for label, table in found.sources.items():
+        for guess in table.channels:
+            if guess.channel in TORQUES:
+                facts = found.torques[label, guess.group.pattern]
+                used = f" (taken as {guess.channel})" if guess in taken else ""
+                yield (
+                    f"{guess.group.pattern}{used}",
+                    "; ".join(facts) or "nothing strikes",
+                )
+
+
+def joint_rows(found: Inspection) -> Iterator[tuple[str, str, str, str]]:
+    """Range and speed of each joint over all recordings, as the log has them."""
+    # other topics may name the joints in another order
+    label, _ = found.chosen["q"]
+    tables = [entry[label] for entry in found.entries]
+    series = [(t.time.seconds, guess) for t in tables if (guess := t.best("q"))]
+    unit = series[0][1].unit
+    for j, name in enumerate(names_of(found)):
+        columns = [guess.group.values[:, j] for _, guess in series]
+        low, high = min(c.min() for c in columns), max(c.max() for c in columns)
+        fastest = max(
+            abs(np.gradient(c, t)).max()
+            for c, (t, _) in zip(columns, series, strict=True)
+        )
+        yield name, f"{low:.4g} {unit}", f"{high:.4g} {unit}", f"{fastest:.3g} {unit}/s"
+
+
+def names_of(found: Inspection) -> list[str]:
+    """Names of the joints: those of the columns, or numbers."""
+    group = found.chosen["q"][1].group
+    if group.by_name:
+        return list(group.labels)
+    return [f"J{j + 1}" for j in range(group.width)]
+
+
+def _plots(found: Inspection) -> Iterator[PageSection]:
+    for number, entry in enumerate(found.entries[:DRAWN]):
+        panels = panels_of(found, number)
+        label = next(iter(entry.values())).label
+        figure = _figure(panels, names_of(found))
+        html = figure_html(
+            figure,
+            f"log{number}",
+            190 * len(panels) + 120,
+            margin={"l": 70, "r": 14, "t": 34, "b": 46},
+            legend=LEGEND,
+        )
+        yield PageSection(label, figure=html)
+    if len(found.entries) > DRAWN:
+        yield PageSection(
+            note=f"The other {len(found.entries) - DRAWN} recordings are not drawn."
+        )
+
+
+def _figure(panels: Sequence[Panel], joints: Sequence[str]) -> Figure:
+    from plotly.graph_objects import Scatter
+    from plotly.subplots import make_subplots
+
+    figure = make_subplots(
+        rows=len(panels), cols=1, vertical_spacing=0.25 / len(panels)
+    )
+    for row, panel in enumerate(panels, start=1):
+        for j, curve in enumerate(panel.curves.T):
+            line = {
+                "color": COLOURS[j % len(COLOURS)],
+                "width": 1.2,
+                "dash": "solid" if j < len(COLOURS) else "dash",
+            }
+            trace = Scatter(x=_rounded(panel.x), y=_rounded(curve), name=joints[j], legendgroup=str(j),
+                            showlegend=row == 1, line=line, mode="lines")  # fmt: skip
+            figure.add_trace(trace, row=row, col=1)
+        kind = "log" if panel.spectrum else "linear"
+        figure.update_yaxes(
+            title={"text": panel.title, "standoff": 8}, type=kind, row=row, col=1
+        )
+        text = "frequency [Hz]" if panel.spectrum else "time [s]"
+        figure.update_xaxes(
+            title={"text": text, "standoff": 2}, type=kind, row=row, col=1
+        )
+    return figure
+
+
+def _rounded(values: np.ndarray) -> list[float]:
+    """Five significant digits: a page should stay small."""
+    return [float(f"{value:.5g}") for value in values]
+
+
+# What is in a log on the terminal.
+
+
+def summary(found: Inspection, checked: DraftCheck) -> Group:
+    """Tables of columns, torques, joints and of what looks wrong."""
+    parts: list[Text | Table] = [Text(facts_of(found))]
+    parts += [
+        _table(
+            "columns",
+            ("channel", "columns", "unit", "because"),
+            list(channel_rows(found)),
+        ),
+        _table("torque", ("columns", "seen"), list(torque_rows(found))),
+        _table("joints", ("joint", "from", "to", "fastest"), list(joint_rows(found))),
+    ]
+    wrong = wrong_rows(found, checked)
+    if wrong:
+        parts.append(_table("what looks wrong", ("where", "what", "what to do"), wrong))
+    else:
+        parts.append(Text("Nothing looks wrong."))
+    return Group(*parts)
+
+
+def _table(title: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+    table = Table(title=title, title_justify="left", title_style="bold")
+    for head in heads:
+        table.add_column(head, overflow="fold")
+    for row in rows:
+        table.add_row(*(Text(cell) for cell in row))
+    return table
+
+
+# What ``gapscope inspect`` writes: the case to start from, a page and a picture.
+
+
+CASE, PAGE, PICTURE = "case.yaml", "inspection.html", "inspection.png"
+"""Files in the folder of results."""
+
+
+def check_unused(folder: Path) -> None:
+    """Check that no case is there, which may have been edited.
+
+    Raises:
+        InputError: one is.
+    """
+    if (folder / CASE).exists():
+        raise InputError(
+            "is there already, and may have been edited",
+            "name another folder with --out, or remove it",
+            file=folder / CASE,
+        )
+
+
+def save_inspection(
+    found: Inspection, checked: DraftCheck, folder: Path, robot: str | None
+) -> list[Path]:
+    """Write picture, page and, last, the case to start from.
+
+    Args:
+        found: what is in the logs.
+        checked: what reading the draft showed.
+        folder: of the case.
+        robot: what the case says as its robot; ``None`` if none is known.
+
+    Raises:
+        GapscopeError: a file cannot be written.
+    """
+    picture, page, case = folder / PICTURE, folder / PAGE, folder / CASE
+    label = found.main.label
+    write_picture(picture, label, panels_of(found, 0), names_of(found))
+    write_page(page, found, checked)
+    with atomic_write(case) as aside:
+        aside.write_text(case_text(found, folder, robot), encoding="utf-8")
+    return [picture, page, case]

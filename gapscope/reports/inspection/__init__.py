@@ -1,1 +1,0 @@
-"""What is in a log: page, picture and terminal summary."""

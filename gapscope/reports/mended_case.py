@@ -1,0 +1,190 @@
+"""A case with what was put right: its file as a person can go on with it."""
+
+from __future__ import annotations
+
+import os
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from gapscope.arm.case import Case
+from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.case_file import read_case_file
+from gapscope.arm.io.case_paths import moved
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.reading import Reading
+from gapscope.arm.robots import shifted_text
+from gapscope.diagnosis.setup_faults.found_fault import FoundFault
+
+CASE, URDF = "mended_case.yaml", "mended.urdf"
+
+CHANGES = {
+    "time": ("time_factor",),
+    "motion": ("motion",),
+    "torque": ("torque", "torque_delay", "gravity"),
+    "sensor": ("sensor",),
+    "reference": ("lead", "pace"),
+    "dq": ("own_velocity",),
+    "tau": ("law",),
+    "robot": ("link_shift",),
+    "controller": ("kp_factor", "kd_factor"),
+}
+"""What of a reading a case file says: in entries of ``mend:``, channels that are not read, and keys of the case."""
+UNREAD = ("dq", "tau")
+
+
+@dataclass(frozen=True)
+class Mending:
+    """What faults ask of a case file.
+
+    Attributes:
+        faults: those that a case file can put right, in the order in which they are.
+        asked: for each of them the keys of ``CHANGES``.
+        others: those that every diagnosis puts right by itself, or of which a case file cannot say so.
+    """
+
+    faults: tuple[FoundFault, ...]
+    asked: tuple[set[str], ...]
+    others: tuple[FoundFault, ...]
+
+    def reason(self, key: str) -> str:
+        """The faults for which something is changed; empty if it is not."""
+        pairs = zip(self.faults, self.asked, strict=True)
+        return "; ".join(str(fault) for fault, keys in pairs if key in keys)
+
+    def after(self, reading: Reading) -> Reading:
+        """How the case must be read of which the file says to read it in a way already."""
+        for fault in self.faults:
+            reading = reading.then(fault.reading(len(reading.kp_factor)))
+        return reading
+
+
+def mending(faults: Sequence[FoundFault], case: Case) -> Mending:
+    """What the faults of a case ask for; nothing if its files can be read as they are."""
+    asked = [_asks(fault, case) for fault in faults]
+    pairs = list(zip(faults, asked, strict=True))
+    return Mending(
+        tuple(fault for fault, keys in pairs if keys),
+        tuple(keys for keys in asked if keys),
+        tuple(fault for fault, keys in pairs if not keys),
+    )
+
+
+def _asks(fault: FoundFault, case: Case) -> set[str]:
+    """What a fault asks to change."""
+    reading = fault.reading(case.arm.n_joints)
+    asked = {key for key, names in CHANGES.items() if reading.differs(*names)}
+    if case.controller is None:
+        # else the controller gives a torque that was not measured
+        asked.discard("tau")
+    names = {r.name for r in (*case.recordings, *case.judged)}
+    # all but the time is said of all files
+    partial = fault.recordings and names - set(fault.recordings)
+    return asked & {"time"} if partial else asked
+
+
+def write_mended_case(
+    faults: Sequence[FoundFault],
+    case: Case,
+    case_file: Callable[[], Path],
+    folder: Path,
+) -> tuple[Path, ...]:
+    """Write the case, and the URDF whose inertials were on other links, if there is anything to put right.
+
+    What an earlier run has left there is removed.
+
+    Args:
+        faults: as a diagnosis of the case found them.
+        case: the case.
+        case_file: gives the case file; asked only if there is anything to put right.
+        folder: to write to; the recordings stay where they are.
+
+    Returns:
+        The files that were written.
+
+    Raises:
+        GapscopeError: a file cannot be written.
+    """
+    for name in (CASE, URDF):
+        (folder / name).unlink(missing_ok=True)
+    mended = mending(faults, case)
+    if not mended.faults:
+        return ()
+    reading = mended.after(Reading.identity(case.arm.n_joints))
+    source = case_file()
+    content = moved(read_case_file(source), source.parent, folder)
+    content["name"] = f"{content['name']} mended"
+    written = [folder / CASE]
+    if mended.reason("robot"):
+        _write_urdf(case.arm, reading, folder / URDF)
+        content["robot"] = URDF
+        written.append(folder / URDF)
+    if mended.reason("controller"):
+        at_work = reading.controller(case.controller)
+        assert at_work is not None
+        gains = {g.name: getattr(at_work, g.name).tolist() for g in at_work.gains}
+        content["controller"] = {**content["controller"], **gains}
+    with atomic_write(folder / CASE) as aside:
+        text = _text(content, mended, case.arm.n_joints, source)
+        aside.write_text(text, encoding="utf-8")
+    return tuple(written)
+
+
+def _text(content: dict[str, Any], mended: Mending, n: int, source: Path) -> str:
+    """The case file, with a comment on each line that was changed."""
+    lines = [f"# {source.name}, with what gapscope diagnose found wrong put right"]
+    lines += [f"# left to every diagnosis: {fault}" for fault in mended.others]
+    section = dict(content.pop("import", None) or {})
+    before = Reading.from_mend(section.pop("mend", None) or {}, n, source)
+    mend = mended.after(before).to_mend()
+    section |= {name: None for name in UNREAD if mended.reason(name)}
+    for key, value in content.items():
+        lines += _entry(key, value, mended.reason(key))
+    if section or mend:
+        lines.append("import:")
+    for key, value in section.items():
+        why = mended.reason(key) if key in UNREAD else ""
+        lines += [f"  {line}" for line in _entry(key, value, why)]
+    if mend:
+        lines.append("  mend:  # after all other keys of this section")
+    for key, value in mend.items():
+        lines += [f"    {key}: {_flow(value)}{_comment(mended.reason(key))}"]
+    return "\n".join(lines) + "\n"
+
+
+def _entry(key: str, value: Any, why: str) -> list[str]:
+    """Lines of a key with its value, a mapping over several, and why it was changed."""
+    if not isinstance(value, dict) or not value:
+        return [f"{key}: {_flow(value)}{_comment(why)}"]
+    inner = [f"  {name}: {_flow(part)}" for name, part in value.items()]
+    return [f"{key}:{_comment(why)}", *inner]
+
+
+def _comment(why: str) -> str:
+    return f"  # {why}" if why else ""
+
+
+def _flow(value: Any) -> str:
+    """A value as YAML on one line."""
+    text = yaml.safe_dump(
+        [value], sort_keys=False, default_flow_style=True, width=float("inf")
+    )
+    return text.strip()[1:-1]
+
+
+def _write_urdf(arm: NominalArm, reading: Reading, path: Path) -> None:
+    """The arm's URDF with its inertials moved, and its meshes found from the new place."""
+    text = arm.urdf.read_text(encoding="utf-8")
+    shifted = shifted_text(text, reading.link_shift, reading.moved_only)
+    root = ET.fromstring(shifted)
+    for mesh in root.iter("mesh"):
+        name = mesh.get("filename", "")
+        if name and "://" not in name and not Path(name).is_absolute():
+            there = arm.urdf.resolve().parent / name
+            mesh.set("filename", os.path.relpath(there, path.resolve().parent))
+    with atomic_write(path) as aside:
+        aside.write_text(ET.tostring(root, encoding="unicode"), encoding="utf-8")

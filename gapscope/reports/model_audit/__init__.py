@@ -1,1 +1,0 @@
-"""The page and the table of an audit."""

@@ -1,1 +1,0 @@
-"""A learnt residual network as a page and on the terminal."""

@@ -1,0 +1,247 @@
+"""A recording and its gap as a scene for viewers."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from shutil import move
+from typing import Any
+
+import numpy as np
+
+from gapscope.arm.dynamics.kinematics import link_poses
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.io.atomic_write import atomic_write, folder_aside
+from gapscope.arm.io.json_file import write_json
+from gapscope.arm.nominal import NominalArm
+from gapscope.reports.pages import COLOURS
+
+# A recording and what the model says of it as one MCAP file, which Foxglove, Rerun and PlotJuggler open.
+#
+# Topics, all of ROS 2 messages: ``/recorded/joint_states`` and ``/predicted/joint_states`` (recorded position with the
+# predicted torque), ``/remaining/joint_states`` (recorded minus predicted torque), ``/simulated/joint_states`` if the
+# recording was replayed, ``/robot_description``, and ``/tf`` with the links of the recorded arm and, under the prefix
+# ``simulated/``, of the simulated one.
+
+
+POSES_PER_SECOND = 50.0
+"""Rate at which links are placed [Hz]; smoother than a screen shows adds nothing."""
+BASE = "base"
+"""Name of the frame in which all links stand."""
+SIMULATED = "simulated/"
+"""Prefix of the frames of the simulated arm."""
+
+
+Message = tuple[str, int, Any]
+"""Topic, time [ns] and message."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A motion and the torques that belong to it; n joints.
+
+    Attributes:
+        arm: the nominal arm.
+        t: time of the recording [s], shape (N,).
+        q: recorded positions [rad or m], (N, n).
+        recorded: recorded torque [N m or N], (N, n), or ``None``.
+        predicted: torque that the model predicts [N m or N], (N, n).
+        simulated_t, simulated_q: the replayed motion, (M,) and (M, n), or ``None``.
+    """
+
+    arm: NominalArm
+    t: np.ndarray
+    q: np.ndarray
+    recorded: np.ndarray | None
+    predicted: np.ndarray
+    simulated_t: np.ndarray | None = None
+    simulated_q: np.ndarray | None = None
+
+
+def write_mcap(scene: Scene, path: Path) -> None:
+    """Write the scene.
+
+    Raises:
+        GapscopeError: the file cannot be written.
+    """
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    with atomic_write(path) as aside, folder_aside(path) as folder:
+        bag = folder / "scene"
+        with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+            topics: dict[str, Any] = {}
+            for topic, stamp, message in _messages(scene, store.types):
+                if topic not in topics:
+                    topics[topic] = writer.add_connection(
+                        topic, message.__msgtype__, typestore=store
+                    )
+                data = store.serialize_cdr(message, message.__msgtype__)
+                writer.write(topics[topic], stamp, data)
+        (file,) = bag.glob("*.mcap")
+        move(file, aside)
+
+
+def _messages(scene: Scene, types: Any) -> Iterator[Message]:
+    """Everything in the scene, in the order of time."""
+    return heapq.merge(*_streams(scene, types), key=lambda message: message[1])
+
+
+def _streams(scene: Scene, types: Any) -> Iterator[Iterable[Message]]:
+    """The messages of each topic."""
+    if scene.arm.urdf.suffix != ".xml":
+        text = scene.arm.urdf.read_text(encoding="utf-8")
+        start = _nanoseconds(scene.t[0])
+        described = types["std_msgs/msg/String"](data=text)
+        yield [("/robot_description", start, described)]
+    series = {"recorded": scene.recorded, "predicted": scene.predicted}
+    if scene.recorded is not None:
+        series["remaining"] = scene.recorded - scene.predicted
+    for name, torque in series.items():
+        if torque is not None:
+            topic = f"/{name}/joint_states"
+            yield _states(topic, scene.arm, scene.t, scene.q, torque, types)
+    yield _poses(scene.arm, scene.t, scene.q, "", types)
+    if scene.simulated_t is not None and scene.simulated_q is not None:
+        t, q = scene.simulated_t, scene.simulated_q
+        silent = np.empty((len(t), 0))
+        yield _states("/simulated/joint_states", scene.arm, t, q, silent, types)
+        yield _poses(scene.arm, t, q, SIMULATED, types)
+
+
+def _states(
+    topic: str,
+    arm: NominalArm,
+    t: np.ndarray,
+    q: np.ndarray,
+    torque: np.ndarray,
+    types: Any,
+) -> Iterator[Message]:
+    """Joint states at every sample."""
+    speed = np.gradient(q, t, axis=0)
+    for k in range(len(t)):
+        header = _header(t[k], BASE, types)
+        message = types["sensor_msgs/msg/JointState"](
+            header, list(arm.joints), q[k], speed[k], torque[k]
+        )
+        yield topic, _nanoseconds(t[k]), message
+
+
+def _poses(
+    arm: NominalArm, t: np.ndarray, q: np.ndarray, prefix: str, types: Any
+) -> Iterator[Message]:
+    """Transforms of all links against the base."""
+    rate = 1.0 / float(np.median(np.diff(t)))
+    step = max(1, round(rate / POSES_PER_SECOND))
+    poses = link_poses(RigidBody(arm), q[::step])
+    for k, moment in enumerate(t[::step]):
+        header = _header(moment, BASE, types)
+        transforms = []
+        for link, name in enumerate(poses.names):
+            place = types["geometry_msgs/msg/Vector3"](*poses.positions[k, link])
+            turn = types["geometry_msgs/msg/Quaternion"](*poses.quaternions[k, link])
+            pose = types["geometry_msgs/msg/Transform"](place, turn)
+            stamped = types["geometry_msgs/msg/TransformStamped"]
+            transforms.append(stamped(header, f"{prefix}{name}", pose))
+        message = types["tf2_msgs/msg/TFMessage"](transforms)
+        yield "/tf", _nanoseconds(moment), message
+
+
+def _header(moment: float, frame: str, types: Any) -> Any:
+    seconds, rest = divmod(_nanoseconds(moment), 10**9)
+    stamp = types["builtin_interfaces/msg/Time"](seconds, rest)
+    return types["std_msgs/msg/Header"](stamp, frame)
+
+
+def _nanoseconds(moment: float) -> int:
+    return round(float(moment) * 1e9)
+
+
+# A layout for Foxglove: the arm, real beside simulated, and torques and positions of each joint.
+
+
+TORQUES = ("recorded", "predicted", "remaining")
+"""Topics of which the torque is drawn."""
+
+
+def write_layout(scene: Scene, path: Path) -> None:
+    """Write the layout of a scene.
+
+    Raises:
+        GapscopeError: the file cannot be written.
+    """
+    simulated = scene.simulated_q is not None
+    write_json(foxglove_layout(scene.arm.joints, simulated), path)
+
+
+def foxglove_layout(joints: Sequence[str], simulated: bool) -> dict[str, Any]:
+    """Content of a layout file.
+
+    Args:
+        joints: names of the joints.
+        simulated: whether the file holds a simulated arm too.
+    """
+    configuration: dict[str, Any] = {"3D!arm": _scene(simulated)}
+    tabs = []
+    for number, joint in enumerate(joints):
+        plots = {
+            f"Plot!torque{number}": _plot(TORQUES, "effort", number),
+            f"Plot!position{number}": _plot(
+                ("recorded", "simulated"), "position", number
+            ),
+        }
+        configuration |= plots
+        first, second = plots
+        layout = {"first": first, "second": second, "direction": "column"}
+        tabs.append({"title": joint, "layout": layout})
+    configuration["Tab!joints"] = {"activeTabIdx": 0, "tabs": tabs}
+    return {
+        "configById": configuration,
+        "globalVariables": {},
+        "userNodes": {},
+        "playbackConfig": {"speed": 1},
+        "layout": {
+            "first": "3D!arm",
+            "second": "Tab!joints",
+            "direction": "row",
+            "splitPercentage": 45,
+        },
+    }
+
+
+def _scene(simulated: bool) -> dict[str, Any]:
+    """The 3D panel: the description drawn at the frames of the recorded and of the simulated arm."""
+    layers = {"recorded": _description("recorded", "")}
+    if simulated:
+        layers["simulated"] = _description("simulated", SIMULATED)
+    return {"followTf": BASE, "followMode": "follow-none", "layers": layers}
+
+
+def _description(label: str, prefix: str) -> dict[str, Any]:
+    return {
+        "layerId": "foxglove.Urdf",
+        "instanceId": label,
+        "label": label,
+        "sourceType": "topic",
+        "topic": "/robot_description",
+        "framePrefix": prefix,
+        "visible": True,
+    }
+
+
+def _plot(topics: Sequence[str], field: str, joint: int) -> dict[str, Any]:
+    paths = []
+    for k, topic in enumerate(topics):
+        paths.append(
+            {
+                "value": f"/{topic}/joint_states.{field}[{joint}]",
+                "label": topic,
+                "color": COLOURS[k],
+                "enabled": True,
+                "timestampMethod": "headerStamp",
+            }
+        )
+    return {"paths": paths, "showLegend": True, "xAxisVal": "timestamp"}

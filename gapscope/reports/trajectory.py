@@ -1,0 +1,258 @@
+"""A designed motion as a page, on the terminal and as files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich.table import Table
+from rich.text import Text
+
+from gapscope.arm.errors import InputError
+from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.joint_units import common_unit
+from gapscope.arm.motions.trajectory import Sampled, read_sampled
+from gapscope.arm.nominal import NominalArm
+from gapscope.ident.excitation.design import (
+    POINTS_PER_PERIOD,
+    ROS_RATE,
+    SLOW,
+    Excitation,
+    ExcitationPlan,
+    check_written,
+    read_joint_trajectory,
+    sampled,
+    write_csv,
+    write_joint_trajectory,
+)
+from gapscope.reports.pages import COLOURS, PageSection, figure_html, write_plot_page
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure, Scatter
+
+    from gapscope.ident.excitation.design import Excitation
+
+# A designed motion as a page and on the terminal.
+
+
+# A trajectory as a page of plots that opens without a network.
+
+
+POINTS = 2000
+"""Most points of a curve."""
+
+
+def write_page(
+    found: Excitation, arm: NominalArm, plan: ExcitationPlan, path: Path
+) -> None:
+    """Write position, velocity, acceleration and torque of all joints over time, and the margins to the limits.
+
+    Raises:
+        GapscopeError: the file cannot be written.
+    """
+    facts = (
+        f"{plan.kind}, {plan.length:g} s, criterion {plan.criterion}: condition number {found.condition:.3g} of "
+        f"{len(found.names)} base columns scaled to unit norm, {found.inertial_condition:.3g} of the inertial ones "
+        "alone. Run the files that end in _slow first: the same path at a fraction of the speed."
+    )
+    figure = figure_html(
+        _figure(found, arm.sliding),
+        "trajectory",
+        920,
+        hovermode="x unified",
+        margin={"l": 62, "r": 14, "t": 34, "b": 46},
+        legend={
+            "orientation": "h",
+            "x": 0,
+            "y": 1,
+            "yanchor": "bottom",
+            "xanchor": "left",
+        },
+    )
+    margins = PageSection(
+        note="Least margin to each limit, over all samples; in brackets the limit.",
+        heads=("", *arm.joints),
+        rows=list(_margins(found)),
+    )
+    title = f"Exciting trajectory of {arm.name}"
+    write_plot_page(path, title, facts, [PageSection(figure=figure), margins])
+
+
+def _figure(found: Excitation, sliding: Sequence[bool]) -> Figure:
+    """One panel per quantity, one above the other, over the same time."""
+    from plotly.subplots import make_subplots
+
+    motion = found.motion
+    panels = {
+        f"{name} [{common_unit(unit, sliding)}]": series
+        for name, unit, series in (
+            ("position", "rad", motion.q),
+            ("velocity", "rad/s", motion.dq),
+            ("acceleration", "rad/s²", motion.ddq),
+            ("torque", "N m", found.torque),
+        )
+    }
+    figure = make_subplots(
+        rows=len(panels), cols=1, shared_xaxes=True, vertical_spacing=0.03
+    )
+    for row, (title, series) in enumerate(panels.items(), 1):
+        for joint, values in enumerate(series.T):
+            curve = _curve(motion.t, values, joint)
+            curve.showlegend = row == 1
+            figure.add_trace(curve, row=row, col=1)
+        figure.update_yaxes(title={"text": title, "standoff": 8}, row=row, col=1)
+    figure.update_xaxes(title={"text": "time [s]"}, row=len(panels), col=1)
+    return figure
+
+
+def _curve(t: np.ndarray, values: np.ndarray, joint: int) -> Scatter:
+    """A quantity of one joint; colours repeat, dashed, after the seventh joint."""
+    from plotly.graph_objects import Scatter
+
+    step = -(-len(t) // POINTS)  # rounded up
+    line = {
+        "color": COLOURS[joint % len(COLOURS)],
+        "width": 1.6,
+        "dash": "solid" if joint < len(COLOURS) else "dash",
+    }
+    return Scatter(
+        x=t[::step].round(4),
+        y=values[::step].round(5),
+        name=f"J{joint + 1}",
+        legendgroup=str(joint),
+        line=line,
+        mode="lines",
+    )
+
+
+def _margins(found: Excitation) -> Iterator[list[str]]:
+    """Rows of the table of margins: one number per joint, or one for the whole arm."""
+    for margin in found.margins:
+        least = np.atleast_1d(margin.margin)
+        limits = np.atleast_1d(margin.limit)
+        pairs = zip(least, limits, strict=True)
+        numbers = [f"{value:.3g} ({limit:.4g})" for value, limit in pairs]
+        yield [f"{margin.name} [{margin.unit}]", *numbers]
+
+
+# An exciting trajectory on the terminal: margins to the limits, and what was found.
+
+
+def summary(found: Excitation, plan: ExcitationPlan) -> list[str]:
+    """What was found, in a few lines."""
+    lines = [
+        f"condition number {found.condition:.3g}, {len(found.names)} base columns scaled to unit norm; "
+        f"{found.inertial_condition:.3g} for the inertial ones alone",
+        f"{plan.method}: {found.evaluations} evaluations, {found.feasible} candidates within all limits, "
+        f"{found.seconds:.1f} s",
+    ]
+    if found.separated is not None:
+        angles = [
+            f"{a} and {b} {np.rad2deg(angle):.0f}°"
+            for (a, b), angle in found.separated.angle.items()
+        ]
+        lines.append(
+            f"separation {found.separated.least:.3f} (1 at best); least angle between {', '.join(angles)}"
+        )
+    if found.left_out:
+        pairs = ", ".join(f"{a} / {b}" for a, b in found.left_out)
+        lines.append(f"not checked, as they touch by construction: {pairs}")
+    if not any(margin.name == "distance" for margin in found.margins):
+        lines.append("collisions were not checked")
+    return lines
+
+
+def margin_table(found: Excitation) -> Table:
+    """Least margin to each limit of the joints, with the limit."""
+    # jerk has a line of its own: its column would not fit
+    per_joint = [m for m in found.margins if m.limit.ndim and m.name != "jerk"]
+    table = Table(
+        title="least margin to each limit, and the limit", title_justify="left"
+    )
+    table.add_column("joint")
+    for margin in per_joint:
+        table.add_column(Text(f"{margin.name} [{margin.unit}]"), justify="right")
+    for j in range(found.motion.q.shape[1]):
+        values = (f"{m.margin[j]:.3g} of {m.limit[j]:.4g}" for m in per_joint)
+        table.add_row(f"J{j + 1}", *values)
+    return table
+
+
+def margin_lines(found: Excitation) -> list[str]:
+    """Least margin to each limit of the whole arm, and what to run first."""
+    lines = []
+    for margin in found.margins:
+        if margin.name == "jerk":
+            used = 1 - float((margin.margin / margin.limit).min())
+            lines.append(f"jerk: at most {used:.0%} of its limit, at {margin.at:.2f} s")
+        if margin.limit.ndim:
+            continue
+        unit = "" if margin.unit == "1" else f" {margin.unit}"
+        least = float(margin.limit + margin.margin)
+        lines.append(
+            f"{margin.name}: at least {least:.4g}{unit} (limit {float(margin.limit):.4g}), "
+            f"least at {margin.at:.2f} s"
+        )
+    lines.append(
+        f"run the files that end in _slow first: the same path at {SLOW:g} times the speed"
+    )
+    return lines
+
+
+# An exciting trajectory as files: CSV, ROS ``JointTrajectory`` and a page of plots, and a slow version to run first.
+#
+# Trajectories are read back and checked before any file gets its name.
+
+
+def check_csv(path: Path) -> None:
+    """Check the ending before any work is done; raises ``InputError``."""
+    if path.suffix != ".csv":
+        raise InputError(
+            f"the ending {path.suffix!r} is not .csv", "end it in .csv", file=path
+        )
+
+
+def write_trajectory(
+    found: Excitation, arm: NominalArm, plan: ExcitationPlan, path: Path
+) -> list[Path]:
+    """Write a trajectory as CSV, as ``.yaml`` for ROS and as ``.html`` with plots; and slow as CSV and ``.yaml``.
+
+    The slow version, ``NAME_slow``, is the same path at ``SLOW`` times the speed. It is to be run first.
+
+    Raises:
+        GapscopeError: a file cannot be written, or what it holds breaks a limit; then none is written.
+    """
+    slow_path = path.with_name(f"{path.stem}_slow.csv")
+    page = path.with_suffix(".html")
+    full = Sampled(found.motion)
+    with ExitStack() as stack:
+        paths = _write_checked(stack, full, 1.0, found, arm, plan, path)
+        write_page(found, arm, plan, stack.enter_context(atomic_write(page)))
+        slow = full.slower(SLOW)
+        slow_paths = _write_checked(stack, slow, SLOW, found, arm, plan, slow_path)
+    return [*paths, page, *slow_paths]
+
+
+def _write_checked(
+    stack: ExitStack,
+    reference: Sampled,
+    speed: float,
+    found: Excitation,
+    arm: NominalArm,
+    plan: ExcitationPlan,
+    path: Path,
+) -> list[Path]:
+    """Write a trajectory as CSV and for ROS under temporary names, which the stack makes final, and check both."""
+    ros_path = path.with_suffix(".yaml")
+    table, message = (stack.enter_context(atomic_write(x)) for x in (path, ros_path))
+    # a player of rows needs the slow version at the same rate
+    write_csv(sampled(reference, reference.duration, plan.rate), table)
+    check_written(read_sampled(table, arm.n_joints), found.checker, path, speed)
+    highest = plan.family(arm.n_joints).highest_frequency
+    points = speed * max(ROS_RATE, POINTS_PER_PERIOD * highest)
+    write_joint_trajectory(reference.motion, arm.joints, message, points)
+    check_written(read_joint_trajectory(message), found.checker, ros_path, speed)
+    return [path, ros_path]

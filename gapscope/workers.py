@@ -1,0 +1,360 @@
+"""Many tasks at once: on the cores of this machine or on a Ray cluster, results as they come or in order."""
+
+from __future__ import annotations
+
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import closing
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+
+from joblib.externals.loky import ProcessPoolExecutor
+from joblib.externals.loky.process_executor import BrokenProcessPool
+
+from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.effects.catalogue import FILES
+
+# What a pool of workers does for ``as_completed``.
+
+
+class WorkerLostError(Exception):
+    """The worker of a call died, or its machine did: the call may be made again."""
+
+
+class Pool(ABC):
+    """Workers, each of which runs one call at a time.
+
+    Attributes:
+        jobs: number of calls that run at a time.
+    """
+
+    jobs: int
+
+    @abstractmethod
+    def submit(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+        """Begin a call, while fewer than ``jobs`` run; returns its handle."""
+
+    @abstractmethod
+    def wait(self, handles: Sequence[Any]) -> Sequence[Any]:
+        """Wait until at least one call has ended; returns the handles of those that have."""
+
+    @abstractmethod
+    def result(self, handle: Any) -> Any:
+        """Result of a call that has ended.
+
+        Raises:
+            WorkerLostError: its worker died.
+            Exception: what the function itself raised.
+        """
+
+    @abstractmethod
+    def close(self) -> None:
+        """End the workers, and calls that still run."""
+
+
+# The places where calls run: this machine, or a Ray cluster.
+
+
+LOCAL, RAY = "local", "ray"
+
+
+def check_backend(backend: str) -> None:
+    """Check that a backend exists before any work is done for it.
+
+    Raises:
+        InputError: unknown backend.
+        GapscopeError: Ray is not installed.
+    """
+    if backend not in (LOCAL, RAY):
+        raise InputError(
+            f"unknown backend {backend!r}", "use local or ray", where="--backend"
+        )
+    if backend == RAY:
+        ray_module()
+
+
+def ray_module() -> Any:
+    """Ray, which is imported only if it is asked for.
+
+    Raises:
+        GapscopeError: it is not installed.
+    """
+    # Ray reads this on import: it sends no usage data unless the user asks for that
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    try:
+        import ray
+    except ImportError:
+        raise GapscopeError(
+            "ray is not installed",
+            "pip install 'gapscope[cluster]', or use --backend local",
+        ) from None
+    return ray
+
+
+# Workers of this machine: the calling process itself, or processes of their own.
+
+
+class ThisProcess(Pool):
+    """One call at a time, in the calling process."""
+
+    jobs = 1
+
+    def submit(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+        """Make the call at once."""
+        made: Future[Any] = Future()
+        try:
+            made.set_result(function(*arguments))
+        except Exception as error:
+            made.set_exception(error)
+        return made
+
+    def wait(self, handles: Sequence[Any]) -> Sequence[Any]:
+        """All calls: each has ended when it was begun."""
+        return handles
+
+    def result(self, handle: Any) -> Any:
+        """Result of a call."""
+        return handle.result()
+
+    def close(self) -> None:
+        """Nothing runs any more."""
+
+
+class LocalProcesses(Pool):
+    """Processes of this machine, each in an executor of its own: one that dies takes no other call with it."""
+
+    def __init__(self, jobs: int) -> None:
+        self.jobs = jobs
+        self._free = [_executor() for _ in range(jobs)]
+        self._busy: dict[Future[Any], Any] = {}
+
+    def submit(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+        """Begin a call in a free process."""
+        executor = self._free.pop()
+        handle: Future[Any] = executor.submit(function, *arguments)
+        self._busy[handle] = executor
+        return handle
+
+    def wait(self, handles: Sequence[Any]) -> Sequence[Any]:
+        """Wait for the first calls to end."""
+        return list(wait(handles, return_when=FIRST_COMPLETED).done)
+
+    def result(self, handle: Any) -> Any:
+        """Result of a call; its process is free again, or replaced if it died."""
+        executor = self._busy.pop(handle)
+        try:
+            result = handle.result()
+        except BrokenProcessPool as error:
+            executor.shutdown()
+            self._free.append(_executor())
+            problem = str(error).splitlines()[0]
+            raise WorkerLostError(problem) from None
+        except Exception:
+            self._free.append(executor)
+            raise
+        self._free.append(executor)
+        return result
+
+    def close(self) -> None:
+        """End the processes."""
+        for executor in (*self._free, *self._busy.values()):
+            executor.shutdown(kill_workers=True)
+
+
+def _executor() -> Any:
+    """An executor of one process, which starts with its first call; numeric libraries get one thread there."""
+    threads = dict.fromkeys(
+        ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"
+    )
+    return ProcessPoolExecutor(max_workers=1, env=threads)
+
+
+# Workers of a Ray cluster.
+
+
+class RayPool(Pool):
+    """Workers of the cluster at ``RAY_ADDRESS``, or of the one that this machine belongs to, else of this machine.
+
+    Ray itself repeats no call: ``as_completed`` does, counts the tries, and ends a call that kills every worker.
+    """
+
+    def __init__(self, jobs: int | None) -> None:
+        """Join the cluster, or start one.
+
+        Args:
+            jobs: calls at a time; ``None``: as many as the cluster has cores.
+        """
+        self._ray = ray_module()
+        self._remote: dict[Callable[..., Any], Any] = {}
+        self._running: set[Any] = set()
+        if not self._ray.is_initialized():
+            self._join(jobs)
+        cores = self._ray.cluster_resources().get("CPU", 1)
+        self.jobs = jobs or max(1, int(cores))
+
+    def _join(self, jobs: int | None) -> None:
+        try:
+            self._ray.init(address="auto", log_to_driver=False)
+        except ConnectionError:
+            self._ray.init(
+                address="local",
+                num_cpus=jobs,
+                include_dashboard=False,
+                log_to_driver=False,
+            )
+
+    def submit(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+        """Send a call to the cluster."""
+        # a function is sent to the cluster once, not with every call
+        if function not in self._remote:
+            options: dict[str, Any] = {"max_retries": 0}
+            if os.environ.get(FILES):
+                # a worker may have been started before the effects of the user's files were read here
+                options["runtime_env"] = {"env_vars": {FILES: os.environ[FILES]}}
+            self._remote[function] = self._ray.remote(**options)(function)
+        handle = self._remote[function].remote(*arguments)
+        self._running.add(handle)
+        return handle
+
+    def wait(self, handles: Sequence[Any]) -> Sequence[Any]:
+        """Wait for the first calls to end."""
+        ended, _ = self._ray.wait(list(handles))
+        return list(ended)
+
+    def result(self, handle: Any) -> Any:
+        """Result of a call, of which the cluster keeps no copy."""
+        errors = self._ray.exceptions
+        self._running.discard(handle)
+        try:
+            return self._ray.get(handle)
+        except errors.RayTaskError:  # the function's own exception
+            raise
+        except errors.RayError as error:
+            # worker, machine or result lost, or ended for want of memory
+            raise WorkerLostError(_first_line(error)) from None
+
+    def close(self) -> None:
+        """End the calls that still run; the cluster stays."""
+        for handle in self._running:
+            self._ray.cancel(handle, force=True)
+
+
+def _first_line(error: Exception) -> str:
+    return f"{type(error).__name__}: {str(error).strip().splitlines()[0]}"
+
+
+# Results of many calls as they end, in any order; a call whose worker dies is made again.
+
+
+TRIES = 3
+"""Times that a call is begun, at most, if its workers die."""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A call that has ended.
+
+    Attributes:
+        number: of the call, from 0.
+        arguments: of the call.
+        tries: times that it was begun.
+        result: of the function; ``None`` if there is none.
+        error: why there is no result: what the function raised, or the loss of the last worker.
+    """
+
+    number: int
+    arguments: tuple[Any, ...]
+    tries: int = 1
+    result: Any = None
+    error: Exception | None = None
+
+
+def as_completed(
+    function: Callable[..., Any],
+    calls: Iterable[tuple[Any, ...]],
+    jobs: int | None = None,
+    backend: str = LOCAL,
+    tries: int = TRIES,
+) -> Generator[Ended, None, None]:
+    """Make calls side by side and give each as it ends.
+
+    Calls are drawn from ``calls`` as workers become free: no more than ``jobs`` arguments and results are held.
+
+    Args:
+        function: of a module, with arguments and results that can be pickled.
+        calls: arguments of each call; may be an endless generator.
+        jobs: calls at a time; ``None``: one on this machine, as many as a cluster has cores.
+        backend: ``local``: one job runs in this process, several in processes of their own; ``ray``: see ``RayPool``.
+        tries: times that a call is begun, at most.
+    """
+    waiting = (Ended(number, arguments) for number, arguments in enumerate(calls))
+    with closing(_pool(jobs, backend)) as pool:
+        running: dict[Any, Ended] = {}
+
+        def begin(call: Ended) -> None:
+            running[pool.submit(function, call.arguments)] = call
+
+        def fill() -> None:
+            while len(running) < pool.jobs:
+                call = next(waiting, None)
+                if call is None:
+                    return
+                begin(call)
+
+        fill()
+        while running:
+            for handle in pool.wait(list(running)):
+                call = running.pop(handle)
+                ended = _ended(pool, handle, call)
+                if isinstance(ended.error, WorkerLostError) and call.tries < tries:
+                    begin(replace(call, tries=call.tries + 1))
+                else:
+                    yield ended
+            fill()
+
+
+def _pool(jobs: int | None, backend: str) -> Pool:
+    if backend != LOCAL:
+        return RayPool(jobs)
+    return LocalProcesses(jobs) if jobs and jobs > 1 else ThisProcess()
+
+
+def _ended(pool: Pool, handle: Any, call: Ended) -> Ended:
+    try:
+        return replace(call, result=pool.result(handle))
+    except Exception as error:
+        return replace(call, error=error)
+
+
+# Results of calls that run side by side, in the order of their arguments.
+
+
+Result = TypeVar("Result")
+
+
+def in_order(
+    function: Callable[..., Result],
+    arguments: Sequence[tuple[Any, ...]],
+    jobs: int,
+    backend: str,
+) -> Iterator[Result | Exception]:
+    """Results of the calls, in the order of the arguments, each as soon as it and those before are there.
+
+    Args:
+        function: of a module, with arguments and results that can be pickled.
+        arguments: of each call.
+        jobs: calls at a time.
+        backend: see ``as_completed``.
+
+    Returns:
+        The result of each call, or the exception if it could not be run to its end.
+    """
+    early: dict[int, Any] = {}
+    following = 0
+    for ended in as_completed(function, arguments, jobs, backend):
+        early[ended.number] = ended.error or ended.result
+        while following in early:
+            yield early.pop(following)
+            following += 1
