@@ -6,7 +6,7 @@
 
 ``catalogue`` prints the catalogue of effects as tables, one per family, as the pages of ``docs/effects/`` hold them.
 ``reference`` writes the pages of ``docs/reference/``: every key of a case file, from
-``gapscope/arm/io/case.schema.json``; ``--check`` writes nothing, and ends with 1 if a page is not up to date.
+``gapscope/schemas/case.schema.json``; ``--check`` writes nothing, and ends with 1 if a page is not up to date.
 ``scripts`` writes ``experiments/README.md``: which page quotes which script.
 """
 
@@ -132,7 +132,7 @@ def catalogue() -> None:
 # Keys of a case file
 
 ROOT = Path(__file__).parents[1]
-SCHEMA = ROOT / "gapscope/arm/io/case.schema.json"
+SCHEMA = ROOT / "gapscope/schemas/case.schema.json"
 PAGES = ROOT / "docs/reference"
 Schema = Mapping[str, Any]
 
@@ -152,7 +152,7 @@ CHANNELS = ("angle", "velocity", "torque", "temperature")
 """Definitions of the schema that say where a channel of a log stands."""
 KEY_HEAD = "| key | value | meaning |\n|---|---|---|"
 NOTE = (
-    "Generated from `gapscope/arm/io/case.schema.json` by `experiments/20_pages.py`. A key in bold must be "
+    "Generated from `gapscope/schemas/case.schema.json` by `experiments/20_pages.py`. A key in bold must be "
     "there if\nits mapping is; `[]` stands for each entry of a list, `NAME` for a name."
 )
 

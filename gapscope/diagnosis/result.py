@@ -81,7 +81,7 @@ class Diagnosis:
     """All findings on one case.
 
     Attributes:
-        document: content of ``diagnosis.json``; follows ``gapscope/diagnosis/document/diagnosis.schema.json``.
+        document: content of ``diagnosis.json``; follows ``gapscope/schemas/diagnosis.schema.json``.
         effects: the effects named, with values, ordered by share.
         traces: measured, nominal and corrected torque, one per recording.
         signatures: the shapes that gave the effects away.

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cache
-from importlib.resources import files
 from typing import Any
 
-import jsonschema
 import numpy as np
 import pandas as pd
 from scipy.stats import false_discovery_control
 
-from gapscope.arm.io.json_file import plain
+from gapscope.arm.io.json_file import plain, schema_fault
 from gapscope.diagnosis.fleet.change_points import (
     appearance,
     change_point,
@@ -272,14 +268,9 @@ def fleet_document(store: FleetStore) -> dict[str, Any]:
 
 def validate(document: Any) -> None:
     """Check a document against ``fleet.schema.json``; raises ``jsonschema.ValidationError``."""
-    jsonschema.validate(document, schema())
-
-
-@cache
-def schema() -> Any:
-    """Content of ``fleet.schema.json``."""
-    text = files("gapscope.fleets").joinpath("fleet.schema.json").read_text("utf-8")
-    return json.loads(text)
+    error = schema_fault(document, "fleet")
+    if error is not None:
+        raise error
 
 
 def _types(cases: pd.DataFrame) -> pd.Series:

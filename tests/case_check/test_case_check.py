@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +12,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 import gapscope
+from gapscope.arm.io.json_file import schema
 from gapscope.case_check.check import CaseCheck, check_case
 from gapscope.cli import main
 
@@ -140,10 +140,7 @@ def test_the_command_ends_with_0_or_2_and_writes_valid_json(
     folder = make_case()
     main_ends(["check", str(folder), "--json"], 0)
     content = json.loads(capsys.readouterr().out)
-    schema = resources.files("gapscope.case_check").joinpath("check.schema.json")
-    Draft202012Validator(json.loads(schema.read_text(encoding="utf-8"))).validate(
-        content
-    )
+    Draft202012Validator(schema("check")).validate(content)
     assert content["joints"][1]["reversals"] > 10
     (folder / "robot.urdf").unlink()
     main_ends(["check", str(folder)], 2)

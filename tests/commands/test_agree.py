@@ -5,23 +5,21 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from jsonschema import Draft202012Validator
 
 import gapscope as package
+from gapscope.arm.io.json_file import schema
 
 Command = Callable[..., Any]
 
 
 def check_against_schema(file: Path) -> dict[str, Any]:
     """The document in a file, valid by the schema that comes with the package."""
-    folder = resources.files("gapscope.diagnosis.agreement")
-    schema = folder.joinpath("agreement.schema.json").read_text(encoding="utf-8")
     content: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
-    Draft202012Validator(json.loads(schema)).validate(content)
+    Draft202012Validator(schema("agreement")).validate(content)
     return content
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ from jsonschema import Draft202012Validator
 import gapscope
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
+from gapscope.arm.io.json_file import schema
 from gapscope.arm.robots import load_nominal_arm, shifted_arm, shifted_text
 from gapscope.model_audit.audit import Audit, audit_model, check_static, static_poses
 
@@ -210,10 +210,8 @@ def test_the_document_follows_its_schema_and_the_page_names_the_worst(
     text = spoilt(arm_text(), "link_2", "ixx|iyy|izz", lambda x: 30 * x)
     result = gapscope.audit(file_of(text))
     page, document = result.save(tmp_path / "out")
-    folder = resources.files("gapscope.model_audit")
-    schema = folder.joinpath("audit.schema.json").read_text(encoding="utf-8")
     content = json.loads(document.read_text(encoding="utf-8"))
-    Draft202012Validator(json.loads(schema)).validate(content)
+    Draft202012Validator(schema("audit")).validate(content)
     assert content["findings"][0]["place"] == "link link_2"
     assert "link link_2, line" in page.read_text(encoding="utf-8")
     assert "moments too large, link link_2, line" in result.summary()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from sweeps import nightly
 from typer.testing import CliRunner
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.io.json_file import schema
 from gapscope.arm.recording import Recording
 from gapscope.cli import app
 from gapscope.effects.corrected import CorrectedArm
@@ -92,9 +92,8 @@ def test_restarted_watch_says_the_same_as_one_that_ran_through(
     )
     once = [json.loads(e.as_line(k)) for k, e in enumerate(through.run(), start=1)]
     assert stored == once
-    schema = resources.files("gapscope.watching").joinpath("event.schema.json")
     for entry in stored:
-        jsonschema.validate(entry, json.loads(schema.read_text(encoding="utf-8")))
+        jsonschema.validate(entry, schema("event"))
 
 
 def test_once_reads_a_folder_that_was_just_copied_and_counts_what_it_read(

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping
 from difflib import get_close_matches
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +15,7 @@ from gapscope.arm.control import LAWS, ComputedTorque
 from gapscope.arm.controller import Controller, Integrator
 from gapscope.arm.errors import InputError
 from gapscope.arm.input_file import read_text
-from gapscope.arm.io.json_file import LARGEST_WHOLE
+from gapscope.arm.io.json_file import LARGEST_WHOLE, schema_fault
 
 # The text of a case file: YAML checked against ``case.schema.json``, faults reported in plain sentences.
 
@@ -181,17 +179,7 @@ def check(content: Any, path: Path, section: str = "") -> None:
     Raises:
         InputError: the first fault, with its field.
     """
-    from jsonschema import Draft202012Validator
-    from jsonschema.exceptions import best_match
-
-    schema = json.loads(
-        files("gapscope.arm.io")
-        .joinpath("case.schema.json")
-        .read_text(encoding="utf-8")
-    )
-    if section:
-        schema = {"$defs": schema["$defs"], **schema["properties"][section]}
-    error = best_match(Draft202012Validator(schema).iter_errors(content))
+    error = schema_fault(content, "case", section)
     if error is None:
         return
     field = _field(error.absolute_path)

@@ -1,18 +1,23 @@
-"""JSON files: read with an error that says what to do, written whole or not at all."""
+"""JSON files: read with an error that says what to do, checked against schemas, written whole or not at all."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from functools import cache
+from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.input_file import read_text
 from gapscope.arm.io.atomic_write import atomic_write
+
+if TYPE_CHECKING:
+    from jsonschema import ValidationError
 
 LARGEST_WHOLE = 2**63
 """Size of the largest whole number in a JSON or YAML file [1]."""
@@ -43,6 +48,33 @@ def _whole_number(text: str) -> int:
     if abs(number) > LARGEST_WHOLE:
         raise ValueError(f"a whole number of {len(text)} digits")
     return number
+
+
+@cache
+def schema(name: str) -> dict[str, Any]:
+    """The schema of a document, a file of ``gapscope/schemas``, by its name."""
+    file = resources.files("gapscope") / "schemas" / f"{name}.schema.json"
+    content: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+    return content
+
+
+def schema_fault(
+    content: Any, name: str, section: str | None = None
+) -> ValidationError | None:
+    """What is most wrong with a plain document by its schema, or that of one of its sections; ``None`` if nothing."""
+    from jsonschema import Draft202012Validator
+    from jsonschema.exceptions import best_match
+
+    form = schema(name)
+    if section:
+        form = {"$defs": form["$defs"], **form["properties"][section]}
+    return best_match(Draft202012Validator(form).iter_errors(content))
+
+
+def field(path: Iterable[str | int]) -> str:
+    """A path in a document as in Python: ``effects[0].share``."""
+    steps = [f"[{step}]" if isinstance(step, int) else f".{step}" for step in path]
+    return "".join(steps).lstrip(".")
 
 
 def plain(value: Any, *, null_if_not_finite: bool = False) -> Any:

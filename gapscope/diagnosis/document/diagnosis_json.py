@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator, Mapping
-from functools import cache, partial
-from importlib import resources
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jsonschema import Draft202012Validator
-from jsonschema.exceptions import best_match
 
 from gapscope.arm.display import effect_name
 from gapscope.arm.errors import GapscopeError, InputError
-from gapscope.arm.io.json_file import plain, read_json, write_json
+from gapscope.arm.io.json_file import field as schema_field
+from gapscope.arm.io.json_file import plain, read_json, schema_fault, write_json
 from gapscope.arm.nominal import NominalArm, arm_entry
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.assessment.held_out_prediction import Rejection
@@ -339,7 +336,7 @@ def validate(document: Mapping[str, Any]) -> None:
     place = f"field {field}" if field else "top level"
     raise GapscopeError(
         f"diagnosis.json, {place}: {problem}",
-        "gapscope/diagnosis/document/diagnosis.schema.json describes the format",
+        "gapscope/schemas/diagnosis.schema.json describes the format",
     )
 
 
@@ -373,25 +370,12 @@ def read_document(path: Path) -> Mapping[str, Any]:
 def _problems(content: Any) -> Iterator[Problem]:
     """Fields at fault, each with what is wrong with it."""
     yield from not_finite(content)
-    error = best_match(_validator().iter_errors(content))
+    error = schema_fault(content, "diagnosis")
     if error is None:
         yield from inconsistencies(content)
     else:
         # The checks beyond the schema need the fields that it demands.
-        yield _field(error.absolute_path), error.message
-
-
-@cache
-def _validator() -> Draft202012Validator:
-    folder = resources.files("gapscope.diagnosis.document")
-    text = folder.joinpath("diagnosis.schema.json").read_text(encoding="utf-8")
-    return Draft202012Validator(json.loads(text))
-
-
-def _field(path: Any) -> str:
-    """A path in the document as in Python: ``effects[0].share``."""
-    steps = [f"[{step}]" if isinstance(step, int) else f".{step}" for step in path]
-    return "".join(steps).lstrip(".")
+        yield schema_field(error.absolute_path), error.message
 
 
 # The content of ``diagnosis.json``, put together from a study of a case.

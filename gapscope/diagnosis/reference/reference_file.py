@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
-from importlib import resources
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -27,7 +24,7 @@ from gapscope.arm.input_file import (
     read_text,
 )
 from gapscope.arm.io.atomic_write import atomic_write
-from gapscope.arm.io.json_file import read_json, write_json
+from gapscope.arm.io.json_file import read_json, schema_fault, write_json
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.npz_file import read_arrays
@@ -377,8 +374,6 @@ def _finite(
 
 def _check(content: Any, path: Path) -> None:
     """Check the content of ``reference.json`` against its schema."""
-    from jsonschema.exceptions import best_match
-
     schema = content.get("schema") if isinstance(content, dict) else None
     if schema is not None and schema != SCHEMA:
         raise InputError(
@@ -388,20 +383,11 @@ def _check(content: Any, path: Path) -> None:
             file=path,
             where="field schema",
         )
-    error = best_match(_validator().iter_errors(content))
+    error = schema_fault(content, "reference")
     if error is not None:
         field = ".".join(str(step) for step in error.absolute_path)
         where = f"field {field}" if field else ""
         raise InputError(error.message, REMEDY, file=path, where=where)
-
-
-@cache
-def _validator() -> Any:
-    from jsonschema import Draft202012Validator
-
-    folder = resources.files("gapscope.diagnosis.reference")
-    text = folder.joinpath("reference.schema.json").read_text(encoding="utf-8")
-    return Draft202012Validator(json.loads(text))
 
 
 def _sha256(content: bytes) -> str:

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
-from functools import cache
-from importlib import resources
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -14,7 +11,7 @@ import numpy as np
 
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.atomic_write import atomic_write
-from gapscope.arm.io.json_file import plain, write_json
+from gapscope.arm.io.json_file import field, plain, schema_fault, write_json
 from gapscope.arm.joint_units import common_unit
 from gapscope.arm.nominal import arm_entry
 from gapscope.ident.checks.troubleshooting import Row
@@ -455,41 +452,18 @@ def _row(row: Row) -> dict[str, Any]:
     }
 
 
-@cache
-def _validator() -> Any:
-    from jsonschema import Draft202012Validator
-
-    text = (
-        resources.files("gapscope.ident.output")
-        .joinpath("identification.schema.json")
-        .read_text(encoding="utf-8")
-    )
-    return Draft202012Validator(json.loads(text))
-
-
 def check(content: Mapping[str, Any]) -> None:
     """Check a plain document against ``identification.schema.json``.
 
     Raises:
         GapscopeError: a field is missing or has a wrong value; the message names the field.
     """
-    from jsonschema.exceptions import best_match
-
-    error = best_match(_validator().iter_errors(content))
+    error = schema_fault(content, "identification")
     if error is not None:
         raise GapscopeError(
-            f"identification.json, field {_field(error.absolute_path)}: {error.message}",
-            "gapscope/ident/output/identification.schema.json describes the format",
+            f"identification.json, field {field(error.absolute_path) or 'at the top'}: {error.message}",
+            "gapscope/schemas/identification.schema.json describes the format",
         )
-
-
-def _field(path: Sequence[Any]) -> str:
-    return (
-        "".join(
-            f"[{step}]" if isinstance(step, int) else f".{step}" for step in path
-        ).lstrip(".")
-        or "at the top"
-    )
 
 
 def write_document(content: Mapping[str, Any], path: Path | str) -> None:

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gapscope.arm.errors import GapscopeError
-from gapscope.arm.io.json_file import plain, write_json
+from gapscope.arm.io.json_file import plain, schema_fault, write_json
 from gapscope.ident.residual.fit import LearntResidual, Trajectory
 from gapscope.model.conditioning import TORQUE_CUTOFF, low_pass
 
@@ -160,27 +157,16 @@ def _recordings(trajectories: Sequence[Trajectory]) -> list[dict[str, Any]]:
     ]
 
 
-@cache
-def _validator() -> Any:
-    from jsonschema import Draft202012Validator
-
-    folder = resources.files("gapscope.ident.residual")
-    text = folder.joinpath("residual.schema.json").read_text(encoding="utf-8")
-    return Draft202012Validator(json.loads(text))
-
-
 def write_document(content: Mapping[str, Any], path: Path | str) -> None:
     """Check a document against ``residual.schema.json`` and write it.
 
     Raises:
         GapscopeError: a field is missing or has a wrong value, or the file cannot be written.
     """
-    from jsonschema.exceptions import best_match
-
-    error = best_match(_validator().iter_errors(content))
+    error = schema_fault(content, "residual")
     if error is not None:
         raise GapscopeError(
             f"residual.json, {error.json_path}: {error.message}",
-            "gapscope/ident/residual/residual.schema.json describes the format",
+            "gapscope/schemas/residual.schema.json describes the format",
         )
     write_json(content, path)

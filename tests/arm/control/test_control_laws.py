@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +22,7 @@ from gapscope.arm.control import (
 from gapscope.arm.controller import ANTI_WINDUP, Controller, Integrator
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.case_file import COMMON, controller_section, parse_controller
+from gapscope.arm.io.json_file import schema
 from gapscope.arm.nominal import NominalArm
 
 RATE = 10.0
@@ -156,8 +156,7 @@ def test_a_section_is_read_as_it_was_written(law: Controller) -> None:
 
 
 def test_the_schema_knows_the_laws_and_their_gains() -> None:
-    text = files("gapscope.arm.io").joinpath("case.schema.json").read_text("utf-8")
-    section = json.loads(text)["properties"]["controller"]["properties"]
+    section = schema("case")["properties"]["controller"]["properties"]
     gains = {gain.name for law in LAWS.values() for gain in law.gains}
     assert section["kind"]["enum"] == list(LAWS)
     assert set(section) == {*COMMON, *gains, "integrator"}
