@@ -50,16 +50,16 @@ from gapscope.ident.estimators.simulating import (
     InstrumentalVariables,
     OutputError,
 )
-from gapscope.ident.model.base_parameters import BaseParameters, base_parameters
-from gapscope.ident.model.linear_problem import Problem
-from gapscope.ident.model.regressor import Regressor
-from gapscope.ident.uncertainty.intervals import (
+from gapscope.ident.intervals import (
     Uncertainty,
     block_jackknife,
     plain,
     sandwich,
     torque_interval,
 )
+from gapscope.ident.model.base_parameters import BaseParameters, base_parameters
+from gapscope.ident.model.linear_problem import Problem
+from gapscope.ident.model.regressor import Regressor
 from gapscope.model.conditioning import condition, low_pass
 
 # Arms, noise and problems

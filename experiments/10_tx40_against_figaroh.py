@@ -26,6 +26,7 @@ from benchmarks.child import FIGAROH, figaroh_fit, install
 
 from gapscope.arm.case import load_case
 from gapscope.arm.nominal import smooth_sign
+from gapscope.ident.examination import MOVING
 from gapscope.ident.identification import (
     Identification,
     IdentificationSettings,
@@ -33,7 +34,6 @@ from gapscope.ident.identification import (
 )
 from gapscope.ident.model.linear_problem import FrictionLaw, ModelColumns
 from gapscope.ident.samples import Band
-from gapscope.ident.uncertainty.examination import MOVING
 from gapscope.model.conditioning import TRIM, Segment
 
 HERE = Path(__file__).parent

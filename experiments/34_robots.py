@@ -48,9 +48,9 @@ from common import run_part, run_tasks
 
 import gapscope
 from gapscope.arm.case import Case
+from gapscope.arm.dynamics.kinematic_tree import KinematicTree
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.robot_file import tree_of
-from gapscope.arm.dynamics.tree.kinematic_tree import KinematicTree
 from gapscope.arm.errors import GapscopeError, ModelWarning
 from gapscope.arm.io.json_file import read_json, write_json
 from gapscope.arm.nominal import NominalArm

@@ -45,7 +45,7 @@ from gapscope.arm.io.write_case import write_case
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.blind_check.scoring import wilson
-from gapscope.diagnosis.agreement.agreement import (
+from gapscope.diagnosis.agreement import (
     AGREES,
     DIFFERS,
     NOT_DETERMINED,

@@ -29,7 +29,7 @@ from gapscope.arm.nominal import smooth_sign
 from gapscope.arm.recording import Recording
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.identification import IdentificationSettings
-from gapscope.ident.output.identified_arm import (
+from gapscope.ident.identification_json import (
     effects,
     identified_bodies,
     sheet,

@@ -52,14 +52,15 @@ APART = ({"envs", "ident"}, {"agents", "blind_check"})
 DIAGNOSIS_LAYERS: tuple[set[str], ...] = (
     {"thresholds"},
     {"gap", "setup_faults"},
-    {"model", "localisation"},
+    {"model", "locate"},
     {"selection"},
-    {"assessment", "agreement"},
+    {"assessment", "agreement", "states"},
     {"result"},
     {"study"},
     {"document"},
     {"diagnose"},
-    {"reference", "fleet", "advice"},
+    {"reference_file", "diagnose_change", "hypotheses", "next_recording"},
+    {"change_points", "compare_units"},
 )
 """The same inside ``diagnosis``."""
 
@@ -95,7 +96,7 @@ NAMES_EFFECTS: dict[str, str] = {
             *("arm.beyond_any_arm", "arm.nominal", "arm.robots"),
             *("arm.dynamics.robot_file", "envs.mystery_arm"),
             *("model_audit.checks", "model_audit.description"),
-            "diagnosis.reference.reference_file",
+            "diagnosis.reference_file",
         ),
         "payload is the case's key of a known load": (
             "diagnosis.document.diagnosis_json",

@@ -20,9 +20,9 @@ from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.ident.examination import MOVING
 from gapscope.ident.identification import IdentificationSettings, identify
 from gapscope.ident.samples import Band
-from gapscope.ident.uncertainty.examination import MOVING
 from gapscope.model.conditioning import Segment
 
 from .cases import CASES, Simulated, data_folder, simulated_case

@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.data_sheet import checked_sheet
+from gapscope.arm.dynamics.kinematic_tree import KinematicTree
+from gapscope.arm.dynamics.locked_joints import lock
 from gapscope.arm.dynamics.mjcf import numbers
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.robot_file import (
@@ -27,8 +29,6 @@ from gapscope.arm.dynamics.robot_file import (
     silent_limits,
     tree_of,
 )
-from gapscope.arm.dynamics.tree.kinematic_tree import KinematicTree
-from gapscope.arm.dynamics.tree.locked_joints import lock
 from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.input_file import check_file, is_file
 from gapscope.arm.nearest_name import nearest

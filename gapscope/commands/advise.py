@@ -82,8 +82,8 @@ def advise(
     """Design the recording that separates what is still confounded."""
     from gapscope.arm.io.atomic_write import make_folder
     from gapscope.commands.search_progress import SearchProgress
-    from gapscope.diagnosis.advice.next_recording import AdviceRequest, lines
-    from gapscope.diagnosis.advice.next_recording import advise as advise_case
+    from gapscope.diagnosis.next_recording import AdviceRequest, lines
+    from gapscope.diagnosis.next_recording import advise as advise_case
     from gapscope.ident.excitation.design import LimitPlan
     from gapscope.reports.trajectory import (
         check_csv,

@@ -19,7 +19,7 @@ def check(case: CasePath, as_json: AsJson = False) -> None:
     """Say in seconds whether a case can be diagnosed, and what its recordings cannot tell."""
     from gapscope.arm.io.json_file import to_json
     from gapscope.interface.check import check as check_case
-    from gapscope.reports.case_check.terminal_summary import summary
+    from gapscope.reports.case_check import summary
 
     with Progress(case.name or str(case)) as progress:
         result = check_case(case, progress=progress)

@@ -71,7 +71,7 @@ def _one(case: Path, out: Path) -> None:
 def _several(cases: Sequence[Path], out: Path, **options: Any) -> None:
     with Progress(f"{len(cases)} cases") as progress:
         progress(LOADS)
-        from gapscope.commands.many.diagnosis_batch import (
+        from gapscope.commands.diagnosis_batch import (
             SUMMARY,
             UNITS,
             Batch,

@@ -124,7 +124,7 @@ def export_path(
     """
     from gapscope.arm.nearest_name import check_known
     from gapscope.commands.inputs import read_arm_and_controller
-    from gapscope.diagnosis.fleet.compare_units import read_ranges
+    from gapscope.diagnosis.compare_units import read_ranges
     from gapscope.effects.corrected_file import error_context, read_corrected_arm
     from gapscope.envs.export.formats import ALL_FORMATS
     from gapscope.envs.export.formats import export as export_arm

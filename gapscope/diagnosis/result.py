@@ -10,7 +10,7 @@ import numpy as np
 
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.assessment.replay_gap import ReplayedMotion
-from gapscope.diagnosis.localisation.locate import JointLocalisation
+from gapscope.diagnosis.locate import JointLocalisation
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault
 from gapscope.effects.applied import AppliedEffect, State
 

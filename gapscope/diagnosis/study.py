@@ -10,8 +10,7 @@ import numpy as np
 from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
-from gapscope.diagnosis.agreement.agreement import Agreement, alike, compared
-from gapscope.diagnosis.agreement.states import States, states_of
+from gapscope.diagnosis.agreement import Agreement, alike, compared
 from gapscope.diagnosis.assessment.confidence import Confidence, divide
 from gapscope.diagnosis.assessment.held_out_prediction import (
     ExcessResidual,
@@ -49,6 +48,7 @@ from gapscope.diagnosis.setup_faults.detection import (
 )
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
 from gapscope.diagnosis.setup_faults.references import find_reference_faults
+from gapscope.diagnosis.states import States, states_of
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.setup_faults import TimeStamps
 from gapscope.model.changes import Change, changes_of

@@ -20,7 +20,7 @@ from fsspec.utils import get_protocol
 
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.case_file import read_case_file
-from gapscope.diagnosis.fleet.compare_units import (
+from gapscope.diagnosis.compare_units import (
     ORDER,
     Pooled,
     kind_of,
@@ -431,7 +431,7 @@ def latest(cases: pd.DataFrame) -> pd.DataFrame:
 
 
 def shared_effects(effects: pd.DataFrame, units: int) -> list[dict[str, Any]]:
-    """Effects of the last diagnoses of several units; see ``gapscope.diagnosis.fleet.compare_units``.
+    """Effects of the last diagnoses of several units; see ``gapscope.diagnosis.compare_units``.
 
     Args:
         effects: numbers of the named effects, of one diagnosis a unit.

@@ -11,13 +11,13 @@ import pandas as pd
 from scipy.stats import false_discovery_control
 
 from gapscope.arm.io.json_file import plain, schema_fault
-from gapscope.diagnosis.fleet.change_points import (
+from gapscope.diagnosis.change_points import (
     appearance,
     change_point,
     change_points,
     scatter,
 )
-from gapscope.diagnosis.fleet.compare_units import ANGLES
+from gapscope.diagnosis.compare_units import ANGLES
 from gapscope.diagnosis.thresholds import EFFECT_FORM, FALSE_CHANGES, SHORTEST_HISTORY
 from gapscope.fleets.cases import latest, shared_effects
 from gapscope.fleets.store import NUMBER, PLACE, FleetStore

@@ -24,13 +24,13 @@ from gapscope.ident.checks.symptoms import NominalSimilarity, nominal_similarity
 from gapscope.ident.estimators.by_name import Given, method
 from gapscope.ident.estimators.linear import Estimate, Estimator
 from gapscope.ident.estimators.simulating import closed_loop
+from gapscope.ident.examination import base_problem
+from gapscope.ident.intervals import Uncertainty
 from gapscope.ident.model.base_parameters import BaseParameters, base_parameters
 from gapscope.ident.model.friction import Choice, choose, penalties
 from gapscope.ident.model.linear_problem import FrictionLaw, ModelColumns, Problem
 from gapscope.ident.model.physical_parameters import Physical, consistent
 from gapscope.ident.samples import Band, Samples, split
-from gapscope.ident.uncertainty.examination import base_problem
-from gapscope.ident.uncertainty.intervals import Uncertainty
 from gapscope.model.conditioning import position_cutoff
 
 FILTERS = ("recursive", "unscented")

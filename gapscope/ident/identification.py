@@ -19,26 +19,25 @@ from gapscope.ident.estimators.linear import (
     PartialUpdate,
     WeightedLeastSquares,
 )
-from gapscope.ident.fitted_parameters import (
-    FittedParameters,
-    IdentificationSettings,
-    fit_parameters,
-)
-from gapscope.ident.kalman.filters import StatesAndFriction, follow_states
-from gapscope.ident.kalman.review import FilterReview, review
-from gapscope.ident.model.base_parameters import BaseParameters, Recovery, recoveries
-from gapscope.ident.model.friction import Choice
-from gapscope.ident.model.joint_zero import JointZeros, estimate_zeros
-from gapscope.ident.model.linear_problem import ModelColumns
-from gapscope.ident.model.physical_parameters import Physical
-from gapscope.ident.uncertainty.examination import (
+from gapscope.ident.examination import (
     Examination,
     Validation,
     examine,
     predicted,
     validated,
 )
-from gapscope.ident.uncertainty.intervals import PredictedTorque, Uncertainty
+from gapscope.ident.fitted_parameters import (
+    FittedParameters,
+    IdentificationSettings,
+    fit_parameters,
+)
+from gapscope.ident.intervals import PredictedTorque, Uncertainty
+from gapscope.ident.kalman import FilterReview, StatesAndFriction, follow_states, review
+from gapscope.ident.model.base_parameters import BaseParameters, Recovery, recoveries
+from gapscope.ident.model.friction import Choice
+from gapscope.ident.model.joint_zero import JointZeros, estimate_zeros
+from gapscope.ident.model.linear_problem import ModelColumns
+from gapscope.ident.model.physical_parameters import Physical
 from gapscope.model.changes import Change, changes_of
 from gapscope.model.conditioning import condition
 from gapscope.model.gravity_direction import as_mounted

@@ -9,9 +9,9 @@ import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
+from gapscope.arm.io.damaged_rows import BEYOND
 from gapscope.arm.io.import_section import UNITS
 from gapscope.arm.io.load_recording import recording_of_columns
-from gapscope.arm.io.samples.damaged import BEYOND
 from gapscope.arm.nominal import NominalArm, smooth_sign
 from gapscope.arm.reading import Columns
 from gapscope.arm.recording import Recording

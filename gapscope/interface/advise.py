@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from gapscope.diagnosis.advice.next_recording import Advice, AdviceRequest, lines
-from gapscope.diagnosis.advice.next_recording import advise as design_recording
+from gapscope.diagnosis.next_recording import Advice, AdviceRequest, lines
+from gapscope.diagnosis.next_recording import advise as design_recording
 from gapscope.ident.excitation.design import LimitPlan
 from gapscope.interface.diagnose import DiagnosisResult, diagnose
 from gapscope.interface.excite import ExcitationResult

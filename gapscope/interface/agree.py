@@ -11,7 +11,7 @@ import pandas as pd
 from rich.console import Console
 
 from gapscope.arm.case import Case, load_case
-from gapscope.diagnosis.agreement.agreement import Agreement, agreement, document
+from gapscope.diagnosis.agreement import Agreement, agreement, document
 from gapscope.interface.result import Result, as_text
 from gapscope.reports.agreement import summary, write_agreement
 

@@ -17,7 +17,7 @@ from gapscope.arm.io.json_file import write_json
 from gapscope.case_check.check import CaseCheck, check_case, document
 from gapscope.interface.models import case_file
 from gapscope.interface.result import Result, as_text
-from gapscope.reports.case_check.terminal_summary import summary
+from gapscope.reports.case_check import summary
 
 DOCUMENT = "check.json"
 

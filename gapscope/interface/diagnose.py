@@ -16,7 +16,7 @@ import pandas as pd
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.io.atomic_write import atomic_write, begin_results
 from gapscope.diagnosis.diagnose import diagnose as diagnose_case
-from gapscope.diagnosis.reference.diagnose_change import Change, diagnose_change
+from gapscope.diagnosis.diagnose_change import Change, diagnose_change
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm

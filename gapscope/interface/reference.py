@@ -8,8 +8,8 @@ from pathlib import Path
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import InputError
-from gapscope.diagnosis.reference.diagnose_change import check_same_arm, place_of
-from gapscope.diagnosis.reference.reference_file import (
+from gapscope.diagnosis.diagnose_change import check_same_arm, place_of
+from gapscope.diagnosis.reference_file import (
     FOLDER,
     KeptReference,
     identified_folder,

@@ -15,7 +15,7 @@ from rich.text import Text
 from gapscope.arm.display import MISSING, display_unit, uncertain
 from gapscope.arm.io.atomic_write import begin_results
 from gapscope.arm.io.json_file import write_json
-from gapscope.diagnosis.agreement.agreement import Agreement, document
+from gapscope.diagnosis.agreement import Agreement, document
 from gapscope.reports.pages import COLOURS, PageSection, figure_html, write_plot_page
 
 if TYPE_CHECKING:

@@ -19,8 +19,8 @@ from gapscope.arm.display import (
     percent,
     uncertain,
 )
+from gapscope.diagnosis.compare_units import DIFFERING, NOMINAL, ONE, SHARED, SOME
 from gapscope.diagnosis.document.wording import capital, joint_ranges, listing
-from gapscope.diagnosis.fleet.compare_units import DIFFERING, NOMINAL, ONE, SHARED, SOME
 from gapscope.diagnosis.thresholds import ALIKE_NRMSE, FLEET_LEVEL
 from gapscope.effects.catalogue import known_effect, of_quantity
 from gapscope.effects.effect import SHEET

@@ -30,6 +30,7 @@ from gapscope.arm.dynamics.plain_urdf import moving_links
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.json_file import plain
 from gapscope.arm.joint_units import joint_unit
+from gapscope.diagnosis.diagnose_change import Change
 from gapscope.diagnosis.document.diagnosis_json import validate, write_document
 from gapscope.diagnosis.document.wording import (
     VERDICTS,
@@ -54,15 +55,14 @@ from gapscope.diagnosis.document.wording import (
     verdict_sentence,
     worst_joint,
 )
-from gapscope.diagnosis.localisation.locate import DRIVES, JointLocalisation, Region
-from gapscope.diagnosis.reference.diagnose_change import Change
-from gapscope.diagnosis.reference.reference_file import FOLDER, write_reference
+from gapscope.diagnosis.locate import DRIVES, JointLocalisation, Region
+from gapscope.diagnosis.reference_file import FOLDER, write_reference
 from gapscope.diagnosis.result import Diagnosis, Signature, Spectrum, Trace
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import known_effect
 from gapscope.effects.corrected_file import write_corrected
 from gapscope.effects.effect import Effect
-from gapscope.ident.output.identified_arm import write_case_beside
+from gapscope.ident.identification_json import write_case_beside
 from gapscope.model.change_findings import change_text
 from gapscope.reports import compared_units as units_words
 from gapscope.reports.compared_units import ADDING

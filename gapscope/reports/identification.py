@@ -19,23 +19,21 @@ from gapscope.arm.io.json_file import plain
 from gapscope.arm.joint_units import common_unit
 from gapscope.effects.corrected_file import write_corrected
 from gapscope.ident.checks.troubleshooting import FOUND, WORSE, Row
+from gapscope.ident.examination import CONDITION_LIMIT, Validation
 from gapscope.ident.identification import Identification
-from gapscope.ident.kalman.review import FilterReview
-from gapscope.ident.output.identification_json import (
+from gapscope.ident.identification_json import (
     document,
-    filter_document,
-    write_base,
-    write_document,
-)
-from gapscope.ident.output.identified_arm import (
     effects,
+    filter_document,
     identified_bodies,
     presliding,
     urdf_text,
     with_sheet,
+    write_base,
     write_case_beside,
+    write_document,
 )
-from gapscope.ident.uncertainty.examination import CONDITION_LIMIT, Validation
+from gapscope.ident.kalman import FilterReview
 from gapscope.model.change_findings import change_findings, change_text
 from gapscope.reports.diagnosis import encode, keep_extremes
 from gapscope.reports.pages import percent_with_decimal, write_html

@@ -17,8 +17,8 @@ from gapscope.arm.case import load_case
 from gapscope.arm.dynamics.rigid_body import INERTIAL_PARAMETERS, RigidBody
 from gapscope.effects.corrected_file import read_corrected
 from gapscope.ident.estimators.by_name import METHODS
+from gapscope.ident.identification_json import check
 from gapscope.ident.model.physical_parameters import check_links
-from gapscope.ident.output.identification_json import check
 
 Command = Callable[..., Any]
 Once = Callable[[str], Any]

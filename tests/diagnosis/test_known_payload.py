@@ -19,14 +19,14 @@ from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.reading import Reading
-from gapscope.diagnosis.advice.hypotheses import RecordedData
 from gapscope.diagnosis.diagnose import diagnose
+from gapscope.diagnosis.diagnose_change import Change, diagnose_change
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.gap.predict import predict_torque
+from gapscope.diagnosis.hypotheses import RecordedData
 from gapscope.diagnosis.model.fit_data import CompliantBodies, FitData
 from gapscope.diagnosis.model.linearisation import link_torque
-from gapscope.diagnosis.reference.diagnose_change import Change, diagnose_change
-from gapscope.diagnosis.reference.reference_file import identify_reference
+from gapscope.diagnosis.reference_file import identify_reference
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.nuisance import fold_equations, sample

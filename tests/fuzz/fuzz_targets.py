@@ -27,7 +27,7 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.diagnosis.document.diagnosis_json import read_document
-from gapscope.diagnosis.reference.reference_file import read_reference
+from gapscope.diagnosis.reference_file import read_reference
 from gapscope.effects.corrected_file import read_corrected_arm, read_with_faults
 from gapscope.effects.residual import (
     Inputs,

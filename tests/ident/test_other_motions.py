@@ -13,9 +13,9 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.position_controller import position_controller
 from gapscope.envs.recorder import record
+from gapscope.ident.examination import validate
 from gapscope.ident.identification import IdentificationSettings, identify
 from gapscope.ident.samples import Band
-from gapscope.ident.uncertainty.examination import validate
 
 EFFECTS = (
     AppliedEffect("payload", (), {"mass": 2.0, "com": [0.02, 0.01, 0.08]}),

@@ -22,7 +22,7 @@ from gapscope.model.conditioning import (
     uniform,
     without_slips,
 )
-from gapscope.model.decimating_filter import low_passed_rows
+from gapscope.model.decimated_segments import low_passed_rows
 from gapscope.model.effective_samples import (
     autocovariance,
     band_samples,

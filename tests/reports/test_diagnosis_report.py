@@ -19,7 +19,7 @@ from guard import HANG
 from sweeps import nightly
 
 from gapscope.diagnosis.document.wording import verdict_sentence
-from gapscope.diagnosis.localisation.locate import MotionRows, locate
+from gapscope.diagnosis.locate import MotionRows, locate
 from gapscope.diagnosis.result import Located, Spectrum
 from gapscope.reports.diagnosis import (
     POINTS_PER_CURVE,

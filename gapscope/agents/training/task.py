@@ -24,7 +24,7 @@ from gapscope.arm.motions.named_motions import check_motion_name, draw_motion
 from gapscope.arm.motions.trajectory import ReferenceMotion
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.npz_file import read_arrays
-from gapscope.diagnosis.fleet.compare_units import read_ranges
+from gapscope.diagnosis.compare_units import read_ranges
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import External

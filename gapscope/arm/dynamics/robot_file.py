@@ -19,6 +19,7 @@ import pinocchio as pin
 from gapscope.arm.beyond_any_arm import check_size
 from gapscope.arm.dynamics import mjcf
 from gapscope.arm.dynamics.inertials import inertial_faults
+from gapscope.arm.dynamics.kinematic_tree import SINGLE, KinematicTree, read_tree
 from gapscope.arm.dynamics.mjcf import (
     check_mjcf,
     check_references,
@@ -28,7 +29,6 @@ from gapscope.arm.dynamics.mjcf import (
     position_gains,
     torque_limits,
 )
-from gapscope.arm.dynamics.tree.kinematic_tree import SINGLE, KinematicTree, read_tree
 from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.input_file import read_bytes
 

@@ -22,6 +22,7 @@ from gapscope.arm.io.channels import (
     read_time,
     stamps,
 )
+from gapscope.arm.io.damaged_rows import damage
 from gapscope.arm.io.even_rows import EVENLY_TAKEN, even_stamps_of_rows
 from gapscope.arm.io.formats.lerobot import (
     dataset_episodes,
@@ -39,7 +40,6 @@ from gapscope.arm.io.plausibility import (
     untrusted_torque,
     without_turns,
 )
-from gapscope.arm.io.samples.damaged import damage
 from gapscope.arm.io.table import Log, LogTable, Table
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gapscope.diagnosis.localisation.locate import MotionRows
+from gapscope.diagnosis.locate import MotionRows
 
 KNOTS = 16
 """Knots of a curve, at equal shares of the samples and of the range in turn."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.diagnosis.assessment.curves import Curve, Variable, curve_of, variables
-from gapscope.diagnosis.localisation.locate import MotionRows
+from gapscope.diagnosis.locate import MotionRows
 from gapscope.diagnosis.thresholds import (
     FOLD_GUARD,
     FOURIER_FEATURES,
@@ -19,7 +19,7 @@ from gapscope.diagnosis.thresholds import (
     RIDGE_STRENGTHS,
     ROWS_PER_CUTOFF,
 )
-from gapscope.ident.uncertainty.examination import band_correlation, whiteness
+from gapscope.ident.examination import band_correlation, whiteness
 from gapscope.model.conditioning import TORQUE_CUTOFF
 from gapscope.model.torque_gap import TorqueGap
 

@@ -35,7 +35,7 @@ from gapscope.diagnosis.document.findings import (
 from gapscope.diagnosis.document.wording import verdict, with_slide_units
 from gapscope.diagnosis.gap.commanded_torque import WARNING
 from gapscope.diagnosis.gap.plausible_data import short_note, still_note
-from gapscope.diagnosis.localisation.locate import MotionRows, located, stack
+from gapscope.diagnosis.locate import MotionRows, located, stack
 from gapscope.diagnosis.selection.evidence import Fit
 from gapscope.diagnosis.selection.search import Selection
 from gapscope.diagnosis.study import Study

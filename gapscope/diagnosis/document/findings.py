@@ -10,8 +10,7 @@ import numpy as np
 
 from gapscope.arm.display import effect_name
 from gapscope.arm.nominal import NominalArm
-from gapscope.diagnosis.agreement.agreement import DIFFERS, Agreement, states
-from gapscope.diagnosis.agreement.states import OtherState, States
+from gapscope.diagnosis.agreement import DIFFERS, Agreement, states
 from gapscope.diagnosis.assessment.confidence import (
     LONGER_RECORDING,
     Alternative,
@@ -26,11 +25,12 @@ from gapscope.diagnosis.assessment.held_out_prediction import (
     log_e_values,
 )
 from gapscope.diagnosis.document.wording import coupling_text
-from gapscope.diagnosis.localisation.locate import MotionRows, Region, regions
+from gapscope.diagnosis.locate import MotionRows, Region, regions
 from gapscope.diagnosis.selection.evidence import value_draws
 from gapscope.diagnosis.selection.search import Selection
 from gapscope.diagnosis.selection.undeclared_coupling import UndeclaredCoupling
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault
+from gapscope.diagnosis.states import OtherState, States
 from gapscope.diagnosis.study import Study
 from gapscope.diagnosis.thresholds import (
     FALSE_DISCOVERY_RATE,

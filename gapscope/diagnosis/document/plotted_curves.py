@@ -12,7 +12,7 @@ from scipy.signal import welch
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.joint_units import joint_unit
 from gapscope.diagnosis.document.wording import worst_joint
-from gapscope.diagnosis.localisation.locate import MotionRows, locate, stack
+from gapscope.diagnosis.locate import MotionRows, locate, stack
 from gapscope.diagnosis.result import Located, Signature, Spectrum, Trace
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm

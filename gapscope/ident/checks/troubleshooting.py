@@ -17,8 +17,8 @@ from gapscope.ident.checks.symptoms import (
     torque_gain,
 )
 from gapscope.ident.estimators.linear import Estimate
+from gapscope.ident.examination import Examination, Validation
 from gapscope.ident.model.physical_parameters import inconsistent
-from gapscope.ident.uncertainty.examination import Examination, Validation
 from gapscope.model.change_findings import change_findings, change_text
 from gapscope.model.changes import Change
 

@@ -29,15 +29,15 @@ from gapscope.ident.estimators.simulating import (
     InstrumentalVariables,
     OutputError,
 )
-from gapscope.ident.model.base_parameters import BaseParameters
-from gapscope.ident.model.linear_problem import Problem
-from gapscope.ident.uncertainty.intervals import (
+from gapscope.ident.intervals import (
     MOST_BLOCKS,
     STRETCHES,
     Uncertainty,
     block_jackknife,
     refit_jackknife,
 )
+from gapscope.ident.model.base_parameters import BaseParameters
+from gapscope.ident.model.linear_problem import Problem
 
 
 @dataclass(frozen=True)

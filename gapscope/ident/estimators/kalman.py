@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.ident.estimators.linear import Estimate
-from gapscope.ident.kalman.filters import follow
+from gapscope.ident.kalman import follow
 from gapscope.ident.model.linear_problem import Problem
 
 
 @dataclass(frozen=True)
 class Kalman:
-    """The last estimate of ``gapscope.ident.kalman.filters.follow``, with the covariance of the filter.
+    """The last estimate of ``gapscope.ident.kalman.follow``, with the covariance of the filter.
 
     If friction wanders, it is friction as it was at the end of the last recording.
 

@@ -316,7 +316,7 @@ class OrdinaryLeastSquares:
     """Minimises |tau - W beta|^2; covariance s^2 (W^T W)^-1 with s^2 = |tau - W beta|^2 / (N n - b).
 
     That covariance holds for white noise of one size on all joints and a model without error, which filtered
-    recordings hardly ever meet; ``gapscope.ident.uncertainty.intervals`` has covariances that need less. Source:
+    recordings hardly ever meet; ``gapscope.ident.intervals`` has covariances that need less. Source:
     hollerbach2008.
     """
 

@@ -14,6 +14,7 @@ from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.recording import Recording
 from gapscope.ident.estimators.experiment import Experiment, diverged
 from gapscope.ident.estimators.linear import Estimate, WeightedLeastSquares
+from gapscope.ident.intervals import Uncertainty, jackknife
 from gapscope.ident.model.base_parameters import BaseParameters
 from gapscope.ident.model.linear_problem import (
     SMOOTH,
@@ -23,7 +24,6 @@ from gapscope.ident.model.linear_problem import (
 )
 from gapscope.ident.model.regressor import Regressor
 from gapscope.ident.samples import Samples
-from gapscope.ident.uncertainty.intervals import Uncertainty, jackknife
 from gapscope.model.conditioning import TORQUE_CUTOFF, TRIM, low_pass
 
 # The closed loop of a case: its fitted recordings, and how an estimator that simulates repeats them.

@@ -27,6 +27,7 @@ from gapscope.arm.motions.trajectory import (
 )
 from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
+from gapscope.ident.examination import CONDITION_LIMIT
 from gapscope.ident.excitation.limits import (
     REMEDIES,
     SURFACE,
@@ -57,7 +58,6 @@ from gapscope.ident.excitation.trajectory_search import (
     family,
 )
 from gapscope.ident.model.regressor import JOINT_COLUMNS
-from gapscope.ident.uncertainty.examination import CONDITION_LIMIT
 
 # An exciting trajectory into files: CSV in the columns of the case format, and a ROS ``JointTrajectory``.
 

@@ -13,7 +13,8 @@ from gapscope.arm.case import Case
 from gapscope.arm.errors import InputError
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.trajectory import Fourier
-from gapscope.diagnosis.advice.hypotheses import (
+from gapscope.diagnosis.diagnose import diagnose
+from gapscope.diagnosis.hypotheses import (
     Hypothesis,
     Question,
     RecordedData,
@@ -23,7 +24,7 @@ from gapscope.diagnosis.advice.hypotheses import (
     vector,
     with_values,
 )
-from gapscope.diagnosis.advice.next_recording import (
+from gapscope.diagnosis.next_recording import (
     Advice,
     AdviceRequest,
     HypothesisContrast,
@@ -32,7 +33,6 @@ from gapscope.diagnosis.advice.next_recording import (
     lines,
     options,
 )
-from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.thresholds import DESIGNED_ALTERNATIVES
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm

@@ -14,7 +14,7 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.trajectory import Fourier
 from gapscope.arm.recording import Recording
-from gapscope.diagnosis.agreement.agreement import (
+from gapscope.diagnosis.agreement import (
     AGREES,
     DIFFERS,
     NOT_DETERMINED,

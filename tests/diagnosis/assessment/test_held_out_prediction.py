@@ -35,7 +35,7 @@ from gapscope.diagnosis.assessment.predictable_share import (
     predictable,
 )
 from gapscope.diagnosis.document.diagnosis_json import validate
-from gapscope.diagnosis.localisation.locate import MotionRows
+from gapscope.diagnosis.locate import MotionRows
 from gapscope.diagnosis.selection.search import Selection
 from gapscope.diagnosis.thresholds import FALSE_ALARM_RATE
 from gapscope.effects.applied import AppliedEffect

@@ -21,13 +21,13 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.io.json_file import write_json
 from gapscope.arm.io.write_case import write_case
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.diagnosis.fleet.change_points import (
+from gapscope.diagnosis.change_points import (
     appearance,
     change_point,
     change_points,
     scatter,
 )
-from gapscope.diagnosis.fleet.compare_units import (
+from gapscope.diagnosis.compare_units import (
     DIFFERING,
     NOMINAL,
     ONE,

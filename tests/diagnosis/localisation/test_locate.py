@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import butter, sosfiltfilt
 from sweeps import daily
 
-from gapscope.diagnosis.localisation.locate import (
+from gapscope.diagnosis.locate import (
     MotionRows,
     Region,
     change_points,

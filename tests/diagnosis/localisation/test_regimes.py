@@ -8,7 +8,7 @@ import synthetic
 from scipy.signal import butter, sosfiltfilt
 
 from gapscope.diagnosis.diagnose import diagnose
-from gapscope.diagnosis.localisation.locate import MotionRows, Region, regions, stack
+from gapscope.diagnosis.locate import MotionRows, Region, regions, stack
 from gapscope.diagnosis.thresholds import REGION_ENRICHMENT, REGION_SHARE
 from gapscope.model.conditioning import condition
 

@@ -16,8 +16,8 @@ import gapscope
 from gapscope.arm.errors import InputError
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.recording import Recording
-from gapscope.diagnosis.reference.diagnose_change import diagnose_change
-from gapscope.diagnosis.reference.reference_file import (
+from gapscope.diagnosis.diagnose_change import diagnose_change
+from gapscope.diagnosis.reference_file import (
     KeptReference,
     identified_folder,
     read_reference,

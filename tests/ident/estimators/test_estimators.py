@@ -41,11 +41,11 @@ from gapscope.ident.estimators.linear import (
     joint_noise,
 )
 from gapscope.ident.estimators.physical import ConsistentSdp, LogCholesky
+from gapscope.ident.intervals import held_out, refit_jackknife
 from gapscope.ident.model.base_parameters import BaseParameters, base_parameters
 from gapscope.ident.model.linear_problem import Problem, unit_warnings
 from gapscope.ident.model.physical_parameters import is_consistent, triangle_inequality
 from gapscope.ident.model.regressor import Regressor
-from gapscope.ident.uncertainty.intervals import held_out, refit_jackknife
 from gapscope.model.conditioning import low_pass
 
 PRIOR = 1.1 * TRUTH

@@ -20,16 +20,10 @@ from gapscope.ident.identification import (
     IdentificationSettings,
     identify,
 )
-from gapscope.ident.kalman.filters import (
-    Opening,
-    Recursive,
-    Unscented,
-    follow,
-    follow_states,
-)
+from gapscope.ident.identification_json import check, document, plain
+from gapscope.ident.kalman import Opening, Recursive, Unscented, follow, follow_states
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.regressor import Regressor
-from gapscope.ident.output.identification_json import check, document, plain
 from gapscope.model.effective_samples import variance_inflation
 
 

@@ -17,6 +17,7 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.ident.identification import IdentificationSettings, identify
+from gapscope.ident.identification_json import write_base
 from gapscope.ident.model.base_parameters import (
     COMBINED,
     HIDDEN,
@@ -45,7 +46,6 @@ from gapscope.ident.model.physical_parameters import (
     triangle_inequality,
 )
 from gapscope.ident.model.regressor import Regressor
-from gapscope.ident.output.identification_json import write_base
 
 LENGTH = 0.5
 

@@ -15,6 +15,7 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
+from gapscope.ident.examination import identifiability
 from gapscope.ident.identification import (
     Identification,
     IdentificationSettings,
@@ -28,7 +29,6 @@ from gapscope.ident.model.base_parameters import (
     structural_base,
 )
 from gapscope.ident.model.regressor import Regressor
-from gapscope.ident.uncertainty.examination import identifiability
 
 QUANTITIES = ("rotor", "damping")
 

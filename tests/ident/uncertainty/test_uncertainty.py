@@ -24,18 +24,14 @@ from gapscope.ident.estimators.linear import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )
-from gapscope.ident.model.base_parameters import structural_base
-from gapscope.ident.model.linear_problem import Assembly, Problem
-from gapscope.ident.model.regressor import Regressor
-from gapscope.ident.samples import Band
-from gapscope.ident.uncertainty.examination import (
+from gapscope.ident.examination import (
     LAGS,
     band_correlation,
     errors,
     validate,
     whiteness,
 )
-from gapscope.ident.uncertainty.intervals import (
+from gapscope.ident.intervals import (
     block_jackknife,
     block_length,
     compare_groups,
@@ -46,6 +42,10 @@ from gapscope.ident.uncertainty.intervals import (
     sandwich,
     torque_interval,
 )
+from gapscope.ident.model.base_parameters import structural_base
+from gapscope.ident.model.linear_problem import Assembly, Problem
+from gapscope.ident.model.regressor import Regressor
+from gapscope.ident.samples import Band
 from gapscope.model.conditioning import Segment, low_pass
 from gapscope.model.effective_samples import group_slices
 

@@ -18,15 +18,15 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
-from gapscope.diagnosis.advice.hypotheses import (
+from gapscope.diagnosis.document.wording import listing
+from gapscope.diagnosis.gap.noise_floor import sticking_rms, timing_error
+from gapscope.diagnosis.hypotheses import (
     Hypothesis,
     Question,
     RecordedData,
     hypotheses,
     open_questions,
 )
-from gapscope.diagnosis.document.wording import listing
-from gapscope.diagnosis.gap.noise_floor import sticking_rms, timing_error
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.found_fault import repaired
 from gapscope.diagnosis.thresholds import (

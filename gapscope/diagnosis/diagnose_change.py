@@ -38,8 +38,8 @@ from gapscope.diagnosis.document.plotted_curves import (
 from gapscope.diagnosis.document.wording import verdict, with_slide_units
 from gapscope.diagnosis.gap.commanded_torque import WARNING, with_commanded_torque
 from gapscope.diagnosis.gap.plausible_data import short_note, still_note
-from gapscope.diagnosis.localisation.locate import MotionRows, regions
-from gapscope.diagnosis.reference.reference_file import (
+from gapscope.diagnosis.locate import MotionRows, regions
+from gapscope.diagnosis.reference_file import (
     URDF,
     KeptReference,
     PossibleArm,

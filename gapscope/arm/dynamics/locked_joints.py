@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from gapscope.arm.dynamics.robot_file import build
-from gapscope.arm.dynamics.tree.kinematic_tree import (
+from gapscope.arm.dynamics.kinematic_tree import (
     SEVERAL,
     KinematicTree,
     Mimic,
     TreeJoint,
 )
+from gapscope.arm.dynamics.robot_file import build
 from gapscope.arm.errors import InputError
 from gapscope.arm.nearest_name import nearest
 

@@ -14,8 +14,7 @@ from gapscope.arm.errors import GapscopeError, InterruptedRunError
 from gapscope.arm.io.json_file import write_json
 from gapscope.arm.io.locked_section import locked
 from gapscope.commands.diagnose_path import diagnose_path
-from gapscope.diagnosis.document.diagnosis_json import validate
-from gapscope.diagnosis.fleet.compare_units import (
+from gapscope.diagnosis.compare_units import (
     ConfusionColumn,
     FleetGroup,
     FleetUnit,
@@ -25,7 +24,8 @@ from gapscope.diagnosis.fleet.compare_units import (
     other_laws,
     units_document,
 )
-from gapscope.diagnosis.reference.reference_file import FOLDER
+from gapscope.diagnosis.document.diagnosis_json import validate
+from gapscope.diagnosis.reference_file import FOLDER
 from gapscope.effects.catalogue import without
 from gapscope.interface.reference import kept_reference
 from gapscope.provenance import KEY, made_from

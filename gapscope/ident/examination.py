@@ -13,6 +13,15 @@ from scipy.stats import chi2
 from gapscope.arm.errors import InputError
 from gapscope.ident.checks.symptoms import FitEvidence
 from gapscope.ident.estimators.linear import Estimate, Estimator
+from gapscope.ident.intervals import (
+    GroupComparison,
+    PredictedTorque,
+    TorqueInterval,
+    Uncertainty,
+    compare_groups,
+    predicted_torque,
+    torque_interval,
+)
 from gapscope.ident.model.base_parameters import (
     EMPTY,
     BaseParameters,
@@ -26,15 +35,6 @@ from gapscope.ident.model.base_parameters import (
 from gapscope.ident.model.friction import Choice
 from gapscope.ident.model.linear_problem import FrictionLaw, ModelColumns, Problem
 from gapscope.ident.samples import Band, SampleCount, Samples, count_samples
-from gapscope.ident.uncertainty.intervals import (
-    GroupComparison,
-    PredictedTorque,
-    TorqueInterval,
-    Uncertainty,
-    compare_groups,
-    predicted_torque,
-    torque_interval,
-)
 from gapscope.model.conditioning import TORQUE_CUTOFF, Segment
 from gapscope.model.effective_samples import (
     autocovariance,

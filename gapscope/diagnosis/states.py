@@ -10,7 +10,7 @@ import numpy as np
 
 from gapscope.arm.case import Case
 from gapscope.arm.recording import Recording
-from gapscope.diagnosis.agreement.agreement import Agreement, compared
+from gapscope.diagnosis.agreement import Agreement, compared
 from gapscope.diagnosis.thresholds import VISIBLE_EFFECT
 from gapscope.effects.applied import Place, State
 from gapscope.model.changes import Change

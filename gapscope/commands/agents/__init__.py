@@ -1,1 +1,0 @@
-"""Commands that train agents and judge how well an arm is tracked with them."""

@@ -1,1 +1,0 @@
-"""Commands that show results: a recording in 3D, and many diagnoses in a browser."""

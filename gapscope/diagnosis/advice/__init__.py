@@ -1,1 +1,0 @@
-"""The next recording: a motion on which explanations that are still open predict different torques."""

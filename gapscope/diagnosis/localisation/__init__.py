@@ -1,1 +1,0 @@
-"""Where a gap lies, in depth: a readable rule, intervals of time, lines and bands of frequency."""

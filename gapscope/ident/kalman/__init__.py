@@ -1,1 +1,0 @@
-"""Kalman filters over parameters and states, and when a parameter changed."""

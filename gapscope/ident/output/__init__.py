@@ -1,1 +1,0 @@
-"""Files that an identification writes."""

@@ -1,1 +1,0 @@
-"""Intervals, identifiability and validation of identified parameters."""
