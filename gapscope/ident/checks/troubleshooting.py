@@ -349,7 +349,7 @@ def identification_warnings(
 ) -> tuple[str, ...]:
     """The warnings, those that concern all results first."""
     return (
-        *_worse(held_out),
+        *_worse(held_out, examined.counted.per_parameter),
         *_torque(similarity, held_out),
         *_changed(changes),
         *estimate.warnings,
@@ -360,8 +360,11 @@ def identification_warnings(
     )
 
 
-def _worse(held_out: Validation) -> Iterator[str]:
-    if held_out.every.overall > held_out.nominal.overall:
+def _worse(held_out: Validation, per_parameter: float) -> Iterator[str]:
+    # p parameters from n samples predict others with a squared error of 1 + p / n times the noise's, even if the
+    # nominal arm is exact; that share is itself uncertain by as much
+    by_chance = 1.0 + 2.0 / max(per_parameter, 1e-3)
+    if held_out.every.overall**2 > by_chance * held_out.nominal.overall**2:
         yield (
             f"{WORSE}: {held_out.every.overall:.1%} of the torque against {held_out.nominal.overall:.1%}; use the "
             "nominal arm, record an exciting trajectory (`gapscope excite`), or stay nearer to it: --estimator ridge, "
