@@ -20,7 +20,6 @@ from typing import NamedTuple
 
 import gymnasium
 import numpy as np
-from gapscope.envs.vector.environment import VectorArmTracking
 from mujoco.batch import Batch
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -31,6 +30,7 @@ from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.engines.pybullet import pybullet
+from gapscope.envs.environment import VectorArmTracking
 from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.simulated_arm import SimulatedArm
 

@@ -136,12 +136,6 @@ class NominalArm:
         several = np.count_nonzero(self.coupling, axis=1) > 1
         return tuple(int(m) + 1 for m in np.flatnonzero(several))
 
-    def turned_by(self, motor: int) -> tuple[int, ...]:
-        """Numbers from 1 of the joints that turn with a motor."""
-        if self.coupling is None:
-            return (motor,)
-        return tuple(int(j) + 1 for j in np.flatnonzero(self.coupling[motor - 1]))
-
 
 def _checked_coupling(coupling: np.ndarray, n_joints: int) -> np.ndarray:
     """D as a read-only array of the right shape, with ones on the diagonal."""

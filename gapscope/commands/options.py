@@ -29,7 +29,6 @@ Engine = Annotated[
         help="pybullet, mujoco or dart; default: pybullet if it is installed, else mujoco"
     ),
 ]
-FileFormat = Annotated[str, typer.Option("--format", help="csv, parquet or npz")]
 
 # a trajectory within limits
 Trajectory = Annotated[Path, typer.Option(help=_TRAJECTORY, metavar="FILE")]

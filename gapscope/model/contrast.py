@@ -429,10 +429,6 @@ class Contrast:
         value[free] = unit * solve_triangular(factor.T, solved, check_finite=False)
         return value
 
-    def shared_values(self) -> np.ndarray:
-        """Likeliest values of what is shared if nobody has anything of its own, (P,)."""
-        return self.nuisance_values(self._solved)[0]
-
     def nuisance_values(self, solved: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Values of what is shared, (P,), and of the nuisances of each group, (G, P), from L^-1 U b."""
         shared, own = np.zeros(self.design.size), np.zeros(self.right.shape)

@@ -54,6 +54,36 @@ def usable_processors() -> int:
     return os.cpu_count() or 1
 
 
+class OneArm:
+    """An arm alone, with the methods of ``mujoco.batch.Batch`` that are used here, whose steps take longer."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self._model, self._data = model, mujoco.MjData(model)
+        self._spare = mujoco.MjData(model)
+
+    def bind(self, name: str) -> np.ndarray:
+        """A field of the data, shape (1, ...)."""
+        return np.asarray(getattr(self._data, name))[None]
+
+    def expand(self, name: str) -> np.ndarray:
+        """A field of the model, shape (1, ...)."""
+        owner, _, field = name.rpartition(".")
+        holder = getattr(self._model, owner) if owner else self._model
+        return np.asarray(getattr(holder, field))[None]
+
+    def set_const(self, numbers: list[int]) -> None:
+        """Compute what follows from masses and inertias."""
+        mujoco.mj_setConst(self._model, self._spare)
+
+    def reset(self, numbers: list[int], stage: int) -> None:
+        """Forget the past."""
+        mujoco.mj_resetData(self._model, self._data)
+
+    def step(self, only: np.ndarray | None, count: int) -> None:
+        """Make some steps."""
+        mujoco.mj_step(self._model, self._data, count)
+
+
 class MuJoCoBodies(Bodies):
     """Rigid bodies of N arms in MuJoCo; every arm steps as it does alone, bit by bit.
 
@@ -79,7 +109,11 @@ class MuJoCoBodies(Bodies):
         model = arm_model(links, gravity, dt)
         mujoco.mj_setConst(model, mujoco.MjData(model))
         most = max(1, min(usable_processors(), count // FEWEST_PER_THREAD))
-        self._batch = Batch(model, count, min(count, threads or most))
+        self._batch: OneArm | Batch = (
+            OneArm(model)
+            if count == 1
+            else Batch(model, count, min(count, threads or most))
+        )
         self.position, self.velocity = (
             self._batch.bind(name) for name in ("qpos", "qvel")
         )
