@@ -1,24 +1,14 @@
-"""The command evaluate and its cells."""
+"""The command ``gapscope evaluate``: models, by how well an arm is tracked with them."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
-from dataclasses import asdict, replace
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gapscope.agents.evaluation import Episode, TrackingBench
-from gapscope.agents.models import AgentModel, ArmModel, Candidate
-from gapscope.agents.tracking import Measures
-from gapscope.arm.errors import GapscopeError
-from gapscope.arm.io.atomic_write import atomic_write
-from gapscope.arm.io.json_file import to_json
 from gapscope.commands.options import Results, RobotOption, split_names
-from gapscope.provenance import KEY, PACKAGE, fingerprint, program
 from gapscope.terminal import Progress, console, note, say, wrote
 
 if TYPE_CHECKING:
@@ -26,129 +16,6 @@ if TYPE_CHECKING:
     from gapscope.agents.models import AgentModel
     from gapscope.agents.summary import SummaryLine
     from gapscope.arm.nominal import NominalArm
-
-# Finished cells of an evaluation, kept beside its results until it is whole.
-
-
-FOLDER = "unfinished"
-"""Folder in that of the results, which is there as long as an evaluation is not whole."""
-
-
-class Cells:
-    """Cells as files, each with the hash of what it was made from: program, arm, hidden effects, plan and model.
-
-    Args:
-        out: folder of the results.
-        bench: the arm and the plan.
-        again: forget what an earlier run has kept.
-
-    Attributes:
-        reused: how many cells were taken from an earlier run.
-
-    Raises:
-        GapscopeError: a kept cell cannot be removed.
-    """
-
-    def __init__(self, out: Path, bench: TrackingBench, again: bool = False) -> None:
-        self._folder = out / FOLDER
-        self.reused = 0
-        plan = replace(bench.plan, seeds=(0,), engines=bench.plan.engines[:1])
-        self._common = [
-            _source(),
-            fingerprint(bench.arm),
-            fingerprint(bench.effects),
-            fingerprint(asdict(plan)),
-        ]
-        if again:
-            self.clear()
-
-    def episodes(
-        self,
-        name: str,
-        model: Candidate,
-        engine: str,
-        seed: int,
-        compute: Callable[[], list[Episode]],
-    ) -> list[Episode]:
-        """Episodes of a model with one seed, kept or new."""
-
-        def plain() -> list[dict[str, Any]]:
-            return [asdict(episode) for episode in compute()]
-
-        rows = self._cell(("episodes", name, engine, str(seed)), model, plain)
-        return [
-            Episode(**{**row, "measures": Measures(**row["measures"])}) for row in rows
-        ]
-
-    def margin(
-        self,
-        name: str,
-        model: Candidate,
-        engine: str,
-        compute: Callable[[], float],
-    ) -> float:
-        """Largest stable bandwidth [Hz], kept or new."""
-        return float(self._cell(("margin", name, engine), model, compute))
-
-    def clear(self) -> None:
-        """Remove what is kept, once the results are whole."""
-        try:
-            for file in self._folder.glob("*.json"):
-                file.unlink()
-            if self._folder.is_dir():
-                self._folder.rmdir()
-        except OSError as error:
-            raise GapscopeError(
-                f"{self._folder}: cannot be removed ({error.strerror})", "remove it"
-            ) from None
-
-    def _cell(
-        self,
-        key: tuple[str, ...],
-        model: Candidate,
-        compute: Callable[[], Any],
-    ) -> Any:
-        """What a cell holds. Numbers that are infinite are written as Python reads them."""
-        parts = [*self._common, *key, type(model).__name__]
-        if isinstance(model, ArmModel):
-            parts.append(_of(model))
-        elif isinstance(model, AgentModel):
-            parts.append(model.digest)
-        digest = fingerprint(parts)
-        file = self._folder / f"{digest}.json"
-        try:
-            kept = json.loads(file.read_text(encoding="utf-8"))
-            if isinstance(kept, dict) and kept.get(KEY) == digest:
-                value = kept["value"]
-                self.reused += 1
-                return value
-        except (OSError, ValueError, KeyError):
-            pass  # not kept, or cut short: made again
-        value = compute()
-        text = to_json({KEY: digest, "cell": key, "value": value}, allow_nan=True)
-        with atomic_write(file) as aside:
-            aside.write_text(text, encoding="utf-8")
-        return value
-
-
-@cache
-def _of(model: ArmModel) -> str:
-    return fingerprint(model.corrected)
-
-
-@cache
-def _source() -> str:
-    """The program, its agents included, and the libraries."""
-    folder = PACKAGE / "agents"
-    own = {
-        path.relative_to(folder).as_posix(): path
-        for path in sorted(folder.rglob("*.py"))
-    }
-    return fingerprint([program(), own])
-
-
-# The command ``gapscope evaluate``: models, by how well an arm is tracked with them.
-
 
 Models = Annotated[
     list[str],
@@ -215,7 +82,7 @@ def evaluate(
     again: Again = False,
 ) -> None:
     """Evaluate models and trained agents by how well an arm is tracked with them."""
-    from gapscope.commands.train import merge_options
+    from gapscope.commands.training_files import merge_options
     from gapscope.reports.evaluation import tables
 
     arm, options, unused = merge_options(env, ctx)
@@ -292,6 +159,7 @@ def evaluate_path(
     from gapscope.agents.summary import summarise
     from gapscope.arm.io.atomic_write import begin_results
     from gapscope.arm.io.locked_section import locked
+    from gapscope.commands.evaluation_cells import Cells
     from gapscope.commands.inputs import read_arm
     from gapscope.effects.corrected_file import error_context, read_corrected
     from gapscope.reports.evaluation import (

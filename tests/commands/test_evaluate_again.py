@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from gapscope.agents.evaluation import TrackingBench
-from gapscope.commands.evaluate import FOLDER
+from gapscope.commands.evaluation_cells import FOLDER
 from gapscope.provenance import fingerprint
 
 Command = Callable[..., object]
