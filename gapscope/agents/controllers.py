@@ -107,7 +107,7 @@ class Feedforward:
         self.gains, self.limit, self.model = gains, limit, model
 
     def begin(self, motion: Motion) -> None:
-        """Nothing: it remembers nothing."""
+        """Stateless; nothing to reset."""
 
     def torque(
         self,
@@ -153,7 +153,7 @@ class ComputedTorque:
         self.tuning, self.limit, self.model = tuning, limit, model
 
     def begin(self, motion: Motion) -> None:
-        """Nothing: it remembers nothing."""
+        """Stateless; nothing to reset."""
 
     def torque(
         self,

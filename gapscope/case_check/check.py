@@ -572,7 +572,7 @@ def _drives(arm: NominalArm, body: RigidBody) -> Iterator[Remark]:
             "warn",
             "data sheet",
             "",
-            "no torque limits: saturation is told by the torque alone",
+            "no torque limits: saturation can only be inferred from torque",
             "give nominal: {torque_limit: [...]}",
         )
 

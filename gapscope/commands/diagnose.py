@@ -26,7 +26,7 @@ Again = Annotated[
     bool,
     typer.Option(
         "--again",
-        help="of several cases, diagnose also those that an earlier run has finished",
+        help="re-diagnose cases that already have results",
     ),
 ]
 Against = Annotated[

@@ -102,7 +102,7 @@ def _import(found: Inspection) -> Iterator[tuple[str, str]]:
             label, guess = found.chosen[channel]
             yield from _channel(found, channel, label, guess)
         elif channel == "tau":
-            yield "tau: null", "no column is told to be a torque"
+            yield "tau: null", "no column name identifies a torque"
     used = [guess for _, guess in found.chosen.values()]
     for label, table in found.sources.items():
         for guess in table.channels:

@@ -256,7 +256,7 @@ def _without_positions(
 ) -> InputError:
     found = sorted({guess.channel for table in tables for guess in table.channels})
     return InputError(
-        f"no column is told to be the positions of joints by its name; found {', '.join(found) or 'no channel'}",
+        f"no column name identifies joint positions; found {', '.join(found) or 'no channel'}",
         "give --robot, whose joints' names columns may carry and whose limits and gravity tell columns without names; "
         "or name the columns in a case, import: {q: ...}",
         file=logs[0].path,

@@ -146,7 +146,7 @@ def _verdicts(figures: dict[str, Any]) -> Table:
         figures["calibration"]["sets"],
     )
     rows = (
-        ("healthy arms called ill", rate(well["false_alarms"])),
+        ("false alarms on healthy arms", rate(well["false_alarms"])),
         ("healthy arms with an effect named", rate(well["effects_named"])),
         ("outside the catalogue called unexplained", rate(beyond["recall"])),
         ("inside the catalogue called unexplained", rate(beyond["false_unknown"])),

@@ -363,4 +363,4 @@ def test_what_is_possible_has_its_own_block(tmp_path: Path) -> None:
     )
     page = rendered(documents.one_possible(), tmp_path)
     assert "Possible, not confirmed" in page.text
-    assert "would be settled by a rest" in page.text and "#possible" in page.addresses
+    assert "to confirm, record a rest" in page.text and "#possible" in page.addresses

@@ -71,7 +71,7 @@ def test_the_summary_says_what_was_found() -> None:
             "96 % of the gap",
             "Next recording: a chirp",
         ),
-        *("Warning: excitation", "Unexplained: 4 %"),
+        *("Warning: excitation", "Unexplained: Nothing is missing: 4 %"),
     ):
         assert expected in text
 
@@ -129,7 +129,7 @@ def test_effects_without_a_torque_gap_are_found_all_the_same() -> None:
     document = documents.two_effects() | {"closed": None}
     assert verdict_sentence(document) == (
         "Actuator delay (joints 4 and 5) and payload of 1.05 kg are found; "
-        "no joint's torque gap stands above its floor."
+        "no joint exceeds its noise floor."
     )
 
 
@@ -139,8 +139,8 @@ def test_a_gap_without_a_cause_says_so() -> None:
         "No effect in the catalogue explains the gap: 100 % stay unexplained, most of it on joint 5."
     )
     document["possible"] = documents.one_possible()["possible"]
-    assert verdict_sentence(document).startswith("No effect is sure enough to be named")
-    assert "something real is still missing" in unexplained_sentence(document)
+    assert verdict_sentence(document).startswith("No effect reaches 50 % probability")
+    assert "Something is missing" in unexplained_sentence(document)
 
 
 def test_a_gap_as_of_healthy_real_arms_need_not_be_a_fault() -> None:
@@ -156,7 +156,7 @@ def test_a_gap_as_of_healthy_real_arms_need_not_be_a_fault() -> None:
 def test_what_is_possible_stands_apart_with_what_would_settle_it() -> None:
     document = documents.one_possible()
     assert possible_texts(document) == [
-        "payload of 1.05 kg, 31 %; would be settled by a rest"
+        "payload of 1.05 kg, 31 %; to confirm, record a rest"
     ]
     text = printed(document)
     assert "Possible, not confirmed: payload of 1.05 kg, 31 %;" in text

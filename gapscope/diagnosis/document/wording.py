@@ -431,7 +431,7 @@ def _explained(document: Document) -> str:
     elif document["effects"] and document["verdict"] != "unexplained":
         text = "Nothing stands out: the nominal arm predicts every joint's torque as a healthy arm allows."
     elif document["possible"]:
-        text = f"No effect is sure enough to be named as the cause: {_left(document)}."
+        text = f"No effect reaches 50 % probability: {_left(document)}."
     else:
         text = f"No effect in the catalogue explains the gap: {_left(document)}."
     return text + _as_much_as_real_arms(document)
@@ -486,10 +486,10 @@ def _left(document: Document) -> str:
     """How much of the gap stays unexplained, and where."""
     if document["closed"] is None:
         if not document["unexplained"]["above_floor"]:
-            return "no joint's torque gap stands above its floor"
+            return "no joint exceeds its noise floor"
         joints = joint_ranges(document["unexplained"]["joints"])
         return (
-            f"what stands above the floor on joint {listing(joints)} stays unexplained"
+            f"what exceeds the noise floor on joint {listing(joints)} stays unexplained"
         )
     share = document["unexplained"]["share"]
     if share == 0.0:
@@ -533,7 +533,7 @@ def _amount(entry: Mapping[str, Any]) -> str:
 def possible_texts(document: Document) -> list[str]:
     """What is possible and not confirmed, each with its probability and what would settle it."""
     return [
-        f"{with_amount(entry)}, {percent(entry['probability'])}; would be settled by {entry['settled_by']}"
+        f"{with_amount(entry)}, {percent(entry['probability'])}; to confirm, record {entry['settled_by']}"
         for entry in document["possible"]
     ]
 
@@ -553,10 +553,10 @@ def unexplained_sentence(document: Document) -> str:
             f"if a motor turns both, declare {coupling_text(coupling['declare'])}."
         )
     if document["unexplained"]["above_floor"]:
-        return f"{capital(left)}: something real is still missing."
+        return f"Something is missing: {left}."
     if document["unexplained"]["share"] == 0.0:
         return f"{capital(left)}."
-    return f"{capital(left)}: no more than named effects may leave."
+    return f"Nothing is missing: {left}, within the accuracy of named effects."
 
 
 def sides_sentence(document: Document) -> str:
