@@ -71,7 +71,7 @@ def test_the_summary_says_what_was_found() -> None:
             "96 % of the gap",
             "Next recording: a chirp",
         ),
-        *("Warning: excitation", "Unexplained: Nothing is missing: 4 %"),
+        *("Warning: excitation", "Unexplained: 4 %"),
     ):
         assert expected in text
 
@@ -140,7 +140,7 @@ def test_a_gap_without_a_cause_says_so() -> None:
     )
     document["possible"] = documents.one_possible()["possible"]
     assert verdict_sentence(document).startswith("No effect reaches 50 % probability")
-    assert "Something is missing" in unexplained_sentence(document)
+    assert "something is missing" in unexplained_sentence(document)
 
 
 def test_a_gap_as_of_healthy_real_arms_need_not_be_a_fault() -> None:

@@ -553,10 +553,10 @@ def unexplained_sentence(document: Document) -> str:
             f"if a motor turns both, declare {coupling_text(coupling['declare'])}."
         )
     if document["unexplained"]["above_floor"]:
-        return f"Something is missing: {left}."
+        return f"{capital(left)}: something is missing."
     if document["unexplained"]["share"] == 0.0:
         return f"{capital(left)}."
-    return f"Nothing is missing: {left}, within the accuracy of named effects."
+    return f"{capital(left)}, within the accuracy of named effects: nothing is missing."
 
 
 def sides_sentence(document: Document) -> str:
