@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import sys
 import warnings
 from typing import Any
 
 import typer
+from typer.core import TyperGroup
 
 from gapscope.arm.errors import (
     EngineWarning,
@@ -40,44 +42,46 @@ from gapscope.commands.view import view
 from gapscope.commands.watch import watch
 from gapscope.terminal import note
 
-COMMANDS = (
-    inspect,
-    diagnose,
-    fleet,
-    predict,
-    replay,
-    gap,
-    identify,
-    residual,
-    agree,
-    audit,
-    check,
-    record,
-    excite,
-    advise,
-    evaluate,
-    train,
-    export,
-    view,
-    serve,
-    watch,
-    demo,
-    doctor,
-)
-"""Commands in the order in which ``--help`` lists them."""
+PROJECT = "The project"
+SECTIONS = {
+    "Your log": (inspect, check, audit, agree),
+    "The gap": (diagnose, predict, replay, gap, view, export),
+    "Recordings to make": (record, excite, advise),
+    "Many arms": (fleet, watch, serve),
+    "Models and agents": (identify, residual, train, evaluate),
+    PROJECT: (demo, doctor),
+}
+"""Commands by what a person wants, as ``--help`` lists them; those of the sealed check come last."""
 WITHOUT_EFFECTS = (inspect, audit, check, serve, demo, doctor)
 """Commands that deal with no effect, or with those of the package alone: the others take ``--effects-from``."""
 INTERRUPTED = 130
 """Exit code after Ctrl-C."""
 
+
+class CommandGroup(TyperGroup):
+    """Commands in sections, each with a whole sentence."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the sections."""
+        for title, commands in SECTIONS.items():
+            names = [command.__name__ for command in commands]
+            names += ["blind"] if title == PROJECT else []
+            helps = [self.commands[name].help or "" for name in names]
+            firsts = [" ".join(text.split()).split(". ")[0] for text in helps]
+            sentences = [f"{first.rstrip('.')}." for first in firsts]
+            with formatter.section(title):
+                formatter.write_dl(list(zip(names, sentences, strict=True)))
+
+
 app = typer.Typer(
+    cls=CommandGroup,
     help="Finds out why a simulated robot arm and a real one disagree.",
     no_args_is_help=True,
     add_completion=True,
     rich_markup_mode=None,  # markup would swallow the units, [m]
     pretty_exceptions_enable=False,
 )
-for command in COMMANDS:
+for command in itertools.chain.from_iterable(SECTIONS.values()):
     own = command if command in WITHOUT_EFFECTS else with_own_effects(command)
     app.command()(own)
 app.add_typer(blind, name="blind")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -17,7 +18,7 @@ from guard import HANG
 
 from gapscope.arm.case import load_case
 from gapscope.arm.io.load_recording import load_recording
-from gapscope.cli import main
+from gapscope.cli import SECTIONS, main
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.gap.predict import predict_torque
 from gapscope.effects.corrected import CorrectedArm
@@ -46,9 +47,10 @@ class TestHelp:
     def test_lists_the_commands(self, gapscope: Command) -> None:
         done = gapscope("--help")
         assert done.code == 0
-        assert all(
-            command in done.out for command in ("diagnose", "predict", "gap", "demo")
-        )
+        assert all(f"{section}:" in done.out for section in SECTIONS)
+        listed = re.findall(r"(?m)^  ([a-z]+)  ", done.out)
+        assert {"diagnose", "predict", "gap", "demo", "blind"} <= set(listed)
+        assert len(listed) == len(set(listed)) and "..." not in done.out
 
     @pytest.mark.parametrize("command", ["diagnose", "predict", "gap", "demo"])
     def test_of_each_command(self, gapscope: Command, command: str) -> None:
