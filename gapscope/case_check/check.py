@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import combinations
@@ -34,7 +33,7 @@ from gapscope.ident.model.base_parameters import random_states, structural_base
 from gapscope.ident.model.linear_problem import FrictionLaw, ModelColumns
 from gapscope.ident.model.regressor import Regressor
 from gapscope.model.conditioning import Segment, condition, position_cutoff, thinned
-from gapscope.model_audit.audit import audit_model
+from gapscope.model_audit.audit import odd_kinds
 
 # One line of the check of a case.
 
@@ -579,15 +578,11 @@ def _drives(arm: NominalArm, body: RigidBody) -> Iterator[Remark]:
 
 def _model(case: Case) -> Iterator[Remark]:
     """What the audit says of the robot file, in one line."""
-    found = audit_model(case.arm.urdf).findings
-    odd = Counter(x.kind for x in found if x.severity in ("impossible", "implausible"))
-    if not odd:
+    odd = odd_kinds(case.arm.urdf)
+    if odd:
+        yield Remark("warn", "model", "", odd, f"gapscope audit {case.arm.urdf}")
+    else:
         yield Remark("ok", "model", "", "nothing implausible in the robot file")
-        return
-    said = ", ".join(
-        f"{kind.replace('_', ' ')} ({count})" for kind, count in odd.items()
-    )
-    yield Remark("warn", "model", "", said, f"gapscope audit {case.arm.urdf}")
 
 
 def _listed(values: np.ndarray) -> str:

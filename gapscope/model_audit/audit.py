@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
@@ -314,6 +315,19 @@ class Audit:
     refused: str
     findings: tuple[Finding, ...]
     static: StaticPoses | None = None
+
+
+def odd_kinds(robot: Path) -> str:
+    """What no arm has, or hardly any, in the file of a robot: kinds of findings with their numbers; empty if nothing.
+
+    Raises:
+        InputError: the file is no XML of a robot.
+    """
+    found = audit_model(robot).findings
+    odd = Counter(x.kind for x in found if x.severity in ("impossible", "implausible"))
+    return ", ".join(
+        f"{kind.replace('_', ' ')} ({count})" for kind, count in odd.items()
+    )
 
 
 def audit_model(robot: str | Path, recording: Path | None = None) -> Audit:

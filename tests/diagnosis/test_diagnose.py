@@ -19,6 +19,7 @@ from gapscope.arm.io.json_file import plain
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.diagnose import diagnose
+from gapscope.diagnosis.document import diagnosis_json
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.document.wording import verdict_sentence
 from gapscope.diagnosis.result import Diagnosis
@@ -123,10 +124,14 @@ class TestJudgedRecordings:
         assert (gaps[1] > gaps[0] + 0.02).all()
 
     def test_gaps_are_those_of_the_judged_recording(
-        self, judged: Case, found: Diagnosis
+        self, judged: Case, found: Diagnosis, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        """Only the judged arm has a further effect: the gap after it shows there, and is not explained."""
+        """Only the judged arm has a further effect: the gap after it shows there, and is not explained.
+
+        What an audit finds in the robot file is said first then.
+        """
         (aside,) = judged.judged
+        monkeypatch.setattr(diagnosis_json, "odd_kinds", lambda urdf: "mass (2)")
         result = diagnose(
             replace(
                 judged,
@@ -136,6 +141,8 @@ class TestJudgedRecordings:
         assert values(result) == values(found)
         assert result.document["gap"]["after"]["torque_nrmse"][0] > 0.1
         assert result.document["verdict"] == "unexplained"
+        first = result.document["warnings"][0]
+        assert first.startswith("in the robot file: mass (2); see gapscope audit /")
 
     @pytest.mark.nightly
     def test_motion_of_a_judged_recording_changes_no_value(

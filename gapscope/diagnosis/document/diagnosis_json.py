@@ -45,6 +45,7 @@ from gapscope.model.change_findings import change_findings
 from gapscope.model.conditioning import TORQUE_CUTOFF
 from gapscope.model.terms import Term
 from gapscope.model.torque_gap import torque_scale
+from gapscope.model_audit.audit import odd_kinds
 
 # Context of the findings in ``diagnosis.json``: arm, recordings, conditioning, warnings.
 
@@ -424,7 +425,13 @@ def diagnosis_content(study: Study) -> dict[str, Any]:
     }
     if study.sensor_sides is not None:
         content["sides"] = sides_entry(study.sensor_sides, effects)
-    return with_slide_units(content | context(study), study.case.arm.sliding)
+    content |= context(study)
+    odd = odd_kinds(study.case.arm.urdf) if reached == "unexplained" else ""
+    if odd:
+        # what is wrong in the file need not be looked for in the recordings
+        note = f"in the robot file: {odd}; see gapscope audit {study.case.arm.urdf.resolve()}"
+        content["warnings"].insert(0, note)
+    return with_slide_units(content, study.case.arm.sliding)
 
 
 def _gap_stages(study: Study) -> GapStages:
