@@ -114,7 +114,8 @@ def actions(diagnosis: Diagnosis) -> list[Action]:
                 "gapscope diagnose mended_case.yaml --out mended",
             )
         )
-    if diagnosis.effects:
+    # while a cause is missing, a simulator with the others is no better known
+    if diagnosis.effects and document["verdict"] != "unexplained":
         found.append(
             Action(
                 "Give the effects found to your simulator",
@@ -128,7 +129,7 @@ def actions(diagnosis: Diagnosis) -> list[Action]:
                 "gapscope advise CASE --out next.csv",
             )
         )
-    if document["unexplained"]["above_floor"]:
+    if document["verdict"] == "unexplained":
         found.append(
             Action("Look at what stays unexplained: it says where and how the gap acts")
         )

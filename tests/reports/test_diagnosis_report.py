@@ -105,6 +105,17 @@ def test_one_file_that_loads_nothing(
     assert verdict_sentence(make()) in page.text
 
 
+def test_effects_are_given_on_only_where_no_cause_is_missing(tmp_path: Path) -> None:
+    offer, look = "Give the effects found", "Look at what stays unexplained"
+    known = documents.two_effects()
+    text = rendered(known, tmp_path).text
+    assert offer in text and look not in text
+    text = rendered(
+        documents.unexplained() | {"effects": known["effects"]}, tmp_path
+    ).text
+    assert look in text and offer not in text
+
+
 def test_anchors_lead_somewhere(tmp_path: Path) -> None:
     page = rendered(documents.two_effects(), tmp_path)
     html = (tmp_path / "report.html").read_text(encoding="utf-8")
