@@ -126,7 +126,7 @@ def test_a_log_of_fewer_joints_takes_the_first_of_the_robot(arm, motion, tmp_pat
 
 
 def test_a_log_without_positions_is_refused(arm, motion, tmp_path):
-    with pytest.raises(Exception, match="positions of joints"):
+    with pytest.raises(Exception, match="identifies joint positions"):
         inspected(tmp_path, arm, log={"t": motion.t, **columns("tau{j}", motion.tau)})
 
 
