@@ -19,9 +19,11 @@ from functools import partial
 from typing import NamedTuple
 
 import gymnasium
+import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
+from gapscope.arm.dynamics.plain_urdf import moving_links
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.trajectory import Fourier, urdf_limits
@@ -29,6 +31,7 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.envs.engines.mujoco import arm_model
 from gapscope.envs.engines.pybullet import pybullet
 from gapscope.envs.environment import VectorArmTracking
 from gapscope.envs.mystery_arm import iiwa
@@ -199,17 +202,17 @@ def _bare(
     arm: SimulatedArm, torque: np.ndarray, engine: str, read_every: int = SUB_STEPS
 ) -> Loop:
     """Every step with its torque and nothing of the project; the state is read after some steps."""
-    inside = arm._engine
+    inside = arm._arms._bodies
     prepare = partial(arm.reset, POSTURE)
     if engine == "mujoco":
         rows = torque[::SUB_STEPS]
 
         def steps() -> None:
             for row in rows:
-                inside.step(row, SUB_STEPS)
-                inside.read()
+                inside.run(row[None], SUB_STEPS)
 
         return Loop(prepare, steps)
+    inside = inside._engine
     robot, joints, client = inside._robot, inside._joints, inside._client
     forces = torque.tolist()
 
@@ -268,9 +271,11 @@ def _together(settings: Settings, count: int) -> list[Row]:
 
 def _bare_batch(arm: NominalArm, torque: np.ndarray, count: int) -> Loop:
     """``Batch.step`` alone, a call for each action, on as many threads as the environment takes."""
-    model = SimulatedArm(arm, (), DT, engine="mujoco")._engine._model
+    body = RigidBody(arm)
+    model = arm_model(moving_links(body), np.asarray(body.gravity), DT)
+    mujoco.mj_setConst(model, mujoco.MjData(model))
     env = VectorArmTracking(count, arm)
-    threads = env._plant._arms._engine._batch.nthread
+    threads = env._plant._arms._bodies._batch.nthread
     batch = Batch(model, count, threads)
     position, force = batch.bind("qpos"), batch.bind("qfrc_applied")
     seen = np.zeros_like(position)

@@ -66,6 +66,7 @@ class SimulatedArms:
         self._friction = first.friction.beside(count)
         self._path = first.path.beside(count)
         self._count, self._begun = 0, np.zeros(count, dtype=int)
+        self._drifts_at = 0
         self._start = np.zeros(count)
         for number in range(count):
             self._enter(number, first)
@@ -96,6 +97,7 @@ class SimulatedArms:
         n, friction = len(q), self._friction
         rows = slice(number * n, (number + 1) * n)
         self._start[number], self._begun[number] = time, self._count
+        self._drifts_at = self._count
         self._bodies.reset(number, q, dq)
         if friction.drifting:
             own = np.zeros(self.q.size, dtype=bool)
@@ -232,9 +234,11 @@ class SimulatedArms:
 
     def _drift(self) -> None:
         """Bring the drift of friction up to date in the arms in which that is due."""
-        due = (self._count - self._begun) % self._friction.every == 0
-        if not due.any():
+        if self._count < self._drifts_at:
             return
+        since = (self._count - self._begun) % self._friction.every
+        due = since == 0
+        self._drifts_at = self._count + self._friction.every - int(since.max())
         n = self.q.shape[1]
         self._friction.drift(np.repeat(self.time, n), where=np.repeat(due, n))
         self._step.set_viscous(self._viscous())
