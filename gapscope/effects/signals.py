@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, lfilter, sosfiltfilt
 
+from gapscope.arm.dynamics.array_cache import ArrayCache
 from gapscope.arm.motions.motion import Motion
 
 # Series over time, shifted, differentiated and lagged, as the laws on the way to the joint need them.
@@ -13,6 +16,8 @@ from gapscope.arm.motions.motion import Motion
 
 SLOW_DEFLECTION = 12.0
 """Deflections of a transmission are followed up to this frequency [Hz]; their acceleration has no meaning above it."""
+_MOVED = ArrayCache(2**26)
+"""Shifted series of a joint: arms that differ in one joint or one effect need those of all others again."""
 
 
 class MotionSeries:
@@ -35,9 +40,11 @@ class MotionSeries:
         t = self._t
         out = np.array(series)
         for joint in np.flatnonzero(time):
-            spline = make_interp_spline(t, series[..., joint], k=3)
+            column = series[..., joint]
             moved = np.clip(t + time[joint], t[0], t[-1])
-            out[..., joint] = spline(moved)
+            (out[..., joint],) = _MOVED.get(
+                "shifted", (t, column, moved), partial(_at, t, column, moved)
+            )
         return out
 
     def rate(self, series: np.ndarray) -> np.ndarray:
@@ -60,6 +67,11 @@ class MotionSeries:
             lagged, _ = lfilter([newer, older], [1.0, -keep], u, axis=0, zi=at_rest)
             out[..., joint] = lagged
         return out
+
+
+def _at(t: np.ndarray, series: np.ndarray, moved: np.ndarray) -> tuple[np.ndarray]:
+    """A series at other times, by a cubic spline."""
+    return (make_interp_spline(t, series, k=3)(moved),)
 
 
 def slow_with_rates(

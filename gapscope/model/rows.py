@@ -270,8 +270,12 @@ def _first_passed(state: np.ndarray, segment: np.ndarray) -> np.ndarray:
             if not len(new):
                 new = piece
                 continue
-            distance, place = cKDTree(state[new]).query(state[piece])
-            near = distance <= np.hypot(reach, step[piece] / 2)
+            near = np.hypot(reach, step[piece] / 2)
+            # a tree that looks no farther is several times as fast
+            distance, place = cKDTree(state[new]).query(
+                state[piece], distance_upper_bound=1.001 * near.max(initial=0.0)
+            )
+            near = distance <= near
             first[piece[near]] = new[place[near]]
             new = np.concatenate([new, piece[~near]])
         # a remainder is no motion of its own
