@@ -62,6 +62,7 @@ def conclude(study: Study, progress: Progress = lambda message: None) -> Diagnos
         arm=study.case.arm,
         replayed=study.replay_gap.motion,
         states=study.states.effects(study.terms, study.theta),
+        case_file=study.case.file,
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -93,6 +94,7 @@ class Diagnosis:
         arm: the nominal arm, as its set-up was put right; ``None`` if it is not known any more.
         replayed: the motion that was replayed, or ``None``.
         states: all effects in each recording, or span of one; none if all share a state.
+        case_file: of the case; ``None`` if it was made in memory, or is not known any more.
     """
 
     document: Mapping[str, Any]
@@ -107,3 +109,4 @@ class Diagnosis:
     arm: NominalArm | None = None
     replayed: ReplayedMotion | None = None
     states: tuple[State, ...] = ()
+    case_file: Path | None = None

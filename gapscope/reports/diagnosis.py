@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import shlex
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -38,6 +39,7 @@ from gapscope.diagnosis.document.wording import (
     acts_on,
     capital,
     gap_rows,
+    gravity_text,
     holds_in,
     in_text,
     joint_names,
@@ -95,6 +97,9 @@ OF_COLUMNS = (
 """What a reading changes of a log's columns, or of the robot that goes with them."""
 
 
+MOUNTED = "If the arm is mounted so, say it in the case file"
+
+
 class Action(NamedTuple):
     """One thing to do, and the command for it; empty if there is none."""
 
@@ -102,31 +107,43 @@ class Action(NamedTuple):
     command: str = ""
 
 
-def actions(diagnosis: Diagnosis) -> list[Action]:
-    """What a reader would do next, the most pressing first."""
-    document = diagnosis.document
-    found = []
-    n = len(joint_names(document))
+def actions(diagnosis: Diagnosis, folder: Path) -> list[Action]:
+    """What a reader would do next, the most pressing first, with commands on the files of the case.
+
+    Args:
+        diagnosis: the diagnosis.
+        folder: of its files.
+    """
+    document, file = diagnosis.document, diagnosis.case_file
+    n, found = len(joint_names(document)), []
+    case = "CASE" if file is None else shlex.quote(str(file))
+
+    def made(name: str) -> str:
+        return shlex.quote(str(folder / name))
+
     if any(fault.reading(n).differs(*OF_COLUMNS) for fault in diagnosis.faults):
         found.append(
             Action(
                 "Read the logs as they are meant: mended_case.yaml, beside this page, does",
-                "gapscope diagnose mended_case.yaml --out mended",
+                f"gapscope diagnose {made('mended_case.yaml')} --out {made('mended')}",
             )
         )
+    for entry in document["effects"]:
+        if "gravity" in entry:
+            found.append(Action(MOUNTED, f"gravity: {gravity_text(entry)}"))
     # while a cause is missing, a simulator with the others is no better known
     if diagnosis.effects and document["verdict"] != "unexplained":
         found.append(
             Action(
                 "Give the effects found to your simulator",
-                "gapscope export corrected.yaml --case CASE --format mjcf --out arm.xml",
+                f"gapscope export {made(CORRECTED)} --case {case} --format mjcf --out arm.xml",
             )
         )
     if document["next_recording"]:
         found.append(
             Action(
                 f"Record next: {document['next_recording']}",
-                "gapscope advise CASE --out next.csv",
+                f"gapscope advise {case} --out next.csv",
             )
         )
     if document["verdict"] == "unexplained":
@@ -1140,7 +1157,7 @@ def render(diagnosis: Diagnosis, path: Path | str) -> None:
         "diagnosis/report.html",
         path,
         curves=payload(diagnosis) | {"arm": arm_scene(diagnosis)},
-        actions=actions(diagnosis),
+        actions=actions(diagnosis, Path(path).parent),
         document=diagnosis.document,
         changes=[capital(change_text(entry)) for entry in changes],
         **made,
@@ -1175,7 +1192,12 @@ def print_summary(document: Mapping[str, Any], console: Console) -> None:
         console.print()
         console.print(_effects(document))
     console.print()
+    # of a table of few columns a title would be cut
+    console.print(Text("Torque gap (NRMSE, on data not used to fit)", style="bold"))
     console.print(_joint_table(document))
+    closed = document["closed"]
+    if closed is not None and document["verdict"] != "no_gap":
+        console.print(f"{percent(closed)} of the gap above the floor is closed")
     if "sides" in document:
         console.print()
         _labelled(console, "By the torque sensors", sides_sentence(document))
@@ -1192,6 +1214,10 @@ def print_summary(document: Mapping[str, Any], console: Console) -> None:
     bent = presliding_sentence(document)
     if bent is not None:
         _labelled(console, "Dry friction builds up over", bent)
+    for effect in document["effects"]:
+        if "gravity" in effect:
+            line = f"gravity: {gravity_text(effect)}"
+            _labelled(console, MOUNTED, line)
     if document["next_recording"]:
         _labelled(console, "Next recording", document["next_recording"])
     for warning in document.get("warnings", []):
@@ -1236,21 +1262,11 @@ def _joint_table(document: Mapping[str, Any]) -> Table:
         table.add_row(
             str(joint), Text(name, overflow="ellipsis"), *(nrmse(gap) for gap in gaps)
         )
-    table.title = Text("Torque gap (NRMSE, on data not used to fit)", style="bold")
-    closed = document["closed"]
-    if closed is not None and document["verdict"] != "no_gap":
-        table.caption = Text(f"{percent(closed)} of the gap above the floor is closed")
     return table
 
 
 def _table() -> Table:
-    return Table(
-        box=None,
-        padding=(0, 2, 0, 0),
-        title_justify="left",
-        caption_justify="left",
-        header_style="dim",
-    )
+    return Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
 
 
 def _labelled(console: Console, label: str, text: str, style: str = "bold") -> None:

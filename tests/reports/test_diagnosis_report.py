@@ -116,6 +116,15 @@ def test_effects_are_given_on_only_where_no_cause_is_missing(tmp_path: Path) -> 
     assert look in text and offer not in text
 
 
+def test_commands_name_the_files_of_the_case(tmp_path: Path) -> None:
+    known = replace(
+        documents.diagnosis(documents.two_effects()), case_file=Path("my arm/case.yaml")
+    )
+    render(known, tmp_path / "report.html")
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert f"{tmp_path}/corrected.yaml --case &#39;my arm/case.yaml&#39;" in page
+
+
 def test_anchors_lead_somewhere(tmp_path: Path) -> None:
     page = rendered(documents.two_effects(), tmp_path)
     html = (tmp_path / "report.html").read_text(encoding="utf-8")

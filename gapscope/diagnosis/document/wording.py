@@ -267,17 +267,21 @@ def parameter_texts(effect: Mapping[str, Any]) -> list[ParameterText]:
     known = {p.name: p for p in definition.parameters} if definition else {}
     texts = []
     if "gravity" in effect:
-        # angles of a base far from upright say little
-        axes = zip("xyz", effect["gravity"], strict=True)
-        entries = [
-            (axis, f"{round(value, 2) + 0.0:.2f}".replace("-", "−"))
-            for axis, value in axes
-        ]
-        texts.append(ParameterText("gravity", "", tuple(entries), "m/s²"))
+        # as a case file says it; angles of a base far from upright say little
+        texts.append(
+            ParameterText("gravity", "", (("", gravity_text(effect)),), "m/s²")
+        )
     for name, parameter in effect["parameters"].items():
         values = _as_list(parameter["value"], 1)
+        if name == "link":
+            number = (("", f"{values[0]:.0f}"),)
+            texts.append(ParameterText(name, "", number, ""))
+            continue
         stds = _as_list(parameter["std"], len(values))
-        largest = max((abs(v) for v in values), default=0.0)
+        if "gravity" in effect and max(s or 0.0 for s in stds) > 0.5:
+            # an angle that is not known to half a radian says nothing
+            continue
+        largest = max((abs(v) for v in (*values, *stds) if v is not None), default=0.0)
         # joints that turn and that slide have a unit each
         units = parameter.get("units")
         factor, unit = (1.0, "") if units else display_unit(parameter["unit"], largest)
@@ -296,6 +300,12 @@ def parameter_texts(effect: Mapping[str, Any]) -> list[ParameterText]:
         words = name.replace("_", " ")
         texts.append(ParameterText(words, symbol, tuple(entries), unit))
     return texts
+
+
+def gravity_text(effect: Mapping[str, Any]) -> str:
+    """Gravity in the frame of a base that is turned [m/s^2], as a case file says it."""
+    numbers = (f"{round(value, 2) + 0.0:.2f}" for value in effect["gravity"])
+    return f"[{', '.join(numbers)}]"
 
 
 def pulled_texts(effect: Mapping[str, Any]) -> list[str]:

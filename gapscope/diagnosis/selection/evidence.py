@@ -654,7 +654,9 @@ def _scatter(
     halves = len(without_half)
     # of the jackknife
     variance = (halves - 1) * without_half[:, columns_of(terms)].var(axis=0)
-    excess = np.sqrt(np.maximum(variance - values.var(axis=0), 0.0))
+    # draws of a value of which the data say nothing have a variance beyond all numbers
+    with np.errstate(over="ignore"):
+        excess = np.sqrt(np.maximum(variance - values.var(axis=0), 0.0))
     return np.asarray(rng.standard_t(halves - 1, size=values.shape) * excess)
 
 
