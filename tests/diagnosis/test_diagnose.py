@@ -169,7 +169,7 @@ class TestJudgedRecordings:
         document = diagnose(replace(judged, judged=silent)).document
         assert (
             document["judged_on"]
-            == "each half of a recording, with the values fitted to all else"
+            == "halves of recordings, each predicted with values fitted to the rest"
         )
 
 
@@ -180,9 +180,7 @@ def test_a_single_recording() -> None:
     assert "states" not in result.document
     assert [(e.name, e.joints) for e in result.effects] == [("coulomb_friction", (2,))]
     assert result.effects[0].parameters["torque"] == pytest.approx([2.0], rel=0.05)
-    assert result.document["judged_on"].startswith(
-        "halves of blocks of the one recording"
-    )
+    assert result.document["judged_on"].startswith("blocks of the one recording")
 
 
 @pytest.mark.nightly

@@ -373,7 +373,7 @@ def test_a_joint_left_above_its_floor_is_said_on_the_first_screen(
         "Not all is explained" in text
         and "Joint 4 is left at 10 times its floor" in text
     )
-    assert "actuator delay may only stand for something else" in text
+    assert "actuator delay may be a proxy for another cause" in text
 
 
 def test_what_is_possible_has_its_own_block(tmp_path: Path) -> None:

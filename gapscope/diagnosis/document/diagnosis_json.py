@@ -119,9 +119,9 @@ def _judged_on(study: Study, inferred: bool) -> str:
     if study.predictor.set_aside:
         text = "recordings set aside for judging"
     elif len(study.case.recordings) > 1:
-        text = "each half of a recording, with the values fitted to all else"
+        text = "halves of recordings, each predicted with values fitted to the rest"
     else:
-        text = "halves of blocks of the one recording, each with the values fitted to all else"
+        text = "blocks of the one recording, each half of one predicted with values fitted to the rest"
     if inferred:
         text += "; the torque there is the one that the known controller must have commanded"
     return text
