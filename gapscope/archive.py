@@ -223,13 +223,12 @@ def date_in_names(case: str, folder: str) -> datetime | None:
 
 def _effect(entry: Mapping[str, Any]) -> ArchivedEffect:
     words = acts_on(entry)
-    texts = (text for text in parameter_texts(entry) if text.name != "link")
     joints = tuple(f"joint {joint}" for joint in entry["joints"])
     return ArchivedEffect(
         effect_name(entry["effect"]),
         words,
         joints or (words,),
-        tuple(f"{text.name} {text.text}" for text in texts),
+        tuple(f"{text.name} {text.text}" for text in parameter_texts(entry)),
         float(entry["share"]),
         tuple(_estimates(entry, joints, words)),
     )

@@ -132,7 +132,10 @@ def write_page(content: dict[str, Any], path: Path) -> None:
 def _facts(content: dict[str, Any]) -> str:
     """How many parameters agree, and at which rate one that agrees is said to differ."""
     rate = content["false_alarm_rate"]
-    return f"{heading(content)} Recordings of an unchanged arm show a false difference in {rate:.0%} of cases. Friction: {content['friction_law']}."
+    return (
+        f"{heading(content)} Recordings of an unchanged arm show a false difference in {rate:.0%} of cases. "
+        f"Friction: {content['friction_law']}."
+    )
 
 
 def _difference_sections(content: dict[str, Any]) -> list[PageSection]:

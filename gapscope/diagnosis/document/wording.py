@@ -272,11 +272,10 @@ def parameter_texts(effect: Mapping[str, Any]) -> list[ParameterText]:
             ParameterText("gravity", "", (("", gravity_text(effect)),), "m/s²")
         )
     for name, parameter in effect["parameters"].items():
-        values = _as_list(parameter["value"], 1)
         if name == "link":
-            number = (("", f"{values[0]:.0f}"),)
-            texts.append(ParameterText(name, "", number, ""))
+            # what the effect acts on says it
             continue
+        values = _as_list(parameter["value"], 1)
         stds = _as_list(parameter["std"], len(values))
         if "gravity" in effect and max(s or 0.0 for s in stds) > 0.5:
             # an angle that is not known to half a radian says nothing
