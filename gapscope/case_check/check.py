@@ -78,7 +78,6 @@ def numbers(joints: list[int]) -> str:
 # --- recordings
 SLOW_RATE = 100.0  # Below, delays, elasticity and ripple are hardly seen [Hz]. (physical)
 SHORT_DURATION = 10.0  # Seconds of motion in all, below which little can be told apart [s]. (hand)
-STAMP_JITTER = 0.05  # Standard deviation of the steps of time over their median [1]. (hand)
 VELOCITY_GAIN = 0.1  # A recorded velocity differs from that of the positions by less than this share [1]. (hand)
 REFERENCE_ERROR = 0.5  # A reference follows the position to this share of the joint's range at least [1]. (hand)
 SAME = 1e-9  # Series that differ by less are the same [rad or N m]. (physical)
@@ -118,7 +117,7 @@ def check_recordings(case: Case) -> Iterator[Remark]:
     yield from _amount(case)
     yield from _channels(case, every)
     for recording in every:
-        yield from _stamps(recording)
+        yield _rate(recording)
         for note in recording.notes:
             yield Remark("warn", "recordings", recording.name, note)
         yield from _copied_columns(recording)
@@ -177,22 +176,12 @@ def _channels(case: Case, every: Sequence[Recording]) -> Iterator[Remark]:
         )
 
 
-def _stamps(recording: Recording) -> Iterator[Remark]:
-    steps = np.diff(recording.t)
-    jitter = float(steps.std() / np.median(steps)) if len(steps) else 0.0
+def _rate(recording: Recording) -> Remark:
     said = f"{recording.duration:.1f} s at {recording.rate:.4g} Hz"
-    remedies = []
-    if recording.rate < SLOW_RATE:
-        remedies.append(
-            f"log at {SLOW_RATE:g} Hz or more: delays, elasticity and ripple are hardly seen below"
-        )
-    if jitter > STAMP_JITTER:
-        said += f", steps of time vary by {jitter:.0%}"
-        remedies.append(
-            "log the controller's own time; if rows are evenly spaced in truth, say import: {time: {rate: ...}}"
-        )
-    level = "warn" if remedies else "ok"
-    yield Remark(level, "time", recording.name, said, "; ".join(remedies))
+    if recording.rate >= SLOW_RATE:
+        return Remark("ok", "time", recording.name, said)
+    remedy = f"log at {SLOW_RATE:g} Hz or more: delays, elasticity and ripple are hardly seen below"
+    return Remark("warn", "time", recording.name, said, remedy)
 
 
 def _copied_columns(recording: Recording) -> Iterator[Remark]:
