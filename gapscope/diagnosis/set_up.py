@@ -46,6 +46,11 @@ class Remark:
     said: str
     remedy: str = ""
 
+    @property
+    def text(self) -> str:
+        """What was found, and where."""
+        return f"{self.place}: {self.said}" if self.place else self.said
+
 
 def numbers(joints: list[int]) -> str:
     """Joints, counted from 1, in words."""
@@ -78,10 +83,7 @@ class SetUp:
     @property
     def misreads(self) -> bool:
         """Whether the case reads another arm out of its log than was recorded: bodies fitted so are those of no arm."""
-        other = self.off is not None and self.off > NO_TORQUE
-        return (
-            other or self.shown is not self.gravity or any(map(self._mend, self.faults))
-        )
+        return self.shown is not self.gravity or any(map(self._mend, self.faults))
 
     def remarks(self) -> Iterator[Remark]:
         """What is wrong, each with the line that puts it right; or that nothing is."""
