@@ -58,7 +58,7 @@ DIAGNOSIS_LAYERS: tuple[set[str], ...] = (
     {"result"},
     {"study"},
     {"document"},
-    {"diagnose"},
+    {"diagnose", "set_up"},
     {"reference_file", "diagnose_change", "hypotheses", "next_recording"},
     {"change_points", "compare_units"},
 )

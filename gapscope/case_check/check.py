@@ -10,63 +10,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from gapscope.arm.case import Case, load_case
-from gapscope.arm.display import effect_name
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError, ModelWarning
 from gapscope.arm.io.json_file import plain
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import CHANNELS, Recording
-from gapscope.diagnosis.document.wording import capital, listing
-from gapscope.diagnosis.setup_faults.detection import (
-    find_setup_faults,
-    nominal_gap,
-    upright,
-)
-from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
+from gapscope.diagnosis.set_up import Remark, look_at_set_up, numbers
+from gapscope.diagnosis.setup_faults.found_fault import FoundFault
 from gapscope.diagnosis.study import with_torque
-from gapscope.effects.setup_faults import TimeStamps
 from gapscope.ident.model.base_parameters import random_states, structural_base
 from gapscope.ident.model.linear_problem import FrictionLaw, ModelColumns
 from gapscope.ident.model.regressor import Regressor
 from gapscope.model.conditioning import Segment, condition, position_cutoff, thinned
 from gapscope.model_audit.audit import odd_kinds
-
-# One line of the check of a case.
-
-
-LEVELS = ("ok", "warn", "error")
-"""As it should be; can be diagnosed, with what it costs; cannot be diagnosed."""
-
-
-@dataclass(frozen=True)
-class Remark:
-    """One line of the check of a case.
-
-    Attributes:
-        level: one of ``LEVELS``.
-        topic: ``case``, ``recordings``, ``channels``, ``time``, ``positions``, ``torque``, ``excitation``,
-            ``data sheet``, ``controller`` or ``model``.
-        place: recordings or joints that it concerns, or an empty string.
-        said: what was found, with numbers and units.
-        remedy: what to do; empty if nothing is to be done.
-    """
-
-    level: str
-    topic: str
-    place: str
-    said: str
-    remedy: str = ""
-
-
-def numbers(joints: list[int]) -> str:
-    """Joints, counted from 1, in words."""
-    listed = ", ".join(str(joint) for joint in joints)
-    return f"joint {listed}" if len(joints) == 1 else f"joints {listed}"
-
 
 # All thresholds of the check of a case, each with its meaning, its unit in brackets and its origin in parentheses.
 #
@@ -78,7 +37,6 @@ def numbers(joints: list[int]) -> str:
 # --- recordings
 SLOW_RATE = 100.0  # Below, delays, elasticity and ripple are hardly seen [Hz]. (physical)
 SHORT_DURATION = 10.0  # Seconds of motion in all, below which little can be told apart [s]. (hand)
-STAMP_JITTER = 0.05  # Standard deviation of the steps of time over their median [1]. (hand)
 VELOCITY_GAIN = 0.1  # A recorded velocity differs from that of the positions by less than this share [1]. (hand)
 REFERENCE_ERROR = 0.5  # A reference follows the position to this share of the joint's range at least [1]. (hand)
 SAME = 1e-9  # Series that differ by less are the same [rad or N m]. (physical)
@@ -118,7 +76,7 @@ def check_recordings(case: Case) -> Iterator[Remark]:
     yield from _amount(case)
     yield from _channels(case, every)
     for recording in every:
-        yield from _stamps(recording)
+        yield _rate(recording)
         for note in recording.notes:
             yield Remark("warn", "recordings", recording.name, note)
         yield from _copied_columns(recording)
@@ -177,22 +135,12 @@ def _channels(case: Case, every: Sequence[Recording]) -> Iterator[Remark]:
         )
 
 
-def _stamps(recording: Recording) -> Iterator[Remark]:
-    steps = np.diff(recording.t)
-    jitter = float(steps.std() / np.median(steps)) if len(steps) else 0.0
+def _rate(recording: Recording) -> Remark:
     said = f"{recording.duration:.1f} s at {recording.rate:.4g} Hz"
-    remedies = []
-    if recording.rate < SLOW_RATE:
-        remedies.append(
-            f"log at {SLOW_RATE:g} Hz or more: delays, elasticity and ripple are hardly seen below"
-        )
-    if jitter > STAMP_JITTER:
-        said += f", steps of time vary by {jitter:.0%}"
-        remedies.append(
-            "log the controller's own time; if rows are evenly spaced in truth, say import: {time: {rate: ...}}"
-        )
-    level = "warn" if remedies else "ok"
-    yield Remark(level, "time", recording.name, said, "; ".join(remedies))
+    if recording.rate >= SLOW_RATE:
+        return Remark("ok", "time", recording.name, said)
+    remedy = f"log at {SLOW_RATE:g} Hz or more: delays, elasticity and ripple are hardly seen below"
+    return Remark("warn", "time", recording.name, said, remedy)
 
 
 def _copied_columns(recording: Recording) -> Iterator[Remark]:
@@ -590,99 +538,7 @@ def _listed(values: np.ndarray) -> str:
 
 
 
-# What is wrong with the set-up by the torque, as a diagnosis finds it, and samples at the torque's limit.
-
-
-NO_TORQUE = 1.0
-"""Gap over the torque's deviation beyond which no torque at all would be a better prediction [1]. (definition)"""
-
-
-def check_set_up(case: Case, seen: Sequence[FoundFault]) -> Iterator[Remark]:
-    """Faults of the set-up that a diagnosis of the case finds, or that its torque fits the nominal arm as it is read.
-
-    Args:
-        case: the case, with references put right.
-        seen: faults of references.
-    """
-    found = find_setup_faults(case)
-    for fault in (*seen, *found):
-        yield _remark(fault, case)
-    case = repaired(case, found)
-    gap, gravity = nominal_gap(case), upright(case).arm.gravity
-    if gap is None:
-        return
-    size = float(np.sqrt((gap**2).mean()))
-    if gravity is not case.arm.gravity:
-        shown, said = (
-            [round(float(x), 2) + 0.0 for x in g] for g in (gravity, case.arm.gravity)
-        )
-        yield Remark(
-            "warn",
-            "torque",
-            "",
-            f"shows gravity {shown} m/s^2 in the frame of the base, the case says {said}: the base is mounted turned",
-            f"gravity: {shown}",
-        )
-    elif size > NO_TORQUE:
-        yield Remark(
-            "warn",
-            "torque",
-            "",
-            f"the nominal arm's torque is off by {size:.0%} of the recorded one, more than no torque would be: "
-            "probably another robot, or a load that is not in the case",
-            "check robot: and payloads:",
-        )
-    elif not found:
-        yield Remark(
-            "ok",
-            "torque",
-            "",
-            "no other unit, sign, order or clock of the columns explains the torque better; the nominal arm is off by "
-            f"{size:.0%} of it",
-        )
-    yield from _limits(case)
-
-
-def _topic(fault: FoundFault) -> str:
-    """What of a case a fault is of."""
-    if fault.name == TimeStamps.name:
-        return "time"
-    reading = fault.fault.reading(max(fault.joints, default=1))
-    topics = {
-        "positions": ("motion",),
-        "controller": ("kp_factor", "kd_factor", "law", "lead", "pace"),
-        "model": ("link_shift",),
-    }
-    return next((t for t, what in topics.items() if reading.differs(*what)), "torque")
-
-
-def _remark(fault: FoundFault, case: Case) -> Remark:
-    """A fault in words, by how much the gap falls if it is put right, and the line that does that."""
-    variant = f" ({fault.variant.replace('_', ' ')})" * bool(fault.variant)
-    said = f"{capital(effect_name(fault.name))}{variant}, probability {fault.probability:.0%}"
-    before, after = fault.gap_without_this, fault.gap_after
-    if before is not None and after is not None:
-        read, right = (float(np.sqrt((gap**2).mean())) for gap in (before, after))
-        much = f"{read:.0%}" if read < 10 else f"{read:.0f} times"
-        said += f": the nominal arm is off by {much} of the torque as it is read, by {right:.0%} if that is put right"
-    mend = _rounded(fault.reading(case.arm.n_joints).to_mend())
-    line = yaml.safe_dump(mend, default_flow_style=True, width=1000).strip()
-    remedy = (
-        f"import: {{mend: {line}}} puts it right; gapscope diagnose writes mended_case.yaml"
-        if mend
-        else "gapscope diagnose puts it right and says what to correct"
-    )
-    places = [*fault.recordings, *([numbers(list(fault.joints))] * bool(fault.joints))]
-    return Remark("warn", _topic(fault), listing(places), said, remedy)
-
-
-def _rounded(entry: Any) -> Any:
-    """An entry of a case file with as many digits of its numbers as a person copies."""
-    if isinstance(entry, dict):
-        return {key: _rounded(value) for key, value in entry.items()}
-    if isinstance(entry, (list, tuple)):
-        return [_rounded(value) for value in entry]
-    return float(f"{entry:.5g}") if isinstance(entry, float) else entry
+# Samples at the torque's limit.
 
 
 def _limits(case: Case) -> Iterator[Remark]:
@@ -769,7 +625,8 @@ def _of_signals(
     segments = list(_segments(case, cutoff))
     motions = joint_motions(columns, segments)
     remarks += check_ranges(case, columns.body)
-    remarks += check_set_up(case, references)
+    remarks += look_at_set_up(case, references).remarks()
+    remarks += _limits(case)
     remarks += check_motion(motions, case.arm.per_radian)
     remarks += check_nominal(case, columns.body)
     remarks += check_controller(case)

@@ -44,7 +44,7 @@ AnyTorque = Annotated[
     bool,
     typer.Option(
         "--any-torque",
-        help="go on if the torque seems not to be in N m, or to show gravity in another direction",
+        help="go on if the torque shows that the case reads its log wrongly, or says another gravity",
     ),
 ]
 

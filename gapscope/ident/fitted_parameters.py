@@ -16,11 +16,8 @@ from gapscope.arm.nearest_name import check_known
 from gapscope.arm.recording import Recording
 from gapscope.ident.checks.plausible_samples import (
     check_count,
-    check_mounted,
     check_recordings,
-    check_unit,
 )
-from gapscope.ident.checks.symptoms import NominalSimilarity, nominal_similarity
 from gapscope.ident.estimators.by_name import Given, method
 from gapscope.ident.estimators.linear import Estimate, Estimator
 from gapscope.ident.estimators.simulating import closed_loop
@@ -49,7 +46,7 @@ class IdentificationSettings:
         cutoff: of both sides [Hz]; chosen from the spectra of the positions if ``None``.
         estimator: one of ``gapscope.ident.estimators.by_name.METHODS``.
         judge: names of recordings to hold out; if empty those that the case holds out, else the last one.
-        any_torque: continue if the torque seems to be in another unit, or to show gravity in another direction.
+        any_torque: continue if the torque shows that the case reads its log wrongly, or says another gravity.
         trim: leave out both ends of a segment, where the filter settles.
         filter: ``recursive``, or ``unscented`` to follow states and friction together as well.
         plain: only what URDF, data sheet and effects can express: no friction that keeps its direction at rest.
@@ -94,7 +91,6 @@ class FittedParameters:
         settings: with the cut-off that was used.
         fit, held_out: recordings that were fitted, and others.
         samples: those of the fit, in the band.
-        similarity: how far the nominal bodies explain the torque.
         choice: friction law, pull and noise.
         matrix: W in the band, shape (M, n, p).
         base: base parameters of the samples.
@@ -111,7 +107,6 @@ class FittedParameters:
     fit: Sequence[Recording]
     held_out: Sequence[Recording]
     samples: Samples
-    similarity: NominalSimilarity
     choice: Choice
     matrix: np.ndarray
     base: BaseParameters
@@ -151,7 +146,7 @@ def fit_parameters(
     # one cut-off for all recordings, so that their equations are comparable
     if settings.cutoff is None:
         settings = replace(settings, cutoff=position_cutoff(tuple(fit)))
-    samples, similarity = _samples(case, fit, settings)
+    samples = _samples(case, fit, settings)
     columns = samples.columns
     progress("chooses the form of the friction")
     rich = not chosen.simulates
@@ -193,7 +188,6 @@ def fit_parameters(
         fit=fit,
         held_out=held_out,
         samples=samples,
-        similarity=similarity,
         choice=choice,
         matrix=matrix,
         base=base,
@@ -208,22 +202,17 @@ def fit_parameters(
 
 def _samples(
     case: Case, fit: Sequence[Recording], settings: IdentificationSettings
-) -> tuple[Samples, NominalSimilarity]:
-    """Samples of the recordings to fit, enough and in the right unit, and how like the nominal arm they are."""
+) -> Samples:
+    """Samples of the recordings to fit, enough of them."""
     assert settings.cutoff is not None
     band = Band(settings.cutoff, settings.trim)
     columns = ModelColumns(case.arm)
     segments = band.segments(fit)
     samples = Samples(columns, segments, band.bounded(segments))
-    similarity = nominal_similarity(samples)
-    # another unit would be fitted without complaint, as heavier links
-    if not settings.any_torque:
-        check_unit(similarity, fit[0].name)
-        check_mounted(case, segments)
     # whether the samples suffice is known with the simplest friction law
     simplest = _sample_base(samples.matrix(FrictionLaw()), columns, FrictionLaw())
     check_count(samples, simplest.count, fit[0].name)
-    return samples, similarity
+    return samples
 
 
 def _places(keep: Sequence[str], names: Sequence[str], n_joints: int) -> list[int]:

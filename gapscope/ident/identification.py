@@ -150,16 +150,14 @@ def examine_fit(
     progress("looks for changes")
     # a change spoils the fit: it is looked for in every recording, fitted or held out
     every = (*fitted.fit, *fitted.held_out)
-    arm = case.arm
-    if settings.any_torque:
-        arm = as_mounted(arm, [s for r in fitted.fit for s in condition(r)])
+    arm = as_mounted(case.arm, [s for r in fitted.fit for s in condition(r)])
     changes = changes_of(every, arm, progress).during
     states = None
     if settings.filter == "unscented":
         progress("follows states and friction together")
         states = _states(case, fitted.fit, evidence)
     doubtful = identification_warnings(
-        evidence, estimate, examined, changes, fitted.similarity, table, validation[1]
+        evidence, estimate, examined, changes, table, validation[1]
     )
     return Identification(
         case=case,

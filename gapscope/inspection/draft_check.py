@@ -1,17 +1,18 @@
-"""The drafted case, read once: whether it can be, and which faults of the set-up its torque shows."""
+"""The drafted case, read: whether it can be, and what each of its torque columns shows of the set-up."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import GapscopeError
-from gapscope.diagnosis.setup_faults.detection import find_setup_faults
-from gapscope.diagnosis.setup_faults.found_fault import FoundFault
+from gapscope.diagnosis.set_up import NO_TORQUE, SetUp, look_at_set_up
+from gapscope.inspection.channels import AMPERES, ChannelGuess
 from gapscope.inspection.draft import case_text
-from gapscope.inspection.inspection import Inspection
+from gapscope.inspection.inspected_table import InspectedTable
+from gapscope.inspection.inspection import TORQUES, Inspection, oddities_in
 
 
 @dataclass(frozen=True)
@@ -19,37 +20,115 @@ class DraftCheck:
     """What reading the drafted case showed.
 
     Attributes:
-        faults: set-up faults that the torque shows, in words.
         notes: what the reader noticed, and dropped.
         problem: why the case cannot be read as it is; empty if it can.
     """
 
-    faults: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     problem: str = ""
 
 
 def check_draft(found: Inspection) -> DraftCheck:
-    """Read the drafted case, and look for faults of the set-up if it has a torque."""
+    """Read the drafted case."""
     if found.arm is None:
         return DraftCheck(problem="no robot is known: the torque cannot be judged")
+    try:
+        case = _drafted(found)
+    except GapscopeError as error:
+        return DraftCheck(problem=str(error))
+    notes = []
+    for recording in case.recordings:
+        notes += [f"{recording.name}: {note}" for note in recording.notes]
+    return DraftCheck(tuple(notes))
+
+
+def judge_torques(found: Inspection) -> Inspection:
+    """What is in logs, with what each torque column shows of the set-up if the drafted case reads it as the torque.
+
+    Of several torques without names, the one that fits the arm best is chosen.
+    """
+    looked: dict[tuple[str, str], SetUp] = {}
+    torques = dict(found.torques)
+    for label, table in found.sources.items():
+        for guess in table.channels:
+            set_up = _set_up(found, label, guess)
+            if set_up is not None:
+                place = label, guess.group.pattern
+                looked[place] = set_up
+                remarks = set_up.remarks()
+                said = [remark.text for remark in remarks if remark.topic != "time"]
+                torques[place] = [*torques[place], *said]
+    found = _best_first(replace(found, torques=torques), looked)
+    if "tau" not in found.chosen:
+        return found
+    label, guess = found.chosen["tau"]
+    chosen = looked.get((label, guess.group.pattern))
+    remarks = () if chosen is None else chosen.remarks()
+    return replace(found, misread=tuple(r for r in remarks if r.level != "ok"))
+
+
+def _set_up(found: Inspection, label: str, guess: ChannelGuess) -> SetUp | None:
+    """What the drafted case with some columns as the torque shows; ``None`` if it cannot be asked."""
+    if found.arm is None or guess.channel not in TORQUES:
+        return None
+    if guess.role in AMPERES:
+        # without motor constants the search finds what an ampere makes
+        guess = replace(guess, unit="N m")
+    torque = {"tau": (label, replace(guess, channel="tau"))}
+    try:
+        case = _drafted(replace(found, chosen=found.chosen | torque))
+        return look_at_set_up(case)
+    except GapscopeError:
+        # it cannot be read, which is said of the draft, or is too short to be differentiated
+        return None
+
+
+def _drafted(found: Inspection) -> Case:
+    """The drafted case.
+
+    Raises:
+        GapscopeError: it cannot be read.
+    """
+    assert found.arm is not None
     with TemporaryDirectory(prefix="gapscope_") as folder:
         file = Path(folder) / "case.yaml"
         text = case_text(found, Path(folder), str(found.arm.urdf.resolve()))
         file.write_text(text, encoding="utf-8")
         try:
-            case = load_case(file, any_unit=True)
-            faults: tuple[FoundFault, ...] = ()
-            if any(recording.tau is not None for recording in case.recordings):
-                faults = find_setup_faults(case)
-            return DraftCheck(tuple(map(str, faults)), _notes(case))
+            return load_case(file, any_unit=True)
         except GapscopeError as error:
-            return DraftCheck(problem=str(error).replace(str(file), "case.yaml"))
+            said = str(error).replace(str(file), "case.yaml")
+            raise GapscopeError(said) from None
 
 
-def _notes(case: Case) -> tuple[str, ...]:
-    """Notes of each recording, with its name."""
-    notes = []
-    for recording in case.recordings:
-        notes += [f"{recording.name}: {note}" for note in recording.notes]
-    return tuple(notes)
+def _best_first(found: Inspection, looked: dict[tuple[str, str], SetUp]) -> Inspection:
+    """The torques of a table without names of columns in the order in which they fit the arm."""
+
+    def rank(guess: ChannelGuess) -> tuple[float, ...]:
+        set_up = looked.get((label, guess.group.pattern))
+        if guess.channel != "tau" or set_up is None or set_up.off is None:
+            return (1.0,)
+        # of a torque and the current that it was made from, the one in N m
+        return (set_up.off > NO_TORQUE, len(set_up.faults), set_up.off)
+
+    def ordered(table: InspectedTable) -> InspectedTable:
+        return replace(table, channels=tuple(sorted(table.channels, key=rank)))
+
+    for label, table in found.sources.items():
+        torque = found.chosen.get("tau", ("",))[0]
+        if label == torque and table.part.table.unnamed:
+            entries = tuple(
+                {**entry, label: ordered(entry[label])} for entry in found.entries
+            )
+            sources = {**found.sources, label: ordered(table)}
+            best = sources[label].best("tau")
+            assert best is not None
+            chosen = {**found.chosen, "tau": (label, best)}
+            return replace(
+                found,
+                entries=entries,
+                sources=sources,
+                chosen=chosen,
+                oddities=oddities_in(entries, chosen),
+            )
+    return found

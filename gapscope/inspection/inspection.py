@@ -5,21 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.log import Log
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import CHANNELS
+from gapscope.diagnosis.set_up import Remark
 from gapscope.inspection.channels import ChannelGuess
 from gapscope.inspection.inspected_table import InspectedTable, inspect_table
 from gapscope.inspection.oddities import Oddity, oddities_of
-from gapscope.inspection.torque_facts import (
-    arm_of_columns,
-    torque_facts,
-    torque_fits,
-    what_it_is,
-)
+from gapscope.inspection.torque_facts import arm_of_columns, torque_facts
 
 TORQUES = ("tau", "tau_sensor")
 """Channels that hold a torque."""
@@ -45,6 +39,7 @@ class Inspection:
         entries: one for each recording: its tables by the labels of ``sources``.
         chosen: columns taken for each channel, by its name, and the label of the table that holds them.
         torques: what each torque column can be, in sentences, by the label of its table and the pattern of its columns.
+        misread: what the torque that was chosen shows of the set-up.
         oddities: what looks wrong.
         notes: what was left out, and why.
         arm: the nominal arm, if a robot is known.
@@ -56,6 +51,7 @@ class Inspection:
     entries: tuple[dict[str, InspectedTable], ...]
     chosen: dict[str, tuple[str, ChannelGuess]]
     torques: dict[tuple[str, str], list[str]] = field(default_factory=dict)
+    misread: tuple[Remark, ...] = ()
     oddities: tuple[Oddity, ...] = ()
     notes: tuple[str, ...] = ()
     arm: NominalArm | None = None
@@ -113,8 +109,8 @@ def inspect_logs(logs: Sequence[Log], arm: NominalArm | None = None) -> Inspecti
         sources=first,
         entries=entries,
         chosen=chosen,
-        torques=_torques(first, entries, arm),
-        oddities=_oddities(entries, chosen),
+        torques=_torques(first),
+        oddities=oddities_in(entries, chosen),
         notes=(*_notes(logs, tables), *notes),
         arm=arm,
     )
@@ -131,27 +127,7 @@ def _tables(logs: Sequence[Log], arm: NominalArm | None) -> list[InspectedTable]
         # names of files may call everything a reference
         if any(table.best("q") is not None for table in found):
             break
-    return [_by_torque(table, arm) for table in found]
-
-
-def _by_torque(table: InspectedTable, arm: NominalArm | None) -> InspectedTable:
-    """A table without names of columns, with what the arm explains best as the first of its torques."""
-    torques = [guess for guess in table.channels if guess.channel == "tau"]
-    position = table.best("q")
-    unnamed = table.part.table.unnamed and len(torques) > 1
-    if arm is None or position is None or not unnamed:
-        return table
-    own, rank = arm_of_columns(arm, position.group), {}
-    for guess in torques:
-        fits = torque_fits(own, [{MAIN: table}], guess)
-        if fits:
-            # of a torque and the current that it was made from, the one in N m
-            size = np.log(np.abs(np.median(fits[0].factor)))
-            rank[guess.group.pattern] = (-round(fits[0].overall, 2), abs(float(size)))
-    last = (0.0, 0.0)
-    ranked = sorted(torques, key=lambda guess: rank.get(guess.group.pattern, last))
-    ranked += [guess for guess in table.channels if guess.channel != "tau"]
-    return replace(table, channels=tuple(ranked))
+    return found
 
 
 def _times(
@@ -208,24 +184,17 @@ def _chosen(
 
 def _torques(
     sources: dict[str, InspectedTable],
-    entries: Sequence[dict[str, InspectedTable]],
-    arm: NominalArm | None,
 ) -> dict[tuple[str, str], list[str]]:
-    """What each torque column can be: by the log alone, and by the nominal arm if it is known."""
-    found = {}
-    for label, table in sources.items():
-        for guess in table.channels:
-            if guess.channel not in TORQUES:
-                continue
-            facts = torque_facts(guess, table.channels)
-            fits = torque_fits(arm, entries, guess) if arm is not None else []
-            if fits:
-                facts.append(what_it_is(fits))
-            found[label, guess.group.pattern] = facts
-    return found
+    """What each torque column can be by the log alone."""
+    return {
+        (label, guess.group.pattern): torque_facts(guess, table.channels)
+        for label, table in sources.items()
+        for guess in table.channels
+        if guess.channel in TORQUES
+    }
 
 
-def _oddities(
+def oddities_in(
     entries: Sequence[dict[str, InspectedTable]],
     chosen: dict[str, tuple[str, ChannelGuess]],
 ) -> tuple[Oddity, ...]:

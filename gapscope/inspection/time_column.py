@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gapscope.arm.io.plausibility import PLAUSIBLE_RATES
+from gapscope.arm.io.plausibility import unit_of_stamps
 from gapscope.inspection.words import derivative_ratio, meaning_of
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -102,21 +102,24 @@ def counts_rows(stamps: np.ndarray) -> bool:
 
 
 def _stamped(name: str, stamps: np.ndarray) -> TimeGuess | None:
-    """The unit in which stamps make a rate that robots are logged at; seconds first."""
+    """The unit in which stamps make a rate that robots are logged at; seconds first, but for what the name says."""
     step = np.diff(stamps)
     if not (step > 0).any():
         return None
     median = float(np.median(step[step > 0]))
+    likely = unit_of_stamps(1.0 / median, float(stamps[-1] - stamps[0]))
     said = [unit for unit in TIME_UNITS if name.lower().endswith(f"_{unit}")]
-    for unit in (*said, *TIME_UNITS):
-        factor = TIME_UNITS[unit]
-        rate = 1.0 / (median * factor)
-        if PLAUSIBLE_RATES[0] <= rate <= PLAUSIBLE_RATES[1]:
-            seconds = (stamps - stamps[0]) * factor
-            why = f"its steps in {unit} make {rate:.4g} Hz"
-            start = float(stamps[0]) * factor
-            return TimeGuess(name, unit, rate, seconds, why, start)
-    return None
+    if said and unit_of_stamps(1.0 / (median * TIME_UNITS[said[0]]), np.inf) == "s":
+        likely = said[0]
+    # of what is called a time, but too slow in any unit, the reader says so
+    unit = likely or ("s" if meaning_of(name).quantity == "time" else "")
+    if not unit:
+        return None
+    factor = TIME_UNITS[unit]
+    rate = 1.0 / (median * factor)
+    seconds = (stamps - stamps[0]) * factor
+    why = f"its steps in {unit} make {rate:.4g} Hz"
+    return TimeGuess(name, unit, rate, seconds, why, float(stamps[0]) * factor)
 
 
 def _counted(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import begin_results
 from gapscope.arm.io.log import READERS
+from gapscope.diagnosis.set_up import look_at_set_up
 from gapscope.ident.identification import Identification, IdentificationSettings
 from gapscope.ident.identification import identify as identify_case
 from gapscope.interface.models import case_file
@@ -78,7 +79,31 @@ def identify(
     """
     progress("reads the case")
     chosen = settings or IdentificationSettings()
-    return IdentificationResult(identify_case(_loaded(case), chosen, progress))
+    read = _loaded(case)
+    progress("tests the set-up")
+    read = _as_recorded(read, any_torque=chosen.any_torque)
+    return IdentificationResult(identify_case(read, chosen, progress))
+
+
+def _as_recorded(case: Case, *, any_torque: bool) -> Case:
+    """The case with warnings of what its torque shows of the set-up.
+
+    Raises:
+        InputError: it reads its log wrongly, or says another gravity, and not ``any_torque``.
+    """
+    set_up = look_at_set_up(case)
+    doubts = [remark for remark in set_up.remarks() if remark.level != "ok"]
+    if set_up.misreads and not any_torque:
+        raise InputError(
+            "what would be identified is the arm of another log: "
+            + "; ".join(doubt.text for doubt in doubts),
+            " ".join(
+                [*(doubt.remedy for doubt in doubts), "Or go on with --any-torque"]
+            ),
+            file=case.name,
+        )
+    said = (f"{doubt.text}; {doubt.remedy}" for doubt in doubts)
+    return replace(case, warnings=(*case.warnings, *said))
 
 
 def _loaded(case: Case | str | Path) -> Case:

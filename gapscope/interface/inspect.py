@@ -14,7 +14,7 @@ from rich.console import Console
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.log import Log, open_log
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.inspection.draft_check import DraftCheck, check_draft
+from gapscope.inspection.draft_check import DraftCheck, check_draft, judge_torques
 from gapscope.inspection.inspection import Inspection, inspect_logs
 from gapscope.interface.result import Result, as_text
 from gapscope.reports.inspection import (
@@ -107,6 +107,7 @@ def inspect(
         progress("looks at columns, units and torques")
         found = inspect_logs(opened, arm)
         progress("looks for faults of the set-up")
+        found = judge_torques(found)
         checked = check_draft(found)
     named = None if robot is None else str(robot)
     return InspectionResult(found, checked, named, text)

@@ -17,6 +17,7 @@ from scipy.stats import chi2
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
+from gapscope.arm.io.plausibility import SHORTEST_LOG
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.recording import Recording
@@ -28,7 +29,7 @@ TRIM = 0.3
 """Time cut from both ends of a filtered segment [s], by definition of ``torque_nrmse``."""
 WORKING_RATE = 250.0
 """Recordings sampled at twice this rate or faster are decimated to no less than it [Hz]."""
-SHORTEST = 1.0
+SHORTEST = SHORTEST_LOG
 """Segments shorter than this [s] are left out; what is trimmed leaves 0.4 s."""
 ORDER = 4
 """Order of every low-pass. (definition)"""

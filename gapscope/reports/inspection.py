@@ -208,12 +208,8 @@ def facts_of(found: Inspection) -> str:
 def wrong_rows(found: Inspection, checked: DraftCheck) -> list[tuple[str, str, str]]:
     """What looks wrong: where, what, what to do."""
     rows = [
-        (
-            "torque and motion",
-            fault,
-            "gapscope diagnose says how sure that is and mends the case",
-        )
-        for fault in checked.faults
+        (remark.place or remark.topic, remark.said, remark.remedy)
+        for remark in found.misread
     ]
     if checked.problem:
         rows.append(("the drafted case", checked.problem, ""))

@@ -105,7 +105,23 @@ def test_jitter_and_a_low_rate_are_said(make_case: Make) -> None:
         table["t"] = 6 * (table["t"] + noise)
 
     text = warned(check_case(make_case(spoil=shake)))
-    assert "log at 100 Hz or more" in text and "steps of time vary" in text
+    assert "log at 100 Hz or more" in text and "Time stamps (jitter)" in text
+
+
+def test_pauses_are_no_jitter_and_a_slow_log_is_not_in_milliseconds(
+    make_case: Make,
+) -> None:
+    def pause(table: dict[str, np.ndarray]) -> None:
+        table["t"] = table["t"] + 5.0 * (np.arange(len(table["t"])) > 1500)
+
+    def slow(table: dict[str, np.ndarray]) -> None:
+        table.update({name: column[::26] for name, column in table.items()})
+
+    text = warned(check_case(make_case(spoil=pause)))
+    assert "gaps in time: 1" in text and "rate:" not in text
+    check = check_case(make_case(spoil=slow))
+    assert "the rate is 9.62 Hz" in warned(check) and "looks like" not in warned(check)
+    assert not check.can_be_diagnosed
 
 
 def test_degrees_are_a_fault_that_the_diagnosis_tests(make_case: Make) -> None:

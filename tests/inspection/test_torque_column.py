@@ -7,6 +7,7 @@ import pytest
 from foreign_logs import case_format, columns, inspected
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.inspection.draft_check import judge_torques
 
 
 def said_of_torque(found) -> str:
@@ -23,20 +24,21 @@ def gravity(arm, motion) -> np.ndarray:
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        (lambda tau, g: tau, "torque with gravity, in N m"),
-        (lambda tau, g: tau - g, "torque without gravity, in N m"),
-        (lambda tau, g: -tau, "its sign turned:"),
-        (lambda tau, g: tau / 11, "not in N m"),
+        (lambda tau, g: tau, "in N m of the joint, gravity included"),
+        (lambda tau, g: tau - g, "Gravity compensated torque"),
+        (lambda tau, g: -tau, "Sign flip (torque)"),
+        (lambda tau, g: tau / 11, "Torque unit (current)"),
         (lambda tau, g: np.abs(tau), "magnitude"),
         (lambda tau, g: 0 * tau, "nothing was measured"),
-        (lambda tau, g: np.roll(tau, 3, axis=1), "at best"),
+        (lambda tau, g: tau[:, [2, 1, 0, 3, 4, 5, 6]], "Joint swap (torque)"),
     ],
 )
 def test_what_the_torque_is(change, expected, arm, motion, tmp_path):
     table = case_format(motion)
     changed = change(motion.tau, gravity(arm, motion))
     table |= columns("tau{j}", changed)
-    assert expected in said_of_torque(inspected(tmp_path, arm, log=table))
+    found = judge_torques(inspected(tmp_path, arm, log=table))
+    assert expected in said_of_torque(found)
 
 
 def test_a_computed_torque_is_told_with_its_gains(motion, tmp_path):

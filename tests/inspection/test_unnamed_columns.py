@@ -12,6 +12,7 @@ from gapscope.arm.case import load_case
 from gapscope.arm.io.log import open_log
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
+from gapscope.inspection.draft_check import judge_torques
 from gapscope.inspection.inspection import Inspection, inspect_logs
 
 
@@ -110,7 +111,7 @@ def test_joints_that_stand_still_belong_to_their_block(arm, moved, tmp_path):
 def test_a_torque_that_gravity_explains_is_taken_first(arm, moved, tmp_path):
     other = np.random.default_rng(2).standard_normal(moved["tau"].shape)
     table = np.hstack([moved["t"], moved["q"], moved["dq"], other, moved["tau"]])
-    found = inspected(written(tmp_path, table), arm)
+    found = judge_torques(inspected(written(tmp_path, table), arm))
     assert found.chosen["tau"][1].group.names[0] == "23"
 
 

@@ -15,6 +15,9 @@ from gapscope.arm.recording import Recording
 PLAUSIBLE_RATES = (10.0, 20_000.0)
 """Sampling rates of robot logs [Hz]; below, no motion is resolved."""
 
+SHORTEST_LOG = 1.0
+"""A log that lasts less holds no motion that can be diagnosed [s]."""
+
 LONGEST_GAP = 1e6
 """Periods that a gap in a log may last [1]: a quarter of an hour at 1 kHz, a day at 10 Hz."""
 
@@ -34,7 +37,7 @@ REPEATED = "rows dropped that repeat the measurement before them: "
 def check_time(
     t: np.ndarray, table: Table, column: str, *, any_unit: bool = False
 ) -> None:
-    """Time [s], (N,), has to run forward, at a rate that a robot is logged at, unless ``any_unit``.
+    """Time [s], (N,), has to run forward, at a rate that a robot is logged at; in other units too if ``any_unit``.
 
     Raises:
         InputError: t jumps back, leaps, is constant, or has an implausible rate.
@@ -66,28 +69,42 @@ def check_time(
         )
     rate = 1 / usual
     low, high = PLAUSIBLE_RATES
-    if any_unit:
-        return
-    if rate < low:
-        fitting = [
-            unit for unit in ("ms", "us", "ns") if low <= rate / UNITS[unit] <= high
-        ]
-        guess = f"looks like {fitting[0]}: " if fitting else ""
-        unit = fitting[0] if fitting else "ms"
+    unit = unit_of_stamps(rate, float(t[-1] - t[0]))
+    if not unit:
+        remedy = "correct the unit or rate of import: time"
         raise InputError(
-            f"{guess}taken as s the rate is {rate:.3g} Hz, expected {low:g} to {high:g} Hz",
+            f"the rate is {rate:.3g} Hz, expected {low:g} to {high:g} Hz",
+            f"log at a higher rate, or {remedy}" if rate < low else remedy,
+            file=table.path,
+            where=f"column {column}",
+        )
+    if unit != "s" and not any_unit:
+        raise InputError(
+            f"looks like {unit}: taken as s the rate is {rate:.3g} Hz, expected {low:g} to {high:g} Hz",
             f"say in the case: import: {{time: {{column: {column}, unit: {unit}}}}}, or rate: where it counts samples; "
             + DIAGNOSE_FIRST,
             file=table.path,
             where=f"column {column}",
         )
-    if rate > high:
-        raise InputError(
-            f"the rate is {rate:.3g} Hz, expected {low:g} to {high:g} Hz",
-            "correct the unit or rate of import: time",
-            file=table.path,
-            where=f"column {column}",
-        )
+
+
+def unit_of_stamps(rate: float, duration: float) -> str:
+    """Unit of stamps: s if robots are logged at that rate, else the first in which they are; empty if none is.
+
+    In ms, us or ns the log has to last as well: one at 5 Hz is not over in 60 ms.
+
+    Args:
+        rate: of the stamps, taken as s [Hz].
+        duration: from the first to the last, taken as s [s].
+    """
+    low, high = PLAUSIBLE_RATES
+    for unit in ("s", "ms", "us", "ns"):
+        factor = UNITS[unit]
+        lasts = unit == "s" or duration * factor >= SHORTEST_LOG
+        # stamps of 0.1 s round to a little more
+        if 0.99 * low <= rate / factor <= 1.01 * high and lasts:
+            return unit
+    return ""
 
 
 def check_positions(

@@ -14,7 +14,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.bad_samples import LEFT_OUT
 from gapscope.arm.io.even_rows import stamps_are_wrong, unevenness
-from gapscope.arm.io.plausibility import PLAUSIBLE_RATES, REPEATED, repeated_rows
+from gapscope.arm.io.plausibility import REPEATED, repeated_rows, unit_of_stamps
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault
 from gapscope.diagnosis.thresholds import (
@@ -48,7 +48,6 @@ from gapscope.effects.catalogue import of_quantity
 from gapscope.effects.setup_faults import Fault, TimeStamps, UnitMismatch
 from gapscope.model.conditioning import (
     GAP_STEPS,
-    SHORTEST,
     TORQUE_CUTOFF,
     Segment,
     condition,
@@ -86,23 +85,12 @@ def find_stamps(recordings: Iterable[Recording]) -> tuple[FoundFault, ...]:
 
 def _milliseconds(recordings: tuple[Recording, ...]) -> FoundFault | None:
     """Stamps that give a rate at which no robot is logged in s, but do in ms."""
-    names = tuple(r.name for r in recordings if _in_milliseconds(r))
+    units = {r.name: unit_of_stamps(r.rate, r.duration) for r in recordings}
+    names = tuple(name for name, unit in units.items() if unit == "ms")
     if not names:
         return None
     fault = UnitMismatch("milliseconds")
     return FoundFault(fault, OBVIOUS_FAULT_PROBABILITY, recordings=names)
-
-
-def _in_milliseconds(recording: Recording) -> bool:
-    """Whether stamps are likelier in ms: at a rate of no log in s, and then not over at once.
-
-    A log of 6 s at 5 Hz would last 6 ms.
-    """
-    low, high = PLAUSIBLE_RATES
-    rate, duration = recording.rate, recording.duration
-    # stamps of 0.1 s round to a little more
-    slow = rate < 0.99 * low
-    return slow and low <= 1e3 * rate <= high and 1e-3 * duration >= SHORTEST
 
 
 def _repeats(recordings: tuple[Recording, ...]) -> FoundFault | None:

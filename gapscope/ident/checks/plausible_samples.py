@@ -7,28 +7,22 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from gapscope.arm.case import Case
 from gapscope.arm.control import PD
 from gapscope.arm.dynamics.rollout import Commands
 from gapscope.arm.errors import InputError
 from gapscope.arm.recording import Recording
 from gapscope.arm.velocity_filter import VelocityFilter, rule_of
-from gapscope.ident.checks.symptoms import NominalSimilarity
 from gapscope.ident.samples import Samples
-from gapscope.model.conditioning import TORQUE_CUTOFF, TRIM, Segment, low_pass
+from gapscope.model.conditioning import TORQUE_CUTOFF, TRIM, low_pass
 from gapscope.model.effective_samples import band_samples
-from gapscope.model.gravity_direction import as_mounted
 
 # Whether samples can be identified from at all; what cannot is refused with the reason, before any fit.
 
 
 STILL = 0.01
 """A joint that moves less than this does not move [rad]."""
-UNIT_FACTOR = 8.0
-"""Torque larger or smaller than the nominal arm's by more than this is in another unit."""
 PER_PARAMETER = 2.0
 """Independent samples that each base parameter needs at least; a band of f Hz holds 2 f a second and joint."""
-_GUESSES = ((1e3, "mN m"), (1e2, "N cm"))
 
 
 def check_bare(recording: Recording) -> None:
@@ -102,59 +96,6 @@ def check_count(samples: Samples, base_count: int, name: str) -> None:
             f"record for at least {np.ceil(needed + 1):.0f} s, ten times that for good measure, or raise --cutoff",
             file=name,
         )
-
-
-def check_unit(found: NominalSimilarity, name: str) -> None:
-    """Check that the torque is in N m on the joint's side.
-
-    Raises:
-        InputError: it is larger or smaller than the nominal arm's by more than ``UNIT_FACTOR`` on most joints.
-    """
-    factor = unit_factor(found)
-    if 1 / UNIT_FACTOR < factor < UNIT_FACTOR:
-        return
-    size = "larger" if factor > 1 else "smaller"
-    shown = factor if factor > 1 else 1 / factor
-    near = [unit for value, unit in _GUESSES if 1 / 3 < factor / value < 3]
-    guess = f": looks like {near[0]}" if near else ""
-    which = (
-        f"import: {{tau: {{column: tau{{j}}, unit: {near[0]}}}}}"
-        if near
-        else "import: {tau: {scale: [...]}}"
-    )
-    raise InputError(
-        f"the recorded torque is {shown:.3g} times {size} than the nominal arm's{guess}. Is it in N m on the joint's "
-        "side, or a raw motor current, or a torque on the motor's side?",
-        f"say in the case {which}; a current needs torque constant times gear ratio per joint as scale. If the torque "
-        "is right, the nominal arm is another arm: correct the URDF, or allow it with --any-torque",
-        file=name,
-        where="columns tau1 on",
-    )
-
-
-def check_mounted(case: Case, segments: Sequence[Segment]) -> None:
-    """Check that gravity is where the case says it is.
-
-    Raises:
-        InputError: the torque shows it in another direction.
-    """
-    arm = case.arm
-    mounted = as_mounted(arm, segments)
-    if mounted is arm:
-        return
-    shown, said = mounted.gravity.round(2).tolist(), arm.gravity.round(2).tolist()
-    raise InputError(
-        f"the torque shows gravity {shown} m/s^2 in the frame of the base, the case says {said}: the base is mounted "
-        "turned, and bodies identified so would be those of no arm",
-        f"say in the case gravity: {shown}, or go on as it is with --any-torque",
-        file=case.name,
-    )
-
-
-def unit_factor(found: NominalSimilarity) -> float:
-    """Recorded over nominal torque, the median over joints with a load [1]."""
-    known = np.isfinite(found.ratio)
-    return float(np.median(found.ratio[known])) if known.any() else 1.0
 
 
 # Whether a recorded torque is what the declared controller commands; wrong gains ruin every simulated closed loop.

@@ -8,14 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gapscope.ident.checks import symptoms
-from gapscope.ident.checks.plausible_samples import UNIT_FACTOR, resting, unit_factor
-from gapscope.ident.checks.symptoms import (
-    GAIN,
-    FitEvidence,
-    NominalSimilarity,
-    nominal_similarity,
-    torque_gain,
-)
+from gapscope.ident.checks.plausible_samples import resting
+from gapscope.ident.checks.symptoms import FitEvidence
 from gapscope.ident.estimators.linear import Estimate
 from gapscope.ident.examination import Examination, Validation
 from gapscope.ident.model.physical_parameters import inconsistent
@@ -102,75 +96,10 @@ def make_row(
 
 def fill_in(evidence: FitEvidence) -> tuple[Row, ...]:
     """The table for one identification."""
-    similarity = nominal_similarity(evidence.samples)
-    return tuple(check(evidence, similarity) for check in CHECKS)
+    return tuple(check(evidence) for check in CHECKS)
 
 
-def _unit(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
-    factor = unit_factor(similarity)
-    entry = Entry(
-        key="torque_unit",
-        symptom="masses and friction off by the same factor",
-        cause="torque in mN m, a raw current, or on the motor's side",
-        check="RMS of recorded over nominal torque, or its inverse, median joint",
-        remedy="state unit, scale and transmission in the case's import section",
-    )
-    return make_row(entry, max(factor, 1 / max(factor, 1e-300)), UNIT_FACTOR)
-
-
-def _gain(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
-    found = torque_gain(similarity)
-    entry = Entry(
-        key="torque_gain",
-        symptom="masses and friction of all joints off by about the same factor",
-        cause="torque in another unit, or a wrong torque constant or gear ratio",
-        check="gain of the nominal bodies' torque, or its inverse, median joint, if most joints agree",
-        remedy="state unit, scale and transmission in the case's import section, or correct the URDF",
-    )
-    return Row(
-        entry=entry,
-        measured=found.size,
-        threshold=GAIN,
-        unit="1",
-        verdict=FOUND if found.found else CLEAR,
-        joints=found.joints if found.found else (),
-    )
-
-
-def _sign(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
-    entry = Entry(
-        key="torque_sign",
-        symptom="negative friction or inertia on one joint",
-        cause="torque or position of the joint counted the other way round",
-        check="gain of the nominal bodies' torque if they show; else power that friction takes over power",
-        remedy="set import: {signs: [...]} for the joint",
-    )
-    clear = similarity.weight > 0.05
-    value = np.where(clear, similarity.gain, similarity.loss)
-    return make_row(entry, value, -0.25, below=True)
-
-
-def _swapped(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
-    won, joints = symptoms.exchanged(similarity.explained)
-    entry = Entry(
-        key="swapped_joints",
-        symptom="two joints whose torque fits neither's motion",
-        cause="columns of two joints exchanged",
-        check="share of the torque's variance that another order of the joints explains in addition, per joint moved",
-        remedy="set joints: or the columns in the case's import section in the order of the arm",
-    )
-    found = won > 0.2
-    return Row(
-        entry=entry,
-        measured=won,
-        threshold=0.2,
-        unit="1",
-        verdict=FOUND if found else CLEAR,
-        joints=joints if found else (),
-    )
-
-
-def _zero(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
+def _zero(evidence: FitEvidence) -> Row:
     zeros = evidence.zeros
     asked = zeros.asked
     entry = Entry(
@@ -195,7 +124,7 @@ def _zero(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
     )
 
 
-def _bodies_row(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
+def _bodies_row(evidence: FitEvidence) -> Row:
     entry = Entry(
         key="unphysical",
         symptom="the torque fits, the bodies cannot exist",
@@ -212,7 +141,7 @@ def _bodies_row(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
     return replace(row, joints=tuple(check.link for check in wrong))
 
 
-def _low_speed(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
+def _low_speed(evidence: FitEvidence) -> Row:
     entry = Entry(
         key="low_speed_friction",
         symptom="residual peaks where a joint reverses",
@@ -224,7 +153,7 @@ def _low_speed(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
     return make_row(entry, symptoms.near_rest(evidence), 0.05)
 
 
-def _condition(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
+def _condition(evidence: FitEvidence) -> Row:
     entry = Entry(
         key="condition",
         symptom="large intervals, parameters that change from fit to fit",
@@ -236,7 +165,7 @@ def _condition(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
     return make_row(entry, symptoms.condition(evidence), 1000.0)
 
 
-def _rest(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
+def _rest(evidence: FitEvidence) -> Row:
     entry = Entry(
         key="resting_joint",
         symptom="parameters of a joint missing among the base parameters",
@@ -255,7 +184,7 @@ def _rest(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
     )
 
 
-def _noise(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
+def _noise(evidence: FitEvidence) -> Row:
     entry = Entry(
         key="derivative_noise",
         symptom="rotor and link inertias too small, noisy acceleration",
@@ -270,7 +199,7 @@ def _noise(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
     )
 
 
-def _cutoff(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
+def _cutoff(evidence: FitEvidence) -> Row:
     entry = Entry(
         key="cutoff_too_low",
         symptom="fast parts of the motion badly predicted",
@@ -285,7 +214,7 @@ def _cutoff(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
     )
 
 
-def _late(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
+def _late(evidence: FitEvidence) -> Row:
     entry = Entry(
         key="time_offset",
         symptom="viscous friction too large, small or negative, residual that follows the torque's rate",
@@ -298,7 +227,7 @@ def _late(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
     return make_row(entry, 1e3 * certain, 3.0, "ms")
 
 
-def _saturated(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
+def _saturated(evidence: FitEvidence) -> Row:
     entry = Entry(
         key="saturated_torque",
         symptom="inertia and friction too small, flat tops",
@@ -314,8 +243,8 @@ def _saturated(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
     )
 
 
-CHECKS: tuple[Callable[[FitEvidence, NominalSimilarity], Row], ...] = (
-    *(_unit, _gain, _sign, _swapped, _zero, _bodies_row, _low_speed),
+CHECKS: tuple[Callable[[FitEvidence], Row], ...] = (
+    *(_zero, _bodies_row, _low_speed),
     *(_condition, _rest, _noise, _cutoff, _late, _saturated),
 )
 """The rows, in the order in which to look at them."""
@@ -331,7 +260,6 @@ WORSE = "what was held out is predicted worse than by the nominal arm"
 SAID_OTHERWISE = (
     "low_speed_friction",
     "resting_joint",
-    "torque_gain",
     "condition",
     BODIES,
 )
@@ -343,14 +271,12 @@ def identification_warnings(
     estimate: Estimate,
     examined: Examination,
     changes: Sequence[Change],
-    similarity: NominalSimilarity,
     table: Sequence[Row],
     held_out: Validation,
 ) -> tuple[str, ...]:
     """The warnings, those that concern all results first."""
     return (
         *_worse(held_out, examined.counted.per_parameter),
-        *_torque(similarity, held_out),
         *_changed(changes),
         *estimate.warnings,
         *examined.warnings(),
@@ -369,18 +295,6 @@ def _worse(held_out: Validation, per_parameter: float) -> Iterator[str]:
             f"{WORSE}: {held_out.every.overall:.1%} of the torque against {held_out.nominal.overall:.1%}; use the "
             "nominal arm, record an exciting trajectory (`gapscope excite`), or stay nearer to it: --estimator ridge, "
             "truncated_svd or partial_update, --keep"
-        )
-
-
-def _torque(similarity: NominalSimilarity, held_out: Validation) -> Iterator[str]:
-    gain = torque_gain(similarity)
-    if gain.found:
-        yield gain.warning()
-    off = held_out.nominal.overall
-    if off > 1.0:
-        yield (
-            f"the nominal arm's torque is off by {off:.0%} of the recorded one, more than no torque would be: "
-            "another unit, another arm, or a load that is not in it; values near it mean little until that is clear"
         )
 
 

@@ -1,0 +1,200 @@
+"""What a case reads wrongly, by its torque: the one answer of ``inspect``, ``check`` and ``identify``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import yaml
+
+from gapscope.arm.case import Case
+from gapscope.arm.display import effect_name, percent
+from gapscope.diagnosis.document.wording import capital, listing
+from gapscope.diagnosis.setup_faults.detection import (
+    find_setup_faults,
+    nominal_gap,
+    upright,
+)
+from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
+from gapscope.effects.setup_faults import TimeStamps
+
+# One line of the check of a case.
+
+
+LEVELS = ("ok", "warn", "error")
+"""As it should be; can be diagnosed, with what it costs; cannot be diagnosed."""
+
+
+@dataclass(frozen=True)
+class Remark:
+    """One line of the check of a case.
+
+    Attributes:
+        level: one of ``LEVELS``.
+        topic: ``case``, ``recordings``, ``channels``, ``time``, ``positions``, ``torque``, ``excitation``,
+            ``data sheet``, ``controller`` or ``model``.
+        place: recordings or joints that it concerns, or an empty string.
+        said: what was found, with numbers and units.
+        remedy: what to do; empty if nothing is to be done.
+    """
+
+    level: str
+    topic: str
+    place: str
+    said: str
+    remedy: str = ""
+
+    @property
+    def text(self) -> str:
+        """What was found, and where."""
+        return f"{self.place}: {self.said}" if self.place else self.said
+
+
+def numbers(joints: list[int]) -> str:
+    """Joints, counted from 1, in words."""
+    listed = ", ".join(str(joint) for joint in joints)
+    return f"joint {listed}" if len(joints) == 1 else f"joints {listed}"
+
+
+NO_TORQUE = 1.0
+"""Gap over the torque's deviation beyond which no torque at all would be a better prediction [1]. (definition)"""
+
+
+@dataclass(frozen=True)
+class SetUp:
+    """How the torque of a case fits its nominal arm as it is read.
+
+    Attributes:
+        faults: faults of the set-up, in the order in which they must be corrected.
+        n_joints: of the arm.
+        gravity: that the case says, in the frame of the base [m/s^2], (3,).
+        shown: that the torque shows, the faults put right; the same object unless the base is mounted turned.
+        off: RMS over the joints of the nominal arm's gap, the faults put right [1]; ``None`` if it makes no sense.
+    """
+
+    faults: tuple[FoundFault, ...]
+    n_joints: int
+    gravity: np.ndarray
+    shown: np.ndarray
+    off: float | None
+
+    @property
+    def misreads(self) -> bool:
+        """Whether the case reads another arm out of its log than was recorded: bodies fitted so are those of no arm."""
+        return self.shown is not self.gravity or any(map(self._mend, self.faults))
+
+    def remarks(self) -> Iterator[Remark]:
+        """What is wrong, each with the line that puts it right; or that nothing is."""
+        for fault in self.faults:
+            yield self._of_fault(fault)
+        if self.off is None:
+            return
+        if self.shown is not self.gravity:
+            shown, said = (
+                [round(float(x), 2) + 0.0 for x in g]
+                for g in (self.shown, self.gravity)
+            )
+            yield Remark(
+                "warn",
+                "torque",
+                "",
+                f"shows gravity {shown} m/s^2 in the frame of the base, the case says {said}: the base is mounted "
+                "turned",
+                f"gravity: {shown}",
+            )
+        elif self.off > NO_TORQUE:
+            yield Remark(
+                "warn",
+                "torque",
+                "",
+                f"the nominal arm's torque is off by {_much(self.off)} of the recorded one, more than no torque would "
+                "be: probably another robot, or a load that is not in the case",
+                "check robot: and payloads:",
+            )
+        elif not self.faults:
+            yield Remark(
+                "ok",
+                "torque",
+                "",
+                "in N m of the joint, gravity included: no other unit, sign, order or clock of the columns explains it "
+                f"better; the nominal arm is off by {_much(self.off)} of it",
+            )
+
+    def _of_fault(self, fault: FoundFault) -> Remark:
+        """A fault in words, by how much the gap falls if it is put right, and the line that does that."""
+        variant = f" ({fault.variant.replace('_', ' ')})" * bool(fault.variant)
+        said = f"{capital(effect_name(fault.name))}{variant}, probability {fault.probability:.0%}"
+        before, after = fault.gap_without_this, fault.gap_after
+        if before is not None and after is not None:
+            read, right = (_much(_rms(gap)) for gap in (before, after))
+            said += f": the nominal arm is off by {read} of the torque as it is read, by {right} if that is put right"
+        mend = _rounded(self._mend(fault))
+        line = yaml.safe_dump(mend, default_flow_style=True, width=1000).strip()
+        remedy = (
+            f"import: {{mend: {line}}} puts it right; gapscope diagnose writes mended_case.yaml"
+            if mend
+            else "gapscope diagnose puts it right and says what to correct"
+        )
+        places = [
+            *fault.recordings,
+            *([numbers(list(fault.joints))] * bool(fault.joints)),
+        ]
+        return Remark("warn", _topic(fault), listing(places), said, remedy)
+
+    def _mend(self, fault: FoundFault) -> dict[str, Any]:
+        """The entry of ``mend:`` that puts a fault right; empty if none does."""
+        return fault.reading(self.n_joints).to_mend()
+
+
+def look_at_set_up(case: Case, seen: Sequence[FoundFault] = ()) -> SetUp:
+    """How the torque of a case fits its nominal arm, by the search with which a diagnosis begins.
+
+    Args:
+        case: the case, with references put right.
+        seen: faults of references.
+
+    Raises:
+        InputError: time stamps cannot be put right.
+    """
+    found = find_setup_faults(case)
+    right = repaired(case, found)
+    gap, mounted = nominal_gap(right), upright(right).arm
+    return SetUp(
+        faults=(*seen, *found),
+        n_joints=case.arm.n_joints,
+        gravity=right.arm.gravity,
+        shown=mounted.gravity,
+        off=None if gap is None else _rms(gap),
+    )
+
+
+def _rms(gap: np.ndarray) -> float:
+    return float(np.sqrt((gap**2).mean()))
+
+
+def _much(gap: float) -> str:
+    return percent(gap) if gap < 10 else f"{gap:.0f} times"
+
+
+def _topic(fault: FoundFault) -> str:
+    """What of a case a fault is of."""
+    if fault.name == TimeStamps.name:
+        return "time"
+    reading = fault.fault.reading(max(fault.joints, default=1))
+    topics = {
+        "positions": ("motion",),
+        "controller": ("kp_factor", "kd_factor", "law", "lead", "pace"),
+        "model": ("link_shift",),
+    }
+    return next((t for t, what in topics.items() if reading.differs(*what)), "torque")
+
+
+def _rounded(entry: Any) -> Any:
+    """An entry of a case file with as many digits of its numbers as a person copies."""
+    if isinstance(entry, dict):
+        return {key: _rounded(value) for key, value in entry.items()}
+    if isinstance(entry, (list, tuple)):
+        return [_rounded(value) for value in entry]
+    return float(f"{entry:.5g}") if isinstance(entry, float) else entry
