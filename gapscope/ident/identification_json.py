@@ -62,7 +62,8 @@ def write_base(result: Identification, path: Path | str) -> None:
     base, names = result.base, result.base.names
     # C has full rank, so that its rows, padded to p, have the row space of the samples and no weak direction of theirs
     padding = np.zeros((len(names) - base.count, len(names)))
-    other = orthonormal_base(np.vstack([base.combination, padding]), names)
+    orthonormal = orthonormal_base(np.vstack([base.combination, padding]), names)
+    from_orthonormal = base.combination @ orthonormal
     back = np.zeros((len(names), base.count))
     back[base.kept] = np.eye(base.count)
     arrays = {
@@ -75,9 +76,9 @@ def write_base(result: Identification, path: Path | str) -> None:
         "covariance": result.uncertainty.covariance,
         "consistent": result.physical.value,
         "nominal": result.columns.nominal(result.choice.law),
-        "orthonormal": other.basis,
-        "from_orthonormal": other.to_base(base),
-        "to_orthonormal": other.from_base(base),
+        "orthonormal": orthonormal,
+        "from_orthonormal": from_orthonormal,
+        "to_orthonormal": np.linalg.inv(from_orthonormal),
     }
     with atomic_write(path) as aside, aside.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **arrays)

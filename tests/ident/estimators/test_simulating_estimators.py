@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from arms import iiwa_of_three
+from problems import Assembly
 from sweeps import daily
 
 import gapscope.ident.estimators.experiment as rolled
@@ -25,7 +26,6 @@ from gapscope.ident.estimators.simulating import (
     OutputError,
 )
 from gapscope.ident.model.base_parameters import structural_base
-from gapscope.ident.model.linear_problem import Assembly
 from gapscope.ident.model.regressor import Regressor
 from gapscope.model.conditioning import condition, low_pass
 
@@ -78,7 +78,7 @@ def recorded(arm, controller, seed, noise=0.0, torque_noise=0.0, **other):
 
 def experiment(world, recordings, **other):
     controller, regressor, base, _ = world
-    build = Assembly(regressor, base, position_cutoff=25.0, every=3)
+    build = Assembly(regressor, base, cutoff=25.0, every=3)
     return Experiment(regressor, base, controller, recordings, build, **other)
 
 
