@@ -27,7 +27,7 @@ from gapscope.ident.estimators.simulating import (
 )
 from gapscope.ident.model.base_parameters import structural_base
 from gapscope.ident.model.regressor import Regressor
-from gapscope.model.conditioning import condition, low_pass
+from gapscope.model.conditioning import TORQUE_CUTOFF, condition, low_pass
 
 SIMULATING = {
     "IDIM-IV": InstrumentalVariables,
@@ -198,14 +198,13 @@ def test_a_known_payload_is_taken_out_of_the_torque_but_not_simulated(clean, wor
         experiment(world, [carried])
     build = clean.build
     less = build([recording]).torque - build([carried]).torque
-    (segment,) = condition(carried, build.position_cutoff)
+    (segment,) = condition(carried, build.cutoff)
     m = segment.motion
     more = body.carrying(load).inverse_dynamics(
         m.q, m.dq, m.ddq
     ) - body.inverse_dynamics(m.q, m.dq, m.ddq)
-    expected = low_pass(more, m.rate, build.torque_cutoff)[segment.inner][
-        :: build.every
-    ]
+    smooth = low_pass(more, m.rate, TORQUE_CUTOFF)
+    expected = smooth[segment.inner][:: build.every]
     np.testing.assert_allclose(less, expected, atol=1e-9)
 
 
