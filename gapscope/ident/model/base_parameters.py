@@ -393,12 +393,12 @@ class Dropped:
 
     Attributes:
         name: of the parameter.
-        relative_deviation: standard deviation over magnitude when it was dropped [1].
+        relative_std: standard deviation over magnitude when it was dropped [1].
         contribution: RMS torque that it alone explained then, over the RMS of the torque [1].
     """
 
     name: str
-    relative_deviation: float
+    relative_std: float
     contribution: float
 
 
@@ -409,14 +409,14 @@ class EssentialParameters:
     Attributes:
         names: of the essential parameters, shape (e,).
         value: their least-squares estimate without the others, shape (e,).
-        relative_deviation: standard deviation over magnitude [1], shape (e,).
+        relative_std: standard deviation over magnitude [1], shape (e,).
         dropped: the others, in the order in which they were dropped.
         residual: RMS residual before and after [N m].
     """
 
     names: tuple[str, ...]
     value: np.ndarray
-    relative_deviation: np.ndarray
+    relative_std: np.ndarray
     dropped: tuple[Dropped, ...]
     residual: tuple[float, float]
 
@@ -501,7 +501,7 @@ class Recovery:
         reason: why, in words.
         nominal: value of the nominal arm.
         value: the value in the consistent set; of a parameter that is not recovered a choice near the nominal one.
-        deviation: standard deviation, or ``None`` if the data do not determine the parameter alone.
+        std: standard deviation, or ``None`` if the data do not determine the parameter alone.
     """
 
     name: str
@@ -510,7 +510,7 @@ class Recovery:
     reason: str
     nominal: float
     value: float
-    deviation: float | None
+    std: float | None
 
 
 def recoveries(
@@ -559,7 +559,7 @@ def recoveries(
                 reason=reason,
                 nominal=float(nominal[j]),
                 value=float(value[j]),
-                deviation=deviation,
+                std=deviation,
             )
         )
     return tuple(out)

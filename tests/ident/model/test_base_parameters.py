@@ -385,7 +385,7 @@ class TestRecovery:
         covariance = np.diag(np.linspace(0.01, 0.04, base.count))
         value = np.append(BALL, 0.0)
         got = recoveries(base, covariance, value, value, ["kg"] * len(ONE_LINK))
-        return {r.name: (r.status, r.deviation) for r in got}
+        return {r.name: (r.status, r.std) for r in got}
 
     def test_alone_in_combination_and_hidden(self) -> None:
         found = self.found()

@@ -143,7 +143,7 @@ def test_nothing_is_dropped_that_the_residual_would_miss():
     found = essential_parameters(out, tuple("abc"))
     assert found.names == ("a", "b", "c")
     assert found.dropped == ()
-    assert found.relative_deviation.max() < 0.01
+    assert found.relative_std.max() < 0.01
 
 
 def test_two_small_twins_are_not_both_dropped_when_together_they_matter():
