@@ -20,6 +20,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -41,8 +42,8 @@ from gapscope.ident.excitation.trajectory_search import (
     Budget,
     ExcitationModel,
     Optimiser,
-    RandomSearch,
     condition_number,
+    random_search,
 )
 
 EFFECTS = ("coulomb_friction", "load_friction")
@@ -58,11 +59,15 @@ def optimisers(arm: NominalArm, seeds: int, feasible: int) -> None:
     )
     for seed in range(seeds):
         count, best = optimised(
-            arm, "random", RandomSearch(feasible), Budget(1_000_000), seed
+            arm,
+            "random",
+            partial(random_search, feasible=feasible),
+            Budget(1_000_000),
+            seed,
         )
-        for name, make in OPTIMISERS.items():
+        for name, optimiser in OPTIMISERS.items():
             if name != "random":
-                optimised(arm, name, make(), Budget(count), seed, best)
+                optimised(arm, name, optimiser, Budget(count), seed, best)
 
 
 def optimised(
@@ -77,7 +82,7 @@ def optimised(
     plan, limits = ExcitationPlan(budget=budget), LimitPlan()
     search, final, _, body = prepare(arm, plan, limits)
     begun = time.process_time()
-    optimiser.run(search, np.random.default_rng(seed))
+    optimiser(search, np.random.default_rng(seed))
     taken = time.process_time() - begun
     _, reference, margins = accept(search, final, plan)
     few = sampled(reference, plan.length, RATE)

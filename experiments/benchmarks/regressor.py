@@ -20,12 +20,9 @@ from threadpoolctl import threadpool_limits
 
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.ident.model.base_parameters import (
-    JointFactors,
-    base_parameters,
-    factored,
-    random_states,
-)
+from gapscope.ident.estimators.linear import JointTriangles
+from gapscope.ident.model.base_parameters import base_parameters, random_states
+from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.regressor import Regressor
 
 from .child import FIGAROH, install, run_child, without_meshes
@@ -35,6 +32,8 @@ OURS, STREAMED, BARE = "Gapscope", "Gapscope, streamed", "bare pinocchio loop"
 STATES, FEW = 40_000, 4_000
 LENGTHS, SHORT = (100_000, 1_000_000, 10_000_000), 10_000
 """Samples that are streamed; the last of the first takes some ten minutes."""
+CHUNK = 2_000
+"""States whose regressor is held at a time."""
 Times = tuple[float, float]
 """Of the regressor, and of the base parameters after it [s]."""
 
@@ -115,9 +114,7 @@ def _ours(regressor: Regressor, motion: Motion) -> Times:
     start = time.process_time()
     Y = regressor.matrix(motion)
     between = time.process_time()
-    factors = JointFactors(regressor.support)
-    factors.add(Y)
-    base = base_parameters(factors.stacked().triangle, regressor.names)
+    base = base_parameters(_triangles(Y).factor().triangle, regressor.names)
     base.expressions()
     np.take(Y.reshape(-1, Y.shape[2]), base.kept, axis=1)  # as FIGAROH does
     return between - start, time.process_time() - between
@@ -125,9 +122,21 @@ def _ours(regressor: Regressor, motion: Motion) -> Times:
 
 def _streamed(regressor: Regressor, motion: Motion) -> Times:
     start = time.process_time()
-    triangle = factored(regressor, motion).stacked().triangle
+    parts = []
+    for first in range(0, len(motion.t), CHUNK):
+        rows = slice(first, first + CHUNK)
+        part = Motion(motion.t[rows], motion.q[rows], motion.dq[rows], motion.ddq[rows])
+        parts.append(_triangles(regressor.matrix(part)))
+    triangle = JointTriangles.joined(parts).factor().triangle
     base_parameters(triangle, regressor.names).expressions()
     return 0.0, time.process_time() - start
+
+
+def _triangles(Y: np.ndarray) -> JointTriangles:
+    """Triangles of a regressor alone: base parameters need no torque."""
+    names = tuple(map(str, range(Y.shape[2])))
+    group = np.zeros(len(Y), dtype=int)
+    return JointTriangles.of(Problem(Y, np.zeros(Y.shape[:2]), names, group, 1e-3))
 
 
 def _figaroh(

@@ -11,12 +11,12 @@ from collections.abc import Iterable
 import numpy as np
 
 from gapscope.arm.errors import InputError
-from gapscope.blind_check.generator.law import Law, LawContext, LawValues, Resize
+from gapscope.blind_check.generator.law import Draws, Law, LawValues, powers
 from gapscope.blind_check.generator.laws import LAWS
 from gapscope.blind_check.generator.true_arm import TrueArm
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.catalogue import CATALOGUE, SHIPPED
-from gapscope.effects.effect import Effect, Signals, TorqueLaw
+from gapscope.effects.effect import Signals, TorqueLaw
 from gapscope.effects.severity import draw
 
 
@@ -49,19 +49,18 @@ def enter_own_laws(names: Iterable[str]) -> None:
 def _law(effect: TorqueLaw) -> Law:
     """A user's torque law as the generator draws, sizes and applies it."""
 
-    def drawn(
-        rng: np.random.Generator, context: LawContext, joints: np.ndarray
-    ) -> LawValues:
-        arm = context.arm
+    def drawn(draws: Draws) -> LawValues:
+        whole, arm = draws.whole, draws.arm
         scale = ArmScale(
-            context.deviation,
-            context.inertia,
+            whole.deviation,
+            whole.inertia,
             arm.armature,
-            np.maximum(context.speed, 0.1),
+            np.maximum(whole.speed, 0.1),
             np.ones(arm.n),
             arm.payload,
         )
-        found = draw(effect.name, rng, scale, tuple(joints + 1)).parameters
+        joints = tuple(draws.joints + 1)
+        found = draw(effect.name, draws.rng, scale, joints).parameters
         return {name: np.array(value) for name, value in found.items()}
 
     def act(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
@@ -80,7 +79,7 @@ def _law(effect: TorqueLaw) -> Law:
         effect.name,
         drawn,
         act,
-        _resized(effect),
+        powers(**{p.name: p.severity for p in effect.parameters if p.severity}),
         {p.name: p.unit for p in effect.parameters},
         largest={
             p.name: p.bounds[1] if p.severity > 0 else -p.bounds[0]
@@ -90,12 +89,3 @@ def _law(effect: TorqueLaw) -> Law:
         recovery=True,
         form="the user's own law: a recovery check",
     )
-
-
-def _resized(effect: Effect) -> Resize:
-    """Size by each parameter as it goes with the severity: in proportion, inversely, or not at all."""
-
-    def resize(values: LawValues, factor: np.ndarray) -> LawValues:
-        return {p.name: values[p.name] * factor**p.severity for p in effect.parameters}
-
-    return resize

@@ -48,7 +48,7 @@ from gapscope.ident.excitation.design import (
     design,
     prepare,
 )
-from gapscope.ident.excitation.trajectory_search import Budget, RandomSearch, Separated
+from gapscope.ident.excitation.trajectory_search import Budget, Separated, random_search
 from gapscope.model.conditioning import TORQUE_CUTOFF
 from gapscope.model.effective_samples import band_samples
 from gapscope.model.torque_gap import torque_scale
@@ -521,7 +521,7 @@ def _screened(
             refused = error
             tried.append((option, None))
             continue
-        RandomSearch().run(search, rng)
+        random_search(search, rng)
         # the search makes the negative logarithm of the contrast small
         reached = float(np.exp(-search.found[-1].value)) if search.found else None
         tried.append((option, reached))

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 
 from gapscope.arm.errors import InputError
 from gapscope.ident.checks.symptoms import FitEvidence
-from gapscope.ident.estimators.linear import Estimate, Estimator
+from gapscope.ident.estimators.linear import Estimate, Estimator, whitened
 from gapscope.ident.intervals import (
     GroupComparison,
     PredictedTorque,
@@ -26,7 +26,7 @@ from gapscope.ident.model.base_parameters import (
     EMPTY,
     BaseParameters,
     EssentialParameters,
-    TriangularFactor,
+    Factor,
     base_parameters,
     essential_parameters,
     random_states,
@@ -47,9 +47,6 @@ from gapscope.model.effective_samples import (
 
 CONDITION_LIMIT = 1000.0
 """Condition number above which a report warns."""
-ALONE, COMBINED, NONE = "alone", "combined", "none"
-"""Standings of a parameter: identifiable by itself, only in combination with others, not at all."""
-_FOLDED = 1e-6
 _WEAK = 0.3
 
 
@@ -59,73 +56,28 @@ class Identifiability:
 
     Attributes:
         base: base parameters of the arm.
-        rows: number of rows of the samples.
         rank: how many base parameters, or combinations of them, the samples determine.
         condition: condition number of the base columns, scaled to unit norm [1].
-        condition_unscaled: that of the base columns as they are, which depends on the units.
         singular_values: of the unit base columns over their largest, shape (b,), falling.
         column_norms: RMS torque of each parameter per unit of it [N m per unit], shape (p,).
-        standing: of each parameter, ``alone``, ``combined`` or ``none``, by the structure of the arm; shape (p,).
         weakest: the base parameters that make up the worst determined combination, largest share first.
         warnings: what makes results doubtful, each a sentence with a remedy.
     """
 
     base: BaseParameters
-    rows: int
     rank: int
     condition: float
-    condition_unscaled: float
     singular_values: np.ndarray
     column_norms: np.ndarray
-    standing: tuple[str, ...]
     weakest: tuple[str, ...]
     warnings: tuple[str, ...]
 
-    def having(self, standing: str) -> tuple[str, ...]:
-        """Names of the parameters of a standing."""
-        pairs = zip(self.base.names, self.standing, strict=True)
-        return tuple(name for name, own in pairs if own == standing)
 
-    def text(self) -> str:
-        """The report in words, some lines, the base parameters last."""
-        low, high = self.singular_values[-1], self.singular_values[0]
-        lines = [
-            f"{self.base.count} base parameters of {len(self.base.names)} (gap of the pivots {self.base.gap:.1e}); "
-            f"{self.rows} rows determine {self.rank}",
-            f"condition number {self.condition:.4g} with unit columns, {self.condition_unscaled:.4g} as they are; "
-            f"singular values from {high:.3g} down to {low:.3g}",
-            f"worst determined: {', '.join(self.weakest)}",
-            *(
-                f"{title}: {', '.join(self.having(s)) or 'none'}"
-                for title, s in _TITLES
-            ),
-            *(f"warning: {warning}" for warning in self.warnings),
-            "base parameters [RMS torque per unit, N m]:",
-        ]
-        norms = self.column_norms[self.base.kept]
-        return "\n".join(
-            lines
-            + [
-                f"  {e}  [{norm:.3g}]"
-                for e, norm in zip(self.base.expressions(), norms, strict=True)
-            ]
-        )
-
-
-_TITLES = (
-    ("identifiable alone", ALONE),
-    ("identifiable only in combination", COMBINED),
-    ("without effect on the torque", NONE),
-)
-
-
-def identifiability(
-    samples: np.ndarray | TriangularFactor, base: BaseParameters
-) -> Identifiability:
+def identifiability(samples: np.ndarray, base: BaseParameters) -> Identifiability:
     """What samples determine of the parameters of an arm.
 
     Args:
-        samples: regressor of all p parameters, shape (M, p) or (N, n, p), or its factor for long recordings.
+        samples: regressor of all p parameters, shape (M, p) or (N, n, p).
         base: base parameters of the arm (``structural_base``), which separate what the arm cannot show from what the
             motion does not show.
 
@@ -134,17 +86,13 @@ def identifiability(
 
     Source: gautier1992.
     """
-    if isinstance(samples, TriangularFactor):
-        factor = samples
-    else:
-        factor = TriangularFactor(samples.shape[-1])
-        factor.add(samples)
-    if factor.columns != len(base.names):
+    rows = samples.reshape(-1, samples.shape[-1])
+    if rows.shape[1] != len(base.names):
         raise InputError(
-            f"{factor.columns} columns, but {len(base.names)} parameters",
+            f"{rows.shape[1]} columns, but {len(base.names)} parameters",
             where="regressor",
         )
-    triangle = factor.triangle
+    triangle = np.linalg.qr(rows, mode="r")
     norms = np.linalg.norm(triangle, axis=0)
     if not norms.any():
         raise InputError(
@@ -165,26 +113,13 @@ def identifiability(
     condition, raw = float(np.linalg.cond(unit)), float(np.linalg.cond(columns))
     return Identifiability(
         base=base,
-        rows=factor.rows,
         rank=rank,
         condition=condition,
-        condition_unscaled=raw,
         singular_values=relative,
-        column_norms=norms / np.sqrt(max(factor.rows, 1)),
-        standing=_standings(base),
+        column_norms=norms / np.sqrt(len(rows)),
         weakest=weakest,
         warnings=_warnings(base, rank, condition, raw, weakest),
     )
-
-
-def _standings(base: BaseParameters) -> tuple[str, ...]:
-    """Standing of each parameter by the combinations it occurs in."""
-    involved = np.abs(base.combination) > _FOLDED
-    standing = [COMBINED if in_any else NONE for in_any in involved.any(axis=0)]
-    alone = involved.sum(axis=1) == 1
-    for place in base.kept[alone]:
-        standing[place] = ALONE
-    return tuple(standing)
 
 
 def _warnings(
@@ -548,10 +483,9 @@ def _essential(evidence: FitEvidence, problem: Problem) -> EssentialParameters:
     """Essential parameters of the equations weighted by joint; variances allow for autocorrelation."""
     noise = evidence.choice.noise
     residual = problem.residual(evidence.beta) / noise
-    factor = TriangularFactor(evidence.base.count)
-    factor.add(problem.matrix / noise[:, None], problem.torque / noise)
+    factor = Factor.of(*whitened(problem, noise))
     inflation = float(variance_inflation(residual, problem.group).mean())
-    return essential_parameters(factor, problem.names, inflation=inflation)
+    return essential_parameters(factor, problem.names, inflation)
 
 
 # What an identified arm predicts: on what was fitted and what was not, with intervals.

@@ -184,7 +184,7 @@ def examine_fit(
         value=value,
         validation=validation,
         table=table,
-        condition=next(row.measured for row in table if row.entry.key == "condition"),
+        condition=next(row.measured for row in table if row.key == "condition"),
         questions=evidence.zeros.questions(),
         warnings=(*case.warnings, *doubtful),
     )

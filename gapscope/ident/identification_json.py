@@ -23,15 +23,14 @@ from gapscope.arm.io.write_case import nominal_section
 from gapscope.arm.joint_units import common_unit
 from gapscope.arm.nominal import NominalArm, arm_entry
 from gapscope.effects.applied import AppliedEffect, drives_with
-from gapscope.ident.checks.troubleshooting import Row
 from gapscope.ident.estimators.by_name import method
 from gapscope.ident.examination import (
     CONDITION_LIMIT,
     LEVEL,
     MOVING,
-    Errors,
     Examination,
     Validation,
+    Whiteness,
 )
 from gapscope.ident.identification import Identification
 from gapscope.ident.intervals import GroupComparison, PredictedTorque
@@ -62,7 +61,8 @@ def write_base(result: Identification, path: Path | str) -> None:
     base, names = result.base, result.base.names
     # C has full rank, so that its rows, padded to p, have the row space of the samples and no weak direction of theirs
     padding = np.zeros((len(names) - base.count, len(names)))
-    other = orthonormal_base(np.vstack([base.combination, padding]), names)
+    orthonormal = orthonormal_base(np.vstack([base.combination, padding]), names)
+    from_orthonormal = base.combination @ orthonormal
     back = np.zeros((len(names), base.count))
     back[base.kept] = np.eye(base.count)
     arrays = {
@@ -75,9 +75,9 @@ def write_base(result: Identification, path: Path | str) -> None:
         "covariance": result.uncertainty.covariance,
         "consistent": result.physical.value,
         "nominal": result.columns.nominal(result.choice.law),
-        "orthonormal": other.basis,
-        "from_orthonormal": other.to_base(base),
-        "to_orthonormal": other.from_base(base),
+        "orthonormal": orthonormal,
+        "from_orthonormal": from_orthonormal,
+        "to_orthonormal": np.linalg.inv(from_orthonormal),
     }
     with atomic_write(path) as aside, aside.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **arrays)
@@ -93,10 +93,8 @@ def examined_document(
     shown, counted = examined.shown, examined.counted
     return {
         "samples": {
-            "seconds": counted.seconds,
-            "bandwidth": counted.bandwidth,
-            "independent": counted.independent,
-            "per_parameter": counted.per_parameter,
+            name: getattr(counted, name)
+            for name in ("seconds", "bandwidth", "independent", "per_parameter")
         },
         "identifiability": {
             "structural": shown.base.count,
@@ -104,42 +102,30 @@ def examined_document(
             "condition": shown.condition,
             "condition_limit": CONDITION_LIMIT,
             "singular_values": shown.singular_values,
-            "weakest": list(shown.weakest),
+            "weakest": shown.weakest,
             "column_norms": dict(
                 zip(shown.base.names, shown.column_norms, strict=True)
             ),
         },
-        "essential": None
-        if examined.essential is None
-        else _essential(examined.essential),
-        "repeated_groups": None
-        if examined.groups is None
-        else _groups(examined.groups),
-        "torque_interval": None
-        if predicted is None
-        else _interval(examined, predicted),
-        "not_examined": list(examined.reasons),
+        "essential": examined.essential and _essential(examined.essential),
+        "repeated_groups": examined.groups and _groups(examined.groups),
+        "torque_interval": predicted and _interval(examined, predicted),
+        "not_examined": examined.reasons,
     }
 
 
 def _essential(essential: EssentialParameters) -> dict[str, Any]:
     before, after = essential.residual
     return {
-        "names": list(essential.names),
-        "relative_std": essential.relative_deviation,
-        "dropped": [
-            {
-                "name": d.name,
-                "relative_std": d.relative_deviation,
-                "contribution": d.contribution,
-            }
-            for d in essential.dropped
-        ],
+        "names": essential.names,
+        "relative_std": essential.relative_std,
+        "dropped": essential.dropped,
         "residual_growth": after / max(before, 1e-300) - 1,
     }
 
 
 def _groups(groups: GroupComparison) -> dict[str, Any]:
+    meaning = "variance, not bias: they differ as much as the errors that they state"
     return {
         "count": len(groups.values),
         "stated_std": np.sqrt(groups.stated),
@@ -147,14 +133,8 @@ def _groups(groups: GroupComparison) -> dict[str, Any]:
         "ratio": groups.ratio,
         "p_value": groups.p_value,
         "verdict": groups.verdict,
-        "meaning": _meaning(groups),
+        "meaning": groups.warnings[0] if groups.warnings else meaning,
     }
-
-
-def _meaning(groups: GroupComparison) -> str:
-    if not groups.warnings:
-        return "variance, not bias: they differ as much as the errors that they state"
-    return groups.warnings[0]
 
 
 def _interval(examined: Examination, predicted: PredictedTorque) -> dict[str, Any]:
@@ -186,11 +166,9 @@ def filter_document(review: FilterReview, expressions: Sequence[str]) -> dict[st
         review: of the filter.
         expressions: the base parameters in words, shape (b,).
     """
-    followed, white = review.followed, review.whiteness
-    track, count = followed.track, len(review.times)
-    chosen = np.unique(np.linspace(0, count - 1, min(count, MOMENTS)).astype(int))
+    followed, start = review.followed, review.converged
+    track, chosen = followed.track, _moments(review.times)
     value, deviation = track.value[chosen], track.deviation[chosen]
-    start = review.converged
     return {
         "process_noise": followed.level,
         "stretch": followed.stretches.length,
@@ -209,12 +187,7 @@ def filter_document(review: FilterReview, expressions: Sequence[str]) -> dict[st
         "innovations": {
             "rms": review.rms,
             "samples_per_independent": followed.inflation,
-            "ljung_box": white.statistic,
-            "p_value": white.p_value,
-            "level": LEVEL,
-            "white": white.white,
-            "largest_autocorrelation": white.largest,
-            "bound": white.bound,
+            **_whiteness(review.whiteness),
         },
         "departures": [
             _departure(review, departure, expressions)
@@ -227,9 +200,7 @@ def states_document(states: StatesAndFriction | None) -> dict[str, Any] | None:
     """Friction by the unscented filter over time, and how well it predicts the encoders; ``None`` if not asked for."""
     if states is None:
         return None
-    track = states.track
-    count = len(track.t)
-    chosen = np.unique(np.linspace(0, count - 1, min(count, MOMENTS)).astype(int))
+    track, chosen = states.track, _moments(states.track.t)
     value, deviation = states.friction[chosen], states.deviation[chosen]
     return {
         "recording": states.recording,
@@ -244,6 +215,23 @@ def states_document(states: StatesAndFriction | None) -> dict[str, Any] | None:
             }
             for i, name in enumerate(states.names)
         ],
+    }
+
+
+def _moments(times: np.ndarray) -> np.ndarray:
+    """Rows of up to ``MOMENTS`` moments, from the first to the last."""
+    count = len(times)
+    return np.unique(np.linspace(0, count - 1, min(count, MOMENTS)).astype(int))
+
+
+def _whiteness(white: Whiteness) -> dict[str, Any]:
+    return {
+        "ljung_box": white.statistic,
+        "p_value": white.p_value,
+        "level": LEVEL,
+        "white": white.white,
+        "largest_autocorrelation": white.largest,
+        "bound": white.bound,
     }
 
 
@@ -299,18 +287,7 @@ def document(
         "changes": [_change(entry) for entry in change_findings(result.changes)],
         "filter": filter_document(result.filtered, result.base.expressions(1e-4)),
         "states_and_friction": states_document(result.states),
-        "parameters": [
-            {
-                "name": r.name,
-                "unit": r.unit,
-                "status": r.status,
-                "reason": r.reason,
-                "nominal": r.nominal,
-                "value": r.value,
-                "std": r.deviation,
-            }
-            for r in result.recovered
-        ],
+        "parameters": result.recovered,
         "links": [
             _link(b, a)
             for b, a in zip(result.physical.before, result.physical.after, strict=True)
@@ -323,9 +300,9 @@ def document(
             "asked": result.zeros.asked + 1,
         },
         "validation": [_validation(v) for v in result.validation],
-        "troubleshooting": [_row(row) for row in result.table],
-        "questions": list(result.questions),
-        "warnings": list(result.warnings),
+        "troubleshooting": result.table,
+        "questions": result.questions,
+        "warnings": result.warnings,
         "files": dict(files or {}),
     }
 
@@ -354,37 +331,24 @@ def _settings(result: Identification) -> dict[str, Any]:
 def _base(result: Identification) -> dict[str, Any]:
     base, value = result.base, result.estimate.value
     low, high = result.uncertainty.interval(value)
-    nominal = base.of(result.columns.nominal(result.choice.law))
-    bodies = base.of(result.physical.value)
-    expressions = base.expressions(1e-4)
-    moved = result.moved
-    entries = zip(
-        expressions,
-        value,
-        result.uncertainty.deviation,
-        low,
-        high,
-        bodies,
-        nominal,
-        np.ones(base.count, dtype=bool) if moved is None else moved,
-        strict=True,
-    )
+    columns = {
+        "expression": base.expressions(1e-4),
+        "value": value,
+        "std": result.uncertainty.deviation,
+        "interval": np.column_stack([low, high]),
+        "consistent": base.of(result.physical.value),
+        "nominal": base.of(result.columns.nominal(result.choice.law)),
+    }
+    if result.moved is not None:
+        columns["moved"] = result.moved
     return {
         "count": base.count,
         "condition": result.condition,
         "interval": method(result.settings.estimator).kind,
         "freedom": result.uncertainty.freedom,
         "parameters": [
-            {
-                "expression": e,
-                "value": v,
-                "std": s,
-                "interval": [a, b],
-                "consistent": c,
-                "nominal": x,
-                **({} if moved is None else {"moved": bool(m)}),
-            }
-            for e, v, s, a, b, c, x, m in entries
+            dict(zip(columns, row, strict=True))
+            for row in zip(*columns.values(), strict=True)
         ],
     }
 
@@ -419,48 +383,9 @@ def _link(before: LinkCheck, after: LinkCheck) -> dict[str, Any]:
 
 
 def _validation(validation: Validation) -> dict[str, Any]:
-    white = validation.whiteness
-    return {
-        "role": validation.role,
-        "recordings": list(validation.recordings),
-        "every": _errors(validation.every),
-        "moving": _errors(validation.moving),
-        "nominal": _errors(validation.nominal),
-        "whiteness": {
-            "ljung_box": white.statistic,
-            "p_value": white.p_value,
-            "level": LEVEL,
-            "white": white.white,
-            "largest_autocorrelation": white.largest,
-            "bound": white.bound,
-        },
-    }
-
-
-def _errors(errors: Errors) -> dict[str, Any]:
-    return {
-        "rmse": errors.rmse,
-        "relative": errors.relative,
-        "largest": errors.largest,
-        "overall": errors.overall,
-        "share": errors.share,
-    }
-
-
-def _row(row: Row) -> dict[str, Any]:
-    entry = row.entry
-    return {
-        "key": entry.key,
-        "symptom": entry.symptom,
-        "cause": entry.cause,
-        "check": entry.check,
-        "remedy": entry.remedy,
-        "measured": row.measured,
-        "threshold": row.threshold,
-        "unit": row.unit,
-        "verdict": row.verdict,
-        "joints": list(row.joints),
-    }
+    names = ("role", "recordings", "every", "moving", "nominal")
+    found = {name: getattr(validation, name) for name in names}
+    return {**found, "whiteness": _whiteness(validation.whiteness)}
 
 
 def check(content: Mapping[str, Any]) -> None:

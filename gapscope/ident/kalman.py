@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,7 +14,7 @@ from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.ident.checks.plausible_samples import check_bare
-from gapscope.ident.estimators.linear import Estimate, WeightedLeastSquares
+from gapscope.ident.estimators.linear import WeightedLeastSquares
 from gapscope.ident.examination import Whiteness, band_correlation, whiteness
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.regressor import JOINT_COLUMNS, Regressor
@@ -39,7 +39,6 @@ class Track:
         covariance: shape (N, b, b).
         innovation: measured minus predicted over its standard deviation, white with unit variance if the model
             holds [1], shape (N, n).
-        walk: variance that the random walk adds between a sample and the next, shape (N, b).
     """
 
     names: tuple[str, ...]
@@ -47,7 +46,6 @@ class Track:
     value: np.ndarray
     covariance: np.ndarray
     innovation: np.ndarray
-    walk: np.ndarray
 
     @property
     def deviation(self) -> np.ndarray:
@@ -58,26 +56,6 @@ class Track:
         """Value and standard error of one parameter, shape (N,) each."""
         place = self.names.index(name)
         return self.value[:, place], self.deviation[:, place]
-
-    def smoothed(self) -> Track:
-        """The track smoothed with later samples, by the Rauch-Tung-Striebel recursion; memory must be unlimited.
-
-        With G = P (P + Q)^-1: x_s = x + G (x_s' - x), P_s = P + G (P_s' - P - Q) G^T, ' the next sample. Only the
-        parameters that wander (Q > 0) lag; for the others G passes the last estimate on.
-        """
-        value, covariance = self.value.copy(), self.covariance.copy()
-        for k in range(len(value) - 2, -1, -1):
-            own = self.covariance[k]
-            ahead = own + np.diag(self.walk[k])
-            # parameters differ by orders of magnitude: solved with a unit diagonal
-            scale = np.sqrt(np.diag(ahead).clip(1e-300))
-            outer = np.outer(scale, scale)
-            unit_gain = np.linalg.solve(ahead / outer, own / outer).T
-            gain = scale[:, None] * unit_gain / scale
-            value[k] = self.value[k] + gain @ (value[k + 1] - self.value[k])
-            spread = own + gain @ (covariance[k + 1] - ahead) @ gain.T
-            covariance[k] = 0.5 * (spread + spread.T)
-        return replace(self, value=value, covariance=covariance)
 
 
 # Samples gathered into stretches of time, each reduced to as many equations as there are parameters.
@@ -159,24 +137,22 @@ VAGUE = 10.0
 class Recursive:
     """Kalman filter with beta as a random walk: beta+ = beta + w, tau = W beta + v.
 
-    Without drift and with unlimited memory its last estimate is that of weighted least squares. Samples should lie
+    Without drift its last estimate is that of weighted least squares. Samples should lie
     no closer than the torque's low-pass leaves them independent: about half a period of its cut-off.
 
     Attributes:
         noise: standard deviation of the torque's noise [N m], shape (n,).
+        drift: how far each parameter may wander in a second, in its unit per square root of s, shape (b,) or 0.
         start: estimate before the first sample, shape (b,); zeros by default.
         covariance: of it, shape (b, b); vague by default.
-        memory: time constant of exponential forgetting [s]: older samples count exp(-age / memory); ``None`` for ever.
-        drift: by name, how far a parameter may wander in a second, in its unit per square root of s.
 
     Source: ljung1999.
     """
 
     noise: np.ndarray
+    drift: np.ndarray | float = 0.0
     start: np.ndarray | None = None
     covariance: np.ndarray | None = None
-    memory: float | None = None
-    drift: Mapping[str, float] = field(default_factory=dict)
 
     def follow(self, problem: Problem, t: np.ndarray | None = None) -> Track:
         """The estimate after each sample.
@@ -184,101 +160,42 @@ class Recursive:
         Args:
             problem: in the order of time.
             t: times [s], shape (N,); by default from 0 on without gaps.
-
-        Raises:
-            InputError: a parameter or a size that does not fit the problem.
         """
         count, b = len(problem.torque), problem.matrix.shape[2]
         if t is None:
             t = problem.interval * np.arange(count)
-        t = np.asarray(t, dtype=float)
-        walk, kalman = self._walk(problem), self._filter(problem)
+        kalman = self._filter(problem)
         value, spread = np.empty((count, b)), np.empty((count, b, b))
         innovation = np.empty_like(problem.torque)
         # gaps between recordings let the parameters wander for longer
         steps = np.maximum(np.diff(t, prepend=t[0] - problem.interval), 1e-9)
+        walk = np.diag(np.broadcast_to(self.drift, b) ** 2)
         for k in range(count):
             if k:
-                kalman.alpha = self._fading(steps[k])
-                kalman.predict(Q=np.diag(walk**2 * steps[k]))
-            W = problem.matrix[k]
-            kalman.update(problem.torque[k], H=W)
-            # L^-1 with S = L L^T gives innovations unit variance
-            root = np.linalg.cholesky(kalman.S)
-            innovation[k] = np.linalg.solve(root, kalman.y)
+                kalman.predict(Q=walk * steps[k])
+            kalman.update(problem.torque[k], H=problem.matrix[k])
+            innovation[k] = _white(kalman)
             value[k] = kalman.x
             spread[k] = 0.5 * (kalman.P + kalman.P.T)
-        added = np.diff(t, append=t[-1])[:, None] * walk**2
-        return Track(
-            names=tuple(problem.names),
-            t=t,
-            value=value,
-            covariance=spread,
-            innovation=innovation,
-            walk=added,
-        )
-
-    def _fading(self, step: float) -> float:
-        """Factor by which the deviation of the estimate grows in a step [s]; 1 with unlimited memory."""
-        if self.memory is None:
-            return 1.0
-        return float(np.exp(0.5 * step / self.memory))
-
-    def estimate(self, problem: Problem) -> Estimate:
-        """The estimate after the last sample."""
-        track = self.follow(problem)
-        residual = np.sqrt(np.mean(problem.residual(track.value[-1]) ** 2, axis=0))
-        return Estimate(
-            names=track.names,
-            value=track.value[-1],
-            covariance=track.covariance[-1],
-            residual=residual,
-        )
+        return Track(tuple(problem.names), t, value, spread, innovation)
 
     def _filter(self, problem: Problem) -> KalmanFilter:
-        b, n = problem.matrix.shape[2], problem.n_joints
-        noise = np.asarray(self.noise, dtype=float)
-        if noise.shape != (n,) or not (noise > 0).all():
-            raise InputError(
-                f"expected {n} numbers above 0, one per joint", where="noise"
-            )
-        start, covariance = self.start, self.covariance
-        if start is None:
-            start = np.zeros(b)
-        if covariance is None:
-            covariance = self._vague(problem)
-        kalman = KalmanFilter(dim_x=b, dim_z=n)
+        b = problem.matrix.shape[2]
+        kalman = KalmanFilter(dim_x=b, dim_z=problem.n_joints)
         kalman.F = np.eye(b)
-        kalman.R = np.diag(noise**2)
-        kalman.x = np.array(start, dtype=float)
-        kalman.P = np.array(covariance, dtype=float)
-        if kalman.x.shape != (b,) or kalman.P.shape != (b, b):
-            raise InputError(
-                f"the problem has {b} parameters, the start {kalman.x.size}",
-                where="start",
-            )
+        kalman.R = np.diag(self.noise**2)
+        kalman.x = np.zeros(b) if self.start is None else self.start.copy()
+        kalman.P = self.covariance
+        if self.covariance is None:
+            columns = np.sqrt(np.mean(problem.matrix**2, axis=(0, 1)))
+            size = VAGUE * np.sqrt(np.mean(problem.torque**2))
+            kalman.P = np.diag((size / np.maximum(columns, 1e-9 * columns.max())) ** 2)
         return kalman
 
-    @staticmethod
-    def _vague(problem: Problem) -> np.ndarray:
-        columns = np.sqrt(np.mean(problem.matrix**2, axis=(0, 1)))
-        size = np.sqrt(np.mean(problem.torque**2))
-        return np.diag((VAGUE * size / np.maximum(columns, 1e-9 * columns.max())) ** 2)
 
-    def _walk(self, problem: Problem) -> np.ndarray:
-        """Random walk of each parameter per square root of a second, shape (b,)."""
-        names = list(problem.names)
-        unknown = [name for name in self.drift if name not in names]
-        if unknown:
-            raise InputError(
-                f"{', '.join(unknown)} is no parameter of the problem",
-                f"choose among {', '.join(names)}",
-                where="drift",
-            )
-        walk = np.zeros(len(names))
-        for name, size in self.drift.items():
-            walk[names.index(name)] = size
-        return walk
+def _white(kalman: KalmanFilter | UnscentedKalmanFilter) -> np.ndarray:
+    """The innovation of a filter with unit variance: L^-1 y with S = L L^T, (n,)."""
+    return np.linalg.solve(np.linalg.cholesky(kalman.S), kalman.y)
 
 
 # A Kalman filter over base parameters and friction whose noise comes from the data.
@@ -413,43 +330,29 @@ def _filtered(
 ) -> Track:
     """The track under a process noise, with the covariance widened at each opening."""
     reduced = stretches.reduced
-    names = tuple(reduced.names)
-    drift = {
-        name: float(size)
-        for name, size in zip(names, scale, strict=True)
-        if name[0] in WANDERS and size > 0
-    }
-    kalman = Recursive(np.ones(reduced.n_joints), drift=drift)
+    drift = scale * [name[0] in WANDERS for name in reduced.names]
+    kalman = Recursive(np.ones(reduced.n_joints), drift)
     stops = [own.stop for own in stretches.rows]
     cuts = [int(np.searchsorted(stops, opening.sample + 1)) for opening in openings]
     edges = [0, *cuts, len(stops)]
     tracks: list[Track] = []
     for k, (start, stop) in enumerate(pairwise(edges)):
-        if k:
-            added = openings[k - 1].covariance
-            kalman = _widened(kalman, tracks, added)
+        if tracks:
+            last, added = tracks[-1], openings[k - 1].covariance
+            spread = last.covariance[-1] + added
+            kalman = replace(kalman, start=last.value[-1], covariance=spread)
         if stop > start:
             own = slice(start, stop)
             tracks.append(kalman.follow(reduced.rows(own), stretches.ends[own]))
     return _joined(tracks)
 
 
-def _widened(kalman: Recursive, tracks: list[Track], added: np.ndarray) -> Recursive:
-    """The filter that goes on from the last estimate, less sure by a covariance."""
-    if not tracks:
-        return kalman
-    last = tracks[-1]
-    return replace(kalman, start=last.value[-1], covariance=last.covariance[-1] + added)
-
-
 def _joined(tracks: list[Track]) -> Track:
     """Tracks one after the other."""
-    series = ("t", "value", "covariance", "innovation", "walk")
-    joined = {
-        name: np.concatenate([getattr(track, name) for track in tracks])
-        for name in series
-    }
-    return Track(names=tracks[0].names, **joined)
+    series = zip(
+        *((x.t, x.value, x.covariance, x.innovation) for x in tracks), strict=True
+    )
+    return Track(tracks[0].names, *map(np.concatenate, series))
 
 
 def _predicted_ahead(
@@ -529,9 +432,9 @@ class Unscented:
                 "the filter needs a regressor with the columns of all quantities of drives",
                 where="regressor",
             )
-        for name, length in (("spread", len(self.names)), ("drift", len(self.names))):
-            if len(getattr(self, name)) != length:
-                raise InputError(f"expected {length} numbers, one per name", where=name)
+        for name in ("spread", "drift"):
+            if len(getattr(self, name)) != (count := len(self.names)):
+                raise InputError(f"expected {count} numbers, one per name", where=name)
 
     def follow(self, recording: Recording, every: int = 1) -> Track:
         """The filter over a recording: names ``q1..``, ``dq1..`` and the parameters', these as gains over the prior.
@@ -570,23 +473,10 @@ class Unscented:
                     "check (a) units and signs of the torque, (b) that the spread of the parameters leaves masses "
                     "positive, (c) that noise is not stated too small",
                 ) from error
-            # L^-1 with S = L L^T gives innovations unit variance
-            root = np.linalg.cholesky(kalman.S)
-            innovation[k] = np.linalg.solve(root, kalman.y)
+            innovation[k] = _white(kalman)
             value[k], spread[k] = kalman.x, kalman.P
-        joints = range(1, n + 1)
-        states = [f"{kind}{j}" for kind in ("q", "dq") for j in joints]
-        variance_rate = np.concatenate([np.zeros(2 * n), np.asarray(self.drift) ** 2])
-        walk = np.diff(t, append=t[-1])[:, None] * variance_rate
-        names = (*states, *self.names)
-        return Track(
-            names=names,
-            t=t,
-            value=value,
-            covariance=spread,
-            innovation=innovation,
-            walk=walk,
-        )
+        states = [f"{kind}{j}" for kind in ("q", "dq") for j in range(1, n + 1)]
+        return Track((*states, *self.names), t, value, spread, innovation)
 
     def _filter(self, start: np.ndarray, period: float) -> UnscentedKalmanFilter:
         n, s = len(start), len(self.names)
@@ -713,7 +603,7 @@ def follow_states(
         )
     if recording.tau is None:
         raise InputError("has no torque", "give columns tau1..", file=recording.name)
-    recording = _beginning(recording)
+    recording = recording.part(recording.t <= recording.t[0] + LONGEST)
     regressor = Regressor(arm)
     prior = np.array([identified.get(name, 0.0) for name in regressor.names])
     names = tuple(f"{kind}{j}" for kind in "bc" for j in range(1, arm.n_joints + 1))
@@ -730,11 +620,6 @@ def follow_states(
     )
     every = max(1, round(recording.rate / RATE))
     return StatesAndFriction(recording.name, unscented.follow(recording, every), start)
-
-
-def _beginning(recording: Recording) -> Recording:
-    """The first ``LONGEST`` seconds."""
-    return recording.part(recording.t <= recording.t[0] + LONGEST)
 
 
 def _least(recording: Recording) -> np.ndarray:

@@ -506,7 +506,7 @@ def summary(result: Identification) -> Group:
     lines = [
         *_facts(result),
         *(f"asks: {question}" for question in result.questions),
-        *(f"found: {row.entry.cause}{_on_joints(row.joints)}" for row in found),
+        *(f"found: {row.cause}{_on_joints(row.joints)}" for row in found),
         *(f"warning: {shortened(warning)}" for warning in warnings),
     ]
     first = [f"warning: {text}" for text in warnings if text.startswith(WORSE)]
@@ -571,7 +571,7 @@ def shortened(warning: str, limit: int = MAX_WARNING) -> str:
 
 def _repeats(warning: str, found: Sequence[Row]) -> bool:
     """Whether a warning says no more than a row that is shown."""
-    return any(warning.startswith(row.entry.cause) for row in found)
+    return any(warning.startswith(row.cause) for row in found)
 
 
 def _named(recordings: Sequence[str]) -> str:

@@ -18,7 +18,9 @@ from threadpoolctl import threadpool_limits
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.trajectory import Fourier, urdf_limits
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.ident.model.base_parameters import JointFactors, structural_base
+from gapscope.ident.estimators.linear import JointTriangles
+from gapscope.ident.model.base_parameters import structural_base
+from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.regressor import Regressor
 
 CHUNK, RATE, NOISE = 5_000, 1e3, 0.5
@@ -32,18 +34,20 @@ def stream(samples: int) -> dict[str, float]:
     regressor = Regressor(load_nominal_arm("kuka_iiwa", sheet=SHEET))
     rng = np.random.default_rng(0)
     base = structural_base(regressor, rng)
-    factors = JointFactors(regressor.support)
-    Y = np.empty((CHUNK, 7, len(regressor.names)))
+    parts: list[JointTriangles] = []
     start, making = time.process_time(), 0.0
     for _ in range(samples // CHUNK):
         tick = time.process_time()
         motion, noise = _chunk(regressor, rng)
         making += time.process_time() - tick
-        regressor.matrix(motion, Y)
-        factors.add(Y, Y @ regressor.nominal() + noise)
-    factor = factors.stacked().select(base.kept)
+        Y = regressor.matrix(motion)
+        tau, group = Y @ regressor.nominal() + noise, np.zeros(CHUNK, dtype=int)
+        own = Problem(Y, tau, regressor.names, group, 1 / RATE)
+        parts = [JointTriangles.joined([*parts, JointTriangles.of(own)])]
+    factor = parts[0].factor().select(base.kept)
     off = factor.solve() - base.of(regressor.nominal())
-    error = off / np.sqrt(np.diag(factor.covariance()))
+    variance = factor.rest / factor.freedom
+    error = off / np.sqrt(variance * np.diag(factor.inverse_gram()))
     return {
         "cpu": time.process_time() - start,
         "making": making,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import is_dataclass
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -81,13 +82,15 @@ def plain(value: Any, *, null_if_not_finite: bool = False) -> Any:
     """The same value with dict, list, int and float instead of mappings, tuples and numpy types.
 
     Args:
-        value: data of any depth.
+        value: data of any depth; a record stands for its fields.
         null_if_not_finite: replace NaN and infinity, which JSON does not have, by ``None``.
     """
 
     def convert(entry: Any) -> Any:
         return plain(entry, null_if_not_finite=null_if_not_finite)
 
+    if is_dataclass(value):
+        value = vars(value)
     if isinstance(value, Mapping):
         return {key: convert(entry) for key, entry in value.items()}
     if isinstance(value, (list, tuple, np.ndarray)):

@@ -20,7 +20,7 @@ from gapscope.blind_check.generator.arms import (
     perturb_inertials,
     text_of,
 )
-from gapscope.blind_check.generator.law import Cause, Law, LawContext
+from gapscope.blind_check.generator.law import Cause, Draws, Law, LawContext
 from gapscope.blind_check.generator.laws import LAWS
 from gapscope.blind_check.generator.rigid import (
     inertia_diagonal,
@@ -332,7 +332,7 @@ def draw_cause(
     joints = draw_joints(law.joints, setup.arm.n, rng)
     if joints is None:
         return None
-    cause = Cause(law, joints, law.draw(rng, setup.context, joints))
+    cause = Cause(law, joints, law.draw(Draws.of(rng, setup.context, joints)))
     if severity is None or law.measure == "none":
         return cause
     low, high = severity

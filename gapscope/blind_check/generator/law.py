@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -46,7 +46,50 @@ class LawContext:
     encoder_step: float
 
 
-Draw = Callable[[np.random.Generator, LawContext, np.ndarray], LawValues]
+@dataclass(frozen=True)
+class Draws(LawContext):
+    """A context from which one cause is drawn, on k joints: what it says of each joint is of those alone, (k,).
+
+    Attributes:
+        rng: source of random numbers.
+        joints: from 0, (k,).
+        whole: the context of all joints.
+        armature, coulomb, viscous: of the data sheet [kg m^2, N m, N m s/rad], (k,).
+    """
+
+    rng: np.random.Generator
+    joints: np.ndarray
+    whole: LawContext
+    armature: np.ndarray
+    coulomb: np.ndarray
+    viscous: np.ndarray
+
+    @classmethod
+    def of(
+        cls, rng: np.random.Generator, whole: LawContext, joints: np.ndarray
+    ) -> Draws:
+        """The draws of a cause on some joints."""
+        known = {f.name: getattr(whole, f.name) for f in fields(whole)}
+        for name in ("deviation", "peak", "speed", "inertia", "swing", "middle"):
+            known[name] = known[name][joints]
+        for name in ("armature", "coulomb", "viscous"):
+            known[name] = getattr(whole.arm, name)[joints]
+        return cls(**known, rng=rng, joints=joints, whole=whole)
+
+    def uniform(self, low: float, high: float) -> np.ndarray:
+        """Even between two numbers, of each joint, (k,)."""
+        return self.rng.uniform(low, high, len(self.joints))
+
+    def common(self, low: float, high: float) -> np.ndarray:
+        """Even between two numbers, the same of all joints, (k,)."""
+        return np.full(len(self.joints), self.rng.uniform(low, high))
+
+    def sign(self) -> np.ndarray:
+        """Plus or minus one, (k,)."""
+        return self.rng.choice([-1.0, 1.0], len(self.joints))
+
+
+Draw = Callable[[Draws], LawValues]
 Act = Callable[[TrueArm, np.ndarray, LawValues], None]
 Resize = Callable[[LawValues, np.ndarray], LawValues]
 
@@ -57,7 +100,7 @@ class Law:
 
     Attributes:
         name: name of the effect that it generates; outside the catalogue, its own name.
-        draw: values at a first guess of the size, from a random source, the context and the joints (from 0).
+        draw: values at a first guess of the size.
         act: puts the values into the true arm.
         resize: values with their size times a factor per joint (one for all if they belong to the arm).
         units: unit of each value that the label gives.
@@ -134,36 +177,42 @@ class Cause:
         return {**label, "recovery": True} if self.law.recovery else label
 
 
+def puts(**fields: str) -> Act:
+    """Set fields of the joints to values of these names."""
+
+    def act(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+        for name, value in fields.items():
+            plant.put(name, joints, values[value])
+
+    return act
+
+
+def adds(**fields: str) -> Act:
+    """Add values of these names to fields of the joints."""
+
+    def act(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+        for name, value in fields.items():
+            plant.add(name, joints, values[value])
+
+    return act
+
+
 def times(*names: str) -> Resize:
     """Size by multiplying the values of these names."""
+    return powers(**dict.fromkeys(names, 1.0))
+
+
+def powers(**exponents: float) -> Resize:
+    """Size by multiplying each value by a power of the factor; of one for the arm by that of the largest factor."""
 
     def resize(values: LawValues, factor: np.ndarray) -> LawValues:
-        changed = {name: values[name] * _fit(factor, values[name]) for name in names}
+        changed = {}
+        for name, exponent in exponents.items():
+            own = factor if factor.shape == values[name].shape else factor.max()
+            if exponent > 0:
+                changed[name] = values[name] * own**exponent
+            else:
+                changed[name] = values[name] / own**-exponent
         return {**values, **changed}
 
     return resize
-
-
-def over(*names: str) -> Resize:
-    """Size by dividing the values of these names."""
-
-    def resize(values: LawValues, factor: np.ndarray) -> LawValues:
-        changed = {name: values[name] / _fit(factor, values[name]) for name in names}
-        return {**values, **changed}
-
-    return resize
-
-
-def fixed(values: LawValues, factor: np.ndarray) -> LawValues:
-    """The values as they are: a fault has no size."""
-    return values
-
-
-def sign(rng: np.random.Generator, count: int) -> np.ndarray:
-    """Plus or minus one, (count,)."""
-    return rng.choice([-1.0, 1.0], count)
-
-
-def _fit(factor: np.ndarray, value: np.ndarray) -> np.ndarray:
-    """One factor per joint if the value has that shape, the largest otherwise."""
-    return factor if factor.shape == value.shape else np.asarray(factor.max())

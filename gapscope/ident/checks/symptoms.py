@@ -101,24 +101,14 @@ def _rate(series: np.ndarray, group: np.ndarray, interval: float) -> np.ndarray:
     return rate
 
 
-def acceleration_noise(recordings: Sequence[Recording], cutoff: float) -> np.ndarray:
-    """RMS of the noise in ddq over the RMS of ddq, both below the cut-off [Hz]; shape (n,).
-
-    The noise density of q is the median one in the upper half of the band; differentiating twice multiplies it by
-    (2 pi f)^4.
-    """
-    return _spectral(recordings, cutoff)[0]
-
-
-def speed_lost(recordings: Sequence[Recording], cutoff: float) -> np.ndarray:
-    """Share of the power of dq that exceeds its noise beyond the cut-off [1]; shape (n,)."""
-    return _spectral(recordings, cutoff)[1]
-
-
-def _spectral(
+def spectral(
     recordings: Sequence[Recording], cutoff: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Noise of ddq over ddq, and share of the power of dq beyond the cut-off; each (n,)."""
+    """RMS of the noise in ddq over that of ddq below a cut-off [Hz], and share of the power of dq beyond it; each (n,).
+
+    The noise density of q is the median one in the upper half of the band; differentiating twice multiplies it by
+    (2 pi f)^4. Only power that exceeds it counts beyond the cut-off.
+    """
     n = recordings[0].n_joints
     noise, acceleration, lost, speed = (np.zeros(n) for _ in range(4))
     for recording in recordings:

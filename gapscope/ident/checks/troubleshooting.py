@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gapscope.arm.recording import resting
 from gapscope.ident.checks import symptoms
-from gapscope.ident.checks.plausible_samples import resting
 from gapscope.ident.checks.symptoms import FitEvidence
 from gapscope.ident.estimators.linear import Estimate
 from gapscope.ident.examination import Examination, Validation
@@ -16,29 +16,10 @@ from gapscope.ident.model.physical_parameters import inconsistent
 from gapscope.model.change_findings import change_findings, change_text
 from gapscope.model.changes import Change
 
-# A row of the troubleshooting table: its text, and what was measured.
+# The troubleshooting table: symptom, cause, check, remedy, filled in from the data.
 
 
 FOUND, CLEAR = "found", "clear"
-
-
-@dataclass(frozen=True)
-class Entry:
-    """The text of a row of the table, whatever the data.
-
-    Attributes:
-        key: name of the row.
-        symptom: what one sees.
-        cause: what is behind it.
-        check: how the data show it.
-        remedy: what to do.
-    """
-
-    key: str
-    symptom: str
-    cause: str
-    check: str
-    remedy: str
 
 
 @dataclass(frozen=True)
@@ -46,7 +27,11 @@ class Row:
     """A row of the table, filled in.
 
     Attributes:
-        entry: its text.
+        key: name of the row.
+        symptom: what one sees.
+        cause: what is behind it.
+        check: how the data show it.
+        remedy: what to do.
         measured: the number that the check gave; the worst joint's.
         threshold: beyond which the row is found.
         unit: of both.
@@ -54,7 +39,11 @@ class Row:
         joints: where, from 1.
     """
 
-    entry: Entry
+    key: str
+    symptom: str
+    cause: str
+    check: str
+    remedy: str
     measured: float
     threshold: float
     unit: str
@@ -62,192 +51,150 @@ class Row:
     joints: tuple[int, ...] = ()
 
 
-def make_row(
-    entry: Entry,
+def _row(
+    key: str,
     value: np.ndarray | float,
     threshold: float,
     unit: str = "1",
-    *,
-    below: bool = False,
+    joints: Sequence[int] | None = None,
+    **text: str,
 ) -> Row:
-    """A row that is found if a value per joint exceeds the threshold, or falls below it if ``below``."""
-    per_joint = np.ndim(value) > 0
+    """A row that is found where a value per joint exceeds the threshold; or, if ``joints`` are given, on those."""
     values = np.atleast_1d(np.asarray(value, dtype=float))
-    if below:
-        found, worst = values < threshold, values.min()
-    else:
-        found, worst = values > threshold, values.max()
-    joints: tuple[int, ...] = ()
-    if per_joint:
-        joints = tuple(int(j) + 1 for j in np.flatnonzero(found))
-    status = FOUND if found.any() else CLEAR
+    exceeded = values > threshold
+    found = bool(exceeded.any()) if joints is None else len(joints) > 0
+    if joints is None:
+        joints = np.flatnonzero(exceeded) + 1 if np.ndim(value) else ()
     return Row(
-        entry=entry,
-        measured=float(worst),
+        key=key,
+        **text,
+        measured=float(values.max()),
         threshold=threshold,
         unit=unit,
-        verdict=status,
-        joints=joints,
+        verdict=FOUND if found else CLEAR,
+        joints=tuple(int(j) for j in joints),
     )
 
 
-# The troubleshooting table: symptom, cause, check, remedy, filled in from the data.
-
-
 def fill_in(evidence: FitEvidence) -> tuple[Row, ...]:
-    """The table for one identification."""
-    return tuple(check(evidence) for check in CHECKS)
+    """The table for one identification, its rows in the order in which to look at them."""
+    return (*_about_bodies(evidence), *_about_motion(evidence))
 
 
-def _zero(evidence: FitEvidence) -> Row:
+def _about_bodies(evidence: FitEvidence) -> Iterator[Row]:
     zeros = evidence.zeros
     asked = zeros.asked
-    entry = Entry(
-        key="joint_zero",
+    known = np.where(zeros.known, np.abs(zeros.offset), 0.0)
+    # an offset that nobody is asked about stays below the threshold
+    worst = min(known.max(), np.deg2rad(0.999))
+    yield _row(
+        "joint_zero",
+        np.rad2deg(known[asked].max() if len(asked) else worst),
+        1.0,
+        "deg",
+        joints=asked + 1,
         symptom="negative masses, inertias that no body has",
         cause="zero of an encoder off",
         check="offset estimated together with the parameters, if it is certain and lowers the cost",
         remedy="calibrate the zero, or set import: {offsets: [...]}",
     )
-    known = np.where(zeros.known, np.abs(zeros.offset), 0.0)
-    # an offset that nobody is asked about stays below the threshold
-    worst = min(known.max(), np.deg2rad(0.999))
-    if len(asked):
-        worst = known[asked].max()
-    return Row(
-        entry=entry,
-        measured=float(np.rad2deg(worst)),
-        threshold=1.0,
-        unit="deg",
-        verdict=FOUND if len(asked) else CLEAR,
-        joints=tuple(int(j) + 1 for j in asked),
-    )
-
-
-def _bodies_row(evidence: FitEvidence) -> Row:
-    entry = Entry(
-        key="unphysical",
+    change = evidence.base.of(evidence.physical.value) - evidence.beta
+    deviations = change / np.maximum(evidence.deviation, 1e-300)
+    impossible = _row(
+        BODIES,
+        float((deviations**2).mean()),
+        10.0,
         symptom="the torque fits, the bodies cannot exist",
         cause="model error taken up by parameters: wrong zero, friction, geometry; or too little excitation",
         check="mean square distance of consistent from estimated base parameters, in standard deviations",
         remedy="look at the rows beside this one; keep the consistent parameters for simulation",
     )
-    change = evidence.base.of(evidence.physical.value) - evidence.beta
-    deviations = change / np.maximum(evidence.deviation, 1e-300)
-    row = make_row(entry, float((deviations**2).mean()), 10.0)
-    if row.verdict == CLEAR:
-        return row
-    wrong = inconsistent(evidence.physical.before)
-    return replace(row, joints=tuple(check.link for check in wrong))
-
-
-def _low_speed(evidence: FitEvidence) -> Row:
-    entry = Entry(
-        key="low_speed_friction",
+    if impossible.verdict == FOUND:
+        wrong = inconsistent(evidence.physical.before)
+        impossible = replace(impossible, joints=tuple(check.link for check in wrong))
+    yield impossible
+    yield _row(
+        "low_speed_friction",
+        symptoms.near_rest(evidence),
+        0.05,
         symptom="residual peaks where a joint reverses",
         cause="low-speed friction other than Coulomb plus viscous: falls as the joint moves off, "
         "or rises less than linearly",
         check="share by which a Stribeck term lowers the error on held-out stretches",
         remedy="none needed, the term is part of the model then; record slow reversals to determine it",
     )
-    return make_row(entry, symptoms.near_rest(evidence), 0.05)
 
 
-def _condition(evidence: FitEvidence) -> Row:
-    entry = Entry(
-        key="condition",
+def _about_motion(evidence: FitEvidence) -> Iterator[Row]:
+    yield _row(
+        "condition",
+        symptoms.condition(evidence),
+        1000.0,
         symptom="large intervals, parameters that change from fit to fit",
         cause="motion that does not excite all parameters",
         check="condition number of the base columns with unit norm",
         remedy="record an exciting trajectory (`gapscope excite`); without one, stay near the nominal arm: "
         "--estimator ridge, truncated_svd or partial_update, or --keep what it knows",
     )
-    return make_row(entry, symptoms.condition(evidence), 1000.0)
-
-
-def _rest(evidence: FitEvidence) -> Row:
-    entry = Entry(
-        key="resting_joint",
+    recordings = [r for r in evidence.recordings if r.tau is not None]
+    still = _still_joints(evidence)
+    yield _row(
+        "resting_joint",
+        float(len(still)),
+        0.0,
+        joints=still + 1,
         symptom="parameters of a joint missing among the base parameters",
         cause="the joint does not move",
         check="number of joints that rest",
         remedy="record a motion of every joint",
     )
-    still = resting([r for r in evidence.recordings if r.tau is not None])
-    return Row(
-        entry=entry,
-        measured=float(len(still)),
-        threshold=0.0,
-        unit="1",
-        verdict=FOUND if len(still) else CLEAR,
-        joints=tuple(int(j) + 1 for j in still),
-    )
-
-
-def _noise(evidence: FitEvidence) -> Row:
-    entry = Entry(
-        key="derivative_noise",
+    cutoff = evidence.samples.band.cutoff
+    noise, lost = symptoms.spectral(evidence.recordings, cutoff)
+    yield _row(
+        "derivative_noise",
+        noise,
+        0.3,
         symptom="rotor and link inertias too small, noisy acceleration",
         cause="noise of the encoder differentiated twice: cut-off too high, or encoder too coarse",
         check="RMS of the noise in the acceleration over RMS of the acceleration",
         remedy="lower --cutoff, move faster, or record a finer encoder",
     )
-    return make_row(
-        entry,
-        symptoms.acceleration_noise(evidence.recordings, evidence.samples.band.cutoff),
-        0.3,
-    )
-
-
-def _cutoff(evidence: FitEvidence) -> Row:
-    entry = Entry(
-        key="cutoff_too_low",
+    yield _row(
+        "cutoff_too_low",
+        lost,
+        0.05,
         symptom="fast parts of the motion badly predicted",
         cause="cut-off below what the motion holds",
         check="share of the speed's power beyond the cut-off",
         remedy="raise --cutoff, or move more slowly",
     )
-    return make_row(
-        entry,
-        symptoms.speed_lost(evidence.recordings, evidence.samples.band.cutoff),
-        0.05,
-    )
-
-
-def _late(evidence: FitEvidence) -> Row:
-    entry = Entry(
-        key="time_offset",
+    lag, deviation = symptoms.time_offset(evidence)
+    certain = np.where(np.abs(lag) > 5 * deviation, np.abs(lag), 0.0)
+    yield _row(
+        "time_offset",
+        1e3 * certain,
+        3.0,
+        "ms",
         symptom="viscous friction too large, small or negative, residual that follows the torque's rate",
         cause="torque recorded late or early against position, or a delayed drive",
         check="lag of the torque estimated together with the parameters, if it exceeds five standard deviations",
         remedy="put both on one clock: import: {join: interpolate}, or shift one; then `gapscope diagnose` for a delay",
     )
-    lag, deviation = symptoms.time_offset(evidence)
-    certain = np.where(np.abs(lag) > 5 * deviation, np.abs(lag), 0.0)
-    return make_row(entry, 1e3 * certain, 3.0, "ms")
-
-
-def _saturated(evidence: FitEvidence) -> Row:
-    entry = Entry(
-        key="saturated_torque",
+    yield _row(
+        "saturated_torque",
+        symptoms.clipped(recordings, evidence.samples.columns.arm.torque_limit),
+        0.005,
         symptom="inertia and friction too small, flat tops",
         cause="torque at the drive's limit",
         check="share of samples at the limit, or held exactly at the extreme",
         remedy="move more slowly, or leave these stretches out",
     )
-    recordings = [r for r in evidence.recordings if r.tau is not None]
-    return make_row(
-        entry,
-        symptoms.clipped(recordings, evidence.samples.columns.arm.torque_limit),
-        0.005,
-    )
 
 
-CHECKS: tuple[Callable[[FitEvidence], Row], ...] = (
-    *(_zero, _bodies_row, _low_speed),
-    *(_condition, _rest, _noise, _cutoff, _late, _saturated),
-)
-"""The rows, in the order in which to look at them."""
+def _still_joints(evidence: FitEvidence) -> np.ndarray:
+    """Joints, from 0, that rest in every fitted recording."""
+    fitted = [r for r in evidence.recordings if r.tau is not None]
+    return np.flatnonzero(resting(fitted, evidence.samples.columns.arm.per_radian))
 
 
 # What makes an identification doubtful: warnings, each a sentence with a remedy.
@@ -304,7 +251,7 @@ def _changed(changes: Sequence[Change]) -> Iterator[str]:
 
 
 def _still(evidence: FitEvidence) -> Iterator[str]:
-    still = resting([r for r in evidence.recordings if r.tau is not None])
+    still = _still_joints(evidence)
     if len(still):
         joints = ", ".join(str(j + 1) for j in still)
         yield f"joint {joints} rests in every fitted recording: its own parameters are not identifiable"
@@ -313,7 +260,7 @@ def _still(evidence: FitEvidence) -> Iterator[str]:
 def _bodies_warning(evidence: FitEvidence, table: Sequence[Row]) -> Iterator[str]:
     wrong = inconsistent(evidence.physical.before)
     # noise alone takes parameters that the data hardly determine out of what bodies can have
-    certain = any(row.entry.key == BODIES and row.verdict == FOUND for row in table)
+    certain = any(row.key == BODIES and row.verdict == FOUND for row in table)
     if wrong and (certain or len(evidence.zeros.asked)):
         negative = [str(c.link) for c in wrong if not c.positive_mass]
         masses = (
@@ -327,6 +274,6 @@ def _bodies_warning(evidence: FitEvidence, table: Sequence[Row]) -> Iterator[str
 
 def _rows(table: Sequence[Row]) -> Iterator[str]:
     for row in table:
-        if row.verdict == FOUND and row.entry.key not in SAID_OTHERWISE:
+        if row.verdict == FOUND and row.key not in SAID_OTHERWISE:
             where = f" on joint {', '.join(map(str, row.joints))}" if row.joints else ""
-            yield f"{row.entry.cause}{where}: {row.entry.remedy}"
+            yield f"{row.cause}{where}: {row.remedy}"

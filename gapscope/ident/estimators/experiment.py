@@ -26,7 +26,7 @@ from gapscope.arm.velocity_filter import rule_of
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.checks.plausible_samples import check_bare, check_controller
 from gapscope.ident.model.base_parameters import BaseParameters
-from gapscope.ident.model.linear_problem import Problem
+from gapscope.ident.model.linear_problem import Problem, check_samples
 from gapscope.ident.model.regressor import JOINT_COLUMNS, Regressor
 from gapscope.model.conditioning import GAP_STEPS
 
@@ -131,12 +131,13 @@ class Experiment:
         return tuple(out[k] for k in range(len(self.recordings)))
 
     def check(self, problem: Problem) -> None:
-        """Check that a problem is one of these recordings; raises ``InputError`` otherwise."""
+        """Check that a problem is one of these recordings and determines the parameters, or raise ``InputError``."""
         if problem.matrix.shape[2] != self.base.count:
             raise InputError(
                 f"the problem has {problem.matrix.shape[2]} parameters, the experiment {self.base.count}",
                 "make the problem with the base parameters of the experiment",
             )
+        check_samples(problem)
 
     @cached_property
     def _alike(self) -> dict[str, list[int]]:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from gapscope.ident.estimators.linear import Estimate
+from gapscope.ident.estimators.linear import Estimate, finished
 from gapscope.ident.kalman import follow
 from gapscope.ident.model.linear_problem import Problem
 
@@ -23,11 +21,4 @@ class Kalman:
     def estimate(self, problem: Problem) -> Estimate:
         """Filter the samples in their order; raises ``InputError`` if they cannot determine the parameters."""
         track = follow(problem).track
-        value = track.value[-1]
-        residual = np.sqrt(np.mean(problem.residual(value) ** 2, axis=0))
-        return Estimate(
-            names=tuple(problem.names),
-            value=value,
-            covariance=track.covariance[-1],
-            residual=residual,
-        )
+        return finished(problem, track.value[-1], track.covariance[-1])

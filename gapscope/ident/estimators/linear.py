@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 from scipy.linalg import solve, solve_triangular
 
 from gapscope.arm.errors import InputError
-from gapscope.ident.model.base_parameters import BaseParameters
+from gapscope.ident.model.base_parameters import BaseParameters, Factor
 from gapscope.ident.model.friction import stretches
 from gapscope.ident.model.linear_problem import (
     Problem,
@@ -56,55 +56,7 @@ class Estimator(Protocol):
         """Estimate the parameters; raises ``InputError`` if the samples cannot determine them."""
 
 
-# What the linear estimators share: a triangular factor of the equations, and the estimate that follows from it.
-
-
-@dataclass(frozen=True)
-class Factor:
-    """Equations W beta = tau of any number of rows as a triangle: |tau - W beta|^2 = |z - R beta|^2 + rest.
-
-    Attributes:
-        triangle: R, shape (b, b).
-        rotated: z, shape (b,).
-        rest: squared norm of what no beta explains.
-        rows: number of equations.
-    """
-
-    triangle: np.ndarray
-    rotated: np.ndarray
-    rest: float
-    rows: int
-
-    @classmethod
-    def of(cls, matrix: np.ndarray, torque: np.ndarray) -> Factor:
-        """The factor of equations, matrix of shape (M, b) and torque of shape (M,)."""
-        b = matrix.shape[1]
-        equations = np.column_stack([matrix, torque])
-        triangle = np.asarray(np.linalg.qr(equations, mode="r"))
-        # fewer equations than columns: rows of zeros complete the triangle
-        missing = max(0, b + 1 - len(triangle))
-        triangle = np.vstack([triangle, np.zeros((missing, b + 1))])
-        rest = float(triangle[b, b] ** 2)
-        return cls(
-            triangle=triangle[:b, :b],
-            rotated=triangle[:b, b],
-            rest=rest,
-            rows=len(matrix),
-        )
-
-    @property
-    def freedom(self) -> int:
-        """Equations less parameters, at least 1."""
-        return max(self.rows - len(self.rotated), 1)
-
-    def solve(self) -> np.ndarray:
-        """The least-squares beta, shape (b,); R must be regular."""
-        return solve_triangular(self.triangle, self.rotated)
-
-    def inverse_gram(self) -> np.ndarray:
-        """(W^T W)^-1, shape (b, b); R must be regular."""
-        inverse = solve_triangular(self.triangle, np.eye(len(self.triangle)))
-        return inverse @ inverse.T
+# What the linear estimators share: noise, scales, held-out motions, and the estimate that follows.
 
 
 def held_out_squares(
@@ -296,7 +248,7 @@ class JointTriangles:
         """The factor of all equations, each joint's divided by its noise, (n,)."""
         stacked = self.stacked(noise)
         factor = Factor.of(stacked[:, :-1], stacked[:, -1])
-        return Factor(factor.triangle, factor.rotated, factor.rest, self.equations)
+        return replace(factor, rows=self.equations)
 
 
 def _triangle(equations: np.ndarray) -> np.ndarray:

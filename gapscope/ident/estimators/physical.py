@@ -14,13 +14,13 @@ from gapscope.arm.dynamics.rigid_body import INERTIAL_PARAMETERS
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.ident.estimators.linear import (
     Estimate,
-    Factor,
     column_norms,
     finished,
     joint_noise,
     scaled_inverse,
     whitened,
 )
+from gapscope.ident.model.base_parameters import Factor
 from gapscope.ident.model.linear_problem import Problem, check_samples, unit_warnings
 from gapscope.ident.model.physical_parameters import (
     BASIS,

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -20,7 +22,6 @@ from gapscope.ident.model.linear_problem import (
     SMOOTH,
     FrictionLaw,
     Problem,
-    check_samples,
 )
 from gapscope.ident.model.regressor import Regressor
 from gapscope.ident.samples import Samples
@@ -75,7 +76,7 @@ def closed_loop(
     return Experiment(regressor, base, case.controller, fit, build, start)
 
 
-# What the estimators that simulate have in common: weights, checks, intervals, and how an iteration ends.
+# What the estimators that simulate have in common: checks, steps, and how an iteration ends.
 
 
 HALVINGS = 6
@@ -103,98 +104,94 @@ class Simulated:
     error: np.ndarray
 
 
-def checked(problem: Problem, experiment: Experiment) -> None:
-    """Check that a problem belongs to its experiment, and that its samples determine the parameters."""
-    experiment.check(problem)
-    check_samples(problem)
+@dataclass(frozen=True)
+class _Simulating:
+    """An estimator that repeats the recordings, beta by beta, until the simulated torque stays.
 
-
-def started(problem: Problem, experiment: Experiment) -> Simulated:
-    """The problem checked, and simulated with the experiment's first parameters.
-
-    Raises:
-        InputError: too few samples, or a problem that is not the experiment's.
-        GapscopeError: the simulated arm diverges.
+    Attributes:
+        experiment: how to simulate.
+        iterations: at most.
+        tolerance: the simulated torque moves by less than this share of the error in the last iteration [1].
     """
-    checked(problem, experiment)
+
+    name: ClassVar[str]
+    experiment: Experiment
+    iterations: int = 15
+    tolerance: float = 0.01
+
+    def goal(self, problem: Problem, now: Simulated) -> np.ndarray:
+        """The parameters that a simulation asks for next, shape (b,)."""
+        raise NotImplementedError
+
+    def iterated(self, problem: Problem) -> tuple[Simulated, tuple[str, ...]]:
+        """The last simulation, and what makes it doubtful: its last entry, if it did not settle.
+
+        Raises:
+            InputError: too few samples, or a problem that is not the experiment's.
+            GapscopeError: the simulated arm diverges.
+        """
+        self.experiment.check(problem)
+        with _divergence(0):
+            now = self._simulated(problem, self.experiment.start)
+        for iteration in range(1, self.iterations + 1):
+            before, now = now, self._improved(problem, now, iteration)
+            moved = now.problem.torque - before.problem.torque
+            if (_rms(moved) <= self.tolerance * now.error).all():
+                return now, self.experiment.warnings
+        return now, (*self.experiment.warnings, f"{self.name} {NOT_SETTLED}")
+
+    def _simulated(self, problem: Problem, beta: np.ndarray) -> Simulated:
+        """Simulate with parameters beta; raises ``GapscopeError`` if the arm diverges."""
+        own = self.experiment.problem(beta)
+        if own.torque.shape != problem.torque.shape:
+            raise InputError(
+                f"the problem has samples {problem.torque.shape}, its recordings make {own.torque.shape}",
+                "make the problem from the recordings of the experiment, in their order",
+            )
+        return Simulated(beta, own, _rms(problem.torque - own.torque))
+
+    def _improved(self, problem: Problem, now: Simulated, iteration: int) -> Simulated:
+        """A step towards the goal, halved while the arm diverges or the torque fits clearly worse.
+
+        Raises:
+            GapscopeError: the arm still diverges after the last halving.
+        """
+        step = self.goal(problem, now) - now.beta
+        for k in range(HALVINGS):
+            last = k == HALVINGS - 1
+            with _divergence(iteration) if last else suppress(GapscopeError):
+                there = self._simulated(problem, now.beta + 0.5**k * step)
+                if np.mean((there.error / now.error) ** 2) < WORSE**2:
+                    return there
+        return now
+
+
+@contextmanager
+def _divergence(iteration: int) -> Iterator[None]:
+    """Say of a simulated arm that diverges in which iteration, and why that may be."""
     try:
-        return simulated(problem, experiment, experiment.start)
+        yield
     except InputError:
         raise
     except GapscopeError as error:
-        raise diverged(error, 0) from error
+        raise diverged(error, iteration) from error
 
 
-def simulated(problem: Problem, experiment: Experiment, beta: np.ndarray) -> Simulated:
-    """Simulate with parameters beta; raises ``GapscopeError`` if the arm diverges."""
-    own = experiment.problem(beta)
-    if own.torque.shape != problem.torque.shape:
-        raise InputError(
-            f"the problem has samples {problem.torque.shape}, its recordings make {own.torque.shape}",
-            "make the problem from the recordings of the experiment, in their order",
-        )
-    return Simulated(
-        beta, own, np.sqrt(np.mean((problem.torque - own.torque) ** 2, axis=0))
-    )
+def _rms(series: np.ndarray) -> np.ndarray:
+    """Of each column, (n,)."""
+    return np.sqrt(np.mean(series**2, axis=0))
 
 
-def improved(
+def _estimate(
     problem: Problem,
-    experiment: Experiment,
-    now: Simulated,
-    goal: np.ndarray,
-    iteration: int,
-) -> Simulated:
-    """A step towards ``goal``, halved while the arm diverges or the torque fits clearly worse.
-
-    Raises:
-        GapscopeError: the arm still diverges after the last halving.
-    """
-    failure: GapscopeError | None = None
-    step = goal - now.beta
-    for k in range(HALVINGS):
-        try:
-            there = simulated(problem, experiment, now.beta + 0.5**k * step)
-        except InputError:
-            raise
-        except GapscopeError as error:
-            failure = error
-            continue
-        if np.mean((there.error / now.error) ** 2) < WORSE**2:
-            return there
-        failure = None
-    if failure is not None:
-        raise diverged(failure, iteration) from failure
-    return now
-
-
-def settled(before: Simulated, after: Simulated, tolerance: float) -> bool:
-    """Whether error and simulated torque of two iterations agree to a tolerance, relative to the error."""
-    change = after.problem.torque - before.problem.torque
-    moved = np.sqrt(np.mean(change**2, axis=0))
-    return bool((moved <= tolerance * after.error).all())
-
-
-def estimate_of(
-    problem: Problem,
-    experiment: Experiment,
-    last: Simulated,
-    uncertainty: Uncertainty,
-    *,
-    converged: bool,
-    name: str,
+    beta: np.ndarray,
+    residual: np.ndarray,
+    known: Uncertainty,
+    warnings: tuple[str, ...],
 ) -> Estimate:
-    """The estimate that an iteration ends with."""
-    warnings = list(experiment.warnings)
-    if not converged:
-        warnings.append(f"{name} {NOT_SETTLED}")
+    """The estimate with the interval that belongs to it."""
     return Estimate(
-        names=problem.names,
-        value=last.beta,
-        covariance=uncertainty.covariance,
-        residual=last.error,
-        warnings=tuple(warnings),
-        freedom=uncertainty.freedom,
+        problem.names, beta, known.covariance, residual, warnings, known.freedom
     )
 
 
@@ -202,7 +199,7 @@ def estimate_of(
 
 
 @dataclass(frozen=True)
-class DirectInverse:
+class DirectInverse(_Simulating):
     """Gauss-Newton on measured minus simulated torque, with the simulated motion's regressor as Jacobian.
 
     beta <- beta + argmin |S^-1/2 (tau - tau_s(beta) - W_s(beta) d)|, tau_s the torque of the closed loop simulated with
@@ -210,43 +207,24 @@ class DirectInverse:
     that their noise cannot bias the result. The controller keeps the motion near the reference whatever beta is, which
     is why W_s serves as Jacobian.
 
-    Attributes:
-        experiment: how to simulate.
-        iterations: at most.
-        tolerance: the simulated torque moves by less than this share of the error in the last iteration [1].
-
     Source: gautier2013.
     """
 
-    experiment: Experiment
-    iterations: int = 15
-    tolerance: float = 0.01
+    name = "DIDIM"
+
+    def goal(self, problem: Problem, now: Simulated) -> np.ndarray:
+        """The end of the Gauss-Newton step."""
+        matrix, residual = _weighted(problem, now)
+        flat = matrix.reshape(residual.size, -1)
+        return now.beta + np.linalg.lstsq(flat, residual.ravel(), rcond=None)[0]
 
     def estimate(self, problem: Problem) -> Estimate:
-        """Estimate the base parameters.
-
-        Raises:
-            InputError: too few samples, or a problem that is not the experiment's.
-            GapscopeError: the simulated arm diverges.
-        """
-        now = started(problem, self.experiment)
-        converged = False
-        for iteration in range(1, self.iterations + 1):
-            matrix, residual = _weighted(problem, now)
-            flat = matrix.reshape(residual.size, -1)
-            step = np.linalg.lstsq(flat, residual.ravel(), rcond=None)[0]
-            # a step that does not lower the error is halved there
-            after = improved(problem, self.experiment, now, now.beta + step, iteration)
-            converged = settled(now, after, self.tolerance)
-            now = after
-            if converged:
-                break
+        """Estimate the base parameters; raises what ``iterated`` raises."""
+        now, warnings = self.iterated(problem)
         matrix, residual = _weighted(problem, now)
         # errors of a simulation follow the motion, so that samples are far from independent
         known = jackknife(matrix, matrix, residual, problem.group)
-        return estimate_of(
-            problem, self.experiment, now, known, converged=converged, name="DIDIM"
-        )
+        return _estimate(problem, now.beta, now.error, known, warnings)
 
 
 def _weighted(problem: Problem, now: Simulated) -> tuple[np.ndarray, np.ndarray]:
@@ -260,65 +238,20 @@ def _weighted(problem: Problem, now: Simulated) -> tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
-class InstrumentalVariables:
+class InstrumentalVariables(_Simulating):
     """beta <- (Z^T S^-1 W)^-1 Z^T S^-1 tau, with Z the regressor of the closed loop simulated with the beta before.
 
     W is made from measured positions, whose noise enters their derivatives and, through the controller, the torque;
     least squares are biased by it. Z does not depend on that noise, and is correlated with the true W.
 
-    Attributes:
-        experiment: how to simulate.
-        iterations: at most.
-        tolerance: the simulated torque moves by less than this share of the error in the last iteration [1].
-
     Source: janot2014.
     """
 
-    experiment: Experiment
-    iterations: int = 15
-    tolerance: float = 0.01
+    name = "IDIM-IV"
 
-    def estimate(self, problem: Problem) -> Estimate:
-        """Estimate the base parameters.
-
-        Raises:
-            InputError: too few samples, or a problem that is not the experiment's.
-            GapscopeError: the simulated arm diverges.
-        """
-        now = started(problem, self.experiment)
-        converged = False
-        for iteration in range(1, self.iterations + 1):
-            goal = self._solved(problem, now)
-            after = improved(problem, self.experiment, now, goal, iteration)
-            converged = settled(now, after, self.tolerance)
-            now = after
-            if converged:
-                break
-        beta = self._solved(problem, now) if converged else now.beta
-        residual = problem.residual(beta)
-        weight = 1.0 / np.maximum(np.sqrt(np.mean(residual**2, axis=0)), 1e-9)
-        scale = weight[:, None]
-        known = jackknife(
-            now.problem.matrix * scale,
-            problem.matrix * scale,
-            residual * weight,
-            problem.group,
-        )
-        last = replace(now, beta=beta, error=1.0 / weight)
-        return estimate_of(
-            problem,
-            self.experiment,
-            last,
-            known,
-            converged=converged,
-            name="IDIM-IV",
-        )
-
-    @staticmethod
-    def _solved(problem: Problem, now: Simulated) -> np.ndarray:
-        """The parameters that the instruments of a simulation give, shape (b,)."""
-        rms = np.sqrt(np.mean(problem.residual(now.beta) ** 2, axis=0))
-        weight = 1.0 / np.maximum(rms, 1e-9)
+    def goal(self, problem: Problem, now: Simulated) -> np.ndarray:
+        """What the instruments of a simulation give."""
+        weight = 1.0 / np.maximum(_rms(problem.residual(now.beta)), 1e-9)
         Z = now.problem.matrix * weight[:, None] ** 2
         gram = np.einsum("ija,ijb->ab", Z, problem.matrix)
         right = np.einsum("ija,ij->a", Z, problem.torque)
@@ -326,12 +259,33 @@ class InstrumentalVariables:
         scale = np.sqrt(np.abs(own))
         return np.linalg.solve(gram / np.outer(scale, scale), right / scale) / scale
 
+    def estimate(self, problem: Problem) -> Estimate:
+        """Estimate the base parameters; raises what ``iterated`` raises."""
+        now, warnings = self.iterated(problem)
+        settled = warnings == self.experiment.warnings
+        beta = self.goal(problem, now) if settled else now.beta
+        residual = problem.residual(beta)
+        error = np.maximum(_rms(residual), 1e-9)
+        known = jackknife(
+            now.problem.matrix / error[:, None],
+            problem.matrix / error[:, None],
+            residual / error,
+            problem.group,
+        )
+        return _estimate(problem, beta, error, known, warnings)
+
 
 # Closed-loop output error: position and torque of the simulated closed loop against the measured ones.
 
 
 OVERSAMPLED = 4.0
 """Samples per period of the cut-off that are kept [1]."""
+ROUNDS = 2
+"""Rounds of weighting."""
+EVALUATIONS = 25
+"""Simulations of a round, at most."""
+SUM_SETTLED = 1e-4
+"""Relative change of the sum of squares that ends a round [1]."""
 
 
 @dataclass(frozen=True)
@@ -343,19 +297,11 @@ class OutputError:
 
     Attributes:
         experiment: how to simulate.
-        rounds: of weighting.
-        evaluations: of the simulation, at most, per round.
-        cutoff: of the low-pass [Hz].
-        tolerance: relative change of the sum that ends a round [1].
 
     Source: walter1997.
     """
 
     experiment: Experiment
-    rounds: int = 2
-    evaluations: int = 25
-    cutoff: float = TORQUE_CUTOFF
-    tolerance: float = 1e-4
 
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate the base parameters.
@@ -364,101 +310,59 @@ class OutputError:
             InputError: too few samples, or a problem that is not the experiment's.
             GapscopeError: the simulated arm diverges at the start.
         """
-        checked(problem, self.experiment)
-        outputs = _Outputs(self)
-        measured = outputs.of(self.experiment.recordings)
-        beta = self.experiment.start
-        try:
-            error = measured - outputs.of(self.experiment.simulate(beta))
-        except InputError:
-            raise
-        except GapscopeError as failure:
-            raise diverged(failure, 0) from failure
-        converged = True
-        for _ in range(self.rounds):
-            weight = 1.0 / np.maximum(np.sqrt(np.mean(error**2, axis=0)), 1e-12)
-            fit = least_squares(
-                lambda x, w=weight: ((measured - outputs.at(x)) * w).ravel(),
-                beta,
-                jac=lambda x, w=weight: (
-                    -(outputs.tangents(x) * w[:, None]).reshape(measured.size, -1)
-                ),
-                x_scale="jac",
-                ftol=self.tolerance,
-                max_nfev=self.evaluations,
-            )
-            beta, error, converged = (
-                fit.x,
-                fit.fun.reshape(error.shape) / weight,
-                fit.status > 0,
-            )
-        warnings = [
-            *self.experiment.warnings,
-            *([] if converged else [f"output error {NOT_SETTLED}"]),
-        ]
-        residual = np.sqrt(np.mean(error[:, problem.n_joints :] ** 2, axis=0))
-        known = self._uncertainty(fit.jac, fit.fun, error, outputs)
-        return Estimate(
-            names=problem.names,
-            value=beta,
-            covariance=known.covariance,
-            residual=residual,
-            warnings=tuple(warnings),
-            freedom=known.freedom,
-        )
+        experiment = self.experiment
+        experiment.check(problem)
+        measured = _outputs(experiment.recordings)
+        beta = experiment.start
+        with _divergence(0):
+            error = measured - _outputs(experiment.simulate(beta))
 
-    def _uncertainty(
-        self,
-        jacobian: np.ndarray,
-        weighted: np.ndarray,
-        error: np.ndarray,
-        outputs: _Outputs,
-    ) -> Uncertainty:
-        """That of the estimate, without one stretch of time after the other."""
-        tangents = jacobian.reshape(*error.shape, -1)
-        recordings = self.experiment.recordings
-        lengths = [len(outputs.of([recording])) for recording in recordings]
-        group = np.repeat(np.arange(len(lengths)), lengths)
-        return jackknife(tangents, tangents, weighted.reshape(error.shape), group)
-
-
-class _Outputs:
-    """Position and torque of an experiment, filtered, trimmed and decimated; the last simulation is kept."""
-
-    def __init__(self, estimator: OutputError) -> None:
-        self._experiment, self._cutoff = estimator.experiment, estimator.cutoff
-        self._at, self._value = np.empty(0), np.empty(0)
-        self._tangents_at, self._tangents = np.empty(0), np.empty(0)
-
-    def of(self, recordings: Sequence[Recording]) -> np.ndarray:
-        """Of recordings, shape (M, 2 n)."""
-        return np.concatenate(
-            [self._filtered(np.hstack([r.q, np.asarray(r.tau)]), r) for r in recordings]
-        )
-
-    def at(self, beta: np.ndarray) -> np.ndarray:
-        """Simulated, shape (M, 2 n); infinite if the arm diverges, so that the step is taken back."""
-        if not np.array_equal(beta, self._at):
+        def residual(x: np.ndarray, scale: np.ndarray) -> np.ndarray:
             try:
-                self._value = self.of(self._experiment.simulate(beta))
-            except GapscopeError:
-                return np.full_like(self.of(self._experiment.recordings), np.inf)
-            self._at = beta.copy()
-        return self._value
+                return ((measured - _outputs(experiment.simulate(x))) / scale).ravel()
+            except GapscopeError:  # so that the step is taken back
+                return np.full(measured.size, np.inf)
 
-    def tangents(self, beta: np.ndarray) -> np.ndarray:
-        """Derivatives in beta, shape (M, 2 n, b)."""
-        if np.array_equal(beta, self._tangents_at):
-            return self._tangents
-        parts = []
-        for recording, by_q, by_tau in self._experiment.tangents(beta):
-            both = np.concatenate([by_q, by_tau], axis=1)
-            parts.append(self._filtered(both, recording))
-        self._tangents = np.concatenate(parts)
-        self._tangents_at = beta.copy()
-        return self._tangents
+        def slopes(x: np.ndarray, scale: np.ndarray) -> np.ndarray:
+            parts = [
+                _filtered(np.concatenate([by_q, by_tau], axis=1), recording)
+                for recording, by_q, by_tau in experiment.tangents(x)
+            ]
+            scaled = np.concatenate(parts) / scale[:, None]
+            return -scaled.reshape(measured.size, -1)
 
-    def _filtered(self, series: np.ndarray, recording: Recording) -> np.ndarray:
-        rate = recording.rate
-        edge, step = int(TRIM * rate), max(1, int(rate / (OVERSAMPLED * self._cutoff)))
-        return low_pass(series, rate, self._cutoff)[edge : len(series) - edge : step]
+        for _ in range(ROUNDS):
+            scale = np.maximum(_rms(error), 1e-12)
+            fit = least_squares(
+                residual,
+                beta,
+                slopes,
+                args=(scale,),
+                x_scale="jac",
+                ftol=SUM_SETTLED,
+                max_nfev=EVALUATIONS,
+            )
+            beta, error = fit.x, fit.fun.reshape(error.shape) * scale
+        warnings = experiment.warnings
+        if fit.status <= 0:
+            warnings += (f"output error {NOT_SETTLED}",)
+        # that of the estimate without one stretch of time after the other
+        tangents = fit.jac.reshape(*error.shape, -1)
+        lengths = [len(_outputs([recording])) for recording in experiment.recordings]
+        group = np.repeat(np.arange(len(lengths)), lengths)
+        known = jackknife(tangents, tangents, error / scale, group)
+        left = _rms(error[:, problem.n_joints :])
+        return _estimate(problem, beta, left, known, warnings)
+
+
+def _outputs(recordings: Sequence[Recording]) -> np.ndarray:
+    """Position and torque of recordings, filtered, trimmed and decimated, shape (M, 2 n)."""
+    return np.concatenate(
+        [_filtered(np.hstack([r.q, np.asarray(r.tau)]), r) for r in recordings]
+    )
+
+
+def _filtered(series: np.ndarray, recording: Recording) -> np.ndarray:
+    rate = recording.rate
+    edge, step = int(TRIM * rate), max(1, int(rate / (OVERSAMPLED * TORQUE_CUTOFF)))
+    return low_pass(series, rate, TORQUE_CUTOFF)[edge : len(series) - edge : step]

@@ -40,22 +40,23 @@ from gapscope.ident.excitation.limits import (
 from gapscope.ident.excitation.trajectory_search import (
     CRITERIA,
     KINDS,
+    RAMP,
     SAMPLES,
     Budget,
-    Evolution,
     ExcitationModel,
     Family,
-    GradientRefinement,
     Optimiser,
     Parametrisation,
-    ParticleSwarm,
-    RandomSearch,
     Separated,
     Separator,
     Signatures,
     TrajectorySearch,
     condition_number,
+    evolution,
     family,
+    random_search,
+    refinement,
+    swarm,
 )
 from gapscope.ident.model.regressor import JOINT_COLUMNS
 
@@ -212,14 +213,12 @@ def _refusal(margin: Margin, path: Path) -> GapscopeError:
 
 SHORTEST = 10.0
 """Duration if none is asked for, or one period if that is longer [s]."""
-RAMP = 1.0
-"""Length of the flanks in which a motion rises from rest and falls back [s]."""
 
-OPTIMISERS: dict[str, Callable[[], Optimiser]] = {
-    "random": RandomSearch,
-    "swarm": ParticleSwarm,
-    "cma": Evolution,
-    "gradient": GradientRefinement,
+OPTIMISERS: dict[str, Optimiser] = {
+    "random": random_search,
+    "swarm": swarm,
+    "cma": evolution,
+    "gradient": refinement,
 }
 """Optimisers by name."""
 
@@ -324,9 +323,7 @@ class ExcitationPlan:
 
     def family(self, n_joints: int) -> Family:
         """The family of trajectories for an arm of n joints."""
-        return family(
-            self.kind, n_joints, self.length, self.order, self.frequency, RAMP
-        )
+        return family(self.kind, n_joints, self.length, self.order, self.frequency)
 
 
 @dataclass(frozen=True)
@@ -359,16 +356,10 @@ class LimitPlan:
         Raises:
             InputError: they leave no room, or a number makes no sense.
         """
-        for name, least in (
-            ("torque", 0.0),
-            ("margin", 0.0),
-            ("singular", 0.0),
-            ("clearance", 0.0),
-        ):
+        for name in ("torque", "margin", "singular", "clearance"):
             value = getattr(self, name)
-            if not (np.isfinite(value) and value >= least) or (
-                name == "torque" and value == 0
-            ):
+            none = value < 0 or (name == "torque" and value == 0)
+            if none or not np.isfinite(value):
                 raise InputError(
                     f"{value:g} makes no sense", "give a number above zero", where=name
                 )
@@ -377,12 +368,7 @@ class LimitPlan:
         check_motion_limits(motion)
         effort = body.effort_limits() if arm.torque_limit is None else arm.torque_limit
         torque = self.torque * np.where(effort > 0, effort, np.inf)
-        return Allowed(
-            motion=motion,
-            torque=torque,
-            singular=self.singular,
-            clearance=self.clearance,
-        )
+        return Allowed(motion, torque, self.singular, self.clearance)
 
     def collision(self, arm: NominalArm, body: RigidBody) -> CollisionModel | None:
         """The collision shapes of an arm, or ``None`` if collisions are not checked.
@@ -564,7 +550,7 @@ def design(
     """
     prepared = prepare(arm, plan, limits, progress, separator, body)
     begun = time.monotonic()
-    OPTIMISERS[plan.method]().run(prepared.search, rng)
+    OPTIMISERS[plan.method](prepared.search, rng)
     seconds = time.monotonic() - begun
     accepted = accept(prepared.search, prepared.final, plan)
     found = _result(arm, plan, prepared, accepted, seconds)
@@ -619,12 +605,7 @@ def prepare(
         progress=progress,
         samples=samples,
     )
-    return Prepared(
-        search=search,
-        final=final,
-        separator=separator,
-        body=body,
-    )
+    return Prepared(search, final, separator, body)
 
 
 class Accepted(NamedTuple):

@@ -170,36 +170,21 @@ class Checker:
             (limits.upper + limits.lower) / 2,
             (limits.upper - limits.lower) / 2,
         )
-        rad, speed, acceleration, jerk, force = (
-            common_unit(unit, self._arm.sliding)
-            for unit in ("rad", "rad/s", "rad/s^2", "rad/s^3", "N m")
-        )
-        out = [
-            _margin("position", rad, half, half - np.abs(motion.q - middle), t),
-            _margin(
-                "velocity",
-                speed,
-                limits.velocity,
-                limits.velocity - np.abs(motion.dq),
-                t,
-            ),
-            _margin(
-                "acceleration",
-                acceleration,
-                limits.acceleration,
-                limits.acceleration - np.abs(motion.ddq),
-                t,
-            ),
-            _margin(
-                "torque", force, allowed.torque, allowed.torque - np.abs(torque), t
-            ),
+        wanted = [
+            ("position", "rad", half, motion.q - middle),
+            ("velocity", "rad/s", limits.velocity, motion.dq),
+            ("acceleration", "rad/s^2", limits.acceleration, motion.ddq),
+            ("torque", "N m", allowed.torque, torque),
         ]
         if len(t) > 1:
             # over each step, counted at its end
-            change = np.abs(np.diff(motion.ddq, axis=0)) * motion.rate
-            out.append(
-                _margin("jerk", jerk, allowed.jerk, allowed.jerk - change, t[1:])
-            )
+            change = np.diff(motion.ddq, axis=0) * motion.rate
+            wanted.append(("jerk", "rad/s^3", allowed.jerk, change))
+        out = []
+        for name, unit, limit, values in wanted:
+            own = common_unit(unit, self._arm.sliding)
+            slack = limit - np.abs(values)
+            out.append(_margin(name, own, limit, slack, t[len(t) - len(slack) :]))
         if allowed.singular > 0:
             slack = self.singular_value(motion.q) - allowed.singular
             out.append(
@@ -275,13 +260,7 @@ def _margin(
 ) -> Margin:
     relative = slack / limit if name not in ("singular value", "distance") else slack
     worst = relative if relative.ndim == 1 else relative.min(axis=1)
-    return Margin(
-        name=name,
-        unit=unit,
-        limit=limit,
-        margin=slack.min(axis=0),
-        at=float(t[int(worst.argmin())]),
-    )
+    return Margin(name, unit, limit, slack.min(axis=0), float(t[int(worst.argmin())]))
 
 
 def check_motion_limits(limits: Limits) -> None:

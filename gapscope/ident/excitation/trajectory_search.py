@@ -5,7 +5,8 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
@@ -35,46 +36,16 @@ from gapscope.ident.model.regressor import Regressor
 # Families of trajectories, each q(t) = q0 + B(t) C: a basis over time, and coefficients C from free numbers.
 
 
+RAMP = 1.0
+"""Length of the flanks in which a motion rises from rest and falls back [s]."""
+
+
 class Basis(NamedTuple):
     """B(t) and its first two derivatives, each of shape (N, m); 1, 1/s, 1/s^2."""
 
     position: np.ndarray
     velocity: np.ndarray
     acceleration: np.ndarray
-
-
-class Family(Protocol):
-    """A family of trajectories of n joints, at rest at both ends."""
-
-    @property
-    def n_joints(self) -> int:
-        """Number n of joints."""
-
-    @property
-    def duration(self) -> float:
-        """Length [s]."""
-
-    @property
-    def size(self) -> int:
-        """Count of free numbers that the coefficients are made of."""
-
-    @property
-    def highest_frequency(self) -> float:
-        """Highest frequency in the motion [Hz]."""
-
-    def basis(self, t: np.ndarray) -> Basis:
-        """B at times t [s] of shape (N,)."""
-
-    def coefficients(self, free: np.ndarray) -> np.ndarray:
-        """C before scaling to the limits, shape (m, n), of free numbers of shape (size,)."""
-
-    def pullback(self, free: np.ndarray, gradient: np.ndarray) -> np.ndarray:
-        """Gradient by the free numbers, shape (size,), from that by C, shape (m, n)."""
-
-    def reference(
-        self, centre: np.ndarray, coefficients: np.ndarray
-    ) -> ReferenceMotion:
-        """The trajectory about q0 [rad], shape (n,), with C [rad], shape (m, n)."""
 
 
 @dataclass(frozen=True)
@@ -86,14 +57,12 @@ class FourierFamily:
         duration: [s].
         order: number of harmonics.
         frequency: of the first harmonic [Hz].
-        ramp: length of the window's flanks [s].
     """
 
     n_joints: int
     duration: float
     order: int
     frequency: float
-    ramp: float = 1.0
 
     @property
     def size(self) -> int:
@@ -103,19 +72,11 @@ class FourierFamily:
     @property
     def highest_frequency(self) -> float:
         """That of the last harmonic, or of the window if its flanks are steeper [Hz]."""
-        return max(self.order * self.frequency, 0.5 / self.ramp)
+        return max(self.order * self.frequency, 0.5 / RAMP)
 
     def basis(self, t: np.ndarray) -> Basis:
         """Windowed sines, then windowed cosines; m = 2 order."""
-        sine, cosine = (np.eye(self.order, 2 * self.order, k) for k in (0, self.order))
-        series = Fourier(
-            centre=np.zeros(2 * self.order),
-            sine=sine,
-            cosine=cosine,
-            frequency=self.frequency,
-            duration=self.duration,
-            ramp=self.ramp,
-        )
+        series = self.reference(np.zeros(2 * self.order), np.eye(2 * self.order))
         return Basis(series.position(t), series.velocity(t), series.acceleration(t))
 
     def coefficients(self, free: np.ndarray) -> np.ndarray:
@@ -135,7 +96,7 @@ class FourierFamily:
             cosine=cosine,
             frequency=self.frequency,
             duration=self.duration,
-            ramp=self.ramp,
+            ramp=RAMP,
         )
 
     @property
@@ -224,13 +185,12 @@ KINDS = ("fourier", "quintic", "multisine")
 """Names of the families."""
 
 
+Family = FourierFamily | QuinticFamily
+"""A family of trajectories of n joints, at rest at both ends; C from ``size`` free numbers."""
+
+
 def family(
-    kind: str,
-    n_joints: int,
-    duration: float,
-    order: int,
-    frequency: float,
-    ramp: float = 1.0,
+    kind: str, n_joints: int, duration: float, order: int, frequency: float
 ) -> Family:
     """A family by its name; a quintic has 2 order way points, as many free numbers as the Fourier series.
 
@@ -241,7 +201,7 @@ def family(
     if kind == "quintic":
         return QuinticFamily(n_joints, duration, 2 * order)
     made = FourierFamily if kind == "fourier" else MultisineFamily
-    return made(n_joints, duration, order, frequency, ramp)
+    return made(n_joints, duration, order, frequency)
 
 
 # From unbounded numbers to trajectories that keep their limits of position, velocity and acceleration.
@@ -264,6 +224,11 @@ class _Decoded(NamedTuple):
     gain: np.ndarray
     active: np.ndarray
     sign: np.ndarray
+
+    @property
+    def coefficients(self) -> np.ndarray:
+        """C [rad], shape (m, n)."""
+        return np.asarray(self.share * self.gain * self.raw)
 
 
 class Parametrisation:
@@ -296,14 +261,13 @@ class Parametrisation:
     def reference(self, x: np.ndarray) -> ReferenceMotion:
         """The trajectory."""
         found = self._decode(x)
-        return self.family.reference(found.centre, found.share * found.gain * found.raw)
+        return self.family.reference(found.centre, found.coefficients)
 
     def motion(self, x: np.ndarray, t: np.ndarray, basis: Basis) -> Motion:
         """The motion at times t [s], shape (N,), at which ``basis`` was taken."""
-        decoded = self._decode(x)
-        coefficients = decoded.share * decoded.gain * decoded.raw
-        q, dq, ddq = (rows @ coefficients for rows in basis)
-        return Motion(t, decoded.centre + q, dq, ddq)
+        found = self._decode(x)
+        q, dq, ddq = (rows @ found.coefficients for rows in basis)
+        return Motion(t, found.centre + q, dq, ddq)
 
     def pullback(
         self,
@@ -454,19 +418,10 @@ def condition_number(matrix: np.ndarray) -> float:
     return float(np.linalg.cond(flat / norms))
 
 
-def _log_condition(values: np.ndarray) -> float:
-    return 0.5 * float(np.log(values[-1] / values[0]))
-
-
-def _log_condition_slope(values: np.ndarray) -> np.ndarray:
+def _ends(values: np.ndarray, least: float, largest: float) -> np.ndarray:
+    """A slope by the logarithms of the least and the largest eigenvalue alone, (b,)."""
     out = np.zeros_like(values)
-    out[0], out[-1] = -0.5 / values[0], 0.5 / values[-1]
-    return out
-
-
-def _least_slope(values: np.ndarray) -> np.ndarray:
-    out = np.zeros_like(values)
-    out[0] = -0.5 / values[0]
+    out[0], out[-1] = least / values[0], largest / values[-1]
     return out
 
 
@@ -474,8 +429,8 @@ CRITERIA = {
     "condition": Criterion(
         name="condition",
         scaling="unit",
-        value=_log_condition,
-        slope=_log_condition_slope,
+        value=lambda v: 0.5 * float(np.log(v[-1] / v[0])),
+        slope=lambda v: _ends(v, -0.5, 0.5),
     ),
     "d": Criterion(
         name="d",
@@ -487,17 +442,12 @@ CRITERIA = {
         name="e",
         scaling="fixed",
         value=lambda v: -0.5 * float(np.log(v[0])),
-        slope=_least_slope,
+        slope=lambda v: _ends(v, -0.5, 0.0),
     ),
 }
 """``condition``: log of the condition number, columns scaled to unit norm [gautier1992]. ``d``: minus the mean log of
 the singular values, half the log determinant over b; ``e``: minus the log of the smallest singular value
 [swevers2007]."""
-
-
-def criterion(name: str) -> Criterion:
-    """A criterion by its name; raises ``InputError`` if there is none."""
-    return CRITERIA[check_known("criterion", name, CRITERIA, where="criterion")]
 
 
 # How well a trajectory separates effects from each other and from the base parameters.
@@ -597,14 +547,10 @@ def _column_space(columns: np.ndarray) -> np.ndarray:
 
 def _least_angle(first: np.ndarray, second: np.ndarray) -> float:
     """Least principal angle between two column spaces [rad]; 0 if one of them is empty."""
-    first, second = _without_zeros(first), _without_zeros(second)
-    if not first.size or not second.size:
+    shown = [x[:, np.linalg.norm(x, axis=0) > 1e-9] for x in (first, second)]
+    if not all(x.size for x in shown):
         return 0.0
-    return float(subspace_angles(first, second).min())
-
-
-def _without_zeros(columns: np.ndarray) -> np.ndarray:
-    return columns[:, np.linalg.norm(columns, axis=0) > 1e-9]
+    return float(subspace_angles(*shown).min())
 
 
 # Model that scores a candidate: the base columns of its regressor and its torque, with exact derivatives.
@@ -742,10 +688,7 @@ class Budget:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        for name, value in (
-            ("evaluations", self.evaluations),
-            ("seconds", self.seconds),
-        ):
+        for name, value in vars(self).items():
             if value is not None and not value > 0:
                 raise InputError(
                     f"a budget of {value:g} is spent at once",
@@ -779,13 +722,14 @@ class Found:
     evaluations: int
 
 
+@dataclass
 class TrajectorySearch:
     """Scores candidates and keeps the best ones.
 
     The score is the value of the criterion plus a penalty for torque, singular values and distances that break their
     limits, which are somewhat tighter here than the final ones, for what lies between the samples.
 
-    Args:
+    Attributes:
         parametrisation: of the trajectories.
         model: of the arm.
         criterion: to be made small; with ``signatures``, minus the log of the separation is made small instead.
@@ -794,39 +738,31 @@ class TrajectorySearch:
         signatures: of the effects to separate, or ``None``.
         progress: called with the share of the budget spent [1] and the best value so far, or infinity.
         samples: of a candidate during the search.
-
-    Attributes:
         found: candidates that keep all limits, each better than those before it.
         evaluations: spent.
         judged: number of candidates scored.
         feasible: number of candidates that kept all limits.
     """
 
-    def __init__(
-        self,
-        parametrisation: Parametrisation,
-        model: ExcitationModel,
-        criterion: Criterion,
-        checker: Checker,
-        budget: Budget,
-        signatures: Separator | None = None,
-        progress: Callable[[float, float], None] = lambda share, best: None,
-        samples: int = SAMPLES,
-    ) -> None:
-        self.parametrisation = parametrisation
-        self.model = model
-        self.checker = checker
-        self._criterion = criterion
-        self._budget = budget
-        self._signatures = signatures
-        self._progress = progress
-        self._t = np.linspace(0.0, parametrisation.family.duration, samples)
-        self._basis = parametrisation.family.basis(self._t)
+    parametrisation: Parametrisation
+    model: ExcitationModel
+    criterion: Criterion
+    checker: Checker
+    budget: Budget
+    signatures: Separator | None = None
+    progress: Callable[[float, float], None] = lambda share, best: None
+    samples: int = SAMPLES
+    found: list[Found] = field(init=False, default_factory=list)
+    evaluations: int = field(init=False, default=0)
+    judged: int = field(init=False, default=0)
+    feasible: int = field(init=False, default=0)
+
+    def __post_init__(self) -> None:
+        """Sample the basis, and start the clock."""
+        family = self.parametrisation.family
+        self._t = np.linspace(0.0, family.duration, self.samples)
+        self._basis = family.basis(self._t)
         self._start = time.monotonic()
-        self.found: list[Found] = []
-        self.evaluations = 0
-        self.judged = 0
-        self.feasible = 0
         self._broken = np.zeros(len(PENALISED), dtype=int)
 
     @property
@@ -837,7 +773,7 @@ class TrajectorySearch:
     @property
     def share(self) -> float:
         """Share of the budget that is spent [1]."""
-        evaluations, seconds = self._budget.evaluations, self._budget.seconds
+        evaluations, seconds = self.budget.evaluations, self.budget.seconds
         share = 0.0
         if evaluations:
             share = self.evaluations / evaluations
@@ -851,11 +787,6 @@ class TrajectorySearch:
         first, *others = np.argsort(-self._broken, kind="stable")
         often = [i for i in others if 2 * self._broken[i] >= self.judged]
         return tuple(PENALISED[i] for i in (first, *often))
-
-    @property
-    def has_gradient(self) -> bool:
-        """Whether the criterion has an analytic gradient."""
-        return self._signatures is None
 
     def score(self, x: np.ndarray) -> float:
         """Score of a candidate, shape (d,)."""
@@ -884,7 +815,7 @@ class TrajectorySearch:
             if slack[worst] < 0:
                 by_position[k, worst] -= self._slope(motion.q[worst], k) / scale
         weight = PENALTY * np.minimum(np.array(breaches) / TOLERATED, 1.0)
-        by_matrix = self._criterion.gradient(matrix, self.model.reference)
+        by_matrix = self.criterion.gradient(matrix, self.model.reference)
         by_q, by_dq, by_ddq = self.model.pullback(
             motion, by_matrix, weight[0] * by_torque
         )
@@ -893,9 +824,9 @@ class TrajectorySearch:
         return self._note(x, value, breaches), gradient
 
     def _value(self, motion: Motion, matrix: np.ndarray) -> float:
-        if self._signatures is None:
-            return self._criterion.evaluate(matrix, self.model.reference)
-        separation = self._signatures.separate(motion, matrix).least
+        if self.signatures is None:
+            return self.criterion.evaluate(matrix, self.model.reference)
+        separation = self.signatures.separate(motion, matrix).least
         return -float(np.log(max(separation, 1e-12)))
 
     def _note(self, x: np.ndarray, value: float, breaches: list[float]) -> float:
@@ -909,7 +840,7 @@ class TrajectorySearch:
             if not self.found or value < self.found[-1].value:
                 self.found.append(Found(np.array(x), value, self.evaluations))
         best = self.found[-1].value if self.found else np.inf
-        self._progress(self.share, best)
+        self.progress(self.share, best)
         # quadratic up to what is tolerated, linear beyond, with a continuous slope
         quadratic, linear = breach**2 / (2 * TOLERATED), breach - TOLERATED / 2
         penalties = np.where(breach < TOLERATED, quadratic, linear)
@@ -947,23 +878,31 @@ class TrajectorySearch:
         return (up - down) / (2 * step)
 
 
-# What an optimiser of trajectories is.
+# Optimisers: each spends the budget of a search; what it found lies in ``search.found``.
 
 
-class Optimiser(Protocol):
-    """Spends the budget of a search; what it found lies in ``search.found``."""
+Optimiser = Callable[[TrajectorySearch, np.random.Generator], None]
 
-    def run(self, search: TrajectorySearch, rng: np.random.Generator) -> None:
-        """Judge candidates until the budget is spent."""
+
+def random_search(
+    search: TrajectorySearch, rng: np.random.Generator, feasible: float = np.inf
+) -> None:
+    """Independent draws of standard normal numbers, until the budget is spent or so many kept all limits."""
+    while not search.spent and search.feasible < feasible:
+        search.score(search.parametrisation.draw(rng))
+
+
+STARTS = 0.05
+"""Share of the budget for the random candidates of each start [1]."""
 
 
 def random_starts(
-    search: TrajectorySearch, rng: np.random.Generator, share: float, count: int
+    search: TrajectorySearch, rng: np.random.Generator, count: int
 ) -> np.ndarray:
-    """The best of random candidates, best first, shape (count, d), for a share of the whole budget."""
+    """The best of random candidates, best first, shape (count, d), for ``STARTS`` of the whole budget."""
     candidates: list[np.ndarray] = []
     scores: list[float] = []
-    end = search.share + share
+    end = search.share + STARTS
     while len(candidates) < count or (search.share < end and not search.spent):
         x = search.parametrisation.draw(rng)
         candidates.append(x)
@@ -983,156 +922,92 @@ class _SpentError(Exception):
     """The budget is spent."""
 
 
-@dataclass(frozen=True)
-class GradientRefinement:
+def refinement(search: TrajectorySearch, rng: np.random.Generator) -> None:
     """L-BFGS from the best of random candidates; from new ones if it can go no further.
 
     A criterion has edges where eigenvalues or broken limits swap places. There the descent stalls, and is begun anew
     without its memory of curvature as long as that helps.
-
-    Attributes:
-        starts: share of the budget for the random candidates of each start [1].
     """
 
-    starts: float = 0.05
+    def objective(x: np.ndarray) -> tuple[float, np.ndarray]:
+        if search.spent:
+            raise _SpentError
+        return search.score_and_gradient(x)
 
-    def run(self, search: TrajectorySearch, rng: np.random.Generator) -> None:
-        """Refine until the budget is spent.
-
-        Raises:
-            InputError: the criterion has no gradient.
-        """
-        if not search.has_gradient:
-            raise InputError(
-                "separation has no analytic gradient",
-                "use cma, swarm or random",
-                where="optimiser",
-            )
-
-        def objective(x: np.ndarray) -> tuple[float, np.ndarray]:
-            if search.spent:
-                raise _SpentError
-            return search.score_and_gradient(x)
-
+    options = {"maxcor": 30}
+    with suppress(_SpentError):
         while not search.spent:
-            x, before = random_starts(search, rng, self.starts, 1)[0], np.inf
-            try:
-                while True:
-                    done = minimize(
-                        objective,
-                        x,
-                        jac=True,
-                        method="L-BFGS-B",
-                        options={"maxcor": 30},
-                    )
-                    if before - done.fun < WORTH:
-                        break
-                    x, before = done.x, float(done.fun)
-            except _SpentError:
-                return
-
-
-# Random search.
-
-
-@dataclass(frozen=True)
-class RandomSearch:
-    """Independent draws of standard normal numbers.
-
-    Attributes:
-        feasible: ends when so many candidates kept all limits; ``None`` for any.
-    """
-
-    feasible: int | None = None
-
-    def run(self, search: TrajectorySearch, rng: np.random.Generator) -> None:
-        """Draw until the budget is spent, or enough candidates kept all limits."""
-        most = np.inf if self.feasible is None else self.feasible
-        while not search.spent and search.feasible < most:
-            search.score(search.parametrisation.draw(rng))
+            x, before = random_starts(search, rng, 1)[0], np.inf
+            while True:
+                done = minimize(
+                    objective, x, jac=True, method="L-BFGS-B", options=options
+                )
+                if before - done.fun < WORTH:
+                    break
+                x, before = done.x, float(done.fun)
 
 
 # CMA-ES: evolution with an adapted covariance.
 
 
-@dataclass(frozen=True)
-class Evolution:
-    """CMA-ES [hansen2016] by the package ``cma``, from the best of random candidates; started anew if it stalls.
+SPREAD = 0.3
+"""Initial standard deviation, in that of random draws [1]."""
 
-    Attributes:
-        spread: initial standard deviation, in that of random draws [1].
-        population: candidates per generation; by default 4 + 3 log d.
-    """
 
-    spread: float = 0.3
-    population: int | None = None
+def evolution(search: TrajectorySearch, rng: np.random.Generator) -> None:
+    """CMA-ES [hansen2016] by the package ``cma``, from the best of random candidates; started anew if it stalls."""
+    import cma
 
-    def run(self, search: TrajectorySearch, rng: np.random.Generator) -> None:
-        """Evolve until the budget is spent."""
-        import cma
-
-        options: dict[str, Any] = {
-            "verbose": -9,
-            "seed": np.nan,  # the generator that is passed in draws, not numpy's global one
-            "randn": lambda *shape: rng.standard_normal(shape),
-            "maxfevals": np.inf,
-        }
-        if self.population is not None:
-            options["popsize"] = self.population
-        # a run that has converged is begun anew elsewhere
-        while not search.spent:
-            start = random_starts(search, rng, 0.05, 1)[0]
-            evolution = cma.CMAEvolutionStrategy(start, self.spread, options)
-            while not search.spent and not evolution.stop():
-                candidates = evolution.ask()
-                scores = []
-                for x in candidates:
-                    scores.append(search.score(np.asarray(x)))
-                    if search.spent:
-                        return
-                evolution.tell(candidates, scores)
+    options: dict[str, Any] = {
+        "verbose": -9,
+        "seed": np.nan,  # the generator that is passed in draws, not numpy's global one
+        "randn": lambda *shape: rng.standard_normal(shape),
+        "maxfevals": np.inf,
+    }
+    # a run that has converged is begun anew elsewhere
+    while not search.spent:
+        start = random_starts(search, rng, 1)[0]
+        strategy = cma.CMAEvolutionStrategy(start, SPREAD, options)
+        while not search.spent and not strategy.stop():
+            candidates = strategy.ask()
+            scores = []
+            for x in candidates:
+                scores.append(search.score(np.asarray(x)))
+                if search.spent:
+                    return
+            strategy.tell(candidates, scores)
 
 
 # Particle swarm.
 
 
+PARTICLES = 40
+INERTIA, PULL = 0.7298, 1.4962
+"""w and c of a swarm [1]."""
 REACH = 3.0
 """Particles stay within this many standard deviations of a random draw."""
 
 
-@dataclass(frozen=True)
-class ParticleSwarm:
+def swarm(search: TrajectorySearch, rng: np.random.Generator) -> None:
     """A particle swarm with the constriction of [clerc2002].
 
     v <- w v + c r1 (own best - x) + c r2 (best of all - x), x <- x + v, with r1, r2 uniform per coordinate.
-
-    Attributes:
-        particles: how many.
-        inertia: w [1].
-        pull: c [1].
     """
-
-    particles: int = 40
-    inertia: float = 0.7298
-    pull: float = 1.4962
-
-    def run(self, search: TrajectorySearch, rng: np.random.Generator) -> None:
-        """Move the swarm until the budget is spent."""
-        x = random_starts(search, rng, 0.05, self.particles)
-        best = x.copy()
-        scores = np.array([search.score(particle) for particle in x])
-        v = 0.1 * rng.standard_normal(x.shape)
-        while not search.spent:
-            for i in range(self.particles):
-                leader = best[int(scores.argmin())]
-                own, common = rng.uniform(0.0, self.pull, (2, x.shape[1]))
-                to_own, to_leader = best[i] - x[i], leader - x[i]
-                v[i] = self.inertia * v[i] + own * to_own + common * to_leader
-                # far out all candidates map to the edge of the limits
-                x[i] = np.clip(x[i] + v[i], -REACH, REACH)
-                score = search.score(x[i])
-                if score < scores[i]:
-                    best[i] = x[i]
-                    scores[i] = score
-                if search.spent:
-                    break
+    x = random_starts(search, rng, PARTICLES)
+    best = x.copy()
+    scores = np.array([search.score(particle) for particle in x])
+    v = 0.1 * rng.standard_normal(x.shape)
+    while not search.spent:
+        for i in range(PARTICLES):
+            leader = best[int(scores.argmin())]
+            own, common = rng.uniform(0.0, PULL, (2, x.shape[1]))
+            to_own, to_leader = best[i] - x[i], leader - x[i]
+            v[i] = INERTIA * v[i] + own * to_own + common * to_leader
+            # far out all candidates map to the edge of the limits
+            x[i] = np.clip(x[i] + v[i], -REACH, REACH)
+            score = search.score(x[i])
+            if score < scores[i]:
+                best[i] = x[i]
+                scores[i] = score
+            if search.spent:
+                break

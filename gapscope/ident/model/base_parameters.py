@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.linalg import get_lapack_funcs, qr, solve_triangular
+from scipy.linalg import qr, solve_triangular
 
 from gapscope.arm.dynamics.rigid_body import INERTIAL_PARAMETERS
 from gapscope.arm.errors import InputError
@@ -100,247 +99,55 @@ def rank_by_gap(spectrum: np.ndarray, tolerance: float = DEPENDENT) -> int:
     return int(small[end])
 
 
-def gap_at(spectrum: np.ndarray, rank: int) -> float:
-    """Ratio of the last value that counts to the first that does not; infinite if all count."""
-    return (
-        float("inf")
-        if len(spectrum) <= rank
-        else float(spectrum[rank - 1] / max(spectrum[rank], FLOOR))
-    )
+# Least squares by the triangular factor of its equations, in which no condition number is squared.
 
 
-# Streaming least squares: the triangular factor of a regressor of any length, in memory that does not grow.
-
-
-ROWS = 2000
-"""Rows that are factored at a time."""
-_SINGULAR = 1e-10
-_GEQRF, _GEQRF_LWORK = get_lapack_funcs(("geqrf", "geqrf_lwork"), dtype=np.float64)
-
-
-class TriangularFactor:
-    """R and Q^T tau of a regressor W and a torque tau that arrive in chunks of rows.
-
-    [W, tau] = Q [[R, z], [0, rho]] with orthogonal Q, which is not kept: each chunk is stacked below the triangle of
-    those before it and factored again (TSQR). R^T R = W^T W, but without the squared condition number of that product.
-    p columns.
-
-    Args:
-        columns: number p of columns of W.
+@dataclass(frozen=True)
+class Factor:
+    """Equations W beta = tau of any number of rows as a triangle: |tau - W beta|^2 = |z - R beta|^2 + rest.
 
     Attributes:
-        rows: number M of rows that were added.
-
-    Source: demmel2012.
+        triangle: R, shape (b, b).
+        rotated: z, shape (b,).
+        rest: squared norm of what no beta explains.
+        rows: number of equations.
     """
 
-    def __init__(self, columns: int) -> None:
-        self.rows = 0
-        self._columns = columns
-        self._stack = np.zeros((columns + 1 + ROWS, columns + 1), order="F")
-        self._work = int(_GEQRF_LWORK(*self._stack.shape)[0])
+    triangle: np.ndarray
+    rotated: np.ndarray
+    rest: float
+    rows: int
+
+    @classmethod
+    def of(cls, matrix: np.ndarray, torque: np.ndarray) -> Factor:
+        """The factor of equations, matrix of shape (M, b) and torque of shape (M,)."""
+        b = matrix.shape[1]
+        equations = np.column_stack([matrix, torque])
+        triangle = np.asarray(np.linalg.qr(equations, mode="r"))
+        # fewer equations than columns: rows of zeros complete the triangle
+        missing = max(0, b + 1 - len(triangle))
+        triangle = np.vstack([triangle, np.zeros((missing, b + 1))])
+        rest = float(triangle[b, b] ** 2)
+        return cls(triangle[:b, :b], triangle[:b, b], rest, len(matrix))
+
+    def select(self, columns: Sequence[int]) -> Factor:
+        """The factor of some columns of W, in the order given."""
+        part = Factor.of(self.triangle[:, columns], self.rotated)
+        return replace(part, rest=part.rest + self.rest, rows=self.rows)
 
     @property
-    def columns(self) -> int:
-        """Number p of columns."""
-        return self._columns
-
-    @property
-    def triangle(self) -> np.ndarray:
-        """R, shape (p, p), upper triangular; its diagonal may have either sign."""
-        return self._stack[: self._columns, : self._columns].copy()
-
-    @property
-    def projected(self) -> np.ndarray:
-        """The leading p entries z of Q^T tau, shape (p,)."""
-        return self._stack[: self._columns, self._columns].copy()
-
-    @property
-    def residual_norm(self) -> float:
-        """Norm rho of tau - W beta for the best beta [N m]."""
-        rest = self._stack[self._columns, self._columns]
-        if self._full_rank:
-            return float(abs(rest))
-        # rows of R without content have taken up some of tau
-        unexplained = self.projected - self.triangle @ self.solve()
-        return float(np.hypot(rest, np.linalg.norm(unexplained)))
-
-    def add(self, W: np.ndarray, tau: np.ndarray | None = None) -> None:
-        """Add rows.
-
-        Args:
-            W: shape (M, p) or (N, n, p).
-            tau: [N m], shape (M,) or (N, n); zeros if ``None``.
-
-        Raises:
-            InputError: values that are not finite, or shapes that do not match.
-        """
-        W = np.asarray(W)
-        self._check(
-            W.shape[-1] == self._columns,
-            f"expected {self._columns} columns, got {W.shape[-1]}",
-        )
-        W = W.reshape(-1, self._columns)
-        tau = np.zeros(len(W)) if tau is None else np.asarray(tau).ravel()
-        self._check(
-            len(tau) == len(W),
-            f"{len(W)} rows of the regressor, but {len(tau)} torques",
-        )
-        # rows that turn out not to be finite must leave the factor as it was
-        before = self._stack[: self._columns + 1].copy()
-        # chunks of fixed size bound the memory, whatever the length of the recording
-        for start in range(0, len(W), ROWS):
-            part = slice(start, start + ROWS)
-            self._absorb(W[part], tau[part])
-        if not np.isfinite(self._stack[: self._columns + 1]).all():
-            self._stack[: self._columns + 1] = before
-            self._check(False, "values that are not finite")
-        self.rows += len(W)
-
-    def merge(
-        self, other: TriangularFactor, columns: Sequence[int] | np.ndarray | None = None
-    ) -> None:
-        """Add all rows of another factor.
-
-        Args:
-            other: the other factor, such as one of another recording, joint or process.
-            columns: which columns of this factor are the other's, if it has fewer; shape (other.columns,).
-        """
-        places = np.arange(self._columns) if columns is None else np.asarray(columns)
-        self._check(
-            len(places) == other.columns,
-            f"expected {len(places)} columns, got {other.columns}",
-        )
-        top = other.columns + 1
-        # the rows of the other triangle replace all its rows
-        W = np.zeros((top, self._columns))
-        W[:, places] = other._stack[:top, : other.columns]
-        self._absorb(W, other._stack[:top, other.columns])
-        self.rows += other.rows
-
-    def scaled(self, factor: float) -> TriangularFactor:
-        """The factor of (factor W, factor tau), for weights."""
-        out = TriangularFactor(self._columns)
-        out._stack[:] = factor * self._stack
-        out.rows = self.rows
-        return out
-
-    def select(self, columns: Sequence[int] | np.ndarray) -> TriangularFactor:
-        """The factor of some columns of W, in the order given, such as those of base parameters."""
-        out = TriangularFactor(len(columns))
-        out._absorb(
-            self._stack[: self._columns + 1, columns],
-            self._stack[: self._columns + 1, self._columns],
-        )
-        out.rows = self.rows
-        return out
+    def freedom(self) -> int:
+        """Equations less parameters, at least 1."""
+        return max(self.rows - len(self.rotated), 1)
 
     def solve(self) -> np.ndarray:
-        """Beta that minimises the norm of tau - W beta, shape (p,); the shortest if several do."""
-        if self._full_rank:
-            return solve_triangular(self.triangle, self.projected)
-        return np.linalg.lstsq(self.triangle, self.projected, rcond=_SINGULAR)[0]
+        """The least-squares beta, shape (b,); R must be regular."""
+        return solve_triangular(self.triangle, self.rotated)
 
-    def covariance(self) -> np.ndarray:
-        """Covariance of ``solve`` for white noise, rho^2 / (M - p) (R^T R)^-1, shape (p, p); W of full rank."""
-        self._check(
-            self.rows > self._columns,
-            f"{self.rows} rows do not determine {self._columns} parameters",
-        )
-        variance = self.residual_norm**2 / (self.rows - self._columns)
-        inverse = solve_triangular(self.triangle, np.eye(self._columns))
-        return variance * inverse @ inverse.T
-
-    @property
-    def _full_rank(self) -> bool:
-        size = np.abs(np.diag(self._stack[: self._columns, : self._columns]))
-        return bool(size.min() > _SINGULAR * size.max())
-
-    def _absorb(self, W: np.ndarray, tau: np.ndarray) -> None:
-        """Factor the triangle so far and some rows below it into a new triangle."""
-        top = self._columns + 1
-        stack = self._stack[: top + len(W)]
-        # a part of the array is not contiguous in columns, which LAPACK needs
-        if len(W) < ROWS:
-            stack = np.asfortranarray(stack)
-        stack[top:, : self._columns] = W
-        stack[top:, self._columns] = tau
-        factored = _GEQRF(stack, lwork=self._work, overwrite_a=True)[0]
-        self._stack[:top] = np.triu(factored[:top])
-
-    @staticmethod
-    def _check(fine: bool, problem: str) -> None:
-        if not fine:
-            raise InputError(
-                problem, "check the regressor and the torque", where="streamed rows"
-            )
-
-
-class JointFactors:
-    """Triangular factors of each joint's rows, of which each involves only some columns; n joints, p columns.
-
-    Rows of a joint do not depend on the links before it and of other joints' friction, which makes their factors small.
-    Stacked with weights they give weighted least squares with one noise level per joint.
-
-    Args:
-        support: which columns each joint's rows involve, boolean, shape (n, p), as of ``Regressor.support``.
-    """
-
-    def __init__(self, support: np.ndarray) -> None:
-        self.support = np.asarray(support, dtype=bool)
-        self.places = [np.flatnonzero(row) for row in self.support]
-        self.joints = [TriangularFactor(len(places)) for places in self.places]
-
-    def add(self, Y: np.ndarray, tau: np.ndarray | None = None) -> None:
-        """Add samples: Y of shape (N, n, p) and tau [N m] of shape (N, n)."""
-        if tau is None:
-            tau = np.zeros(Y.shape[:2])
-        for i, factor in enumerate(self.joints):
-            places = self.places[i]
-            for start in range(0, len(Y), ROWS):
-                rows = slice(start, start + ROWS)
-                factor.add(Y[rows, i][:, places], tau[rows, i])
-
-    def merge(self, other: JointFactors) -> None:
-        """Add all samples of other factors with the same columns."""
-        for mine, others in zip(self.joints, other.joints, strict=True):
-            mine.merge(others)
-
-    def stacked(
-        self, weights: Sequence[float] | np.ndarray | None = None
-    ) -> TriangularFactor:
-        """The factor of all joints' rows, those of joint i times ``weights[i]`` [1/(N m) or 1], shape (n,)."""
-        out = TriangularFactor(self.support.shape[1])
-        for i, (factor, places) in enumerate(
-            zip(self.joints, self.places, strict=True)
-        ):
-            out.merge(
-                factor if weights is None else factor.scaled(float(weights[i])), places
-            )
-        return out
-
-
-def factored(
-    regressor: Regressor, motion: Motion, torque: np.ndarray | None = None
-) -> JointFactors:
-    """Factors of the regressor of a motion, which itself is never held: ``ROWS`` samples of it at a time.
-
-    Args:
-        regressor: of the arm.
-        motion: N samples.
-        torque: [N m], shape (N, n); zeros if ``None``, as base parameters do not need it.
-    """
-    factors, count = JointFactors(regressor.support), len(motion.t)
-    # one array for all chunks
-    room = np.empty((min(ROWS, count), *regressor.support.shape))
-    for start in range(0, count, ROWS):
-        rows = slice(start, min(start + ROWS, count))
-        chunk = Motion(
-            motion.t[rows], motion.q[rows], motion.dq[rows], motion.ddq[rows]
-        )
-        Y = regressor.matrix(chunk, room[: rows.stop - start])
-        factors.add(Y, None if torque is None else torque[rows])
-    return factors
+    def inverse_gram(self) -> np.ndarray:
+        """(W^T W)^-1, shape (b, b); R must be regular."""
+        inverse = solve_triangular(self.triangle, np.eye(len(self.triangle)))
+        return inverse @ inverse.T
 
 
 # Base parameters: the minimal combinations of pi that the torque depends on.
@@ -350,8 +157,6 @@ ACCELERATION = 5.0
 """Typical acceleration of random states [rad/s^2]."""
 _CLEAN = 1e-9
 _SPAN = 1e-4
-
-Preference = Literal["link", "kind"]
 
 
 @dataclass(frozen=True)
@@ -379,7 +184,9 @@ class BaseParameters:
     @property
     def gap(self) -> float:
         """Smallest kept over largest dropped pivot; infinite if none was dropped or pivots are not known."""
-        return gap_at(self.pivots, self.count)
+        if len(self.pivots) <= self.count:
+            return float("inf")
+        return float(self.pivots[self.count - 1] / max(self.pivots[self.count], FLOOR))
 
     @property
     def dropped(self) -> np.ndarray:
@@ -420,23 +227,16 @@ class BaseParameters:
 
 
 def base_parameters(
-    Y: np.ndarray,
-    names: Sequence[str],
-    tolerance: float = DEPENDENT,
-    preference: Preference = "link",
+    Y: np.ndarray, names: Sequence[str], tolerance: float = DEPENDENT
 ) -> BaseParameters:
     """Base parameters by QR of a regressor of enough random samples.
 
     The number b comes from the QR with column pivoting of the columns scaled to unit norm: it ends at the gap in the
-    spectrum of R's diagonal, see ``rank_by_gap``. Which parameters represent the combinations is a choice. Columns are
-    taken in an order of preference, and one that depends on those before it is folded into them:
-
-    - ``link``: from the base to the tip, within a link mass, first moment, inertia; then effects. What a link carries
-      is folded into the link that carries it, so that factors are levers and their squares (``mx2 + 0.5 m3``), as in
-      the classical regrouping rules of serial arms, and rotor inertia into the inertia of the link.
-    - ``kind``: all masses first, then all first moments, inertias, effects, each from the base to the tip. If a
-      mass can represent a combination, it does; factors are then inverse levers too, and the kept columns worse
-      conditioned.
+    spectrum of R's diagonal, see ``rank_by_gap``. Which parameters represent the combinations is a choice: columns are
+    taken from the base to the tip, within a link mass, first moment, inertia, then effects, and one that depends on
+    those before it is folded into them. What a link carries is so folded into the link that carries it, factors are
+    levers and their squares (``mx2 + 0.5 m3``), as in the classical regrouping rules of serial arms, and rotor inertia
+    goes into the inertia of the link.
 
     If that leaves another number than b, because data excite the arm poorly, the columns that the pivoting chose are
     kept.
@@ -445,19 +245,12 @@ def base_parameters(
         Y: stacked regressor, shape (M, p) or (N, n, p); or its triangular factor, shape (p, p).
         names: of the columns.
         tolerance: largest pivot of a dependent unit column.
-        preference: which parameters represent the combinations.
 
     Raises:
-        InputError: no such preference, values that are not finite, fewer rows than columns, or a regressor of zeros.
+        InputError: values that are not finite, fewer rows than columns, or a regressor of zeros.
 
     Source: gautier1991, gautier1990.
     """
-    if preference not in ("link", "kind"):
-        raise InputError(
-            f"{preference!r} is no preference",
-            "choose link or kind",
-            where="preference",
-        )
     names = tuple(names)
     scaled, norms = unit_triangle(Y, names)
     # how many: by the pivots, which reveal the rank
@@ -466,7 +259,7 @@ def base_parameters(
     count = rank_by_gap(pivots, tolerance)
     # which: in the order of preference, unless that finds another number
     border = _SPAN * pivots[count - 1]
-    kept = _independent(scaled, _order(names, preference), border)
+    kept = _independent(scaled, _order(names), border)
     if len(kept) != count:
         kept = places[:count]
     kept = np.sort(kept)
@@ -485,10 +278,7 @@ def base_parameters(
 
 
 def structural_base(
-    regressor: Regressor,
-    rng: np.random.Generator,
-    samples: int = 300,
-    preference: Preference = "link",
+    regressor: Regressor, rng: np.random.Generator, samples: int = 300
 ) -> BaseParameters:
     """Base parameters of an arm, whatever its recordings excite: of random states within the arm's limits.
 
@@ -496,14 +286,9 @@ def structural_base(
         regressor: of the arm, with the columns wanted.
         rng: source of the states.
         samples: number N of states; at least p / n.
-        preference: which parameters represent the combinations, see ``base_parameters``.
     """
-    return base_parameters(
-        regressor.matrix(random_states(regressor, rng, samples)),
-        regressor.names,
-        DEPENDENT,
-        preference,
-    )
+    states = random_states(regressor, rng, samples)
+    return base_parameters(regressor.matrix(states), regressor.names)
 
 
 def random_states(
@@ -538,20 +323,14 @@ def _independent(scaled: np.ndarray, order: Sequence[int], border: float) -> np.
     return np.array(kept, dtype=int)
 
 
-def _order(names: Sequence[str], preference: Preference) -> list[int]:
-    """Places of the columns in the order of preference."""
+def _order(names: Sequence[str]) -> list[int]:
+    """Places of the columns in the order of preference: link by link, effects last in their order."""
 
     def key(place: int) -> tuple[int, ...]:
         found = re.fullmatch(r"([A-Za-z]+)(\d+)", names[place])
         if found is None or found[1] not in INERTIAL_PARAMETERS:
-            return (1, 0, 0, place)  # effects come last, in their order
-        link = int(found[2])
-        within_link = INERTIAL_PARAMETERS.index(found[1])
-        if preference == "link":
-            return (0, link, within_link, place)
-        # mass, three first moments, six inertias
-        kind = 0 if within_link == 0 else 1 if within_link < 4 else 2
-        return (0, kind, link, within_link)
+            return (1, place)
+        return (0, int(found[2]), INERTIAL_PARAMETERS.index(found[1]))
 
     return sorted(range(len(names)), key=key)
 
@@ -573,59 +352,8 @@ def _expression(
 # Base parameters in orthonormal combinations, by singular value decomposition.
 
 
-@dataclass(frozen=True)
-class OrthonormalBase:
-    """Base parameters gamma = V1^T pi, co-ordinates of pi in the row space of Y; b of p parameters.
-
-    The pi of least norm with the same torque is V1 gamma.
-
-    Attributes:
-        names: names of pi, shape (p,).
-        basis: V1, shape (p, b), orthonormal columns.
-        singular_values: of the unit columns of Y, shape (p,), falling; empty if not known.
-
-    Source: gautier1991.
-    """
-
-    names: tuple[str, ...]
-    basis: np.ndarray
-    singular_values: np.ndarray = field(default_factory=lambda: np.empty(0))
-
-    @property
-    def count(self) -> int:
-        """Number b of base parameters."""
-        return self.basis.shape[1]
-
-    @property
-    def gap(self) -> float:
-        """Smallest singular value that counts over the largest that does not."""
-        return gap_at(self.singular_values, self.count)
-
-    def of(self, parameters: np.ndarray) -> np.ndarray:
-        """Gamma = V1^T pi, shape (b,)."""
-        return self.basis.T @ parameters
-
-    def spread(self, gamma: np.ndarray) -> np.ndarray:
-        """Pi = V1 gamma, the shortest with this torque; shape (p,)."""
-        return self.basis @ gamma
-
-    def matrix(self, Y: np.ndarray) -> np.ndarray:
-        """Y V1, the regressor of gamma, shape (..., b), of Y of shape (..., p)."""
-        return Y @ self.basis
-
-    def to_base(self, base: BaseParameters) -> np.ndarray:
-        """T with beta = T gamma, shape (b, b)."""
-        return base.combination @ self.basis
-
-    def from_base(self, base: BaseParameters) -> np.ndarray:
-        """T with gamma = T beta, shape (b, b)."""
-        return np.linalg.inv(self.to_base(base))
-
-
-def orthonormal_base(
-    Y: np.ndarray, names: Sequence[str], tolerance: float = DEPENDENT
-) -> OrthonormalBase:
-    """Base parameters by singular value decomposition of a regressor of enough random samples.
+def orthonormal_base(Y: np.ndarray, names: Sequence[str]) -> np.ndarray:
+    """V1, shape (p, b): gamma = V1^T pi are co-ordinates of pi in the row space of Y, V1 gamma the shortest such pi.
 
     The right singular vectors of the unit columns that belong to values behind the gap, scaled back, span the pi
     without torque; V1 spans what is orthogonal to them.
@@ -633,22 +361,19 @@ def orthonormal_base(
     Args:
         Y: stacked regressor, shape (M, p) or (N, n, p); or its triangular factor, shape (p, p).
         names: of the columns.
-        tolerance: largest singular value that can count as nil.
 
     Raises:
         InputError: values that are not finite, fewer rows than columns, or a regressor of zeros.
 
     Source: gautier1991.
     """
-    names = tuple(names)
     scaled, norms = unit_triangle(Y, names)
     _, values, right = np.linalg.svd(scaled)
-    count = rank_by_gap(values, tolerance)
+    count = rank_by_gap(values)
     without_torque = right[count:].T / norms[:, None]
     unit = without_torque / np.linalg.norm(without_torque, axis=0)
     # a complete Q spans the pi without torque first, and then their orthogonal complement
-    full = np.linalg.qr(unit, mode="complete")[0]
-    return OrthonormalBase(names, full[:, len(names) - count :], values)
+    return np.linalg.qr(unit, mode="complete")[0][:, len(names) - count :]
 
 
 # Essential parameters: those base parameters that a recording needs to be explained.
@@ -668,12 +393,12 @@ class Dropped:
 
     Attributes:
         name: of the parameter.
-        relative_deviation: standard deviation over magnitude when it was dropped [1].
+        relative_std: standard deviation over magnitude when it was dropped [1].
         contribution: RMS torque that it alone explained then, over the RMS of the torque [1].
     """
 
     name: str
-    relative_deviation: float
+    relative_std: float
     contribution: float
 
 
@@ -683,56 +408,32 @@ class EssentialParameters:
 
     Attributes:
         names: of the essential parameters, shape (e,).
-        places: theirs among the b base parameters, shape (e,), ascending.
         value: their least-squares estimate without the others, shape (e,).
-        relative_deviation: standard deviation over magnitude [1], shape (e,).
+        relative_std: standard deviation over magnitude [1], shape (e,).
         dropped: the others, in the order in which they were dropped.
         residual: RMS residual before and after [N m].
     """
 
     names: tuple[str, ...]
-    places: np.ndarray
     value: np.ndarray
-    relative_deviation: np.ndarray
+    relative_std: np.ndarray
     dropped: tuple[Dropped, ...]
     residual: tuple[float, float]
 
-    def text(self) -> str:
-        """The reduction in words, a line for each parameter that was dropped."""
-        before, after = self.residual
-        lines = [
-            f"{len(self.names)} essential parameters of {len(self.names) + len(self.dropped)}; "
-            f"RMS residual {before:.4g} N m before, {after:.4g} N m after"
-        ]
-        rows = [
-            f"  dropped {d.name}: relative deviation {d.relative_deviation:.2g}, {100 * d.contribution:.2g} % of torque"
-            for d in self.dropped
-        ]
-        return "\n".join(lines + rows)
-
 
 def essential_parameters(
-    factor: TriangularFactor,
-    names: Sequence[str],
-    *,
-    deviation: float = DEVIATION,
-    contribution: float = CONTRIBUTION,
-    growth: float = GROWTH,
-    inflation: float = 1.0,
+    factor: Factor, names: Sequence[str], inflation: float = 1.0
 ) -> EssentialParameters:
     """Reduce a model step by step to its essential parameters.
 
     Each step drops the parameter with the largest relative deviation sigma_k / |beta_k|, which is also the one whose
     loss raises the sum of squares least, by beta_k^2 / [(R^T R)^-1]_kk, and fits again. It ends when the next one
-    is known to ``deviation`` and explains ``contribution`` of the torque, or when the residual would
-    have grown by more than ``growth`` in all (or beyond ``contribution`` of the torque, if there is hardly any).
+    is known to ``DEVIATION`` and explains ``CONTRIBUTION`` of the torque, or when the residual would
+    have grown by more than ``GROWTH`` in all (or beyond ``CONTRIBUTION`` of the torque, if there is hardly any).
 
     Args:
         factor: of the base columns and the torque, full rank; weighted, if joints differ in noise.
         names: of the base parameters, shape (b,).
-        deviation: relative standard deviation above which a parameter is dropped.
-        contribution: share of the RMS torque below which a parameter is dropped.
-        growth: share by which the residual may grow.
         inflation: how many rows count as one, since the residual is autocorrelated [1].
 
     Raises:
@@ -746,9 +447,10 @@ def essential_parameters(
             f"{factor.rows} rows do not determine {len(names)} parameters",
             "record a richer or longer motion",
         )
-    torque = float(np.hypot(np.linalg.norm(factor.projected), factor.residual_norm))
+    before = np.sqrt(factor.rest)
+    torque = float(np.hypot(np.linalg.norm(factor.rotated), before))
     # a residual of almost nothing may grow by more than a share of itself
-    limit = max((1 + growth) * factor.residual_norm, contribution * torque)
+    limit = max((1 + GROWTH) * before, CONTRIBUTION * torque)
     places = list(range(len(names)))
     dropped: list[Dropped] = []
     current = factor
@@ -756,37 +458,28 @@ def essential_parameters(
         value, relative, rise = _significance(current, inflation)
         worst = int(np.argmin(rise))
         share = float(rise[worst] / torque) if torque else 0.0
-        negligible = relative[worst] > deviation or share < contribution
-        residual_without = np.hypot(current.residual_norm, rise[worst])
-        if len(places) == 1 or not negligible or residual_without > limit:
+        negligible = relative[worst] > DEVIATION or share < CONTRIBUTION
+        squares_without = current.rest + rise[worst] ** 2
+        if len(places) == 1 or not negligible or squares_without > limit**2:
             break
         name = names[places.pop(worst)]
         dropped.append(Dropped(name, float(relative[worst]), share))
         # fitted again without it: the others change
         current = factor.select(places)
-    scale = 1 / np.sqrt(factor.rows)
-    residual = (factor.residual_norm * scale, current.residual_norm * scale)
+    before, after = (float(np.sqrt(f.rest / f.rows)) for f in (factor, current))
     kept = tuple(names[place] for place in places)
-    return EssentialParameters(
-        names=kept,
-        places=np.array(places),
-        value=value,
-        relative_deviation=relative,
-        dropped=tuple(dropped),
-        residual=residual,
-    )
+    return EssentialParameters(kept, value, relative, tuple(dropped), (before, after))
 
 
 def _significance(
-    factor: TriangularFactor, inflation: float
+    factor: Factor, inflation: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Estimate, relative deviation [1], and by how much the norm of the residual rises without each parameter [N m]."""
-    value = factor.solve()
-    spread = np.sqrt(inflation * np.diag(factor.covariance()))
-    relative = spread / np.maximum(np.abs(value), np.finfo(float).tiny)
-    # row norms of R^-1 are the roots of the diagonal of (R^T R)^-1
-    rise = np.abs(value) / np.linalg.norm(np.linalg.inv(factor.triangle), axis=1)
-    return value, relative, rise
+    value, inverse = factor.solve(), np.diag(factor.inverse_gram())
+    spread = np.sqrt(inflation * factor.rest / factor.freedom * inverse)
+    size = np.abs(value)
+    relative = spread / np.maximum(size, np.finfo(float).tiny)
+    return value, relative, size / np.sqrt(inverse)
 
 
 # Which inertial parameters base parameters give back, which only in combination, which not at all.
@@ -808,7 +501,7 @@ class Recovery:
         reason: why, in words.
         nominal: value of the nominal arm.
         value: the value in the consistent set; of a parameter that is not recovered a choice near the nominal one.
-        deviation: standard deviation, or ``None`` if the data do not determine the parameter alone.
+        std: standard deviation, or ``None`` if the data do not determine the parameter alone.
     """
 
     name: str
@@ -817,7 +510,7 @@ class Recovery:
     reason: str
     nominal: float
     value: float
-    deviation: float | None
+    std: float | None
 
 
 def recoveries(
@@ -866,7 +559,7 @@ def recoveries(
                 reason=reason,
                 nominal=float(nominal[j]),
                 value=float(value[j]),
-                deviation=deviation,
+                std=deviation,
             )
         )
     return tuple(out)

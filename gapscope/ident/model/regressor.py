@@ -68,41 +68,18 @@ class Regressor:
                 units.append(joint_unit(parameter.unit, arm.sliding[joint - 1]))
         self.names, self.units = tuple(names), tuple(units)
 
-    def matrix(self, motion: Motion, out: np.ndarray | None = None) -> np.ndarray:
-        """Y of a motion of N samples, shape (N, n, p).
-
-        Args:
-            motion: the motion.
-            out: array that Y is written into, shape (N, n, p), such as one that chunks of a long motion share.
-        """
+    def matrix(self, motion: Motion) -> np.ndarray:
+        """Y of a motion of N samples, shape (N, n, p)."""
         n, links = self.arm.n_joints, 10 * self.arm.n_joints
-        if out is None:
-            out = np.empty((len(motion.t), n, len(self.names)))
+        out = np.zeros((len(motion.t), n, len(self.names)))
         # written in place: the columns of a long motion fill the memory once
         self.body.regressor(motion.q, motion.dq, motion.ddq, out[:, :, :links])
-        out[:, :, links:] = 0.0
         for k, name in enumerate(self.quantities):
             first = links + k * n
             # a view: a drive acts on its own joint alone
             diagonal = np.einsum("ijj->ij", out[:, :, first : first + n])
             diagonal[:] = self._unit_torque(name, motion)
         return out
-
-    @property
-    def support(self) -> np.ndarray:
-        """Columns that can be other than zero in each joint's rows, boolean, shape (n, p).
-
-        A joint's torque depends on the links that it carries, none of which comes before it in kinematic order, and on
-        its own drive.
-        """
-        n = self.arm.n_joints
-        carried = self.body.places[None, :] >= self.body.places[:, None]
-        return np.hstack(
-            [
-                np.repeat(carried, 10, axis=1),
-                *[np.eye(n, dtype=bool)] * len(self.quantities),
-            ]
-        )
 
     def nominal(self) -> np.ndarray:
         """The pi of the nominal arm and its data sheet, shape (p,)."""

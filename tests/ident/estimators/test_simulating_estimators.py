@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from arms import iiwa_of_three
+from problems import Assembly
 from sweeps import daily
 
 import gapscope.ident.estimators.experiment as rolled
@@ -25,9 +26,8 @@ from gapscope.ident.estimators.simulating import (
     OutputError,
 )
 from gapscope.ident.model.base_parameters import structural_base
-from gapscope.ident.model.linear_problem import Assembly
 from gapscope.ident.model.regressor import Regressor
-from gapscope.model.conditioning import condition, low_pass
+from gapscope.model.conditioning import TORQUE_CUTOFF, condition, low_pass
 
 SIMULATING = {
     "IDIM-IV": InstrumentalVariables,
@@ -78,7 +78,7 @@ def recorded(arm, controller, seed, noise=0.0, torque_noise=0.0, **other):
 
 def experiment(world, recordings, **other):
     controller, regressor, base, _ = world
-    build = Assembly(regressor, base, position_cutoff=25.0, every=3)
+    build = Assembly(regressor, base, cutoff=25.0, every=3)
     return Experiment(regressor, base, controller, recordings, build, **other)
 
 
@@ -198,14 +198,13 @@ def test_a_known_payload_is_taken_out_of_the_torque_but_not_simulated(clean, wor
         experiment(world, [carried])
     build = clean.build
     less = build([recording]).torque - build([carried]).torque
-    (segment,) = condition(carried, build.position_cutoff)
+    (segment,) = condition(carried, build.cutoff)
     m = segment.motion
     more = body.carrying(load).inverse_dynamics(
         m.q, m.dq, m.ddq
     ) - body.inverse_dynamics(m.q, m.dq, m.ddq)
-    expected = low_pass(more, m.rate, build.torque_cutoff)[segment.inner][
-        :: build.every
-    ]
+    smooth = low_pass(more, m.rate, TORQUE_CUTOFF)
+    expected = smooth[segment.inner][:: build.every]
     np.testing.assert_allclose(less, expected, atol=1e-9)
 
 

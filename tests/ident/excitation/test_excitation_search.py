@@ -38,12 +38,11 @@ from gapscope.ident.excitation.trajectory_search import (
     Budget,
     ExcitationModel,
     Parametrisation,
-    RandomSearch,
     Signatures,
     TrajectorySearch,
     condition_number,
-    criterion,
     family,
+    random_search,
 )
 from gapscope.ident.model.regressor import JOINT_COLUMNS
 
@@ -87,7 +86,7 @@ def test_gradient_of_the_score_agrees_with_finite_differences(
 
 
 def test_found_ones_get_better_and_the_budget_holds(search: TrajectorySearch) -> None:
-    RandomSearch().run(search, np.random.default_rng(0))
+    random_search(search, np.random.default_rng(0))
     values = [found.value for found in search.found]
     assert (
         search.evaluations == 400
@@ -99,7 +98,7 @@ def test_found_ones_get_better_and_the_budget_holds(search: TrajectorySearch) ->
 def test_random_search_stops_after_enough_feasible_ones(
     search: TrajectorySearch,
 ) -> None:
-    RandomSearch(feasible=7).run(search, np.random.default_rng(0))
+    random_search(search, np.random.default_rng(0), 7)
     assert search.feasible == 7
 
 
@@ -145,7 +144,7 @@ def test_every_optimiser_at_most_halves_what_random_search_finds(
         Allowed(limits, np.full(3, 40.0), 0.0, 0.0),
     )
     found = {}
-    for name, make in OPTIMISERS.items():
+    for name, optimise in OPTIMISERS.items():
         space = Parametrisation(family("fourier", 3, 10.0, 5, 0.1), limits)
         made = TrajectorySearch(
             space,
@@ -154,7 +153,7 @@ def test_every_optimiser_at_most_halves_what_random_search_finds(
             Checker(arm, body, allowed, None),
             Budget(600),
         )
-        make().run(made, np.random.default_rng(0))
+        optimise(made, np.random.default_rng(0))
         found[name] = np.exp(made.found[-1].value)
     assert all(
         found[name] <= found["random"] / 2 for name in OPTIMISERS if name != "random"
@@ -473,7 +472,7 @@ def test_larger_motions_score_better_and_longer_ones_alike(name: str) -> None:
 
 def test_unknown_criterion_is_refused() -> None:
     with pytest.raises(InputError, match="condition"):
-        criterion("conditon")
+        ExcitationPlan(criterion="conditon")
 
 
 def to_and_fro(amplitude: float, n: int = 400) -> Motion:

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from arms import iiwa_of_three
+from problems import Assembly
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.trajectory import Fourier, urdf_limits
@@ -12,7 +13,6 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.position_controller import position_controller
 from gapscope.envs.recorder import record
 from gapscope.ident.model.base_parameters import structural_base
-from gapscope.ident.model.linear_problem import Assembly
 from gapscope.ident.model.regressor import Regressor
 
 CENTRE = np.array([0.0, 0.6, -1.2])
@@ -63,7 +63,7 @@ def world(arm):
             **other,
         )
 
-    assembly = Assembly(regressor, base, position_cutoff=20.0, every=10)
+    assembly = Assembly(regressor, base, cutoff=20.0, every=10)
     return SimpleNamespace(
         arm=arm, regressor=regressor, base=base, assembly=assembly, recorded=recorded
     )

@@ -1,4 +1,4 @@
-"""The recursive estimate against batch estimates, and what forgetting and drift do."""
+"""The recursive estimate against batch estimates, and what drift does."""
 
 from __future__ import annotations
 
@@ -40,21 +40,20 @@ def line(count=400, step=0.0, noise=0.1, seed=0):
 def test_the_last_estimate_is_that_of_weighted_least_squares():
     problem = line()
     batch = np.linalg.lstsq(problem.stacked()[0], problem.stacked()[1], rcond=None)[0]
-    recursive = Recursive(np.array([0.1])).estimate(problem)
-    assert recursive.value == pytest.approx(batch, abs=1e-5)
+    recursive = Recursive(np.array([0.1])).follow(problem)
+    assert recursive.value[-1] == pytest.approx(batch, abs=1e-5)
     plain = 0.1**2 * np.linalg.inv(problem.stacked()[0].T @ problem.stacked()[0])
-    assert recursive.covariance == pytest.approx(plain, rel=1e-3, abs=1e-8)
+    assert recursive.covariance[-1] == pytest.approx(plain, rel=1e-3, abs=1e-8)
 
 
 def test_a_prior_and_one_sample_give_the_textbook_update():
     problem = Problem(
         np.ones((1, 1, 1)), np.array([[3.0]]), ("level",), np.zeros(1, dtype=int), 1.0
     )
-    found = Recursive(np.array([1.0]), np.array([1.0]), np.array([[1.0]])).estimate(
-        problem
-    )
-    assert found.value == pytest.approx([2.0])
-    assert found.covariance == pytest.approx(np.array([[0.5]]))
+    start, covariance = np.array([1.0]), np.array([[1.0]])
+    found = Recursive(np.ones(1), 0.0, start, covariance).follow(problem)
+    assert found.value[-1] == pytest.approx([2.0])
+    assert found.covariance[-1] == pytest.approx(np.array([[0.5]]))
 
 
 def test_innovations_are_white_with_unit_variance_where_the_model_holds():
@@ -64,56 +63,22 @@ def test_innovations_are_white_with_unit_variance_where_the_model_holds():
     assert abs(np.mean(late[1:] * late[:-1])) < 0.08
 
 
-@pytest.mark.parametrize("settings", [{"memory": 1.5}, {"drift": {"slope": 0.5}}])
-def test_memory_or_drift_follows_a_change_that_a_constant_parameter_averages(settings):
+def test_drift_follows_a_change_that_a_constant_parameter_averages():
     problem = line(1000, step=1.0)
-    still = Recursive(np.array([0.1])).estimate(problem)
-    moving = Recursive(np.array([0.1]), **settings).follow(problem)
-    assert 2.3 < still.value[0] < 2.7
+    still = Recursive(np.array([0.1])).follow(problem)
+    moving = Recursive(np.array([0.1]), np.array([0.5, 0.0])).follow(problem)
+    assert 2.3 < still.value[-1, 0] < 2.7
     assert moving.of("slope")[0][480] == pytest.approx(2.0, abs=0.15)
     assert moving.of("slope")[0][-1] == pytest.approx(3.0, abs=0.15)
-
-
-def test_exponential_memory_counts_a_sample_by_its_age():
-    tau = np.array([[0.0], [1.0]])
-    problem = Problem(np.ones((2, 1, 1)), tau, ("level",), np.zeros(2, dtype=int), 1.0)
-    found = Recursive(
-        np.array([1.0]), memory=1.0, covariance=np.array([[1e8]])
-    ).estimate(problem)
-    assert found.value[0] == pytest.approx(1 / (1 + np.exp(-1.0)), rel=1e-6)
-
-
-def test_smoothing_uses_what_comes_after_and_is_less_uncertain():
-    problem = line(600, step=1.0)
-    track = Recursive(np.array([0.1]), drift={"slope": 0.5}).follow(problem)
-    smooth = track.smoothed()
-    truth = 2.0 + (np.arange(600) >= 300)
-    error = [
-        np.sqrt(np.mean((x.of("slope")[0] - truth)[20:] ** 2)) for x in (track, smooth)
-    ]
-    assert error[1] < 0.8 * error[0]
-    assert (smooth.deviation <= track.deviation * (1 + 1e-9)).all()
-    assert smooth.value[:, 1] == pytest.approx(
-        np.full(600, track.value[-1, 1]), abs=1e-9
-    )
 
 
 @pytest.mark.parametrize("seed", daily((1, 2), 1))
 def test_on_a_recorded_arm_it_agrees_with_the_batch_within_intervals(world, seed):
     problem = world.assembly([world.recorded(seed)])
     batch = WeightedLeastSquares().estimate(problem)
-    recursive = Recursive(batch.residual).estimate(problem)
-    assert (np.abs(recursive.value - batch.value) < 1.96 * batch.deviation).all()
-    assert recursive.deviation == pytest.approx(batch.deviation, rel=0.2)
-
-
-def test_bad_settings_are_named():
-    with pytest.raises(InputError, match="noise"):
-        Recursive(np.array([0.1, 0.1])).estimate(line())
-    with pytest.raises(InputError, match="weight is no parameter"):
-        Recursive(np.array([0.1]), drift={"weight": 1.0}).estimate(line())
-    with pytest.raises(InputError, match="2 parameters, the start 3"):
-        Recursive(np.array([0.1]), start=np.zeros(3)).estimate(line())
+    recursive = Recursive(batch.residual).follow(problem)
+    assert (np.abs(recursive.value[-1] - batch.value) < 1.96 * batch.deviation).all()
+    assert recursive.deviation[-1] == pytest.approx(batch.deviation, rel=0.2)
 
 
 # A filter over stretches: least squares without drift, friction that wanders, honest bands, jumps.
@@ -229,7 +194,8 @@ def warming(world):
 
 def test_the_filter_follows_friction_that_warms_up(warming, world):
     problem, t, noise = warming
-    track = Recursive(noise, drift={"b2": 0.5, "c2": 0.3}).follow(problem, t).smoothed()
+    drift = np.array([{"b2": 0.5, "c2": 0.3}.get(name, 0.0) for name in problem.names])
+    track = Recursive(noise, drift).follow(problem, t)
     value, deviation = track.of("b2")
     truth = world.arm.viscous[1] * (1 + AMPLITUDE * np.exp(-t / CONSTANT))
     assert np.mean(np.abs(value - truth) < 1.96 * deviation) > 0.9

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from problems import Assembly
 from scipy.signal import lfilter
 from sweeps import daily
 
@@ -43,7 +44,7 @@ from gapscope.ident.intervals import (
     torque_interval,
 )
 from gapscope.ident.model.base_parameters import structural_base
-from gapscope.ident.model.linear_problem import Assembly, Problem
+from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.regressor import Regressor
 from gapscope.ident.samples import Band
 from gapscope.model.conditioning import Segment, low_pass
@@ -454,7 +455,7 @@ def test_on_a_simulated_arm(coefficient: float, verdict: str) -> None:
         noise = 0.02 * tau.std(axis=0) * rng.standard_normal(tau.shape)
         recordings.append(Recording(one.name, one.t, one.q, tau + noise))
     base = structural_base(regressor, np.random.default_rng(0))
-    problem = Assembly(regressor, base, position_cutoff=20.0, every=5)(recordings)
+    problem = Assembly(regressor, base, cutoff=20.0, every=5)(recordings)
     assert compare_groups(problem, WeightedLeastSquares()).verdict == verdict
 
 

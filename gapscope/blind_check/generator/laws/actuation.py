@@ -5,93 +5,30 @@ from __future__ import annotations
 import numpy as np
 
 from gapscope.blind_check.generator.law import (
+    Draws,
     Law,
-    LawContext,
     LawValues,
-    over,
-    sign,
+    powers,
+    puts,
     times,
 )
-from gapscope.blind_check.generator.true_arm import TrueArm
 
 
-def _draw_scale(
-    rng: np.random.Generator, context: LawContext, joints: np.ndarray
-) -> LawValues:
-    count = len(joints)
-    return {
-        "scale": sign(rng, count) * rng.uniform(0.07, 0.2, count),
-        "iron": rng.uniform(0.0, 0.03, count),
-        "peak": 1.5 * context.peak[joints],
-    }
-
-
-def _apply_scale(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
-    plant.add("scale", joints, values["scale"])
-    plant.put("iron", joints, values["iron"])
-    plant.put("peak", joints, values["peak"])
-
-
-def _draw_offset(
-    rng: np.random.Generator, context: LawContext, joints: np.ndarray
-) -> LawValues:
-    count = len(joints)
-    return {
-        "torque": sign(rng, count)
-        * rng.uniform(0.05, 0.3, count)
-        * context.deviation[joints]
-    }
-
-
-def _apply_offset(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
-    plant.add("offset", joints, values["torque"])
-
-
-def _draw_saturation(
-    rng: np.random.Generator, context: LawContext, joints: np.ndarray
-) -> LawValues:
-    share = rng.uniform(0.65, 0.85, len(joints))
-    return {
-        "limit": share * context.peak[joints],
-        "slope": np.full(len(joints), rng.uniform(0.0, 0.03)),
-        "share": share,
-    }
-
-
-def _apply_saturation(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
-    plant.put("clamp", joints, values["limit"])
-    plant.put("clamp_slope", joints, values["slope"])
-
-
-def _draw_lag(
-    rng: np.random.Generator, context: LawContext, joints: np.ndarray
-) -> LawValues:
-    return {
-        "time_constant": rng.uniform(0.003, 0.01, len(joints)),
-        "second": np.full(len(joints), float(rng.integers(0, 2))),
-    }
-
-
-def _apply_lag(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
-    plant.put("lag", joints, values["time_constant"])
-    plant.put("second", joints, values["second"])
-
-
-def _draw_delay(
-    rng: np.random.Generator, context: LawContext, joints: np.ndarray
-) -> LawValues:
-    return {"delay": rng.uniform(0.003, 0.009, len(joints))}
-
-
-def _apply_delay(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
-    plant.add("delay", joints, values["delay"])
+def _saturation(draws: Draws) -> LawValues:
+    share = draws.uniform(0.65, 0.85)
+    slope = draws.common(0.0, 0.03)
+    return {"limit": share * draws.peak, "slope": slope, "share": share}
 
 
 ACTUATION = (
     Law(
         "torque_scale",
-        _draw_scale,
-        _apply_scale,
+        lambda draws: {
+            "scale": draws.sign() * draws.uniform(0.07, 0.2),
+            "iron": draws.uniform(0.0, 0.03),
+            "peak": 1.5 * draws.peak,
+        },
+        puts(scale="scale", iron="iron", peak="peak"),
         times("scale"),
         {"scale": "1"},
         largest={"scale": 0.45},
@@ -99,25 +36,30 @@ ACTUATION = (
     ),
     Law(
         "torque_offset",
-        _draw_offset,
-        _apply_offset,
+        lambda draws: {
+            "torque": draws.sign() * draws.uniform(0.05, 0.3) * draws.deviation
+        },
+        puts(offset="torque"),
         times("torque"),
         {"torque": "N m"},
         form="a bias of the current sensor",
     ),
     Law(
         "torque_saturation",
-        _draw_saturation,
-        _apply_saturation,
-        over("limit", "share"),
+        _saturation,
+        puts(clamp="limit", clamp_slope="slope"),
+        powers(limit=-1, share=-1),
         {"limit": "N m"},
         largest={"share": -0.4},
         form="a clamp that falls with speed (back-EMF)",
     ),
     Law(
         "actuator_lag",
-        _draw_lag,
-        _apply_lag,
+        lambda draws: {
+            "time_constant": draws.uniform(0.003, 0.01),
+            "second": np.full(len(draws.joints), float(draws.rng.integers(0, 2))),
+        },
+        puts(lag="time_constant", second="second"),
         times("time_constant"),
         {"time_constant": "s"},
         largest={"time_constant": 0.025},
@@ -125,8 +67,8 @@ ACTUATION = (
     ),
     Law(
         "actuator_delay",
-        _draw_delay,
-        _apply_delay,
+        lambda draws: {"delay": draws.uniform(0.003, 0.009)},
+        puts(delay="delay"),
         times("delay"),
         {"delay": "s"},
         largest={"delay": 0.025},

@@ -12,23 +12,17 @@ from gapscope.blind_check.generator.arms import (
     moved_links,
     set_inertial,
 )
-from gapscope.blind_check.generator.law import Law, LawContext, LawValues, sign, times
+from gapscope.blind_check.generator.law import Draws, Law, LawValues, adds, times
 from gapscope.blind_check.generator.true_arm import TrueArm
 
 
-def _draw_payload(
-    rng: np.random.Generator, context: LawContext, joints: np.ndarray
-) -> LawValues:
+def _payload(draws: Draws) -> LawValues:
+    rng, largest = draws.rng, draws.arm.payload
     x, y, z = (rng.uniform(*r) for r in ((-0.04, 0.04), (-0.04, 0.04), (-0.01, 0.1)))
     com = np.array([x, y, z])
-    mass = np.array(context.arm.payload * rng.uniform(0.2, 0.9))
+    mass = np.array(largest * rng.uniform(0.2, 0.9))
     radius = np.array(rng.choice([0.0, 0.03, 0.06]))
-    return {
-        "mass": mass,
-        "com": com,
-        "radius": radius,
-        "top": mass / context.arm.payload,
-    }
+    return {"mass": mass, "com": com, "radius": radius, "top": mass / largest}
 
 
 def _apply_payload(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
@@ -39,12 +33,11 @@ def _apply_payload(plant: TrueArm, joints: np.ndarray, values: LawValues) -> Non
     set_inertial(link, added(inertial_of(link), load))
 
 
-def _draw_link(
-    rng: np.random.Generator, context: LawContext, joints: np.ndarray
-) -> LawValues:
-    link = int(rng.integers(2, max(context.arm.n, 3)))
-    body = inertial_of(moved_links(context.arm.root)[link - 1])
-    share = float(sign(rng, 1)[0] * rng.uniform(0.1, 0.3))
+def _link(draws: Draws) -> LawValues:
+    rng, arm = draws.rng, draws.arm
+    link = int(rng.integers(2, max(arm.n, 3)))
+    body = inertial_of(moved_links(arm.root)[link - 1])
+    share = float(rng.choice([-1.0, 1.0], 1)[0] * rng.uniform(0.1, 0.3))
     distance = max(float(np.linalg.norm(body.com)), 0.04)
     shift = 0.5 * abs(share) * distance
     direction = rng.standard_normal(3)
@@ -65,22 +58,14 @@ def _apply_link(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     set_inertial(link, Inertial(mass, com, inertia))
 
 
-def _draw_armature(
-    rng: np.random.Generator, context: LawContext, joints: np.ndarray
-) -> LawValues:
-    share = rng.uniform(0.2, 0.8, len(joints))
-    return {"inertia": context.arm.armature[joints] * share, "share": share}
+def _armature(draws: Draws) -> LawValues:
+    share = draws.uniform(0.2, 0.8)
+    return {"inertia": draws.armature * share, "share": share}
 
 
-def _apply_armature(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
-    plant.add("armature", joints, values["inertia"])
-
-
-def _draw_tilt(
-    rng: np.random.Generator, context: LawContext, joints: np.ndarray
-) -> LawValues:
-    angle = np.radians(rng.uniform(0.5, 4.0))
-    direction = rng.uniform(0, 2 * np.pi)
+def _tilt(draws: Draws) -> LawValues:
+    angle = np.radians(draws.rng.uniform(0.5, 4.0))
+    direction = draws.rng.uniform(0, 2 * np.pi)
     return {
         "roll": np.array(angle * np.cos(direction)),
         "pitch": np.array(angle * np.sin(direction)),
@@ -96,7 +81,7 @@ def _apply_tilt(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
 BODY = (
     Law(
         "payload",
-        _draw_payload,
+        _payload,
         _apply_payload,
         times("mass", "top"),
         {"mass": "kg", "com": "m"},
@@ -107,7 +92,7 @@ BODY = (
     ),
     Law(
         "link_inertia",
-        _draw_link,
+        _link,
         _apply_link,
         times("mass", "com", "share"),
         {"link": "1", "mass": "kg", "com": "m"},
@@ -118,8 +103,8 @@ BODY = (
     ),
     Law(
         "armature",
-        _draw_armature,
-        _apply_armature,
+        _armature,
+        adds(armature="inertia"),
         times("inertia", "share"),
         {"inertia": "kg m^2"},
         largest={"share": 2.0},
@@ -127,7 +112,7 @@ BODY = (
     ),
     Law(
         "base_tilt",
-        _draw_tilt,
+        _tilt,
         _apply_tilt,
         times("roll", "pitch"),
         {"roll": "rad", "pitch": "rad"},

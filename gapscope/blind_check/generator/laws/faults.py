@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from gapscope.blind_check.generator.arms import shifted
-from gapscope.blind_check.generator.law import Law, LawContext, LawValues, fixed
+from gapscope.blind_check.generator.law import Act, Draws, Law, LawValues, times
 from gapscope.blind_check.generator.true_arm import Columns, TrueArm
 
 STAMPS = ("gaps", "repeats", "jitter", "wrong_rate")
@@ -14,34 +16,18 @@ UNITS = ("degrees", "milliseconds", "motor_side")
 """Kinds of wrong units."""
 
 
-def _draw_nothing(
-    rng: np.random.Generator, context: LawContext, joints: np.ndarray
-) -> LawValues:
-    return {}
+def _torque(change: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Act:
+    """Record another torque of some joints: what it changes theirs to, from the torque, (N, n), and the joints."""
 
+    def act(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+        def spoil(rows: Columns, rng: np.random.Generator) -> Columns:
+            torque = rows["tau"].copy()
+            torque[:, joints] = change(torque, joints)
+            return {**rows, "tau": torque}
 
-def _apply_sign_flip(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
-    def spoil(rows: Columns, rng: np.random.Generator) -> Columns:
-        torque = rows["tau"].copy()
-        torque[:, joints] *= -1.0
-        return {**rows, "tau": torque}
+        plant.spoil.append(spoil)
 
-    plant.spoil.append(spoil)
-
-
-def _apply_swap(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
-    def spoil(rows: Columns, rng: np.random.Generator) -> Columns:
-        torque = rows["tau"].copy()
-        torque[:, joints] = torque[:, joints[::-1]]
-        return {**rows, "tau": torque}
-
-    plant.spoil.append(spoil)
-
-
-def _draw_unit(
-    rng: np.random.Generator, context: LawContext, joints: np.ndarray
-) -> LawValues:
-    return {"unit": rng.choice(UNITS), "ratio": np.array(float(rng.integers(50, 161)))}
+    return act
 
 
 def _apply_unit(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
@@ -65,9 +51,8 @@ def _apply_shift(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.spoil_urdf = shifted
 
 
-def _draw_stamps(
-    rng: np.random.Generator, context: LawContext, joints: np.ndarray
-) -> LawValues:
+def _stamps(draws: Draws) -> LawValues:
+    rng = draws.rng
     kind = str(rng.choice(STAMPS))
     amount = {
         "gaps": rng.uniform(0.03, 0.1),
@@ -125,9 +110,9 @@ def _with_gaps(rows: Columns, amount: float, rng: np.random.Generator) -> Column
 FAULTS = (
     Law(
         "sign_flip",
-        _draw_nothing,
-        _apply_sign_flip,
-        fixed,
+        lambda draws: {},
+        _torque(lambda torque, joints: -torque[:, joints]),
+        times(),
         {},
         joints="one",
         measure="none",
@@ -135,9 +120,9 @@ FAULTS = (
     ),
     Law(
         "joint_swap",
-        _draw_nothing,
-        _apply_swap,
-        fixed,
+        lambda draws: {},
+        _torque(lambda torque, joints: torque[:, joints[::-1]]),
+        times(),
         {},
         joints="pair",
         measure="none",
@@ -145,9 +130,12 @@ FAULTS = (
     ),
     Law(
         "unit_mismatch",
-        _draw_unit,
+        lambda draws: {
+            "unit": draws.rng.choice(UNITS),
+            "ratio": np.array(float(draws.rng.integers(50, 161))),
+        },
         _apply_unit,
-        fixed,
+        times(),
         {"unit": ""},
         joints="all",
         measure="none",
@@ -155,9 +143,9 @@ FAULTS = (
     ),
     Law(
         "shifted_inertials",
-        _draw_nothing,
+        lambda draws: {},
         _apply_shift,
-        fixed,
+        times(),
         {},
         joints="arm",
         measure="none",
@@ -165,9 +153,9 @@ FAULTS = (
     ),
     Law(
         "time_stamps",
-        _draw_stamps,
+        _stamps,
         _apply_stamps,
-        fixed,
+        times(),
         {"kind": "", "amount": "1"},
         joints="arm",
         measure="none",

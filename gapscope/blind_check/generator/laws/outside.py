@@ -4,38 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from gapscope.blind_check.generator.law import Law, LawContext, LawValues, sign, times
-from gapscope.blind_check.generator.true_arm import TipForce, TrueArm
+from gapscope.blind_check.generator.law import Draws, Law, LawValues, puts, times
+from gapscope.blind_check.generator.true_arm import TrueArm
 
 
-def _draw_hysteresis(
-    rng: np.random.Generator, context: LawContext, joints: np.ndarray
-) -> LawValues:
-    count = len(joints)
-    return {
-        "torque": context.deviation[joints] * rng.uniform(0.05, 0.2, count),
-        "reach": context.swing[joints] * rng.uniform(0.15, 0.35, count),
-    }
-
-
-def _apply_hysteresis(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
-    plant.put("hysteresis", joints, values["torque"])
-    plant.put("reach", joints, values["reach"])
-
-
-def _draw_uneven(
-    rng: np.random.Generator, context: LawContext, joints: np.ndarray
-) -> LawValues:
-    count = len(joints)
-    half_swing = np.maximum(context.swing[joints] / 2, 0.2)
-    return {
-        "torque": context.arm.coulomb[joints] * rng.uniform(0.5, 1.5, count),
-        "cycles": rng.uniform(1.5, 5.0, count) / half_swing,
-        "phase": rng.uniform(-np.pi, np.pi, count),
-    }
-
-
-def _apply_uneven(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+def _uneven(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     """Dry friction c + A (1 + sin(n q + phi)) / 2, with c lowered by A / 2 as far as it goes: no more on average."""
     before = plant.values["coulomb"][joints]
     after = np.maximum(before, values["torque"])
@@ -45,22 +18,14 @@ def _apply_uneven(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None
     plant.put("uneven_phase", joints, values["phase"])
 
 
-def _draw_coupling(
-    rng: np.random.Generator, context: LawContext, joints: np.ndarray
-) -> LawValues:
-    count = len(joints)
-    before = np.roll(context.deviation, 1)[joints]
-    share = sign(rng, count) * rng.uniform(0.05, 0.2, count)
-    return {"share": share * context.deviation[joints] / before}
+def _coupling(draws: Draws) -> LawValues:
+    before = np.roll(draws.whole.deviation, 1)[draws.joints]
+    share = draws.sign() * draws.uniform(0.05, 0.2)
+    return {"share": share * draws.deviation / before}
 
 
-def _apply_coupling(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
-    plant.put("leak", joints, values["share"])
-
-
-def _draw_vibration(
-    rng: np.random.Generator, context: LawContext, joints: np.ndarray
-) -> LawValues:
+def _vibration(draws: Draws) -> LawValues:
+    rng = draws.rng
     way = rng.standard_normal(3)
     return {
         "acceleration": rng.uniform(0.2, 1.0) * way / np.linalg.norm(way),
@@ -69,60 +34,16 @@ def _draw_vibration(
     }
 
 
-def _apply_vibration(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
-    plant.shaken = (
-        values["acceleration"],
-        float(values["frequency"]),
-        float(values["phase"]),
-    )
+def _shake(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+    frequency, phase = float(values["frequency"]), float(values["phase"])
+    plant.shaken = values["acceleration"], frequency, phase
 
 
-def _draw_disturbance(
-    rng: np.random.Generator, context: LawContext, joints: np.ndarray
-) -> LawValues:
-    count = len(joints)
-    return {
-        "torque": context.deviation[joints] * rng.uniform(0.05, 0.2, count),
-        "frequency": np.full(count, rng.uniform(1.5, 9.0)),
-        "phase": rng.uniform(-np.pi, np.pi, count),
-    }
-
-
-def _apply_disturbance(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
-    for name, value in (
-        ("shake", "torque"),
-        ("shake_frequency", "frequency"),
-        ("shake_phase", "phase"),
-    ):
-        plant.put(name, joints, values[value])
-
-
-def _draw_fading(
-    rng: np.random.Generator, context: LawContext, joints: np.ndarray
-) -> LawValues:
-    count = len(joints)
-    return {
-        "share": rng.uniform(0.1, 0.25, count),
-        "time": np.full(count, rng.uniform(0.25, 0.5) * context.shortest),
-        "load": context.deviation[joints] + 0.3 * context.peak[joints],
-    }
-
-
-def _apply_fading(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
-    for name, value in (
-        ("fade", "share"),
-        ("fade_time", "time"),
-        ("fade_load", "load"),
-    ):
-        plant.put(name, joints, values[value])
-
-
-def _draw_contact(
-    rng: np.random.Generator, context: LawContext, joints: np.ndarray
-) -> LawValues:
+def _contact(draws: Draws) -> LawValues:
+    rng = draws.rng
     way = rng.standard_normal(3)
     way /= np.linalg.norm(way)
-    along = context.tip @ way
+    along = draws.tip @ way
     level = float(np.quantile(along, rng.uniform(0.8, 0.92)))
     depth = max(float(along.max()) - level, 0.01)
     return {
@@ -132,7 +53,7 @@ def _draw_contact(
     }
 
 
-def _apply_contact(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+def _press(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     normal = values["normal"]
     level, stiffness = float(values["level"]), float(values["stiffness"])
 
@@ -144,26 +65,17 @@ def _apply_contact(plant: TrueArm, joints: np.ndarray, values: LawValues) -> Non
         pressure = stiffness * depth * (1.0 + 0.3 * float(speed @ normal))
         return -normal * max(pressure, 0.0)  # a wall never pulls
 
-    force: TipForce = pressed
-    plant.push = force
-
-
-def _draw_one_sided(
-    rng: np.random.Generator, context: LawContext, joints: np.ndarray
-) -> LawValues:
-    drag = (context.arm.coulomb + context.arm.viscous)[joints]
-    return {"coefficient": drag * rng.uniform(0.5, 2.0, len(joints))}
-
-
-def _apply_one_sided(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
-    plant.put("one_sided", joints, values["coefficient"])
+    plant.push = pressed
 
 
 OUTSIDE = (
     Law(
         "hysteresis",
-        _draw_hysteresis,
-        _apply_hysteresis,
+        lambda draws: {
+            "torque": draws.deviation * draws.uniform(0.05, 0.2),
+            "reach": draws.swing * draws.uniform(0.15, 0.35),
+        },
+        puts(hysteresis="torque", reach="reach"),
         times("torque"),
         {"torque": "N m", "reach": "rad"},
         outside=True,
@@ -171,8 +83,12 @@ OUTSIDE = (
     ),
     Law(
         "position_dependent_friction",
-        _draw_uneven,
-        _apply_uneven,
+        lambda draws: {
+            "torque": draws.coulomb * draws.uniform(0.5, 1.5),
+            "cycles": draws.uniform(1.5, 5.0) / np.maximum(draws.swing / 2, 0.2),
+            "phase": draws.uniform(-np.pi, np.pi),
+        },
+        _uneven,
         times("torque"),
         {"torque": "N m", "cycles": "1", "phase": "rad"},
         outside=True,
@@ -180,8 +96,8 @@ OUTSIDE = (
     ),
     Law(
         "joint_coupling",
-        _draw_coupling,
-        _apply_coupling,
+        _coupling,
+        puts(leak="share"),
         times("share"),
         {"share": "1"},
         joints="later",
@@ -190,8 +106,8 @@ OUTSIDE = (
     ),
     Law(
         "base_vibration",
-        _draw_vibration,
-        _apply_vibration,
+        _vibration,
+        _shake,
         times("acceleration"),
         {"acceleration": "m/s^2", "frequency": "Hz", "phase": "rad"},
         joints="arm",
@@ -202,8 +118,12 @@ OUTSIDE = (
     ),
     Law(
         "periodic_disturbance",
-        _draw_disturbance,
-        _apply_disturbance,
+        lambda draws: {
+            "torque": draws.deviation * draws.uniform(0.05, 0.2),
+            "frequency": draws.common(1.5, 9.0),
+            "phase": draws.uniform(-np.pi, np.pi),
+        },
+        puts(shake="torque", shake_frequency="frequency", shake_phase="phase"),
         times("torque"),
         {"torque": "N m", "frequency": "Hz", "phase": "rad"},
         joints="one",
@@ -212,8 +132,12 @@ OUTSIDE = (
     ),
     Law(
         "fading_torque_constant",
-        _draw_fading,
-        _apply_fading,
+        lambda draws: {
+            "share": draws.uniform(0.1, 0.25),
+            "time": draws.common(0.25, 0.5) * draws.shortest,
+            "load": draws.deviation + 0.3 * draws.peak,
+        },
+        puts(fade="share", fade_time="time", fade_load="load"),
         times("share"),
         {"share": "1", "time": "s", "load": "N m"},
         outside=True,
@@ -222,8 +146,8 @@ OUTSIDE = (
     ),
     Law(
         "contact",
-        _draw_contact,
-        _apply_contact,
+        _contact,
+        _press,
         times("stiffness"),
         {"stiffness": "N/m", "normal": "1", "level": "m"},
         joints="arm",
@@ -234,8 +158,10 @@ OUTSIDE = (
     ),
     Law(
         "one_sided_friction",
-        _draw_one_sided,
-        _apply_one_sided,
+        lambda draws: {
+            "coefficient": (draws.coulomb + draws.viscous) * draws.uniform(0.5, 2.0)
+        },
+        puts(one_sided="coefficient"),
         times("coefficient"),
         {"coefficient": "N m s^2/rad^2"},
         outside=True,

@@ -4,41 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from gapscope.blind_check.generator.law import Law, LawContext, LawValues, sign, times
-from gapscope.blind_check.generator.true_arm import TipForce, TrueArm
+from gapscope.blind_check.generator.law import Draws, Law, LawValues, puts, times
+from gapscope.blind_check.generator.true_arm import TrueArm
 
 
-def _draw_offset(
-    rng: np.random.Generator, context: LawContext, joints: np.ndarray
-) -> LawValues:
-    count = len(joints)
-    return {
-        "offset": sign(rng, count) * rng.uniform(0.015, 0.06, count),
-        "eccentric": np.full(count, rng.uniform(0.0, 0.05)),
-    }
-
-
-def _apply_offset(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
-    plant.put("encoder", joints, values["offset"])
-    plant.put("eccentric", joints, values["eccentric"])
-
-
-def _draw_quantization(
-    rng: np.random.Generator, context: LawContext, joints: np.ndarray
-) -> LawValues:
-    return {"step": np.full(len(joints), context.encoder_step * rng.uniform(3.0, 20.0))}
-
-
-def _apply_quantization(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
-    plant.put("step", joints, values["step"])
-
-
-def _draw_force(
-    rng: np.random.Generator, context: LawContext, joints: np.ndarray
-) -> LawValues:
+def _force(draws: Draws) -> LawValues:
+    rng, shortest = draws.rng, draws.shortest
     way = rng.standard_normal(3)
-    lasts = rng.uniform(0.15, 0.4) * context.shortest
-    start = rng.uniform(1.2, context.shortest - lasts - 1.2)
+    lasts = rng.uniform(0.15, 0.4) * shortest
+    start = rng.uniform(1.2, shortest - lasts - 1.2)
     return {
         # 10 N is a first guess; the sizing scales it
         "force": 10.0 * rng.uniform(0.5, 2.0) * way / np.linalg.norm(way),
@@ -48,7 +22,7 @@ def _draw_force(
     }
 
 
-def _apply_force(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+def _push(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     force = values["force"]
     start, end, ramp = (float(values[name]) for name in ("start", "end", "ramp"))
 
@@ -57,15 +31,17 @@ def _apply_force(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
         begun, over = np.tanh((t - start) / ramp), np.tanh((t - end) / ramp)
         return force * 0.5 * (begun - over)
 
-    push: TipForce = pushed
-    plant.push = push
+    plant.push = pushed
 
 
 SENSING = (
     Law(
         "encoder_offset",
-        _draw_offset,
-        _apply_offset,
+        lambda draws: {
+            "offset": draws.sign() * draws.uniform(0.015, 0.06),
+            "eccentric": draws.common(0.0, 0.05),
+        },
+        puts(encoder="offset", eccentric="eccentric"),
         times("offset"),
         {"offset": "rad"},
         joints="middle",
@@ -75,8 +51,8 @@ SENSING = (
     ),
     Law(
         "encoder_quantization",
-        _draw_quantization,
-        _apply_quantization,
+        lambda draws: {"step": draws.encoder_step * draws.common(3.0, 20.0)},
+        puts(step="step"),
         times("step"),
         {"step": "rad"},
         largest={"step": 0.02},
@@ -86,8 +62,8 @@ SENSING = (
     ),
     Law(
         "external_force",
-        _draw_force,
-        _apply_force,
+        _force,
+        _push,
         times("force"),
         {"force": "N", "start": "s", "end": "s"},
         joints="arm",

@@ -4,112 +4,75 @@ from __future__ import annotations
 
 import numpy as np
 
-from gapscope.blind_check.generator.law import Law, LawContext, LawValues, sign, times
+from gapscope.blind_check.generator.law import (
+    Draws,
+    Law,
+    LawValues,
+    powers,
+    puts,
+    times,
+)
 from gapscope.blind_check.generator.true_arm import TrueArm
 
 TOOTH = 80.0
 """Resonance of the closed gear of a joint with free play [Hz]."""
 
 
-def _draw_elasticity(
-    rng: np.random.Generator, context: LawContext, joints: np.ndarray
-) -> LawValues:
-    frequency = rng.uniform(6.0, 14.0, len(joints))
-    link, rotor = context.inertia[joints], context.arm.armature[joints]
+def _two_masses(
+    draws: Draws, frequency: np.ndarray | float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Stiffness of a joint whose link swings at a frequency [Hz], and half of its critical damping."""
+    link, rotor = draws.inertia, draws.armature
     stiffness = link * (2 * np.pi * frequency) ** 2
-    ratio = rng.uniform(0.04, 0.1)
-    # half of the critical damping: sqrt(k m), with the reduced mass of link and rotor
-    half_critical = np.sqrt(stiffness * link * rotor / (link + rotor))
-    inverse_twist = stiffness / np.maximum(context.peak[joints], 1e-6)
+    # sqrt(k m), with the reduced mass of link and rotor
+    return stiffness, np.sqrt(stiffness * link * rotor / (link + rotor))
+
+
+def _elasticity(draws: Draws) -> LawValues:
+    frequency = draws.uniform(6.0, 14.0)
+    stiffness, half_critical = _two_masses(draws, frequency)
+    ratio = draws.rng.uniform(0.04, 0.1)
+    inverse_twist = stiffness / np.maximum(draws.peak, 1e-6)
     return {
         "stiffness": stiffness,
         "damping": 2 * ratio * half_critical,
-        "hardening": rng.uniform(0.02, 0.08) * inverse_twist**2,
+        "hardening": draws.rng.uniform(0.02, 0.08) * inverse_twist**2,
         "frequency": frequency,
     }
 
 
-def _softer(values: LawValues, factor: np.ndarray) -> LawValues:
-    """A spring that yields ``factor`` times as far, with the same damping ratio."""
+def _backlash(draws: Draws) -> LawValues:
+    stiffness, half_critical = _two_masses(draws, TOOTH)
     return {
-        "stiffness": values["stiffness"] / factor,
-        "damping": values["damping"] / np.sqrt(factor),
-        "hardening": values["hardening"] / factor**2,
-        "frequency": values["frequency"] / np.sqrt(factor),
-    }
-
-
-def _apply_elasticity(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
-    for name in ("stiffness", "damping", "hardening"):
-        plant.put(name, joints, values[name])
-
-
-def _draw_backlash(
-    rng: np.random.Generator, context: LawContext, joints: np.ndarray
-) -> LawValues:
-    link, rotor = context.inertia[joints], context.arm.armature[joints]
-    stiffness = link * (2 * np.pi * TOOTH) ** 2
-    half_critical = np.sqrt(stiffness * link * rotor / (link + rotor))
-    return {
-        "width": np.radians(rng.uniform(0.3, 1.2, len(joints))),
+        "width": np.radians(draws.uniform(0.3, 1.2)),
         "stiffness": stiffness,
         "damping": 2 * 0.2 * half_critical,
     }
 
 
-def _apply_backlash(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+def _loosen(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.put("play", joints, 0.5 * values["width"])
-    plant.put("stiffness", joints, values["stiffness"])
-    plant.put("damping", joints, values["damping"])
+    puts(stiffness="stiffness", damping="damping")(plant, joints, values)
 
 
-def _draw_ripple(
-    rng: np.random.Generator, context: LawContext, joints: np.ndarray
-) -> LawValues:
-    count = len(joints)
+def _spring(draws: Draws) -> LawValues:
+    swing = np.maximum(draws.swing, 0.3)
+    share = draws.uniform(0.2, 0.6)
     return {
-        "amplitude": context.deviation[joints] * rng.uniform(0.05, 0.15, count),
-        "cycles": rng.integers(4, 31, count).astype(float),
-        "phase": rng.uniform(-np.pi, np.pi, count),
-        "harmonic": np.full(count, rng.uniform(0.02, 0.08)),
-    }
-
-
-def _apply_ripple(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
-    for name, value in (
-        ("ripple", "amplitude"),
-        ("cycles", "cycles"),
-        ("phase", "phase"),
-        ("harmonic", "harmonic"),
-    ):
-        plant.put(name, joints, values[value])
-
-
-def _draw_spring(
-    rng: np.random.Generator, context: LawContext, joints: np.ndarray
-) -> LawValues:
-    count = len(joints)
-    swing = np.maximum(context.swing[joints], 0.3)
-    share = rng.uniform(0.2, 0.6, count)
-    return {
-        "stiffness": context.deviation[joints] * share / swing,
-        "rest": context.middle[joints] + rng.uniform(-0.6, 0.6, count) * swing,
-        "cubic": sign(rng, count) * rng.uniform(0.02, 0.06, count) / swing**2,
+        "stiffness": draws.deviation * share / swing,
+        "rest": draws.middle + draws.uniform(-0.6, 0.6) * swing,
+        "cubic": draws.sign() * draws.uniform(0.02, 0.06) / swing**2,
         "share": share,
     }
-
-
-def _apply_spring(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
-    for name, value in (("spring", "stiffness"), ("rest", "rest"), ("cubic", "cubic")):
-        plant.put(name, joints, values[value])
 
 
 TRANSMISSION = (
     Law(
         "joint_elasticity",
-        _draw_elasticity,
-        _apply_elasticity,
-        _softer,
+        _elasticity,
+        puts(stiffness="stiffness", damping="damping", hardening="hardening"),
+        # a spring that yields that many times as far, with the same damping ratio
+        powers(stiffness=-1, damping=-0.5, hardening=-2, frequency=-0.5),
         {"stiffness": "N m/rad", "damping": "N m s/rad"},
         joints="inner",
         largest={"frequency": -3.0},
@@ -118,8 +81,8 @@ TRANSMISSION = (
     ),
     Law(
         "backlash",
-        _draw_backlash,
-        _apply_backlash,
+        _backlash,
+        _loosen,
         times("width"),
         {"width": "rad"},
         joints="inner",
@@ -129,16 +92,21 @@ TRANSMISSION = (
     ),
     Law(
         "torque_ripple",
-        _draw_ripple,
-        _apply_ripple,
+        lambda draws: {
+            "amplitude": draws.deviation * draws.uniform(0.05, 0.15),
+            "cycles": draws.rng.integers(4, 31, len(draws.joints)).astype(float),
+            "phase": draws.uniform(-np.pi, np.pi),
+            "harmonic": draws.common(0.02, 0.08),
+        },
+        puts(ripple="amplitude", cycles="cycles", phase="phase", harmonic="harmonic"),
         times("amplitude"),
         {"amplitude": "N m", "cycles": "1", "phase": "rad"},
         form="cogging with a second harmonic",
     ),
     Law(
         "parallel_spring",
-        _draw_spring,
-        _apply_spring,
+        _spring,
+        puts(spring="stiffness", rest="rest", cubic="cubic"),
         times("stiffness", "share"),
         {"stiffness": "N m/rad", "rest": "rad"},
         largest={"share": 4.0},
