@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gapscope.arm.recording import resting
 from gapscope.ident.checks import symptoms
-from gapscope.ident.checks.plausible_samples import resting
 from gapscope.ident.checks.symptoms import FitEvidence
 from gapscope.ident.estimators.linear import Estimate
 from gapscope.ident.examination import Examination, Validation
@@ -173,7 +173,7 @@ def _rest(evidence: FitEvidence) -> Row:
         check="number of joints that rest",
         remedy="record a motion of every joint",
     )
-    still = resting([r for r in evidence.recordings if r.tau is not None])
+    still = _still_joints(evidence)
     return Row(
         entry=entry,
         measured=float(len(still)),
@@ -182,6 +182,12 @@ def _rest(evidence: FitEvidence) -> Row:
         verdict=FOUND if len(still) else CLEAR,
         joints=tuple(int(j) + 1 for j in still),
     )
+
+
+def _still_joints(evidence: FitEvidence) -> np.ndarray:
+    """Joints, from 0, that rest in every fitted recording."""
+    fitted = [r for r in evidence.recordings if r.tau is not None]
+    return np.flatnonzero(resting(fitted, evidence.samples.columns.arm.per_radian))
 
 
 def _noise(evidence: FitEvidence) -> Row:
@@ -304,7 +310,7 @@ def _changed(changes: Sequence[Change]) -> Iterator[str]:
 
 
 def _still(evidence: FitEvidence) -> Iterator[str]:
-    still = resting([r for r in evidence.recordings if r.tau is not None])
+    still = _still_joints(evidence)
     if len(still):
         joints = ", ".join(str(j + 1) for j in still)
         yield f"joint {joints} rests in every fitted recording: its own parameters are not identifiable"
