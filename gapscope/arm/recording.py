@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -134,6 +135,21 @@ class Recording:
         series = {"t": self.t, **self.channels}
         chosen: dict[str, Any] = {name: x[rows] for name, x in series.items()}
         return replace(self, **chosen, **changed)
+
+
+STILL = 0.01
+"""A joint that moves by less rests [rad, or what counts as that of a slide]. (physical)"""
+
+
+def resting(recordings: Iterable[Recording], per_radian: np.ndarray) -> np.ndarray:
+    """Which joints rest in every recording, mask (n,); between recordings an arm may have been moved.
+
+    Args:
+        recordings: one at least.
+        per_radian: what counts as a radian of each joint, (n,): see ``NominalArm.per_radian``.
+    """
+    travel = np.max([np.ptp(r.q, axis=0) for r in recordings], axis=0)
+    return np.asarray(travel < STILL * per_radian)
 
 
 def _frozen(value: Any) -> np.ndarray:

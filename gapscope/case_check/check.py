@@ -17,7 +17,7 @@ from gapscope.arm.errors import GapscopeError, InputError, ModelWarning
 from gapscope.arm.io.json_file import plain
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.recording import CHANNELS, Recording
+from gapscope.arm.recording import CHANNELS, STILL, Recording, resting
 from gapscope.diagnosis.set_up import Remark, look_at_set_up, numbers
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault
 from gapscope.diagnosis.study import with_torque
@@ -43,7 +43,6 @@ SAME = 1e-9  # Series that differ by less are the same [rad or N m]. (physical)
 
 # --- motion; of sliding joints in what counts as a radian
 FOLLOWED = 0.1  # A joint that moves less may be held off its reference by its load [rad]. (hand)
-STILL = 0.01  # A joint that moves less than this does not move [rad]. (physical)
 SLIDING = 0.02  # Below this speed dry friction is not fully developed [rad/s]. (physical)
 # Cosine between speed and its sign, of sliding samples: at one speed it is 1, evenly spread speeds have 0.87 [1].
 ONE_SPEED = 0.97  # (hand)
@@ -234,6 +233,7 @@ class JointMotions:
 
     Attributes:
         range: of the positions [rad or m], shape (n,).
+        still: joints that rest in every recording, mask (n,).
         slow, fast: 10 and 90 % quantile of the speed of sliding samples [rad/s or m/s], (n,); 0 if it never slides.
         reversals: changes of direction, shape (n,).
         one_speed: cosine between the velocity and its sign over sliding samples [1], (n,); nan if it never slides.
@@ -245,6 +245,7 @@ class JointMotions:
     """
 
     range: np.ndarray
+    still: np.ndarray
     slow: np.ndarray
     fast: np.ndarray
     reversals: np.ndarray
@@ -256,11 +257,14 @@ class JointMotions:
     silent: tuple[str, ...]
 
 
-def joint_motions(columns: ModelColumns, segments: Sequence[Segment]) -> JointMotions:
+def joint_motions(
+    columns: ModelColumns, recordings: Sequence[Recording], segments: Sequence[Segment]
+) -> JointMotions:
     """Measure how the joints move.
 
     Args:
         columns: model of the nominal arm.
+        recordings: that are fitted.
         segments: of the recordings that are fitted, with torque or without.
     """
     arm, body = columns.arm, columns.body
@@ -275,6 +279,7 @@ def joint_motions(columns: ModelColumns, segments: Sequence[Segment]) -> JointMo
     silent, count = _silent(columns, segments)
     return JointMotions(
         range=np.ptp(q, axis=0),
+        still=resting(recordings, arm.per_radian),
         slow=np.array([np.quantile(v, 0.1) if len(v) else 0.0 for v in each]),
         fast=np.array([np.quantile(v, 0.9) if len(v) else 0.0 for v in each]),
         reversals=_reversals(segments, arm.per_radian),
@@ -289,14 +294,9 @@ def joint_motions(columns: ModelColumns, segments: Sequence[Segment]) -> JointMo
     )
 
 
-def check_motion(motions: JointMotions, per_radian: np.ndarray) -> Iterator[Remark]:
-    """What cannot be told from the motion, joint by joint.
-
-    Args:
-        motions: how the joints move.
-        per_radian: what counts as a radian of each joint [rad or m], shape (n,).
-    """
-    still = motions.range / per_radian < STILL
+def check_motion(motions: JointMotions) -> Iterator[Remark]:
+    """What cannot be told from the motion, joint by joint."""
+    still = motions.still
     moving = ~still
     one_speed = moving & ~(motions.one_speed < ONE_SPEED)
     share = np.minimum(motions.forward, 1 - motions.forward)
@@ -623,11 +623,11 @@ def _of_signals(
     columns = ModelColumns(case.arm)
     cutoff = position_cutoff(case.recordings)
     segments = list(_segments(case, cutoff))
-    motions = joint_motions(columns, segments)
+    motions = joint_motions(columns, case.recordings, segments)
     remarks += check_ranges(case, columns.body)
     remarks += look_at_set_up(case, references).remarks()
     remarks += _limits(case)
-    remarks += check_motion(motions, case.arm.per_radian)
+    remarks += check_motion(motions)
     remarks += check_nominal(case, columns.body)
     remarks += check_controller(case)
     return motions

@@ -12,6 +12,7 @@ import yaml
 from gapscope.arm.case import Case
 from gapscope.arm.display import effect_name, percent
 from gapscope.diagnosis.document.wording import capital, listing
+from gapscope.diagnosis.gap.plausible_data import check_moving
 from gapscope.diagnosis.setup_faults.detection import (
     find_setup_faults,
     nominal_gap,
@@ -110,10 +111,10 @@ class SetUp:
                 "torque",
                 "",
                 f"the nominal arm's torque is off by {_much(self.off)} of the recorded one, more than no torque would "
-                "be: probably another robot, or a load that is not in the case",
-                "check robot: and payloads:",
+                "be: another robot, or a load or friction that the case does not state",
+                "check robot:, payloads: and nominal:",
             )
-        elif not self.faults:
+        elif all(_topic(fault) == "time" for fault in self.faults):
             yield Remark(
                 "ok",
                 "torque",
@@ -129,7 +130,11 @@ class SetUp:
         before, after = fault.gap_without_this, fault.gap_after
         if before is not None and after is not None:
             read, right = (_much(_rms(gap)) for gap in (before, after))
-            said += f": the nominal arm is off by {read} of the torque as it is read, by {right} if that is put right"
+            if read != right:
+                said += (
+                    f": the nominal arm is off by {read} of the torque as it is read, by {right} if that is put "
+                    "right"
+                )
         mend = _rounded(self._mend(fault))
         line = yaml.safe_dump(mend, default_flow_style=True, width=1000).strip()
         remedy = (
@@ -156,8 +161,9 @@ def look_at_set_up(case: Case, seen: Sequence[FoundFault] = ()) -> SetUp:
         seen: faults of references.
 
     Raises:
-        InputError: time stamps cannot be put right.
+        InputError: the arm stands still, or time stamps cannot be put right.
     """
+    check_moving(case)
     found = find_setup_faults(case)
     right = repaired(case, found)
     gap, mounted = nominal_gap(right), upright(right).arm

@@ -7,7 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from gapscope.arm.case import Case, load_case
-from gapscope.arm.errors import GapscopeError
+from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.diagnosis.set_up import NO_TORQUE, SetUp, look_at_set_up
 from gapscope.inspection.channels import AMPERES, ChannelGuess
 from gapscope.inspection.draft import case_text
@@ -22,10 +22,12 @@ class DraftCheck:
     Attributes:
         notes: what the reader noticed, and dropped.
         problem: why the case cannot be read as it is; empty if it can.
+        remedy: what to do about it.
     """
 
     notes: tuple[str, ...] = ()
     problem: str = ""
+    remedy: str = ""
 
 
 def check_draft(found: Inspection) -> DraftCheck:
@@ -35,7 +37,7 @@ def check_draft(found: Inspection) -> DraftCheck:
     try:
         case = _drafted(found)
     except GapscopeError as error:
-        return DraftCheck(problem=str(error))
+        return DraftCheck((), _said(error), error.remedy)
     notes = []
     for recording in case.recordings:
         notes += [f"{recording.name}: {note}" for note in recording.notes]
@@ -55,16 +57,17 @@ def judge_torques(found: Inspection) -> Inspection:
             if set_up is not None:
                 place = label, guess.group.pattern
                 looked[place] = set_up
-                remarks = set_up.remarks()
-                said = [remark.text for remark in remarks if remark.topic != "time"]
+                said = [r.text for r in set_up.remarks() if r.topic != "time"]
                 torques[place] = [*torques[place], *said]
     found = _best_first(replace(found, torques=torques), looked)
     if "tau" not in found.chosen:
         return found
     label, guess = found.chosen["tau"]
     chosen = looked.get((label, guess.group.pattern))
-    remarks = () if chosen is None else chosen.remarks()
-    return replace(found, misread=tuple(r for r in remarks if r.level != "ok"))
+    if chosen is None:
+        return found
+    wrong = tuple(r for r in chosen.remarks() if r.level != "ok")
+    return replace(found, misread=wrong)
 
 
 def _set_up(found: Inspection, label: str, guess: ChannelGuess) -> SetUp | None:
@@ -94,11 +97,16 @@ def _drafted(found: Inspection) -> Case:
         file = Path(folder) / "case.yaml"
         text = case_text(found, Path(folder), str(found.arm.urdf.resolve()))
         file.write_text(text, encoding="utf-8")
-        try:
-            return load_case(file, any_unit=True)
-        except GapscopeError as error:
-            said = str(error).replace(str(file), "case.yaml")
-            raise GapscopeError(said) from None
+        return load_case(file, any_unit=True)
+
+
+def _said(error: GapscopeError) -> str:
+    """An error on the draft, which lies in a folder that is gone: names of files alone."""
+    if not isinstance(error, InputError):
+        return error.message
+    file = error.file.name if error.file is not None else ""
+    place = ", ".join(filter(None, (file, error.where)))
+    return f"{place}: {error.problem}" if place else error.problem
 
 
 def _best_first(found: Inspection, looked: dict[tuple[str, str], SetUp]) -> Inspection:

@@ -11,6 +11,7 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import CHANNELS
 from gapscope.diagnosis.set_up import Remark
 from gapscope.inspection.channels import ChannelGuess
+from gapscope.inspection.columns import ColumnGroup
 from gapscope.inspection.inspected_table import InspectedTable, inspect_table
 from gapscope.inspection.oddities import Oddity, oddities_of
 from gapscope.inspection.torque_facts import arm_of_columns, torque_facts
@@ -102,7 +103,9 @@ def inspect_logs(logs: Sequence[Log], arm: NominalArm | None = None) -> Inspecti
     )
     first = {label: kind[0] for label, kind in sources.items()}
     if arm is not None:
-        arm = arm_of_columns(arm, chosen["q"][1].group)
+        group = chosen["q"][1].group
+        arm = arm_of_columns(arm, group)
+        notes += _other_columns(main[0].label, group, arm)
     return Inspection(
         logs=tuple(logs),
         tables=tuple(tables),
@@ -218,6 +221,19 @@ def _notes(logs: Sequence[Log], tables: Sequence[InspectedTable]) -> list[str]:
         notes += [f"{table.label}: {note}" for note in table.part.table.notes]
     idle = [log.path.name for log in logs if log.path not in used]
     return notes + [f"{name}: holds no numbers of joints" for name in idle]
+
+
+def _other_columns(label: str, group: ColumnGroup, arm: NominalArm) -> list[str]:
+    """A note if a log has more positions than the robot has joints, and their order alone says which are taken."""
+    n = arm.n_joints
+    if group.width <= n or set(arm.joints) <= set(group.labels):
+        return []
+    taken, others = group.labels[:n], group.labels[n:]
+    return [
+        f"{label}: {group.pattern} has {group.width} columns, the robot {n} joints: the first, {taken[0]} to "
+        f"{taken[-1]}, are taken, and {', '.join(others)} left out; "
+        "for another arm or order list its columns in the case"
+    ]
 
 
 def _without_positions(

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gapscope.arm.io.channel_entry import UNITS
+from gapscope.arm.io.plausibility import gap_notes
+from gapscope.arm.recording import STILL
 from gapscope.inspection.channels import ChannelGuess
 from gapscope.inspection.time_column import TimeGuess
 
-STILL = 1e-3
-"""Range of positions below which a joint counts as still, as a share of the farthest joint's [1]."""
 CLIPPED = 0.02
 """Share of rows at exactly the largest or least value from which a column counts as clipped [1]."""
 SPIKE = 20.0
@@ -82,14 +83,13 @@ def _time(where: str, time: TimeGuess) -> Iterator[Oddity]:
             f"{repeated} rows repeat the stamp before them ({repeated / len(step):.1%})",
             "they are dropped on reading",
         )
-    wide = step > 2.5 * usual
-    if wide.any():
+    for note in gap_notes(time.seconds):
         yield Oddity(
             where,
-            f"{wide.sum()} gaps in time, the longest {step.max():.3g} s",
-            "the recording is cut there; look why samples were lost",
+            note,
+            "the recording is cut there; if nobody stopped it, look why samples were lost",
         )
-    regular = step[(step > 0) & ~wide]
+    regular = step[(step > 0) & (step <= 2.5 * usual)]
     jitter = float(np.std(regular) / usual) if usual > 0 else 0.0
     if jitter > 0.1:
         yield Oddity(
@@ -204,12 +204,15 @@ def _evenly_held(step: np.ndarray) -> bool:
 
 
 def _still(where: str, guess: ChannelGuess) -> Iterator[Oddity]:
-    travel = np.ptp(guess.group.values, axis=0)
-    if travel.max() == 0:
-        yield Oddity(where, "no joint moves", "record a motion of all joints")
-        return
-    still = travel <= STILL * travel.max()
-    if still.any():
+    travel = np.ptp(guess.group.values, axis=0) * UNITS.get(guess.unit, 1.0)
+    still = travel < STILL
+    if still.all():
+        yield Oddity(
+            where,
+            f"the arm stands still: no joint moves by {STILL:g} rad",
+            "record a motion of all joints",
+        )
+    elif still.any():
         numbers = ", ".join(str(j + 1) for j in np.flatnonzero(still))
         yield Oddity(
             where,

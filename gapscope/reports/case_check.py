@@ -34,6 +34,8 @@ def summary(content: dict[str, Any]) -> Group:
         parts += [Text(""), _joints(content)]
     name = content["case"] or "the case"
     word = "can be diagnosed" if content["can_be_diagnosed"] else "cannot be diagnosed"
+    if any(one["level"] == "warn" and one["topic"] == "torque" for one in remarks):
+        word += "; first see to what is said of its torque"
     return Group(*parts, Text(f"\n{name} {word}", "bold"))
 
 

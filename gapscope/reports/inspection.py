@@ -212,7 +212,7 @@ def wrong_rows(found: Inspection, checked: DraftCheck) -> list[tuple[str, str, s
         for remark in found.misread
     ]
     if checked.problem:
-        rows.append(("the drafted case", checked.problem, ""))
+        rows.append(("the drafted case", checked.problem, checked.remedy))
     rows += [(odd.where, odd.what, odd.remedy) for odd in found.oddities]
     notes = (*found.notes, *checked.notes)
     for note in notes:

@@ -74,6 +74,19 @@ def test_a_base_that_is_mounted_turned_is_said_with_its_gravity(
     assert np.allclose([float(x) for x in shown.split(",")], [0, 0, -9.81], atol=0.3)
 
 
+def test_an_arm_that_stands_still_cannot_be_diagnosed(make_case: Make) -> None:
+    def still(t: np.ndarray) -> np.ndarray:
+        noise = np.random.default_rng(0).standard_normal((len(t), 2))
+        return np.array([0.4, -0.7]) + 1e-5 * noise
+
+    def as_held(table: dict[str, np.ndarray]) -> None:
+        for j in (1, 2):
+            table[f"tau{j}"] = np.full_like(table["t"], 3.0) + 0.1 * np.sin(table["t"])
+
+    check = check_case(make_case((still,), spoil=as_held))
+    assert "the arm stands still" in warned(check) and not check.can_be_diagnosed
+
+
 @pytest.mark.parametrize(
     ("motion", "said"),
     [
@@ -118,7 +131,9 @@ def test_pauses_are_no_jitter_and_a_slow_log_is_not_in_milliseconds(
         table.update({name: column[::26] for name, column in table.items()})
 
     text = warned(check_case(make_case(spoil=pause)))
-    assert "gaps in time: 1" in text and "rate:" not in text
+    assert (
+        "gaps in time: 1" in text and "rate:" not in text and "Time stamps" not in text
+    )
     check = check_case(make_case(spoil=slow))
     assert "the rate is 9.62 Hz" in warned(check) and "looks like" not in warned(check)
     assert not check.can_be_diagnosed

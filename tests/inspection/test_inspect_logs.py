@@ -125,6 +125,15 @@ def test_a_log_of_fewer_joints_takes_the_first_of_the_robot(arm, motion, tmp_pat
     assert found.arm is not None and found.arm.joints == arm.joints[:4]
 
 
+def test_of_two_arms_in_a_log_it_is_said_which_is_taken(arm, motion, tmp_path):
+    table = {"t": motion.t}
+    for side, values in (("left", motion.q), ("right", -motion.q)):
+        table |= columns(side + "_joint{j}.position", values)
+    found = inspected(tmp_path, arm, log=table)
+    (said,) = (note for note in found.notes if "14 columns, the robot 7" in note)
+    assert "left_joint1 to left_joint7, are taken" in said and "right_joint1" in said
+
+
 def test_a_log_without_positions_is_refused(arm, motion, tmp_path):
     with pytest.raises(Exception, match="identifies joint positions"):
         inspected(tmp_path, arm, log={"t": motion.t, **columns("tau{j}", motion.tau)})

@@ -36,14 +36,20 @@ def jitter(motion):
     return {"t": motion.t + 0.001 * rng.standard_normal(len(motion.t))}
 
 
+def still(motion):
+    rng = np.random.default_rng(1)
+    return columns("q{j}", 0.3 + 1e-5 * rng.standard_normal(motion.q.shape))
+
+
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
         (spiked, "joint 2: q{j} leaves its neighbours"),
         (clipped, "joint 2: tau{j} stands at"),
-        (gap, "1 gaps in time"),
+        (gap, "gaps in time: 1"),
         (jitter, "jitter by"),
         (lambda m: {"q3": 0 * m.t + 0.4}, "joint 3 does not move"),
+        (still, "the arm stands still"),
         (
             lambda m: {"tau1": np.where(np.arange(len(m.t)) % 3, 1.0, np.nan)},
             "400 cells",

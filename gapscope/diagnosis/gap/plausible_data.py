@@ -11,7 +11,7 @@ import numpy as np
 from gapscope.arm.case import Case
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.plausibility import DIAGNOSE_FIRST, PLAUSIBLE_RATES
-from gapscope.arm.recording import Recording
+from gapscope.arm.recording import STILL, Recording, resting
 from gapscope.diagnosis.thresholds import (
     EXAMINED,
     LARGEST_POSITION,
@@ -45,16 +45,17 @@ def check_moving(case: Case) -> None:
     """Check that joints move, in every recording whose torque tells of a motion, and that no value lies alone.
 
     Raises:
-        InputError: no joint moves in any recording, or none in one whose torque changes as in the others; or some
-            samples lie far from all others.
+        InputError: the arm stands still in all recordings, or its positions do in one whose torque changes as in the
+            others; or some samples lie far from all others.
     """
     for recording in (*case.recordings, *case.judged):
         _check_lone_positions(recording)
     least = LEAST_MOTION * case.arm.per_radian
     moves = [bool((np.ptp(r.q, axis=0) > least).any()) for r in case.recordings]
-    if not any(moves):
+    if resting(case.recordings, case.arm.per_radian).all():
         raise InputError(
-            "the positions never change: without a motion no effect can be told from another",
+            f"the arm stands still: no joint moves by {STILL:g} rad within a recording, and without a motion no effect "
+            "can be told from another",
             "record a motion of all joints; or check the columns q1.. and their unit in import: {q: ...}",
             file=", ".join(recording.name for recording in case.recordings),
             where="columns q",
@@ -77,8 +78,7 @@ def check_moving(case: Case) -> None:
 
 def still_note(case: Case) -> tuple[str, ...]:
     """A sentence on each joint that moves in no recording."""
-    ranges = np.max([np.ptp(r.q, axis=0) for r in case.recordings], axis=0)
-    still = ranges <= LEAST_MOTION * case.arm.per_radian
+    still = resting(case.recordings, case.arm.per_radian)
     return tuple(
         f"joint {j + 1} ({case.arm.joints[j]}) never moves: its friction and drive cannot be told, the other joints "
         "are diagnosed; if it did move, its position was not recorded"

@@ -48,6 +48,7 @@ from gapscope.effects.catalogue import of_quantity
 from gapscope.effects.setup_faults import Fault, TimeStamps, UnitMismatch
 from gapscope.model.conditioning import (
     GAP_STEPS,
+    SHORTEST,
     TORQUE_CUTOFF,
     Segment,
     condition,
@@ -182,9 +183,13 @@ def jitter(recording: Recording) -> float:
 
 
 def lost(recording: Recording) -> float:
-    """Share of samples missing in gaps of more than ``GAP_STEPS`` periods [1], those left out on reading apart."""
-    steps = np.diff(recording.t) * recording.rate
-    missing = float((steps[steps > GAP_STEPS] - 1).sum())
+    """Share of samples missing in gaps of more than ``GAP_STEPS`` periods [1], those left out on reading apart.
+
+    Stamps that are as far apart as the shortest piece that is used by itself are a pause: the logger was stopped.
+    """
+    steps = np.diff(recording.t)
+    gaps = (steps * recording.rate > GAP_STEPS) & (steps < SHORTEST)
+    missing = float((steps[gaps] * recording.rate - 1).sum())
     missing = max(missing - _counted(recording, LEFT_OUT), 0.0)
     return missing / (len(recording.t) + missing)
 

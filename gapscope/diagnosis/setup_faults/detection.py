@@ -121,7 +121,7 @@ def _lowers_gap(fault: FoundFault, alone: bool) -> bool:
     # read that way the recordings leave no gap to look at: too short, or no arm
     if after is None:
         return False
-    least_fall = -np.inf
+    least_fall = 0.0
     if fault.name == "shifted_inertials":
         least_fall = SHIFTED_INERTIALS_FALL
     elif alone:

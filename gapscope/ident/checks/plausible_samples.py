@@ -10,7 +10,7 @@ from scipy.interpolate import make_interp_spline
 from gapscope.arm.control import PD
 from gapscope.arm.dynamics.rollout import Commands
 from gapscope.arm.errors import InputError
-from gapscope.arm.recording import Recording
+from gapscope.arm.recording import STILL, Recording, resting
 from gapscope.arm.velocity_filter import VelocityFilter, rule_of
 from gapscope.ident.samples import Samples
 from gapscope.model.conditioning import TORQUE_CUTOFF, TRIM, low_pass
@@ -19,8 +19,6 @@ from gapscope.model.effective_samples import band_samples
 # Whether samples can be identified from at all; what cannot is refused with the reason, before any fit.
 
 
-STILL = 0.01
-"""A joint that moves less than this does not move [rad]."""
 PER_PARAMETER = 2.0
 """Independent samples that each base parameter needs at least; a band of f Hz holds 2 f a second and joint."""
 
@@ -36,7 +34,10 @@ def check_bare(recording: Recording) -> None:
 
 
 def check_recordings(
-    recordings: Sequence[Recording], held_out: Sequence[Recording], case: str
+    recordings: Sequence[Recording],
+    held_out: Sequence[Recording],
+    case: str,
+    per_radian: np.ndarray,
 ) -> None:
     """Check that there is torque to fit and to hold out, and that something moves.
 
@@ -59,23 +60,13 @@ def check_recordings(
             "name another recording with --judge",
             file=case,
         )
-    moved = np.max(
-        [np.ptp(r.q, axis=0) for r in recordings if r.tau is not None], axis=0
-    )
-    if (moved < STILL).all():
+    if resting([r for r in recordings if r.tau is not None], per_radian).all():
         raise InputError(
-            f"the trajectory is constant: no joint moves by more than {np.max(moved):.2g} rad",
+            f"the trajectory is constant: no joint moves by {STILL:g} rad within a recording",
             "record a motion in which all joints speed up, slow down and turn round (`gapscope excite` plans one)",
             file=recordings[0].name,
             where="columns q1 on",
         )
-
-
-def resting(recordings: Sequence[Recording]) -> np.ndarray:
-    """Joints, from 0, that rest in every recording."""
-    return np.flatnonzero(
-        np.max([np.ptp(r.q, axis=0) for r in recordings], axis=0) < STILL
-    )
 
 
 def check_count(samples: Samples, base_count: int, name: str) -> None:

@@ -64,7 +64,7 @@ def _row(
     exceeded = values > threshold
     found = bool(exceeded.any()) if joints is None else len(joints) > 0
     if joints is None:
-        joints = np.flatnonzero(exceeded) + 1 if np.ndim(value) else ()
+        joints = (np.flatnonzero(exceeded) + 1).tolist() if np.ndim(value) else []
     return Row(
         key=key,
         **text,
@@ -72,7 +72,7 @@ def _row(
         threshold=threshold,
         unit=unit,
         verdict=FOUND if found else CLEAR,
-        joints=tuple(int(j) for j in joints),
+        joints=tuple(joints),
     )
 
 
@@ -92,7 +92,7 @@ def _about_bodies(evidence: FitEvidence) -> Iterator[Row]:
         np.rad2deg(known[asked].max() if len(asked) else worst),
         1.0,
         "deg",
-        joints=asked + 1,
+        joints=(asked + 1).tolist(),
         symptom="negative masses, inertias that no body has",
         cause="zero of an encoder off",
         check="offset estimated together with the parameters, if it is certain and lowers the cost",
@@ -142,7 +142,7 @@ def _about_motion(evidence: FitEvidence) -> Iterator[Row]:
         "resting_joint",
         float(len(still)),
         0.0,
-        joints=still + 1,
+        joints=(still + 1).tolist(),
         symptom="parameters of a joint missing among the base parameters",
         cause="the joint does not move",
         check="number of joints that rest",

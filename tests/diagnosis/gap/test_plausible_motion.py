@@ -63,7 +63,7 @@ STILL = np.tile([0.3, -0.2], (600, 1))
 @pytest.mark.parametrize(
     ("recordings", "message"),
     [
-        ([recording(q=STILL)], "a.csv, columns q: the positions never change: without"),
+        ([recording(q=STILL)], "a.csv, columns q: the arm stands still"),
         (
             [recording(), recording("b.csv", q=STILL)],
             "b.csv, columns q: the positions never change, but the torque does",
