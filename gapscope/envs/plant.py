@@ -6,9 +6,11 @@ One environment's plant is one of N.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy import add, multiply
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.velocity_filter import VelocityFilter, filter_gains
@@ -105,11 +107,11 @@ class Readings:
         self._rngs[number] = np.random.default_rng(seed)
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
-        """Readings [rad] of the true positions q [rad] of motors or joints, shape (N, n)."""
+        """Readings [rad] of the true positions q [rad] of motors or joints, shape (N n,)."""
         noise = None
         if self._noisy:
-            noise = np.concatenate([self._drawn(number) for number in range(len(q))])
-        return self._all(q.ravel(), noise).reshape(q.shape)
+            noise = np.concatenate([self._drawn(arm) for arm in range(len(self._one))])
+        return self._all(q, noise)
 
     def of(self, number: int, q: np.ndarray) -> np.ndarray:
         """Reading [rad] of one arm at its true position q [rad], shape (n,)."""
@@ -130,30 +132,55 @@ class VelocityFilters:
     """
 
     def __init__(self, rate: float, shape: tuple[int, int]) -> None:
-        self._rate = rate
-        self._gains = np.array(filter_gains(rate, cutoff(rate), VELOCITY_DAMPING))
-        self._past = np.zeros((shape[0], 5, shape[1]))
+        self._rate, self._shape = rate, shape
+        gains = np.array(filter_gains(rate, cutoff(rate), VELOCITY_DAMPING))
+        pasts = np.zeros((2, 5, shape[0] * shape[1]))
+        if shape[0] == 1:
+            self._product, tables = gains.dot, pasts
+        else:
+            # one product per arm: a single large one would round differently
+            self._product = partial(np.matmul, gains)
+            tables = pasts.reshape(2, 5, *shape).swapaxes(1, 2)
+        # the rows from one array into another, in turns: numpy takes longer to move them within one
+        self._turns = [
+            _Past(past, table, past[0], past[:-1], past[1:], past[3], table[..., 3, :])
+            for past, table in zip(pasts, tables, strict=True)
+        ]
 
     def put(self, number: int, position: np.ndarray, velocity: np.ndarray) -> None:
         """Start an arm at a position [rad], until which it had a velocity [rad/s], each (n,)."""
         rate = self._rate
         one = VelocityFilter(rate, cutoff(rate), VELOCITY_DAMPING, position, velocity)
-        self._past[number] = one.past
-        # of one arm its own filter is faster
-        self._one = one if len(self._past) == 1 else None
+        self._turns[0].rows.reshape(5, *self._shape)[:, number] = one.past
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
-        """Filtered velocities [rad/s] for the next positions q [rad], shape (N, n); valid until the next call."""
-        if self._one is not None:
-            return self._one(q[0])[None]
-        past = self._past
-        past[:, 0] = q
-        # one product per arm: a single large one would round differently
-        v = np.matmul(self._gains, past)
-        past[:, 1:3] = past[:, :2]
-        past[:, 4] = past[:, 3]
-        past[:, 3] = v
-        return v
+        """Filtered velocities [rad/s] for the next positions q [rad], (N n,); valid until the next call but one."""
+        now, after = self._turns
+        now.newest[...] = q
+        after.older[...] = now.kept
+        self._product(now.table, out=after.result)
+        self._turns.reverse()
+        return after.velocity
+
+
+class _Past(NamedTuple):
+    """``VelocityFilter.past`` of N arms, and parts of the same memory.
+
+    Attributes:
+        rows: of all joints, shape (5, N n).
+        table: by arms, or of one arm the rows.
+        newest: first row.
+        kept, older: all rows but the last, and but the first.
+        velocity, result: last velocity in a row, and where it comes from the table.
+    """
+
+    rows: np.ndarray
+    table: np.ndarray
+    newest: np.ndarray
+    kept: np.ndarray
+    older: np.ndarray
+    velocity: np.ndarray
+    result: np.ndarray
 
 
 class _Diverged(NamedTuple):
@@ -206,8 +233,11 @@ class ControlledArms:
         self._alone, self._engine, count = count is None, engine, count or 1
         arm, dt = setup.base.arm, setup.timing.dt
         self._nominal = nominal_body(arm)
-        self._order, self._places = self._nominal.order, self._nominal.places
-        self._ordered = bool((self._order == np.arange(arm.n_joints)).all())
+        first = arm.n_joints * np.arange(count)[:, None]
+        self._order, self._places = (
+            (first + row).ravel() for row in (self._nominal.order, self._nominal.places)
+        )
+        self._ordered = bool((self._order == np.arange(self._order.size)).all())
         drive = self._drive(setup.options.effects)
         self._arms = SimulatedArms(drive, count, threads, engine)
         encoders = Encoders(drive.corrected, self._encoder_step)
@@ -227,12 +257,14 @@ class ControlledArms:
         self.q, self.dq, self.applied = np.zeros((3, *shape))
         self.load, self.torque_rate = np.zeros((2, count))
         self._diverged: dict[int, _Diverged] = {}
-        # of the shape of the torque: numpy takes longer for one that it must spread
+        # of the joints of all arms: numpy takes longer for what it must spread
         control = setup.control
-        gains = control.gains or Gains(np.zeros(shape[1]), np.zeros(shape[1]))
-        self._gains = Gains(*(np.tile(gain, (count, 1)) for gain in gains))
-        self._limit = np.tile(control.limit, (count, 1))
+        self._gains = control.gains and Gains(
+            *(np.tile(gain, count) for gain in control.gains)
+        )
+        self._limit = np.tile(control.limit, count)
         self._lowest = -self._limit
+        self._error, self._work = np.zeros((2, self._order.size))
 
     def _drive(self, effects: tuple[AppliedEffect, ...]) -> ArmDrive:
         """The drives and bodies of an arm with effects; raises ``InputError`` if they cannot be simulated."""
@@ -274,7 +306,7 @@ class ControlledArms:
         start, still = course.q[0], np.zeros(len(course.dq))
         self._arms.start(number, encoders, start, course.dq)
         self.q[number] = self._own(self._arms.q)[number]
-        self._home[number] = self._arms.q[number]
+        self._home[number] = self._arms.q.reshape(self._home.shape)[number]
         moving = self._control.gains is None
         first = (start, course.dq) if moving else (still, still)
         self._estimate.put(number, *first)
@@ -344,47 +376,50 @@ class ControlledArms:
         control, steps = self._control, self._timing.sub_steps
         before, scaled_action = self.torque, control.scale * action
         self.torque = np.clip(scaled_action, -control.limit, control.limit)
-        commanded = self.torque
+        commanded = self.torque.ravel()
         for done in range(0, steps, self._chunk):
-            self._hold(commanded, done)
-            self.velocity = self._estimate(self.position).copy()
+            velocity = self._estimate(self._hold(commanded, done))
+            self.velocity = velocity.reshape(action.shape).copy()
         held = np.full(len(action), steps)
         for number, end in self._diverged.items():
             held[number] = min(end.done + self._chunk, steps)
-        share, jump = commanded / control.rated, commanded - before
+        share, jump = self.torque / control.rated, self.torque - before
         squares, jumps = np.vecdot(share, share), np.vecdot(jump, jump)
         self._note(held * squares, jumps, held)
 
     def _track(self, at: np.ndarray, action: np.ndarray) -> None:
         """PD with feedforward at every step, with what the action adds or multiplies."""
-        control, before = self._control, self.torque
-        assert control.gains is not None
-        added: np.ndarray | float = 0.0
-        factor: np.ndarray | float = 1.0
-        gains = self._gains
+        control, before, gains = self._control, self.torque, self._gains
+        assert control.gains is not None and gains is not None
+        shape, added, factor = before.shape, 0.0, 1.0
         if control.multiplies:
-            factor, gains = scaled(control.gains, action)
+            factor, scaled_gains = scaled(control.gains, action)
+            gains = Gains(*(gain.ravel() for gain in scaled_gains))
         else:
             added = control.scale * action
         reference, feedforward = self.courses.steps(at)
         wanted = feedforward[:-1] * factor + added
-        limit, lowest = self._limit, self._lowest
-        error = reference[0] - self.position
-        rate = self.courses.rate(at) - self.velocity
-        for done, torque in enumerate(wanted):  # rows, filled in place
-            torque += gains.kp * error
-            torque += gains.kd * rate
-            np.maximum(torque, lowest, out=torque)
-            np.minimum(torque, limit, out=torque)
-            self._hold(torque, done)
-            error = reference[done + 1] - self.position
+        kp, kd, lowest, limit = *gains, self._lowest, self._limit
+        error, work = self._error, self._work
+        following = reference.reshape(len(reference), -1)
+        rate = (self.courses.rate(at) - self.velocity).ravel()
+        np.subtract(following[0], self.position.ravel(), error)
+        # rows, filled in place
+        for done, torque in enumerate(wanted.reshape(len(wanted), -1)):
+            multiply(kp, error, work)
+            add(torque, work, torque)
+            multiply(kd, rate, work)
+            add(torque, work, torque)
+            np.maximum(torque, lowest, torque)
+            np.minimum(torque, limit, torque)
+            np.subtract(following[done + 1], self._hold(torque, done), error)
             rate = self._estimate(error)
-        self.velocity = self.courses.rate(at + 1) - rate
+        self.velocity = self.courses.rate(at + 1) - rate.reshape(shape)
         self.torque = wanted[-1].copy()
         self._note_series(wanted, before)
 
-    def _hold(self, torque: np.ndarray, done: int) -> None:
-        """Hold a torque [N m], (N, n), until the encoders are read again.
+    def _hold(self, torque: np.ndarray, done: int) -> np.ndarray:
+        """Hold a torque [N m], (N n,), until the encoders are read again; the readings [rad], (N n,).
 
         An arm that diverged waits at its start until its next episode.
         """
@@ -392,16 +427,19 @@ class ControlledArms:
         if self._networks:
             felt = torque.copy()
             for number, network in self._networks.items():
-                felt[number] -= network.torque(self._first[number] + done)
-        arms.hold(felt if self._ordered else felt[:, self._order], self._chunk)
-        rates = arms.rates
+                table = felt.reshape(self.q.shape)
+                table[number] -= network.torque(self._first[number] + done)
+        arms.hold(felt if self._ordered else felt[self._order], self._chunk)
+        dq = arms.dq
         # fast: no joint is faster than all together
-        if not rates.dot(rates) <= FASTEST_OBSERVED**2:
-            fast = ~(np.abs(arms.dq).max(axis=1) <= FASTEST_OBSERVED)
-            for number in np.flatnonzero(fast).tolist():
-                self._stop(number, done, torque[number])
+        if not dq.dot(dq) <= FASTEST_OBSERVED**2:
+            speeds = np.abs(dq).reshape(self.q.shape).max(axis=1)
+            for number in np.flatnonzero(~(speeds <= FASTEST_OBSERVED)).tolist():
+                self._stop(number, done, torque.reshape(self.q.shape)[number])
         q = arms.seen(self._on_motor)
-        self.position = self._readings(q if self._ordered else q[:, self._places])
+        reading = self._readings(q if self._ordered else q[self._places])
+        self.position = reading.reshape(self.q.shape)
+        return reading
 
     def _stop(self, number: int, done: int, torque: np.ndarray) -> None:
         """Note what an arm had when it diverged, if this is the first time in the action, and park it."""
@@ -419,8 +457,9 @@ class ControlledArms:
         arms.reset(number, self._home[number], np.zeros(len(torque)))
 
     def _own(self, values: np.ndarray) -> np.ndarray:
-        """A copy of values (N, n) in kinematic order, in the arm's order."""
-        return values.copy() if self._ordered else values[:, self._places]
+        """A copy of values (N n,) in kinematic order, by arms and in the arm's order, (N, n)."""
+        own = values.copy() if self._ordered else values[self._places]
+        return own.reshape(self._home.shape)
 
     def _note_series(self, torque: np.ndarray, before: np.ndarray) -> None:
         """Note the torque of an action's steps [N m], (S, N, n), and of the step before, (N, n)."""
