@@ -209,7 +209,7 @@ def _bare(
 
         def steps() -> None:
             for row in rows:
-                inside.run(row[None], SUB_STEPS)
+                inside.run(row, SUB_STEPS)
 
         return Loop(prepare, steps)
     inside = inside._engine

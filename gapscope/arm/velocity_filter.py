@@ -111,18 +111,20 @@ class VelocityFilter:
         self.past = np.array(
             [position, position - moved, position - 2 * moved, velocity, velocity]
         )
-        self._flat = self.past.reshape(5, -1)
+        self._next = np.empty_like(self.past)
         if first is not None and gains.a2:
-            self._flat[4] += (np.ravel(first) - self._gains @ self._flat) / gains.a2
+            flat = self.past.reshape(5, -1)
+            flat[4] += (np.ravel(first) - self._gains @ flat) / gains.a2
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
         """Filtered velocity [rad/s] for the next position q [rad], each of the shape of the position at the start."""
-        past = self.past
+        past, after = self.past, self._next
         past[0] = q
-        v = self._gains.dot(self._flat).reshape(past.shape[1:])
-        past[1:3] = past[:2]
-        past[4] = past[3]
-        past[3] = v
+        v = self._gains.dot(past.reshape(5, -1)).reshape(past.shape[1:])
+        # from one array into another: numpy takes longer to move rows within one
+        after[1:] = past[:-1]
+        after[3] = v
+        self.past, self._next = after, past
         return v
 
 

@@ -69,11 +69,12 @@ class Episodes:
     """
 
     def __init__(self, setup: Setup, plant: ControlledArms) -> None:
-        self._setup, self._plant = setup, plant
+        self._setup, self._plant, self.at = setup, plant, plant.courses.at
         count = len(plant.load)
-        self.at = np.zeros(count, dtype=int)
         self.action: np.ndarray = np.zeros((count, setup.control.size))
-        self._acted = np.zeros(count, dtype=bool)
+        self._acted = np.zeros(self.action.shape, dtype=bool)
+        # of the shape of the positions: numpy takes longer for what it must spread
+        self._lowest, self._highest = (np.tile(x, (count, 1)) for x in setup.stops)
 
     def begin(
         self, number: int, options: Mapping[str, Any], rng: np.random.Generator
@@ -86,8 +87,7 @@ class Episodes:
         seeds = rng.integers(2**63, size=2)
         episode = self._setup.draw(options, seeds)
         self._plant.reset(number, episode.effects, episode.course, seeds)
-        self.at[number], self.action[number] = 0, 0.0
-        self._acted[number] = False
+        self.action[number], self._acted[number] = 0.0, False
         return episode
 
     def truth(self, number: int) -> dict[str, Any]:
@@ -96,45 +96,45 @@ class Episodes:
 
     def error(self) -> np.ndarray:
         """The tracking errors [rad], shape (N, n)."""
-        return self._plant.courses.position(self.at) - self._plant.position
+        return self._plant.courses.position - self._plant.position
 
     def observations(self, error: np.ndarray) -> np.ndarray:
         """The observations with the tracking errors [rad], shape (N, n)."""
         plant = self._plant
         measured = (plant.position, plant.velocity, error, self.action)
-        return self._setup.layout.assemble(measured, plant.courses.planned(self.at))
+        return self._setup.layout.assemble(measured, plant.courses.planned)
 
     def act(
         self, action: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, dict[str, Any], dict[int, dict[str, Any]]]:
-        """Carry out an action in each environment, shape (N, ...), what exceeds -1 .. 1 clipped.
+        """Carry out an action in each environment, shape (N, ...), what exceeds -1 .. 1 clipped in place.
 
         Returns:
             Tracking errors [rad], shape (N, n); rewards, shape (N,); what ``info`` says of each action, by name, each
             (N,); and why episodes ended early, by number of the environment.
         """
         setup, plant = self._setup, self._plant
-        chosen = np.clip(action, -1.0, 1.0)
-        self._acted |= chosen.any(axis=1)
-        done = plant.act(self.at, chosen)
-        self.at += 1
+        np.minimum(np.maximum(action, -1.0, action), 1.0, action)
+        np.logical_or(self._acted, action, self._acted)
+        plant.act(action)
         error = self.error()
-        parts = setup.reward(error, plant.load, chosen - self.action)
+        parts = setup.reward(error, plant.load, action - self.action)
+        self.action = action
         # an action in which the arm diverges earns nothing for tracking
-        parts.tracking[done < setup.timing.sub_steps] = 0.0
-        self.action = chosen
+        for number in plant.diverged:
+            parts.tracking[number] = 0.0
         values: dict[str, Any] = dict(zip(REWARDS, parts, strict=True))
         squares = np.vecdot(error, error)
         values["tracking_rms"] = np.sqrt(squares / error.shape[1])
         values["torque_rate"] = plant.torque_rate
-        lowest, highest = setup.stops
-        stopped = ((plant.q <= lowest) | (plant.q >= highest)).any(axis=1)
-        early = np.flatnonzero(stopped | (done < setup.timing.sub_steps))
-        ends = {}
-        for number in early.tolist():
-            at, steps = int(self.at[number]) - 1, int(done[number])
-            acted = bool(self._acted[number])
-            ends[number] = plant.early_end(number, at, steps, acted)
+        stopped = (plant.q <= self._lowest) | (plant.q >= self._highest)
+        early = set(plant.diverged)
+        if np.count_nonzero(stopped):
+            early.update(np.flatnonzero(stopped.any(axis=1)).tolist())
+        ends = {
+            number: plant.early_end(number, bool(self._acted[number].any()))
+            for number in sorted(early)
+        }
         return error, parts.total, values, ends
 
 

@@ -6,9 +6,11 @@ One environment's plant is one of N.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy import add, maximum, minimum, multiply, subtract
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.velocity_filter import VelocityFilter, filter_gains
@@ -31,54 +33,57 @@ ONE_BY_ONE = (
 class Courses:
     """Courses of N episodes, K actions of S steps, n joints; each at an action of its own.
 
+    Beyond its end a course stands still.
+
     Args:
         timing: of the episodes.
         count: N.
         n_joints: n.
         planned: numbers in the planned part of the observation.
+
+    Attributes:
+        at: number of the next action of each, shape (N,).
+        planned: the planned part of the observation then, shape (N, ...).
+        position, rate: the reference then [rad], [rad/s], which that part begins with, shape (N, n).
     """
 
     def __init__(self, timing: Timing, count: int, n_joints: int, planned: int) -> None:
-        self._steps, self._last = timing.sub_steps, timing.actions
-        length = timing.actions * timing.sub_steps + 1
-        self._step_q, self._step_torque = np.zeros((2, count, length, n_joints))
-        self._dq = np.zeros((count, timing.actions + 1, n_joints))
-        self._planned = np.zeros((count, timing.actions + 1, planned))
-        self._arms = np.arange(count)
-        self._rows = np.arange(timing.sub_steps + 1)[:, None]
+        n, self._actions, self._sub_steps = n_joints, timing.actions, timing.sub_steps
+        self._steps = self._actions * self._sub_steps
+        self.at = np.zeros(count, dtype=int)
+        self.planned = np.zeros((count, planned))
+        self.position, self.rate = self.planned[:, :n], self.planned[:, n : 2 * n]
+        # rows of all episodes below each other, from which some are taken at once
+        arms, self._rows = np.arange(count), np.arange(self._sub_steps + 1)[:, None]
+        self._first_action = (self._actions + 1) * arms
+        self._first_step = (self._steps + 1) * arms
+        self._plans = np.zeros((count * (self._actions + 1), planned))
+        self._q, self._torque = np.zeros((2, count * (self._steps + 1), n))
 
     def put(self, number: int, course: Course) -> None:
-        """Give an episode, numbered from 0, another course."""
-        length = self._step_q.shape[1]
-        self._step_q[number] = course.step_q[:length]
-        self._step_torque[number] = course.step_torque[:length]
-        self._dq[number] = course.step_dq[: length : self._steps]
-        self._planned[number] = course.planned
+        """Give an episode, numbered from 0, another course, at whose start it is."""
+        first, length = self._first_step[number], self._steps + 1
+        self._q[first : first + length] = course.step_q[:length]
+        self._torque[first : first + length] = course.step_torque[:length]
+        first = self._first_action[number]
+        self._plans[first : first + self._actions + 1] = course.planned
+        self.at[number], self.planned[number] = 0, course.planned[0]
 
-    def steps(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Reference [rad] and feedforward [N m] at the steps of an action, the next one's first included.
+    def steps(self) -> tuple[np.ndarray, np.ndarray]:
+        """Reference [rad] and feedforward [N m] at the steps of the next action, the first after it included.
 
-        Args:
-            at: number of the action of each episode, shape (N,); beyond the end the course stands still.
-
-        Returns:
-            Two arrays of shape (S + 1, N, n).
+        Two arrays of shape (S + 1, N, n).
         """
-        rows = np.minimum(at * self._steps + self._rows, self._last * self._steps)
-        return self._step_q[self._arms, rows], self._step_torque[self._arms, rows]
+        rows = np.minimum(self.at * self._sub_steps + self._rows, self._steps)
+        rows += self._first_step
+        return self._q.take(rows, axis=0), self._torque.take(rows, axis=0)
 
-    def rate(self, at: np.ndarray) -> np.ndarray:
-        """Velocity of the reference when an action is chosen [rad/s], shape (N, n)."""
-        return self._dq[self._arms, np.minimum(at, self._last)]
-
-    def position(self, at: np.ndarray) -> np.ndarray:
-        """The reference when an action is chosen [rad], shape (N, n)."""
-        last = np.minimum(at, self._last) * self._steps
-        return self._step_q[self._arms, last]
-
-    def planned(self, at: np.ndarray) -> np.ndarray:
-        """The planned part of the observation, shape (N, ...)."""
-        return self._planned[self._arms, np.minimum(at, self._last)]
+    def go_on(self) -> None:
+        """The next action is done."""
+        self.at += 1
+        rows = np.minimum(self.at, self._actions)
+        rows += self._first_action
+        self.planned[...] = self._plans.take(rows, axis=0)
 
 
 class Readings:
@@ -105,11 +110,11 @@ class Readings:
         self._rngs[number] = np.random.default_rng(seed)
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
-        """Readings [rad] of the true positions q [rad] of motors or joints, shape (N, n)."""
+        """Readings [rad] of the true positions q [rad] of motors or joints, shape (N n,)."""
         noise = None
         if self._noisy:
-            noise = np.concatenate([self._drawn(number) for number in range(len(q))])
-        return self._all(q.ravel(), noise).reshape(q.shape)
+            noise = np.concatenate([self._drawn(arm) for arm in range(len(self._one))])
+        return self._all(q, noise)
 
     def of(self, number: int, q: np.ndarray) -> np.ndarray:
         """Reading [rad] of one arm at its true position q [rad], shape (n,)."""
@@ -130,30 +135,55 @@ class VelocityFilters:
     """
 
     def __init__(self, rate: float, shape: tuple[int, int]) -> None:
-        self._rate = rate
-        self._gains = np.array(filter_gains(rate, cutoff(rate), VELOCITY_DAMPING))
-        self._past = np.zeros((shape[0], 5, shape[1]))
+        self._rate, self._shape = rate, shape
+        gains = np.array(filter_gains(rate, cutoff(rate), VELOCITY_DAMPING))
+        pasts = np.zeros((2, 5, shape[0] * shape[1]))
+        if shape[0] == 1:
+            self._product, tables = gains.dot, pasts
+        else:
+            # one product per arm: a single large one would round differently
+            self._product = partial(np.matmul, gains)
+            tables = pasts.reshape(2, 5, *shape).swapaxes(1, 2)
+        # the rows from one array into another, in turns: numpy takes longer to move them within one
+        self._turns = [
+            _Past(past, table, past[0], past[:-1], past[1:], past[3], table[..., 3, :])
+            for past, table in zip(pasts, tables, strict=True)
+        ]
 
     def put(self, number: int, position: np.ndarray, velocity: np.ndarray) -> None:
         """Start an arm at a position [rad], until which it had a velocity [rad/s], each (n,)."""
         rate = self._rate
         one = VelocityFilter(rate, cutoff(rate), VELOCITY_DAMPING, position, velocity)
-        self._past[number] = one.past
-        # of one arm its own filter is faster
-        self._one = one if len(self._past) == 1 else None
+        self._turns[0].rows.reshape(5, *self._shape)[:, number] = one.past
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
-        """Filtered velocities [rad/s] for the next positions q [rad], shape (N, n); valid until the next call."""
-        if self._one is not None:
-            return self._one(q[0])[None]
-        past = self._past
-        past[:, 0] = q
-        # one product per arm: a single large one would round differently
-        v = np.matmul(self._gains, past)
-        past[:, 1:3] = past[:, :2]
-        past[:, 4] = past[:, 3]
-        past[:, 3] = v
-        return v
+        """Filtered velocities [rad/s] for the next positions q [rad], (N n,); valid until the next call but one."""
+        now, after = self._turns
+        now.newest[...] = q
+        after.older[...] = now.kept
+        self._product(now.table, out=after.result)
+        self._turns.reverse()
+        return after.velocity
+
+
+class _Past(NamedTuple):
+    """``VelocityFilter.past`` of N arms, and parts of the same memory.
+
+    Attributes:
+        rows: of all joints, shape (5, N n).
+        table: by arms, or of one arm the rows.
+        newest: first row.
+        kept, older: all rows but the last, and but the first.
+        velocity, result: last velocity in a row, and where it comes from the table.
+    """
+
+    rows: np.ndarray
+    table: np.ndarray
+    newest: np.ndarray
+    kept: np.ndarray
+    older: np.ndarray
+    velocity: np.ndarray
+    result: np.ndarray
 
 
 class _Diverged(NamedTuple):
@@ -189,6 +219,8 @@ class ControlledArms:
         torque_rate: RMS over joints and steps of the last action of the change of the torque commanded [N m/s], (N,).
         load: mean of (commanded / rated torque)^2 over joints and steps of the last action [1], (N,); of an action in
             which an arm diverged, both are over its steps until then.
+        courses: what the arms are to follow.
+        diverged: the arms that diverged in the last action, by number.
 
     Raises:
         InputError: an engine that is not there, or arms that cannot be stepped beside others.
@@ -206,8 +238,11 @@ class ControlledArms:
         self._alone, self._engine, count = count is None, engine, count or 1
         arm, dt = setup.base.arm, setup.timing.dt
         self._nominal = nominal_body(arm)
-        self._order, self._places = self._nominal.order, self._nominal.places
-        self._ordered = bool((self._order == np.arange(arm.n_joints)).all())
+        first = arm.n_joints * np.arange(count)[:, None]
+        self._order, self._places = (
+            (first + row).ravel() for row in (self._nominal.order, self._nominal.places)
+        )
+        self._ordered = bool((self._order == np.arange(self._order.size)).all())
         drive = self._drive(setup.options.effects)
         self._arms = SimulatedArms(drive, count, threads, engine)
         encoders = Encoders(drive.corrected, self._encoder_step)
@@ -226,13 +261,16 @@ class ControlledArms:
         self.position, self.velocity, self.torque = np.zeros((3, *shape))
         self.q, self.dq, self.applied = np.zeros((3, *shape))
         self.load, self.torque_rate = np.zeros((2, count))
-        self._diverged: dict[int, _Diverged] = {}
-        # of the shape of the torque: numpy takes longer for one that it must spread
+        self.diverged: dict[int, _Diverged] = {}
+        # of the joints of all arms: numpy takes longer for what it must spread
         control = setup.control
-        gains = control.gains or Gains(np.zeros(shape[1]), np.zeros(shape[1]))
-        self._gains = Gains(*(np.tile(gain, (count, 1)) for gain in gains))
-        self._limit = np.tile(control.limit, (count, 1))
+        self._gains = control.gains and Gains(
+            *(np.tile(gain, count) for gain in control.gains)
+        )
+        self._limit = np.tile(control.limit, count)
         self._lowest = -self._limit
+        self._error, self._work = np.zeros((2, self._order.size))
+        self._series = np.zeros((2, count, setup.timing.sub_steps, shape[1]))
 
     def _drive(self, effects: tuple[AppliedEffect, ...]) -> ArmDrive:
         """The drives and bodies of an arm with effects; raises ``InputError`` if they cannot be simulated."""
@@ -274,7 +312,7 @@ class ControlledArms:
         start, still = course.q[0], np.zeros(len(course.dq))
         self._arms.start(number, encoders, start, course.dq)
         self.q[number] = self._own(self._arms.q)[number]
-        self._home[number] = self._arms.q[number]
+        self._home[number] = self._arms.q.reshape(self._home.shape)[number]
         moving = self._control.gains is None
         first = (start, course.dq) if moving else (still, still)
         self._estimate.put(number, *first)
@@ -299,92 +337,94 @@ class ControlledArms:
             "effects": [described(applied) for applied in self.effects[number]],
         }
 
-    def early_end(self, number: int, at: int, done: int, acted: bool) -> dict[str, Any]:
-        """Why the episode of an arm ends early, if it does, after so many steps of the action numbered ``at``.
+    def early_end(self, number: int, acted: bool) -> dict[str, Any]:
+        """Why the episode of an arm ends early, if it does, after the last action.
 
         ``acted``: whether one of its actions was other than zero.
         """
-        steps, reading = self._timing.sub_steps, self.position[number]
-        if done == steps:
+        reading = self.position[number]
+        if number not in self.diverged:
             return dict(stop_info(self._setup, self.q[number], reading))
-        until = at * steps + done
+        before = int(self.courses.at[number] - 1) * self._timing.sub_steps
+        until = before + self.diverged[number].done
         state = reading, self.dq[number]
         hidden = self.effects[number]
         return divergence_info(self._setup, until, *state, hidden, acted)
 
-    def act(self, at: np.ndarray, action: np.ndarray) -> np.ndarray:
-        """Carry out the actions, shape (N, ...), numbered ``at`` from 0; returns the steps that each has done.
-
-        They are fewer than those of an action if an arm diverged.
-        """
-        self._diverged, kept = {}, self.velocity
-        self._first = at * self._timing.sub_steps
+    def act(self, action: np.ndarray) -> None:
+        """Carry out the next action of each, shape (N, ...); the courses go on."""
+        self.diverged, kept, courses = {}, self.velocity, self.courses
         for number, network in self._networks.items():
-            network.see(int(at[number]), self.position[number], self.velocity[number])
+            now = self.position[number], self.velocity[number]
+            network.see(int(courses.at[number]), *now)
         if self._control.gains is None:
             self._command(action)
+            courses.go_on()
         else:
-            self._track(at, action)
-        self.q, self.dq, self.applied = (
-            self._own(x) for x in (self._arms.q, self._arms.dq, self._arms.applied)
-        )
-        done = np.full(len(at), self._timing.sub_steps)
-        for number, end in self._diverged.items():
-            done[number] = end.done
+            self._track(action)
+        arms = self._arms
+        self.q, self.dq = self._own(arms.q), self._own(arms.dq)
+        self.applied = self._own(arms.applied)
+        for number, end in self.diverged.items():
             self.torque[number], self.position[number] = end.torque, end.position
             self.q[number], self.dq[number] = end.q, end.dq
             self.applied[number] = end.applied
             # the velocity of the PD law is noted at the end of an action only
             tracked = self._control.gains is not None
             self.velocity[number] = kept[number] if tracked else end.velocity
-        return done
 
     def _command(self, action: np.ndarray) -> None:
         """Hold the torque of each action."""
-        control, steps = self._control, self._timing.sub_steps
-        before, scaled_action = self.torque, control.scale * action
-        self.torque = np.clip(scaled_action, -control.limit, control.limit)
-        commanded = self.torque
+        control, steps, before = self._control, self._timing.sub_steps, self.torque
+        commanded = (control.scale * action).ravel()
+        maximum(commanded, self._lowest, commanded)
+        minimum(commanded, self._limit, commanded)
+        self.torque = commanded.reshape(before.shape)
         for done in range(0, steps, self._chunk):
-            self._hold(commanded, done)
-            self.velocity = self._estimate(self.position).copy()
+            velocity = self._estimate(self._hold(commanded, done))
+            self.velocity = velocity.reshape(before.shape).copy()
         held = np.full(len(action), steps)
-        for number, end in self._diverged.items():
+        for number, end in self.diverged.items():
             held[number] = min(end.done + self._chunk, steps)
-        share, jump = commanded / control.rated, commanded - before
+        share, jump = self.torque / control.rated, self.torque - before
         squares, jumps = np.vecdot(share, share), np.vecdot(jump, jump)
         self._note(held * squares, jumps, held)
 
-    def _track(self, at: np.ndarray, action: np.ndarray) -> None:
+    def _track(self, action: np.ndarray) -> None:
         """PD with feedforward at every step, with what the action adds or multiplies."""
-        control, before = self._control, self.torque
-        assert control.gains is not None
-        added: np.ndarray | float = 0.0
-        factor: np.ndarray | float = 1.0
-        gains = self._gains
+        control, courses, gains = self._control, self.courses, self._gains
+        assert control.gains is not None and gains is not None
+        before, velocity = self.torque, self.velocity
+        reference, wanted = courses.steps()
+        wanted = wanted[:-1]
         if control.multiplies:
-            factor, gains = scaled(control.gains, action)
+            factor, scaled_gains = scaled(control.gains, action)
+            wanted *= factor
+            gains = Gains(*(gain.ravel() for gain in scaled_gains))
         else:
-            added = control.scale * action
-        reference, feedforward = self.courses.steps(at)
-        wanted = feedforward[:-1] * factor + added
-        limit, lowest = self._limit, self._lowest
-        error = reference[0] - self.position
-        rate = self.courses.rate(at) - self.velocity
-        for done, torque in enumerate(wanted):  # rows, filled in place
-            torque += gains.kp * error
-            torque += gains.kd * rate
-            np.maximum(torque, lowest, out=torque)
-            np.minimum(torque, limit, out=torque)
-            self._hold(torque, done)
-            error = reference[done + 1] - self.position
+            wanted += control.scale * action
+        kp, kd, lowest, limit = *gains, self._lowest, self._limit
+        error, work = self._error, self._work
+        following = reference.reshape(len(reference), -1)
+        rate = (courses.rate - velocity).ravel()
+        subtract(following[0], self.position.ravel(), error)
+        # rows, filled in place
+        for done, torque in enumerate(wanted.reshape(len(wanted), -1)):
+            multiply(kp, error, work)
+            add(torque, work, torque)
+            multiply(kd, rate, work)
+            add(torque, work, torque)
+            maximum(torque, lowest, torque)
+            minimum(torque, limit, torque)
+            subtract(following[done + 1], self._hold(torque, done), error)
             rate = self._estimate(error)
-        self.velocity = self.courses.rate(at + 1) - rate
+        courses.go_on()
+        self.velocity = courses.rate - rate.reshape(before.shape)
         self.torque = wanted[-1].copy()
         self._note_series(wanted, before)
 
-    def _hold(self, torque: np.ndarray, done: int) -> None:
-        """Hold a torque [N m], (N, n), until the encoders are read again.
+    def _hold(self, torque: np.ndarray, done: int) -> np.ndarray:
+        """Hold a torque [N m], (N n,), until the encoders are read again; the readings [rad], (N n,).
 
         An arm that diverged waits at its start until its next episode.
         """
@@ -392,22 +432,26 @@ class ControlledArms:
         if self._networks:
             felt = torque.copy()
             for number, network in self._networks.items():
-                felt[number] -= network.torque(self._first[number] + done)
-        arms.hold(felt if self._ordered else felt[:, self._order], self._chunk)
-        rates = arms.rates
+                table = felt.reshape(self.q.shape)
+                step = self.courses.at[number] * self._timing.sub_steps + done
+                table[number] -= network.torque(step)
+        arms.hold(felt if self._ordered else felt[self._order], self._chunk)
+        dq = arms.dq
         # fast: no joint is faster than all together
-        if not rates.dot(rates) <= FASTEST_OBSERVED**2:
-            fast = ~(np.abs(arms.dq).max(axis=1) <= FASTEST_OBSERVED)
-            for number in np.flatnonzero(fast).tolist():
-                self._stop(number, done, torque[number])
+        if not dq.dot(dq) <= FASTEST_OBSERVED**2:
+            speeds = np.abs(dq).reshape(self.q.shape).max(axis=1)
+            for number in np.flatnonzero(~(speeds <= FASTEST_OBSERVED)).tolist():
+                self._stop(number, done, torque.reshape(self.q.shape)[number])
         q = arms.seen(self._on_motor)
-        self.position = self._readings(q if self._ordered else q[:, self._places])
+        reading = self._readings(q if self._ordered else q[self._places])
+        self.position = reading.reshape(self.q.shape)
+        return reading
 
     def _stop(self, number: int, done: int, torque: np.ndarray) -> None:
         """Note what an arm had when it diverged, if this is the first time in the action, and park it."""
         arms = self._arms
-        if number not in self._diverged:
-            self._diverged[number] = _Diverged(
+        if number not in self.diverged:
+            self.diverged[number] = _Diverged(
                 done,
                 torque.copy(),
                 self.position[number].copy(),
@@ -419,18 +463,23 @@ class ControlledArms:
         arms.reset(number, self._home[number], np.zeros(len(torque)))
 
     def _own(self, values: np.ndarray) -> np.ndarray:
-        """A copy of values (N, n) in kinematic order, in the arm's order."""
-        return values.copy() if self._ordered else values[:, self._places]
+        """A copy of values (N n,) in kinematic order, by arms and in the arm's order, (N, n)."""
+        own = values.copy() if self._ordered else values[self._places]
+        return own.reshape(self._home.shape)
 
     def _note_series(self, torque: np.ndarray, before: np.ndarray) -> None:
         """Note the torque of an action's steps [N m], (S, N, n), and of the step before, (N, n)."""
-        series = np.ascontiguousarray(torque.transpose(1, 0, 2))
-        share = series / self._control.rated
-        jumps = np.diff(series, axis=1, prepend=before[:, None])
-        flat = [x.reshape(len(series), -1) for x in (share, jumps)]
-        squares, changes = (np.vecdot(x, x) for x in flat)
-        steps = np.full(len(series), series.shape[1])
-        for number, end in self._diverged.items():
+        share, jumps = self._series
+        series = torque.transpose(1, 0, 2)
+        np.divide(series, self._control.rated, share)
+        subtract(series[:, 0], before, jumps[:, 0])
+        subtract(series[:, 1:], series[:, :-1], jumps[:, 1:])
+        flat = self._series.reshape(2, len(share), -1)
+        squares, changes = np.vecdot(flat, flat)
+        steps: int | np.ndarray = len(torque)
+        if self.diverged:
+            steps = np.full(len(share), steps)
+        for number, end in self.diverged.items():
             # what was commanded after it had diverged does not count
             until = slice(0, end.done + 1)
             steps[number] = end.done + 1
@@ -439,7 +488,9 @@ class ControlledArms:
             changes[number] = np.vdot(change, change)
         self._note(squares, changes, steps)
 
-    def _note(self, squares: np.ndarray, jumps: np.ndarray, steps: np.ndarray) -> None:
+    def _note(
+        self, squares: np.ndarray, jumps: np.ndarray, steps: int | np.ndarray
+    ) -> None:
         """Note the sums over an action's steps of (tau / tau_rated)^2 [1] and of (change of tau)^2 [N^2 m^2], (N,)."""
         count = steps * len(self._control.rated)
         self.load = squares / count

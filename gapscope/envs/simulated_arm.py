@@ -31,7 +31,8 @@ class SimulatedArms:
     """N simulated arms with effects, n joints in kinematic order.
 
     Springs beside the joints, forces from outside and laws that a user entered are computed one arm after the other;
-    all other effects over all arms at once. Each arm does what it does alone, bit by bit.
+    all other effects over all arms at once. Each arm does what it does alone, bit by bit. Arrays hold the joints of all
+    arms in a row, those of the first arm first, (N n,).
 
     Args:
         first: bodies and drives of all arms at first. Of several arms none has a motor of its own at a joint.
@@ -40,7 +41,9 @@ class SimulatedArms:
         engine: ``pybullet``, ``mujoco`` or ``dart``; by default PyBullet if it is installed, else MuJoCo.
 
     Attributes:
-        q, dq: true positions [rad] and velocities [rad/s], shape (N, n).
+        q, dq: true positions [rad] and velocities [rad/s], shape (N n,); they keep their places.
+        applied: motor torque that reached the joints in the last step, before friction [N m], shape (N n,); not to be
+            changed.
         motors: with positions and velocities of their own, of one arm; ``None`` if all joints are rigid.
 
     Raises:
@@ -58,8 +61,8 @@ class SimulatedArms:
         self._bodies = _bodies(first, engine, count, threads)
         self._step = RigidStep(self._bodies, self._h)
         self.q, self.dq = self._step.q, self._step.dq
-        self._u = np.zeros(self.q.size)
-        self._row = self.dq[0] if count == 1 else None
+        self.applied = np.zeros(self.q.size)
+        self._shape = count, len(first.rigid)
         self.motors = None if first.rigid.all() else first.motors
         self._rigid = first.rigid
         self._drives = [first] * count
@@ -103,11 +106,13 @@ class SimulatedArms:
             own = np.zeros(self.q.size, dtype=bool)
             own[rows] = True
             friction.drift(time, where=own)
-        self._step.reset(number, self._viscous()[number])
+        self._step.reset(number, self._viscous())
         if self.motors is not None:
             self.motors.reset(q, dq, self.weight(number, q, dq, time))
         self._path.reset(rows)
-        self._u[rows] = 0.0
+        # the torque held before may be the commander's own
+        self.applied = self.applied.copy()
+        self.applied[rows] = 0.0
 
     def start(
         self,
@@ -133,10 +138,10 @@ class SimulatedArms:
         self.reset(number, q[body.order], dq[body.order], time)
 
     def seen(self, on_motor: bool) -> np.ndarray:
-        """True positions of what the encoders sit on [rad], motors or joints, shape (N, n); not to be kept."""
+        """True positions of what the encoders sit on [rad], motors or joints, shape (N n,); not to be kept."""
         if self.motors is None or not on_motor:
             return self.q
-        return self.motors.position[None]
+        return self.motors.position
 
     def weight(
         self, number: int, q: np.ndarray, dq: np.ndarray, time: float
@@ -154,25 +159,20 @@ class SimulatedArms:
         """Time since the start of the recording [s], shape (N,); drift and external force go by it."""
         return self._start + (self._count - self._begun) * self._h
 
-    @property
-    def applied(self) -> np.ndarray:
-        """Motor torque that reached the joints in the last step, before friction [N m], shape (N, n)."""
-        return self._u.reshape(self.q.shape)
-
     def hold(self, torque: np.ndarray, steps: int = 1) -> None:
-        """Hold the commanded torque [N m], shape (N, n), for so many time steps."""
-        command, path, friction = torque.ravel(), self._path, self._friction
+        """Hold the commanded torque [N m], shape (N n,), which is not to be changed then, for so many time steps."""
+        path, friction = self._path, self._friction
         count = steps * self._parts
         if path.constant:
-            self._u = path(command)
+            self.applied = path(torque)
             if self._direct:
                 self._bodies.run(self.applied, count)
                 self._count += count
                 return
-            friction.load(self._u)
+            friction.load(self.applied)
         for step in range(count):
             if not path.constant:
-                self._send(command, first=step == 0)
+                self._send(torque, first=step == 0)
             elif friction.drifting:
                 self._drift()
             self._advance()
@@ -181,55 +181,48 @@ class SimulatedArms:
     def _send(self, command: np.ndarray, first: bool) -> None:
         """Torque of a step of which some changes on its way to the joints; ``first`` of those of a command."""
         path, friction, motors = self._path, self._friction, self.motors
-        position = self.q.ravel() if motors is None else motors.position
-        self._u = u = path(command, position)
+        position = self.q if motors is None else motors.position
+        self.applied = path(command, position)
         if not friction.drifting:
-            friction.load(u)
+            friction.load(self.applied)
             return
         # a torque that is held was taken over before friction drifted on
         if first:
-            friction.load(u, where=~path.changing)
+            friction.load(self.applied, where=~path.changing)
         self._drift()
-        friction.load(u, where=path.changing)
-
-    @property
-    def rates(self) -> np.ndarray:
-        """Velocities of all joints in a row [rad/s], (N n,); not to be kept."""
-        return self._row if self._row is not None else self.dq.reshape(-1)
+        friction.load(self.applied, where=path.changing)
 
     def _advance(self) -> None:
         """One step of all arms."""
-        torque, motors, shape = self._u, self.motors, self._step.shape
+        torque, motors = self.applied, self.motors
         if motors is not None:
             # friction and rotors act on the motors, not on the links
             limit = self._friction.limit(motors.velocity)
-            through = motors.torque(self.q[0], self.dq[0])
+            through = motors.torque(self.q, self.dq)
             on_links = np.where(self._rigid, torque, through)
             if self._loaded:
                 on_links += self._load(0, through)
             self._step.advance(on_links, limit * self._rigid)
             motors.step(torque, through, limit, self._friction.viscous, self._h)
-            motors.follow(self.q[0], self.dq[0])
+            motors.follow(self.q, self.dq)
             return
         if self._loaded:
-            torque, applied = torque.copy(), self.applied
+            torque = torque.copy()
             for number in self._loaded:
-                load = self._load(number, applied[number])
-                torque.reshape(applied.shape)[number] += load
-        limit = self._friction.limit(self.rates)
-        if len(shape) > 1:
-            torque, limit = torque.reshape(shape), limit.reshape(shape)
-        self._step.advance(torque, limit)
+                n = self._shape[1]
+                rows = slice(number * n, (number + 1) * n)
+                torque[rows] += self._load(number, self.applied[rows])
+        self._step.advance(torque, self._friction.limit(self.dq))
 
     def _load(self, number: int, through: np.ndarray) -> np.ndarray:
         """What acts on the links of an arm besides gravity and its drives [N m], shape (n,)."""
         time = float(self.time[number])
-        q, dq = self.q[number].copy(), self.dq[number].copy()
+        q, dq = (x.reshape(self._shape)[number].copy() for x in (self.q, self.dq))
         return self._drives[number].loads(time, q, dq, through)
 
     def _viscous(self) -> np.ndarray:
-        """Viscous friction of the joints without a motor of their own [N m s/rad], shape (N, n)."""
-        viscous = self._friction.viscous.reshape(self.q.shape)
+        """Viscous friction of the joints without a motor of their own [N m s/rad], shape (N n,)."""
+        viscous = self._friction.viscous
         return viscous if self.motors is None else viscous * self._rigid
 
     def _drift(self) -> None:
@@ -239,7 +232,7 @@ class SimulatedArms:
         since = (self._count - self._begun) % self._friction.every
         due = since == 0
         self._drifts_at = self._count + self._friction.every - int(since.max())
-        n = self.q.shape[1]
+        n = self._shape[1]
         self._friction.drift(np.repeat(self.time, n), where=np.repeat(due, n))
         self._step.set_viscous(self._viscous())
 
@@ -306,7 +299,7 @@ class SimulatedArm:
         self._encoders = Encoders(drive.corrected, encoder_step)
         self._noise, self._rng = encoder_noise, rng if np.any(encoder_noise) else None
         self._arms = SimulatedArms(drive, engine=engine)
-        self._q, self._dq = self._arms.q[0], self._arms.dq[0]
+        self._q, self._dq = self._arms.q, self._arms.dq
         self.reset(np.zeros(arm.n_joints))
 
     def __enter__(self) -> SimulatedArm:
@@ -355,12 +348,12 @@ class SimulatedArm:
     @property
     def motor_q(self) -> np.ndarray:
         """True positions of the motors [rad], joint side, shape (n,); those of rigid joints are the joints'."""
-        return self._arms.seen(on_motor=True)[0, self._places]
+        return self._arms.seen(on_motor=True)[self._places]
 
     @property
     def applied(self) -> np.ndarray:
         """Motor torque that reached the joints in the last step, before friction [N m], shape (n,)."""
-        return self._arms.applied[0, self._places]
+        return self._arms.applied[self._places]
 
     @property
     def time(self) -> float:
@@ -373,15 +366,14 @@ class SimulatedArm:
         if self._rng is not None:
             noise = self._noise * self._rng.standard_normal(len(self._q))
         # a reading is an array of its own, so that nothing is copied here
-        seen = self._arms.seen(self._encoders.on_motor)[0]
+        seen = self._arms.seen(self._encoders.on_motor)
         return self._encoders(seen if self._ordered else seen[self._places], noise)
 
     def step(self, torque: np.ndarray, steps: int = 1) -> None:
         """Hold the commanded torque [N m], shape (n,), for ``steps`` time steps."""
-        command = np.asarray(torque, dtype=float)
-        if not self._ordered:
-            command = command[self._order]
-        self._arms.hold(command[None], steps)
+        # a copy: it is held, whatever becomes of the array
+        command = np.array(torque, dtype=float)
+        self._arms.hold(command if self._ordered else command[self._order], steps)
 
 
 class NetworkTorque:

@@ -11,7 +11,7 @@ damper that is all but rigid.
 
 from __future__ import annotations
 
-from functools import partial, reduce
+from functools import reduce
 
 import numpy as np
 from numpy import add, multiply
@@ -139,13 +139,10 @@ class Friction(Rows):
         """Note what is absent, so that a step leaves it out; a torque is still to be taken over."""
         self.drifting = bool(self._drifts.acting)
         self.present = bool(self.dry.any() or self._base_viscous.any())
-        self._at_rest, size = self._constant, len(self._constant)
-        self._applied, self._limit = np.zeros((2, size))
-        self._loads, self._moves = (
-            bool(laws.acting) for laws in (self._loaded, self._moving)
-        )
-        self._under_load = repeated(partial(_sum, self._loaded, 0.0), 1, size)
-        self._in_motion = repeated(partial(_sum, self._moving), 2, size)
+        size = len(self._constant)
+        self._at_rest, self._applied = self._constant, np.zeros(size)
+        self._under_load = repeated(self._sum_at_rest, 2, size)
+        self._in_motion = repeated(self._sum_in_motion, 4, size)
         self._drifted = repeated(self._product, 1, size)
 
     def drift(self, t: float | np.ndarray, where: np.ndarray | None = None) -> None:
@@ -160,32 +157,43 @@ class Friction(Rows):
         factors = [1.0 + effect.change(t, *values) for effect, values in drifts]
         return reduce(multiply, factors)
 
+    def _sum_at_rest(self, applied: np.ndarray, factor: np.ndarray) -> np.ndarray:
+        """Limit without what varies with the velocity [N m]."""
+        limit = self._constant
+        if self._loaded.acting:
+            limit = _sum(self._loaded, 0.0, applied) + limit
+        return limit * factor if self.drifting else limit
+
+    def _sum_in_motion(
+        self,
+        velocity: np.ndarray,
+        applied: np.ndarray,
+        factor: np.ndarray,
+        at_rest: np.ndarray,
+    ) -> np.ndarray:
+        """Limit with what varies with the velocity [N m]."""
+        if not self._moving.acting:
+            return at_rest
+        more = _sum(self._moving, velocity, applied)
+        return (more * factor if self.drifting else more) + at_rest
+
     def load(self, applied: np.ndarray, where: np.ndarray | None = None) -> None:
         """Take over the applied motor torque [N m], shape (n,), of all joints or of those of a mask."""
-        at_rest = self._constant
-        if self._loads:
-            at_rest = self._under_load(applied) + at_rest
-        if self.drifting:
-            at_rest = at_rest * self._factor
+        at_rest = self._under_load(applied, self._factor)
         if where is not None:
             at_rest = np.where(where, at_rest, self._at_rest)
             applied = np.where(where, applied, self._applied)
         self._at_rest, self._applied = at_rest, applied
 
     def limit(self, velocity: np.ndarray) -> np.ndarray:
-        """Limit of dry friction [N m] at velocities [rad/s], shape (n,); valid until the next call."""
-        if not self._moves:
-            return self._at_rest
-        more = self._in_motion(velocity, self._applied)
-        if self.drifting:
-            more = multiply(more, self._factor, self._limit)
-        return add(more, self._at_rest, self._limit)
+        """Limit of dry friction [N m] at velocities [rad/s], shape (n,)."""
+        return self._in_motion(velocity, self._applied, self._factor, self._at_rest)
 
 
 def _sum(
     laws: Laws[DryLaw], velocity: np.ndarray | float, applied: np.ndarray
 ) -> np.ndarray:
-    """Sum of the amplitudes of laws [N m], if there is any."""
+    """Sum of the amplitudes of laws [N m], of which there is one."""
     return reduce(
         add, [law.amplitude(velocity, applied, *values) for law, values in laws.acting]
     )

@@ -114,6 +114,8 @@ class TorquePath(Rows):
     ) -> np.ndarray:
         """Torque [N m] that reaches the joints during this step for the torque commanded at its start, shape (n,).
 
+        It is the commanded torque itself if nothing changes it.
+
         Args:
             commanded: [N m], shape (n,).
             position: of the motors [rad], shape (n,); not needed if the path is ``constant``.
@@ -125,7 +127,7 @@ class TorquePath(Rows):
             u = self._through_time(u)
         if self._last:
             u = self._last(u, position)
-        return np.array(u) if u is commanded else u
+        return u
 
     def _through_time(self, u: np.ndarray) -> np.ndarray:
         """Delay and lag."""

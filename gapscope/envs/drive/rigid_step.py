@@ -52,16 +52,12 @@ class Predicted(Bodies):
         self._engine, self._unread, self._near = engine, 0, False
         self.new = True
         self._lowest, self._highest = limits[0] + NEAR_LIMIT, limits[1] - NEAR_LIMIT
-        self.position, self.velocity, self.acceleration, self.rotors = np.zeros(
-            (4, 1, n)
+        self.position, self.velocity, self.force, self.ahead, self._work = np.zeros(
+            (5, n)
         )
-        self._forward = ForwardDynamics(body, np.zeros(n))
-        # one product with the acceleration: the torque of rotors, friction and what holds, and the gain in velocity
-        self._factors, self._products = np.full((2, n), dt), np.zeros((2, n))
-        self._work, self._steps = np.zeros(n), np.full(n, dt)
-        self._q, self._dq = self.position[0], self.velocity[0]
-        self._last, (self._held, self._gained) = self.acceleration[0], self._products
-        self._accelerate = self._forward.acceleration
+        self.rotors, self._steps = np.zeros((1, n)), np.full(n, dt)
+        self._rotors = self.rotors[0]
+        self._forward = ForwardDynamics(body, self._rotors)
 
     def reset(self, number: int, q: np.ndarray, dq: np.ndarray) -> None:
         """Put the arm at positions q [rad or m] with velocities dq, shape (n,)."""
@@ -70,41 +66,43 @@ class Predicted(Bodies):
 
     def set_rotors(self, arms: int | slice | np.ndarray, rotors: np.ndarray) -> None:
         """Change the inertia on the diagonal of the mass matrix [kg m^2]."""
-        self.rotors[arms] = rotors
-        self._factors[0] = self.rotors[0]
-        self._forward.set_rotors(self.rotors[0])
+        super().set_rotors(arms, rotors)
+        self._forward.set_rotors(self._rotors)
 
     def run(self, torque: np.ndarray, count: int) -> None:
-        """Hold joint torque [N m or N], shape (1, n), for ``count`` time steps of the bodies alone."""
-        self._engine.step(torque[0], count)
+        """Hold joint torque [N m or N], shape (n,), for ``count`` time steps of the bodies alone."""
+        self._engine.step(torque, count)
         self._read()
 
-    def step(self, torque: np.ndarray, only: np.ndarray | None = None) -> None:
-        """Solve a step under joint torque [N m or N], shape (1, n): its acceleration and the velocity after it."""
-        self._torque = torque[0]
-        acceleration = self._accelerate(self._q, self._dq, self._torque)
-        multiply(self._factors, acceleration, self._products)
-        add(self._gained, self._dq, self._dq)
-        np.copyto(self._last, acceleration)
+    def step(self, only: np.ndarray | None = None) -> None:
+        """Solve a step under ``force``: its acceleration and the velocity after it."""
+        acceleration = self._forward.acceleration(
+            self.position, self.velocity, self.force
+        )
+        multiply(acceleration, self._steps, self._work)
+        add(self._work, self.velocity, self.ahead)
+        self.acceleration = acceleration
 
-    def accept(self) -> None:
-        """Make the step that was solved last."""
+    def accept(self, stopped: bool = False) -> None:
+        """Give on what makes the step that was solved last."""
         work = self._work
-        subtract(self._torque, self._held, work)
+        # what rotors, friction and what holds have taken
+        multiply(self._rotors, self.acceleration, work)
+        subtract(self.force, work, work)
         self._engine.step(work)
         self._unread += 1
         if self._near or self._unread == READ_EVERY:
             self._read()
             return
-        multiply(self._dq, self._steps, work)
-        add(self._q, work, self._q)
+        self.velocity[...] = self.ahead
+        multiply(self.ahead, self._steps, work)
+        add(self.position, work, self.position)
 
     def _read(self) -> None:
         """Take the engine's state, which includes joint limits."""
         self._engine.read()
-        q = self._q
-        np.copyto(q, self._engine.q)
-        np.copyto(self._dq, self._engine.dq)
+        q = self.position
+        q[...], self.velocity[...] = self._engine.q, self._engine.dq
         self._unread, self.new = 0, True
         self._near = bool(np.count_nonzero((q < self._lowest) | (q > self._highest)))
 
@@ -114,13 +112,15 @@ class Predicted(Bodies):
 
 
 class RigidStep:
-    """Steps of N arms with rotors and friction, n joints in kinematic order, all arrays of shape (N, n).
+    """Steps of N arms with rotors and friction, n joints in kinematic order.
+
+    Arrays hold the joints of all arms in a row, (N n,), as those of ``Bodies``: numpy takes longer for tables.
 
     Guess which joints stick and which way the others slide: as in the step before. One pass of forward dynamics then
     gives dq+ and the friction, since that of sliding joints is known, and sticking joints are held by a huge inertia
     whose torque it is, HOLD (a + dq / dt): they do not keep a velocity, they stop. Arms whose joints contradict the
-    guess take the step back and try again with these joints on the other side, alone, so that every arm does what it
-    does without the others, bit by bit; after a few guesses ``DryFriction`` decides.
+    guess try again with these joints on the other side, alone, so that every arm does what it does without the others,
+    bit by bit; after a few guesses ``DryFriction`` decides.
 
     Args:
         bodies: moved by the steps.
@@ -133,28 +133,22 @@ class RigidStep:
     def __init__(self, bodies: Bodies, dt: float) -> None:
         self._bodies, self._dt = bodies, dt
         self.q, self.dq = bodies.position, bodies.velocity
-        shape = self.q.shape
-        self._drives: list[ArmDrive | None] = [None] * shape[0]
-        self._forward: list[ForwardDynamics | None] = [None] * shape[0]
-        self._friction = [DryFriction(shape[1]) for _ in range(shape[0])]
-        self._dry, self._sticking, self._over = np.zeros((3, *shape), dtype=bool)
-        self._rotors, self._viscous, self._effective, self._brake = np.zeros(
-            (4, *shape)
+        self._shape = count, n = bodies.rotors.shape
+        self._drives: list[ArmDrive | None] = [None] * count
+        self._forward: list[ForwardDynamics | None] = [None] * count
+        self._friction = [DryFriction(n) for _ in range(count)]
+        size = count * n
+        self._inertia = bodies.rotors.reshape(size)
+        self._dry, self._sticking, self._over = np.zeros((3, size), dtype=bool)
+        self._rotors, self._viscous, self._effective, self._brake = np.zeros((4, size))
+        self._direction, self._mask, self._way, self._work, self._held = np.zeros(
+            (5, size)
         )
-        self._direction, self._mask, self._way = np.zeros((3, *shape))
-        self._out, self._work, self._held, self._old_q, self._old_dq = np.zeros(
-            (5, *shape)
-        )
-        self._any_dry = self._any_stuck = False
-        # of one arm rows: numpy takes longer for tables
-        self.shape = shape[1:] if shape[0] == 1 else shape
-        tables = (
-            *(self.q, self.dq, bodies.acceleration, bodies.rotors, self._viscous),
-            *(self._brake, self._direction, self._mask, self._way, self._out),
-            *(self._work, self._held, self._old_q, self._old_dq, self._sticking),
-            self._over,
-        )
-        self._rows = tuple(table.reshape(self.shape) for table in tables)
+        self._any_stuck = False
+
+    def _table(self, row: np.ndarray) -> np.ndarray:
+        """The same memory with a row for each arm, (N, n)."""
+        return row.reshape(self._shape)
 
     def put(self, number: int, drive: ArmDrive) -> None:
         """Give an arm, numbered from 0, other rotors and friction; ``reset`` has to follow.
@@ -162,9 +156,10 @@ class RigidStep:
         Motors of their own keep their rotors and their friction.
         """
         self._drives[number], self._forward[number] = drive, None
-        self._rotors[number] = np.where(drive.rigid, drive.rotors, 0.0)
-        self._dry[number] = self._mask[number] = drive.friction.dry & drive.rigid
-        self._any_dry = bool(self._dry.any())
+        self._table(self._rotors)[number] = np.where(drive.rigid, drive.rotors, 0.0)
+        self._table(self._dry)[number] = drive.friction.dry & drive.rigid
+        self._mask[...] = self._dry
+        self._any_dry, self._all_dry = bool(self._dry.any()), bool(self._dry.all())
         self._coupled = [
             (arm, one.coupled)
             for arm, one in enumerate(self._drives)
@@ -172,118 +167,113 @@ class RigidStep:
         ]
 
     def reset(self, number: int, viscous: np.ndarray) -> None:
-        """Forget the steps of an arm: all its joints rest; viscous friction b [N m s/rad], shape (n,)."""
+        """Forget the steps of an arm: all its joints rest; viscous friction b of all arms [N m s/rad]."""
         self._friction[number].reset()
         drive = self._drives[number]
         assert drive is not None
         if drive.coupled.present:
             drive.coupled.reset()
-        self._viscous[number] = viscous
-        self._effective[number] = self._rotors[number] + self._dt * viscous
-        self._keep(np.array([number]), np.zeros((1, self.q.shape[1])))
-        rotors = self._effective[number] + HOLD * self._sticking[number]
-        self._bodies.set_rotors(number, rotors)
+        arms = np.array([number])
+        self._keep(arms, np.zeros((1, self._shape[1])))
+        self.set_viscous(viscous, arms)
 
-    def set_viscous(self, viscous: np.ndarray) -> None:
-        """Change b [N m s/rad]."""
-        self._viscous[:] = viscous
-        self._effective = self._rotors + self._dt * self._viscous
-        rotors = self._effective + HOLD * self._sticking
-        self._bodies.set_rotors(slice(None), rotors)
+    def set_viscous(
+        self, viscous: np.ndarray, arms: slice | np.ndarray = slice(None)
+    ) -> None:
+        """Change b [N m s/rad] of all arms or of some; it is given of all."""
+        for row, value in (
+            (self._viscous, viscous),
+            (self._effective, self._rotors + self._dt * viscous),
+        ):
+            self._table(row)[arms] = self._table(value)[arms]
+        inertia = self._effective + HOLD * self._sticking
+        self._bodies.set_rotors(arms, self._table(inertia)[arms])
 
     def advance(self, torque: np.ndarray, limit: np.ndarray) -> None:
-        """One step under u [N m], all that acts on the joints but friction and rotors.
-
-        Args:
-            torque: u, of the step's own ``shape``.
-            limit: of dry friction [N m], of that shape.
-        """
-        q, velocity, acceleration, inertia, viscous, brake, direction, *more = (
-            self._rows
-        )
-        mask, way, out, work, held, old_q, old, sticking, over = more
-        bodies, stuck = self._bodies, self._any_stuck
+        """One step under u [N m], all that acts on the joints but friction and rotors; limit of dry friction [N m]."""
+        bodies, work, velocity = self._bodies, self._work, self.dq
+        force = bodies.force
         if self._coupled:
             torque = torque - self._taken(torque, limit)
-        np.copyto(old, velocity)
-        multiply(viscous, old, work)
-        subtract(torque, work, out)
+        multiply(self._viscous, velocity, work)
+        subtract(torque, work, force)
         if not self._any_dry:
-            bodies.step(self._out)
+            bodies.step()
             bodies.accept()
             return
-        np.copyto(old_q, q)
-        multiply(direction, limit, work)
-        subtract(out, work, out)
+        multiply(self._direction, limit, work)
+        subtract(force, work, force)
+        stuck, way, ahead = self._any_stuck, self._way, bodies.ahead
         brakes = stuck and bodies.new
         if brakes:
             # once it rests, what sticks has no velocity to brake
-            multiply(brake, old, work)
-            subtract(out, work, out)
+            multiply(self._brake, velocity, work)
+            subtract(force, work, force)
         bodies.new = False
-        bodies.step(self._out)
+        bodies.step()
         if stuck:
-            np.copyto(velocity, 0.0, where=sticking)
+            over, held, sticking = self._over, self._held, self._sticking
+            np.copyto(ahead, 0.0, where=sticking)
             # of the joints that stick, what holds them is the friction
-            multiply(inertia, acceleration, held)
+            multiply(self._inertia, bodies.acceleration, held)
             if brakes:
                 add(held, work, held)
             greater(absolute(held, work), limit, over)
             logical_and(over, sticking, over)
             stuck = np.count_nonzero(over) > 0
-        multiply(velocity, mask, way)
-        signs = sign(way, way).tobytes()
-        if stuck or signs != self._signs:
-            shape = self.q.shape
-            self._again(torque.reshape(shape), limit.reshape(shape))
-        bodies.accept()
+        # a joint without dry friction has no way
+        sign(ahead if self._all_dry else multiply(ahead, self._mask, way), way)
+        if stuck or way.tobytes() != self._signs:
+            self._again(torque, limit)
+        bodies.accept(self._any_stuck)
 
     def _taken(self, torque: np.ndarray, limit: np.ndarray) -> np.ndarray:
         """Torque that motors take which turn several joints [N m], under that on the joints."""
-        shape = self.q.shape
-        taken, torque, limit = (
-            np.zeros(shape),
-            torque.reshape(shape),
-            limit.reshape(shape),
-        )
+        taken = np.zeros_like(torque)
         for arm, motors in self._coupled:
-            own = self._rotors[arm], self._viscous[arm], limit[arm]
-            taken[arm] = motors(self.q[arm], self.dq[arm], torque[arm], *own)
-        return taken.reshape(self.shape)
+            q, dq, u, rotors, viscous, dry, out = (
+                self._table(row)[arm]
+                for row in (
+                    *(self.q, self.dq, torque, self._rotors, self._viscous),
+                    *(limit, taken),
+                )
+            )
+            out[:] = motors(q, dq, u, rotors, viscous, dry)
+        return taken
 
     def _again(self, torque: np.ndarray, limit: np.ndarray) -> None:
-        """Steps of the arms, k of them, whose first guess was wrong; torque and limit as in ``advance``, (N, n)."""
+        """Steps of the arms, k of them, whose first guess was wrong; torque and limit as in ``advance``."""
         over = self._over if self._any_stuck else np.zeros_like(self._over)
         wrong = (self._way != self._direction) | over
-        arms = np.flatnonzero(wrong.any(axis=1)).astype(np.int32)
-        way = self._way[arms]
-        guess = np.where(self._direction[arms] == way, way, 0.0)
-        pushed = np.where(self._held[arms] > 0, 1.0, -1.0)
-        guess = np.where(over[arms], pushed, guess)
-        old, limit = self._old_dq[arms], limit[arms]
-        work = torque[arms] - self._viscous[arms] * old
-        known = (old, work, limit, self._dry[arms], self._effective[arms])
+        arms = np.flatnonzero(self._table(wrong).any(axis=1)).astype(np.int32)
+        pushed = np.where(self._held > 0, 1.0, -1.0)
+        kept = np.where(self._direction == self._way, self._way, 0.0)
+        guess = self._table(np.where(over, pushed, kept))[arms]
+        work = torque - self._viscous * self.dq
+        known = [
+            self._table(row)[arms]
+            for row in (self.dq, work, limit, self._dry, self._effective)
+        ]
         left = np.arange(len(arms))
         for _ in range(GUESSES - 1):
             wrong, following = self._try(
-                arms[left], guess[left], tuple(x[left] for x in known)
+                arms[left], guess[left], [x[left] for x in known]
             )
             left = left[wrong]
             if not len(left):
                 break
             guess[left] = following[wrong]
         if len(left):
-            self._take_back(arms[left])
             for row in left.tolist():
-                guess[row] = self._search(int(arms[row]), work[row], limit[row])
-            self._try(arms[left], guess[left], tuple(x[left] for x in known))
+                guess[row] = self._search(int(arms[row]), known[1][row], known[2][row])
+            self._try(arms[left], guess[left], [x[left] for x in known])
         self._keep(arms, guess)
 
     def _keep(self, arms: np.ndarray, direction: np.ndarray) -> None:
         """Note the directions, shape (k, n), with which some arms have made their step."""
-        sticks = self._dry[arms] & (direction == 0)
-        self._direction[arms], self._sticking[arms] = direction, sticks
-        self._brake[arms] = HOLD * sticks / self._dt
+        self._table(self._direction)[arms] = direction
+        np.logical_and(self._dry, self._direction == 0, self._sticking)
+        self._brake = HOLD * self._sticking / self._dt
         self._any_stuck = bool(self._sticking.any())
         self._signs = self._direction.tobytes()
 
@@ -291,9 +281,9 @@ class RigidStep:
         self,
         arms: np.ndarray,
         direction: np.ndarray,
-        known: tuple[np.ndarray, ...],
+        known: list[np.ndarray],
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Take the step of some arms back and make it as guessed; which of them are wrong, and the next guesses.
+        """Try the step of some arms as guessed; which of them are wrong, and the next guesses.
 
         Args:
             arms: k numbers.
@@ -302,25 +292,22 @@ class RigidStep:
                 where there is dry friction, and rotors with viscous friction [kg m^2], each (k, n).
         """
         old, work, limit, dry, effective = known
-        stuck = dry & (direction == 0)
+        bodies, stuck = self._bodies, dry & (direction == 0)
         hold = HOLD * stuck
         inertia, braking = effective + hold, hold / self._dt * old
-        self._take_back(arms)
-        self._bodies.set_rotors(arms, inertia)
-        self._bodies.step(work - direction * limit - braking, only=arms)
-        velocity = np.where(stuck, 0.0, self.dq[arms])
-        self.dq[arms] = velocity
-        held = inertia * self._bodies.acceleration[arms] + braking
+        bodies.set_rotors(arms, inertia)
+        self._table(bodies.force)[arms] = work - direction * limit - braking
+        bodies.step(only=arms)
+        ahead = self._table(bodies.ahead)
+        velocity = np.where(stuck, 0.0, ahead[arms])
+        ahead[arms] = velocity
+        held = inertia * self._table(bodies.acceleration)[arms] + braking
         over = stuck & (np.abs(held) > limit)
         way = sign(velocity * dry)
         kept = np.where(direction == way, direction, 0.0)
         following = np.where(over, np.where(held > 0, 1.0, -1.0), kept)
         wrong = ((way != direction) | over).any(axis=1)
         return np.flatnonzero(wrong), following
-
-    def _take_back(self, arms: np.ndarray) -> None:
-        """Put some arms back to where they were before the step."""
-        self.q[arms], self.dq[arms] = self._old_q[arms], self._old_dq[arms]
 
     def _search(self, arm: int, out: np.ndarray, limit: np.ndarray) -> np.ndarray:
         """Directions of an arm's joints by a search that always ends, 0 if they stick, shape (n,).
@@ -330,14 +317,17 @@ class RigidStep:
             out: torque less viscous friction [N m], shape (n,).
             limit: of dry friction [N m], shape (n,).
         """
+        q, dq, rotors, effective, dry = (
+            self._table(row)[arm]
+            for row in (self.q, self.dq, self._rotors, self._effective, self._dry)
+        )
         drive, forward = self._drives[arm], self._forward[arm]
         assert drive is not None
         if forward is None:
-            forward = ForwardDynamics(drive.body, self._rotors[arm])
+            forward = ForwardDynamics(drive.body, rotors)
             self._forward[arm] = forward
-        q, dq, dt = self._old_q[arm], self._old_dq[arm], self._dt
-        forward.set_rotors(self._effective[arm])
+        forward.set_rotors(effective)
         inertia = forward.mass_matrix(q)
-        momentum = inertia @ dq + dt * (out - forward.bias(q, dq))
-        self._friction[arm].solve(inertia, momentum, dt * limit)
-        return np.where(self._dry[arm], self._friction[arm].direction, 0.0)
+        momentum = inertia @ dq + self._dt * (out - forward.bias(q, dq))
+        self._friction[arm].solve(inertia, momentum, self._dt * limit)
+        return np.where(dry, self._friction[arm].direction, 0.0)

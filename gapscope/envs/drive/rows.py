@@ -138,8 +138,7 @@ def repeated(
             result: Any = function(*arguments)
     except (AttributeError, TypeError, ValueError):
         return function
-    last = notes.calls[-1][1][-1] if notes.calls else None
-    if not isinstance(result, _Noted) or result.value is not last:
+    if not isinstance(result, _Noted) or not notes.end(result.value):
         return function
     return notes
 
@@ -148,7 +147,7 @@ class _Notes:
     """The operations of a function, in their order, and where its arguments go in."""
 
     def __init__(self) -> None:
-        self.calls: list[tuple[np.ufunc, list[Any]]] = []
+        self._calls: list[tuple[np.ufunc, list[Any]]] = []
         self._given: list[tuple[list[Any], int, int]] = []
 
     def note(self, operation: np.ufunc, *inputs: Any) -> _Noted:
@@ -160,16 +159,25 @@ class _Notes:
         out = operation(*call)
         # where the result goes to comes last
         call.append(out)
-        self.calls.append((operation, call))
+        self._calls.append((operation, call))
         return _Noted(self, out)
+
+    def end(self, result: np.ndarray) -> bool:
+        """Whether the function ends with the last operation; its result takes memory of its own each time."""
+        if not self._calls or self._calls[-1][1][-1] is not result:
+            return False
+        self._last, self._inputs = self._calls.pop()
+        self._inputs.pop()
+        return True
 
     def __call__(self, *arguments: np.ndarray | float) -> np.ndarray:
         """The function's value, an array of its own."""
         for inputs, place, number in self._given:
             inputs[place] = arguments[number]
-        for operation, inputs in self.calls:
+        for operation, inputs in self._calls:
             operation(*inputs)
-        return np.array(self.calls[-1][1][-1])
+        value: np.ndarray = self._last(*self._inputs)
+        return value
 
 
 class _Noted(NDArrayOperatorsMixin):

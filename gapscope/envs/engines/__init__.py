@@ -54,9 +54,13 @@ class Engine(ABC):
 class Bodies(ABC):
     """Rigid bodies of N arms with rotors, n joints each in kinematic order, whose steps are tried before they are made.
 
+    Arrays hold the joints of all arms in a row, those of the first arm first, (N n,), and keep their places.
+
     Attributes:
-        position, velocity: present state [rad], [rad/s], shape (N, n); written to take a step back.
-        acceleration: of the last step [rad/s^2], shape (N, n); read only.
+        position, velocity: present state [rad], [rad/s]; read only.
+        force: joint torque of the next step [N m or N]; to be written.
+        ahead: velocity after the step that was tried last [rad/s]; it may be written before the step is made.
+        acceleration: of that step [rad/s^2]; read only, another array after each.
         rotors: inertia on the diagonal of the mass matrix [kg m^2], shape (N, n); read only.
         new: whether an arm has come to its state otherwise than by the last step.
     """
@@ -64,6 +68,8 @@ class Bodies(ABC):
     new: bool
     position: np.ndarray
     velocity: np.ndarray
+    force: np.ndarray
+    ahead: np.ndarray
     acceleration: np.ndarray
     rotors: np.ndarray
 
@@ -78,25 +84,23 @@ class Bodies(ABC):
         raise NotImplementedError
 
     def set_rotors(self, arms: int | slice | np.ndarray, rotors: np.ndarray) -> None:
-        """Change the inertia on the diagonal of the mass matrix of some arms [kg m^2]."""
+        """Change the inertia on the diagonal of the mass matrix of some arms [kg m^2], shape (k, n)."""
         self.rotors[arms] = rotors
 
     @abstractmethod
     def run(self, torque: np.ndarray, count: int) -> None:
-        """Hold joint torque [N m or N], shape (N, n), for ``count`` time steps."""
+        """Hold joint torque [N m or N], shape (N n,), for ``count`` time steps."""
 
     @abstractmethod
-    def step(self, torque: np.ndarray, only: np.ndarray | None = None) -> None:
-        """Try a step under joint torque [N m or N]: ``velocity`` and ``acceleration`` are those of it.
+    def step(self, only: np.ndarray | None = None) -> None:
+        """Try a step under ``force``: ``ahead`` and ``acceleration`` are those of it.
 
-        Args:
-            torque: shape (N, n), or (k, n) for k arms only.
-            only: numbers of the arms that step, sorted, shape (k,); all by default.
+        ``only``: numbers of the arms that try again, sorted, shape (k,); all by default.
         """
 
     @abstractmethod
-    def accept(self) -> None:
-        """Make the steps that were tried last."""
+    def accept(self, stopped: bool = False) -> None:
+        """Make the steps that were tried last; ``stopped`` says that ``ahead`` was written."""
 
     @abstractmethod
     def close(self) -> None:

@@ -114,11 +114,14 @@ class MuJoCoBodies(Bodies):
             if count == 1
             else Batch(model, count, min(count, threads or most))
         )
-        self.position, self.velocity = (
-            self._batch.bind(name) for name in ("qpos", "qvel")
+        self._q, self._dq, self._force, acceleration = (
+            self._batch.bind(x) for x in ("qpos", "qvel", "qfrc_applied", "qacc")
         )
-        self.acceleration = self._batch.bind("qacc")
-        self._force = self._batch.bind("qfrc_applied")
+        # arms of a batch are far apart in its memory, where numpy takes three times as long
+        tables = np.zeros((4, *self._q.shape))
+        self._own_q, self._own_dq, self._own_ahead, self._own_force = tables
+        self.position, self.velocity, self.ahead, self.force = tables.reshape(4, -1)
+        self.acceleration = acceleration.reshape(-1)
         self.rotors = self._batch.expand("dof_armature")
         self._bodies: dict[str, np.ndarray] | None = None
         self.new = True
@@ -151,24 +154,34 @@ class MuJoCoBodies(Bodies):
     def reset(self, number: int, q: np.ndarray, dq: np.ndarray) -> None:
         """Put an arm at positions q [rad or m] with velocities dq, shape (n,), and forget its past."""
         self._batch.reset([number], stage=NO_STAGE)
-        self.position[number], self.velocity[number] = q, dq
+        self._q[number] = self._own_q[number] = q
+        self._dq[number] = self._own_dq[number] = dq
         self.new = True
 
     def run(self, torque: np.ndarray, count: int) -> None:
-        """Hold joint torque [N m or N], shape (N, n), for ``count`` time steps."""
-        self._force[:] = torque
+        """Hold joint torque [N m or N], shape (N n,), for ``count`` time steps."""
+        self._force[...] = torque.reshape(self._force.shape)
         self._batch.step(None, count)
+        self._own_q[...], self._own_dq[...] = self._q, self._dq
 
-    def step(self, torque: np.ndarray, only: np.ndarray | None = None) -> None:
-        """A step under joint torque [N m or N], of all arms or of those numbered ``only``."""
+    def step(self, only: np.ndarray | None = None) -> None:
+        """A step under ``force``, of all arms or of those numbered ``only``, which take the last one back."""
         if only is None:
-            np.copyto(self._force, torque)
-        else:
-            self._force[only] = torque
+            self._force[...] = self._own_force
+            self._batch.step(None, 1)
+            self._own_ahead[...] = self._dq
+            return
+        self._q[only], self._dq[only] = self._own_q[only], self._own_dq[only]
+        self._force[only] = self._own_force[only]
         self._batch.step(only, 1)
+        self._own_ahead[only] = self._dq[only]
 
-    def accept(self) -> None:
-        """Nothing: it is done."""
+    def accept(self, stopped: bool = False) -> None:
+        """Take the engine's state."""
+        if stopped:
+            self._dq[...] = self._own_ahead
+        self._own_q[...] = self._q
+        self.velocity[...] = self.ahead
 
     def close(self) -> None:
         """Nothing outlives the object."""
