@@ -239,3 +239,32 @@ def test_increments_carry_a_sign_and_units_a_prefix() -> None:
     mass, com = parameter_texts(documents.two_effects()["effects"][1])
     assert mass.text == "+1.051 ± 0.013 kg"
     assert com.text == "x 9.8 ± 1.1, y −1.2 ± 1.0, z 51.4 ± 2.0 mm"
+
+
+def test_a_spring_that_rests_beyond_its_range_is_said_by_its_torque() -> None:
+    entry = {
+        "effect": "parallel_spring",
+        "joints": [2, 3],
+        "torque_at_middle": [None, -12.34],
+        "parameters": {
+            "stiffness": {"unit": "N m/rad", "value": [20.0, 5.0], "std": [1.0, 0.5]},
+            "rest": {"unit": "rad", "value": [0.3, -7.0], "std": [0.02, 3.0]},
+        },
+    }
+    texts = {text.name: text.text for text in parameter_texts(entry)}
+    assert texts["rest"] == "J2 17.2 ± 1.1°"
+    assert texts["no rest inside the range, torque at its middle"] == "J3 −12.3 N m"
+
+
+def test_a_turned_base_is_said_as_a_case_file_says_it() -> None:
+    entry = {
+        "effect": "base_tilt",
+        "joints": [],
+        "gravity": [0.0, -0.001, -9.81],
+        "parameters": {
+            "roll": {"unit": "rad", "value": 1.5709, "std": 0.001},
+            "pitch": {"unit": "rad", "value": 0.0, "std": 0.8},
+        },
+    }
+    texts = {text.name: text.text for text in parameter_texts(entry)}
+    assert texts == {"gravity": "[0.00, 0.00, -9.81] m/s²", "roll": "90.01 ± 0.06°"}

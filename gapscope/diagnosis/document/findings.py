@@ -254,6 +254,7 @@ def _finding(
         "effect": applied.name,
         "joints": list(applied.joints),
         **_gravity(applied, study.case.arm),
+        **_at_middle(applied, rows.q),
         "probability": sure.probability,
         "set": conformal_set(applied.name, sure.probability, sure.alternatives),
         "support": sure.support.plain(),
@@ -281,6 +282,22 @@ def _gravity(applied: AppliedEffect, arm: NominalArm) -> dict[str, Any]:
         return {}
     angles = (float(np.ravel(applied.parameters[name])[0]) for name in effect.names)
     return {"gravity": numbers(effect.rotation(*angles).T @ arm.gravity)}
+
+
+def _at_middle(applied: AppliedEffect, q: np.ndarray) -> dict[str, Any]:
+    """Torque of springs at the middle of recorded positions (M, n), if they rest beyond them [N m]."""
+    effect = CATALOGUE.get(applied.name)
+    if effect is None or "rest" not in effect.quantities.values():
+        return {}
+    range_of_joints = q[:, [joint - 1 for joint in applied.joints]]
+    low, high = range_of_joints.min(axis=0), range_of_joints.max(axis=0)
+    stiffness, rest = applied.parameters.values()
+    torque = stiffness * ((low + high) / 2 - rest)
+    beyond = (rest < low) | (rest > high)
+    if not beyond.any():
+        return {}
+    pairs = zip(torque.tolist(), beyond.tolist(), strict=True)
+    return {"torque_at_middle": [value if far else None for value, far in pairs]}
 
 
 def _where(

@@ -271,6 +271,7 @@ def parameter_texts(effect: Mapping[str, Any]) -> list[ParameterText]:
         texts.append(
             ParameterText("gravity", "", (("", gravity_text(effect)),), "m/s²")
         )
+    beyond = effect.get("torque_at_middle", [None] * len(effect["joints"]))
     for name, parameter in effect["parameters"].items():
         if name == "link":
             # what the effect acts on says it
@@ -291,6 +292,8 @@ def parameter_texts(effect: Mapping[str, Any]) -> list[ParameterText]:
         for place, (label, value, std) in enumerate(
             zip(labels, values, stds, strict=True)
         ):
+            if name == "rest" and beyond[place] is not None:
+                continue
             shown_std = None if std is None else factor * std
             text = uncertain(factor * value, shown_std, signed)
             entries.append((label, f"{text} {units[place]}" if units else text))
@@ -298,7 +301,13 @@ def parameter_texts(effect: Mapping[str, Any]) -> list[ParameterText]:
         symbol = known[name].symbol if name in known else ""
         words = name.replace("_", " ")
         texts.append(ParameterText(words, symbol, tuple(entries), unit))
-    return texts
+    # where a spring rests beyond its range is known badly, what it does within well
+    pairs = zip(_labels(effect, len(beyond)), beyond, strict=True)
+    far = [(label, significant(value)) for label, value in pairs if value is not None]
+    if far:
+        words = "no rest inside the range, torque at its middle"
+        texts.append(ParameterText(words, "", tuple(far), "N m"))
+    return [text for text in texts if text.entries]
 
 
 def gravity_text(effect: Mapping[str, Any]) -> str:
