@@ -65,8 +65,10 @@ def judge_torques(found: Inspection) -> Inspection:
         return found
     label, guess = found.chosen["tau"]
     chosen = looked.get((label, guess.group.pattern))
-    remarks = () if chosen is None else chosen.remarks()
-    return replace(found, misread=tuple(r for r in remarks if r.level != "ok"))
+    if chosen is None:
+        return found
+    misread = tuple(remark for remark in chosen.remarks() if remark.level != "ok")
+    return replace(found, misread=misread)
 
 
 def _set_up(found: Inspection, label: str, guess: ChannelGuess) -> SetUp | None:
