@@ -315,7 +315,7 @@ def agreement(
         InputError: fewer than two recordings with torque, none that moves, or one too short.
     """
     every = (*case.recordings, *case.judged)
-    check_recordings(every, every, case.name, case.arm.per_radian)
+    check_recordings(every, every, case)
     recordings = tuple(r for r in every if r.tau is not None)
     if len(recordings) < 2:
         raise InputError(

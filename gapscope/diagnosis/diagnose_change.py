@@ -463,7 +463,9 @@ class _Document:
                 "predictable": [],
                 "coupling": None,
             },
-            "next_recording": suggested_recording(effects, possible, unexplained),
+            "next_recording": suggested_recording(
+                reached, effects, possible, unexplained
+            ),
             "where": self._where(self._explained.before, _widest_first(gap)),
             "against": self._against(),
         }

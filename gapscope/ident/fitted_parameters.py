@@ -142,7 +142,7 @@ def fit_parameters(
             where="--filter",
         )
     fit, held_out = split(case, settings.judge)
-    check_recordings(fit, held_out, case.name, case.arm.per_radian)
+    check_recordings(fit, held_out, case)
     # one cut-off for all recordings, so that their equations are comparable
     if settings.cutoff is None:
         settings = replace(settings, cutoff=position_cutoff(tuple(fit)))

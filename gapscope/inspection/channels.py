@@ -43,7 +43,7 @@ class ChannelGuess:
         group: the columns.
         unit: of the import section, ``A`` for amperes.
         why: what the guess rests on.
-        role: of a torque, what it is called: an entry of ``TORQUE_ORDER``, or what its vendor says; else empty.
+        role: what its vendor says that it holds; of a torque without, an entry of ``TORQUE_ORDER``; else empty.
     """
 
     channel: str
@@ -110,9 +110,7 @@ def _of_layout(columns: TableColumns, layout: Layout | None) -> list[ChannelGues
             group = by_pattern.get(place.column)
             if group is not None:
                 why = f"as in {layout.name}"
-                found.append(
-                    ChannelGuess(channel, group, place.unit, why, place.torque)
-                )
+                found.append(ChannelGuess(channel, group, place.unit, why, place.holds))
     return found
 
 

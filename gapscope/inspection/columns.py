@@ -6,17 +6,25 @@ import json
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from gapscope.arm.io.channel_entry import SIGN_BITS, with_sign
 from gapscope.arm.io.table import Table
+from gapscope.inspection.words import meaning_of
 
 _BRACKETED = re.compile(r"^.*\[(?P<label>[^\[\]]+)\][^\[\]]*$")
+_FIELD = re.compile(r"^.*\[(?P<label>[^\[\].]+)\.(?P<field>[^\[\]]+)\]$")
 _NUMBERED = re.compile(r"^.*?(?P<label>\d+)\D*$")
 _DOTTED = re.compile(r"^(?P<label>[^.]+)\..+$")
-"""Names of columns in which a joint stands in brackets, is a number (the last), or stands before a dot."""
+"""Names of columns in which a joint stands in brackets, there before a quantity, is a number (the last), or stands
+before a dot."""
+
+
+SMOOTHER = 0.5
+"""Share of its way that a series keeps if what seemed its leaps were a change of sign [1]. (hand)"""
 
 
 @dataclass(frozen=True)
@@ -30,6 +38,7 @@ class ColumnGroup:
         names: of the columns; one for a column of lists.
         values: (N, k); nan if a cell is empty or no number.
         seen: what their values show, of columns that have numbers in place of names.
+        sign_bit: bit of the numbers in the file that says the sign of these; ``None`` for ordinary numbers.
     """
 
     pattern: str
@@ -37,6 +46,7 @@ class ColumnGroup:
     names: tuple[str, ...]
     values: np.ndarray
     seen: str = ""
+    sign_bit: int | None = None
 
     @property
     def width(self) -> int:
@@ -92,7 +102,21 @@ def sorted_columns(table: Table, joints: Sequence[str] = ()) -> TableColumns:
         labels, names = tuple(members), tuple(members.values())
         values = np.column_stack([numbers.pop(name) for name in names])
         groups.append(ColumnGroup(_counted(pattern, labels), labels, names, values))
-    return TableColumns(tuple(groups), numbers, tuple(texts))
+    return TableColumns(tuple(map(_signed, groups)), numbers, tuple(texts))
+
+
+def _signed(group: ColumnGroup) -> ColumnGroup:
+    """A group with its signs, if whole numbers run on through zero once a bit is read as the sign."""
+    values = group.values
+    if not np.isfinite(values).all() or (values < 0).any() or (values % 1).any():
+        return group
+    rough = np.abs(np.diff(values, axis=0)).sum()
+    for bit in SIGN_BITS:
+        if 2**bit <= values.max(initial=0) < 2 ** (bit + 1):
+            read = with_sign(values, bit)
+            if np.abs(np.diff(read, axis=0)).sum() < SMOOTHER * rough:
+                return replace(group, values=read, sign_bit=bit)
+    return group
 
 
 def numbers_of(cells: Any) -> np.ndarray | None:
@@ -151,6 +175,10 @@ def _readings(name: str, joints: Sequence[str]) -> list[tuple[str, str]]:
     for joint in sorted(joints, key=len, reverse=True):
         if joint in name:
             return [(name.replace(joint, "{joint}", 1), joint)]
+    field = _FIELD.match(name)
+    if field and meaning_of(field["field"]).quantity:
+        start, end = field.span("label")
+        return [(f"{name[:start]}{{joint}}{name[end:]}", field["label"])]
     found = []
     for form in (_BRACKETED, _NUMBERED, _DOTTED):
         match = form.match(name)

@@ -18,6 +18,7 @@ from gapscope.arm.recording import CHANNELS
 from gapscope.effects.effect import SHEET
 from gapscope.inspection.channels import ChannelGuess
 from gapscope.inspection.inspection import MAIN, TIME, TORQUES, Inspection
+from gapscope.inspection.told_load import told_load
 from gapscope.inspection.torque_facts import columns_of_arm
 from gapscope.inspection.words import LARGEST
 
@@ -42,6 +43,7 @@ def case_text(found: Inspection, folder: Path, robot: str | None) -> str:
         f"name: {_scalar(_name(found))}",
         *_robot(found, robot),
         *_recordings(found, folder),
+        *_payloads(found, folder),
         "import:",
         *_aligned(_import(found)),
         *_data_sheet(found),
@@ -81,6 +83,21 @@ def _recordings(found: Inspection, folder: Path) -> Iterator[str]:
         yield "# judge: [FILE]  # name one of them here in place of above: it is held out and never fitted"
 
 
+def _payloads(found: Inspection, folder: Path) -> Iterator[str]:
+    """The load of each recording, if its robot was told of one."""
+    told = {
+        _relative(entry[label].log.path, folder): load
+        for entry in found.entries
+        for label in list(entry)[:1]
+        if found.arm is not None
+        and (load := told_load(entry[label], found.arm)) is not None
+    }
+    if told:
+        yield "payloads:"
+    for name, load in told.items():
+        yield f"  {_scalar(name)}: {_flow(load.load.entry())}  # {load.why}"
+
+
 def _import(found: Inspection) -> Iterator[tuple[str, str]]:
     """Lines of the import section, each with its reason."""
     yield _time(found)
@@ -106,8 +123,9 @@ def _import(found: Inspection) -> Iterator[tuple[str, str]]:
     used = [guess for _, guess in found.chosen.values()]
     for label, table in found.sources.items():
         for guess in table.channels:
-            # what else could be the torque
-            if guess.channel in TORQUES and guess not in used:
+            # what else could be the torque, or the position if its vendor says what the column holds
+            other = guess.channel in TORQUES or (guess.channel == "q" and guess.role)
+            if other and guess not in used:
                 line = f"# {guess.channel}: {_entry(found, label, guess)}"
                 yield line, _reason(found, label, guess)
 
@@ -173,6 +191,8 @@ def _entry(found: Inspection, label: str, guess: ChannelGuess) -> str:
     entry: dict[str, Any] = {"column": _column(found, guess)}
     if guess.unit not in ("", "rad", "rad/s", "N m", "degC"):
         entry["unit"] = guess.unit
+    if guess.group.sign_bit is not None:
+        entry["sign_bit"] = guess.group.sign_bit
     if guess.unit == "A":
         n = found.n_joints
         entry |= {"motor_constant": [0.0] * n, "gear_ratio": [0.0] * n}
@@ -212,7 +232,7 @@ def _column(found: Inspection, guess: ChannelGuess) -> str | list[str] | list[in
 def _reason(found: Inspection, label: str, guess: ChannelGuess) -> str:
     """Why columns are taken for what they are."""
     if guess.channel not in TORQUES:
-        return guess.why
+        return "; ".join(filter(None, (guess.why, guess.role)))
     facts = found.torques.get((label, guess.group.pattern), [])
     said = guess.why if guess.group.numbered else guess.role or guess.why
     return "; ".join(filter(None, (said, *facts)))

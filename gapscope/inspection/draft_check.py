@@ -57,7 +57,8 @@ def judge_torques(found: Inspection) -> Inspection:
             if set_up is not None:
                 place = label, guess.group.pattern
                 looked[place] = set_up
-                said = [r.text for r in set_up.remarks() if r.topic != "time"]
+                remarks = set_up.remarks()
+                said = [remark.text for remark in remarks if remark.topic != "time"]
                 torques[place] = [*torques[place], *said]
     found = _best_first(replace(found, torques=torques), looked)
     if "tau" not in found.chosen:
@@ -66,8 +67,8 @@ def judge_torques(found: Inspection) -> Inspection:
     chosen = looked.get((label, guess.group.pattern))
     if chosen is None:
         return found
-    wrong = tuple(r for r in chosen.remarks() if r.level != "ok")
-    return replace(found, misread=wrong)
+    misread = tuple(remark for remark in chosen.remarks() if remark.level != "ok")
+    return replace(found, misread=misread)
 
 
 def _set_up(found: Inspection, label: str, guess: ChannelGuess) -> SetUp | None:

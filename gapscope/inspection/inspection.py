@@ -64,8 +64,9 @@ class Inspection:
 
     @property
     def n_joints(self) -> int:
-        """Joints of the log: columns of the positions."""
-        return self.chosen["q"][1].group.width
+        """Joints of the arm, if it is known; else columns of the positions."""
+        width = self.chosen["q"][1].group.width
+        return width if self.arm is None else self.arm.n_joints
 
 
 def inspect_logs(logs: Sequence[Log], arm: NominalArm | None = None) -> Inspection:

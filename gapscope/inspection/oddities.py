@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.arm.io.channel_entry import UNITS
+from gapscope.arm.io.formats.lerobot_calibration import STEPS_PER_TURN
 from gapscope.arm.io.plausibility import gap_notes
 from gapscope.arm.recording import STILL
 from gapscope.inspection.channels import ChannelGuess
@@ -17,7 +18,7 @@ CLIPPED = 0.02
 """Share of rows at exactly the largest or least value from which a column counts as clipped [1]."""
 SPIKE = 20.0
 """Step of one row and back over that of all but one in a hundred from which it counts as a spike [1]."""
-TURN = {"rad": 2 * np.pi, "deg": 360.0, "rev": 1.0}
+TURN = {"rad": 2 * np.pi, "deg": 360.0, "rev": 1.0, "step": STEPS_PER_TURN}
 """A turn in each unit of positions."""
 HELD = 0.5
 """Share of rows in which a moving reference stands still from which it counts as held [1]."""
@@ -161,7 +162,7 @@ def _pairs(where: str, by_name: dict[str, ChannelGuess]) -> Iterator[Oddity]:
         if measured not in by_name or asked not in by_name:
             continue
         one, other = by_name[measured].group, by_name[asked].group
-        moves = np.ptp(one.values) > 0
+        moves = np.ptp(one.values, axis=0).any()
         if moves and np.array_equal(one.values, other.values):
             yield Oddity(
                 where,
@@ -173,7 +174,8 @@ def _pairs(where: str, by_name: dict[str, ChannelGuess]) -> Iterator[Oddity]:
         velocity = by_name.get(name)
         if position is None or velocity is None:
             continue
-        if np.ptp(velocity.group.values) == 0 and np.ptp(position.group.values) > 0:
+        moves = np.ptp(position.group.values, axis=0).any()
+        if moves and np.ptp(velocity.group.values) == 0:
             yield Oddity(
                 where,
                 f"{velocity.group.pattern} never changes while {position.group.pattern} moves",

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gapscope.arm.io.formats.lerobot_calibration import STEPS_PER_TURN
 from gapscope.arm.io.import_section import UNITS
 
 # What the name of a column says that it holds.
@@ -16,12 +17,14 @@ QUANTITIES = {
     "position": {"q", "position", "pos", "angle", "theta", "state", "action"},
     "velocity": {"dq", "qd", "qdot", "velocity", "vel", "speed", "omega"},
     "acceleration": {"ddq", "qdd", "acceleration", "acc"},
-    "torque": {"tau", "torque", "effort", "moment", "trq"},
+    "torque": {"tau", "torque", "effort", "moment", "trq", "load"},
     "current": {"current", "cur", "curr", "amp", "amps", "i", "iq"},
     "temperature": {"temperature", "temp"},
     "time": {"t", "time", "timestamp", "stamp", "sec", "secs", "seconds"},
 }
 """Words for a quantity; the first match in this order counts."""
+STATES = {"state", "action"}
+"""Those of them that are positions if nothing else is said."""
 REFERENCE = {
     "ref",
     "reference",
@@ -86,7 +89,8 @@ def meaning_of(name: str, context: str = "") -> Meaning:
     """
     own = words_of(name)
     around = words_of(context)
-    found = _quantity(own) or _quantity(around)
+    # a state may hold other quantities than positions, which then say so
+    found = _quantity(own - STATES) or _quantity(own) or _quantity(around)
     if own & NOT_OF_JOINTS:
         found = ""
     asked = bool(own & REFERENCE) or (
@@ -120,7 +124,7 @@ def _quantity(words: set[str]) -> str:
 
 
 ANGLES = ("rad", "deg", "rev")
-SPEEDS = ("rad/s", "deg/s", "rpm")
+SPEEDS = ("rad/s", "deg/s", "rpm", "step/s")
 FARTHEST = 7.0
 """Position beyond which an arm's joint has made more than a turn if it is in radians [rad]."""
 LARGEST = 1e9
@@ -151,6 +155,11 @@ def position_unit(name: str, positions: np.ndarray, moved: float | None) -> Gues
         return "deg", f"it reaches {reach:.3g}: {why}"
     if reach <= 400.0:
         return "deg", f"it reaches {reach:.3g}, more than a turn in radians"
+    if reach < STEPS_PER_TURN and not (positions % 1).any():
+        return (
+            "step",
+            f"whole numbers up to {reach:.4g}: of {STEPS_PER_TURN} steps a turn",
+        )
     reason = f"it reaches {reach:.3g}: the motor's side, or counts of an encoder"
     return "rad", reason + (
         "" if moved is None else f"; velocity is {moved:.3g} of its derivative"
@@ -168,7 +177,7 @@ def velocity_unit(name: str, angle: str, moved: float | None) -> Guess:
     said = _said(name, SPEEDS)
     if said:
         return said, "its name says so"
-    same = {"rad": "rad/s", "deg": "deg/s", "rev": "rpm"}[angle]
+    same = {"rad": "rad/s", "deg": "deg/s", "rev": "rpm", "step": "step/s"}[angle]
     if moved is None:
         return same, "taken as that of the position; it does not follow its derivative"
     fitting = {unit: abs(moved * UNITS[unit] / UNITS[angle] - 1) for unit in SPEEDS}

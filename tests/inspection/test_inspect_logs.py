@@ -12,6 +12,7 @@ from foreign_logs import case_format, columns, inspected
 from gapscope.arm.case import load_case
 from gapscope.arm.io.log import open_log
 from gapscope.arm.recording import Recording
+from gapscope.arm.robots import load_nominal_arm
 from gapscope.inspection.draft import case_text
 from gapscope.inspection.inspection import Inspection, inspect_logs
 
@@ -123,6 +124,93 @@ def test_a_log_of_fewer_joints_takes_the_first_of_the_robot(arm, motion, tmp_pat
     table = {"t": motion.t, **columns("q{j}", motion.q[:, :4])}
     found = inspected(tmp_path, arm, log=table)
     assert found.arm is not None and found.arm.joints == arm.joints[:4]
+
+
+@pytest.mark.parametrize(
+    ("robot", "layout", "expected"),
+    [
+        (
+            "franka_panda",
+            ("time", "q[{j0}]", "tau_J[{j0}]", "m_load", "F_x_Cload[{j0}]"),
+            [0.02, 0.0, 0.137],
+        ),
+        (
+            "kuka_iiwa",
+            ("timestamp", "actual_q_{j0}", "target_moment_{j0}", "payload", "payload_cog_{j0}"),
+            [0.02, 0.0, 0.03],
+        ),
+    ],
+)  # fmt: skip
+def test_the_load_that_a_robot_was_told_is_a_known_load(
+    robot, layout, expected, motion, tmp_path
+):
+    time, position, torque, mass, centre = layout
+    arm, n = load_nominal_arm(robot), len(motion.t)
+    table = {
+        time: motion.t,
+        **columns(position, motion.q),
+        **columns(torque, motion.tau),
+        mass: np.full(n, 1.3),
+        **columns(centre, np.tile([0.02, 0.0, 0.03], (n, 1))),
+    }
+    found = inspected(tmp_path, arm, log=table)
+    text = case_text(found, tmp_path, str(arm.urdf))
+    assert f"told to the robot ({mass}" in text
+    (tmp_path / "case.yaml").write_text(text)
+    load = load_case(tmp_path, any_unit=True).recordings[0].payload
+    assert load is not None and load.mass == 1.3
+    np.testing.assert_allclose(load.com, expected, atol=1e-6)
+
+
+def test_the_position_of_the_motor_waits_beside_that_of_the_joint(
+    arm, motion, tmp_path
+):
+    table = {
+        "time": motion.t,
+        **columns("q[{j0}]", motion.q),
+        **columns("theta[{j0}]", motion.q + 1e-4 * motion.tau),
+        **columns("tau_J[{j0}]", motion.tau),
+    }
+    text = case_text(inspected(tmp_path, arm, log=table), tmp_path, "kuka_iiwa")
+    assert 'q: "q[{j0}]"' in text or "q: q[{j0}]" in text
+    assert "# q: theta[{j0}]" in text and "encoder: motor" in text
+
+
+def test_a_vector_of_positions_velocities_and_torques_joint_by_joint(
+    arm, motion, tmp_path
+):
+    """As OpenArm writes ``observation.state`` of a LeRobot dataset."""
+    deg, table = 180 / np.pi, {"t": motion.t}
+    for j in range(arm.n_joints):
+        for field, values in (
+            ("pos", deg * motion.q),
+            ("vel", deg * motion.dq),
+            ("torque", motion.tau),
+        ):
+            table[f"observation.state[joint_{j + 1}.{field}]"] = values[:, j]
+    found = inspected(tmp_path, arm, log=table)
+    read = load_case(drafted(found, tmp_path), any_unit=True).recordings[0]
+    for name in ("q", "dq", "tau"):
+        np.testing.assert_allclose(
+            getattr(read, name), getattr(motion, name), atol=1e-6
+        )
+
+
+def test_feetech_servos_keep_the_sign_in_a_bit(arm, motion, tmp_path):
+    """Positions in steps, load with its sign in bit 10, speed in bit 15, as the registers hold them."""
+    steps = 4096 / (2 * np.pi)
+    load, speed = np.round(20 * motion.tau / 11), np.round(steps * motion.dq)
+    table = {
+        "t": motion.t,
+        **columns("present_position{j}", np.round(steps * motion.q + 2048)),
+        **columns("present_velocity{j}", np.abs(speed) + 2**15 * (speed < 0)),
+        **columns("present_load{j}", np.abs(load) + 2**10 * (load < 0)),
+    }
+    assert np.abs(load).max() < 2**10
+    found = inspected(tmp_path, arm, log=table)
+    read = load_case(drafted(found, tmp_path), any_unit=True).recordings[0]
+    np.testing.assert_allclose(read.dq, motion.dq, atol=1 / steps)
+    np.testing.assert_allclose(read.tau, load)
 
 
 def test_of_two_arms_in_a_log_it_is_said_which_is_taken(arm, motion, tmp_path):

@@ -11,6 +11,7 @@ import numpy as np
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.column_pattern import has_mark, name_of
+from gapscope.arm.io.formats.lerobot_calibration import STEPS_PER_TURN
 from gapscope.arm.io.transmission import per_joint
 
 UNITS = {
@@ -21,11 +22,13 @@ UNITS = {
     "rad": 1.0,
     "deg": np.pi / 180,
     "rev": 2 * np.pi,
+    "step": 2 * np.pi / STEPS_PER_TURN,
     "m": 1.0,
     "mm": 1e-3,
     "rad/s": 1.0,
     "deg/s": np.pi / 180,
     "rpm": 2 * np.pi / 60,
+    "step/s": 2 * np.pi / STEPS_PER_TURN,
     "m/s": 1.0,
     "mm/s": 1e-3,
     "N m": 1.0,
@@ -38,6 +41,9 @@ UNITS = {
     "degC": 1.0,
 }
 """Factor from a unit to the one that a recording holds; from a current to A."""
+
+SIGN_BITS = (10, 15)
+"""Bits in which Feetech servos keep the sign of a load, and of a speed; the lower ones hold the magnitude."""
 
 NORMALISED = "normalised"
 """Unit of positions that run from -100 to 100 over the range of a joint, as LeRobot stores them."""
@@ -60,6 +66,7 @@ class Channel:
         unit: as the import section states it, or empty.
         named: whether the import section names it, so that a case's recordings have to hold it.
         placed: whether it also says in which column; else a format of known layout knows.
+        sign_bit: bit that is the sign of the whole number below it; ``None`` for ordinary numbers.
     """
 
     column: str | tuple[str, ...]
@@ -70,6 +77,7 @@ class Channel:
     unit: str = ""
     named: bool = False
     placed: bool = False
+    sign_bit: int | None = None
 
     def names(self, joints: Sequence[str]) -> list[str]:
         """Names of the columns: one per joint, or a single one whose cells hold lists."""
@@ -120,7 +128,14 @@ def parse_channel(name: str, entry: Any, n_joints: int, source: Path) -> Channel
         unit=unit,
         named=True,
         placed="column" in entry,
+        sign_bit=entry.get("sign_bit"),
     )
+
+
+def with_sign(raw: np.ndarray, bit: int) -> np.ndarray:
+    """Whole numbers whose bit says the sign of what is below it, as numbers."""
+    turned, magnitude = np.divmod(raw, 2.0**bit)
+    return np.asarray(np.where(turned == 1, -magnitude, magnitude))
 
 
 def _torque_per_ampere(

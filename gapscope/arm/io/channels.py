@@ -9,7 +9,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.io.channel_entry import NORMALISED, UNITS, Channel
+from gapscope.arm.io.channel_entry import NORMALISED, UNITS, Channel, with_sign
 from gapscope.arm.io.column_pattern import joints_in, name_of
 from gapscope.arm.io.import_section import Import
 from gapscope.arm.io.layouts import LAYOUTS, LEROBOT, Place, layout_of_kind
@@ -53,13 +53,23 @@ def read_channel(table: Table, channel: Channel, arm: NominalArm) -> np.ndarray:
             the arm.
     """
     names = channel.names(arm.joints)
-    if len(names) == 1 and arm.n_joints > 1:
-        raw = table.lists(names[0], arm.n_joints)
-        return raw * channel.factor + channel.offset
-    values = np.column_stack([table.numbers(name) for name in names])
+    listed = len(names) == 1 and arm.n_joints > 1
+    values = (
+        table.lists(names[0], arm.n_joints)
+        if listed
+        else np.column_stack([table.numbers(name) for name in names])
+    )
+    if channel.sign_bit is not None:
+        if (values < 0).any():
+            raise InputError(
+                f"{', '.join(names)}: negative numbers have their sign already",
+                "take sign_bit: out of the case's import section",
+                file=table.path,
+            )
+        values = with_sign(values, channel.sign_bit)
     # a pattern that also names a joint beyond the last one: another arm
     surplus = ""
-    if isinstance(channel.column, str):
+    if isinstance(channel.column, str) and not listed:
         surplus = name_of(channel.column, arm.n_joints, "")
     if surplus in table.columns:
         raise InputError(

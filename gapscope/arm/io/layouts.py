@@ -27,12 +27,12 @@ class Place:
     Attributes:
         column: pattern of the column names, as in the import section.
         unit: of the column; empty if it is the recording's.
-        torque: what the vendor says that a torque column holds; empty for other channels.
+        holds: what the vendor says that the column holds, if its name does not say it.
     """
 
     column: str
     unit: str = ""
-    torque: str = ""
+    holds: str = ""
 
     def joints(self, table: Table) -> list[str]:
         """Names or numbers of the joints for which the table has the column."""
@@ -41,6 +41,21 @@ class Place:
     def entry(self) -> str | dict[str, str]:
         """The entry of the import section."""
         return {"column": self.column, "unit": self.unit} if self.unit else self.column
+
+
+@dataclass(frozen=True)
+class LoadPlace:
+    """Where a layout holds the load that a robot was told to carry, as a point.
+
+    Attributes:
+        mass: column of its mass [kg].
+        com: pattern of the columns of its centre [m].
+        frames: how links are called in whose frame the centre stands, by the endings of their names.
+    """
+
+    mass: str
+    com: str
+    frames: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -54,6 +69,7 @@ class Layout:
         kind: type of messages or format to which it belongs; empty: any table with its columns.
         time: the ``time`` entry of the import section; ``None``: a column ``t`` in s.
         marks: patterns of which the table must have one, if its positions have a name that others use too.
+        loads: where the load may stand that the robot was told.
     """
 
     name: str
@@ -62,6 +78,7 @@ class Layout:
     kind: str = ""
     time: str | Mapping[str, Any] | None = None
     marks: tuple[str, ...] = ()
+    loads: tuple[LoadPlace, ...] = ()
 
     def place(self, channel: str, table: Table) -> Place | None:
         """Where a table of this layout holds a channel, or ``None``."""
@@ -103,6 +120,9 @@ _UR_TARGET = (
 _FRANKA_SENSOR = (
     "joint torque sensor on the link's side: gravity included, no motor friction"
 )
+_FRANKA_MOTOR = (
+    "the motor's position, over the gear: with it say nominal: {encoder: motor}"
+)
 _KORTEX_SENSOR = "joint torque sensor on the link's side, gravity included"
 _KORTEX_CURRENT = (
     "motor current; times motor constant and gear ratio it is the motor's torque"
@@ -120,7 +140,7 @@ LAYOUTS: tuple[Layout, ...] = (
         {
             "q": (Place("position[{joint}]"),),
             "dq": (Place("velocity[{joint}]"),),
-            "tau": (Place("effort[{joint}]", torque=_EFFORT),),
+            "tau": (Place("effort[{joint}]", holds=_EFFORT),),
         },
         "docs.ros.org, sensor_msgs/JointState",
         kind=JOINT_STATE,
@@ -137,9 +157,9 @@ LAYOUTS: tuple[Layout, ...] = (
                 Place("actual.velocities[{joint}]"),
             ),
             "tau": (
-                Place("feedback.effort[{joint}]", torque=_EFFORT),
-                Place("actual.effort[{joint}]", torque=_EFFORT),
-                Place("output.effort[{joint}]", torque=_COMMANDED),
+                Place("feedback.effort[{joint}]", holds=_EFFORT),
+                Place("actual.effort[{joint}]", holds=_EFFORT),
+                Place("output.effort[{joint}]", holds=_COMMANDED),
             ),
             "q_ref": (
                 Place("reference.positions[{joint}]"),
@@ -159,8 +179,8 @@ LAYOUTS: tuple[Layout, ...] = (
             "q": (Place("position[{joint}]"),),
             "dq": (Place("velocity[{joint}]"),),
             "tau": (
-                Place("effort[{joint}]", torque=_EFFORT),
-                Place("current[{joint}]", "A", torque="motor current"),
+                Place("effort[{joint}]", holds=_EFFORT),
+                Place("current[{joint}]", "A", holds="motor current"),
             ),
             "temperature": (Place("temperature[{joint}]"),),
         },
@@ -180,9 +200,9 @@ LAYOUTS: tuple[Layout, ...] = (
                 Place("observation.velocity[{joint}.pos]"),
             ),
             "tau": (
-                Place("observation.state[{joint}.torque]", torque="of the driver"),
-                Place("observation.effort[{joint}]", torque="of the driver"),
-                Place("observation.effort[{joint}.pos]", torque="of the driver"),
+                Place("observation.state[{joint}.torque]", holds="of the driver"),
+                Place("observation.effort[{joint}]", holds="of the driver"),
+                Place("observation.effort[{joint}.pos]", holds="of the driver"),
             ),
             "q_ref": (Place("action[{joint}.pos]"), Place("action[{joint}]")),
         },
@@ -195,9 +215,9 @@ LAYOUTS: tuple[Layout, ...] = (
             "q": (Place("actual_q_{j0}"),),
             "dq": (Place("actual_qd_{j0}"),),
             "tau": (
-                Place("actual_current_as_torque_{j0}", torque=_UR_TORQUE),
-                Place("actual_current_{j0}", "A", torque=_UR_CURRENT),
-                Place("target_moment_{j0}", torque=_UR_TARGET),
+                Place("actual_current_as_torque_{j0}", holds=_UR_TORQUE),
+                Place("actual_current_{j0}", "A", holds=_UR_CURRENT),
+                Place("target_moment_{j0}", holds=_UR_TARGET),
             ),
             "q_ref": (Place("target_q_{j0}"),),
             "dq_ref": (Place("target_qd_{j0}"),),
@@ -205,6 +225,7 @@ LAYOUTS: tuple[Layout, ...] = (
         },
         "Universal Robots, Real-Time Data Exchange guide",
         time="timestamp",
+        loads=(LoadPlace("payload", "payload_cog_{j0}", ("tool0", "flange")),),
     ),
     Layout(
         "UR5 degradation, NIST",
@@ -212,9 +233,9 @@ LAYOUTS: tuple[Layout, ...] = (
             "q": (Place("ROBOT_ACTUAL_JOINT_POSITIONS (J{j})", "deg"),),
             "dq": (Place("ROBOT_ACTUAL_JOINT_VELOCITIES (J{j})", "deg/s"),),
             "tau": (
-                Place("ROBOT_ACTUAL_JOINT_CURRENTS (J{j})", "A", torque=_UR_CURRENT),
-                Place("ROBOT_ACTUAL_JOINT_CURRENT (J{j})", "A", torque=_UR_CURRENT),
-                Place("ROBOT_TARGET_JOINT_TORQUES (J{j})", torque=_UR_TARGET),
+                Place("ROBOT_ACTUAL_JOINT_CURRENTS (J{j})", "A", holds=_UR_CURRENT),
+                Place("ROBOT_ACTUAL_JOINT_CURRENT (J{j})", "A", holds=_UR_CURRENT),
+                Place("ROBOT_TARGET_JOINT_TORQUES (J{j})", holds=_UR_TARGET),
             ),
             "q_ref": (Place("ROBOT_TARGET_JOINT_POSITIONS (J{j})", "deg"),),
             "dq_ref": (Place("ROBOT_TARGET_JOINT_VELOCITIES (J{j})", "deg/s"),),
@@ -228,7 +249,7 @@ LAYOUTS: tuple[Layout, ...] = (
         {
             "q": (Place("state.q[{j0}]"),),
             "dq": (Place("state.dq[{j0}]"),),
-            "tau": (Place("state.tau_J[{j0}]", torque=_FRANKA_SENSOR),),
+            "tau": (Place("state.tau_J[{j0}]", holds=_FRANKA_SENSOR),),
             "q_ref": (Place("state.q_d[{j0}]"),),
             "dq_ref": (Place("state.dq_d[{j0}]"),),
         },
@@ -238,11 +259,16 @@ LAYOUTS: tuple[Layout, ...] = (
     Layout(
         "Franka robot state",
         {
-            "q": (Place("q[{j0}]"), Place("q_{j0}")),
+            "q": (
+                Place("q[{j0}]"),
+                Place("q_{j0}"),
+                Place("theta[{j0}]", holds=_FRANKA_MOTOR),
+                Place("theta_{j0}", holds=_FRANKA_MOTOR),
+            ),
             "dq": (Place("dq[{j0}]"), Place("dq_{j0}")),
             "tau": (
-                Place("tau_J[{j0}]", torque=_FRANKA_SENSOR),
-                Place("tau_J_{j0}", torque=_FRANKA_SENSOR),
+                Place("tau_J[{j0}]", holds=_FRANKA_SENSOR),
+                Place("tau_J_{j0}", holds=_FRANKA_SENSOR),
             ),
             "q_ref": (Place("q_d[{j0}]"), Place("q_d_{j0}")),
             "dq_ref": (Place("dq_d[{j0}]"), Place("dq_d_{j0}")),
@@ -250,6 +276,10 @@ LAYOUTS: tuple[Layout, ...] = (
         "libfranka, franka::RobotState, its fields as columns",
         time="time",
         marks=("tau_J[{j0}]", "tau_J_{j0}"),
+        loads=(
+            LoadPlace("m_load", "F_x_Cload[{j0}]", ("link8", "flange")),
+            LoadPlace("m_load", "F_x_Cload_{j0}", ("link8", "flange")),
+        ),
     ),
     Layout(
         "Kinova Kortex, cyclic feedback",
@@ -257,8 +287,8 @@ LAYOUTS: tuple[Layout, ...] = (
             "q": (Place("position_{j0}", "deg"),),
             "dq": (Place("velocity_{j0}", "deg/s"),),
             "tau": (
-                Place("torque_{j0}", torque=_KORTEX_SENSOR),
-                Place("current_motor_{j0}", "A", torque=_KORTEX_CURRENT),
+                Place("torque_{j0}", holds=_KORTEX_SENSOR),
+                Place("current_motor_{j0}", "A", holds=_KORTEX_CURRENT),
             ),
             "temperature": (Place("temperature_motor_{j0}"),),
         },

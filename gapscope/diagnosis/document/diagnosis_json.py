@@ -419,7 +419,7 @@ def diagnosis_content(study: Study) -> dict[str, Any]:
             **_unexplained_entry(study, rows, open_joints, predictions),
         },
         "next_recording": suggested_recording(
-            effects, possible, unexplained, study.undeclared_coupling
+            reached, effects, possible, unexplained, study.undeclared_coupling
         ),
         "where": _where_before(study, rows, gap),
     }

@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from gapscope.arm.display import effect_name
+from gapscope.arm.display import effect_name, percent
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.agreement import DIFFERS, Agreement, states
 from gapscope.diagnosis.assessment.confidence import (
     LONGER_RECORDING,
+    NONE,
     Alternative,
     conformal_set,
     separated_by,
@@ -24,7 +25,7 @@ from gapscope.diagnosis.assessment.held_out_prediction import (
     false_discovery_rates,
     log_e_values,
 )
-from gapscope.diagnosis.document.wording import coupling_text
+from gapscope.diagnosis.document.wording import Verdict, coupling_text
 from gapscope.diagnosis.locate import MotionRows, Region, regions
 from gapscope.diagnosis.selection.evidence import value_draws
 from gapscope.diagnosis.selection.search import Selection
@@ -581,39 +582,60 @@ def _evidence(applied: AppliedEffect, state: OtherState, found: Agreement) -> Fi
 
 
 def suggested_recording(
+    reached: Verdict,
     effects: list[dict[str, Any]],
     possible: list[dict[str, Any]],
     open_joints: list[int],
     coupling: UndeclaredCoupling | None = None,
 ) -> str | None:
-    """What to record, or to declare first, to settle what is still open, or ``None``.
+    """What to record, or to declare first, why, and what it will tell; ``None`` if nothing is open.
+
+    A missing cause comes before the names of those found: among these it may have a proxy.
 
     Args:
-        effects: findings that are named, the one with the largest share first.
-        possible: findings that are possible only, likewise.
+        reached: the verdict; without a gap nothing is open.
+        effects: findings that are named.
+        possible: findings that are possible only.
         open_joints: joints whose residual the verdict calls unexplained, from 1.
         coupling: two joints that seem to be turned by one motor.
     """
+    if reached == "no_gap":
+        return None
     if coupling is not None:
         return (
             f"none yet: first look whether one motor turns joints {coupling.joint} and {coupling.motor}, declare it in "
             f"the case as {coupling_text(coupling.declaration)}, and diagnose again"
         )
-    for effect in (*effects, *possible):
-        for alternative in effect["alternatives"]:
+    if open_joints:
+        joints = ", ".join(map(str, open_joints))
+        return (
+            f"to find what is unexplained on joint {joints}: that joint alone, the same path at half and double speed; "
+            "what stays as large acts by position or is dry friction, what doubles with the speed is damping, and what "
+            "grows with its square is inertia"
+        )
+    for findings in (effects, possible):
+        rivals = [
+            (rival["probability"], finding["effect"], rival)
+            for finding in findings
+            for rival in finding["alternatives"]
             # no recording tells two names of one cause apart
-            separable = not alternative.get("equivalent")
-            if separable and alternative["probability"] >= OPEN_ALTERNATIVE:
-                return _to_tell_apart(effect["effect"], alternative)
-    if not open_joints:
-        return None
-    joints = ", ".join(map(str, open_joints))
+            if not rival.get("equivalent") and rival["probability"] >= OPEN_ALTERNATIVE
+        ]
+        if rivals:
+            _, effect, rival = max(rivals, key=lambda entry: entry[0])
+            return _to_tell_apart(effect, rival)
+    return None
+
+
+def _to_tell_apart(effect: str, rival: dict[str, Any]) -> str:
+    name, likely = effect_name(effect), percent(rival["probability"])
+    recording = rival["separated_by"]
+    if rival["effect"] == NONE:
+        return (
+            f"to tell {name} from nothing, which has a probability of {likely}: {recording}; an effect is found again "
+            "there, chance is not"
+        )
     return (
-        f"to place what is unexplained on joint {joints}: "
-        "that joint alone, the same path at half and double speed"
+        f"to tell {name} from {effect_name(rival['effect'])}, which has a probability of {likely}: {recording}; the "
+        "one that predicts it keeps its name"
     )
-
-
-def _to_tell_apart(effect: str, alternative: dict[str, Any]) -> str:
-    other = effect_name(alternative["effect"]).replace("none", "nothing")
-    return f"to tell {effect_name(effect)} from {other}: {alternative['separated_by']}"

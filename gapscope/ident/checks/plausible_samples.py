@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
+from gapscope.arm.case import Case
 from gapscope.arm.control import PD
 from gapscope.arm.dynamics.rollout import Commands
 from gapscope.arm.errors import InputError
@@ -36,8 +37,7 @@ def check_bare(recording: Recording) -> None:
 def check_recordings(
     recordings: Sequence[Recording],
     held_out: Sequence[Recording],
-    case: str,
-    per_radian: np.ndarray,
+    case: Case,
 ) -> None:
     """Check that there is torque to fit and to hold out, and that something moves.
 
@@ -52,15 +52,15 @@ def check_recordings(
             "no recording holds a torque" + (f" ({notes})" if notes else ""),
             "record tau1..taun, the torque commanded or derived from motor current, or name its columns in the case's "
             "import: {tau: ...}; what the torque is not known of cannot be identified",
-            file=case,
+            file=case.name,
         )
     if not any(recording.tau is not None for recording in held_out):
         raise InputError(
             f"{', '.join(r.name for r in held_out)}, held out, has no torque",
             "name another recording with --judge",
-            file=case,
+            file=case.name,
         )
-    if resting([r for r in recordings if r.tau is not None], per_radian).all():
+    if resting([r for r in recordings if r.tau is not None], case.arm.per_radian).all():
         raise InputError(
             f"the trajectory is constant: no joint moves by {STILL:g} rad within a recording",
             "record a motion in which all joints speed up, slow down and turn round (`gapscope excite` plans one)",

@@ -57,7 +57,7 @@ def test_the_measured_torque_is_taken_before_the_computed_one() -> None:
     place = layout.channels(log)["tau"]
     assert (place.column, place.unit) == ("actual_current_{j0}", "A")
     without = table(*columns[:3])
-    assert "no measurement" in layout.channels(without)["tau"].torque
+    assert "no measurement" in layout.channels(without)["tau"].holds
 
 
 @pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.name)

@@ -416,7 +416,7 @@ def test_what_was_scanned_has_the_deviation_of_the_scan() -> None:
     assert out["torque"]["by_commands"] == [0.4]
 
 
-# The recording that is suggested: for an open alternative, else for an open joint, else none.
+# The recording that is suggested: for what is unexplained, else for the likeliest open alternative, else none.
 
 
 def finding(probability: float, alternative: str = "actuator_lag") -> dict[str, Any]:
@@ -428,40 +428,42 @@ def finding(probability: float, alternative: str = "actuator_lag") -> dict[str, 
     return {"effect": "actuator_delay", "alternatives": [other]}
 
 
-def test_an_open_alternative_is_separated_first() -> None:
-    assert (
-        suggested_recording([finding(0.01), finding(0.05)], [], [3])
-        == "to tell actuator delay from actuator lag: a chirp above 10 Hz"
+def test_what_is_unexplained_comes_first_with_what_it_will_tell() -> None:
+    text = suggested_recording("unexplained", [finding(0.4)], [], [2, 5])
+    assert text is not None and "unexplained on joint 2, 5" in text
+    assert "doubles with the speed" in text
+
+
+def test_then_the_likeliest_alternative_with_its_probability() -> None:
+    found = [finding(0.01), finding(0.05), finding(0.2, "elasticity"), finding(0.1)]
+    text = suggested_recording("effects_found", found, [], [])
+    assert text is not None and text.startswith(
+        "to tell actuator delay from elasticity, which has a probability of 20 %: a chirp above 10 Hz"
     )
 
 
 def test_nothing_in_its_place_is_an_alternative_too() -> None:
-    text = suggested_recording([finding(0.3, "none")], [], [])
-    assert text is not None and text.startswith("to tell actuator delay from nothing:")
-
-
-def test_then_the_joints_with_a_residual() -> None:
-    text = suggested_recording([finding(0.049)], [], [2, 5])
-    assert text is not None and "unexplained on joint 2, 5" in text
+    text = suggested_recording("effects_found", [finding(0.3, "none")], [], [])
+    assert text is not None and text.startswith("to tell actuator delay from nothing")
 
 
 def test_else_none() -> None:
-    assert suggested_recording([finding(0.049)], [], []) is None
-    assert suggested_recording([], [], []) is None
+    assert suggested_recording("effects_found", [finding(0.049)], [], []) is None
+    assert suggested_recording("no_gap", [], [finding(0.4)], []) is None
 
 
 def test_what_is_possible_is_settled_after_what_is_named() -> None:
     rare, likely = finding(0.01), finding(0.4, "none")
-    text = suggested_recording([rare], [likely], [])
-    assert text is not None and text.startswith("to tell actuator delay from nothing:")
-    first = suggested_recording([finding(0.2)], [likely], [])
+    text = suggested_recording("effects_found", [rare], [likely], [])
+    assert text is not None and text.startswith("to tell actuator delay from nothing")
+    first = suggested_recording("effects_found", [finding(0.2)], [likely], [])
     assert first is not None and "actuator lag" in first
 
 
 def test_two_names_of_one_cause_ask_for_no_recording() -> None:
     named = finding(0.09, "link_inertia")
     named["alternatives"][0]["equivalent"] = True
-    assert suggested_recording([named], [], []) is None
+    assert suggested_recording("effects_found", [named], [], []) is None
 
 
 # The verdict as a truth table over all sixteen combinations of its four facts.
