@@ -92,7 +92,7 @@ def identifiability(samples: np.ndarray, base: BaseParameters) -> Identifiabilit
             f"{rows.shape[1]} columns, but {len(base.names)} parameters",
             where="regressor",
         )
-    triangle = np.linalg.qr(rows, mode="r")
+    triangle = np.asarray(np.linalg.qr(rows, mode="r"))
     norms = np.linalg.norm(triangle, axis=0)
     if not norms.any():
         raise InputError(

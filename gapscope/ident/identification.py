@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,12 +10,10 @@ import numpy as np
 
 from gapscope.arm.case import Case
 from gapscope.arm.motions.motion import Motion
-from gapscope.arm.recording import Recording
 from gapscope.ident.checks.symptoms import FitEvidence
 from gapscope.ident.checks.troubleshooting import Row, fill_in, identification_warnings
 from gapscope.ident.estimators.by_name import method
 from gapscope.ident.estimators.linear import (
-    Estimate,
     PartialUpdate,
     WeightedLeastSquares,
 )
@@ -31,13 +29,10 @@ from gapscope.ident.fitted_parameters import (
     IdentificationSettings,
     fit_parameters,
 )
-from gapscope.ident.intervals import PredictedTorque, Uncertainty
+from gapscope.ident.intervals import PredictedTorque
 from gapscope.ident.kalman import FilterReview, StatesAndFriction, follow_states, review
-from gapscope.ident.model.base_parameters import BaseParameters, Recovery, recoveries
-from gapscope.ident.model.friction import Choice
+from gapscope.ident.model.base_parameters import Recovery, recoveries
 from gapscope.ident.model.joint_zero import JointZeros, estimate_zeros
-from gapscope.ident.model.linear_problem import ModelColumns
-from gapscope.ident.model.physical_parameters import Physical
 from gapscope.model.changes import Change, changes_of
 from gapscope.model.conditioning import condition
 from gapscope.model.gravity_direction import as_mounted
@@ -46,23 +41,14 @@ __all__ = ["Identification", "IdentificationSettings", "examine_fit", "identify"
 
 
 @dataclass(frozen=True)
-class Identification:
-    """What was identified.
+class Identification(FittedParameters):
+    """Parameters that were fitted, and what they are worth.
 
     Attributes:
-        case: the case.
-        settings: with the cut-off that was used.
-        columns: the model tau = W x.
-        fitted: the parameters and what they were fitted to.
-        choice: friction law, pull and noise.
-        base: base parameters of the samples.
-        estimate: of the base parameters.
-        uncertainty: of the base parameters, as belongs to the estimator.
         examined: what the recordings determine of the parameters.
         changes: what changed during recordings, fitted or held out.
         states: position, velocity and friction by the unscented filter, if the settings ask for it.
         predicted: intervals of the torque on the held-out recordings; ``None`` if model error cannot be estimated.
-        physical: consistent parameters.
         recovered: whether and how each parameter is determined.
         zeros: encoder zeros.
         value: x that the model predicts with, shape (p,).
@@ -73,19 +59,10 @@ class Identification:
         warnings: what makes the result doubtful.
     """
 
-    case: Case
-    settings: IdentificationSettings
-    columns: ModelColumns
-    fitted: FittedParameters
-    choice: Choice
-    base: BaseParameters
-    estimate: Estimate
-    uncertainty: Uncertainty
     examined: Examination
     changes: tuple[Change, ...]
     states: StatesAndFriction | None
     predicted: PredictedTorque | None
-    physical: Physical
     recovered: tuple[Recovery, ...]
     zeros: JointZeros
     value: np.ndarray
@@ -101,15 +78,14 @@ class Identification:
         # beside the filter itself stands least squares, not its own last estimate
         kalman = self.settings.estimator == "kalman"
         batch = None if kalman else self.estimate.value
-        return review(self.fitted.samples, self.fitted.problem, batch, self.changes)
+        return review(self.samples, self.problem, batch, self.changes)
 
     @property
     def moved(self) -> np.ndarray | None:
         """Which base parameters a partial update moved, the others stay nominal, (b,); ``None`` of other estimators."""
-        estimator = self.fitted.estimator
-        if not isinstance(estimator, PartialUpdate):
+        if not isinstance(self.estimator, PartialUpdate):
             return None
-        return estimator.moved(self.estimate)
+        return self.estimator.moved(self.estimate)
 
     def predict(self, motion: Motion) -> np.ndarray:
         """Torque that would be recorded on a motion without payload [N m], shape (N, n)."""
@@ -157,24 +133,20 @@ def examine_fit(
     states = None
     if settings.filter == "unscented":
         progress("follows states and friction together")
-        states = _states(case, fitted.fit, evidence)
+        # over the first fitted recording, from the parameters of bodies that can exist
+        names = columns.names(law)
+        identified = dict(zip(names, fitted.physical.value.tolist(), strict=True))
+        first = next(r for r in fitted.fit if r.tau is not None)
+        states = follow_states(arm, first, identified, fitted.choice.noise)
     doubtful = identification_warnings(
-        evidence, estimate, examined, changes, fitted.similarity, table, validation[1]
+        fitted, evidence, examined, changes, table, validation[1]
     )
     return Identification(
-        case=case,
-        settings=settings,
-        columns=columns,
-        fitted=fitted,
-        choice=fitted.choice,
-        base=base,
-        estimate=estimate,
-        uncertainty=fitted.uncertainty,
+        **vars(fitted),
         examined=examined,
         changes=changes,
         states=states,
         predicted=predicted(evidence, examined, value, held_out_segments),
-        physical=fitted.physical,
         recovered=recoveries(
             base,
             fitted.uncertainty.covariance,
@@ -190,16 +162,6 @@ def examine_fit(
         questions=evidence.zeros.questions(),
         warnings=(*case.warnings, *doubtful),
     )
-
-
-def _states(
-    case: Case, fit: Sequence[Recording], evidence: FitEvidence
-) -> StatesAndFriction:
-    """The unscented filter over the first fitted recording, from the parameters of bodies that can exist."""
-    names = evidence.samples.columns.names(evidence.choice.law)
-    identified = dict(zip(names, evidence.physical.value.tolist(), strict=True))
-    recording = next(r for r in fit if r.tau is not None)
-    return follow_states(case.arm, recording, identified, evidence.choice.noise)
 
 
 def _examined(

@@ -22,6 +22,7 @@ from gapscope.arm.io.json_file import field, plain, schema_fault, write_json
 from gapscope.arm.io.write_case import nominal_section
 from gapscope.arm.joint_units import common_unit
 from gapscope.arm.nominal import NominalArm, arm_entry
+from gapscope.arm.root_mean_square import rms
 from gapscope.effects.applied import AppliedEffect, drives_with
 from gapscope.ident.estimators.by_name import method
 from gapscope.ident.examination import (
@@ -205,7 +206,7 @@ def states_document(states: StatesAndFriction | None) -> dict[str, Any] | None:
     return {
         "recording": states.recording,
         "time": track.t[chosen],
-        "innovation_rms": np.sqrt(np.mean(track.innovation[1:] ** 2, axis=0)),
+        "innovation_rms": rms(track.innovation[1:]),
         "parameters": [
             {
                 "name": name,

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from urllib.parse import quote
 
 import numpy as np
-from rich.console import Console
+from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 from scipy.spatial.transform import Rotation
@@ -1157,45 +1157,45 @@ _COLOURS = {
 }
 
 
-def print_summary(document: Mapping[str, Any], console: Console) -> None:
-    """Print verdict, effects, gap per joint, what is possible, what is open and the warnings."""
+def summary(document: Mapping[str, Any]) -> Group:
+    """Verdict, effects, gap per joint, what is possible, what is open and the warnings."""
+    parts: list[RenderableType] = []
+
+    def say(label: str, text: str | None, style: str = "bold") -> None:
+        if text:
+            parts.append(Text.assemble((f"{label}:", style), " ", text))
+
     label = Text(VERDICTS[document["verdict"]], style=_COLOURS[document["verdict"]])
-    console.print(Text.assemble((document["case"], "bold"), ": ", label))
-    console.print(Text(verdict_sentence(document)))
+    parts.append(Text.assemble((document["case"], "bold"), ": ", label))
+    parts.append(Text(verdict_sentence(document)))
     if "against" in document:
         name, count = (
             document["against"]["reference"],
             len(document["against"]["recordings"]),
         )
         text = f"{name} ({count} recording{'s' if count != 1 else ''}); effects are changes since then"
-        _labelled(console, "Compared with", text)
+        say("Compared with", text)
     for entry in document.get("changes", []):
-        _labelled(console, "Changed during a recording", change_text(entry))
+        say("Changed during a recording", change_text(entry))
     if document["effects"]:
-        console.print()
-        console.print(_effects(document))
-    console.print()
-    console.print(_joint_table(document))
+        parts += ["", _effects(document)]
+    parts += ["", _joint_table(document)]
     if "sides" in document:
-        console.print()
-        _labelled(console, "By the torque sensors", sides_sentence(document))
+        parts.append("")
+        say("By the torque sensors", sides_sentence(document))
     if document["possible"]:
-        console.print()
+        parts.append("")
     for text in possible_texts(document):
-        _labelled(console, "Possible, not confirmed", text)
+        say("Possible, not confirmed", text)
     if document["verdict"] != "no_gap":
-        console.print()
-        _labelled(console, "Unexplained", unexplained_sentence(document))
-    friction = nominal_friction_sentence(document)
-    if friction is not None:
-        _labelled(console, "Nominal friction", friction)
-    bent = presliding_sentence(document)
-    if bent is not None:
-        _labelled(console, "Dry friction builds up over", bent)
-    if document["next_recording"]:
-        _labelled(console, "Next recording", document["next_recording"])
+        parts.append("")
+        say("Unexplained", unexplained_sentence(document))
+    say("Nominal friction", nominal_friction_sentence(document))
+    say("Dry friction builds up over", presliding_sentence(document))
+    say("Next recording", document["next_recording"])
     for warning in document.get("warnings", []):
-        _labelled(console, "Warning", warning, "yellow")
+        say("Warning", warning, "yellow")
+    return Group(*parts)
 
 
 def _effects(document: Mapping[str, Any]) -> Table:
@@ -1251,10 +1251,6 @@ def _table() -> Table:
         caption_justify="left",
         header_style="dim",
     )
-
-
-def _labelled(console: Console, label: str, text: str, style: str = "bold") -> None:
-    console.print(Text.assemble((f"{label}:", style), " ", text))
 
 
 # A diagnosis as files: ``report.html``, ``diagnosis.json`` and ``corrected.yaml``.

@@ -11,6 +11,7 @@ from scipy.signal import welch
 
 from gapscope.arm.nominal import smooth_sign
 from gapscope.arm.recording import Recording
+from gapscope.arm.root_mean_square import rms
 from gapscope.ident.model.base_parameters import BaseParameters
 from gapscope.ident.model.friction import Choice
 from gapscope.ident.model.joint_zero import JointZeros
@@ -146,8 +147,8 @@ def _torque_ratio(samples: Samples, parts: np.ndarray) -> np.ndarray:
         + parts[:, :, _VISCOUS] * arm.viscous
         + parts[:, :, _ROTOR] * arm.armature
     )
-    size = np.sqrt((nominal**2).mean(axis=0))
-    recorded = np.sqrt((samples.torque**2).mean(axis=0))
+    size = rms(nominal)
+    recorded = rms(samples.torque)
     loaded = size > 0.05 * size.max()
     return np.where(loaded, recorded / np.maximum(size, 1e-9), np.nan)
 

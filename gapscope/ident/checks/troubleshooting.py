@@ -16,8 +16,8 @@ from gapscope.ident.checks.symptoms import (
     nominal_similarity,
     torque_gain,
 )
-from gapscope.ident.estimators.linear import Estimate
 from gapscope.ident.examination import Examination, Validation
+from gapscope.ident.fitted_parameters import FittedParameters
 from gapscope.ident.model.physical_parameters import inconsistent
 from gapscope.model.change_findings import change_findings, change_text
 from gapscope.model.changes import Change
@@ -62,15 +62,14 @@ def _row(
     value: np.ndarray | float,
     threshold: float,
     unit: str = "1",
-    joints: Sequence[int] | None = None,
+    joints: Sequence[int] | np.ndarray | None = None,
     **text: str,
 ) -> Row:
     """A row that is found where a value per joint exceeds the threshold; or, if ``joints`` are given, on those."""
     values = np.atleast_1d(np.asarray(value, dtype=float))
     exceeded = values > threshold
     found = bool(exceeded.any()) if joints is None else len(joints) > 0
-    if joints is None:
-        joints = np.flatnonzero(exceeded) + 1 if np.ndim(value) else ()
+    where = np.flatnonzero(exceeded) + 1 if np.ndim(value) else np.empty(0)
     return Row(
         key=key,
         **text,
@@ -78,7 +77,7 @@ def _row(
         threshold=threshold,
         unit=unit,
         verdict=FOUND if found else CLEAR,
-        joints=tuple(int(j) for j in joints),
+        joints=tuple(int(j) for j in (where if joints is None else joints)),
     )
 
 
@@ -266,20 +265,19 @@ SAID_OTHERWISE = (
 
 
 def identification_warnings(
+    fitted: FittedParameters,
     evidence: FitEvidence,
-    estimate: Estimate,
     examined: Examination,
     changes: Sequence[Change],
-    similarity: NominalSimilarity,
     table: Sequence[Row],
     held_out: Validation,
 ) -> tuple[str, ...]:
     """The warnings, those that concern all results first."""
     return (
         *_worse(held_out, examined.counted.per_parameter),
-        *_torque(similarity, held_out),
+        *_torque(fitted.similarity, held_out),
         *_changed(changes),
-        *estimate.warnings,
+        *fitted.estimate.warnings,
         *examined.warnings(),
         *_still(evidence),
         *_bodies_warning(evidence, table),
