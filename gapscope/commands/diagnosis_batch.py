@@ -292,7 +292,7 @@ def _resume_hint() -> Iterator[None]:
 
 
 def _line(row: SummaryRow) -> str:
-    effects = "; ".join(f"{name}, {where}" for name, where in row.effects)
+    effects = "; ".join(f"{name}, {where}" for name, where in row.named())
     return f"{row.verdict}. {effects}".strip()
 
 

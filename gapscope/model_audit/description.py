@@ -13,6 +13,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
+from gapscope.arm.dynamics.inertials import moments_matrix
 from gapscope.arm.dynamics.link_shapes import (
     box_corners,
     cylinder_edges,
@@ -682,8 +683,7 @@ class UrdfReader:
                     )
                 )
         values = [self.numbers.one(inertia, name, place) or 0.0 for name in MOMENTS]
-        xx, xy, xz, yy, yz, zz = values
-        own = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        own = moments_matrix(values)
         pose = self._place(element.find("origin"), place)
         mass_value = self.numbers.one(mass, "value", place)
         return Inertial.at(pose, self._lines[element], mass_value, own)
@@ -844,7 +844,7 @@ class MjcfReader:
         if element.get("fullinertia") is not None:
             six = self.numbers.several(element, "fullinertia", (0.0,) * 6, place)
             xx, yy, zz, xy, xz, yz = six
-            own = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            own = moments_matrix((xx, xy, xz, yy, yz, zz))
         else:
             own = np.diag(self.numbers.several(element, "diaginertia", ZERO, place))
         mass = self.numbers.one(element, "mass", place)

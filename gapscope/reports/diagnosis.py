@@ -189,16 +189,9 @@ class SummaryRow:
         """Verdict as a key: one of the three, or ``failed``."""
         return "failed" if self.document is None else self.document["verdict"]
 
-    @property
-    def effects(self) -> list[tuple[str, str]]:
-        """Effects found, each with what it acts on."""
-        found = [] if self.document is None else self.document["effects"]
-        return [(effect_name(entry["effect"]), acts_on(entry)) for entry in found]
-
-    @property
-    def possible(self) -> list[tuple[str, str]]:
-        """Effects that are possible and not confirmed, each with what it acts on."""
-        found = [] if self.document is None else self.document["possible"]
+    def named(self, section: str = "effects") -> list[tuple[str, str]]:
+        """Effects found, or ``possible`` and not confirmed, each with what it acts on."""
+        found = [] if self.document is None else self.document[section]
         return [(effect_name(entry["effect"]), acts_on(entry)) for entry in found]
 
     @property
@@ -249,7 +242,7 @@ def render_summary(
 
 @dataclass(frozen=True)
 class Picture:
-    """One picture: its place among the place_curves, and what it shows, in words."""
+    """One picture: its place among the curves of its kind, and what it shows, in words."""
 
     index: int
     title: str
@@ -368,19 +361,10 @@ NAMES = {
 }
 
 
-@dataclass(frozen=True)
-class Guess:
-    """One picture: its place among the guess_curves, and what it shows, in words."""
-
-    index: int
-    title: str
-    words: str
-
-
-def guesses(diagnosis: Diagnosis) -> list[Guess]:
+def guesses(diagnosis: Diagnosis) -> list[Picture]:
     """One picture for each joint left above the floor, in the order of ``guess_curves``."""
     return [
-        Guess(i, f"J{e['joint']}: {_title(e)}", _words(e))
+        Picture(i, f"J{e['joint']}: {_title(e)}", _words(e))
         for i, e in enumerate(_entries(diagnosis))
     ]
 
