@@ -10,7 +10,6 @@ import numpy as np
 
 from gapscope.arm.case import Case
 from gapscope.arm.motions.motion import Motion
-from gapscope.ident.checks.symptoms import FitEvidence
 from gapscope.ident.checks.troubleshooting import Row, fill_in, identification_warnings
 from gapscope.ident.estimators.by_name import method
 from gapscope.ident.estimators.linear import (
@@ -113,16 +112,22 @@ def examine_fit(
     """What a fit is worth: zeros, what the recordings determine, prediction of others, changes, and warnings."""
     case, settings, samples = fitted.case, fitted.settings, fitted.samples
     columns, base, estimate = samples.columns, fitted.base, fitted.estimate
-    law, band = fitted.choice.law, samples.band
-    evidence, examined = _examined(fitted, progress)
+    law = fitted.choice.law
+    progress("looks at the joints' zeros")
+    zeros = estimate_zeros(samples, fitted.choice, fitted.penalty)
+    progress("examines what the recordings determine")
+    # part of the samples cannot be simulated: what they determine is asked of least squares then
+    simulates = method(settings.estimator).simulates
+    judge = WeightedLeastSquares() if simulates else fitted.estimator
+    examined = examine(fitted, judge)
     # other estimators give base parameters alone; the rest stays zero, which predicts the same torque
     value = fitted.physical.value
     if settings.estimator != "consistent":
         value = base.spread(estimate.value)
     progress("validates")
-    held_out_segments = band.segments(fitted.held_out)
-    validation = validated(evidence, value, held_out_segments, band)
-    table = fill_in(evidence)
+    held_out_segments = samples.band.segments(fitted.held_out)
+    validation = validated(fitted, value, held_out_segments)
+    table = fill_in(fitted, zeros)
     progress("looks for changes")
     # a change spoils the fit: it is looked for in every recording, fitted or held out
     every = (*fitted.fit, *fitted.held_out)
@@ -136,17 +141,17 @@ def examine_fit(
         # over the first fitted recording, from the parameters of bodies that can exist
         names = columns.names(law)
         identified = dict(zip(names, fitted.physical.value.tolist(), strict=True))
-        first = next(r for r in fitted.fit if r.tau is not None)
-        states = follow_states(arm, first, identified, fitted.choice.noise)
+        first, noise = fitted.measured[0], fitted.choice.noise
+        states = follow_states(case.arm, first, identified, noise)
     doubtful = identification_warnings(
-        fitted, evidence, examined, changes, table, validation[1]
+        fitted, zeros, examined, changes, table, validation[1]
     )
     return Identification(
         **vars(fitted),
         examined=examined,
         changes=changes,
         states=states,
-        predicted=predicted(evidence, examined, value, held_out_segments),
+        predicted=predicted(fitted, examined, value, held_out_segments),
         recovered=recoveries(
             base,
             fitted.uncertainty.covariance,
@@ -154,46 +159,11 @@ def examine_fit(
             columns.nominal(law),
             columns.units(law),
         ),
-        zeros=evidence.zeros,
+        zeros=zeros,
         value=value,
         validation=validation,
         table=table,
         condition=next(row.measured for row in table if row.key == "condition"),
-        questions=evidence.zeros.questions(),
+        questions=zeros.questions(),
         warnings=(*case.warnings, *doubtful),
     )
-
-
-def _examined(
-    fitted: FittedParameters, progress: Callable[[str], None]
-) -> tuple[FitEvidence, Examination]:
-    """The fit with the zeros of its joints, and what the recordings determine."""
-    samples, choice = fitted.samples, fitted.choice
-    progress("looks at the joints' zeros")
-    zeros = estimate_zeros(
-        samples.columns,
-        samples.segments,
-        choice.law,
-        samples.band,
-        choice.noise,
-        fitted.penalty,
-    )
-    evidence = FitEvidence(
-        recordings=fitted.fit,
-        samples=samples,
-        choice=choice,
-        base=fitted.base,
-        matrix=fitted.matrix,
-        beta=fitted.estimate.value,
-        deviation=fitted.uncertainty.deviation,
-        physical=fitted.physical,
-        zeros=zeros,
-    )
-    progress("examines what the recordings determine")
-    # part of the samples cannot be simulated: what they determine is asked of least squares then
-    simulates = method(fitted.settings.estimator).simulates
-    judge = WeightedLeastSquares() if simulates else fitted.estimator
-    examined = examine(
-        evidence, fitted.problem, judge, fitted.estimate, fitted.uncertainty
-    )
-    return evidence, examined

@@ -68,7 +68,7 @@ def write_base(result: Identification, path: Path | str) -> None:
     back[base.kept] = np.eye(base.count)
     arrays = {
         "names": np.array(names),
-        "kept_names": np.array([names[k] for k in base.kept]),
+        "kept_names": np.array(base.kept_names),
         "combination": base.combination,
         "back": back,
         "null_space": base.null_space,

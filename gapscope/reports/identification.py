@@ -100,7 +100,7 @@ def filter_curves(result: Identification) -> dict[str, Any]:
     review = result.filtered
     track = review.followed.track
     expressions = result.base.expressions(1e-2)
-    names = [result.base.names[k] for k in result.base.kept]
+    names = list(result.base.kept_names)
     nominal = result.base.of(result.columns.nominal(result.choice.law))
     parameters = [
         {
