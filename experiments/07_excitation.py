@@ -80,7 +80,8 @@ def optimised(
 ) -> tuple[int, float]:
     """Run one optimiser and print its row; evaluations, and the condition number [1]."""
     plan, limits = ExcitationPlan(budget=budget), LimitPlan()
-    search, final, _, body = prepare(arm, plan, limits)
+    prepared = prepare(arm, plan, limits)
+    search, final, body = prepared.search, prepared.final, prepared.body
     begun = time.process_time()
     optimiser(search, np.random.default_rng(seed))
     taken = time.process_time() - begun
@@ -120,7 +121,9 @@ def criteria(arm: NominalArm, seeds: int, evaluations: int) -> None:
             budget=Budget(evaluations),
         )
         begun = time.process_time()
-        found = design(arm, plan, LimitPlan(), np.random.default_rng(seed), body=body)
+        found = design(
+            prepare(arm, plan, LimitPlan(), body=body), np.random.default_rng(seed)
+        )
         taken = time.process_time() - begun
         matrix = model.matrix(sampled(found.reference, plan.length, RATE))
         d, e = (CRITERIA[name].evaluate(matrix, model.reference) for name in "de")

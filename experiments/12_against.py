@@ -42,7 +42,7 @@ from gapscope.blind_check.generator.case import (
     draw_setup,
     write_case,
 )
-from gapscope.blind_check.generator.law import Cause
+from gapscope.blind_check.generator.law import Cause, Draws
 from gapscope.blind_check.generator.laws import LAWS
 from gapscope.blind_check.generator.simulate import Conditions
 from gapscope.blind_check.generator.true_arm import Columns, TrueArm
@@ -86,7 +86,9 @@ def make_pair(
         none = np.array([], dtype=int)
         law = LAWS["payload"]
         causes = (
-            [Cause(law, none, law.draw(rng, setup.context, none))] if loaded else []
+            [Cause(law, none, law.draw(Draws.of(rng, setup.context, none)))]
+            if loaded
+            else []
         )
         healthy, today = setup.plant(()), setup.plant(causes)
         for name in ("coulomb", "viscous"):

@@ -32,7 +32,7 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.blind_check.generator.case import CaseSetup, draw_setup, sheet_of
-from gapscope.blind_check.generator.law import Cause
+from gapscope.blind_check.generator.law import Cause, Draws
 from gapscope.blind_check.generator.laws import LAWS
 from gapscope.blind_check.generator.simulate import (
     Conditions,
@@ -120,7 +120,7 @@ def _recorded(
     """The recordings with the remainder on every joint; ``None`` if a loop does not run well."""
     law = LAWS[REMAINDERS[remainder]]
     joints = np.arange(1 if law.joints == "later" else 0, setup.arm.n)
-    cause = Cause(law, joints, law.draw(rng, setup.context, joints))
+    cause = Cause(law, joints, law.draw(Draws.of(rng, setup.context, joints)))
     return _recordings(setup, (cause,))
 
 

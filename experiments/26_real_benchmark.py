@@ -58,7 +58,6 @@ from gapscope.blind_check.scoring import (
     compare,
     matched,
     named,
-    proportion,
     reliability,
     same,
     wilson,
@@ -238,7 +237,7 @@ def _share(values: Sequence[bool]) -> str:
     """Hits of a count with the percentage."""
     if not values:
         return "–"
-    hits, total = proportion(values)
+    hits, total = sum(values), len(values)
     return f"{hits}/{total} ({100 * hits / total:.0f} %)"
 
 

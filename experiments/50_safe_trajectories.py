@@ -43,6 +43,7 @@ from gapscope.ident.excitation.design import (
     ExcitationPlan,
     LimitPlan,
     design,
+    prepare,
 )
 from gapscope.ident.excitation.trajectory_search import Budget
 from gapscope.reports.trajectory import write_trajectory
@@ -159,7 +160,7 @@ def tried(number: int) -> dict[str, Any]:
         body = RigidBody(task.arm).carrying(task.load)
         rng = np.random.default_rng(number)
         try:
-            found = design(task.arm, task.plan, task.limits, rng, body=body)
+            found = design(prepare(task.arm, task.plan, task.limits, body=body), rng)
         except InputError as error:
             return out | {"end": "refused by design", "reason": error.problem[:160]}
         try:

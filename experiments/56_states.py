@@ -46,7 +46,7 @@ from gapscope.blind_check.generator.case import (
     draw_setup,
     write_case,
 )
-from gapscope.blind_check.generator.law import Cause
+from gapscope.blind_check.generator.law import Cause, Draws
 from gapscope.blind_check.generator.laws import LAWS
 from gapscope.blind_check.generator.simulate import Conditions
 from gapscope.blind_check.generator.true_arm import Columns, TrueArm
@@ -141,10 +141,10 @@ class Task:
 def loads(row: str, setup: CaseSetup, rng: np.random.Generator) -> list[list[Cause]]:
     """The load in each of the two recordings of a case."""
     law = LAWS["payload"]
-    first = Cause(law, ARM, law.draw(rng, setup.context, ARM))
+    first = Cause(law, ARM, law.draw(Draws.of(rng, setup.context, ARM)))
     if row == "two_loads":
         while True:
-            other = Cause(law, ARM, law.draw(rng, setup.context, ARM))
+            other = Cause(law, ARM, law.draw(Draws.of(rng, setup.context, ARM)))
             masses = sorted(float(c.values["mass"]) for c in (first, other))
             if 1 - masses[0] / masses[1] > OTHER_MASS:
                 return [[first], [other]]
@@ -208,7 +208,9 @@ def plants(
         if row == "zero_in_one":
             # a zero about the vertical shows in no torque, one of the last joint hardly
             joint = rng.integers(1, n - 2, size=1)
-        causes = [[Cause(law, joint, law.draw(rng, setup.context, joint))]] * 2
+        causes = [
+            [Cause(law, joint, law.draw(Draws.of(rng, setup.context, joint)))]
+        ] * 2
         if row in IN_ONE:
             causes[int(rng.integers(2))] = []
     today = [setup.plant(several) for several in causes]

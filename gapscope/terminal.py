@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,8 @@ from rich.console import Console
 
 if TYPE_CHECKING:
     from rich.status import Status
+
+    from gapscope.interface.result import Result
 
 console = Console()
 log = Console(stderr=True)
@@ -37,6 +40,17 @@ class Progress:
             self._status.update(text)
         else:
             log.print(text, highlight=False)
+
+
+def show(result: Result, *written: Path, as_json: bool = False) -> None:
+    """Print a result and which files it was written to, or its document alone as JSON."""
+    if as_json:
+        from gapscope.arm.io.json_file import to_json
+
+        sys.stdout.write(to_json(result.document))  # type: ignore[attr-defined]
+        return
+    console.print(result.shown())
+    wrote(*written)
 
 
 def say(*lines: str) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ import numpy as np
 from gapscope.arm.case import load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
+from gapscope.arm.root_mean_square import rms
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
@@ -111,7 +112,7 @@ def design(folder: Path) -> Design:
         gap=gap.ravel(),
         terms=tuple(terms),
         columns=np.stack(columns, axis=1),
-        nrmse=np.sqrt((gap**2).mean(axis=0)),
+        nrmse=rms(gap),
         n_joints=arm.n_joints,
     )
 
@@ -133,74 +134,39 @@ Columns = list[tuple[DesignColumn, np.ndarray]]
 
 def _columns(n: int, predicted: Predict, nominal: np.ndarray) -> Columns:
     """All columns of an arm with n joints, before scaling."""
-    return [
-        *_joint_columns(n, predicted, nominal),
-        *_offset_columns(n, predicted, nominal),
-        *_payload_columns(predicted, nominal),
-        *_tilt_columns(predicted, nominal),
-        *_link_columns(n, predicted, nominal),
-    ]
-
-
-def _joint_columns(n: int, predicted: Predict, nominal: np.ndarray) -> Columns:
-    """Effects on the torque of their own joint: one prediction gives the columns of all joints."""
     joints = tuple(range(1, n + 1))
     out: Columns = []
+    # effects on the torque of their own joint: one prediction gives the columns of all joints
     for effect, step in STEPS.items():
         values = {name: np.full(n, value) for name, value in step.items()}
         change = predicted(AppliedEffect(effect, joints, values)) - nominal
         for j in joints:
             own = np.where(np.arange(n) == j - 1, change, 0.0)
             out.append((DesignColumn(effect, j), own))
-    return out
+    for applied in _single(n):
+        joint = int(applied.parameters.get("link", (*applied.joints, 0)[0]))
+        column = DesignColumn(applied.name, joint)
+        out.append((column, predicted(applied) - nominal))
+    # a mass at the origin of the last link, and its shifts along three axes
+    coms = (np.zeros(3), *(0.1 * np.eye(3)))
+    payloads = (_on_arm("payload", mass=1e-2, com=com) for com in coms)
+    weight, *shifted = (predicted(payload) - nominal for payload in payloads)
+    at_last = DesignColumn("payload", 0)
+    return out + [(at_last, x) for x in (weight, *(y - weight for y in shifted))]
 
 
-def _offset_columns(n: int, predicted: Predict, nominal: np.ndarray) -> Columns:
-    """Offsets of the encoders, which change the torque of all joints."""
-    out: Columns = []
+def _single(n: int) -> Iterator[AppliedEffect]:
+    """Effects of one column each: encoders and the base, and all links but the last, whose mass is the payload's."""
     for j in range(1, n + 1):
-        offset = AppliedEffect("encoder_offset", (j,), {"offset": np.array([1e-4])})
-        change = predicted(offset) - nominal
-        out.append((DesignColumn("encoder_offset", j), change))
-    return out
-
-
-def _payload_columns(predicted: Predict, nominal: np.ndarray) -> Columns:
-    """A mass at the origin of the last link, and its shifts along three axes."""
-    term = DesignColumn("payload", 0)
-    weight = predicted(_payload(np.zeros(3))) - nominal
-    out: Columns = [(term, weight)]
-    for shift in 0.1 * np.eye(3):
-        out.append((term, predicted(_payload(shift)) - nominal - weight))
-    return out
-
-
-def _tilt_columns(predicted: Predict, nominal: np.ndarray) -> Columns:
-    """Roll and pitch of the base."""
-    out: Columns = []
-    for name in ("roll", "pitch"):
-        tilt = {"roll": np.array(0.0), "pitch": np.array(0.0), name: np.array(1e-4)}
-        change = predicted(AppliedEffect("base_tilt", (), tilt)) - nominal
-        out.append((DesignColumn("base_tilt", 0), change))
-    return out
-
-
-def _link_columns(n: int, predicted: Predict, nominal: np.ndarray) -> Columns:
-    """Mass of each link but the last, whose mass is the payload's."""
-    out: Columns = []
+        yield AppliedEffect("encoder_offset", (j,), {"offset": np.array([1e-4])})
+    yield _on_arm("base_tilt", roll=1e-4, pitch=0.0)
+    yield _on_arm("base_tilt", roll=0.0, pitch=1e-4)
     for j in range(1, n):
-        link = {
-            "link": np.array(float(j)),
-            "mass": np.array(1e-3),
-            "com": np.zeros(3),
-        }
-        change = predicted(AppliedEffect("link_inertia", (), link)) - nominal
-        out.append((DesignColumn("link_inertia", j), change))
-    return out
+        yield _on_arm("link_inertia", link=float(j), mass=1e-3, com=np.zeros(3))
 
 
-def _payload(com: np.ndarray) -> AppliedEffect:
-    return AppliedEffect("payload", (), {"mass": np.array(1e-2), "com": com})
+def _on_arm(name: str, **values: float | np.ndarray) -> AppliedEffect:
+    return AppliedEffect(name, (), {key: np.array(x) for key, x in values.items()})
 
 
 # Plain methods; each answers with a verdict and effects in the form of ``diagnosis.json``.
@@ -405,13 +371,9 @@ class Classifier:
     classes: tuple[str, ...]
     network: Any
 
-    def probabilities(self, x: np.ndarray) -> np.ndarray:
-        """Of each class, (N, C), from features (N, F)."""
-        return np.asarray(self.network.predict_proba(x))
-
     def diagnose(self, design: Design) -> dict[str, Any]:
         """The likeliest class as a verdict."""
-        probability = self.probabilities(features(design)[None])[0]
+        probability = self.network.predict_proba(features(design)[None])[0]
         name = self.classes[int(probability.argmax())]
         if name == "healthy":
             return answer("no_gap", [])

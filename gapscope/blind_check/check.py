@@ -18,7 +18,7 @@ from joblib import Parallel, delayed
 
 from gapscope.arm.case import load_case
 from gapscope.arm.errors import GapscopeError, InputError
-from gapscope.arm.io.json_file import read_json, write_json
+from gapscope.arm.io.json_file import plain, read_json, write_json
 from gapscope.arm.nearest_name import nearest
 from gapscope.blind_check.generator.arms import ROBOTS, USUAL
 from gapscope.blind_check.generator.case import make_case, write_case
@@ -119,10 +119,7 @@ class BlindPlan:
 
     def plain(self) -> dict[str, Any]:
         """The plan as JSON or YAML data."""
-        return {
-            key: list(value) if isinstance(value, tuple) else value
-            for key, value in asdict(self).items()
-        }
+        return plain(asdict(self))
 
 
 COUNTS = ("singles", "pairs", "triples", "outside", "healthy", "ladder")
@@ -227,31 +224,18 @@ def _mixed(names: list[str], count: int, rng: np.random.Generator) -> tuple[str,
 # What fixes a run: the hash of what leads to a diagnosis, its thresholds, and the versions.
 
 
-def threshold_values() -> dict[str, Any]:
-    """Value of each constant of ``gapscope.diagnosis.thresholds``, as JSON can hold it."""
-    return {
-        name: _plain(value)
-        for name, value in vars(thresholds).items()
-        if name.isupper()
-    }
-
-
 def frozen() -> dict[str, Any]:
     """What a run is fixed by."""
     return {
         "source_sha256": source_hash(),
-        "thresholds": threshold_values(),
+        "thresholds": {
+            name: plain(value)
+            for name, value in vars(thresholds).items()
+            if name.isupper()
+        },
         "python": platform.python_version(),
         "libraries": library_versions(),
     }
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    if isinstance(value, dict):
-        return {str(key): item for key, item in value.items()}
-    return value
 
 
 # The seal: labels that are kept apart from the cases, and the commitment published beside the cases.
@@ -269,14 +253,6 @@ def labels_folder(cases: Path) -> Path:
     """Where labels lie by default: ``DIR-labels`` beside DIR."""
     cases = cases.resolve()
     return cases.with_name(f"{cases.name}-labels")
-
-
-def commit(cases: Path, labels: Path, count: int) -> None:
-    """Publish the hash of the labels beside the cases."""
-    write_json(
-        {"schema": 1, "cases": count, "labels_sha256": sha256(labels)},
-        cases / COMMITMENT,
-    )
 
 
 def read_commitment(cases: Path) -> dict[str, Any]:
@@ -418,7 +394,10 @@ def make(
         for name in names
     }
     write_json({"schema": 1, **begun, "cases": cases}, folder / LABELS, private=True)
-    commit(out, folder / LABELS, len(names))
+    # publish the hash of the labels beside the cases
+    sealed = sha256(folder / LABELS)
+    commitment = {"schema": 1, "cases": len(names), "labels_sha256": sealed}
+    write_json(commitment, out / COMMITMENT)
     return out / COMMITMENT, folder / LABELS
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -39,32 +39,12 @@ from gapscope.provenance import source_hash
 # Shares with intervals, and how good probabilities are.
 
 
-class Proportion(NamedTuple):
-    """A count over a number of cases."""
-
-    hits: int
-    total: int
-
-    @property
-    def rate(self) -> float | None:
-        """Hits over total, or ``None`` without cases."""
-        return self.hits / self.total if self.total else None
-
-    def plain(self) -> dict[str, Any]:
-        """As JSON data, with Wilson's interval."""
-        low, high = wilson(self.hits, self.total)
-        return {
-            "hits": self.hits,
-            "count": self.total,
-            "rate": self.rate,
-            "low": low,
-            "high": high,
-        }
-
-
-def proportion(values: Sequence[bool]) -> Proportion:
-    """Share of what is true."""
-    return Proportion(int(sum(values)), len(values))
+def share(values: Sequence[bool]) -> dict[str, Any]:
+    """How many of some values are true, as JSON data with Wilson's interval."""
+    hits, count = int(sum(values)), len(values)
+    low, high = wilson(hits, count)
+    rate = hits / count if count else None
+    return {"hits": hits, "count": count, "rate": rate, "low": low, "high": high}
 
 
 def wilson(hits: int, count: int) -> tuple[float, float]:
@@ -363,7 +343,7 @@ def _parameter_errors(
     pairs: Sequence[tuple[int, int]],
 ) -> tuple[float, ...]:
     """Relative errors of the first parameter of effects named rightly, if they can be compared."""
-    errors = [first_parameter_error(entries[i], reported[j]) for i, j in pairs]
+    errors = (first_parameter_error(entries[i], reported[j]) for i, j in pairs)
     return tuple(error for error in errors if error is not None)
 
 
@@ -490,9 +470,6 @@ def _nrmse(arm: CorrectedArm, recording: Recording) -> np.ndarray:
 
 def summary(cases: Sequence[Compared]) -> dict[str, Any]:
     """All figures, as JSON data."""
-    kinds: dict[str, list[Compared]] = {}
-    for case in cases:
-        kinds.setdefault(case.kind, []).append(case)
 
     def of(*names: str) -> list[Compared]:
         return [case for case in cases if case.kind in names]
@@ -504,12 +481,16 @@ def summary(cases: Sequence[Compared]) -> dict[str, Any]:
     return {
         "cases": len(cases),
         "failed": [case.name for case in cases if case.verdict == "failed"],
-        "by_kind": {kind: scores(chosen) for kind, chosen in kinds.items()},
+        "by_kind": _split(cases, lambda c: c.kind, ordered=False),
         "by_severity": _split(of("single", "ladder"), lambda c: c.severity),
         "by_robot": _split(inside, lambda c: c.robot),
         "by_rate": _split(inside, lambda c: f"{c.conditions['rate']} Hz"),
-        "by_controller": _split(inside, _controller),
-        "by_inertials": _split(inside, _inertials),
+        "by_controller": _split(
+            inside, lambda c: "unknown" if c.conditions["bare"] else "known"
+        ),
+        "by_inertials": _split(
+            inside, lambda c: "off" if c.conditions["inertials_off"] else "true"
+        ),
         "by_effect": _split(of("single"), lambda c: c.truth[0].effect),
         "healthy": healthy(of("healthy")),
         "unknown": unknown(cases),
@@ -519,29 +500,19 @@ def summary(cases: Sequence[Compared]) -> dict[str, Any]:
     }
 
 
-def _controller(case: Compared) -> str:
-    return "unknown" if case.conditions["bare"] else "known"
-
-
-def _inertials(case: Compared) -> str:
-    return "off" if case.conditions["inertials_off"] else "true"
-
-
 def scores(cases: Sequence[Compared]) -> dict[str, Any]:
     """Names, joints, parameters and gap closed of some cases."""
     errors = [e for c in cases for e in c.errors]
     closed = [c.closure for c in cases if c.closure is not None]
     return {
         "count": len(cases),
-        "top": proportion([c.top for c in cases]).plain(),
-        "exact": proportion([c.exact for c in cases]).plain(),
-        "exact_strict": proportion([c.exact_strict for c in cases]).plain(),
+        "top": share([c.top for c in cases]),
+        "exact": share([c.exact for c in cases]),
+        "exact_strict": share([c.exact_strict for c in cases]),
         "jaccard": float(np.mean([c.jaccard for c in cases])) if cases else None,
-        "joints": proportion([right for c in cases for right in c.joints]).plain(),
-        "called_unexplained": proportion(
-            [c.verdict == "unexplained" for c in cases]
-        ).plain(),
-        "called_no_gap": proportion([c.verdict == "no_gap" for c in cases]).plain(),
+        "joints": share([right for c in cases for right in c.joints]),
+        "called_unexplained": share([c.verdict == "unexplained" for c in cases]),
+        "called_no_gap": share([c.verdict == "no_gap" for c in cases]),
         "parameter_error": _quantiles(errors),
         "gap_closed": _quantiles([x["mean"] for x in closed]),
         "gap_closed_worst_joint": _quantiles([x["worst"] for x in closed]),
@@ -552,10 +523,8 @@ def healthy(cases: Sequence[Compared]) -> dict[str, Any]:
     """False alarms: a healthy arm with the verdict of an effect or of an unexplained gap."""
     return {
         "count": len(cases),
-        "false_alarms": proportion(
-            [c.verdict not in ("no_gap", "failed") for c in cases]
-        ).plain(),
-        "effects_named": proportion([bool(c.found) for c in cases]).plain(),
+        "false_alarms": share([c.verdict not in ("no_gap", "failed") for c in cases]),
+        "effects_named": share([bool(c.found) for c in cases]),
     }
 
 
@@ -564,10 +533,8 @@ def unknown(cases: Sequence[Compared]) -> dict[str, Any]:
     outside = [c for c in cases if c.unknown]
     inside = [c for c in cases if c.truth and c.kind in ("single", "pair", "triple")]
     return {
-        "recall": proportion([c.verdict == "unexplained" for c in outside]).plain(),
-        "false_unknown": proportion(
-            [c.verdict == "unexplained" for c in inside]
-        ).plain(),
+        "recall": share([c.verdict == "unexplained" for c in outside]),
+        "false_unknown": share([c.verdict == "unexplained" for c in inside]),
     }
 
 
@@ -584,7 +551,7 @@ def calibration(cases: Sequence[Compared]) -> dict[str, Any]:
         "reliability": reliability(p, right),
         "sets": {
             "level": LEVEL,
-            "coverage": proportion([f.covered for f in findings]).plain(),
+            "coverage": share([f.covered for f in findings]),
             "mean_size": mean_size,
         },
     }
@@ -594,32 +561,27 @@ def confusion(cases: Sequence[Compared]) -> dict[str, dict[str, int]]:
     """Truth to answer to number of cases; the answer is the first effect named, or the verdict if none is."""
     table: dict[str, Counter[str]] = {}
     for case in cases:
-        table.setdefault(_truth(case), Counter())[_answer(case)] += 1
+        true = case.truth[0].effect if case.truth else "healthy"
+        named = case.found and case.verdict != "unexplained"
+        said = case.found[0].effect if named else case.verdict
+        table.setdefault("unknown" if case.unknown else true, Counter())[said] += 1
     return {
         truth: dict(answers.most_common()) for truth, answers in sorted(table.items())
     }
 
 
-def _truth(case: Compared) -> str:
-    """Row of a case in the table of confusions."""
-    if case.unknown:
-        return "unknown"
-    return case.truth[0].effect if case.truth else "healthy"
-
-
-def _answer(case: Compared) -> str:
-    """Column of a case in it."""
-    if case.found and case.verdict != "unexplained":
-        return case.found[0].effect
-    return case.verdict
-
-
-def _split(cases: Sequence[Compared], key: Callable[[Compared], str]) -> dict[str, Any]:
+def _split(
+    cases: Sequence[Compared],
+    key: Callable[[Compared], str],
+    *,
+    ordered: bool = True,
+) -> dict[str, Any]:
     """Scores of the cases with each value of a key."""
     groups: dict[str, list[Compared]] = {}
     for case in cases:
         groups.setdefault(key(case), []).append(case)
-    return {name: scores(groups[name]) for name in sorted(groups, key=_order)}
+    names = sorted(groups, key=_order) if ordered else list(groups)
+    return {name: scores(groups[name]) for name in names}
 
 
 def _order(name: str) -> tuple[float, str]:
@@ -775,12 +737,9 @@ def _baselines(
 
 def _method_figures(compared: list[Compared]) -> dict[str, Any]:
     """Figures of one plain method."""
-    by_kind: dict[str, list[Compared]] = {}
-    for case in compared:
-        by_kind.setdefault(case.kind, []).append(case)
     return {
-        "by_kind": {kind: scores(chosen) for kind, chosen in by_kind.items()},
-        "healthy": healthy(by_kind.get("healthy", [])),
+        "by_kind": _split(compared, lambda c: c.kind, ordered=False),
+        "healthy": healthy([case for case in compared if case.kind == "healthy"]),
         "unknown": unknown(compared),
     }
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from gapscope.terminal import Progress, console, say, wrote
+from gapscope.commands.options import AsJson
+from gapscope.terminal import Progress, say, show, wrote
 
 Robot = Annotated[
     str,
@@ -26,14 +26,12 @@ Out = Annotated[
     Path | None,
     typer.Option(help="folder for audit.html and audit.json", metavar="DIR"),
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="print JSON to standard output")]
 
 
 def audit(
     robot: Robot, recording: Recording = None, out: Out = None, as_json: AsJson = False
 ) -> None:
     """Say what is odd about a robot model, worst first, with the line in its file."""
-    from gapscope.arm.io.json_file import to_json
     from gapscope.arm.io.locked_section import locked
     from gapscope.arm.robots import KNOWN_ROBOTS
     from gapscope.interface.audit import audit as audit_robot
@@ -41,12 +39,9 @@ def audit(
     with Progress(Path(robot).name) as progress, locked(out):
         result = audit_robot(robot, recording, progress=progress)
         written = () if out is None else result.save(out)
+    show(result, as_json=as_json)
     if as_json:
-        sys.stdout.write(to_json(result.document))
         return
-    from gapscope.reports.audit import summary
-
-    console.print(summary(result.document))
     if robot in KNOWN_ROBOTS:
         say(f"The inertials of {robot}: {KNOWN_ROBOTS[robot].source}.")
     wrote(*written)

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from gapscope.terminal import Progress, console, wrote
+from gapscope.terminal import Progress, console, show, wrote
 
 CAVEAT = (
     "This is a recovery check: recorded and explained with the same definitions of the effects. "
@@ -46,7 +46,6 @@ def play(
     from gapscope.effects.corrected_file import write_corrected
     from gapscope.envs.engines import default_engine
     from gapscope.envs.mystery_arm import mystery_arm
-    from gapscope.reports.diagnosis import print_summary
     from gapscope.reports.truth_table import truth_table
 
     start = monotonic()
@@ -58,7 +57,7 @@ def play(
     progress("diagnoses the recordings; the truth stays closed")
     result, (report, *_) = diagnose_path(out / "case", out / "diagnosis", progress)
     write_corrected(case.name, truth, out / "truth.yaml")
-    print_summary(result.document, console)
+    show(result)
     console.print(truth_table(truth, result.effects))
     console.print(CAVEAT, style="italic")
     console.print(f"seed {seed}, {monotonic() - start:.0f} s", highlight=False)

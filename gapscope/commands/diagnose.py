@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from gapscope.commands.options import Results
-from gapscope.terminal import Progress, console, say, wrote
+from gapscope.terminal import Progress, say, show, wrote
 
 LOADS = "loads the libraries"
 """The first line of progress; it comes before the imports, which take a second or two."""
@@ -60,11 +60,9 @@ def _one(case: Path, out: Path) -> None:
     with Progress(case.name or str(case)) as progress:
         progress(LOADS)
         from gapscope.commands.diagnose_path import diagnose_path
-        from gapscope.reports.diagnosis import print_summary
 
         result, paths = diagnose_path(case, out, progress)
-    print_summary(result.document, console)
-    wrote(*paths)
+    show(result, *paths)
     _say_mended(paths)
 
 
@@ -88,11 +86,10 @@ def _against(case: Path, reference: Path, out: Path) -> None:
     with Progress(case.name or str(case)) as progress:
         progress(LOADS)
         from gapscope.commands.diagnose_path import diagnose_path
-        from gapscope.reports.diagnosis import CASE, CORRECTED, print_summary
+        from gapscope.reports.diagnosis import CASE, CORRECTED
 
         result, paths = diagnose_path(case, out, progress, against=reference)
-    print_summary(result.document, console)
-    wrote(*paths)
+    show(result, *paths)
     say(
         "to predict with what was found: "
         f"gapscope predict {out / CASE} --model {out / CORRECTED} ..."

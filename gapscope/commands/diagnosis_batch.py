@@ -6,7 +6,7 @@ import json
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -67,25 +67,12 @@ class Batch:
     against: Path | None = None
 
 
-@dataclass(frozen=True)
-class KeptReference:
-    """The reference of all cases, identified once.
-
-    Attributes:
-        folder: that holds it.
-        made_from: hashes of what it was identified from.
-    """
-
-    folder: Path
-    made_from: Mapping[str, str]
-
-
 def finished(
-    case: Path, folder: Path, reference: KeptReference | None = None
+    case: Path, folder: Path, reference: Mapping[str, str] | None = None
 ) -> dict[str, Any] | None:
     """The diagnosis in a folder, if it is complete and made from this case as it is now, by this program.
 
-    Against a reference it has to be made from that very reference.
+    Against a reference, by the hashes of what that was made from, it has to be made from that very one.
     """
     try:
         content = json.loads((folder / DOCUMENT).read_text(encoding="utf-8"))
@@ -93,7 +80,7 @@ def finished(
         others = (folder / CORRECTED, folder / REPORT)
         complete = all(path.is_file() for path in others)
         source = content.get("against", {}).get(KEY)
-        compared_alike = source == (reference.made_from if reference else None)
+        compared_alike = source == reference
         unchanged = compared_alike and content.get(KEY) == made_from(case)
     except (OSError, ValueError, GapscopeError):
         return None
@@ -126,8 +113,11 @@ def _diagnose_all(batch: Batch, progress: Callable[[str], None]) -> int:
     rows: list[SummaryRow] = []
     codes = [0]
     with _resume_hint():
-        reference = _reference(batch, progress)
-        for row, code, note in _diagnosed(batch, folders, reference):
+        against, reference = batch.against, None
+        if against is not None:
+            against, kept = kept_reference(against, batch.out, progress)
+            reference = kept.made_from
+        for row, code, note in _diagnosed(replace(batch, against=against), reference):
             rows.append(row)
             codes.append(code)
             progress(
@@ -143,30 +133,32 @@ def _diagnose_all(batch: Batch, progress: Callable[[str], None]) -> int:
     return max(codes)
 
 
-def _reference(batch: Batch, progress: Callable[[str], None]) -> KeptReference | None:
-    """The reference of all cases, identified if it is not yet."""
-    if batch.against is None:
-        return None
-    folder, reference = kept_reference(batch.against, batch.out, progress)
-    return KeptReference(folder, reference.made_from)
-
-
 def _diagnosed(
-    batch: Batch, folders: Sequence[str], reference: KeptReference | None
+    batch: Batch, reference: Mapping[str, str] | None
 ) -> Iterator[tuple[SummaryRow, int, str]]:
-    """Row of the summary, exit code and a note of each case, in their order."""
-    cases = dict(zip(folders, batch.cases, strict=True))
-    kept = {} if batch.again else _kept(batch, cases, reference)
+    """Row of the summary, exit code and a note of each case, in their order; against a folder of its reference."""
+    cases = dict(zip(_folders(batch.cases), batch.cases, strict=True))
+    kept = {}
+    for folder, case in cases.items():
+        document = None
+        if not batch.again:
+            document = finished(case, batch.out / folder, reference)
+        if document is not None:
+            kept[folder] = document
     # with Ray, other machines have another current folder
     place = Path.resolve if batch.backend == RAY else Path
-    against = place(reference.folder) if reference else None
     calls = [
-        (str(place(case)), place(batch.out), folder, against)
+        (
+            str(place(case)),
+            place(batch.out),
+            folder,
+            batch.against and place(batch.against),
+        )
         for folder, case in cases.items()
         if folder not in kept
     ]
     results = in_order(diagnose_one_of_many, calls, batch.jobs, batch.backend)
-    for folder in folders:
+    for folder in cases:
         if folder in kept:
             document = kept[folder]
             row = SummaryRow(str(document["case"]), folder, document)
@@ -177,19 +169,6 @@ def _diagnosed(
             yield _failed(folder, result), 1, ""
         else:
             yield *result, ""
-
-
-def _kept(
-    batch: Batch, cases: Mapping[str, Path], reference: KeptReference | None
-) -> dict[str, dict[str, Any]]:
-    """Diagnoses of an earlier run that need not be made again, by folder."""
-    found = {
-        folder: finished(case, batch.out / folder, reference)
-        for folder, case in cases.items()
-    }
-    return {
-        folder: document for folder, document in found.items() if document is not None
-    }
 
 
 def _by_law_of_type(
@@ -313,7 +292,7 @@ def _resume_hint() -> Iterator[None]:
 
 
 def _line(row: SummaryRow) -> str:
-    effects = "; ".join(f"{name}, {where}" for name, where in row.effects)
+    effects = "; ".join(f"{name}, {where}" for name, where in row.named())
     return f"{row.verdict}. {effects}".strip()
 
 

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from gapscope.commands.options import Results
-from gapscope.terminal import Progress, console, say, wrote
+from gapscope.terminal import Progress, say, show, wrote
 
 PACE = 1.0
 """Least time between two lines of progress [s]."""
@@ -61,7 +61,6 @@ def fleet(
 ) -> None:
     """Diagnose many cases, compare their units, and find what changed."""
     from gapscope.interface.fleet import DOCUMENT, PAGE, fleet
-    from gapscope.reports.fleet import print_fleet
 
     with Progress("fleet") as progress:
         overview = fleet(
@@ -78,7 +77,7 @@ def fleet(
             tries=tries,
         )
     say(str(overview.counts))
-    print_fleet(overview.document, console)
+    show(overview)
     wrote(out / PAGE, out / DOCUMENT)
     raise typer.Exit(1 if overview.counts.failed else 0)
 

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from gapscope.commands.options import CasePath, Results, split_names
-from gapscope.terminal import Progress, console, wrote
+from gapscope.terminal import Progress, show
 
 Cutoff = Annotated[
     float | None,
@@ -88,7 +88,7 @@ def identify(
     from gapscope.arm.io.locked_section import locked
     from gapscope.ident.identification import IdentificationSettings
     from gapscope.interface.identify import identify as identify_case
-    from gapscope.reports.identification import DOCUMENT, summary
+    from gapscope.reports.identification import DOCUMENT
 
     if estimator == "consistent" and ridge is not None:
         estimator = "ridge"
@@ -109,5 +109,4 @@ def identify(
         result = identify_case(case, settings, progress=progress)
         progress("writes the report")
         paths = result.save(out)
-    console.print(summary(result.identification))
-    wrote(*paths)
+    show(result, *paths)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from gapscope.terminal import Progress, console, wrote
+from gapscope.terminal import Progress, show
 
 Logs = Annotated[
     list[Path],
@@ -27,7 +27,7 @@ def inspect(logs: Logs, robot: Robot = None, out: Out = None) -> None:
     """Say what is in a log, draw it, and write the case to start from."""
     from gapscope.arm.io.locked_section import locked
     from gapscope.interface.inspect import inspect as inspect_logs
-    from gapscope.reports.inspection import check_unused, summary
+    from gapscope.reports.inspection import check_unused
 
     if out is not None:
         check_unused(out)
@@ -37,5 +37,4 @@ def inspect(logs: Logs, robot: Robot = None, out: Out = None) -> None:
         if out is not None:
             progress("writes the case")
             written = result.save(out)
-    console.print(summary(result.found, result.checked))
-    wrote(*written)
+    show(result, *written)

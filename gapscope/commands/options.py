@@ -30,6 +30,8 @@ Engine = Annotated[
     ),
 ]
 
+AsJson = Annotated[bool, typer.Option("--json", help="print JSON to standard output")]
+
 # a trajectory within limits
 Trajectory = Annotated[Path, typer.Option(help=_TRAJECTORY, metavar="FILE")]
 Rate = Annotated[float, typer.Option(help="samples per second that are written [Hz]")]

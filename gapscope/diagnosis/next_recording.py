@@ -415,7 +415,7 @@ def _general(case: Case, request: AdviceRequest, progress: Progress) -> Advice:
     budget = Budget(request.evaluations)
     plan = replace(SPEEDS[GENERAL], rate=request.rate, criterion="d", budget=budget)
     rng = np.random.default_rng(request.seed)
-    found = design(case.arm, plan, request.limits, rng, progress)
+    found = design(prepare(case.arm, plan, request.limits, progress), rng)
     return Advice((), plan=plan, excitation=found)
 
 
@@ -451,15 +451,15 @@ def _separating(
     evaluations = round((1 - SCREENING_SHARE) * request.evaluations)
     budget = Budget(max(LEAST_SCREENING, evaluations))
     plan = replace(option.plan(request.rate), budget=budget)
-    excitation = design(
+    prepared = prepare(
         case.arm,
         plan,
         request.limits,
-        rng,
         _part(progress, SCREENING_SHARE, 1 - SCREENING_SHARE),
         chosen.contrast,
         chosen.body,
     )
+    excitation = design(prepared, rng)
     return Advice(
         tuple(questions),
         tuple(rivals),

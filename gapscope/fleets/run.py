@@ -60,20 +60,14 @@ class FleetTask:
         known: fingerprints and hashes of this case that have been diagnosed by this program.
         program: hash of the program that asks for it.
         run: name of the run's results: no two runs write to them at a time.
-        keep: ``nothing``, ``json`` or ``report``.
-        units_by: what names the unit: ``case`` or ``folder``.
-        largest: bytes that the case may have.
-        scratch: folder for the files of the case while it is diagnosed; the system's by default.
+        plan: what is kept, what names the unit, how large the case may be, and where its files lie meanwhile.
     """
 
     case: CaseAddress
     known: frozenset[str]
     program: str
     run: str
-    keep: str = JSON
-    units_by: str = CASE
-    largest: int = 1 << 31
-    scratch: Path | None = None
+    plan: FleetPlan
 
 
 @dataclass(frozen=True)
@@ -107,7 +101,7 @@ def diagnose_fleet_case(task: FleetTask) -> FleetResult:
     if not result.row:
         return result
     row = {
-        **failed_row(task.case, task.units_by),
+        **failed_row(task.case, task.plan.units_by),
         **result.row,
         "seconds": time.perf_counter() - start,
         "processor_seconds": time.process_time() - spent,
@@ -149,7 +143,7 @@ def _in_scratch(task: FleetTask) -> FleetResult:
             "install the same versions on all machines",
         )
     key = hashlib.sha256(task.case.address.encode()).hexdigest()[:16]
-    folder = _above(task.scratch) / f"gapscope-fleet-{task.run}-{key}"
+    folder = _above(task.plan.scratch) / f"gapscope-fleet-{task.run}-{key}"
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(mode=0o700, parents=True)
     try:
@@ -175,7 +169,7 @@ def _fetched(task: FleetTask, folder: Path) -> FleetResult:
         return FleetResult()
     case_folder = folder / "case"
     case_folder.mkdir()
-    size = fetch(system, place, listing, case_folder, task.largest)
+    size = fetch(system, place, listing, case_folder, task.plan.largest)
     source = made_from(case_folder)
     if source["case_sha256"] in task.known:
         return FleetResult()
@@ -190,7 +184,7 @@ def _fetched(task: FleetTask, folder: Path) -> FleetResult:
         "robot": document["arm"]["robot"] if "arm" in document else case.arm.name,
         "joints": list(case.arm.joints),
         "unit": task.case.unit
-        or unit_name(document["case"], _place(task.case), task.units_by),
+        or unit_name(document["case"], _place(task.case), task.plan.units_by),
         **_when(task.case, document["case"], changed),
         "fingerprint": listing.fingerprint,
         "nominal_sha256": fingerprint(case.arm),
@@ -201,7 +195,7 @@ def _fetched(task: FleetTask, folder: Path) -> FleetResult:
 
 def _files(found: DiagnosisResult, folder: Path, task: FleetTask) -> dict[str, bytes]:
     """What is kept of a diagnosis."""
-    names = KEEP[task.keep]
+    names = KEEP[task.plan.keep]
     if not names:
         return {}
     out = folder / "diagnosis"
@@ -357,24 +351,14 @@ def _tasks(
         if case.fingerprint in hashes:
             counts.kept += 1
             continue
-        yield FleetTask(
-            case,
-            hashes,
-            program(),
-            run,
-            plan.keep,
-            plan.units_by,
-            plan.largest,
-            plan.scratch,
-        )
+        yield FleetTask(case, hashes, program(), run, plan)
 
 
 class _Writer:
     """Gathers what workers send and writes it, a batch at a time."""
 
     def __init__(self, store: FleetStore, plan: FleetPlan, counts: FleetCounts) -> None:
-        self._counts = counts
-        self._store, self._plan = store, plan
+        self._store, self._plan, self._counts = store, plan, counts
         self._cases: list[dict[str, Any]] = []
         self._effects: list[Mapping[str, Any]] = []
         self._last = -math.inf

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from functools import partial
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.signal import butter, sosfreqz
 from scipy.stats import chi2
 
 from gapscope.arm.errors import InputError
-from gapscope.ident.checks.symptoms import FitEvidence
-from gapscope.ident.estimators.linear import Estimate, Estimator, whitened
+from gapscope.ident.estimators.linear import Estimator, whitened
 from gapscope.ident.intervals import (
     GroupComparison,
     PredictedTorque,
     TorqueInterval,
-    Uncertainty,
     compare_groups,
     predicted_torque,
     torque_interval,
@@ -32,7 +31,6 @@ from gapscope.ident.model.base_parameters import (
     random_states,
     rank_by_gap,
 )
-from gapscope.ident.model.friction import Choice
 from gapscope.ident.model.linear_problem import FrictionLaw, ModelColumns, Problem
 from gapscope.ident.samples import Band, SampleCount, Samples, count_samples
 from gapscope.model.conditioning import TORQUE_CUTOFF, Segment
@@ -41,6 +39,9 @@ from gapscope.model.effective_samples import (
     group_slices,
     variance_inflation,
 )
+
+if TYPE_CHECKING:
+    from gapscope.ident.fitted_parameters import FittedParameters
 
 # Which parameters of an arm a motion determines: rank, condition, spectrum, standing of each parameter.
 
@@ -107,7 +108,7 @@ def identifiability(samples: np.ndarray, base: BaseParameters) -> Identifiabilit
     rank = rank_by_gap(relative)
     # the parameters that make up the direction that the samples show least
     last = np.abs(right[-1])
-    names = [base.names[place] for place in base.kept]
+    names = base.kept_names
     order = [int(k) for k in np.argsort(-last)]
     weakest = tuple(names[k] for k in order if last[k] > _WEAK * last.max())
     condition, raw = float(np.linalg.cond(unit)), float(np.linalg.cond(columns))
@@ -408,29 +409,16 @@ class Examination:
         return tuple(found)
 
 
-def examine(
-    evidence: FitEvidence,
-    problem: Problem,
-    estimator: Estimator,
-    estimate: Estimate,
-    uncertainty: Uncertainty,
-) -> Examination:
-    """Examine what was fitted.
-
-    Args:
-        evidence: the fit.
-        problem: in base columns, that was solved.
-        estimator: that solved it.
-        estimate: its result.
-        uncertainty: of that.
-    """
-    samples, law = evidence.samples, evidence.choice.law
+def examine(fitted: FittedParameters, estimator: Estimator) -> Examination:
+    """Examine what was fitted; ``estimator`` solves parts of it."""
+    samples, problem = fitted.samples, fitted.problem
     cutoff = samples.band.cutoff
-    shown = identifiability(evidence.matrix, structural(samples.columns, law))
+    structure = structural(samples.columns, fitted.choice.law)
+    shown = identifiability(fitted.matrix, structure)
     reasons: list[str] = []
     essential, groups, interval = None, None, None
     try:
-        essential = _essential(evidence, problem)
+        essential = _essential(fitted)
     except InputError as error:
         reasons.append(f"essential parameters: {error.problem}")
     try:
@@ -442,13 +430,17 @@ def examine(
     low_cutoff = min(cutoff, TORQUE_CUTOFF)
     try:
         interval = torque_interval(
-            _cut(problem), estimator, uncertainty, low_cutoff, estimate
+            _cut(problem),
+            estimator,
+            fitted.uncertainty,
+            low_cutoff,
+            fitted.estimate,
         )
     except (InputError, np.linalg.LinAlgError):
         reasons.append(
             "without one of its segments the rest does not determine the parameters; record more motions"
         )
-    counted = count_samples(samples, evidence.base.count)
+    counted = count_samples(samples, fitted.base.count)
     return Examination(
         shown=shown,
         essential=essential,
@@ -479,10 +471,10 @@ def structural(columns: ModelColumns, law: FrictionLaw) -> BaseParameters:
     return base_parameters(columns.matrix(states, law), columns.names(law))
 
 
-def _essential(evidence: FitEvidence, problem: Problem) -> EssentialParameters:
+def _essential(fitted: FittedParameters) -> EssentialParameters:
     """Essential parameters of the equations weighted by joint; variances allow for autocorrelation."""
-    noise = evidence.choice.noise
-    residual = problem.residual(evidence.beta) / noise
+    problem, noise = fitted.problem, fitted.choice.noise
+    residual = problem.residual(fitted.estimate.value) / noise
     factor = Factor.of(*whitened(problem, noise))
     inflation = float(variance_inflation(residual, problem.group).mean())
     return essential_parameters(factor, problem.names, inflation)
@@ -492,30 +484,25 @@ def _essential(evidence: FitEvidence, problem: Problem) -> EssentialParameters:
 
 
 def validated(
-    evidence: FitEvidence, value: np.ndarray, held_out: Sequence[Segment], band: Band
+    fitted: FittedParameters, value: np.ndarray, held_out: Sequence[Segment]
 ) -> tuple[Validation, Validation]:
     """Predictions of x = ``value`` and of the nominal arm, on what was fitted and on what was not."""
-    columns, law = evidence.samples.columns, evidence.choice.law
-    nominal = columns.nominal(law)
+    samples, law = fitted.samples, fitted.choice.law
+    columns = samples.columns
 
-    def predict(segment: Segment, x: np.ndarray) -> np.ndarray:
+    def predict(x: np.ndarray, segment: Segment) -> np.ndarray:
         load = segment.known_torque(columns.body)
         return np.asarray(columns.matrix(segment.motion, law) @ x + load)
 
-    def identified(segment: Segment) -> np.ndarray:
-        return predict(segment, value)
-
-    def of_nominal(segment: Segment) -> np.ndarray:
-        return predict(segment, nominal)
-
+    both = partial(predict, value), partial(predict, columns.nominal(law))
     return (
-        validate("fit", evidence.samples.segments, band, identified, of_nominal),
-        validate("judge", held_out, band, identified, of_nominal),
+        validate("fit", samples.segments, samples.band, *both),
+        validate("judge", held_out, samples.band, *both),
     )
 
 
 def predicted(
-    evidence: FitEvidence,
+    fitted: FittedParameters,
     examined: Examination,
     value: np.ndarray,
     held_out: Sequence[Segment],
@@ -523,13 +510,7 @@ def predicted(
     """Intervals of the torque on segments that were not fitted, about what x = ``value`` predicts."""
     if examined.interval is None:
         return None
-    fitted = evidence.samples
-    samples = Samples(fitted.columns, held_out, fitted.band.bounded(held_out))
-    problem = base_problem(samples, evidence.choice, evidence.base)
-    return predicted_torque(examined.interval, problem, evidence.base.of(value))
-
-
-def base_problem(samples: Samples, choice: Choice, base: BaseParameters) -> Problem:
-    """The samples in the base columns."""
-    names = [base.names[k] for k in base.kept]
-    return samples.problem(choice.law, base.kept, names)
+    base, band = fitted.base, fitted.samples.band.bounded(held_out)
+    samples = Samples(fitted.columns, held_out, band)
+    problem = samples.problem(fitted.choice.law, base.kept, base.kept_names)
+    return predicted_torque(examined.interval, problem, base.of(value))

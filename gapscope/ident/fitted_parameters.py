@@ -21,7 +21,6 @@ from gapscope.ident.checks.plausible_samples import (
 from gapscope.ident.estimators.by_name import Given, method
 from gapscope.ident.estimators.linear import Estimate, Estimator
 from gapscope.ident.estimators.simulating import closed_loop
-from gapscope.ident.examination import base_problem
 from gapscope.ident.intervals import Uncertainty
 from gapscope.ident.model.base_parameters import BaseParameters, base_parameters
 from gapscope.ident.model.friction import Choice, choose, penalties
@@ -122,6 +121,16 @@ class FittedParameters:
         """The model tau = W x."""
         return self.samples.columns
 
+    @property
+    def fitted_torque(self) -> np.ndarray:
+        """Torque by the estimate in the band [N m], shape (M, n)."""
+        return np.asarray(self.matrix[:, :, self.base.kept] @ self.estimate.value)
+
+    @property
+    def measured(self) -> list[Recording]:
+        """Recordings that were fitted, those without torque left out."""
+        return [r for r in self.fit if r.tau is not None]
+
 
 def fit_parameters(
     case: Case,
@@ -154,7 +163,7 @@ def fit_parameters(
     matrix = samples.matrix(choice.law)
     base = _sample_base(matrix, columns, choice.law)
     progress(f"estimates {base.count} base parameters")
-    problem = base_problem(samples, choice, base)
+    problem = samples.problem(choice.law, base.kept, base.kept_names)
     nominal = columns.nominal(choice.law)
     given = Given(
         base,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,12 +10,9 @@ import numpy as np
 
 from gapscope.arm.case import Case
 from gapscope.arm.motions.motion import Motion
-from gapscope.arm.recording import Recording
-from gapscope.ident.checks.symptoms import FitEvidence
 from gapscope.ident.checks.troubleshooting import Row, fill_in, identification_warnings
 from gapscope.ident.estimators.by_name import method
 from gapscope.ident.estimators.linear import (
-    Estimate,
     PartialUpdate,
     WeightedLeastSquares,
 )
@@ -31,13 +28,10 @@ from gapscope.ident.fitted_parameters import (
     IdentificationSettings,
     fit_parameters,
 )
-from gapscope.ident.intervals import PredictedTorque, Uncertainty
+from gapscope.ident.intervals import PredictedTorque
 from gapscope.ident.kalman import FilterReview, StatesAndFriction, follow_states, review
-from gapscope.ident.model.base_parameters import BaseParameters, Recovery, recoveries
-from gapscope.ident.model.friction import Choice
+from gapscope.ident.model.base_parameters import Recovery, recoveries
 from gapscope.ident.model.joint_zero import JointZeros, estimate_zeros
-from gapscope.ident.model.linear_problem import ModelColumns
-from gapscope.ident.model.physical_parameters import Physical
 from gapscope.model.changes import Change, changes_of
 from gapscope.model.conditioning import condition
 from gapscope.model.gravity_direction import as_mounted
@@ -46,23 +40,14 @@ __all__ = ["Identification", "IdentificationSettings", "examine_fit", "identify"
 
 
 @dataclass(frozen=True)
-class Identification:
-    """What was identified.
+class Identification(FittedParameters):
+    """Parameters that were fitted, and what they are worth.
 
     Attributes:
-        case: the case.
-        settings: with the cut-off that was used.
-        columns: the model tau = W x.
-        fitted: the parameters and what they were fitted to.
-        choice: friction law, pull and noise.
-        base: base parameters of the samples.
-        estimate: of the base parameters.
-        uncertainty: of the base parameters, as belongs to the estimator.
         examined: what the recordings determine of the parameters.
         changes: what changed during recordings, fitted or held out.
         states: position, velocity and friction by the unscented filter, if the settings ask for it.
         predicted: intervals of the torque on the held-out recordings; ``None`` if model error cannot be estimated.
-        physical: consistent parameters.
         recovered: whether and how each parameter is determined.
         zeros: encoder zeros.
         value: x that the model predicts with, shape (p,).
@@ -73,19 +58,10 @@ class Identification:
         warnings: what makes the result doubtful.
     """
 
-    case: Case
-    settings: IdentificationSettings
-    columns: ModelColumns
-    fitted: FittedParameters
-    choice: Choice
-    base: BaseParameters
-    estimate: Estimate
-    uncertainty: Uncertainty
     examined: Examination
     changes: tuple[Change, ...]
     states: StatesAndFriction | None
     predicted: PredictedTorque | None
-    physical: Physical
     recovered: tuple[Recovery, ...]
     zeros: JointZeros
     value: np.ndarray
@@ -101,15 +77,14 @@ class Identification:
         # beside the filter itself stands least squares, not its own last estimate
         kalman = self.settings.estimator == "kalman"
         batch = None if kalman else self.estimate.value
-        return review(self.fitted.samples, self.fitted.problem, batch, self.changes)
+        return review(self.samples, self.problem, batch, self.changes)
 
     @property
     def moved(self) -> np.ndarray | None:
         """Which base parameters a partial update moved, the others stay nominal, (b,); ``None`` of other estimators."""
-        estimator = self.fitted.estimator
-        if not isinstance(estimator, PartialUpdate):
+        if not isinstance(self.estimator, PartialUpdate):
             return None
-        return estimator.moved(self.estimate)
+        return self.estimator.moved(self.estimate)
 
     def predict(self, motion: Motion) -> np.ndarray:
         """Torque that would be recorded on a motion without payload [N m], shape (N, n)."""
@@ -137,16 +112,22 @@ def examine_fit(
     """What a fit is worth: zeros, what the recordings determine, prediction of others, changes, and warnings."""
     case, settings, samples = fitted.case, fitted.settings, fitted.samples
     columns, base, estimate = samples.columns, fitted.base, fitted.estimate
-    law, band = fitted.choice.law, samples.band
-    evidence, examined = _examined(fitted, progress)
+    law = fitted.choice.law
+    progress("looks at the joints' zeros")
+    zeros = estimate_zeros(samples, fitted.choice, fitted.penalty)
+    progress("examines what the recordings determine")
+    # part of the samples cannot be simulated: what they determine is asked of least squares then
+    simulates = method(settings.estimator).simulates
+    judge = WeightedLeastSquares() if simulates else fitted.estimator
+    examined = examine(fitted, judge)
     # other estimators give base parameters alone; the rest stays zero, which predicts the same torque
     value = fitted.physical.value
     if settings.estimator != "consistent":
         value = base.spread(estimate.value)
     progress("validates")
-    held_out_segments = band.segments(fitted.held_out)
-    validation = validated(evidence, value, held_out_segments, band)
-    table = fill_in(evidence)
+    held_out_segments = samples.band.segments(fitted.held_out)
+    validation = validated(fitted, value, held_out_segments)
+    table = fill_in(fitted, zeros)
     progress("looks for changes")
     # a change spoils the fit: it is looked for in every recording, fitted or held out
     every = (*fitted.fit, *fitted.held_out)
@@ -155,24 +136,20 @@ def examine_fit(
     states = None
     if settings.filter == "unscented":
         progress("follows states and friction together")
-        states = _states(case, fitted.fit, evidence)
+        # over the first fitted recording, from the parameters of bodies that can exist
+        names = columns.names(law)
+        identified = dict(zip(names, fitted.physical.value.tolist(), strict=True))
+        first, noise = fitted.measured[0], fitted.choice.noise
+        states = follow_states(case.arm, first, identified, noise)
     doubtful = identification_warnings(
-        evidence, estimate, examined, changes, table, validation[1]
+        fitted, zeros, examined, changes, table, validation[1]
     )
     return Identification(
-        case=case,
-        settings=settings,
-        columns=columns,
-        fitted=fitted,
-        choice=fitted.choice,
-        base=base,
-        estimate=estimate,
-        uncertainty=fitted.uncertainty,
+        **vars(fitted),
         examined=examined,
         changes=changes,
         states=states,
-        predicted=predicted(evidence, examined, value, held_out_segments),
-        physical=fitted.physical,
+        predicted=predicted(fitted, examined, value, held_out_segments),
         recovered=recoveries(
             base,
             fitted.uncertainty.covariance,
@@ -180,56 +157,11 @@ def examine_fit(
             columns.nominal(law),
             columns.units(law),
         ),
-        zeros=evidence.zeros,
+        zeros=zeros,
         value=value,
         validation=validation,
         table=table,
         condition=next(row.measured for row in table if row.key == "condition"),
-        questions=evidence.zeros.questions(),
+        questions=zeros.questions(),
         warnings=(*case.warnings, *doubtful),
     )
-
-
-def _states(
-    case: Case, fit: Sequence[Recording], evidence: FitEvidence
-) -> StatesAndFriction:
-    """The unscented filter over the first fitted recording, from the parameters of bodies that can exist."""
-    names = evidence.samples.columns.names(evidence.choice.law)
-    identified = dict(zip(names, evidence.physical.value.tolist(), strict=True))
-    recording = next(r for r in fit if r.tau is not None)
-    return follow_states(case.arm, recording, identified, evidence.choice.noise)
-
-
-def _examined(
-    fitted: FittedParameters, progress: Callable[[str], None]
-) -> tuple[FitEvidence, Examination]:
-    """The fit with the zeros of its joints, and what the recordings determine."""
-    samples, choice = fitted.samples, fitted.choice
-    progress("looks at the joints' zeros")
-    zeros = estimate_zeros(
-        samples.columns,
-        samples.segments,
-        choice.law,
-        samples.band,
-        choice.noise,
-        fitted.penalty,
-    )
-    evidence = FitEvidence(
-        recordings=fitted.fit,
-        samples=samples,
-        choice=choice,
-        base=fitted.base,
-        matrix=fitted.matrix,
-        beta=fitted.estimate.value,
-        deviation=fitted.uncertainty.deviation,
-        physical=fitted.physical,
-        zeros=zeros,
-    )
-    progress("examines what the recordings determine")
-    # part of the samples cannot be simulated: what they determine is asked of least squares then
-    simulates = method(fitted.settings.estimator).simulates
-    judge = WeightedLeastSquares() if simulates else fitted.estimator
-    examined = examine(
-        evidence, fitted.problem, judge, fitted.estimate, fitted.uncertainty
-    )
-    return evidence, examined

@@ -22,6 +22,7 @@ from gapscope.arm.io.json_file import field, plain, schema_fault, write_json
 from gapscope.arm.io.write_case import nominal_section
 from gapscope.arm.joint_units import common_unit
 from gapscope.arm.nominal import NominalArm, arm_entry
+from gapscope.arm.root_mean_square import rms
 from gapscope.effects.applied import AppliedEffect, drives_with
 from gapscope.ident.estimators.by_name import method
 from gapscope.ident.examination import (
@@ -67,7 +68,7 @@ def write_base(result: Identification, path: Path | str) -> None:
     back[base.kept] = np.eye(base.count)
     arrays = {
         "names": np.array(names),
-        "kept_names": np.array([names[k] for k in base.kept]),
+        "kept_names": np.array(base.kept_names),
         "combination": base.combination,
         "back": back,
         "null_space": base.null_space,
@@ -205,7 +206,7 @@ def states_document(states: StatesAndFriction | None) -> dict[str, Any] | None:
     return {
         "recording": states.recording,
         "time": track.t[chosen],
-        "innovation_rms": np.sqrt(np.mean(track.innovation[1:] ** 2, axis=0)),
+        "innovation_rms": rms(track.innovation[1:]),
         "parameters": [
             {
                 "name": name,

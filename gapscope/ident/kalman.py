@@ -13,6 +13,7 @@ from gapscope.arm.dynamics.rollout import LONGEST_STEP, Plant, Stepper
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
+from gapscope.arm.root_mean_square import rms
 from gapscope.ident.checks.plausible_samples import check_bare
 from gapscope.ident.estimators.linear import WeightedLeastSquares
 from gapscope.ident.examination import Whiteness, band_correlation, whiteness
@@ -187,8 +188,8 @@ class Recursive:
         kalman.x = np.zeros(b) if self.start is None else self.start.copy()
         kalman.P = self.covariance
         if self.covariance is None:
-            columns = np.sqrt(np.mean(problem.matrix**2, axis=(0, 1)))
-            size = VAGUE * np.sqrt(np.mean(problem.torque**2))
+            columns = rms(problem.matrix, axis=(0, 1))
+            size = VAGUE * rms(problem.torque, axis=None)
             kalman.P = np.diag((size / np.maximum(columns, 1e-9 * columns.max())) ** 2)
         return kalman
 
@@ -306,9 +307,8 @@ def follow(problem: Problem, openings: Sequence[Opening] = ()) -> Followed:
 
 def _noise(problem: Problem, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """RMS of a residual [N m], never zero, and how many of its samples count as one [1], (n,) each."""
-    least = LEAST_NOISE * np.sqrt(np.mean(problem.torque**2, axis=0)) + 1e-9
-    rms = np.sqrt(np.mean(residual**2, axis=0))
-    return np.maximum(rms, least), variance_inflation(residual, problem.group)
+    least = LEAST_NOISE * rms(problem.torque) + 1e-9
+    return np.maximum(rms(residual), least), variance_inflation(residual, problem.group)
 
 
 def _residual_by_part(
@@ -624,9 +624,9 @@ def follow_states(
 
 def _least(recording: Recording) -> np.ndarray:
     """Least standard deviation of b and c, which a share of the joint's torque at its RMS speed sets, shape (2 n,)."""
-    torque = LEAST_SHARE * np.sqrt(np.mean(np.asarray(recording.tau) ** 2, axis=0))
+    torque = LEAST_SHARE * rms(np.asarray(recording.tau))
     speed = np.gradient(recording.q, recording.t, axis=0)
-    typical = np.maximum(np.sqrt(np.mean(speed**2, axis=0)), 0.05)
+    typical = np.maximum(rms(speed), 0.05)
     return np.concatenate([torque / typical, torque])
 
 
@@ -701,7 +701,7 @@ class FilterReview:
     def rms(self) -> np.ndarray:
         """RMS of the innovations after convergence over the RMS residual of the batch [1], shape (n,)."""
         counted = self.followed.innovation[_first_sample(self.followed, self.converged)]
-        return np.asarray(np.sqrt(np.mean(counted**2, axis=0)))
+        return rms(counted)
 
 
 def review(

@@ -40,7 +40,7 @@ class AdviceResult(Result):
         """Write the motion as ``trajectory.csv``, ROS ``JointTrajectory`` and plot; nothing if none is needed."""
         return () if self.trajectory is None else self.trajectory.save(folder)
 
-    def summary(self) -> str:
+    def shown(self) -> str:
         """What is open, and the recording that settles it."""
         return "\n".join(lines(self.advice, self.diagnosis.document))
 

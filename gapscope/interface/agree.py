@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from rich.console import Console
+from rich.console import RenderableType
 
 from gapscope.arm.case import Case, load_case
 from gapscope.diagnosis.agreement import Agreement, agreement, document
-from gapscope.interface.result import Result, as_text
+from gapscope.interface.result import Result
 from gapscope.reports.agreement import summary, write_agreement
 
 
@@ -35,13 +35,9 @@ class AgreementResult(Result):
         """Write ``agreement.html`` and, as the last, ``agreement.json``."""
         return write_agreement(self.agreement, Path(folder))
 
-    def summary(self) -> str:
+    def shown(self) -> RenderableType:
         """One line per parameter, and what the differences go with."""
-
-        def show(console: Console) -> None:
-            console.print(summary(self.document))
-
-        return as_text(show)
+        return summary(self.document)
 
     def to_frame(self) -> pd.DataFrame:
         """A row for each parameter and recording: verdict, value and standard deviation."""

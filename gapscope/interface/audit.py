@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from rich.console import Console
+from rich.console import RenderableType
 
-from gapscope.interface.result import Result, as_text
+from gapscope.interface.result import Result
 from gapscope.model_audit.audit import Audit, audit_model, document
 from gapscope.reports.audit import summary, write_audit
 
@@ -34,13 +34,9 @@ class AuditResult(Result):
         """Write ``audit.html`` and, as the last, ``audit.json``."""
         return write_audit(self.audit, Path(folder))
 
-    def summary(self) -> str:
+    def shown(self) -> RenderableType:
         """The findings of each kind, worst first."""
-
-        def show(console: Console) -> None:
-            console.print(summary(self.document))
-
-        return as_text(show)
+        return summary(self.document)
 
     def to_frame(self) -> pd.DataFrame:
         """A row for each finding, worst first."""

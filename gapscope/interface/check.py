@@ -9,14 +9,14 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import pandas as pd
-from rich.console import Console
+from rich.console import RenderableType
 
 from gapscope.arm.case import Case
 from gapscope.arm.io.atomic_write import begin_results
 from gapscope.arm.io.json_file import write_json
 from gapscope.case_check.check import CaseCheck, check_case, document
 from gapscope.interface.models import case_file
-from gapscope.interface.result import Result, as_text
+from gapscope.interface.result import Result
 from gapscope.reports.case_check import summary
 
 DOCUMENT = "check.json"
@@ -49,13 +49,9 @@ class CheckResult(Result):
         write_json(self.document, path)
         return (path,)
 
-    def summary(self) -> str:
+    def shown(self) -> RenderableType:
         """All remarks, errors first, and how the joints move."""
-
-        def show(console: Console) -> None:
-            console.print(summary(self.document))
-
-        return as_text(show)
+        return summary(self.document)
 
     def to_frame(self) -> pd.DataFrame:
         """A row for each remark."""

@@ -6,12 +6,12 @@ import shutil
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from rich.console import RenderableType
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.io.atomic_write import atomic_write, begin_results
@@ -27,12 +27,12 @@ from gapscope.interface.reference import (
     identified,
     known_reference,
 )
-from gapscope.interface.result import Result, as_text
+from gapscope.interface.result import Result
 from gapscope.provenance import KEY, made_from
 from gapscope.reports.diagnosis import (
     DOCUMENT,
     URDF,
-    print_summary,
+    summary,
     write_change,
     write_diagnosis,
 )
@@ -109,9 +109,9 @@ class DiagnosisResult(Result):
         change = replace(self.change, diagnosis=self.diagnosis)
         return *write_change(change, case_file(self.case, out), out), *mended
 
-    def summary(self) -> str:
+    def shown(self) -> RenderableType:
         """Verdict, effects, gap per joint, what is possible, what is open and the warnings."""
-        return as_text(partial(print_summary, self.document))
+        return summary(self.document)
 
     def to_frame(self) -> pd.DataFrame:
         """A row for each parameter of each effect and joint: value, standard deviation, probability, share, named."""

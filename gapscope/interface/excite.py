@@ -17,6 +17,7 @@ from gapscope.ident.excitation.design import (
     ExcitationPlan,
     LimitPlan,
     design,
+    prepare,
 )
 from gapscope.interface.models import make_arm
 from gapscope.interface.result import Result
@@ -51,7 +52,7 @@ class ExcitationResult(Result):
         make_folder(file.resolve().parent)
         return tuple(write_trajectory(self.excitation, self.arm, self.plan, file))
 
-    def summary(self) -> str:
+    def shown(self) -> str:
         """Condition number, duration and effort of the search."""
         return "\n".join(summary(self.excitation, self.plan))
 
@@ -93,5 +94,5 @@ def excite(
     """
     arm, plan = make_arm(robot), plan or ExcitationPlan()
     rng = np.random.default_rng(seed)
-    found = design(arm, plan, limits or LimitPlan(), rng, progress)
+    found = design(prepare(arm, plan, limits or LimitPlan(), progress), rng)
     return ExcitationResult(arm, plan, found)

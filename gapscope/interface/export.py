@@ -41,7 +41,7 @@ class ExportResult(Result):
         write_arm(self.corrected, self.format, file, controller=self.controller)
         return (file,)
 
-    def summary(self) -> str:
+    def shown(self) -> str:
         """The file, what it leaves out, and remarks."""
         notes = [f"left out: {text}" for text in self.left_out]
         return "\n".join([str(self.file), *notes, *self.remarks])

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from rich.console import RenderableType
 
 from gapscope.arm.io.json_file import write_json
 from gapscope.fleets.fleet import fleet_document
 from gapscope.fleets.run import ALL, FleetCounts, FleetPlan, run_fleet
 from gapscope.fleets.store import FleetStore
-from gapscope.interface.result import Result, as_text
-from gapscope.reports.fleet import print_fleet, render_fleet
+from gapscope.interface.result import Result
+from gapscope.reports.fleet import render_fleet, summary
 
 DOCUMENT, PAGE = "fleet.json", "fleet.html"
 
@@ -46,9 +46,9 @@ class FleetOverview(Result):
         write_json(self.document, document)
         return page, document
 
-    def summary(self) -> str:
+    def shown(self) -> RenderableType:
         """What changed, and the worst units."""
-        return as_text(partial(print_fleet, self.document))
+        return summary(self.document)
 
     def to_frame(self) -> pd.DataFrame:
         """A row for each case: verdict, gap, effects, seconds, error; ``store.effects`` has the numbers."""

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from rich.console import Console
+from rich.console import RenderableType
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.io.atomic_write import make_folder
 from gapscope.arm.io.json_file import write_json
 from gapscope.interface.models import Model, corrected_arm
-from gapscope.interface.result import Result, as_text
+from gapscope.interface.result import Result
 from gapscope.reports.gap import gap_document, gap_tables
 
 
@@ -34,13 +34,9 @@ class GapResult(Result):
         write_json(self.document, file)
         return (file,)
 
-    def summary(self) -> str:
+    def shown(self) -> RenderableType:
         """Both gaps as tables."""
-
-        def show(console: Console) -> None:
-            console.print(gap_tables(self.document))
-
-        return as_text(show)
+        return gap_tables(self.document)
 
     def to_frame(self) -> pd.DataFrame:
         """A row for each recording and joint."""

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from rich.console import Console
+from rich.console import RenderableType
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import InputError
@@ -18,7 +18,7 @@ from gapscope.diagnosis.set_up import look_at_set_up
 from gapscope.ident.identification import Identification, IdentificationSettings
 from gapscope.ident.identification import identify as identify_case
 from gapscope.interface.models import case_file
-from gapscope.interface.result import Result, as_text
+from gapscope.interface.result import Result
 from gapscope.reports.identification import DOCUMENT, summary, write_identification
 
 
@@ -39,13 +39,9 @@ class IdentificationResult(Result):
         source = case_file(self.identification.case, out)
         return write_identification(self.identification, source, out)
 
-    def summary(self) -> str:
+    def shown(self) -> RenderableType:
         """Errors per joint, what was fitted and found, and what is doubtful."""
-
-        def show(console: Console) -> None:
-            console.print(summary(self.identification))
-
-        return as_text(show)
+        return summary(self.identification)
 
     def to_frame(self) -> pd.DataFrame:
         """A row for each base parameter: value and standard deviation."""

@@ -9,14 +9,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pandas as pd
-from rich.console import Console
+from rich.console import RenderableType
 
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.log import Log, open_log
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.inspection.draft_check import DraftCheck, check_draft, judge_torques
 from gapscope.inspection.inspection import Inspection, inspect_logs
-from gapscope.interface.result import Result, as_text
+from gapscope.interface.result import Result
 from gapscope.reports.inspection import (
     channel_rows,
     check_unused,
@@ -60,13 +60,9 @@ class InspectionResult(Result):
             robot = Path(way).as_posix()
         return tuple(save_inspection(found, self.checked, out, robot))
 
-    def summary(self) -> str:
+    def shown(self) -> RenderableType:
         """Columns, torques, joints and what looks wrong."""
-
-        def show(console: Console) -> None:
-            console.print(summary(self.found, self.checked))
-
-        return as_text(show)
+        return summary(self.found, self.checked)
 
     def to_frame(self) -> pd.DataFrame:
         """A row for the time and for each channel: its columns, their unit, and what tells."""

@@ -9,10 +9,9 @@ import numpy as np
 import pandas as pd
 
 from gapscope.arm.case import Case, load_case
-from gapscope.arm.io.atomic_write import make_folder
-from gapscope.arm.io.write_case import write_columns
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
+from gapscope.arm.root_mean_square import rms
 from gapscope.diagnosis.gap.predict import predict_torque
 from gapscope.interface.models import (
     Model,
@@ -21,11 +20,11 @@ from gapscope.interface.models import (
     recording_of,
     say_state,
 )
-from gapscope.interface.result import Result
+from gapscope.interface.result import TableResult
 
 
 @dataclass(frozen=True, repr=False)
-class Prediction(Result):
+class Prediction(TableResult):
     """Predicted torque at every sample of a recording, N samples of n joints.
 
     Attributes:
@@ -34,25 +33,17 @@ class Prediction(Result):
         tau: torque [N m], shape (N, n).
     """
 
+    FILE = "prediction.csv"
+
     recording: str
     t: np.ndarray
     tau: np.ndarray
 
-    def save(self, folder: str | Path) -> tuple[Path, ...]:
-        """Write ``prediction.csv`` with the columns t, tau1..taun."""
-        make_folder(Path(folder))
-        file = Path(folder) / "prediction.csv"
-        self.write(file)
-        return (file,)
-
-    def write(self, file: Path) -> None:
-        """Write one CSV, Parquet or NPZ file; raises ``GapscopeError`` if it cannot be written."""
-        write_columns({name: x.to_numpy() for name, x in self.to_frame().items()}, file)
-
-    def summary(self) -> str:
+    def shown(self) -> str:
         """Name, number of samples and RMS of the torque per joint."""
-        rms = np.sqrt((self.tau**2).mean(axis=0))
-        joints = ", ".join(f"J{j} {value:.3g}" for j, value in enumerate(rms, 1))
+        joints = ", ".join(
+            f"J{j} {value:.3g}" for j, value in enumerate(rms(self.tau), 1)
+        )
         return f"{self.recording}: {len(self.t)} samples, RMS torque in N m: {joints}"
 
     def to_frame(self) -> pd.DataFrame:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -9,24 +10,26 @@ import numpy as np
 import pandas as pd
 
 from gapscope.arm.case import Case, load_case
-from gapscope.arm.io.atomic_write import make_folder
-from gapscope.arm.io.write_case import write_columns
 from gapscope.arm.recording import Recording
+from gapscope.effects.corrected_file import error_context
+from gapscope.envs.engines import check_engine
 from gapscope.envs.replay import Replay
 from gapscope.envs.replay import replay as replay_recording
 from gapscope.interface.models import Model, corrected_arm, recording_of, say_state
-from gapscope.interface.result import Result
+from gapscope.interface.result import TableResult
 from gapscope.reports.gap import replay_line
 
 
 @dataclass(frozen=True, repr=False)
-class ReplayResult(Result):
+class ReplayResult(TableResult):
     """A replayed motion.
 
     Attributes:
         recording: name of the recording.
         replay: time, position, torque and replay gap.
     """
+
+    FILE = "replay.csv"
 
     recording: str
     replay: Replay
@@ -36,18 +39,7 @@ class ReplayResult(Result):
         """Replay gap per joint: RMS of replayed minus recorded position [rad], shape (n,)."""
         return self.replay.rmse
 
-    def save(self, folder: str | Path) -> tuple[Path, ...]:
-        """Write ``replay.csv`` with the columns t, q1..qn, tau1..taun."""
-        make_folder(Path(folder))
-        file = Path(folder) / "replay.csv"
-        self.write(file)
-        return (file,)
-
-    def write(self, file: Path) -> None:
-        """Write one CSV, Parquet or NPZ file; raises ``GapscopeError`` if it cannot be written."""
-        write_columns({name: x.to_numpy() for name, x in self.to_frame().items()}, file)
-
-    def summary(self) -> str:
+    def shown(self) -> str:
         """The replay gap per joint, and what moved the arm."""
         return replay_line(self.replay)
 
@@ -66,6 +58,7 @@ def replay(
     model: Model = None,
     *,
     engine: str | None = None,
+    progress: Callable[[str], None] = lambda message: None,
 ) -> ReplayResult:
     """Move the simulated arm under the same commands as a recording.
 
@@ -76,6 +69,7 @@ def replay(
         recording: a recording, or its number from 0 or its name in the case.
         model: what corrects the nominal arm; see ``Model``.
         engine: ``pybullet``, ``mujoco`` or ``dart``; by default PyBullet if it is installed, else MuJoCo.
+        progress: called with a few words at each step.
 
     Raises:
         InputError: the case or the model cannot be used.
@@ -89,13 +83,17 @@ def replay(
     chosen = recording_of(loaded, recording)
     corrected = corrected_arm(loaded.arm, model)
     say_state(corrected, chosen)
-    result = replay_recording(
-        loaded.arm,
-        corrected.effects,
-        chosen,
-        loaded.controller,
-        engine=engine,
-        residual=corrected.residual,
-        states=corrected.states,
-    )
+    source = Path(model) if isinstance(model, (str, Path)) else None
+    with error_context(source, corrected.effects):
+        engine = check_engine(engine)
+        progress(f"replays {chosen.duration:.3g} s in {engine}")
+        result = replay_recording(
+            loaded.arm,
+            corrected.effects,
+            chosen,
+            loaded.controller,
+            engine=engine,
+            residual=corrected.residual,
+            states=corrected.states,
+        )
     return ReplayResult(chosen.name, replace(result, t=chosen.stamps))

@@ -5,11 +5,14 @@ from __future__ import annotations
 import html
 import io
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from pathlib import Path
+from typing import ClassVar
 
 import pandas as pd
-from rich.console import Console
+from rich.console import Console, RenderableType
+
+from gapscope.arm.io.atomic_write import make_folder
+from gapscope.arm.io.write_case import write_columns
 
 SCREEN = 24
 """Lines of a screen."""
@@ -30,8 +33,17 @@ class Result(ABC):
         """
 
     @abstractmethod
+    def shown(self) -> RenderableType:
+        """What a terminal shows of the result: text, or tables of rich."""
+
     def summary(self) -> str:
         """The result as text of at most 80 columns."""
+        shown = self.shown()
+        if isinstance(shown, str):
+            return shown
+        text = io.StringIO()
+        Console(file=text, width=80, color_system=None).print(shown)
+        return text.getvalue().rstrip()
 
     @abstractmethod
     def to_frame(self) -> pd.DataFrame:
@@ -54,8 +66,18 @@ class Result(ABC):
         return f"<pre>{html.escape(repr(self))}</pre>{table}"
 
 
-def as_text(show: Callable[[Console], None]) -> str:
-    """What a function prints on a terminal of 80 columns, without colours."""
-    text = io.StringIO()
-    show(Console(file=text, width=80, color_system=None))
-    return text.getvalue().rstrip()
+class TableResult(Result):
+    """A result whose data frame is its file, under the name ``FILE``."""
+
+    FILE: ClassVar[str]
+
+    def save(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write the columns of the data frame as CSV."""
+        make_folder(Path(folder))
+        file = Path(folder) / self.FILE
+        self.write(file)
+        return (file,)
+
+    def write(self, file: Path) -> None:
+        """Write one CSV, Parquet or NPZ file; raises ``GapscopeError`` if it cannot be written."""
+        write_columns({name: x.to_numpy() for name, x in self.to_frame().items()}, file)

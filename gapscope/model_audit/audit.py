@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm, shifted_body
+from gapscope.arm.root_mean_square import rms
 from gapscope.model_audit.checks import (
     GRAVITY_MISFIT,
     GRAVITY_TOLERANCE,
@@ -131,7 +132,7 @@ def static_poses(robot: str | Path, recording: Path) -> StaticPoses:
         correlation,
         scale,
         offset,
-        np.sqrt(np.mean((tau - model) ** 2, axis=0)),
+        rms(tau - model),
         tau.std(axis=0),
         _explanations(arm, q, tau, model),
     )
@@ -225,11 +226,11 @@ def _explanations(
 ) -> tuple[Explanation, ...]:
     """Hypotheses on what is wrong, by what they leave; each parameter costs as in Akaike's criterion."""
     torque = tau - tau.mean(axis=0)
-    count, size = torque.size, float(np.sqrt(np.mean(torque**2)))
+    count, size = torque.size, float(rms(torque, axis=None))
     by_model = model - model.mean(axis=0)
 
     def explained(name: str, left: np.ndarray, parameters: int = 0) -> Explanation:
-        return Explanation(name, float(np.sqrt(np.mean(left**2))) / size, parameters)
+        return Explanation(name, float(rms(left, axis=None)) / size, parameters)
 
     found = [
         explained("the model as it is", torque - by_model),
@@ -289,7 +290,7 @@ def _wrong_links(
         left = error.ravel() - columns @ changes
         yield Explanation(
             f"another mass or centre of the link moved by joint {j + 1} ({joint})",
-            float(np.sqrt(np.mean(left**2))) / size,
+            float(rms(left, axis=None)) / size,
             FIRST_MOMENTS,
             tuple(changes.tolist()),
         )
@@ -500,10 +501,10 @@ def document(audit: Audit) -> dict[str, Any]:
             severity: sum(one.severity == severity for one in audit.findings)
             for severity in SEVERITIES
         },
-        "findings": [asdict(one) for one in audit.findings],
+        "findings": audit.findings,
         "links": [_link(audit, link) for link in description.links],
         "joints": [_joint(joint) for joint in description.joints],
-        "static": None if audit.static is None else _static(audit),
+        "static": audit.static,
     }
     result: dict[str, Any] = plain(content, null_if_not_finite=True)
     return result
@@ -543,19 +544,4 @@ def _joint(joint: Joint) -> dict[str, Any]:
         "parent": joint.parent,
         "child": joint.child,
         **{name: getattr(joint, name) for name in numbers},
-    }
-
-
-def _static(audit: Audit) -> dict[str, Any]:
-    static = audit.static
-    assert static is not None
-    return {
-        "joints": static.joints,
-        "poses": static.poses,
-        "correlation": static.correlation,
-        "scale": static.scale,
-        "offset": static.offset,
-        "rms": static.rms,
-        "spread": static.spread,
-        "explanations": [asdict(one) for one in static.explanations],
     }

@@ -115,8 +115,7 @@ def check_products(
     yield Finding(
         "implausible",
         "products_of_inertia",
-        f"link {first.name}",
-        first.inertial.line if first.inertial else first.line,
+        *first.where,
         f"ixy, ixz, iyz of {len(opposite)} of {len(cosines)} links have the opposite sign of those of their shapes: "
         f"{', '.join(opposite)}",
         "products of inertia as in a matrix of moments, ixy = - integral of x y dm",
@@ -161,7 +160,7 @@ def check_inertials(
         found = list(_check_body(link, inertial))
         yield from found
         if not found and inertial.is_body and link.name not in with_shape:
-            yield from _check_box(f"link {link.name}", inertial)
+            yield from _check_box(link, inertial)
     yield from _massless(description)
 
 
@@ -177,7 +176,6 @@ def box_density(inertial: Inertial) -> float:
 
 
 def _check_body(link: Link, inertial: Inertial) -> Iterator[Finding]:
-    place = f"link {link.name}"
     moments = np.linalg.eigvalsh(inertial.moments)
     if inertial.mass <= 0 and not moments.any() and inertial.mass == 0:
         return  # a frame: the same as no inertial
@@ -185,21 +183,19 @@ def _check_body(link: Link, inertial: Inertial) -> Iterator[Finding]:
         yield Finding(
             "impossible",
             "mass",
-            place,
-            inertial.line,
+            *link.where,
             f"mass {inertial.mass:g} kg with moments {_listed(moments)} kg m^2",
             "a mass above zero",
             "give the mass of the data sheet or the drawing",
             size=1e3,
         )
     elif moments.any():
-        yield from _check_moments(place, inertial, moments)
+        yield from _check_moments(link, inertial, moments)
     else:
         yield Finding(
             "implausible" if inertial.mass > POINT_MASS else "note",
             "no_moments",
-            place,
-            inertial.line,
+            *link.where,
             f"{inertial.mass:g} kg without moments of inertia",
             "the moments of the link's shape",
             "give them; a simulator may refuse a body of zero inertia, or make up its own",
@@ -208,15 +204,14 @@ def _check_body(link: Link, inertial: Inertial) -> Iterator[Finding]:
 
 
 def _check_moments(
-    place: str, inertial: Inertial, moments: np.ndarray
+    link: Link, inertial: Inertial, moments: np.ndarray
 ) -> Iterator[Finding]:
     """Principal moments [kg m^2], (3,), in rising order: above zero, and none above the sum of the others."""
     if moments[0] <= 0:
         yield Finding(
             "impossible",
             "inertia_not_positive",
-            place,
-            inertial.line,
+            *link.where,
             f"principal moments {_listed(moments)} kg m^2",
             "all above zero",
             "check the signs of ixx, iyy, izz and the size of ixy, ixz, iyz; they refer to the centre of mass",
@@ -228,8 +223,7 @@ def _check_moments(
         yield Finding(
             "impossible",
             "triangle_inequality",
-            place,
-            inertial.line,
+            *link.where,
             f"principal moments {_listed(moments)} kg m^2: the largest is {excess:.3g} times the sum of the others",
             "no moment above the sum of the other two",
             slipped_digit(inertial) or "take the moments from the CAD model again",
@@ -237,7 +231,7 @@ def _check_moments(
         )
 
 
-def _check_box(place: str, inertial: Inertial) -> Iterator[Finding]:
+def _check_box(link: Link, inertial: Inertial) -> Iterator[Finding]:
     """The homogeneous box of the same mass and moments has a density that bodies have."""
     if inertial.mass < LEAST_MASS:
         return
@@ -253,8 +247,7 @@ def _check_box(place: str, inertial: Inertial) -> Iterator[Finding]:
     yield Finding(
         "implausible",
         "moments_for_mass",
-        place,
-        inertial.line,
+        *link.where,
         f"a body of {inertial.mass:.3g} kg with these moments has a radius of gyration of {radius:.3g} m, as a box of "
         f"{density:.2g} kg/m^3",
         f"{LEAST_BOX_DENSITY:g} to {LARGEST_BOX_DENSITY:g} kg/m^3; at {usual:g} kg/m^3 the moments are some "
@@ -373,8 +366,7 @@ def _placeholders(bodies: list[Link]) -> Iterator[Finding]:
         yield Finding(
             "implausible",
             "placeholder",
-            f"link {links[0].name}",
-            first.line,
+            *links[0].where,
             f"the same moments ({first.diagonal[0]:g}, {first.diagonal[1]:g}, {first.diagonal[2]:g} kg m^2) on "
             f"{len(links)} links of {min(masses):g} to {max(masses):g} kg: {names}",
             "moments of each link's own mass and shape",
@@ -395,8 +387,7 @@ def _mirrored(bodies: list[Link]) -> Iterator[Finding]:
             yield Finding(
                 "implausible",
                 "mirror_image",
-                f"link {right.name}",
-                right.inertial.line,
+                *right.where,
                 f"{wrong} of {left.name} on the other side",
                 "the mirror image: the same mass and principal moments, the signs of two products of inertia changed",
                 "mirror the inertial of one side, or take both from CAD",
@@ -467,20 +458,20 @@ def _tree(description: Description) -> Iterator[Finding]:
     for joint in description.joints:
         for end in (joint.parent, joint.child):
             if end not in names:
-                yield _finding(
+                yield Finding(
                     "impossible",
                     "no_such_link",
-                    joint,
+                    *joint.where,
                     f"names the link {end!r}, which the file does not have",
                     "links of the file",
                     "correct the name",
                     1e3,
                 )
         if held[joint.child] > 1:
-            yield _finding(
+            yield Finding(
                 "impossible",
                 "held_twice",
-                joint,
+                *joint.where,
                 f"{held[joint.child]} joints hold the link {joint.child}",
                 "a tree: one joint above each link",
                 "remove the joints that close a loop",
@@ -504,20 +495,20 @@ def _tree(description: Description) -> Iterator[Finding]:
 def _axis(joint: Joint) -> Iterator[Finding]:
     length = float(np.linalg.norm(joint.axis))
     if length < AXIS_LENGTH:
-        yield _finding(
+        yield Finding(
             "impossible",
             "axis",
-            joint,
+            *joint.where,
             "its axis has length zero",
             "an axis of length one",
             "correct <axis>",
             1e2,
         )
     elif abs(length - 1) > AXIS_LENGTH:
-        yield _finding(
+        yield Finding(
             "note",
             "axis",
-            joint,
+            *joint.where,
             f"its axis has the length {length:.6g}",
             "length one; readers scale it, or do not",
             "divide it by its length",
@@ -529,20 +520,20 @@ def _limits(joint: Joint, form: str) -> Iterator[Finding]:
     lower, upper = joint.lower, joint.upper
     if not joint.turns_freely and form == "URDF":
         if lower is None and upper is None and joint.effort is None:
-            yield _finding(
+            yield Finding(
                 "missing",
                 "limits",
-                joint,
+                *joint.where,
                 "has no <limit>, which a URDF requires",
                 "lower, upper, effort and velocity",
                 'give them, or type="continuous" if it turns without end',
                 0.5,
             )
         elif (lower or 0.0) >= (upper or 0.0):
-            yield _finding(
+            yield Finding(
                 "implausible",
                 "limits",
-                joint,
+                *joint.where,
                 f"lower limit {lower or 0:g}, upper limit {upper or 0:g}: some readers lock it, others free it",
                 "lower below upper",
                 'give the range of the data sheet, or type="continuous" if it turns without end',
@@ -551,10 +542,10 @@ def _limits(joint: Joint, form: str) -> Iterator[Finding]:
     for name, meaning in LIMITS.items():
         value = getattr(joint, name)
         if value is not None and value <= 0:
-            yield _finding(
+            yield Finding(
                 "implausible",
                 name,
-                joint,
+                *joint.where,
                 f"{meaning} {value:g}",
                 "a limit above zero",
                 f"give the {meaning} of the data sheet; simulators clip at it",
@@ -606,27 +597,6 @@ def _no_drive(description: Description, absent: list[str]) -> Finding:
     )
 
 
-def _finding(
-    severity: str,
-    kind: str,
-    joint: Joint,
-    found: str,
-    expected: str,
-    remedy: str,
-    size: float,
-) -> Finding:
-    return Finding(
-        severity,
-        kind,
-        f"joint {joint.name}",
-        joint.line,
-        found,
-        expected,
-        remedy,
-        size,
-    )
-
-
 
 # Mass, centre of mass and moments of each link against its shapes.
 
@@ -653,8 +623,7 @@ def _density(link: Link, inertial: Inertial, geometry: Geometry) -> Iterator[Fin
     yield Finding(
         "implausible",
         "density",
-        f"link {link.name}",
-        inertial.line,
+        *link.where,
         f"{inertial.mass:.3g} kg in shapes of {1e3 * geometry.volume:.3g} dm^3: {density:.2g} kg/m^3",
         f"{LEAST_DENSITY:g} to {LARGEST_DENSITY:g} kg/m^3",
         "check the mass, its unit, and the scale of the meshes",
@@ -669,8 +638,7 @@ def _centre(link: Link, inertial: Inertial, geometry: Geometry) -> Iterator[Find
     yield Finding(
         "implausible",
         "com_outside",
-        f"link {link.name}",
-        inertial.line,
+        *link.where,
         f"centre of mass {_vector(inertial.com)} m is {outside:.3g} m outside the link's shapes",
         f"inside, near {_vector(geometry.centre)} m, the middle of the shapes",
         "check the unit and the frame of <origin>: it is given in the link's frame, not in that of the base or the CAD "
@@ -697,8 +665,7 @@ def _size(link: Link, inertial: Inertial, geometry: Geometry) -> Iterator[Findin
         yield Finding(
             "impossible",
             "moments_too_large",
-            f"link {link.name}",
-            inertial.line,
+            *link.where,
             f"the mass spreads {np.sqrt(variances[worst]):.3g} m about its centre (standard deviation along "
             f"{_vector(axes[:, worst])}), and the shapes have room for {np.sqrt(bound[worst]):.3g} m; the moments are "
             f"{solid:.3g} times those of a solid of that shape",
@@ -711,8 +678,7 @@ def _size(link: Link, inertial: Inertial, geometry: Geometry) -> Iterator[Findin
         yield Finding(
             "implausible",
             "moments_too_small",
-            f"link {link.name}",
-            inertial.line,
+            *link.where,
             f"the moments are {solid:.2g} times those of a solid of the link's shapes",
             f"at least {LEAST_MOMENT_SHARE:g} times: casing and motor do not sit in one point",
             f"check the moments and their unit; a solid has {1 / solid:.2g} times these",
@@ -940,10 +906,9 @@ def _shifted(
     remedy: str,
     size: float,
 ) -> Finding:
-    by_shape = [place.by_shape for place in places if place is not None]
-    if not all(by_shape):
+    if not all(place.by_shape for place in places if place is not None):
         found += "; judged by the joints' frames where shapes are missing, which is less certain"
-    line = links[0].inertial.line if links[0].inertial else 0
+    _, line = links[0].where
     return Finding("implausible", kind, "", line, found, expected, remedy, 10.0 + size)
 
 

@@ -5,16 +5,22 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from xml.parsers import expat
 
-import coal
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
-from gapscope.arm.dynamics.link_shapes import find_mesh
+from gapscope.arm.dynamics.inertials import moments_matrix
+from gapscope.arm.dynamics.link_shapes import (
+    box_corners,
+    cylinder_edges,
+    directions,
+    find_mesh,
+    mesh_points,
+)
 from gapscope.arm.dynamics.mjcf import NAMELESS, Attributes, default_classes
 from gapscope.arm.errors import InputError
 from gapscope.arm.input_file import is_file, is_folder, read_bytes
@@ -82,11 +88,6 @@ class Place:
         """Place of a frame that is placed in this one."""
         shift = self.rotation @ inner.translation
         return Place(self.rotation @ inner.rotation, self.translation + shift)
-
-
-def of_rpy(xyz: np.ndarray, rpy: np.ndarray) -> Place:
-    """Place by position [m] and roll, pitch, yaw about fixed axes [rad], as a URDF has it."""
-    return Place(Rotation.from_euler("xyz", rpy).as_matrix(), xyz)
 
 
 def along(first: np.ndarray, second: np.ndarray) -> Place:
@@ -249,6 +250,14 @@ class Inertial:
     moments: np.ndarray
     diagonal: np.ndarray
 
+    @classmethod
+    def at(
+        cls, pose: Place, line: int, mass: float | None, own: np.ndarray
+    ) -> Inertial:
+        """Of moments in axes of an inertial frame, (3, 3), which is placed in the link's; a mass not given is 0."""
+        turned = pose.rotation @ own @ pose.rotation.T
+        return cls(line, mass or 0.0, pose.translation, turned, np.diag(own))
+
     @property
     def is_body(self) -> bool:
         """Whether mass and moments are those of a body that can be: finite, mass above zero, moments not below."""
@@ -300,6 +309,11 @@ class Link:
     shapes: tuple[Shape, ...] = ()
     lost: tuple[str, ...] = ()
 
+    @property
+    def where(self) -> tuple[str, int]:
+        """Place and line of a finding about it: those of its inertial, if it has one."""
+        return f"link {self.name}", self.inertial.line if self.inertial else self.line
+
 
 @dataclass(frozen=True)
 class Joint:
@@ -334,6 +348,11 @@ class Joint:
     friction: float | None = None
     armature: float | None = None
 
+    @property
+    def where(self) -> tuple[str, int]:
+        """Place and line of a finding about it."""
+        return f"joint {self.name}", self.line
+
 
 @dataclass(frozen=True)
 class Description:
@@ -353,14 +372,15 @@ class Description:
     links: tuple[Link, ...]
     joints: tuple[Joint, ...]
     unreadable: tuple[Finding, ...] = ()
-    _by_name: dict[str, Link] = field(init=False, repr=False, compare=False)
-    _above: dict[str, Joint] = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
-        """Index links by name, and joints by the link below them."""
-        object.__setattr__(self, "_by_name", {link.name: link for link in self.links})
-        above = {joint.child: joint for joint in self.joints}
-        object.__setattr__(self, "_above", above)
+    @cached_property
+    def _by_name(self) -> dict[str, Link]:
+        return {link.name: link for link in self.links}
+
+    @cached_property
+    def _above(self) -> dict[str, Joint]:
+        """Joints by the link below them."""
+        return {joint.child: joint for joint in self.joints}
 
     def joint_above(self, link: str) -> Joint | None:
         """The joint that holds a link."""
@@ -539,42 +559,21 @@ def _corners(shape: Shape) -> np.ndarray | None:
     if not (size > 0).all():
         return None
     if shape.kind == "box":
-        signs = np.stack(np.meshgrid(*[[-0.5, 0.5]] * 3), axis=-1).reshape(-1, 3)
-        return signs * size
+        return box_corners(size)
     if shape.kind == "cylinder":
-        return _cylinder(*size)
+        return cylinder_edges(size[0], size[1], 48)
     if shape.kind == "capsule":
-        caps = _sphere() * size[0]
+        caps = directions(DIRECTIONS) * size[0]
         shift = np.array([0.0, 0.0, size[1] / 2])
         return np.vstack([caps + shift, caps - shift])
-    return _sphere() * size
-
-
-def _cylinder(radius: float, length: float) -> np.ndarray:
-    angles = np.linspace(0, 2 * np.pi, 48, endpoint=False)
-    circle = np.column_stack([radius * np.cos(angles), radius * np.sin(angles)])
-    ends = [
-        np.column_stack([circle, np.full(48, z)]) for z in (-length / 2, length / 2)
-    ]
-    return np.vstack(ends)
-
-
-def _sphere() -> np.ndarray:
-    """Points spread evenly on the unit sphere, along a spiral."""
-    k = np.arange(DIRECTIONS) + 0.5
-    z, angle = 1 - 2 * k / DIRECTIONS, np.pi * (1 + 5**0.5) * k
-    ring = np.sqrt(1 - z**2)
-    return np.column_stack([ring * np.cos(angle), ring * np.sin(angle), z])
+    return directions(DIRECTIONS) * size
 
 
 @lru_cache(maxsize=256)
 def _mesh(path: Path, scale: tuple[float, ...]) -> np.ndarray | None:
     """Corners of a mesh's hull [m]; ``None`` if it cannot be read."""
-    try:
-        loaded = coal.MeshLoader().load(str(path), np.array(scale))
-    except (ValueError, RuntimeError):
-        return None
-    hull = _hull(np.array(loaded.vertices()))
+    points = mesh_points(path, scale)
+    hull = None if points is None else _hull(points)
     return None if hull is None else hull.points[hull.vertices]
 
 
@@ -671,37 +670,28 @@ class UrdfReader:
         mass, inertia = element.find("mass"), element.find("inertia")
         for tag, found in (("mass", mass), ("inertia", inertia)):
             if found is None:
-                self._add_missing(element, tag, place)
+                self.numbers.findings.append(
+                    Finding(
+                        "impossible",
+                        "incomplete_inertial",
+                        place,
+                        self._lines[element],
+                        f"<inertial> without <{tag}>",
+                        "mass and inertia",
+                        "give both, or leave <inertial> out of a link that has no mass",
+                        size=1e6,
+                    )
+                )
         values = [self.numbers.one(inertia, name, place) or 0.0 for name in MOMENTS]
-        xx, xy, xz, yy, yz, zz = values
-        own = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        own = moments_matrix(values)
         pose = self._place(element.find("origin"), place)
-        return Inertial(
-            self._lines[element],
-            self.numbers.one(mass, "value", place) or 0.0,
-            pose.translation,
-            pose.rotation @ own @ pose.rotation.T,
-            np.diag(own),
-        )
-
-    def _add_missing(self, element: ET.Element, tag: str, place: str) -> None:
-        self.numbers.findings.append(
-            Finding(
-                "impossible",
-                "incomplete_inertial",
-                place,
-                self._lines[element],
-                f"<inertial> without <{tag}>",
-                "mass and inertia",
-                "give both, or leave <inertial> out of a link that has no mass",
-                size=1e6,
-            )
-        )
+        mass_value = self.numbers.one(mass, "value", place)
+        return Inertial.at(pose, self._lines[element], mass_value, own)
 
     def _place(self, origin: ET.Element | None, place: str) -> Place:
         xyz = self.numbers.several(origin, "xyz", ZERO, place)
         rpy = self.numbers.several(origin, "rpy", ZERO, place)
-        return of_rpy(xyz, rpy)
+        return Place(Rotation.from_euler("xyz", rpy).as_matrix(), xyz)
 
     def _shape(self, element: ET.Element, place: str) -> Shape | None:
         geometry = element.find("geometry")
@@ -854,16 +844,11 @@ class MjcfReader:
         if element.get("fullinertia") is not None:
             six = self.numbers.several(element, "fullinertia", (0.0,) * 6, place)
             xx, yy, zz, xy, xz, yz = six
-            own = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            own = moments_matrix((xx, xy, xz, yy, yz, zz))
         else:
             own = np.diag(self.numbers.several(element, "diaginertia", ZERO, place))
-        return Inertial(
-            self._lines[element],
-            self.numbers.one(element, "mass", place) or 0.0,
-            pose.translation,
-            pose.rotation @ own @ pose.rotation.T,
-            np.diag(own),
-        )
+        mass = self.numbers.one(element, "mass", place)
+        return Inertial.at(pose, self._lines[element], mass, own)
 
     def _shape(
         self, element: ET.Element, place: str, inherited: str

@@ -9,8 +9,16 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
+from gapscope.reports.pages import terminal_table
+
 STYLES = {"ok": "green", "warn": "yellow", "error": "bold red"}
 """Style of a level."""
+STYLE: dict[str, Any] = {
+    "box": box.SIMPLE_HEAD,
+    "show_edge": False,
+    "padding": (0, 1, 0, 0),
+}
+"""Style of a table."""
 
 
 def summary(content: dict[str, Any]) -> Group:
@@ -18,7 +26,7 @@ def summary(content: dict[str, Any]) -> Group:
     remarks = sorted(
         content["remarks"], key=lambda one: ("error", "warn", "ok").index(one["level"])
     )
-    table = Table(box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
+    table = Table(**STYLE)
     table.add_column("", no_wrap=True)
     table.add_column("topic", no_wrap=True)
     table.add_column("found, and what to do", overflow="fold")
@@ -40,17 +48,14 @@ def summary(content: dict[str, Any]) -> Group:
 
 
 def _joints(content: dict[str, Any]) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
-    heads = ("joint", "range", "slow", "fast", "reversals", "gravity [N m]", "possible")
-    for head in heads:
-        table.add_column(head, justify="left" if head == "joint" else "right")
-    for number, joint in enumerate(content["joints"], 1):
-        values = [joint[key] for key in ("range", "slow", "fast")]
-        gravity = [joint[key] for key in ("gravity", "possible_gravity")]
-        table.add_row(
-            f"{number} {joint['name']}",
-            *(f"{value:.3g}" for value in values),
-            str(joint["reversals"]),
-            *(f"{value:.3g}" for value in gravity),
-        )
-    return table
+    keys = ("range", "slow", "fast", "reversals", "gravity", "possible_gravity")
+    heads = ("joint", *keys[:4], "gravity [N m]", "possible")
+    rows = [
+        [f"{k} {joint['name']}", *(_text(joint[key]) for key in keys)]
+        for k, joint in enumerate(content["joints"], 1)
+    ]
+    return terminal_table(heads, rows, **STYLE)
+
+
+def _text(value: float) -> str:
+    return str(value) if isinstance(value, int) else f"{value:.3g}"

@@ -24,6 +24,7 @@ from gapscope.diagnosis.document.wording import capital, joint_ranges, listing
 from gapscope.diagnosis.thresholds import ALIKE_NRMSE, FLEET_LEVEL
 from gapscope.effects.catalogue import known_effect, of_quantity
 from gapscope.effects.effect import SHEET
+from gapscope.reports.pages import terminal_table
 
 # The comparison of units as a person reads it: ``units.json`` in words, for the summary and the terminal.
 
@@ -310,14 +311,9 @@ def _effects(group: Mapping[str, Any]) -> Table:
 
 def _confusion(confusion: Mapping[str, Any]) -> Table:
     """Mean torque NRMSE of each arm on the recordings of each unit; the least of each column in bold."""
-    table = Table(
-        title="torque NRMSE of an arm (row) on the recordings of a unit (column)",
-        title_justify="left",
-    )
-    table.add_column("")
-    for unit in confusion["columns"]:
-        table.add_column(Text(unit), justify="right")
+    rows = []
     for row, line in cells(confusion):
         values = (Text(nrmse(c.value), "bold" if c.best else "") for c in line)
-        table.add_row(Text(row_label(row)), *values)
-    return table
+        rows.append([Text(row_label(row)), *values])
+    title = "torque NRMSE of an arm (row) on the recordings of a unit (column)"
+    return terminal_table(["", *confusion["columns"]], rows, title=title)

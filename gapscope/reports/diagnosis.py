@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from urllib.parse import quote
 
 import numpy as np
-from rich.console import Console
+from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 from scipy.spatial.transform import Rotation
@@ -206,16 +206,9 @@ class SummaryRow:
         """Verdict as a key: one of the three, or ``failed``."""
         return "failed" if self.document is None else self.document["verdict"]
 
-    @property
-    def effects(self) -> list[tuple[str, str]]:
-        """Effects found, each with what it acts on."""
-        found = [] if self.document is None else self.document["effects"]
-        return [(effect_name(entry["effect"]), acts_on(entry)) for entry in found]
-
-    @property
-    def possible(self) -> list[tuple[str, str]]:
-        """Effects that are possible and not confirmed, each with what it acts on."""
-        found = [] if self.document is None else self.document["possible"]
+    def named(self, section: str = "effects") -> list[tuple[str, str]]:
+        """Effects found, or ``possible`` and not confirmed, each with what it acts on."""
+        found = [] if self.document is None else self.document[section]
         return [(effect_name(entry["effect"]), acts_on(entry)) for entry in found]
 
     @property
@@ -266,7 +259,7 @@ def render_summary(
 
 @dataclass(frozen=True)
 class Picture:
-    """One picture: its place among the place_curves, and what it shows, in words."""
+    """One picture: its place among the curves of its kind, and what it shows, in words."""
 
     index: int
     title: str
@@ -385,19 +378,10 @@ NAMES = {
 }
 
 
-@dataclass(frozen=True)
-class Guess:
-    """One picture: its place among the guess_curves, and what it shows, in words."""
-
-    index: int
-    title: str
-    words: str
-
-
-def guesses(diagnosis: Diagnosis) -> list[Guess]:
+def guesses(diagnosis: Diagnosis) -> list[Picture]:
     """One picture for each joint left above the floor, in the order of ``guess_curves``."""
     return [
-        Guess(i, f"J{e['joint']}: {_title(e)}", _words(e))
+        Picture(i, f"J{e['joint']}: {_title(e)}", _words(e))
         for i, e in enumerate(_entries(diagnosis))
     ]
 
@@ -1174,54 +1158,53 @@ _COLOURS = {
 }
 
 
-def print_summary(document: Mapping[str, Any], console: Console) -> None:
-    """Print verdict, effects, gap per joint, what is possible, what is open and the warnings."""
+def summary(document: Mapping[str, Any]) -> Group:
+    """Verdict, effects, gap per joint, what is possible, what is open and the warnings."""
+    parts: list[RenderableType] = []
+
+    def say(label: str, text: str | None, style: str = "bold") -> None:
+        if text:
+            parts.append(Text.assemble((f"{label}:", style), " ", text))
+
     label = Text(VERDICTS[document["verdict"]], style=_COLOURS[document["verdict"]])
-    console.print(Text.assemble((document["case"], "bold"), ": ", label))
-    console.print(Text(verdict_sentence(document)))
+    parts.append(Text.assemble((document["case"], "bold"), ": ", label))
+    parts.append(Text(verdict_sentence(document)))
     if "against" in document:
         name, count = (
             document["against"]["reference"],
             len(document["against"]["recordings"]),
         )
         text = f"{name} ({count} recording{'s' if count != 1 else ''}); effects are changes since then"
-        _labelled(console, "Compared with", text)
+        say("Compared with", text)
     for entry in document.get("changes", []):
-        _labelled(console, "Changed during a recording", change_text(entry))
+        say("Changed during a recording", change_text(entry))
     if document["effects"]:
-        console.print()
-        console.print(_effects(document))
-    console.print()
+        parts += ["", _effects(document)]
     # of a table of few columns a title would be cut
-    console.print(Text("Torque gap (NRMSE, on data not used to fit)", style="bold"))
-    console.print(_joint_table(document))
+    title = Text("Torque gap (NRMSE, on data not used to fit)", style="bold")
+    parts += ["", title, _joint_table(document)]
     closed = document["closed"]
     if closed is not None and document["verdict"] != "no_gap":
-        console.print(f"{percent(closed)} of the gap above the floor is closed")
+        parts.append(f"{percent(closed)} of the gap above the floor is closed")
     if "sides" in document:
-        console.print()
-        _labelled(console, "By the torque sensors", sides_sentence(document))
+        parts.append("")
+        say("By the torque sensors", sides_sentence(document))
     if document["possible"]:
-        console.print()
+        parts.append("")
     for text in possible_texts(document):
-        _labelled(console, "Possible, not confirmed", text)
+        say("Possible, not confirmed", text)
     if document["verdict"] != "no_gap":
-        console.print()
-        _labelled(console, "Unexplained", unexplained_sentence(document))
-    friction = nominal_friction_sentence(document)
-    if friction is not None:
-        _labelled(console, "Nominal friction", friction)
-    bent = presliding_sentence(document)
-    if bent is not None:
-        _labelled(console, "Dry friction builds up over", bent)
+        parts.append("")
+        say("Unexplained", unexplained_sentence(document))
+    say("Nominal friction", nominal_friction_sentence(document))
+    say("Dry friction builds up over", presliding_sentence(document))
     for effect in document["effects"]:
         if "gravity" in effect:
-            line = f"gravity: {gravity_text(effect)}"
-            _labelled(console, MOUNTED, line)
-    if document["next_recording"]:
-        _labelled(console, "Next recording", document["next_recording"])
+            say(MOUNTED, f"gravity: {gravity_text(effect)}")
+    say("Next recording", document["next_recording"])
     for warning in document.get("warnings", []):
-        _labelled(console, "Warning", warning, "yellow")
+        say("Warning", warning, "yellow")
+    return Group(*parts)
 
 
 def _effects(document: Mapping[str, Any]) -> Table:
@@ -1267,10 +1250,6 @@ def _joint_table(document: Mapping[str, Any]) -> Table:
 
 def _table() -> Table:
     return Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
-
-
-def _labelled(console: Console, label: str, text: str, style: str = "bold") -> None:
-    console.print(Text.assemble((f"{label}:", style), " ", text))
 
 
 # A diagnosis as files: ``report.html``, ``diagnosis.json`` and ``corrected.yaml``.

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup
-from rich.console import Console
+from rich.console import Group
 from rich.table import Table
+from rich.text import Text
 
 from gapscope.arm.display import display_unit, effect_name, nrmse, percent, uncertain
 from gapscope.diagnosis.document.wording import VERDICTS, capital
@@ -170,14 +171,12 @@ SHOWN = 10
 """Changes and units that are shown [1]."""
 
 
-def print_fleet(content: Mapping[str, Any], console: Console) -> None:
-    """Print the first lines of ``fleet.json``."""
+def summary(content: Mapping[str, Any]) -> Group:
+    """The first lines of ``fleet.json``."""
     lines = [capital(headline(content))]
     lines += [change_line(change) for change in content["changes"][:SHOWN]]
-    for line in lines:
-        console.print(line, highlight=False, markup=False)
-    if content["worst"]:
-        console.print(_worst(content))
+    worst = [_worst(content)] if content["worst"] else []
+    return Group(*map(Text, lines), *worst)
 
 
 def _worst(content: Mapping[str, Any]) -> Table:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 from rich.console import Group
-from rich.table import Table
 from rich.text import Text
 
 from gapscope.arm.case import Case
@@ -19,6 +18,7 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.replay import HORIZON, Replay
 from gapscope.model.conditioning import condition
 from gapscope.model.torque_gap import torque_gap
+from gapscope.reports.pages import terminal_table
 
 # The gap as tables on the terminal.
 
@@ -26,33 +26,27 @@ from gapscope.model.torque_gap import torque_gap
 def gap_tables(document: dict[str, Any]) -> Group:
     """Torque NRMSE and replay gap as tables, one row per recording, and why a recording was not replayed."""
     count = len(document["joints"])
-    torque = _table(f"torque NRMSE of {document['case']}", count)
-    replays = _table(f"replay gap in {_unit(document['sliding'])}", count)
-    notes = []
+    heads = ["recording", *(f"J{j}" for j in range(1, count + 1))]
+    torques, replays, notes = [], [], []
     for row in document["recordings"]:
         name = row["recording"]
-        torque.add_row(name, *(f"{value:.3f}" for value in row["torque_nrmse"]))
+        torques.append([name, *(f"{value:.3f}" for value in row["torque_nrmse"])])
         if row["replay_rmse"] is None:
             notes.append(Text(f"{name} was not replayed: {row['replayed']}"))
         else:
             angles = (f"{1e3 * value:.3g}" for value in row["replay_rmse"])
-            replays.add_row(name, *angles)
-    tables = [torque, replays] if replays.row_count else [torque]
+            replays.append([name, *angles])
+    title = f"torque NRMSE of {document['case']}"
+    tables = [terminal_table(heads, torques, title=title)]
+    if replays:
+        title = f"replay gap in {_unit(document['sliding'])}"
+        tables.append(terminal_table(heads, replays, title=title))
     return Group(*tables, *notes)
 
 
 def _unit(sliding: Sequence[object]) -> str:
     """Unit of a thousandth of what positions count in, if some joints slide."""
     return "mrad, of sliding joints in mm" if sliding else "mrad"
-
-
-def _table(title: str, joints: int) -> Table:
-    """An empty table with a column per joint."""
-    table = Table(title=title, title_justify="left")
-    table.add_column("recording")
-    for number in range(1, joints + 1):
-        table.add_column(f"J{number}", justify="right")
-    return table
 
 
 def replay_line(replayed: Replay) -> str:

@@ -36,7 +36,7 @@ from gapscope.ident.identification_json import (
 from gapscope.ident.kalman import FilterReview
 from gapscope.model.change_findings import change_findings, change_text
 from gapscope.reports.diagnosis import encode, keep_extremes
-from gapscope.reports.pages import percent_with_decimal, write_html
+from gapscope.reports.pages import percent_with_decimal, terminal_table, write_html
 
 # An identification as a page and on the terminal.
 
@@ -100,7 +100,7 @@ def filter_curves(result: Identification) -> dict[str, Any]:
     review = result.filtered
     track = review.followed.track
     expressions = result.base.expressions(1e-2)
-    names = [result.base.names[k] for k in result.base.kept]
+    names = list(result.base.kept_names)
     nominal = result.base.of(result.columns.nominal(result.choice.law))
     parameters = [
         {
@@ -517,20 +517,21 @@ def summary(result: Identification) -> Group:
 def _errors(result: Identification) -> Table:
     """Relative error of the torque per joint, before and after, on fitted and held-out samples."""
     fit, held_out = result.validation
+    shown = {
+        "nominal, held out": held_out.nominal,
+        "fitted": fit.every,
+        "held out": held_out.every,
+        "held out, moving": held_out.moving,
+    }
+    rows = [
+        [label, *map(_percent, errors.relative), _percent(errors.overall)]
+        for label, errors in shown.items()
+    ]
+    numbers = range(1, result.case.arm.n_joints + 1)
     title = f"RMS residual over RMS torque of {result.case.name} [%]"
-    table = Table(title=title, title_justify="left", padding=(0, 0, 0, 1))
-    table.add_column("", no_wrap=True)
-    for number in range(1, result.case.arm.n_joints + 1):
-        table.add_column(f"J{number}", justify="right")
-    table.add_column("all", justify="right")
-    for label, errors in (
-        ("nominal, held out", held_out.nominal),
-        ("fitted", fit.every),
-        ("held out", held_out.every),
-        ("held out, moving", held_out.moving),
-    ):
-        values = (_percent(value) for value in errors.relative)
-        table.add_row(label, *values, _percent(errors.overall))
+    heads = ["", *(f"J{number}" for number in numbers), "all"]
+    table = terminal_table(heads, rows, title=title, padding=(0, 0, 0, 1))
+    table.columns[0].no_wrap = True
     return table
 
 

@@ -25,6 +25,7 @@ from gapscope.reports.pages import (
     INK,
     PageSection,
     figure_html,
+    terminal_table,
     write_plot_page,
 )
 
@@ -160,8 +161,6 @@ def write_picture(
 # What is in a log as a page that opens without a network.
 
 
-LEGEND = {"orientation": "h", "x": 0, "y": 1, "yanchor": "bottom", "xanchor": "left"}
-"""Place of the names of the joints: above the first panel."""
 DRAWN = 4
 """Most recordings that are drawn."""
 
@@ -285,7 +284,7 @@ def _plots(found: Inspection) -> Iterator[PageSection]:
             f"log{number}",
             190 * len(panels) + 120,
             margin={"l": 70, "r": 14, "t": 34, "b": 46},
-            legend=LEGEND,
+            legend_at=1,
         )
         yield PageSection(label, figure=html)
     if len(found.entries) > DRAWN:
@@ -351,12 +350,8 @@ def summary(found: Inspection, checked: DraftCheck) -> Group:
 
 
 def _table(title: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
-    table = Table(title=title, title_justify="left", title_style="bold")
-    for head in heads:
-        table.add_column(head, overflow="fold")
-    for row in rows:
-        table.add_row(*(Text(cell) for cell in row))
-    return table
+    texts = [[Text(cell, overflow="fold") for cell in row] for row in rows]
+    return terminal_table(heads, texts, len(heads), title=title, title_style="bold")
 
 
 # What ``gapscope inspect`` writes: the case to start from, a page and a picture.

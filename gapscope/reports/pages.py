@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import jinja2
 from markupsafe import Markup
+from rich.table import Table
+from rich.text import Text
 
 from gapscope.arm import display
 from gapscope.arm.display import effect_name
@@ -159,13 +161,16 @@ def write_plot_page(
     )
 
 
-def figure_html(figure: Figure, name: str, height: int, **layout: Any) -> Markup:
+def figure_html(
+    figure: Figure, name: str, height: int, legend_at: float = 1.06, **layout: Any
+) -> Markup:
     """A plotly figure in the style of the pages, as HTML without plotly's code.
 
     Args:
         figure: with its traces and titles of axes.
         name: identifies it within the page.
         height: in pixels.
+        legend_at: lower edge of the legend over the height of the drawing [1].
         layout: entries of plotly's layout that differ from those of all pages.
     """
     common: dict[str, Any] = {
@@ -177,7 +182,7 @@ def figure_html(figure: Figure, name: str, height: int, **layout: Any) -> Markup
         "legend": {
             "orientation": "h",
             "x": 0,
-            "y": 1.06,
+            "y": legend_at,
             "yanchor": "bottom",
             "xanchor": "left",
         },
@@ -196,3 +201,28 @@ def figure_html(figure: Figure, name: str, height: int, **layout: Any) -> Markup
         full_html=False, include_plotlyjs=False, config=config, div_id=name
     )
     return Markup(html)
+
+
+# A table of a terminal.
+
+
+def terminal_table(
+    heads: Sequence[str],
+    rows: Iterable[Sequence[str | Text]],
+    left: int = 1,
+    **style: Any,
+) -> Table:
+    """A table of texts: its first columns to the left, numbers of the others to the right.
+
+    Args:
+        heads: of the columns.
+        rows: their cells.
+        left: how many columns are set to the left.
+        style: of ``rich.table.Table``.
+    """
+    table = Table(**{"title_justify": "left", **style})
+    for k, head in enumerate(heads):
+        table.add_column(Text(head), justify="left" if k < left else "right")
+    for row in rows:
+        table.add_row(*row)
+    return table

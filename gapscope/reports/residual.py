@@ -133,14 +133,8 @@ def _section(number: int, joint: Mapping[str, Any]) -> PageSection:
         _figure(joint),
         f"joint{number}",
         HEIGHT,
+        legend_at=1.02,
         margin={"l": 62, "r": 14, "t": 40, "b": 46},
-        legend={
-            "orientation": "h",
-            "x": 0,
-            "y": 1.02,
-            "yanchor": "bottom",
-            "xanchor": "left",
-        },
     )
     title = f"Joint {number}, {joint['name']}"
     return PageSection(title=title, note=joint_sentence(joint), figure=figure)

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.table import Table
-from rich.text import Text
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write
@@ -28,7 +27,13 @@ from gapscope.ident.excitation.design import (
     write_csv,
     write_joint_trajectory,
 )
-from gapscope.reports.pages import COLOURS, PageSection, figure_html, write_plot_page
+from gapscope.reports.pages import (
+    COLOURS,
+    PageSection,
+    figure_html,
+    terminal_table,
+    write_plot_page,
+)
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure, Scatter
@@ -64,13 +69,7 @@ def write_page(
         920,
         hovermode="x unified",
         margin={"l": 62, "r": 14, "t": 34, "b": 46},
-        legend={
-            "orientation": "h",
-            "x": 0,
-            "y": 1,
-            "yanchor": "bottom",
-            "xanchor": "left",
-        },
+        legend_at=1,
     )
     margins = PageSection(
         note="Least margin to each limit, over all samples; in brackets the limit.",
@@ -169,16 +168,13 @@ def margin_table(found: Excitation) -> Table:
     """Least margin to each limit of the joints, with the limit."""
     # jerk has a line of its own: its column would not fit
     per_joint = [m for m in found.margins if m.limit.ndim and m.name != "jerk"]
-    table = Table(
-        title="least margin to each limit, and the limit", title_justify="left"
-    )
-    table.add_column("joint")
-    for margin in per_joint:
-        table.add_column(Text(f"{margin.name} [{margin.unit}]"), justify="right")
-    for j in range(found.motion.q.shape[1]):
-        values = (f"{m.margin[j]:.3g} of {m.limit[j]:.4g}" for m in per_joint)
-        table.add_row(f"J{j + 1}", *values)
-    return table
+    heads = ["joint", *(f"{m.name} [{m.unit}]" for m in per_joint)]
+    rows = [
+        [f"J{j + 1}", *(f"{m.margin[j]:.3g} of {m.limit[j]:.4g}" for m in per_joint)]
+        for j in range(found.motion.q.shape[1])
+    ]
+    title = "least margin to each limit, and the limit"
+    return terminal_table(heads, rows, title=title)
 
 
 def margin_lines(found: Excitation) -> list[str]:

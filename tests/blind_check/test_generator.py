@@ -18,7 +18,7 @@ from gapscope.blind_check.generator.case import (
     draw_setup,
     make_case,
 )
-from gapscope.blind_check.generator.law import Cause
+from gapscope.blind_check.generator.law import Cause, Draws
 from gapscope.blind_check.generator.laws import BEYOND, INSIDE, LAWS, SETUP
 from gapscope.blind_check.generator.rigid import inverse_dynamics
 from gapscope.blind_check.generator.simulate import CaseSpec, Conditions, simulate
@@ -82,7 +82,7 @@ def test_a_law_changes_the_torque_and_the_label_is_whole(
     joints = draw_joints(LAWS[name].joints, setup.arm.n, rng)
     assert joints is not None
     drawn = (
-        Cause(LAWS[name], joints, LAWS[name].draw(rng, setup.context, joints))
+        Cause(LAWS[name], joints, LAWS[name].draw(Draws.of(rng, setup.context, joints)))
         for _ in range(6)
     )
     cause, added = next(

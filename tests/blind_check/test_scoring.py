@@ -271,7 +271,7 @@ def test_the_classifier_learns_what_can_be_told_apart() -> None:
     rng = np.random.default_rng(0)
     x = np.vstack([rng.standard_normal((40, 4)) + 3.0 * np.eye(4)[k] for k in range(3)])
     names = np.repeat(["a", "b", "c"], 40)
-    p = train(x, list(names)).probabilities(x)
+    p = train(x, list(names)).network.predict_proba(x)
     assert p.sum(axis=1) == pytest.approx(1.0)
     assert (np.array(["a", "b", "c"])[p.argmax(axis=1)] == names).mean() > 0.9
 
@@ -282,7 +282,7 @@ def test_the_classifier_learns_what_no_line_divides() -> None:
     x = np.random.default_rng(0).uniform(-1.0, 1.0, (300, 2))
     names = np.where(x[:, 0] * x[:, 1] > 0, "same", "other")
     network = train(x, names.tolist())
-    found = np.array(network.classes)[network.probabilities(x).argmax(axis=1)]
+    found = np.array(network.classes)[network.network.predict_proba(x).argmax(axis=1)]
     assert (found == names).mean() > 0.9
 
 

@@ -11,15 +11,16 @@ import pytest
 import yaml
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.io.json_file import to_json
 from gapscope.blind_check import check as make_module
 from gapscope.blind_check.check import (
     BlindPlan,
+    frozen,
     make,
     open_labels,
     read_plan,
     readable_labels,
     run,
-    threshold_values,
 )
 from gapscope.blind_check.scoring import score
 from gapscope.cli import main
@@ -234,7 +235,7 @@ def test_frozen_covers_the_diagnosis_and_not_the_scorer() -> None:
 
 
 def test_frozen_holds_every_threshold_as_json() -> None:
-    values = threshold_values()
+    values = json.loads(to_json(frozen()))["thresholds"]
     assert values["OPEN_ALTERNATIVE"] == 0.05
     assert values["NOMINAL_ERROR"]["0.03"] == 8.0
     written = json.loads(json.dumps(values))

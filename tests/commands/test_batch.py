@@ -18,7 +18,7 @@ import pytest
 from guard import HANG
 from sweeps import daily, nightly
 
-from gapscope.commands.diagnosis_batch import KeptReference, finished
+from gapscope.commands.diagnosis_batch import finished
 from gapscope.diagnosis.reference_file import identify_reference
 from gapscope.interface.reference import kept_reference
 from gapscope.provenance import made_from
@@ -129,7 +129,7 @@ def test_cases_are_compared_with_a_reference_that_is_identified_once(
     assert done.code == 0 and done.out.count("kept from an earlier run") == 2
     assert len(identified) == 1
     # without the reference, or with another one, it is another diagnosis
-    reference = KeptReference(out / "identified", {"case_sha256": "another"})
+    reference = {"case_sha256": "another"}
     assert finished(sick, out / "sick") is None
     assert finished(sick, out / "sick", reference) is None
 

@@ -27,12 +27,12 @@ from gapscope.diagnosis.document.wording import (
     verdict_sentence,
     with_amount,
 )
-from gapscope.reports.diagnosis import print_summary
+from gapscope.reports.diagnosis import summary
 
 
 def printed(document: dict[str, Any], width: int = 80) -> str:
     stream = io.StringIO()
-    print_summary(document, Console(file=stream, width=width, force_terminal=False))
+    Console(file=stream, width=width, force_terminal=False).print(summary(document))
     return stream.getvalue()
 
 

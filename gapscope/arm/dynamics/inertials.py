@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -145,7 +146,7 @@ def _centre(
 def _of_urdf(inertial: ET.Element, path: Path, where: str) -> tuple[float, np.ndarray]:
     """Mass [kg] and moments of inertia [kg m^2], shape (3, 3), in the inertial's own axes."""
     mass = _number(inertial, "mass", "value", path, where)
-    return mass, _matrix(
+    return mass, moments_matrix(
         [_number(inertial, "inertia", name, path, where) for name in MOMENTS]
     )
 
@@ -155,7 +156,7 @@ def _of_mjcf(inertial: ET.Element, path: Path, where: str) -> tuple[float, np.nd
     mass = numbers(_given(inertial, "mass", path, where), 1, path, f"{where}, mass")[0]
     if (full := inertial.get("fullinertia")) is not None:
         xx, yy, zz, xy, xz, yz = numbers(full, 6, path, f"{where}, fullinertia")
-        return float(mass), _matrix([xx, xy, xz, yy, yz, zz])
+        return float(mass), moments_matrix([xx, xy, xz, yy, yz, zz])
     return float(mass), np.diag(
         numbers(
             _given(inertial, "diaginertia", path, where),
@@ -166,7 +167,8 @@ def _of_mjcf(inertial: ET.Element, path: Path, where: str) -> tuple[float, np.nd
     )
 
 
-def _matrix(moments: list[float]) -> np.ndarray:
+def moments_matrix(moments: Iterable[float]) -> np.ndarray:
+    """The matrix of ixx, ixy, ixz, iyy, iyz, izz, shape (3, 3)."""
     xx, xy, xz, yy, yz, zz = moments
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from itertools import combinations, compress
@@ -235,7 +236,7 @@ def link_hulls(body: RigidBody) -> tuple[Hull, ...]:
     thickness = THICKNESS * reach(body)
     for number in bare:
         for end in _ends(body, number):
-            ball = thickness * _directions()
+            ball = thickness * directions(DIRECTIONS)
             found += _hull(number, np.vstack([ball, ball + end]))
     return tuple(found)
 
@@ -263,49 +264,47 @@ def _points_of_shape(shape: Shape) -> np.ndarray:
 
 def _local_points(shape: Shape) -> np.ndarray:
     if shape.kind == "box":
-        return _corners(np.array(shape.size))
+        return box_corners(np.array(shape.size))
     if shape.kind == "sphere":
-        return shape.size[0] * _directions()
+        return shape.size[0] * directions(DIRECTIONS)
     if shape.kind == "cylinder":
         radius, length = shape.size
-        return _cylinder(radius, length)
-    return _mesh_points(shape)
+        return cylinder_edges(radius, length, ROUND)
+    # a picture can do without a mesh: the body is drawn as a box
+    points = None if shape.mesh is None else mesh_points(shape.mesh, shape.size)
+    return np.empty((0, 3)) if points is None else points
 
 
-def _corners(edges: np.ndarray) -> np.ndarray:
+def box_corners(edges: np.ndarray) -> np.ndarray:
     """Corners of a box around the origin, (8, 3)."""
     signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
     return 0.5 * signs * edges
 
 
-def _cylinder(radius: float, length: float) -> np.ndarray:
-    angle = np.linspace(0, 2 * np.pi, ROUND, endpoint=False)
+def cylinder_edges(radius: float, length: float, count: int) -> np.ndarray:
+    """Points on both rims of a cylinder along z around the origin [m], (2 count, 3)."""
+    angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
     circle = radius * np.column_stack([np.cos(angle), np.sin(angle)])
     ends = [
-        np.column_stack([circle, np.full(ROUND, z)]) for z in (-length / 2, length / 2)
+        np.column_stack([circle, np.full(count, z)]) for z in (-length / 2, length / 2)
     ]
     return np.vstack(ends)
 
 
-def _mesh_points(shape: Shape) -> np.ndarray:
-    """Vertices of a mesh, scaled, (P, 3); none if it cannot be read."""
-    if shape.mesh is None:
-        return np.empty((0, 3))
+def mesh_points(mesh: Path, scale: Sequence[float]) -> np.ndarray | None:
+    """Vertices of a mesh, scaled [m], (P, 3); ``None`` if it cannot be read."""
     try:
-        mesh = coal.MeshLoader().load(
-            str(shape.mesh), np.array(shape.size, dtype=float)
-        )
+        loaded = coal.MeshLoader().load(str(mesh), np.array(scale, dtype=float))
     except (ValueError, RuntimeError):
-        # a picture can do without: the body is drawn as a box
-        return np.empty((0, 3))
-    return np.asarray(mesh.vertices())
+        return None
+    return np.asarray(loaded.vertices())
 
 
 def _hull(body: int, points: np.ndarray) -> list[Hull]:
     """The hull of the farthest points in evenly spread directions; none of flat shapes."""
     if len(points) < 4:
         return []
-    farthest = np.unique(np.argmax(points @ _directions().T, axis=0))
+    farthest = np.unique(np.argmax(points @ directions(DIRECTIONS).T, axis=0))
     kept = points[farthest]
     try:
         hull = ConvexHull(kept)
@@ -320,10 +319,10 @@ def _hull(body: int, points: np.ndarray) -> list[Hull]:
     return [Hull(body, kept, faces)]
 
 
-def _directions() -> np.ndarray:
-    """Unit vectors spread evenly over the sphere, by the golden angle, shape (DIRECTIONS, 3)."""
-    k = np.arange(DIRECTIONS) + 0.5
-    height = 1 - 2 * k / DIRECTIONS
+def directions(count: int) -> np.ndarray:
+    """Unit vectors spread evenly over the sphere, by the golden angle, shape (count, 3)."""
+    k = np.arange(count) + 0.5
+    height = 1 - 2 * k / count
     turn = np.pi * (1 + np.sqrt(5)) * k
     radius = np.sqrt(1 - height**2)
     return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), height])

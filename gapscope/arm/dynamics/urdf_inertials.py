@@ -7,6 +7,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pinocchio as pin
 
+from gapscope.arm.dynamics.inertials import moments_matrix
 from gapscope.arm.dynamics.plain_urdf import numbers
 
 
@@ -24,8 +25,7 @@ def own_parameters(link: ET.Element) -> np.ndarray:
     assert mass is not None and moments is not None  # a URDF that was read has both
     xyz, rpy = (_vector(origin, key) for key in ("xyz", "rpy"))
     names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    xx, xy, xz, yy, yz, zz = (float(moments.get(name, 0)) for name in names)
-    own = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    own = moments_matrix(float(moments.get(name, 0)) for name in names)
     turn = pin.rpy.rpyToMatrix(rpy)
     inertia = pin.Inertia(float(mass.get("value", 0)), xyz, turn @ own @ turn.T)
     return np.asarray(inertia.toDynamicParameters())

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from gapscope.arm.dynamics.inertials import moments_matrix
 from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm, pybullet_data
 
 # URDF text of the generator's arms: cleaned, read and changed link by link.
@@ -109,8 +110,7 @@ def inertial_of(link: ET.Element) -> Inertial:
         rpy = _numbers(origin.get("rpy", "0 0 0"))
         turn = Rotation.from_euler("xyz", rpy).as_matrix()
     names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    xx, xy, xz, yy, yz, zz = (float(inertia.attrib[name]) for name in names)
-    own = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    own = moments_matrix(float(inertia.attrib[name]) for name in names)
     mass = float(element.find("mass").get("value"))  # type: ignore[union-attr, arg-type]
     return Inertial(mass, com, turn @ own @ turn.T)
 
@@ -411,7 +411,7 @@ def _drawn(rng: np.random.Generator, n: int) -> Arm:
 
 def _rod(mass: float, com: np.ndarray, way: np.ndarray, radius: float) -> Inertial:
     """A thick rod along ``way``: m (l^2 - way way^T) / 12 plus m r^2 / 2 about every axis."""
-    thin = mass * (way @ way * np.eye(3) - np.outer(way, way)) / 12.0
+    thin = _steiner(mass, way) / 12.0
     thick = 0.5 * mass * radius**2 * np.eye(3)
     return Inertial(mass, np.asarray(com), thin + thick)
 

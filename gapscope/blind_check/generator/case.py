@@ -149,6 +149,7 @@ def draw_setup(conditions: Conditions, rng: np.random.Generator) -> CaseSetup | 
     believed = arm.root
     if conditions.inertials_off:
         perturb_inertials(believed, conditions.inertials_off, rng)
+    deviation = torques[-1].std(axis=0)
     setup = CaseSetup(
         arm=arm,
         loop=loop,
@@ -160,14 +161,19 @@ def draw_setup(conditions: Conditions, rng: np.random.Generator) -> CaseSetup | 
         ahead=ahead,
         noise=noise,
         thin=conditions.loop_rate // conditions.rate,
-        context=_context(
-            arm,
-            model,
-            motions,
-            torques[-1],
-            inertia,
-            conditions,
-            healthy.encoder_step,
+        context=LawContext(
+            arm=arm,
+            deviation=np.maximum(deviation, 0.05 * deviation.max()),
+            peak=np.abs(torques[-1]).max(axis=0),
+            speed=rms(motions[-1].dq),
+            inertia=inertia,
+            swing=np.ptp(motions[-1].q, axis=0),
+            middle=motions[-1].q.mean(axis=0),
+            tip=tip_path(model, np.vstack([motion.q[::20] for motion in motions])),
+            shortest=float(min(motion.t[-1] for motion in motions)),
+            loop_rate=float(conditions.loop_rate),
+            rate=float(conditions.rate),
+            encoder_step=healthy.encoder_step,
         ),
         # measured below, on the setup itself
         floor=np.zeros(arm.n),
@@ -272,33 +278,6 @@ def _feedforward(
     if kind == "gravity":
         return _rigid_torque(model, motion, gravity_only=True)
     return np.zeros_like(motion.q)
-
-
-def _context(
-    arm: Arm,
-    model: Any,
-    motions: list[Motion],
-    torque: np.ndarray,
-    inertia: np.ndarray,
-    conditions: Conditions,
-    encoder_step: float,
-) -> LawContext:
-    held_out = motions[-1]
-    deviation = torque.std(axis=0)
-    return LawContext(
-        arm=arm,
-        deviation=np.maximum(deviation, 0.05 * deviation.max()),
-        peak=np.abs(torque).max(axis=0),
-        speed=rms(held_out.dq),
-        inertia=inertia,
-        swing=np.ptp(held_out.q, axis=0),
-        middle=held_out.q.mean(axis=0),
-        tip=tip_path(model, np.vstack([motion.q[::20] for motion in motions])),
-        shortest=float(min(motion.t[-1] for motion in motions)),
-        loop_rate=float(conditions.loop_rate),
-        rate=float(conditions.rate),
-        encoder_step=encoder_step,
-    )
 
 
 # Drawing a cause and giving it the size that its severity class asks for.

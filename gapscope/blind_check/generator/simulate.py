@@ -350,16 +350,14 @@ def simulate(
     out = np.zeros((len(motion.t), 3, plant.arm.n))
     change = np.inf if later is None else later[0]
     settled = SETTLING
+    given = np.stack([noise, motion.q, motion.dq, ahead], axis=1)
     for k in range(len(motion.t)):
-        fed = ahead[k]
         if steer is not None:
-            fed = steer(k, motion.q[0] if k == 0 else out[k - 1, 0])
+            given[k, 3] = steer(k, motion.q[0] if k == 0 else out[k - 1, 0])
         if later is not None and motion.t[k] >= change:
             simulation = simulation.taken_over_by(later[1])
             change, settled = np.inf, motion.t[k] + SETTLING
-        clipped = simulation.command(
-            noise[k], motion.q[k], motion.dq[k], fed, out[k], k == 0
-        )
+        clipped = simulation.command(given[k], out[k])
         if clipped and motion.t[k] > settled:
             return None
         # written so that a position that is not a number counts as lost
@@ -401,6 +399,7 @@ class _Simulation:
         self._state = np.zeros(1, dtype=joint.STATE)
         _start(plant, self._model, self._data, self._state, start)
         self._memory = np.zeros(1, dtype=true_arm.FILTER)
+        self._memory["x1"] = np.nan  # no tick yet
         self._filter = plant.loop.coefficients()
         self._history = np.zeros((joint.HISTORY, n))
         # a compliant joint has its rotor as a mass of its own, a rigid one on the diagonal
@@ -417,29 +416,10 @@ class _Simulation:
         other._history, other._steps_done = self._history, self._steps_done
         return other
 
-    def command(
-        self,
-        noise: np.ndarray,
-        q_ref: np.ndarray,
-        dq_ref: np.ndarray,
-        ahead: np.ndarray,
-        out: np.ndarray,
-        first: bool,
-    ) -> int:
+    def command(self, given: np.ndarray, out: np.ndarray) -> int:
         """One tick of the controller; see ``true_arm.command``."""
-        clipped: int = true_arm.command(
-            self._joints,
-            self._state,
-            self._memory,
-            self._filter,
-            self._q,
-            noise,
-            q_ref,
-            dq_ref,
-            ahead,
-            out,
-            first,
-        )
+        controller = self._joints, self._state, self._memory, self._filter
+        clipped: int = true_arm.command(*controller, self._q, given, out)
         return clipped
 
     def advance(self, command: np.ndarray) -> None:

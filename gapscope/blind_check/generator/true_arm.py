@@ -69,27 +69,25 @@ def filtered_velocity(m, i, filt, x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def command(par, state, memory, filt, q, noise, q_ref, dq_ref, ahead, out, first):  # type: ignore[no-untyped-def]
+def command(par, state, memory, filt, q, given, out):  # type: ignore[no-untyped-def]
     """One tick: what the encoders read, the filtered velocity, and the command; returns how many joints clipped.
 
     Args:
         par, state, memory: records of ``JOINT``, ``STATE`` and ``FILTER``, as arrays of length 1.
         filt: b0, a1, a2.
         q: of the links [rad], (n,).
-        noise: of the encoders [rad], (n,).
-        q_ref, dq_ref, ahead: reference [rad, rad/s] and feedforward [N m], (n,).
+        given: rows of the encoders' noise [rad], the reference [rad, rad/s] and the feedforward [N m], (4, n).
         out: rows q, dq, tau, (3, n), written to.
-        first: whether this is the first tick.
     """
     p, s, m = par[0], state[0], memory[0]
     clipped = 0
     for i in range(p.n):
-        x = encoder_reading(p, s, i, q, noise)
-        if first:
+        x = encoder_reading(p, s, i, q, given[0])
+        if np.isnan(m.x1[i]):  # the first tick
             m.x1[i] = x
             m.x2[i] = x
         y = filtered_velocity(m, i, filt, x)
-        u = ahead[i] + p.kp[i] * (q_ref[i] - x) + p.kd[i] * (dq_ref[i] - y)
+        u = given[3, i] + p.kp[i] * (given[1, i] - x) + p.kd[i] * (given[2, i] - y)
         if abs(u) > p.limit[i]:
             clipped += 1
             u = p.limit[i] if u > 0 else -p.limit[i]

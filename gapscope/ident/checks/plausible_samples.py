@@ -12,6 +12,7 @@ from gapscope.arm.control import PD
 from gapscope.arm.dynamics.rollout import Commands
 from gapscope.arm.errors import InputError
 from gapscope.arm.recording import STILL, Recording, resting
+from gapscope.arm.root_mean_square import rms
 from gapscope.arm.velocity_filter import VelocityFilter, rule_of
 from gapscope.ident.samples import Samples
 from gapscope.model.conditioning import TORQUE_CUTOFF, TRIM, low_pass
@@ -184,16 +185,16 @@ def _joint(
 ) -> str:
     """A warning about one joint, or an empty string."""
     assert recording.tau is not None
-    size = _rms(feedback)
+    size = rms(feedback)
     if size < SEEN * spread:
         return ""
-    error = _rms(feedback - (stiff + damped))
+    error = rms(feedback - (stiff + damped))
     noise = NOISE * float(recording.tau[:, joint].std())
     if error < max(AGREES * size, noise):
         return ""
     terms = np.stack([stiff, damped], axis=1)
     scale = np.linalg.lstsq(terms, feedback, rcond=None)[0]
-    rescaled_error = _rms(feedback - terms @ scale)
+    rescaled_error = rms(feedback - terms @ scale)
     # other gains that explain the torque: a wrong gain or unit; otherwise another controller
     other_gains = np.abs(scale - 1).max() > OFF
     if other_gains and rescaled_error < (1 - EXPLAINED) * error:
@@ -207,7 +208,3 @@ def _joint(
         f"{recording.name}: {error / size:.0%} of the feedback torque of joint {joint + 1} is not what the controller "
         "commands; check feedforward, delay, and whether the recorded torque is the command"
     )
-
-
-def _rms(series: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(series**2)))

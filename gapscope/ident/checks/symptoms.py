@@ -3,54 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.signal import welch
 
 from gapscope.arm.recording import Recording
-from gapscope.ident.model.base_parameters import BaseParameters
-from gapscope.ident.model.friction import Choice
-from gapscope.ident.model.joint_zero import JointZeros
-from gapscope.ident.model.physical_parameters import Physical
-from gapscope.ident.samples import Samples
 from gapscope.model.conditioning import uniform
 from gapscope.model.effective_samples import variance_inflation
 
-# Input of the troubleshooting table: the data, the nominal arm, and the fit.
-
-
-@dataclass(frozen=True)
-class FitEvidence:
-    """What is known after a fit, or before it as far as the fit is ``None``.
-
-    Attributes:
-        recordings: what was fitted.
-        samples: their samples in the band.
-        choice: friction law, pull and noise.
-        base: base parameters of the samples.
-        matrix: W in the band, shape (M, n, p).
-        beta: estimated base parameters, shape (b,).
-        deviation: their standard deviation, shape (b,).
-        physical: consistent parameters.
-        zeros: encoder zeros.
-    """
-
-    recordings: Sequence[Recording]
-    samples: Samples
-    choice: Choice
-    base: BaseParameters
-    matrix: np.ndarray
-    beta: np.ndarray
-    deviation: np.ndarray
-    physical: Physical
-    zeros: JointZeros
-
-    @property
-    def fitted(self) -> np.ndarray:
-        """Torque by beta in the band [N m], shape (M, n)."""
-        return np.asarray(self.matrix[:, :, self.base.kept] @ self.beta)
-
+if TYPE_CHECKING:
+    from gapscope.ident.fitted_parameters import FittedParameters
 
 # Measurements behind the troubleshooting table, each one number per joint.
 
@@ -61,21 +24,21 @@ FLAT = 3
 """Equal samples in a row at a joint's largest torque that count as clipped."""
 
 
-def time_offset(evidence: FitEvidence) -> tuple[np.ndarray, np.ndarray]:
+def time_offset(fit: FittedParameters) -> tuple[np.ndarray, np.ndarray]:
     """How far the recorded torque lags behind the motion, and its standard deviation [s], each (n,).
 
     tau(t - T) = tau - T d tau / dt: the derivative of the fitted torque of each joint is a further column. If a
     joint hardly moves, its friction jumps or takes any value as at rest, which resembles an offset: these samples do
     not count.
     """
-    samples, base, fitted = evidence.samples, evidence.base, evidence.fitted
+    samples, base, fitted = fit.samples, fit.base, fit.fitted_torque
     n = fitted.shape[1]
     speed = np.abs(samples.velocity)
     moving = speed > SLOW * np.quantile(speed, 0.95, axis=0)
-    weight = moving / evidence.choice.noise
+    weight = moving / fit.choice.noise
     residual = (samples.torque - fitted) * weight
     late = -_rate(fitted, samples.group, samples.interval)[:, :, None] * np.eye(n)
-    model = evidence.matrix[:, :, base.kept]
+    model = fit.matrix[:, :, base.kept]
     columns = np.concatenate([model, late], axis=2) * weight[:, :, None]
     flat = columns.reshape(-1, columns.shape[2])
     unit = np.linalg.norm(flat, axis=0)
@@ -179,11 +142,11 @@ def _in_runs(at: np.ndarray) -> np.ndarray:
     return long_enough
 
 
-def near_rest(evidence: FitEvidence) -> float:
+def near_rest(fit: FittedParameters) -> float:
     """Share by which a Stribeck term lowers the error on held-out stretches [1]."""
     without: list[float] = []
     with_stribeck: list[float] = []
-    for law, error in evidence.choice.tried:
+    for law, error in fit.choice.tried:
         if "direction kept" in law:
             continue
         if "Stribeck" in law:
@@ -195,9 +158,9 @@ def near_rest(evidence: FitEvidence) -> float:
     return 1 - min(with_stribeck) / without[0]
 
 
-def condition(evidence: FitEvidence) -> float:
+def condition(fit: FittedParameters) -> float:
     """Condition number of the base columns, scaled to unit norm [1]."""
-    columns = evidence.matrix[:, :, evidence.base.kept].reshape(-1, evidence.base.count)
+    columns = fit.matrix[:, :, fit.base.kept].reshape(-1, fit.base.count)
     unit = columns / np.linalg.norm(columns, axis=0)
     # the triangle has the singular values of the columns and is much smaller
     return float(np.linalg.cond(np.linalg.qr(unit, mode="r")))

@@ -9,9 +9,9 @@ import numpy as np
 
 from gapscope.arm.recording import resting
 from gapscope.ident.checks import symptoms
-from gapscope.ident.checks.symptoms import FitEvidence
-from gapscope.ident.estimators.linear import Estimate
 from gapscope.ident.examination import Examination, Validation
+from gapscope.ident.fitted_parameters import FittedParameters
+from gapscope.ident.model.joint_zero import JointZeros
 from gapscope.ident.model.physical_parameters import inconsistent
 from gapscope.model.change_findings import change_findings, change_text
 from gapscope.model.changes import Change
@@ -56,15 +56,14 @@ def _row(
     value: np.ndarray | float,
     threshold: float,
     unit: str = "1",
-    joints: Sequence[int] | None = None,
+    joints: Sequence[int] | np.ndarray | None = None,
     **text: str,
 ) -> Row:
     """A row that is found where a value per joint exceeds the threshold; or, if ``joints`` are given, on those."""
     values = np.atleast_1d(np.asarray(value, dtype=float))
     exceeded = values > threshold
     found = bool(exceeded.any()) if joints is None else len(joints) > 0
-    if joints is None:
-        joints = (np.flatnonzero(exceeded) + 1).tolist() if np.ndim(value) else []
+    where = (np.flatnonzero(exceeded) + 1).tolist() if np.ndim(value) else []
     return Row(
         key=key,
         **text,
@@ -72,17 +71,16 @@ def _row(
         threshold=threshold,
         unit=unit,
         verdict=FOUND if found else CLEAR,
-        joints=tuple(joints),
+        joints=tuple(where if joints is None else joints),
     )
 
 
-def fill_in(evidence: FitEvidence) -> tuple[Row, ...]:
+def fill_in(fitted: FittedParameters, zeros: JointZeros) -> tuple[Row, ...]:
     """The table for one identification, its rows in the order in which to look at them."""
-    return (*_about_bodies(evidence), *_about_motion(evidence))
+    return (*_about_bodies(fitted, zeros), *_about_motion(fitted))
 
 
-def _about_bodies(evidence: FitEvidence) -> Iterator[Row]:
-    zeros = evidence.zeros
+def _about_bodies(fitted: FittedParameters, zeros: JointZeros) -> Iterator[Row]:
     asked = zeros.asked
     known = np.where(zeros.known, np.abs(zeros.offset), 0.0)
     # an offset that nobody is asked about stays below the threshold
@@ -98,8 +96,8 @@ def _about_bodies(evidence: FitEvidence) -> Iterator[Row]:
         check="offset estimated together with the parameters, if it is certain and lowers the cost",
         remedy="calibrate the zero, or set import: {offsets: [...]}",
     )
-    change = evidence.base.of(evidence.physical.value) - evidence.beta
-    deviations = change / np.maximum(evidence.deviation, 1e-300)
+    change = fitted.base.of(fitted.physical.value) - fitted.estimate.value
+    deviations = change / np.maximum(fitted.uncertainty.deviation, 1e-300)
     impossible = _row(
         BODIES,
         float((deviations**2).mean()),
@@ -110,12 +108,12 @@ def _about_bodies(evidence: FitEvidence) -> Iterator[Row]:
         remedy="look at the rows beside this one; keep the consistent parameters for simulation",
     )
     if impossible.verdict == FOUND:
-        wrong = inconsistent(evidence.physical.before)
+        wrong = inconsistent(fitted.physical.before)
         impossible = replace(impossible, joints=tuple(check.link for check in wrong))
     yield impossible
     yield _row(
         "low_speed_friction",
-        symptoms.near_rest(evidence),
+        symptoms.near_rest(fitted),
         0.05,
         symptom="residual peaks where a joint reverses",
         cause="low-speed friction other than Coulomb plus viscous: falls as the joint moves off, "
@@ -125,10 +123,10 @@ def _about_bodies(evidence: FitEvidence) -> Iterator[Row]:
     )
 
 
-def _about_motion(evidence: FitEvidence) -> Iterator[Row]:
+def _about_motion(fitted: FittedParameters) -> Iterator[Row]:
     yield _row(
         "condition",
-        symptoms.condition(evidence),
+        symptoms.condition(fitted),
         1000.0,
         symptom="large intervals, parameters that change from fit to fit",
         cause="motion that does not excite all parameters",
@@ -136,8 +134,7 @@ def _about_motion(evidence: FitEvidence) -> Iterator[Row]:
         remedy="record an exciting trajectory (`gapscope excite`); without one, stay near the nominal arm: "
         "--estimator ridge, truncated_svd or partial_update, or --keep what it knows",
     )
-    recordings = [r for r in evidence.recordings if r.tau is not None]
-    still = _still_joints(evidence)
+    still = _still_joints(fitted)
     yield _row(
         "resting_joint",
         float(len(still)),
@@ -148,8 +145,8 @@ def _about_motion(evidence: FitEvidence) -> Iterator[Row]:
         check="number of joints that rest",
         remedy="record a motion of every joint",
     )
-    cutoff = evidence.samples.band.cutoff
-    noise, lost = symptoms.spectral(evidence.recordings, cutoff)
+    cutoff = fitted.samples.band.cutoff
+    noise, lost = symptoms.spectral(fitted.fit, cutoff)
     yield _row(
         "derivative_noise",
         noise,
@@ -168,7 +165,7 @@ def _about_motion(evidence: FitEvidence) -> Iterator[Row]:
         check="share of the speed's power beyond the cut-off",
         remedy="raise --cutoff, or move more slowly",
     )
-    lag, deviation = symptoms.time_offset(evidence)
+    lag, deviation = symptoms.time_offset(fitted)
     certain = np.where(np.abs(lag) > 5 * deviation, np.abs(lag), 0.0)
     yield _row(
         "time_offset",
@@ -182,7 +179,7 @@ def _about_motion(evidence: FitEvidence) -> Iterator[Row]:
     )
     yield _row(
         "saturated_torque",
-        symptoms.clipped(recordings, evidence.samples.columns.arm.torque_limit),
+        symptoms.clipped(fitted.measured, fitted.case.arm.torque_limit),
         0.005,
         symptom="inertia and friction too small, flat tops",
         cause="torque at the drive's limit",
@@ -191,10 +188,10 @@ def _about_motion(evidence: FitEvidence) -> Iterator[Row]:
     )
 
 
-def _still_joints(evidence: FitEvidence) -> np.ndarray:
+def _still_joints(fitted: FittedParameters) -> np.ndarray:
     """Joints, from 0, that rest in every fitted recording."""
-    fitted = [r for r in evidence.recordings if r.tau is not None]
-    return np.flatnonzero(resting(fitted, evidence.samples.columns.arm.per_radian))
+    arm = fitted.samples.columns.arm
+    return np.flatnonzero(resting(fitted.measured, arm.per_radian))
 
 
 # What makes an identification doubtful: warnings, each a sentence with a remedy.
@@ -214,8 +211,8 @@ SAID_OTHERWISE = (
 
 
 def identification_warnings(
-    evidence: FitEvidence,
-    estimate: Estimate,
+    fitted: FittedParameters,
+    zeros: JointZeros,
     examined: Examination,
     changes: Sequence[Change],
     table: Sequence[Row],
@@ -225,10 +222,10 @@ def identification_warnings(
     return (
         *_worse(held_out, examined.counted.per_parameter),
         *_changed(changes),
-        *estimate.warnings,
+        *fitted.estimate.warnings,
         *examined.warnings(),
-        *_still(evidence),
-        *_bodies_warning(evidence, table),
+        *_still(fitted),
+        *_bodies_warning(fitted, zeros, table),
         *_rows(table),
     )
 
@@ -250,18 +247,20 @@ def _changed(changes: Sequence[Change]) -> Iterator[str]:
         yield f"{change_text(entry)}; cut the recording there, and name a known load in payloads:"
 
 
-def _still(evidence: FitEvidence) -> Iterator[str]:
-    still = _still_joints(evidence)
+def _still(fitted: FittedParameters) -> Iterator[str]:
+    still = _still_joints(fitted)
     if len(still):
         joints = ", ".join(str(j + 1) for j in still)
         yield f"joint {joints} rests in every fitted recording: its own parameters are not identifiable"
 
 
-def _bodies_warning(evidence: FitEvidence, table: Sequence[Row]) -> Iterator[str]:
-    wrong = inconsistent(evidence.physical.before)
+def _bodies_warning(
+    fitted: FittedParameters, zeros: JointZeros, table: Sequence[Row]
+) -> Iterator[str]:
+    wrong = inconsistent(fitted.physical.before)
     # noise alone takes parameters that the data hardly determine out of what bodies can have
     certain = any(row.key == BODIES and row.verdict == FOUND for row in table)
-    if wrong and (certain or len(evidence.zeros.asked)):
+    if wrong and (certain or len(zeros.asked)):
         negative = [str(c.link) for c in wrong if not c.positive_mass]
         masses = (
             f"; link {', '.join(negative)} even of negative mass" if negative else ""

@@ -162,7 +162,6 @@ METHODS: dict[str, Method] = {
     ),
     "truncated_svd": Method(
         lambda given: TruncatedSvd(
-            None,
             given.prior,
             "motion" if given.directions is None else given.directions,
         ),

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy.linalg import solve, solve_triangular
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.root_mean_square import rms
 from gapscope.ident.model.base_parameters import BaseParameters, Factor
 from gapscope.ident.model.friction import stretches
 from gapscope.ident.model.linear_problem import (
@@ -146,7 +147,7 @@ def finished(
     warnings: tuple[str, ...] = (),
 ) -> Estimate:
     """The estimate with what it leaves per joint."""
-    residual = np.sqrt((problem.residual(beta) ** 2).mean(axis=0))
+    residual = rms(problem.residual(beta))
     return Estimate(
         names=tuple(problem.names),
         value=beta,
@@ -330,6 +331,8 @@ class WeightedLeastSquares:
 # Iteratively reweighted least squares with Huber's loss: outliers pull with bounded force.
 
 
+REWEIGHTINGS = 50
+"""Most rounds; they end before if the fitted torque hardly moves."""
 NORMAL_MAD = 0.6745
 """Median absolute deviation of the standard normal distribution."""
 
@@ -343,8 +346,6 @@ class HuberLeastSquares:
 
     Attributes:
         threshold: k [1]; 1.345 keeps 95 % of the efficiency under normal noise.
-        rounds: most rounds of reweighting.
-        tolerance: relative change of the fitted torque at which rounds end.
         start: beta of the first weights, such as the estimate of nearly the same samples, shape (b,); that of least
             squares if ``None``.
 
@@ -352,8 +353,6 @@ class HuberLeastSquares:
     """
 
     threshold: float = 1.345
-    rounds: int = 50
-    tolerance: float = 1e-8
     start: np.ndarray | None = None
 
     def estimate(self, problem: Problem) -> Estimate:
@@ -368,17 +367,17 @@ class HuberLeastSquares:
         square = solve_triangular(triangle, np.eye(len(triangle)))
         columns = problem.matrix @ square
         change = np.inf
-        for _ in range(self.rounds):
+        for _ in range(REWEIGHTINGS):
             following = square @ self._reweighted(problem, columns, beta, largest)
             moved = float(np.abs(problem.matrix @ (following - beta)).max())
             change = moved / max(largest, 1e-300)
             beta = following
-            if change < self.tolerance:
+            if change < 1e-8:
                 break
         warnings: tuple[str, ...] = ()
         if change > 1e-3:
             warnings = (
-                f"reweighting still moved the torque by {change:.1e} after {self.rounds} rounds; give more",
+                f"reweighting still moved the torque by {change:.1e} after {REWEIGHTINGS} rounds",
             )
         covariance = self._covariance(problem, triangles, beta, largest)
         return finished(problem, beta, covariance, warnings)
@@ -436,6 +435,31 @@ WORSE = 1.02
 least squared residual is not taken [1]."""
 
 
+class _Directions(NamedTuple):
+    """tau - W beta_0 along the singular directions of W with unit columns.
+
+    beta_0, the norms of W's columns, the factor of these equations, its singular values s, V^T, and U^T z.
+    """
+
+    prior: np.ndarray
+    norms: np.ndarray
+    factor: Factor
+    values: np.ndarray
+    right: np.ndarray
+    part: np.ndarray
+
+
+def _directions(problem: Problem, prior: np.ndarray | None) -> _Directions:
+    """About a prior, zero if ``None``; raises ``InputError`` if samples are not finite or the arm rests."""
+    check_samples(problem, full_rank=False)
+    matrix, torque = problem.stacked()
+    centre = np.zeros(matrix.shape[1]) if prior is None else np.array(prior, float)
+    norms = column_norms(matrix)
+    factor = Factor.of(matrix / norms, torque - matrix @ centre)
+    left, values, right = np.linalg.svd(factor.triangle)
+    return _Directions(centre, norms, factor, values, right, left.T @ factor.rotated)
+
+
 @dataclass(frozen=True)
 class Ridge:
     """Minimises |tau - W beta|^2 + lambda |D (beta - beta_0)|^2, D the norms of W's columns.
@@ -457,15 +481,8 @@ class Ridge:
 
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate; raises ``InputError`` if the samples are not finite or the arm rests."""
-        check_samples(problem, full_rank=False)
-        matrix, torque = problem.stacked()
-        b = matrix.shape[1]
-        prior = np.zeros(b) if self.prior is None else self.prior
-        prior = np.asarray(prior, dtype=float)
-        norms = column_norms(matrix)
-        factor = Factor.of(matrix / norms, torque - matrix @ prior)
-        left, values, right = np.linalg.svd(factor.triangle)
-        part = left.T @ factor.rotated
+        prior, norms, factor, values, right, part = _directions(problem, self.prior)
+        b = len(prior)
         # along each singular direction the prior weighs as much as the data at values**2 = strength
         if self.choice == "motion":
             by_motion = held_out_squares(
@@ -529,29 +546,20 @@ class TruncatedSvd:
     """beta = beta_0 + D^-1 sum_{i <= k} v_i u_i^T (tau - W beta_0) / s_i, with W D^-1 = U S V^T of unit columns.
 
     Attributes:
-        condition: directions with s_1 / s_i above this are dropped; ``None`` chooses k by generalised
-            cross-validation, least |residual|^2 / (M - k)^2.
         prior: beta_0, shape (b,); zero if ``None``.
-        count: k itself, or ``motion``: the least that predicts motions as well as any that were not fitted.
+        count: k itself; ``motion``: the least that predicts motions as well as any that were not fitted; ``None``: by
+            generalised cross-validation, least |residual|^2 / (M - k)^2.
 
     Source: hansen1987.
     """
 
-    condition: float | None = None
     prior: np.ndarray | None = None
     count: int | str | None = None
 
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate; raises ``InputError`` if the samples are not finite or the arm rests."""
-        check_samples(problem, full_rank=False)
-        matrix, torque = problem.stacked()
-        b = matrix.shape[1]
-        prior = np.zeros(b) if self.prior is None else self.prior
-        prior = np.asarray(prior, dtype=float)
-        norms = column_norms(matrix)
-        factor = Factor.of(matrix / norms, torque - matrix @ prior)
-        left, values, right = np.linalg.svd(factor.triangle)
-        part = left.T @ factor.rotated
+        prior, norms, factor, values, right, part = _directions(problem, self.prior)
+        b = len(prior)
         # squared residual with the first k directions, for k = 0 to b
         dropped_squares = np.append(np.cumsum(part[::-1] ** 2)[::-1], 0.0)
         squares = factor.rest + dropped_squares
@@ -561,7 +569,10 @@ class TruncatedSvd:
         elif isinstance(self.count, int):
             rank = min(self.count, b)
         else:
-            rank = self._rank(values, squares, factor.rows)
+            # generalised cross-validation
+            counts = np.arange(1, int((values > 1e-12 * values[0]).sum()) + 1)
+            score = squares[counts] / np.maximum(factor.rows - counts, 1e-3) ** 2
+            rank = int(counts[np.argmin(score)])
         half = right[:rank].T / values[:rank] / norms[:, None]
         beta = prior + half @ part[:rank]
         noise = squares[rank] / max(factor.rows - rank, 1)
@@ -572,17 +583,6 @@ class TruncatedSvd:
                 "record a trajectory that excites them",
             )
         return finished(problem, beta, noise * half @ half.T, warnings)
-
-    def _rank(self, values: np.ndarray, squares: np.ndarray, rows: int) -> int:
-        """Number of directions kept; ``squares[k]`` is the squared residual with k of them."""
-        regular = int((values > 1e-12 * values[0]).sum())
-        if self.condition is not None:
-            well_conditioned = int((values * self.condition >= values[0]).sum())
-            return min(regular, well_conditioned)
-        count = np.arange(1, regular + 1)
-        # generalised cross-validation
-        score = squares[count] / np.maximum(rows - count, 1e-3) ** 2
-        return int(count[np.argmin(score)])
 
 
 def _rank_by_motion(problem: Problem, prior: np.ndarray) -> int:
@@ -662,20 +662,18 @@ class TotalLeastSquares:
     def _scales(
         self, matrix: np.ndarray, torque: np.ndarray
     ) -> tuple[np.ndarray, float]:
-        rms = np.sqrt((matrix**2).mean(axis=0))
-        columns = (
-            rms
-            if self.column_noise is None
-            else np.asarray(self.column_noise, dtype=float)
-        )
-        if columns.shape != rms.shape or (columns < 0).any() or not columns.any():
+        columns, noise = rms(matrix), rms(torque)
+        if self.torque_noise is not None:
+            noise = np.array(self.torque_noise)
+        if self.column_noise is not None:
+            columns = np.asarray(self.column_noise, dtype=float)
+        wrong = columns.shape != matrix.shape[1:] or (columns < 0).any()
+        if wrong or not columns.any():
             raise InputError(
-                f"expected {len(rms)} standard deviations from 0 on, not all 0",
+                f"expected {matrix.shape[1]} standard deviations from 0 on, not all 0",
                 where="column_noise",
             )
-        return columns, float(
-            np.sqrt((torque**2).mean())
-        ) if self.torque_noise is None else float(self.torque_noise)
+        return columns, float(noise)
 
 
 def _covariance(
@@ -694,6 +692,10 @@ def _covariance(
 # Maximum likelihood with a noise covariance across the joints, estimated along with the parameters.
 
 
+ALTERNATIONS = 100
+"""Most rounds; they end before if beta moves by less than a ten thousandth of its standard errors."""
+
+
 @dataclass(frozen=True)
 class MaximumLikelihood:
     """Maximises the likelihood of normal noise with covariance Sigma [N m]^2, shape (n, n), over beta and Sigma.
@@ -701,18 +703,11 @@ class MaximumLikelihood:
     Alternates beta = (sum_i W_i^T Sigma^-1 W_i)^-1 sum_i W_i^T Sigma^-1 tau_i and Sigma = mean of e_i e_i^T, which
     raises the likelihood in each round. Covariance (sum_i W_i^T Sigma^-1 W_i)^-1.
 
-    Attributes:
-        rounds: most rounds.
-        tolerance: change of beta, in standard errors, at which rounds end.
-
     Raises:
         InputError: fewer samples than joints leave Sigma without an inverse.
 
     Source: swevers2007.
     """
-
-    rounds: int = 100
-    tolerance: float = 1e-4
 
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate; raises ``InputError`` if the samples do not determine the parameters."""
@@ -725,22 +720,19 @@ class MaximumLikelihood:
                 where="samples",
             )
         change = np.inf
-        for _ in range(self.rounds):
+        for _ in range(ALTERNATIONS):
             factor = Factor.of(*whitened_across(problem, self.noise(problem, beta)))
             following = factor.solve()
             covariance = factor.rest / factor.freedom * factor.inverse_gram()
-            change = float(
-                np.max(
-                    np.abs(following - beta) / np.sqrt(np.diag(covariance)).clip(1e-300)
-                )
-            )
+            errors = np.sqrt(np.diag(covariance)).clip(1e-300)
+            change = float(np.max(np.abs(following - beta) / errors))
             beta = following
-            if change < self.tolerance:
+            if change < 1e-4:
                 break
         warnings: tuple[str, ...] = ()
         if change > 0.1:
             warnings = (
-                f"parameters still moved by {change:.2g} standard errors after {self.rounds} rounds; give more",
+                f"parameters still moved by {change:.2g} standard errors after {ALTERNATIONS} rounds",
             )
         return finished(problem, beta, covariance, warnings)
 
@@ -775,6 +767,8 @@ SLIGHT = 0.05
 """And a parameter near 0 by what gives this share of the torque's RMS [1]."""
 START_NOISE = 0.01
 """Noise taken at first beside what a free fit leaves, over the torque's RMS: few samples leave a free fit nothing."""
+INFLUENCE = 2.0
+"""Least ratio of variances of a parameter that moves [1]."""
 ROUNDS = 20
 """Most rounds of estimating noise and parameters in turn."""
 
@@ -784,7 +778,7 @@ class PartialUpdate:
     """The most probable beta under a prior N(beta_0, diag(spread^2)), with the parameters held that data hardly move.
 
     A parameter is influential if the data determine it at least as well as the prior does: its prior variance is at
-    least ``influence`` times the variance that data and prior together leave. The others are held at beta_0 and the
+    least ``INFLUENCE`` times the variance that data and prior together leave. The others are held at beta_0 and the
     rest is estimated anew. Noise per joint is that of the residual; its autocorrelation rho_k inflates the variance by
     1 + 2 sum_k rho_k. The covariance is the posterior one; a parameter that is
     held keeps its prior variance.
@@ -794,14 +788,12 @@ class PartialUpdate:
         spread: standard deviation that the prior is believed to have, shape (b,); by default ``RELATIVE`` of
             |beta_0| (friction and offsets: ``FRICTION_RELATIVE``), and nowhere less than what gives ``SLIGHT`` of the
             torque.
-        influence: least ratio of variances of a parameter that moves [1].
 
     Source: pham1991.
     """
 
     prior: np.ndarray
     spread: np.ndarray | None = None
-    influence: float = 2.0
 
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate; raises ``InputError`` if samples are not finite, the arm rests, or the prior does not fit."""
@@ -852,7 +844,7 @@ class PartialUpdate:
         triangle = factor.triangle * spread
         information = triangle.T @ triangle
         posterior = np.linalg.inv(information + np.eye(len(prior)))
-        moved = np.diag(posterior) * self.influence <= 1.0
+        moved = np.diag(posterior) * INFLUENCE <= 1.0
         step, covariance = np.zeros(len(prior)), np.diag(spread**2)
         if moved.any():
             # parameters that the data hardly determine stay at the prior, exactly
@@ -875,8 +867,8 @@ def _free(problem: Problem, prior: np.ndarray, spread: np.ndarray) -> np.ndarray
 def default_spread(problem: Problem, prior: np.ndarray) -> np.ndarray:
     """Prior standard deviation of a simulated arm's parameters, shape (b,)."""
     relative = np.where(_is_friction(problem.names), FRICTION_RELATIVE, RELATIVE)
-    column_rms = np.sqrt((problem.matrix**2).mean(axis=(0, 1)))
-    torque_rms = np.sqrt((problem.torque**2).mean())
+    column_rms = rms(problem.matrix, axis=(0, 1))
+    torque_rms = rms(problem.torque, axis=None)
     least_rms = 1e-6 * max(float(column_rms.max()), 1e-300)
     # a parameter that is zero in the prior may still add this share of the torque
     slight = SLIGHT * torque_rms / np.maximum(column_rms, least_rms)

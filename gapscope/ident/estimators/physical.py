@@ -12,6 +12,7 @@ from scipy.optimize import least_squares
 
 from gapscope.arm.dynamics.rigid_body import INERTIAL_PARAMETERS
 from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.root_mean_square import rms
 from gapscope.ident.estimators.linear import (
     Estimate,
     column_norms,
@@ -174,7 +175,7 @@ def standard_factor(
     warnings: tuple[str, ...] = ()
     if prior is not None:
         warnings = unit_warnings(problem, np.asarray(prior, dtype=float))
-    least = LEAST_NOISE * float(np.sqrt((problem.torque**2).mean()))
+    least = LEAST_NOISE * float(rms(problem.torque, axis=None))
     # standard columns lack rank: a free fit serves for the noise alone
     noise = np.maximum(joint_noise(problem, free), least)
     return Factor.of(*whitened(problem, noise)), warnings

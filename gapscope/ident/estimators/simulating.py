@@ -14,6 +14,7 @@ from gapscope.arm.case import Case
 from gapscope.arm.control import PD
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.recording import Recording
+from gapscope.arm.root_mean_square import rms
 from gapscope.ident.estimators.experiment import Experiment, diverged
 from gapscope.ident.estimators.linear import Estimate, WeightedLeastSquares
 from gapscope.ident.intervals import Uncertainty, jackknife
@@ -136,7 +137,7 @@ class _Simulating:
         for iteration in range(1, self.iterations + 1):
             before, now = now, self._improved(problem, now, iteration)
             moved = now.problem.torque - before.problem.torque
-            if (_rms(moved) <= self.tolerance * now.error).all():
+            if (rms(moved) <= self.tolerance * now.error).all():
                 return now, self.experiment.warnings
         return now, (*self.experiment.warnings, f"{self.name} {NOT_SETTLED}")
 
@@ -148,7 +149,7 @@ class _Simulating:
                 f"the problem has samples {problem.torque.shape}, its recordings make {own.torque.shape}",
                 "make the problem from the recordings of the experiment, in their order",
             )
-        return Simulated(beta, own, _rms(problem.torque - own.torque))
+        return Simulated(beta, own, rms(problem.torque - own.torque))
 
     def _improved(self, problem: Problem, now: Simulated, iteration: int) -> Simulated:
         """A step towards the goal, halved while the arm diverges or the torque fits clearly worse.
@@ -175,11 +176,6 @@ def _divergence(iteration: int) -> Iterator[None]:
         raise
     except GapscopeError as error:
         raise diverged(error, iteration) from error
-
-
-def _rms(series: np.ndarray) -> np.ndarray:
-    """Of each column, (n,)."""
-    return np.sqrt(np.mean(series**2, axis=0))
 
 
 def _estimate(
@@ -251,7 +247,7 @@ class InstrumentalVariables(_Simulating):
 
     def goal(self, problem: Problem, now: Simulated) -> np.ndarray:
         """What the instruments of a simulation give."""
-        weight = 1.0 / np.maximum(_rms(problem.residual(now.beta)), 1e-9)
+        weight = 1.0 / np.maximum(rms(problem.residual(now.beta)), 1e-9)
         Z = now.problem.matrix * weight[:, None] ** 2
         gram = np.einsum("ija,ijb->ab", Z, problem.matrix)
         right = np.einsum("ija,ij->a", Z, problem.torque)
@@ -265,7 +261,7 @@ class InstrumentalVariables(_Simulating):
         settled = warnings == self.experiment.warnings
         beta = self.goal(problem, now) if settled else now.beta
         residual = problem.residual(beta)
-        error = np.maximum(_rms(residual), 1e-9)
+        error = np.maximum(rms(residual), 1e-9)
         known = jackknife(
             now.problem.matrix / error[:, None],
             problem.matrix / error[:, None],
@@ -332,7 +328,7 @@ class OutputError:
             return -scaled.reshape(measured.size, -1)
 
         for _ in range(ROUNDS):
-            scale = np.maximum(_rms(error), 1e-12)
+            scale = np.maximum(rms(error), 1e-12)
             fit = least_squares(
                 residual,
                 beta,
@@ -351,7 +347,7 @@ class OutputError:
         lengths = [len(_outputs([recording])) for recording in experiment.recordings]
         group = np.repeat(np.arange(len(lengths)), lengths)
         known = jackknife(tangents, tangents, error / scale, group)
-        left = _rms(error[:, problem.n_joints :])
+        left = rms(error[:, problem.n_joints :])
         return _estimate(problem, beta, left, known, warnings)
 
 

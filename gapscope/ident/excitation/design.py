@@ -522,46 +522,35 @@ class Excitation:
     checker: Checker
 
 
-def design(
-    arm: NominalArm,
-    plan: ExcitationPlan,
-    limits: LimitPlan,
-    rng: np.random.Generator,
-    progress: Callable[[float, float], None] = lambda share, best: None,
-    separator: Separator | None = None,
-    body: RigidBody | None = None,
-) -> Excitation:
+def design(prepared: Prepared, rng: np.random.Generator) -> Excitation:
     """Look for the trajectory that excites an arm best.
 
     Args:
-        arm: the nominal arm.
-        plan: what to look for, and how.
-        limits: what to keep.
+        prepared: the search, see ``prepare``.
         rng: source of candidates; with a budget of evaluations alone the same seed gives the same trajectory.
-        progress: called with the share of the budget spent [1] and the best value so far, or infinity.
-        separator: separates what criterion ``separation`` is about; by default effects of typical size.
-        body: the arm's rigid bodies if they are not the nominal ones, as with a known payload.
 
     Raises:
-        InputError: the limits allow no trajectory, none was found within the budget, or the best shows no parameter.
+        InputError: none was found within the budget, or the best shows no parameter.
 
     Warns:
         ModelWarning: the condition number exceeds 1000; not if effects are to be separated.
     """
-    prepared = prepare(arm, plan, limits, progress, separator, body)
+    plan, search = prepared.plan, prepared.search
     begun = time.monotonic()
-    OPTIMISERS[plan.method](prepared.search, rng)
+    OPTIMISERS[plan.method](search, rng)
     seconds = time.monotonic() - begun
-    accepted = accept(prepared.search, prepared.final, plan)
-    found = _result(arm, plan, prepared, accepted, seconds)
+    accepted = accept(search, prepared.final, plan)
+    found = _result(prepared, accepted, seconds)
     if plan.criterion != "separation":
-        check_condition(prepared.search, accepted.x, found.condition)
+        check_condition(search, accepted.x, found.condition)
     return found
 
 
 class Prepared(NamedTuple):
     """A search that has not begun, with the limits that its result has to keep at every sample."""
 
+    arm: NominalArm
+    plan: ExcitationPlan
     search: TrajectorySearch
     final: Checker
     separator: Separator | None
@@ -576,7 +565,15 @@ def prepare(
     separator: Separator | None = None,
     body: RigidBody | None = None,
 ) -> Prepared:
-    """Set up the search of ``design``, with the same arguments.
+    """Set up the search of ``design``.
+
+    Args:
+        arm: the nominal arm.
+        plan: what to look for, and how.
+        limits: what to keep.
+        progress: called with the share of the budget spent [1] and the best value so far, or infinity.
+        separator: separates what criterion ``separation`` is about; by default effects of typical size.
+        body: the arm's rigid bodies if they are not the nominal ones, as with a known payload.
 
     Raises:
         InputError: the limits allow no trajectory.
@@ -605,7 +602,7 @@ def prepare(
         progress=progress,
         samples=samples,
     )
-    return Prepared(search, final, separator, body)
+    return Prepared(arm, plan, search, final, separator, body)
 
 
 class Accepted(NamedTuple):
@@ -659,15 +656,9 @@ def sampled(reference: ReferenceMotion, duration: float, rate: float) -> Motion:
     )
 
 
-def _result(
-    arm: NominalArm,
-    plan: ExcitationPlan,
-    prepared: Prepared,
-    accepted: Accepted,
-    seconds: float,
-) -> Excitation:
+def _result(prepared: Prepared, accepted: Accepted, seconds: float) -> Excitation:
     """The trajectory with its margins and criteria, at the rate of the plan."""
-    search, final, separator, body = prepared
+    arm, plan, search, final, separator, body = prepared
     motion = sampled(accepted.reference, plan.length, plan.rate)
     # criteria of long motions are computed from fewer samples
     step = -(-len(motion.t) // JUDGED)

@@ -182,6 +182,11 @@ class BaseParameters:
         return len(self.kept)
 
     @property
+    def kept_names(self) -> tuple[str, ...]:
+        """Names of the parameters that represent the combinations, shape (b,)."""
+        return tuple(self.names[k] for k in self.kept)
+
+    @property
     def gap(self) -> float:
         """Smallest kept over largest dropped pivot; infinite if none was dropped or pivots are not known."""
         if len(self.pivots) <= self.count:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from gapscope.arm.root_mean_square import rms
 from gapscope.ident.model.linear_problem import (
     PRESLIDING_DISTANCES,
     SATURATION_SHARES,
@@ -144,9 +145,9 @@ def penalties(
 def _penalties(samples: Samples, law: FrictionLaw, squares: np.ndarray) -> np.ndarray:
     """The same from the sums of squares of the columns at unit noise, (p,)."""
     scale = samples.columns.scale(law)
-    rms = np.sqrt(squares / len(samples.torque))
+    size = np.sqrt(squares / len(samples.torque))
     # a weak prior on parameters that the nominal arm need not have keeps the system regular
-    trace = LOOSE * np.where(rms > 0, rms, 1.0) ** 2
+    trace = LOOSE * np.where(size > 0, size, 1.0) ** 2
     return np.where(np.isfinite(scale), scale**-2.0, trace)
 
 
@@ -339,7 +340,7 @@ def joint_noise(
     largest = np.abs(torque).max(initial=1e-9)
     # weights and fit depend on each other: a few rounds suffice
     noise = np.maximum(torque.std(axis=0), 1e-6 * largest)
-    least = 1e-4 * np.sqrt((torque**2).mean(axis=0)) + 1e-12
+    least = 1e-4 * rms(torque) + 1e-12
     unit = np.ones(1)
     by_joint = [
         _gram(matrix[:, j : j + 1], torque[:, j : j + 1], unit)
@@ -349,8 +350,7 @@ def joint_noise(
         penalty = pull * penalties(samples, law, matrix, noise)
         gram = np.tensordot(noise**-2.0, by_joint, axes=1)
         x = pulled_solution(gram, torque.size, penalty, nominal)
-        rms = np.sqrt(((torque - matrix @ x) ** 2).mean(axis=0))
-        noise = np.maximum(rms, least)
+        noise = np.maximum(rms(torque - matrix @ x), least)
     return noise
 
 

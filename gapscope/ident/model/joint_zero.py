@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -12,10 +12,10 @@ from scipy.linalg import cholesky
 from scipy.optimize import least_squares
 
 from gapscope.arm.motions.motion import Motion
-from gapscope.ident.model.linear_problem import FrictionLaw, ModelColumns
+from gapscope.ident.model.friction import Choice
+from gapscope.ident.model.linear_problem import ModelColumns
 from gapscope.ident.model.physical_parameters import check_links, inconsistent
-from gapscope.ident.samples import PER_CUTOFF, Band
-from gapscope.model.conditioning import Segment
+from gapscope.ident.samples import PER_CUTOFF, Samples
 
 WIDTH = 0.15
 """Standard deviation that zeros are believed to have before the data speak [rad]."""
@@ -82,14 +82,7 @@ class JointZeros:
         )
 
 
-def estimate_zeros(
-    columns: ModelColumns,
-    segments: Sequence[Segment],
-    law: FrictionLaw,
-    band: Band,
-    noise: np.ndarray,
-    penalty: np.ndarray,
-) -> JointZeros:
+def estimate_zeros(samples: Samples, choice: Choice, penalty: np.ndarray) -> JointZeros:
     """Estimate offsets and parameters of tau = W(q - offset) x.
 
     Minimises sum |(tau - W(q - delta) x) / noise|^2 / rows + sum_k w_k (x_k - x0_k)^2 + |delta|^2 / (rows WIDTH^2)
@@ -98,21 +91,15 @@ def estimate_zeros(
     vertical it leaves the offset open, of the last joint it says how far the nominal link would need to be turned.
 
     Args:
-        columns: the model.
-        segments: with torque.
-        law: form of the dry friction.
-        band: of both sides.
-        noise: RMS residual per joint [N m], shape (n,).
+        samples: with their segments, the model and the band of both sides.
+        choice: form of the dry friction, and RMS residual per joint.
         penalty: w, shape (p,).
 
     Source: hollerbach2008, golub1973.
     """
-    n = columns.arm.n_joints
-    samples = [s.motion.t[band.rows(s)][:: band.step(s)] for s in segments]
-    rows = n * sum(map(len, samples))
-    problem = _ZeroProblem(
-        columns, segments, law, band, noise, columns.nominal(law), rows * penalty
-    )
+    columns = samples.columns
+    n, rows = columns.arm.n_joints, samples.torque.size
+    problem = _ZeroProblem(samples, choice, rows * penalty)
 
     # the solver asks for the residual and its derivative at the same offsets
     @cache
@@ -182,18 +169,21 @@ class _Reduced(NamedTuple):
 class _ZeroProblem:
     """Regularised least squares over parameters and offsets; see ``estimate_zeros``."""
 
-    columns: ModelColumns
-    segments: Sequence[Segment]
-    law: FrictionLaw
-    band: Band
-    noise: np.ndarray
-    nominal: np.ndarray
+    samples: Samples
+    choice: Choice
     weight: np.ndarray
+
+    @cached_property
+    def nominal(self) -> np.ndarray:
+        """x of the nominal arm, shape (p,)."""
+        return self.samples.columns.nominal(self.choice.law)
 
     def reduced(self, offset: np.ndarray) -> _Reduced:
         """The problem at some offsets, x eliminated by the triangular factor of [W, S, y]."""
-        p, n = len(self.nominal), len(offset)
-        motions = [replace(s.motion, q=s.motion.q - offset) for s in self.segments]
+        p, n = len(self.weight), len(offset)
+        motions = [
+            replace(s.motion, q=s.motion.q - offset) for s in self.samples.segments
+        ]
         equations = self._weighed(self._equations(motions))
         value = self._best_value(equations.T @ equations)
         slopes = self._weighed(self._slopes(motions, value))
@@ -223,27 +213,30 @@ class _ZeroProblem:
     def _weighed(self, parts: Iterable[np.ndarray]) -> np.ndarray:
         """Columns of each segment, (N, n, k), in the band, thinned, at unit noise, one row for each joint; (M n, k)."""
         rows = []
-        for part, segment in zip(parts, self.segments, strict=True):
-            thinned = self.band.thinned(part, segment) / self.noise[:, None]
+        for part, segment in zip(parts, self.samples.segments, strict=True):
+            thinned = self.samples.band.thinned(part, segment)
+            thinned /= self.choice.noise[:, None]
             rows.append(thinned.reshape(-1, part.shape[2]))
         return np.vstack(rows)
 
     def _equations(self, motions: Sequence[Motion]) -> Iterator[np.ndarray]:
         """[W, y] of each segment on its motion less the offsets, (N, n, p + 1)."""
-        for segment, true in zip(self.segments, motions, strict=True):
-            known = replace(segment, motion=true).known_torque(self.columns.body)
+        columns = self.samples.columns
+        for segment, true in zip(self.samples.segments, motions, strict=True):
+            known = replace(segment, motion=true).known_torque(columns.body)
             torque = np.asarray(segment.torque) - known
-            dry = self.columns.dry(segment.motion, self.law)
-            parts = [self.columns.smooth(true), dry, torque[:, :, None]]
+            dry = columns.dry(segment.motion, self.choice.law)
+            parts = [columns.smooth(true), dry, torque[:, :, None]]
             yield np.concatenate(parts, axis=2)
 
     def _slopes(
         self, motions: Sequence[Motion], value: np.ndarray
     ) -> Iterator[np.ndarray]:
         """S = -d tau / d q of each segment with the bodies as they are identified now, (N, n, n)."""
-        body = self.columns.body
-        change = value[: self.columns.links] - body.inertial_parameters()
-        for segment, true in zip(self.segments, motions, strict=True):
+        columns = self.samples.columns
+        body = columns.body
+        change = value[: columns.links] - body.inertial_parameters()
+        for segment, true in zip(self.samples.segments, motions, strict=True):
             changed = segment.bodies(body).changed(change.reshape(-1, 10))
             yield -changed.sensitivities(true.q, true.dq, true.ddq)[0]
 

@@ -12,6 +12,7 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.joint_units import units_of
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
+from gapscope.arm.root_mean_square import rms
 from gapscope.effects.friction import friction_direction
 from gapscope.ident.model.regressor import Regressor
 
@@ -306,9 +307,7 @@ def unit_warnings(problem: Problem, nominal: np.ndarray) -> tuple[str, ...]:
         problem: with torque [N m] as recorded.
         nominal: parameters of the nominal arm, shape (b,), in the problem's columns.
     """
-    recorded, expected = (
-        np.sqrt((x**2).mean(axis=0)) for x in (problem.torque, problem.matrix @ nominal)
-    )
+    recorded, expected = (rms(x) for x in (problem.torque, problem.matrix @ nominal))
     loaded = expected > 0.05 * expected.max(initial=0.0)
     if not loaded.any():
         return ()

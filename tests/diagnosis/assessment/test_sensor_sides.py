@@ -26,7 +26,7 @@ from gapscope.diagnosis.result import Diagnosis
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.reports.diagnosis import print_summary, render
+from gapscope.reports.diagnosis import render, summary
 
 
 def named(document: dict[str, Any]) -> list[tuple[str, list[int]]]:
@@ -178,7 +178,7 @@ def test_report_and_summary_tell_the_side(tmp_path: Path) -> None:
     )
     assert "The gap lies on the actuator side of joint 2." in page
     stream = io.StringIO()
-    print_summary(rubbing().document, Console(file=stream, width=80))
+    Console(file=stream, width=80).print(summary(rubbing().document))
     assert (
         "By the torque sensors: The gap lies on the actuator side of joint 2."
         in stream.getvalue()

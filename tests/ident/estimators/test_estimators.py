@@ -81,7 +81,7 @@ CLAIMS = {
         Ridge("l_curve"), ("ill conditioned",), ("ill conditioned",), False
     ),
     "truncated svd": Claim(
-        TruncatedSvd(100.0),
+        TruncatedSvd(count=3),
         ("well conditioned", "ill conditioned"),
         ("ill conditioned",),
         False,
@@ -193,7 +193,7 @@ def small_motion(rng: np.random.Generator, reach: float, noise: float) -> Proble
 
 @pytest.mark.parametrize(
     "make",
-    [lambda prior: Ridge("motion", prior), lambda prior: TruncatedSvd(None, prior, "motion")],
+    [lambda prior: Ridge("motion", prior), lambda prior: TruncatedSvd(prior, "motion")],
     ids=["ridge", "truncated svd"],
 )  # fmt: skip
 def test_held_out_motions_choose_what_another_motion_bears(
@@ -220,9 +220,9 @@ def test_held_out_motions_choose_what_another_motion_bears(
 
 def test_as_many_directions_as_asked() -> None:
     given = well_conditioned(np.random.default_rng(0))
-    estimate = TruncatedSvd(None, PRIOR, 0).estimate(given)
+    estimate = TruncatedSvd(PRIOR, 0).estimate(given)
     np.testing.assert_array_equal(estimate.value, PRIOR)
-    whole = TruncatedSvd(None, PRIOR, 4).estimate(given)
+    whole = TruncatedSvd(PRIOR, 4).estimate(given)
     plain = OrdinaryLeastSquares().estimate(given)
     np.testing.assert_allclose(whole.value, plain.value, atol=1e-9)
 
@@ -264,7 +264,7 @@ class TestByHand:
     def test_truncated_svd_keeps_the_direction_that_is_excited(self) -> None:
         """Of columns (1, 1) and (1, 1 + 1e-9) only the sum counts: both get half of it."""
         W = np.array([[[1.0, 1.0]], [[2.0, 2.0 + 1e-9]], [[1.0, 1.0]]])
-        estimate = TruncatedSvd(100.0).estimate(
+        estimate = TruncatedSvd(count=1).estimate(
             problem(W, np.array([[2.0], [4.0], [2.0]]))
         )
         assert np.allclose(estimate.value, [1.0, 1.0], atol=1e-6)

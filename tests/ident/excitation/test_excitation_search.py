@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,7 @@ from gapscope.ident.excitation.design import (
     binding_limit,
     check_condition,
     design,
+    prepare,
     sampled,
     write_joint_trajectory,
 )
@@ -108,7 +110,7 @@ def plain(arm: NominalArm) -> Excitation:
     plan = ExcitationPlan(
         order=3, columns=COLUMNS, optimiser="random", budget=Budget(200), rate=200.0
     )
-    return design(arm, plan, LIMITS, np.random.default_rng(3))
+    return design(prepare(arm, plan, LIMITS), np.random.default_rng(3))
 
 
 @pytest.mark.parametrize("name", OPTIMISERS)
@@ -119,7 +121,7 @@ def test_optimiser_keeps_all_limits_and_repeats_itself(
         order=3, columns=COLUMNS, optimiser=name, budget=Budget(200), rate=200.0
     )
     found, again = (
-        design(arm, plan, LIMITS, np.random.default_rng(3)) for _ in range(2)
+        design(prepare(arm, plan, LIMITS), np.random.default_rng(3)) for _ in range(2)
     )
     np.testing.assert_array_equal(found.motion.q, again.motion.q)
     assert found.evaluations < 210 and found.condition <= plain.condition
@@ -167,13 +169,9 @@ def test_separation_finds_a_trajectory_that_tells_the_effects_apart(
     plan = ExcitationPlan(
         order=2, criterion="separation", effects=effects, budget=Budget(80)
     )
-    first = design(
-        arm,
-        ExcitationPlan(order=2, effects=effects, budget=Budget(8), optimiser="random"),
-        LIMITS,
-        np.random.default_rng(0),
-    )
-    found = design(arm, plan, LIMITS, np.random.default_rng(0))
+    few = replace(plan, criterion="condition", budget=Budget(8), optimiser="random")
+    first = design(prepare(arm, few, LIMITS), np.random.default_rng(0))
+    found = design(prepare(arm, plan, LIMITS), np.random.default_rng(0))
     assert found.separated is not None and first.separated is not None
     assert found.separated.least > first.separated.least
 
@@ -186,12 +184,9 @@ def test_when_no_candidate_keeps_the_limits_the_hardest_is_named(
         InputError,
         match="(?s)none of 20 candidates keeps all limits; broken most: torque.*--torque",
     ):
-        design(
-            arm,
-            ExcitationPlan(order=2, budget=Budget(20), optimiser="random"),
-            LimitPlan(torque=0.06, singular=0.0),
-            np.random.default_rng(0),
-        )
+        plan = ExcitationPlan(order=2, budget=Budget(20), optimiser="random")
+        limits = LimitPlan(torque=0.06, singular=0.0)
+        design(prepare(arm, plan, limits), np.random.default_rng(0))
 
 
 @pytest.mark.parametrize(

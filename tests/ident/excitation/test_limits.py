@@ -26,6 +26,7 @@ from gapscope.ident.excitation.design import (
     LimitPlan,
     check_written,
     design,
+    prepare,
     read_joint_trajectory,
     write_joint_trajectory,
 )
@@ -304,7 +305,7 @@ PLAN = ExcitationPlan(order=3, optimiser="random", budget=Budget(60))
 @pytest.fixture(scope="module")
 def found(arm: NominalArm) -> Excitation:
     limits = LimitPlan(singular=0.0)
-    return design(arm, PLAN, limits, np.random.default_rng(1))
+    return design(prepare(arm, PLAN, limits), np.random.default_rng(1))
 
 
 def test_the_slow_version_is_the_same_path_at_a_fifth_of_the_speed(

@@ -1,0 +1,10 @@
+"""Root mean square: the size of errors, torques and columns."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def rms(x: np.ndarray, axis: int | tuple[int, ...] | None = 0) -> np.ndarray:
+    """Root mean square of a series over time, or over other axes; ``None``: over all."""
+    return np.asarray(np.sqrt(np.mean(x**2, axis=axis)))
