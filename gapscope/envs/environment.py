@@ -72,7 +72,7 @@ class Episodes:
         self._setup, self._plant, self.at = setup, plant, plant.courses.at
         count = len(plant.load)
         self.action: np.ndarray = np.zeros((count, setup.control.size))
-        self._acted = np.zeros(self.action.shape, dtype=bool)
+        self._acted = np.zeros(count, dtype=bool)
         # of the shape of the positions: numpy takes longer for what it must spread
         self._lowest, self._highest = (np.tile(x, (count, 1)) for x in setup.stops)
 
@@ -115,7 +115,8 @@ class Episodes:
         """
         setup, plant = self._setup, self._plant
         np.minimum(np.maximum(action, -1.0, action), 1.0, action)
-        np.logical_or(self._acted, action, self._acted)
+        if np.count_nonzero(self._acted) < len(action):
+            self._acted |= action.any(axis=1)
         plant.act(action)
         error = self.error()
         parts = setup.reward(error, plant.load, action - self.action)
@@ -132,7 +133,7 @@ class Episodes:
         if np.count_nonzero(stopped):
             early.update(np.flatnonzero(stopped.any(axis=1)).tolist())
         ends = {
-            number: plant.early_end(number, bool(self._acted[number].any()))
+            number: plant.early_end(number, bool(self._acted[number]))
             for number in sorted(early)
         }
         return error, parts.total, values, ends

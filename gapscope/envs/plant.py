@@ -24,6 +24,8 @@ from gapscope.envs.simulated_arm import NetworkTorque, SimulatedArms
 
 SENSOR_PERIOD = 10e-3
 """The encoders are read at least this often [s], and at every step if a PD loop runs."""
+SLOW = FASTEST_OBSERVED**2
+"""Sum of squares of velocities of which none exceeds what is observed [rad^2/s^2]."""
 ONE_BY_ONE = (
     "gymnasium.make_vec(..., vectorization_mode='sync') steps such arms one by one"
 )
@@ -32,8 +34,6 @@ ONE_BY_ONE = (
 
 class Courses:
     """Courses of N episodes, K actions of S steps, n joints; each at an action of its own.
-
-    Beyond its end a course stands still.
 
     Args:
         timing: of the episodes.
@@ -48,42 +48,48 @@ class Courses:
     """
 
     def __init__(self, timing: Timing, count: int, n_joints: int, planned: int) -> None:
-        n, self._actions, self._sub_steps = n_joints, timing.actions, timing.sub_steps
-        self._steps = self._actions * self._sub_steps
+        n, self._sub_steps = n_joints, timing.sub_steps
+        # an episode that is over stands still for the action in which it waits for the next one
+        self._actions = timing.actions + 2
+        self._steps = (timing.actions + 1) * self._sub_steps + 1
         self.at = np.zeros(count, dtype=int)
         self.planned = np.zeros((count, planned))
         self.position, self.rate = self.planned[:, :n], self.planned[:, n : 2 * n]
-        # rows of all episodes below each other, from which some are taken at once
-        arms, self._rows = np.arange(count), np.arange(self._sub_steps + 1)[:, None]
-        self._first_action = (self._actions + 1) * arms
-        self._first_step = (self._steps + 1) * arms
-        self._plans = np.zeros((count * (self._actions + 1), planned))
-        self._q, self._torque = np.zeros((2, count * (self._steps + 1), n))
+        # those of all episodes below each other, from which the rows of one action are taken
+        self._plans = np.zeros((count * self._actions, planned))
+        self._q, self._torque = np.zeros((2, count * self._steps, n))
+        self._plan_rows = np.zeros(count, dtype=int)
+        self._step_rows = np.zeros((self._sub_steps + 1, count), dtype=int)
 
     def put(self, number: int, course: Course) -> None:
         """Give an episode, numbered from 0, another course, at whose start it is."""
-        first, length = self._first_step[number], self._steps + 1
-        self._q[first : first + length] = course.step_q[:length]
-        self._torque[first : first + length] = course.step_torque[:length]
-        first = self._first_action[number]
-        self._plans[first : first + self._actions + 1] = course.planned
+        plan, step = number * self._actions, number * self._steps
+        for rows, first, values, still in (
+            (self._plans, plan, course.planned, 1),
+            (self._q, step, course.step_q, self._sub_steps),
+            (self._torque, step, course.step_torque, self._sub_steps),
+        ):
+            end = first + len(rows) // len(self.at) - still
+            rows[first:end] = values[: end - first]
+            rows[end : end + still] = rows[end - 1]
         self.at[number], self.planned[number] = 0, course.planned[0]
+        self._plan_rows[number] = plan
+        self._step_rows[:, number] = step + np.arange(self._sub_steps + 1)
 
     def steps(self) -> tuple[np.ndarray, np.ndarray]:
         """Reference [rad] and feedforward [N m] at the steps of the next action, the first after it included.
 
         Two arrays of shape (S + 1, N, n).
         """
-        rows = np.minimum(self.at * self._sub_steps + self._rows, self._steps)
-        rows += self._first_step
+        rows = self._step_rows
         return self._q.take(rows, axis=0), self._torque.take(rows, axis=0)
 
     def go_on(self) -> None:
         """The next action is done."""
         self.at += 1
-        rows = np.minimum(self.at, self._actions)
-        rows += self._first_action
-        self.planned[...] = self._plans.take(rows, axis=0)
+        self._plan_rows += 1
+        self._step_rows += self._sub_steps
+        self.planned[...] = self._plans.take(self._plan_rows, axis=0)
 
 
 class Readings:
@@ -268,6 +274,9 @@ class ControlledArms:
             *(np.tile(gain, count) for gain in control.gains)
         )
         self._limit = np.tile(control.limit, count)
+        self._scale, self._rated = (
+            np.tile(x, (count, 1)) for x in (control.scale, control.rated)
+        )
         self._lowest = -self._limit
         self._error, self._work = np.zeros((2, self._order.size))
         self._series = np.zeros((2, count, setup.timing.sub_steps, shape[1]))
@@ -375,18 +384,21 @@ class ControlledArms:
 
     def _command(self, action: np.ndarray) -> None:
         """Hold the torque of each action."""
-        control, steps, before = self._control, self._timing.sub_steps, self.torque
-        commanded = (control.scale * action).ravel()
+        steps, before, estimate = self._timing.sub_steps, self.torque, self._estimate
+        self.torque = self._scale * action
+        commanded = self.torque.ravel()
         maximum(commanded, self._lowest, commanded)
         minimum(commanded, self._limit, commanded)
-        self.torque = commanded.reshape(before.shape)
         for done in range(0, steps, self._chunk):
-            velocity = self._estimate(self._hold(commanded, done))
-            self.velocity = velocity.reshape(before.shape).copy()
-        held = np.full(len(action), steps)
+            velocity = estimate(self._hold(commanded, done))
+            self.velocity = velocity.reshape(before.shape)
+        self.velocity = self.velocity.copy()
+        share, jump = self.torque / self._rated, self.torque - before
+        held: int | np.ndarray = steps
+        if self.diverged:
+            held = np.full(len(action), steps)
         for number, end in self.diverged.items():
             held[number] = min(end.done + self._chunk, steps)
-        share, jump = self.torque / control.rated, self.torque - before
         squares, jumps = np.vecdot(share, share), np.vecdot(jump, jump)
         self._note(held * squares, jumps, held)
 
@@ -402,22 +414,23 @@ class ControlledArms:
             wanted *= factor
             gains = Gains(*(gain.ravel() for gain in scaled_gains))
         else:
-            wanted += control.scale * action
+            wanted += self._scale * action
         kp, kd, lowest, limit = *gains, self._lowest, self._limit
-        error, work = self._error, self._work
+        error, work, estimate = self._error, self._work, self._estimate
         following = reference.reshape(len(reference), -1)
         rate = (courses.rate - velocity).ravel()
         subtract(following[0], self.position.ravel(), error)
         # rows, filled in place
-        for done, torque in enumerate(wanted.reshape(len(wanted), -1)):
+        torques = wanted.reshape(len(wanted), -1)
+        for done, (torque, after) in enumerate(zip(torques, following[1:])):
             multiply(kp, error, work)
             add(torque, work, torque)
             multiply(kd, rate, work)
             add(torque, work, torque)
             maximum(torque, lowest, torque)
             minimum(torque, limit, torque)
-            subtract(following[done + 1], self._hold(torque, done), error)
-            rate = self._estimate(error)
+            subtract(after, self._hold(torque, done), error)
+            rate = estimate(error)
         courses.go_on()
         self.velocity = courses.rate - rate.reshape(before.shape)
         self.torque = wanted[-1].copy()
@@ -438,7 +451,7 @@ class ControlledArms:
         arms.hold(felt if self._ordered else felt[self._order], self._chunk)
         dq = arms.dq
         # fast: no joint is faster than all together
-        if not dq.dot(dq) <= FASTEST_OBSERVED**2:
+        if not dq.dot(dq) <= SLOW:
             speeds = np.abs(dq).reshape(self.q.shape).max(axis=1)
             for number in np.flatnonzero(~(speeds <= FASTEST_OBSERVED)).tolist():
                 self._stop(number, done, torque.reshape(self.q.shape)[number])

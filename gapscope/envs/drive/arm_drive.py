@@ -164,9 +164,9 @@ class Encoders(Rows):
         self, position: np.ndarray, noise: np.ndarray | None = None
     ) -> np.ndarray:
         """Reading [rad] for true positions [rad] and what is added before rounding [rad]."""
-        if noise is None:
-            noise = self._quiet
-        return position + noise if self._plain else self._seen(position, noise)
+        if self._plain:
+            return position.copy() if noise is None else position + noise
+        return self._seen(position, self._quiet if noise is None else noise)
 
     def _read(self, position: np.ndarray, noise: np.ndarray) -> np.ndarray:
         seen = position

@@ -12,7 +12,7 @@ with M and h of the loaded arm.
 from __future__ import annotations
 
 import numpy as np
-from numpy import absolute, add, greater, logical_and, multiply, sign, subtract
+from numpy import absolute, add, greater, multiply, sign, subtract
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.rollout import ForwardDynamics
@@ -138,13 +138,12 @@ class RigidStep:
         self._forward: list[ForwardDynamics | None] = [None] * count
         self._friction = [DryFriction(n) for _ in range(count)]
         size = count * n
-        self._inertia = bodies.rotors.reshape(size)
-        self._dry, self._sticking, self._over = np.zeros((3, size), dtype=bool)
-        self._rotors, self._viscous, self._effective, self._brake = np.zeros((4, size))
-        self._direction, self._mask, self._way, self._work, self._held = np.zeros(
+        self._dry, self._over = np.zeros((2, size), dtype=bool)
+        self._rotors, self._viscous, self._mask, self._direction = np.zeros((4, size))
+        self._out, self._work, self._held, self._braking, self._way = np.zeros(
             (5, size)
         )
-        self._any_stuck = False
+        self._effective: np.ndarray = np.zeros(size)
 
     def _table(self, row: np.ndarray) -> np.ndarray:
         """The same memory with a row for each arm, (N, n)."""
@@ -173,58 +172,31 @@ class RigidStep:
         assert drive is not None
         if drive.coupled.present:
             drive.coupled.reset()
-        arms = np.array([number])
-        self._keep(arms, np.zeros((1, self._shape[1])))
-        self.set_viscous(viscous, arms)
+        self._table(self._direction)[number] = 0.0
+        self.set_viscous(viscous)
 
-    def set_viscous(
-        self, viscous: np.ndarray, arms: slice | np.ndarray = slice(None)
-    ) -> None:
-        """Change b [N m s/rad] of all arms or of some; it is given of all."""
-        for row, value in (
-            (self._viscous, viscous),
-            (self._effective, self._rotors + self._dt * viscous),
-        ):
-            self._table(row)[arms] = self._table(value)[arms]
-        inertia = self._effective + HOLD * self._sticking
-        self._bodies.set_rotors(arms, self._table(inertia)[arms])
+    def set_viscous(self, viscous: np.ndarray) -> None:
+        """Change b [N m s/rad]."""
+        self._viscous[...] = viscous
+        self._effective = self._rotors + self._dt * viscous
+        self._guess(np.arange(self._shape[0]), self._direction)
 
     def advance(self, torque: np.ndarray, limit: np.ndarray) -> None:
         """One step under u [N m], all that acts on the joints but friction and rotors; limit of dry friction [N m]."""
-        bodies, work, velocity = self._bodies, self._work, self.dq
-        force = bodies.force
+        bodies, work = self._bodies, self._work
         if self._coupled:
             torque = torque - self._taken(torque, limit)
-        multiply(self._viscous, velocity, work)
-        subtract(torque, work, force)
+        multiply(self._viscous, self.dq, work)
         if not self._any_dry:
+            subtract(torque, work, bodies.force)
             bodies.step()
             bodies.accept()
             return
-        multiply(self._direction, limit, work)
-        subtract(force, work, force)
-        stuck, way, ahead = self._any_stuck, self._way, bodies.ahead
-        brakes = stuck and bodies.new
-        if brakes:
-            # once it rests, what sticks has no velocity to brake
-            multiply(self._brake, velocity, work)
-            subtract(force, work, force)
+        subtract(torque, work, self._out)
+        # once it rests, what sticks has no velocity to brake
+        if not self._try(limit, brakes=bodies.new):
+            self._again(limit)
         bodies.new = False
-        bodies.step()
-        if stuck:
-            over, held, sticking = self._over, self._held, self._sticking
-            np.copyto(ahead, 0.0, where=sticking)
-            # of the joints that stick, what holds them is the friction
-            multiply(self._inertia, bodies.acceleration, held)
-            if brakes:
-                add(held, work, held)
-            greater(absolute(held, work), limit, over)
-            logical_and(over, sticking, over)
-            stuck = np.count_nonzero(over) > 0
-        # a joint without dry friction has no way
-        sign(ahead if self._all_dry else multiply(ahead, self._mask, way), way)
-        if stuck or way.tobytes() != self._signs:
-            self._again(torque, limit)
         bodies.accept(self._any_stuck)
 
     def _taken(self, torque: np.ndarray, limit: np.ndarray) -> np.ndarray:
@@ -241,85 +213,79 @@ class RigidStep:
             out[:] = motors(q, dq, u, rotors, viscous, dry)
         return taken
 
-    def _again(self, torque: np.ndarray, limit: np.ndarray) -> None:
-        """Steps of the arms, k of them, whose first guess was wrong; torque and limit as in ``advance``."""
-        over = self._over if self._any_stuck else np.zeros_like(self._over)
-        wrong = (self._way != self._direction) | over
-        arms = np.flatnonzero(self._table(wrong).any(axis=1)).astype(np.int32)
-        pushed = np.where(self._held > 0, 1.0, -1.0)
-        kept = np.where(self._direction == self._way, self._way, 0.0)
-        guess = self._table(np.where(over, pushed, kept))[arms]
-        work = torque - self._viscous * self.dq
-        known = [
-            self._table(row)[arms]
-            for row in (self.dq, work, limit, self._dry, self._effective)
-        ]
-        left = np.arange(len(arms))
-        for _ in range(GUESSES - 1):
-            wrong, following = self._try(
-                arms[left], guess[left], [x[left] for x in known]
-            )
-            left = left[wrong]
-            if not len(left):
-                break
-            guess[left] = following[wrong]
-        if len(left):
-            for row in left.tolist():
-                guess[row] = self._search(int(arms[row]), known[1][row], known[2][row])
-            self._try(arms[left], guess[left], [x[left] for x in known])
-        self._keep(arms, guess)
-
-    def _keep(self, arms: np.ndarray, direction: np.ndarray) -> None:
-        """Note the directions, shape (k, n), with which some arms have made their step."""
-        self._table(self._direction)[arms] = direction
-        np.logical_and(self._dry, self._direction == 0, self._sticking)
-        self._brake = HOLD * self._sticking / self._dt
-        self._any_stuck = bool(self._sticking.any())
+    def _guess(self, arms: np.ndarray, direction: np.ndarray) -> None:
+        """Guess the directions of some arms' joints, out of a row of those of all arms; 0 sticks if it is dry."""
+        self._table(self._direction)[arms] = self._table(direction)[arms]
+        sticking = self._dry & (self._direction == 0)
+        # a joint that slides is held by nothing
+        hold = HOLD * sticking
+        inertia = self._effective + hold
+        self._stuck = np.flatnonzero(sticking)
+        self._any_stuck = len(self._stuck) > 0
+        self._brake, self._holding = hold / self._dt, np.where(sticking, inertia, 0.0)
         self._signs = self._direction.tobytes()
+        self._bodies.set_rotors(arms, self._table(inertia)[arms])
 
     def _try(
-        self,
-        arms: np.ndarray,
-        direction: np.ndarray,
-        known: list[np.ndarray],
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Try the step of some arms as guessed; which of them are wrong, and the next guesses.
+        self, limit: np.ndarray, brakes: bool, only: np.ndarray | None = None
+    ) -> bool:
+        """Try the step, with limits of dry friction [N m]; whether it is as guessed.
 
-        Args:
-            arms: k numbers.
-            direction: guessed, shape (k, n).
-            known: velocity before the step [rad/s], torque less viscous friction [N m], limit of dry friction [N m],
-                where there is dry friction, and rotors with viscous friction [kg m^2], each (k, n).
+        ``only``: numbers of the arms that try again, shape (k,); the others are left as they are.
         """
-        old, work, limit, dry, effective = known
-        bodies, stuck = self._bodies, dry & (direction == 0)
-        hold = HOLD * stuck
-        inertia, braking = effective + hold, hold / self._dt * old
-        bodies.set_rotors(arms, inertia)
-        self._table(bodies.force)[arms] = work - direction * limit - braking
-        bodies.step(only=arms)
-        ahead = self._table(bodies.ahead)
-        velocity = np.where(stuck, 0.0, ahead[arms])
-        ahead[arms] = velocity
-        held = inertia * self._table(bodies.acceleration)[arms] + braking
-        over = stuck & (np.abs(held) > limit)
-        way = sign(velocity * dry)
-        kept = np.where(direction == way, direction, 0.0)
-        following = np.where(over, np.where(held > 0, 1.0, -1.0), kept)
-        wrong = ((way != direction) | over).any(axis=1)
-        return np.flatnonzero(wrong), following
+        bodies, work, held, way = self._bodies, self._work, self._held, self._way
+        force, ahead, stuck = bodies.force, bodies.ahead, self._any_stuck
+        multiply(self._direction, limit, work)
+        subtract(self._out, work, force)
+        if stuck and brakes:
+            multiply(self._brake, self.dq, self._braking)
+            subtract(force, self._braking, force)
+        bodies.step(only)
+        if stuck:
+            ahead[self._stuck] = 0.0
+            # of the joints that stick, what holds them is the friction
+            multiply(self._holding, bodies.acceleration, held)
+            if brakes:
+                add(held, self._braking, held)
+            greater(absolute(held, work), limit, self._over)
+            stuck = np.count_nonzero(self._over) > 0
+        # a joint without dry friction has no way
+        sign(ahead if self._all_dry else multiply(ahead, self._mask, way), way)
+        return not stuck and way.tobytes() == self._signs
 
-    def _search(self, arm: int, out: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    def _again(self, limit: np.ndarray) -> None:
+        """Find the step of the arms whose first guess was wrong; limits of dry friction [N m]."""
+        for _ in range(GUESSES - 1):
+            arms, guess = self._wrong()
+            self._guess(arms, guess)
+            if self._try(limit, True, arms):
+                return
+        arms, guess = self._wrong()
+        for arm in arms.tolist():
+            self._table(guess)[arm] = self._search(arm, self._table(limit)[arm])
+        self._guess(arms, guess)
+        self._try(limit, True, arms)
+
+    def _wrong(self) -> tuple[np.ndarray, np.ndarray]:
+        """Numbers of the arms that were guessed wrong, and the next guess of all, (N n,)."""
+        over = self._over & self._any_stuck
+        wrong = (self._way != self._direction) | over
+        kept = np.where(self._direction == self._way, self._way, 0.0)
+        guess = np.where(over, np.where(self._held > 0, 1.0, -1.0), kept)
+        arms = np.flatnonzero(self._table(wrong).any(axis=1))
+        return arms.astype(np.int32), guess
+
+    def _search(self, arm: int, limit: np.ndarray) -> np.ndarray:
         """Directions of an arm's joints by a search that always ends, 0 if they stick, shape (n,).
 
-        Args:
-            arm: its number.
-            out: torque less viscous friction [N m], shape (n,).
-            limit: of dry friction [N m], shape (n,).
+        ``limit``: of their dry friction [N m], shape (n,).
         """
-        q, dq, rotors, effective, dry = (
+        q, dq, out, rotors, effective, dry = (
             self._table(row)[arm]
-            for row in (self.q, self.dq, self._rotors, self._effective, self._dry)
+            for row in (
+                *(self.q, self.dq, self._out, self._rotors, self._effective),
+                self._dry,
+            )
         )
         drive, forward = self._drives[arm], self._forward[arm]
         assert drive is not None

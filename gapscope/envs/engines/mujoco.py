@@ -118,9 +118,14 @@ class MuJoCoBodies(Bodies):
             self._batch.bind(x) for x in ("qpos", "qvel", "qfrc_applied", "qacc")
         )
         # arms of a batch are far apart in its memory, where numpy takes three times as long
+        self._copied = count > 1
         tables = np.zeros((4, *self._q.shape))
+        if not self._copied:
+            tables = (*tables[:2], self._dq, self._force)
         self._own_q, self._own_dq, self._own_ahead, self._own_force = tables
-        self.position, self.velocity, self.ahead, self.force = tables.reshape(4, -1)
+        self.position, self.velocity, self.ahead, self.force = (
+            table.reshape(-1) for table in tables
+        )
         self.acceleration = acceleration.reshape(-1)
         self.rotors = self._batch.expand("dof_armature")
         self._bodies: dict[str, np.ndarray] | None = None
@@ -166,19 +171,19 @@ class MuJoCoBodies(Bodies):
 
     def step(self, only: np.ndarray | None = None) -> None:
         """A step under ``force``, of all arms or of those numbered ``only``, which take the last one back."""
-        if only is None:
-            self._force[...] = self._own_force
-            self._batch.step(None, 1)
-            self._own_ahead[...] = self._dq
-            return
-        self._q[only], self._dq[only] = self._own_q[only], self._own_dq[only]
-        self._force[only] = self._own_force[only]
+        rows = slice(None)
+        if only is not None:
+            rows = only
+            self._q[rows], self._dq[rows] = self._own_q[rows], self._own_dq[rows]
+        if self._copied:
+            self._force[rows] = self._own_force[rows]
         self._batch.step(only, 1)
-        self._own_ahead[only] = self._dq[only]
+        if self._copied:
+            self._own_ahead[rows] = self._dq[rows]
 
     def accept(self, stopped: bool = False) -> None:
         """Take the engine's state."""
-        if stopped:
+        if stopped and self._copied:
             self._dq[...] = self._own_ahead
         self._own_q[...] = self._q
         self.velocity[...] = self.ahead
