@@ -31,6 +31,7 @@ class Problem:
         names: of the parameters, shape (b,).
         group: which recording (or stretch of one) a sample belongs to, shape (N,), integers that do not fall.
         interval: time between samples [s].
+        forms: unknown functions of each joint that no column has, (N, n, K); each array has amplitudes of its own.
     """
 
     matrix: np.ndarray
@@ -38,6 +39,7 @@ class Problem:
     names: Sequence[str]
     group: np.ndarray
     interval: float
+    forms: Sequence[np.ndarray] = ()
 
     @property
     def n_joints(self) -> int:
@@ -60,6 +62,7 @@ class Problem:
             self.names,
             self.group[chosen],
             self.interval,
+            [each[chosen] for each in self.forms],
         )
 
 
