@@ -21,6 +21,7 @@ from gapscope.ident.checks.plausible_samples import (
 from gapscope.ident.estimators.by_name import Given, method
 from gapscope.ident.estimators.linear import Estimate, Estimator
 from gapscope.ident.estimators.simulating import closed_loop
+from gapscope.ident.form_error import form_columns
 from gapscope.ident.intervals import Uncertainty
 from gapscope.ident.model.base_parameters import BaseParameters, base_parameters
 from gapscope.ident.model.friction import Choice, choose, penalties
@@ -164,6 +165,7 @@ def fit_parameters(
     base = _sample_base(matrix, columns, choice.law)
     progress(f"estimates {base.count} base parameters")
     problem = samples.problem(choice.law, base.kept, base.kept_names)
+    problem = replace(problem, forms=form_columns(samples))
     nominal = columns.nominal(choice.law)
     given = Given(
         base,

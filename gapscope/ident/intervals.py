@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
@@ -18,6 +18,7 @@ from gapscope.ident.estimators.linear import (
     JointTriangles,
     WeightedLeastSquares,
 )
+from gapscope.ident.form_error import form_error
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.model.conditioning import TORQUE_CUTOFF
 from gapscope.model.effective_samples import (
@@ -291,8 +292,14 @@ def block_jackknife(
     about ``MOST_BLOCKS``. Source: kunsch1989, bell2002.
     """
     weighted = problem.matrix if weight is None else weight @ problem.matrix
-    residual = problem.residual(beta)
-    return jackknife(weighted, problem.matrix, residual, problem.group, length)
+    if not problem.forms:
+        residual = problem.residual(beta)
+        return jackknife(weighted, problem.matrix, residual, problem.group, length)
+    # what repeats with the motion is in no block alone
+    error = form_error(problem, beta)
+    found = jackknife(weighted, problem.matrix, error.noise, problem.group, length)
+    of_form = error.covariance(weighted, problem)
+    return replace(found, covariance=found.covariance + of_form)
 
 
 def jackknife(

@@ -431,11 +431,11 @@ def _waves(rows: Rows) -> tuple[list[np.ndarray], np.ndarray]:
     state = state / np.maximum(state.std(axis=0), 1e-9)
     n = rows.position.shape[1]
     of_joint, of_arm = WAVES if rows.group.max() < 2 else FEWER_WAVES
-    own = [_drawn(state[:, [j, n + j]], of_joint) for j in range(n)]
-    return own, _drawn(state, of_arm)
+    own = [drawn_waves(state[:, [j, n + j]], of_joint) for j in range(n)]
+    return own, drawn_waves(state, of_arm)
 
 
-def _drawn(state: np.ndarray, count: int) -> np.ndarray:
+def drawn_waves(state: np.ndarray, count: int) -> np.ndarray:
     """Waves of a state, (M, d), the same ones whenever they are drawn: (M, K)."""
     d = state.shape[1]
     rng = np.random.default_rng(d)

@@ -29,6 +29,7 @@ class Problem:
         names: of the parameters, shape (b,).
         group: which recording (or stretch of one) a sample belongs to, shape (N,), integers that do not fall.
         interval: time between samples [s].
+        forms: unknown functions of each joint that no column has, (N, n, K); each array has amplitudes of its own.
     """
 
     matrix: np.ndarray
@@ -36,6 +37,7 @@ class Problem:
     names: Sequence[str]
     group: np.ndarray
     interval: float
+    forms: Sequence[np.ndarray] = ()
 
     @property
     def n_joints(self) -> int:
@@ -58,6 +60,7 @@ class Problem:
             self.names,
             self.group[chosen],
             self.interval,
+            [each[chosen] for each in self.forms],
         )
 
 
