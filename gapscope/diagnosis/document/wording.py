@@ -111,7 +111,7 @@ def another_arm(off: float) -> str:
         return ""
     return (
         f"the nominal arm's torque is off by {much(off)} of the recorded one, more than no torque would be: another "
-        "robot, or a load or friction that the case does not state"
+        "robot or unit, or a load or friction that the case does not state"
     )
 
 
