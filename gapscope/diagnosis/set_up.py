@@ -97,9 +97,9 @@ class SetUp:
                 "warn",
                 "torque",
                 "",
-                f"shows gravity {shown} m/s^2 in the frame of the base, the case says {said}: the base is mounted "
+                f"the torque shows gravity {shown} m/s^2 in the frame of the base, the case says {said}: the base is mounted "
                 "turned",
-                f"gravity: {shown}",
+                f"say in the case gravity: {shown}",
             )
         elif other := another_arm(self.off):
             yield Remark(

@@ -70,7 +70,7 @@ def test_a_base_that_is_mounted_turned_is_said_with_its_gravity(
 ) -> None:
     text = warned(check_case(make_case(gravity=[9.81, 0.0, 0.0])))
     assert "mounted turned" in text
-    (shown,) = re.findall(r"-> gravity: \[(.*)\]", text)
+    (shown,) = re.findall(r"-> say in the case gravity: \[(.*)\]", text)
     assert np.allclose([float(x) for x in shown.split(",")], [0, 0, -9.81], atol=0.3)
 
 
