@@ -97,8 +97,8 @@ class SetUp:
                 "warn",
                 "torque",
                 "",
-                f"the torque shows gravity {shown} m/s^2 in the frame of the base, the case says {said}: the base is mounted "
-                "turned",
+                f"the torque shows gravity {shown} m/s^2 in the frame of the base, the case says {said}: the base is "
+                "mounted turned",
                 f"say in the case gravity: {shown}",
             )
         elif other := another_arm(self.off):
