@@ -101,6 +101,7 @@ NAMES_EFFECTS: dict[str, str] = {
         "payload is the case's key of a known load": (
             "diagnosis.document.diagnosis_json",
         ),
+        "payload is a column of RTDE": ("arm.io.layouts",),
         "the blind check keeps what hides what, and plain methods, apart": (
             *("blind_check.baselines", "blind_check.check", "blind_check.scoring"),
         ),

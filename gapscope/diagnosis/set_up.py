@@ -10,8 +10,8 @@ import numpy as np
 import yaml
 
 from gapscope.arm.case import Case
-from gapscope.arm.display import effect_name, percent
-from gapscope.diagnosis.document.wording import capital, listing
+from gapscope.arm.display import effect_name
+from gapscope.diagnosis.document.wording import another_arm, capital, listing, much
 from gapscope.diagnosis.gap.plausible_data import check_moving
 from gapscope.diagnosis.setup_faults.detection import (
     find_setup_faults,
@@ -59,10 +59,6 @@ def numbers(joints: list[int]) -> str:
     return f"joint {listed}" if len(joints) == 1 else f"joints {listed}"
 
 
-NO_TORQUE = 1.0
-"""Gap over the torque's deviation beyond which no torque at all would be a better prediction [1]. (definition)"""
-
-
 @dataclass(frozen=True)
 class SetUp:
     """How the torque of a case fits its nominal arm as it is read.
@@ -101,18 +97,13 @@ class SetUp:
                 "warn",
                 "torque",
                 "",
-                f"shows gravity {shown} m/s^2 in the frame of the base, the case says {said}: the base is mounted "
-                "turned",
-                f"gravity: {shown}",
+                f"the torque shows gravity {shown} m/s^2 in the frame of the base, the case says {said}: the base is "
+                "mounted turned",
+                f"say in the case gravity: {shown}",
             )
-        elif self.off > NO_TORQUE:
+        elif other := another_arm(self.off):
             yield Remark(
-                "warn",
-                "torque",
-                "",
-                f"the nominal arm's torque is off by {_much(self.off)} of the recorded one, more than no torque would "
-                "be: another robot, or a load or friction that the case does not state",
-                "check robot:, payloads: and nominal:",
+                "warn", "torque", "", other, "check robot:, payloads: and nominal:"
             )
         elif all(_topic(fault) == "time" for fault in self.faults):
             yield Remark(
@@ -120,7 +111,7 @@ class SetUp:
                 "torque",
                 "",
                 "in N m of the joint, gravity included: no other unit, sign, order or clock of the columns explains it "
-                f"better; the nominal arm is off by {_much(self.off)} of it",
+                f"better; the nominal arm is off by {much(self.off)} of it",
             )
 
     def _of_fault(self, fault: FoundFault) -> Remark:
@@ -129,7 +120,7 @@ class SetUp:
         said = f"{capital(effect_name(fault.name))}{variant}, probability {fault.probability:.0%}"
         before, after = fault.gap_without_this, fault.gap_after
         if before is not None and after is not None:
-            read, right = (_much(_rms(gap)) for gap in (before, after))
+            read, right = (much(_rms(gap)) for gap in (before, after))
             if read != right:
                 said += (
                     f": the nominal arm is off by {read} of the torque as it is read, by {right} if that is put "
@@ -178,10 +169,6 @@ def look_at_set_up(case: Case, seen: Sequence[FoundFault] = ()) -> SetUp:
 
 def _rms(gap: np.ndarray) -> float:
     return float(np.sqrt((gap**2).mean()))
-
-
-def _much(gap: float) -> str:
-    return percent(gap) if gap < 10 else f"{gap:.0f} times"
 
 
 def _topic(fault: FoundFault) -> str:

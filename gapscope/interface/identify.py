@@ -91,10 +91,10 @@ def _as_recorded(case: Case, *, any_torque: bool) -> Case:
     doubts = [remark for remark in set_up.remarks() if remark.level != "ok"]
     if set_up.misreads and not any_torque:
         raise InputError(
-            "what would be identified is the arm of another log: "
+            "the case does not say what its log shows: "
             + "; ".join(doubt.text for doubt in doubts),
-            " ".join(
-                [*(doubt.remedy for doubt in doubts), "Or go on with --any-torque"]
+            "; ".join(
+                [*(doubt.remedy for doubt in doubts), "or go on with --any-torque"]
             ),
             file=case.name,
         )

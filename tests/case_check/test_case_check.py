@@ -70,8 +70,20 @@ def test_a_base_that_is_mounted_turned_is_said_with_its_gravity(
 ) -> None:
     text = warned(check_case(make_case(gravity=[9.81, 0.0, 0.0])))
     assert "mounted turned" in text
-    (shown,) = re.findall(r"-> gravity: \[(.*)\]", text)
+    (shown,) = re.findall(r"-> say in the case gravity: \[(.*)\]", text)
     assert np.allclose([float(x) for x in shown.split(",")], [0, 0, -9.81], atol=0.3)
+
+
+def test_the_torque_of_another_robot_is_said_and_not_vouched_for(
+    make_case: Make,
+) -> None:
+    def foreign(table: dict[str, np.ndarray]) -> None:
+        for j in (1, 2):
+            table[f"tau{j}"] = 30 * np.cos((4 + j) * table["t"] ** 1.1)
+
+    result = gapscope.check(make_case(spoil=foreign))
+    assert "another robot" in warned(result.found)
+    assert "first see to what is said of its torque" in result.summary()
 
 
 def test_an_arm_that_stands_still_cannot_be_diagnosed(make_case: Make) -> None:

@@ -310,18 +310,18 @@ BAD: dict[str, tuple[Spoil, tuple[object, ...], tuple[str, ...]]] = {
         ("too few", "base parameters", "record for at least"),
     ),
     "too short": (cut(201), (), ("expected at least 1 s",)),
-    "no motion": (changed("q", lambda x: 0.5), (), ("trajectory is constant",)),
+    "no motion": (changed("q", lambda x: 0.5), (), ("the arm stands still",)),
     "many rows that are not numbers": (with_nan, (), ("recording_0.csv", "tau1")),
     "milli newton metres": (
         changed("tau", lambda x: 1e3 * x),
         (),
-        ("looks like mN m", "unit: mN m"),
+        ("Torque unit", "mend: {torque: {scale: 0.001}}"),
     ),
     # torque constant 0.1 N m/A and gear ratio 100 make 0.1 A of 1 N m
     "raw current": (
         changed("tau", lambda x: 0.1 * x),
         (),
-        ("raw motor current", "scale", "?"),
+        ("Torque unit (current)", "mend: {torque: {scale: 10"),
     ),
     "no torque column": (without_torque_column, (), ("tau1",)),
     "torque declared absent": (

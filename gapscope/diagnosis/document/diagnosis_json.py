@@ -32,7 +32,7 @@ from gapscope.diagnosis.document.findings import (
     with_states,
     with_torques_turned,
 )
-from gapscope.diagnosis.document.wording import verdict, with_slide_units
+from gapscope.diagnosis.document.wording import another_arm, verdict, with_slide_units
 from gapscope.diagnosis.gap.commanded_torque import WARNING
 from gapscope.diagnosis.gap.plausible_data import short_note, still_note
 from gapscope.diagnosis.locate import MotionRows, located, stack
@@ -431,6 +431,9 @@ def diagnosis_content(study: Study) -> dict[str, Any]:
         # what is wrong in the file need not be looked for in the recordings
         note = f"in the robot file: {odd}; see gapscope audit {study.case.arm.urdf.resolve()}"
         content["warnings"].insert(0, note)
+    other = another_arm(float(np.sqrt((study.gap_before.nrmse**2).mean())))
+    if other and reached == "unexplained":
+        content["warnings"].insert(0, other)
     return with_slide_units(content, study.case.arm.sliding)
 
 

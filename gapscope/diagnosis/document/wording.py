@@ -101,6 +101,25 @@ def verdict(
     return "no_gap"
 
 
+NO_TORQUE = 1.0
+"""Gap over the torque's deviation beyond which no torque at all would be a better prediction [1]. (definition)"""
+
+
+def another_arm(off: float) -> str:
+    """A sentence on a nominal arm whose gap over the joints, RMS of torque NRMSE [1], is that of another; or empty."""
+    if off <= NO_TORQUE:
+        return ""
+    return (
+        f"the nominal arm's torque is off by {much(off)} of the recorded one, more than no torque would be: another "
+        "robot or unit, or a load or friction that the case does not state"
+    )
+
+
+def much(gap: float) -> str:
+    """A gap over the torque's deviation [1] in words."""
+    return percent(gap) if gap < 10 else f"{gap:.0f} times"
+
+
 # Effects, joints and parameters of a diagnosis by their readable names.
 
 

@@ -200,7 +200,7 @@ def in_kgf_m(r: Recording) -> Recording:
     ],
 )
 def test_what_the_case_reads_wrongly_is_refused(fault: Fault, line: str) -> None:
-    with pytest.raises(InputError, match="the arm of another log") as got:
+    with pytest.raises(InputError, match="does not say what its log shows") as got:
         gapscope.identify(each(panda_case(), fault), CUTOFF)
     assert line in got.value.remedy
 
