@@ -23,7 +23,7 @@ from gapscope.ident.model.base_parameters import structural_base
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.regressor import Regressor
 
-CHUNK, RATE, NOISE = 5_000, 1e3, 0.5
+CHUNK, RATE, NOISE = 2_000, 1e3, 0.5
 """Samples at a time, their rate [Hz], and noise of their torque [N m]."""
 SHEET = {"coulomb": [1.0] * 7, "viscous": [0.5] * 7}
 """Data sheet of the arm: friction [N m], [N m s/rad]."""

@@ -195,10 +195,14 @@ class OnBase:
 class JointTriangles:
     """Equations W_j beta = tau_j of n joints, rotated: |tau_j - W_j beta|^2 = |z_j - R_j beta|^2 for any beta.
 
+    Joined part by part they are those of a recording of any length, in memory that does not grow.
+
     Attributes:
         names: of the parameters, (b,).
         rows: [R_j, z_j] of each joint, b + 1 rows at most, b + 1 columns.
         samples: N, equations of each joint.
+
+    Source: demmel2012.
     """
 
     names: tuple[str, ...]
@@ -210,8 +214,7 @@ class JointTriangles:
         """Those of a problem."""
         joints = range(problem.n_joints)
         rows = tuple(
-            _triangle(np.column_stack([problem.matrix[:, j], problem.torque[:, j]]))
-            for j in joints
+            _triangle(problem.matrix[:, j], problem.torque[:, j]) for j in joints
         )
         return cls(tuple(problem.names), rows, len(problem.torque))
 
@@ -219,8 +222,8 @@ class JointTriangles:
     def joined(cls, parts: Iterable[JointTriangles]) -> JointTriangles:
         """Those of several problems of the same parameters together."""
         some = list(parts)
-        of_joints = zip(*(part.rows for part in some), strict=True)
-        rows = tuple(_triangle(np.vstack(own)) for own in of_joints)
+        stacked = map(np.vstack, zip(*(part.rows for part in some), strict=True))
+        rows = tuple(_triangle(own[:, :-1], own[:, -1]) for own in stacked)
         return cls(some[0].names, rows, sum(part.samples for part in some))
 
     @property
@@ -234,7 +237,7 @@ class JointTriangles:
         return np.array([float(np.sum((rows @ z) ** 2)) for rows in self.rows])
 
     def noise(self, beta: np.ndarray) -> np.ndarray:
-        """As ``linear_estimator.joint_noise``, (n,)."""
+        """As ``joint_noise``, (n,)."""
         torque = max(float(np.abs(rows[:, -1]).max(initial=0.0)) for rows in self.rows)
         free = max(1.0 - len(beta) / self.equations, 1.0 / self.equations)
         noise = np.sqrt(self.squares(beta) / self.samples / free)
@@ -252,11 +255,12 @@ class JointTriangles:
         return replace(factor, rows=self.equations)
 
 
-def _triangle(equations: np.ndarray) -> np.ndarray:
+def _triangle(matrix: np.ndarray, torque: np.ndarray) -> np.ndarray:
     """R of rows [W, tau]; half of a joint's columns are zero, as its torque has nothing of the bodies before it."""
-    present = equations.any(axis=0)
-    some = np.linalg.qr(equations[:, present], mode="r")
-    out = np.zeros((len(some), equations.shape[1]))
+    present = np.append(matrix.any(axis=0), True)
+    equations = np.column_stack([matrix[:, present[:-1]], torque])
+    some = np.linalg.qr(equations, mode="r")
+    out = np.zeros((len(some), len(present)))
     out[:, present] = some
     return out
 
