@@ -52,14 +52,16 @@ class Courses:
         # an episode that is over stands still for the action in which it waits for the next one
         self._actions = timing.actions + 2
         self._steps = (timing.actions + 1) * self._sub_steps + 1
-        self.at = np.zeros(count, dtype=int)
+        # number of the action, its row of a plan, and rows of its steps, which go on together
+        self._rows = np.zeros((self._sub_steps + 3, count), dtype=int)
+        self._strides = np.ones_like(self._rows)
+        self._strides[2:] = self._sub_steps
+        self.at = self._rows[0]
         self.planned = np.zeros((count, planned))
         self.position, self.rate = self.planned[:, :n], self.planned[:, n : 2 * n]
         # those of all episodes below each other, from which the rows of one action are taken
         self._plans = np.zeros((count * self._actions, planned))
         self._q, self._torque = np.zeros((2, count * self._steps, n))
-        self._plan_rows = np.zeros(count, dtype=int)
-        self._step_rows = np.zeros((self._sub_steps + 1, count), dtype=int)
 
     def put(self, number: int, course: Course) -> None:
         """Give an episode, numbered from 0, another course, at whose start it is."""
@@ -72,24 +74,22 @@ class Courses:
             end = first + len(rows) // len(self.at) - still
             rows[first:end] = values[: end - first]
             rows[end : end + still] = rows[end - 1]
-        self.at[number], self.planned[number] = 0, course.planned[0]
-        self._plan_rows[number] = plan
-        self._step_rows[:, number] = step + np.arange(self._sub_steps + 1)
+        steps = step + np.arange(self._sub_steps + 1)
+        self._rows[:, number] = [0, plan, *steps]
+        self.planned[number] = course.planned[0]
 
     def steps(self) -> tuple[np.ndarray, np.ndarray]:
         """Reference [rad] and feedforward [N m] at the steps of the next action, the first after it included.
 
         Two arrays of shape (S + 1, N, n).
         """
-        rows = self._step_rows
+        rows = self._rows[2:]
         return self._q.take(rows, axis=0), self._torque.take(rows, axis=0)
 
     def go_on(self) -> None:
         """The next action is done."""
-        self.at += 1
-        self._plan_rows += 1
-        self._step_rows += self._sub_steps
-        self.planned[...] = self._plans.take(self._plan_rows, axis=0)
+        self._rows += self._strides
+        self.planned[...] = self._plans.take(self._rows[1], axis=0)
 
 
 class Readings:
@@ -394,9 +394,7 @@ class ControlledArms:
             self.velocity = velocity.reshape(before.shape)
         self.velocity = self.velocity.copy()
         share, jump = self.torque / self._rated, self.torque - before
-        held: int | np.ndarray = steps
-        if self.diverged:
-            held = np.full(len(action), steps)
+        held = self._steps_of(steps)
         for number, end in self.diverged.items():
             held[number] = min(end.done + self._chunk, steps)
         squares, jumps = np.vecdot(share, share), np.vecdot(jump, jump)
@@ -417,12 +415,13 @@ class ControlledArms:
             wanted += self._scale * action
         kp, kd, lowest, limit = *gains, self._lowest, self._limit
         error, work, estimate = self._error, self._work, self._estimate
-        following = reference.reshape(len(reference), -1)
         rate = (courses.rate - velocity).ravel()
-        subtract(following[0], self.position.ravel(), error)
+        subtract(reference[0].ravel(), self.position.ravel(), error)
         # rows, filled in place
-        torques = wanted.reshape(len(wanted), -1)
-        for done, (torque, after) in enumerate(zip(torques, following[1:])):
+        torques, following = (
+            series.reshape(len(wanted), -1) for series in (wanted, reference[1:])
+        )
+        for done, (torque, after) in enumerate(zip(torques, following, strict=True)):
             multiply(kp, error, work)
             add(torque, work, torque)
             multiply(kd, rate, work)
@@ -489,9 +488,7 @@ class ControlledArms:
         subtract(series[:, 1:], series[:, :-1], jumps[:, 1:])
         flat = self._series.reshape(2, len(share), -1)
         squares, changes = np.vecdot(flat, flat)
-        steps: int | np.ndarray = len(torque)
-        if self.diverged:
-            steps = np.full(len(share), steps)
+        steps = self._steps_of(len(torque))
         for number, end in self.diverged.items():
             # what was commanded after it had diverged does not count
             until = slice(0, end.done + 1)
@@ -501,9 +498,11 @@ class ControlledArms:
             changes[number] = np.vdot(change, change)
         self._note(squares, changes, steps)
 
-    def _note(
-        self, squares: np.ndarray, jumps: np.ndarray, steps: int | np.ndarray
-    ) -> None:
+    def _steps_of(self, steps: int) -> Any:
+        """Steps of an action, of each arm if one of them may have done fewer: numpy takes longer for an array."""
+        return np.full(len(self.load), steps) if self.diverged else steps
+
+    def _note(self, squares: np.ndarray, jumps: np.ndarray, steps: Any) -> None:
         """Note the sums over an action's steps of (tau / tau_rated)^2 [1] and of (change of tau)^2 [N^2 m^2], (N,)."""
         count = steps * len(self._control.rated)
         self.load = squares / count

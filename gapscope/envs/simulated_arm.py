@@ -68,9 +68,9 @@ class SimulatedArms:
         self._drives = [first] * count
         self._friction = first.friction.beside(count)
         self._path = first.path.beside(count)
-        self._count, self._begun = 0, np.zeros(count, dtype=int)
+        self._count, self._begun = 0, np.zeros(self.q.size, dtype=int)
         self._drifts_at = 0
-        self._start = np.zeros(count)
+        self._start = np.zeros(self.q.size)
         for number in range(count):
             self._enter(number, first)
 
@@ -99,7 +99,7 @@ class SimulatedArms:
         """
         n, friction = len(q), self._friction
         rows = slice(number * n, (number + 1) * n)
-        self._start[number], self._begun[number] = time, self._count
+        self._start[rows], self._begun[rows] = time, self._count
         self._drifts_at = self._count
         self._bodies.reset(number, q, dq)
         if friction.drifting:
@@ -156,7 +156,7 @@ class SimulatedArms:
 
     @property
     def time(self) -> np.ndarray:
-        """Time since the start of the recording [s], shape (N,); drift and external force go by it."""
+        """Time since the start of the recording [s], shape (N n,); drift and external force go by it."""
         return self._start + (self._count - self._begun) * self._h
 
     def hold(self, torque: np.ndarray, steps: int = 1) -> None:
@@ -216,7 +216,7 @@ class SimulatedArms:
 
     def _load(self, number: int, through: np.ndarray) -> np.ndarray:
         """What acts on the links of an arm besides gravity and its drives [N m], shape (n,)."""
-        time = float(self.time[number])
+        time = float(self.time[number * self._shape[1]])
         q, dq = (x.reshape(self._shape)[number].copy() for x in (self.q, self.dq))
         return self._drives[number].loads(time, q, dq, through)
 
@@ -229,11 +229,10 @@ class SimulatedArms:
         """Bring the drift of friction up to date in the arms in which that is due, if it is in one."""
         if self._count < self._drifts_at:
             return
-        since = (self._count - self._begun) % self._friction.every
-        due = since == 0
-        self._drifts_at = self._count + self._friction.every - int(since.max())
-        n = self._shape[1]
-        self._friction.drift(np.repeat(self.time, n), where=np.repeat(due, n))
+        steps, every = self._count - self._begun, self._friction.every
+        since = steps % every
+        self._drifts_at = self._count + every - int(since.max())
+        self._friction.drift(self._start + steps * self._h, where=since == 0)
         self._step.set_viscous(self._viscous())
 
     def close(self) -> None:

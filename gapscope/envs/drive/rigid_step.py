@@ -64,9 +64,9 @@ class Predicted(Bodies):
         self._engine.reset(q, dq)
         self._read()
 
-    def set_rotors(self, arms: int | slice | np.ndarray, rotors: np.ndarray) -> None:
-        """Change the inertia on the diagonal of the mass matrix [kg m^2]."""
-        super().set_rotors(arms, rotors)
+    def set_rotors(self, rotors: np.ndarray) -> None:
+        """Change the inertia on the diagonal of the mass matrix [kg m^2], shape (n,)."""
+        super().set_rotors(rotors)
         self._forward.set_rotors(self._rotors)
 
     def run(self, torque: np.ndarray, count: int) -> None:
@@ -138,12 +138,12 @@ class RigidStep:
         self._forward: list[ForwardDynamics | None] = [None] * count
         self._friction = [DryFriction(n) for _ in range(count)]
         size = count * n
-        self._dry, self._over = np.zeros((2, size), dtype=bool)
-        self._rotors, self._viscous, self._mask, self._direction = np.zeros((4, size))
-        self._out, self._work, self._held, self._braking, self._way = np.zeros(
-            (5, size)
-        )
-        self._effective: np.ndarray = np.zeros(size)
+        # 1 at joints with dry friction and at those of them that stick, 0 elsewhere
+        self._dry, self._sticks = np.zeros((2, size))
+        self._rotors, self._viscous, self._effective, self._hold = np.zeros((4, size))
+        self._direction, self._way = np.zeros((2, size))
+        self._out, self._work, self._held, self._braking = np.zeros((4, size))
+        self._over = np.zeros(size, dtype=bool)
 
     def _table(self, row: np.ndarray) -> np.ndarray:
         """The same memory with a row for each arm, (N, n)."""
@@ -157,7 +157,6 @@ class RigidStep:
         self._drives[number], self._forward[number] = drive, None
         self._table(self._rotors)[number] = np.where(drive.rigid, drive.rotors, 0.0)
         self._table(self._dry)[number] = drive.friction.dry & drive.rigid
-        self._mask[...] = self._dry
         self._any_dry, self._all_dry = bool(self._dry.any()), bool(self._dry.all())
         self._coupled = [
             (arm, one.coupled)
@@ -173,13 +172,14 @@ class RigidStep:
         if drive.coupled.present:
             drive.coupled.reset()
         self._table(self._direction)[number] = 0.0
+        self._guess(self._direction)
         self.set_viscous(viscous)
 
     def set_viscous(self, viscous: np.ndarray) -> None:
         """Change b [N m s/rad]."""
         self._viscous[...] = viscous
         self._effective = self._rotors + self._dt * viscous
-        self._guess(np.arange(self._shape[0]), self._direction)
+        self._set_inertia()
 
     def advance(self, torque: np.ndarray, limit: np.ndarray) -> None:
         """One step under u [N m], all that acts on the joints but friction and rotors; limit of dry friction [N m]."""
@@ -213,18 +213,22 @@ class RigidStep:
             out[:] = motors(q, dq, u, rotors, viscous, dry)
         return taken
 
-    def _guess(self, arms: np.ndarray, direction: np.ndarray) -> None:
-        """Guess the directions of some arms' joints, out of a row of those of all arms; 0 sticks if it is dry."""
-        self._table(self._direction)[arms] = self._table(direction)[arms]
-        sticking = self._dry & (self._direction == 0)
+    def _guess(self, direction: np.ndarray) -> None:
+        """Guess the directions of the joints; of those with dry friction 0 sticks."""
+        self._direction, self._signs = direction, direction.tobytes()
+        self._sticks = self._dry - absolute(direction)
+        (self._stuck,) = self._sticks.nonzero()
+        self._any_stuck, self._over[...] = len(self._stuck) > 0, False
+        self._hold = HOLD * self._sticks
+        self._brake = self._hold / self._dt
+        self._set_inertia()
+
+    def _set_inertia(self) -> None:
+        """Have the bodies step with what sticks held."""
+        inertia = self._effective + self._hold
         # a joint that slides is held by nothing
-        hold = HOLD * sticking
-        inertia = self._effective + hold
-        self._stuck = np.flatnonzero(sticking)
-        self._any_stuck = len(self._stuck) > 0
-        self._brake, self._holding = hold / self._dt, np.where(sticking, inertia, 0.0)
-        self._signs = self._direction.tobytes()
-        self._bodies.set_rotors(arms, self._table(inertia)[arms])
+        self._holding = inertia * self._sticks
+        self._bodies.set_rotors(inertia)
 
     def _try(
         self, limit: np.ndarray, brakes: bool, only: np.ndarray | None = None
@@ -250,41 +254,31 @@ class RigidStep:
             greater(absolute(held, work), limit, self._over)
             stuck = np.count_nonzero(self._over) > 0
         # a joint without dry friction has no way
-        sign(ahead if self._all_dry else multiply(ahead, self._mask, way), way)
+        sign(ahead if self._all_dry else multiply(ahead, self._dry, way), way)
         return not stuck and way.tobytes() == self._signs
 
     def _again(self, limit: np.ndarray) -> None:
         """Find the step of the arms whose first guess was wrong; limits of dry friction [N m]."""
-        for _ in range(GUESSES - 1):
-            arms, guess = self._wrong()
-            self._guess(arms, guess)
+        for guesses in range(1, GUESSES + 1):
+            # what went another way than guessed sticks, and what was not held goes where it was pushed
+            kept = np.where(self._way == self._direction, self._way, 0.0)
+            guess = kept + self._over * sign(self._held)
+            wrong = self._table(guess != self._direction).any(axis=1)
+            arms = np.flatnonzero(wrong).astype(np.int32)
+            if guesses == GUESSES:
+                for arm in arms.tolist():
+                    self._table(guess)[arm] = self._search(arm, limit)
+            self._guess(guess)
             if self._try(limit, True, arms):
                 return
-        arms, guess = self._wrong()
-        for arm in arms.tolist():
-            self._table(guess)[arm] = self._search(arm, self._table(limit)[arm])
-        self._guess(arms, guess)
-        self._try(limit, True, arms)
-
-    def _wrong(self) -> tuple[np.ndarray, np.ndarray]:
-        """Numbers of the arms that were guessed wrong, and the next guess of all, (N n,)."""
-        over = self._over & self._any_stuck
-        wrong = (self._way != self._direction) | over
-        kept = np.where(self._direction == self._way, self._way, 0.0)
-        guess = np.where(over, np.where(self._held > 0, 1.0, -1.0), kept)
-        arms = np.flatnonzero(self._table(wrong).any(axis=1))
-        return arms.astype(np.int32), guess
 
     def _search(self, arm: int, limit: np.ndarray) -> np.ndarray:
-        """Directions of an arm's joints by a search that always ends, 0 if they stick, shape (n,).
-
-        ``limit``: of their dry friction [N m], shape (n,).
-        """
-        q, dq, out, rotors, effective, dry = (
+        """Directions of an arm's joints by a search that always ends, 0 if they stick, shape (n,)."""
+        q, dq, out, most, rotors, effective, dry = (
             self._table(row)[arm]
             for row in (
-                *(self.q, self.dq, self._out, self._rotors, self._effective),
-                self._dry,
+                *(self.q, self.dq, self._out, limit),
+                *(self._rotors, self._effective, self._dry),
             )
         )
         drive, forward = self._drives[arm], self._forward[arm]
@@ -295,5 +289,5 @@ class RigidStep:
         forward.set_rotors(effective)
         inertia = forward.mass_matrix(q)
         momentum = inertia @ dq + self._dt * (out - forward.bias(q, dq))
-        self._friction[arm].solve(inertia, momentum, self._dt * limit)
+        self._friction[arm].solve(inertia, momentum, self._dt * most)
         return np.where(dry, self._friction[arm].direction, 0.0)

@@ -83,9 +83,9 @@ class Bodies(ABC):
         """Give an arm other bodies of the same structure, and another gravity [m/s^2], where an engine can."""
         raise NotImplementedError
 
-    def set_rotors(self, arms: int | slice | np.ndarray, rotors: np.ndarray) -> None:
-        """Change the inertia on the diagonal of the mass matrix of some arms [kg m^2], shape (k, n)."""
-        self.rotors[arms] = rotors
+    def set_rotors(self, rotors: np.ndarray) -> None:
+        """Change the inertia on the diagonal of the mass matrix [kg m^2], shape (N n,)."""
+        self.rotors[...] = rotors.reshape(self.rotors.shape)
 
     @abstractmethod
     def run(self, torque: np.ndarray, count: int) -> None:
