@@ -540,15 +540,19 @@ def _verdict(ratio: float, p_value: float) -> str:
 
 def _precision(problem: Problem, beta: np.ndarray, cutoff: float) -> np.ndarray:
     """C_g^-1 of one group, shape (b, b)."""
-    residual = problem.residual(beta)
-    size = residual.size
-    memory = low_pass_inflation(cutoff, problem.interval)
-    # fitting took up some of the independent samples
-    free = max(1 - memory * len(beta) / size, 1 / size)
-    variance = np.maximum((residual**2).mean(axis=0) / free * memory, 1e-300)
+    variance = _variance(problem, beta, cutoff)
     weighted = problem.matrix / np.sqrt(variance)[:, None]
     flat = weighted.reshape(-1, len(beta))
     return np.asarray(flat.T @ flat)
+
+
+def _variance(problem: Problem, beta: np.ndarray, cutoff: float) -> np.ndarray:
+    """Of what a fit leaves, as many samples counted as one as the low-pass makes alike [N m^2], (n,)."""
+    residual = problem.residual(beta)
+    memory = low_pass_inflation(cutoff, problem.interval)
+    # fitting took up some of the independent samples
+    free = max(1 - memory * len(beta) / residual.size, 1 / residual.size)
+    return np.maximum((residual**2).mean(axis=0) / free * memory, 1e-300)
 
 
 # Intervals for the torque that an identified model predicts on other trajectories, model error included.
@@ -658,12 +662,46 @@ def torque_interval(
     """
     estimate = estimate or estimator.estimate(problem)
     error = model_error(problem, held_out(problem, estimator), cutoff)
+    # what the other groups do not determine is no error of the model
+    missed2, freedom = _missed_by_parameters(problem, estimate.value, cutoff)
+    by_chance = chi2.sf(freedom * error.systematic**2 / missed2, freedom)
+    beyond = np.sqrt((error.systematic**2 - missed2).clip(0.0))
+    p_value = np.maximum(error.p_value, by_chance)
+    error = replace(error, systematic=beyond, p_value=p_value)
     return TorqueInterval(
         estimate=estimate,
         parameters=uncertainty,
         error=error,
         warnings=error.warnings(),
     )
+
+
+def _missed_by_parameters(
+    problem: Problem, beta: np.ndarray, cutoff: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean square of torque that groups miss of each other by parameters alone [N m^2], (n,): W_k C_-k W_k^T.
+
+    C_-k is the covariance that weighted least squares has of the parameters from the other groups, by what the whole
+    leaves. Few directions may make most of it: its distribution is about that of chi-squared with (sum l)^2 / sum l^2
+    degrees of freedom, l the variances of the directions (Welch and Satterthwaite), (n,).
+    """
+    variance, n = _variance(problem, beta, cutoff), problem.n_joints
+    weighted = problem.matrix / np.sqrt(variance)[:, None]
+    spans = several_groups(problem.group)
+    flat = [weighted[span].reshape(-1, len(beta)) for span in spans]
+    grams = [part.T @ part for part in flat]
+    total = np.sum(grams, axis=0)
+    unit = 1 / np.sqrt(np.diag(total).clip(1e-300))
+    sums, squares = np.zeros(n), np.zeros(n)
+    for span, gram in zip(spans, grams, strict=True):
+        values, vectors = np.linalg.eigh((total - gram) * np.outer(unit, unit))
+        # a direction that the others do not determine at all is missed by any amount
+        spread = (weighted[span] * unit) @ (vectors / np.sqrt(values.clip(1e-14)))
+        own = np.einsum("ijb,ijc->jbc", spread, spread, optimize=True)
+        sums += np.trace(own, axis1=1, axis2=2)
+        squares += (own**2).sum(axis=(1, 2))
+    missed2 = np.maximum(variance * sums / len(problem.torque), 1e-300)
+    return missed2, np.maximum(sums**2 / np.maximum(squares, 1e-300), 1.0)
 
 
 def held_out(problem: Problem, estimator: Estimator) -> np.ndarray:
