@@ -11,7 +11,7 @@ import yaml
 
 from gapscope.arm.case import Case
 from gapscope.arm.display import effect_name
-from gapscope.diagnosis.document.wording import another_arm, capital, listing, much
+from gapscope.diagnosis.document.wording import capital, listing, misread, much
 from gapscope.diagnosis.gap.plausible_data import check_moving
 from gapscope.diagnosis.setup_faults.detection import (
     find_setup_faults,
@@ -88,23 +88,9 @@ class SetUp:
             yield self._of_fault(fault)
         if self.off is None:
             return
-        if self.shown is not self.gravity:
-            shown, said = (
-                [round(float(x), 2) + 0.0 for x in g]
-                for g in (self.shown, self.gravity)
-            )
-            yield Remark(
-                "warn",
-                "torque",
-                "",
-                f"the torque shows gravity {shown} m/s^2 in the frame of the base, the case says {said}: the base is "
-                "mounted turned",
-                f"say in the case gravity: {shown}",
-            )
-        elif other := another_arm(self.off):
-            yield Remark(
-                "warn", "torque", "", other, "check robot:, payloads: and nominal:"
-            )
+        said, remedy = misread(self.off, self.shown, self.gravity)
+        if said:
+            yield Remark("warn", "torque", "", said, remedy)
         elif all(_topic(fault) == "time" for fault in self.faults):
             yield Remark(
                 "ok",

@@ -32,12 +32,13 @@ from gapscope.diagnosis.document.findings import (
     with_states,
     with_torques_turned,
 )
-from gapscope.diagnosis.document.wording import another_arm, verdict, with_slide_units
+from gapscope.diagnosis.document.wording import misread, verdict, with_slide_units
 from gapscope.diagnosis.gap.commanded_torque import WARNING
 from gapscope.diagnosis.gap.plausible_data import short_note, still_note
 from gapscope.diagnosis.locate import MotionRows, located, stack
 from gapscope.diagnosis.selection.evidence import Fit
 from gapscope.diagnosis.selection.search import Selection
+from gapscope.diagnosis.setup_faults.detection import upright
 from gapscope.diagnosis.study import Study
 from gapscope.diagnosis.thresholds import PREDICTABLE_SHARE, SIGNIFICANT_RESIDUAL_RATIO
 from gapscope.effects.effect import SHEET
@@ -403,6 +404,7 @@ def diagnosis_content(study: Study) -> dict[str, Any]:
     closed = gap.closed if reach(found=bool(here)) == reached else None
     # what stays on a joint is worth a recording only where the verdict says that it is unexplained
     unexplained = open_joints if reached == "unexplained" else []
+    doubt, first = _misread(study) if reached == "unexplained" else ("", "")
     content: dict[str, Any] = {
         "schema": 1,
         "case": study.case.name,
@@ -419,7 +421,12 @@ def diagnosis_content(study: Study) -> dict[str, Any]:
             **_unexplained_entry(study, rows, open_joints, predictions),
         },
         "next_recording": suggested_recording(
-            reached, effects, possible, unexplained, study.undeclared_coupling
+            reached,
+            effects,
+            possible,
+            unexplained,
+            study.undeclared_coupling,
+            first,
         ),
         "where": _where_before(study, rows, gap),
     }
@@ -431,10 +438,16 @@ def diagnosis_content(study: Study) -> dict[str, Any]:
         # what is wrong in the file need not be looked for in the recordings
         note = f"in the robot file: {odd}; see gapscope audit {study.case.arm.urdf.resolve()}"
         content["warnings"].insert(0, note)
-    other = another_arm(float(np.sqrt((study.gap_before.nrmse**2).mean())))
-    if other and reached == "unexplained":
-        content["warnings"].insert(0, other)
+    if first:
+        content["warnings"].insert(0, f"{doubt}; {first}")
     return with_slide_units(content, study.case.arm.sliding)
+
+
+def _misread(study: Study) -> tuple[str, str]:
+    """What makes the nominal arm another one than was recorded, and what to do first; empty if nothing does."""
+    off = float(np.sqrt((study.gap_before.nrmse**2).mean()))
+    mounted = upright(study.case).arm
+    return misread(off, mounted.gravity, study.case.arm.gravity)
 
 
 def _gap_stages(study: Study) -> GapStages:

@@ -587,6 +587,7 @@ def suggested_recording(
     possible: list[dict[str, Any]],
     open_joints: list[int],
     coupling: UndeclaredCoupling | None = None,
+    first: str = "",
 ) -> str | None:
     """What to record, or to declare first, why, and what it will tell; ``None`` if nothing is open.
 
@@ -598,9 +599,12 @@ def suggested_recording(
         possible: findings that are possible only.
         open_joints: joints whose residual the verdict calls unexplained, from 1.
         coupling: two joints that seem to be turned by one motor.
+        first: what to correct in the case before that.
     """
     if reached == "no_gap":
         return None
+    if first:
+        return f"none yet: first {first}, and diagnose again"
     if coupling is not None:
         return (
             f"none yet: first look whether one motor turns joints {coupling.joint} and {coupling.motor}, declare it in "

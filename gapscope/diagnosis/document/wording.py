@@ -105,14 +105,28 @@ NO_TORQUE = 1.0
 """Gap over the torque's deviation beyond which no torque at all would be a better prediction [1]. (definition)"""
 
 
-def another_arm(off: float) -> str:
-    """A sentence on a nominal arm whose gap over the joints, RMS of torque NRMSE [1], is that of another; or empty."""
-    if off <= NO_TORQUE:
-        return ""
-    return (
-        f"the nominal arm's torque is off by {much(off)} of the recorded one, more than no torque would be: another "
-        "robot or unit, or a load or friction that the case does not state"
-    )
+def misread(off: float, shown: np.ndarray, said: np.ndarray) -> tuple[str, str]:
+    """What makes the nominal arm another one than was recorded, and what to do; empty if nothing does.
+
+    Args:
+        off: its gap over the joints, RMS of torque NRMSE [1].
+        shown: gravity that the torque shows, in the frame of the base [m/s^2], (3,); ``said`` itself if it is that.
+        said: gravity that the case says, likewise.
+    """
+    if shown is not said:
+        found, given = ([round(float(x), 2) + 0.0 for x in g] for g in (shown, said))
+        return (
+            f"the torque shows gravity {found} m/s^2 in the frame of the base, the case says {given}: the base is "
+            "mounted turned",
+            f"say in the case gravity: {found}",
+        )
+    if off > NO_TORQUE:
+        return (
+            f"the nominal arm's torque is off by {much(off)} of the recorded one, more than no torque would be: "
+            "another robot or unit, or a load or friction that the case does not state",
+            "check robot:, payloads: and nominal:",
+        )
+    return "", ""
 
 
 def much(gap: float) -> str:

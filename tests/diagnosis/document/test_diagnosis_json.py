@@ -447,6 +447,12 @@ def test_nothing_in_its_place_is_an_alternative_too() -> None:
     assert text is not None and text.startswith("to tell actuator delay from nothing")
 
 
+def test_a_case_that_is_misread_is_corrected_first() -> None:
+    line = "say in the case gravity: [0.0, 9.81, 0.0]"
+    text = suggested_recording("unexplained", [], [], [2], first=line)
+    assert text == f"none yet: first {line}, and diagnose again"
+
+
 def test_else_none() -> None:
     assert suggested_recording("effects_found", [finding(0.049)], [], []) is None
     assert suggested_recording("no_gap", [], [finding(0.4)], []) is None
