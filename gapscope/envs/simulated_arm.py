@@ -173,7 +173,7 @@ class SimulatedArms:
         for step in range(count):
             if not path.constant:
                 self._send(torque, first=step == 0)
-            elif friction.drifting and self._count >= self._drifts_at:
+            elif friction.drifting:
                 self._drift()
             self._advance()
             self._count += 1
@@ -226,7 +226,7 @@ class SimulatedArms:
         return viscous if self.motors is None else viscous * self._rigid
 
     def _drift(self) -> None:
-        """Bring the drift of friction up to date in the arms in which that is due, if it is in one."""
+        """Bring the drift of friction up to date in the arms in which that is due."""
         if self._count < self._drifts_at:
             return
         steps, every = self._count - self._begun, self._friction.every

@@ -136,7 +136,7 @@ class RigidStep:
         self._shape = count, n = bodies.rotors.shape
         self._drives: list[ArmDrive | None] = [None] * count
         self._forward: list[ForwardDynamics | None] = [None] * count
-        self._friction = [DryFriction(n) for _ in range(count)]
+        self._friction = DryFriction(n)
         size = count * n
         # 1 at joints with dry friction and at those of them that stick, 0 elsewhere
         self._dry, self._sticks = np.zeros((2, size))
@@ -166,7 +166,6 @@ class RigidStep:
 
     def reset(self, number: int, viscous: np.ndarray) -> None:
         """Forget the steps of an arm: all its joints rest; viscous friction b of all arms [N m s/rad]."""
-        self._friction[number].reset()
         drive = self._drives[number]
         assert drive is not None
         if drive.coupled.present:
@@ -267,13 +266,13 @@ class RigidStep:
             arms = np.flatnonzero(wrong).astype(np.int32)
             if guesses == GUESSES:
                 for arm in arms.tolist():
-                    self._table(guess)[arm] = self._search(arm, limit)
+                    self._search(arm, limit, self._table(guess)[arm])
             self._guess(guess)
             if self._try(limit, True, arms):
                 return
 
-    def _search(self, arm: int, limit: np.ndarray) -> np.ndarray:
-        """Directions of an arm's joints by a search that always ends, 0 if they stick, shape (n,)."""
+    def _search(self, arm: int, limit: np.ndarray, guess: np.ndarray) -> None:
+        """Replace a guess at the directions of an arm's joints, shape (n,), by a search that always ends."""
         q, dq, out, most, rotors, effective, dry = (
             self._table(row)[arm]
             for row in (
@@ -289,5 +288,6 @@ class RigidStep:
         forward.set_rotors(effective)
         inertia = forward.mass_matrix(q)
         momentum = inertia @ dq + self._dt * (out - forward.bias(q, dq))
-        self._friction[arm].solve(inertia, momentum, self._dt * most)
-        return np.where(dry, self._friction[arm].direction, 0.0)
+        self._friction.direction = guess.copy()
+        self._friction.solve(inertia, momentum, self._dt * most)
+        guess[:] = np.where(dry, self._friction.direction, 0.0)

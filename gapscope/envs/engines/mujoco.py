@@ -119,7 +119,7 @@ class MuJoCoBodies(Bodies):
         )
         # arms of a batch are far apart in its memory, where numpy takes three times as long
         self._copied = count > 1
-        tables = np.zeros((4, *self._q.shape))
+        tables = tuple(np.zeros((4, *self._q.shape)))
         if not self._copied:
             tables = (*tables[:2], self._dq, self._force)
         self._own_q, self._own_dq, self._own_ahead, self._own_force = tables
