@@ -153,7 +153,10 @@ def _groups(groups: GroupComparison) -> dict[str, Any]:
 
 def _meaning(groups: GroupComparison) -> str:
     if not groups.warnings:
-        return "variance, not bias: they differ as much as the errors that they state"
+        return (
+            "they differ as much as the errors that they state; an error that all of them share, such as the form of "
+            "the friction makes, does not show here"
+        )
     return groups.warnings[0]
 
 
