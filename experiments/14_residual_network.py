@@ -41,8 +41,9 @@ from gapscope.blind_check.generator.simulate import (
 )
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.residual import write_residual
+from gapscope.effects.residual import ADDITIVE, write_residual
 from gapscope.ident.residual.fit import (
+    APART,
     ResidualSettings,
     Trajectory,
     boosted_trees,
@@ -229,21 +230,22 @@ def problems(out: Path) -> dict[str, Callable[[], Problem]]:
 
 def study(problem: Problem, path: Path) -> dict[str, Any]:
     """Train and judge the network and the trees, with the physics apart and, for the price of it, not."""
-    settings = ResidualSettings()
     start = time.process_time()
-    residual, fitted = fit_residual(problem.fit, settings)
+    residual, fitted = fit_residual(problem.fit, ResidualSettings())
     seconds = time.process_time() - start
     write_residual(residual, path)
-    rows = rows_of(problem.fit, settings)
-    own = replace(settings, apart="effects", form="additive")
-    free, _ = fit_residual(problem.fit, own)
-    free_rows = rows_of(problem.fit, own)
+    left = {"nothing": torque_left(problem.judge, None)}
+    left["network"] = torque_left(problem.judge, residual.torque)
+    for apart in APART:
+        own = ResidualSettings(apart=apart)
+        trees = boosted_trees(rows_of(problem.fit, own))
+        left[f"trees_{apart}"] = torque_left(problem.judge, trees)
+        for form in (ADDITIVE, "mlp"):
+            alone, _ = fit_residual(problem.fit, replace(own, form=form))
+            left[f"{form}_{apart}"] = torque_left(problem.judge, alone.torque)
     return {
-        "nothing": torque_left(problem.judge, None),
-        "network": torque_left(problem.judge, residual.torque),
-        "trees": torque_left(problem.judge, boosted_trees(rows)),
-        "network_effects": torque_left(problem.judge, free.torque),
-        "trees_effects": torque_left(problem.judge, boosted_trees(free_rows)),
+        **left,
+        "apart": fitted.apart,
         "form": fitted.form,
         "closed": fitted.closed,
         "gain": fitted.gain,
@@ -254,20 +256,22 @@ def study(problem: Problem, path: Path) -> dict[str, Any]:
     }
 
 
+WAYS = [f"{what}_{apart}" for apart in APART for what in (ADDITIVE, "mlp", "trees")]
+"""What is compared: each form, and trees, on what either way to keep apart leaves to them."""
+
+
 def table(found: dict[str, dict[str, Any]]) -> str:
-    """What each leaves of each joint, and a summary."""
+    """What each leaves of each joint."""
     lines = [
         "| problem | | J1 | J2 | J3 | J4 | J5 | J6 | J7 |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     for name, one in found.items():
-        for key in ("nothing", "network", "trees"):
+        for key in ("nothing", "network", *WAYS):
             cells = [f"{x:.3g}" for x in one[key]]
             if key == "network":
-                cells = [
-                    f"{cell} {form[:1]}"
-                    for cell, form in zip(cells, one["form"], strict=True)
-                ]
+                pairs = zip(cells, one["form"], strict=True)
+                cells = [f"{cell} {form[:1]}" for cell, form in pairs]
             cells += [""] * (7 - len(cells))
             title = name if key == "nothing" else ""
             lines.append(f"| {title} | {key} | {' | '.join(cells)} |")
@@ -275,18 +279,14 @@ def table(found: dict[str, dict[str, Any]]) -> str:
 
 
 def summary(found: dict[str, dict[str, Any]]) -> str:
-    """Joints on which the network is no worse, and the largest shares in the physics."""
-    lines = [
-        "| remainder | joints | no worse than nothing | no worse than trees | trees no worse than nothing | "
-        "network over nothing | trees over nothing | effects alone kept apart: network | trees |",
-        "|" + "---|" * 9,
-    ]
-    kinds = [*REMAINDERS, "tx40", "ur10"]
-    for kind in kinds:
+    """Geometric means over joints of what is left over nothing, what was chosen, and the shares in the physics."""
+    head = ["remainder", "joints", "no worse than nothing", "network"]
+    head += ["apart from effects alone", "additive, MLP, silent", *WAYS]
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    for kind in (*REMAINDERS, "tx40", "ur10", ""):
         own = [one for name, one in found.items() if name.startswith(kind)]
         if own:
-            lines.append(f"| {kind} | {_row(own)} |")
-    lines.append(f"| all | {_row(list(found.values()))} |")
+            lines.append(f"| {kind or 'all'} | {_row(own)} |")
     shares = max(one["in_output"][1] for one in found.values())
     moves = max(one["moves"][1] for one in found.values())
     seconds = [one["seconds"] for one in found.values()]
@@ -298,22 +298,16 @@ def summary(found: dict[str, dict[str, Any]]) -> str:
 
 def _row(own: Sequence[dict[str, Any]]) -> str:
     """Counts, and geometric means over joints of what is left over nothing."""
-    columns = {
-        key: np.concatenate([one[key] for one in own])
-        for key in ("nothing", "network", "trees", "network_effects", "trees_effects")
-    }
-    nothing, network, trees = (columns[k] for k in ("nothing", "network", "trees"))
-    counts = [
-        len(nothing),
-        int((network <= EVEN * nothing).sum()),
-        int((network <= EVEN * trees).sum()),
-        int((trees <= EVEN * nothing).sum()),
-    ]
-    ratios = [
-        float(np.exp(np.log(columns[key] / nothing).mean()))
-        for key in ("network", "trees", "network_effects", "trees_effects")
-    ]
-    return " | ".join([*map(str, counts), *(f"{x:.2f}" for x in ratios)])
+    keys = ("nothing", "network", *WAYS)
+    left = {key: np.concatenate([one[key] for one in own]) for key in keys}
+    nothing = left["nothing"]
+    forms = [form for one in own for form in one["form"]]
+    counts = [len(nothing), int((left["network"] <= EVEN * nothing).sum())]
+    ratios = [f"{np.exp(np.log(left[key] / nothing).mean()):.2f}" for key in keys[1:]]
+    free = sum(one["apart"] == "effects" for one in own)
+    chosen = ", ".join(str(forms.count(form)) for form in (ADDITIVE, "mlp", ""))
+    cells = [*map(str, counts), ratios[0], f"{free} of {len(own)}", chosen, *ratios[1:]]
+    return " | ".join(cells)
 
 
 def main() -> None:

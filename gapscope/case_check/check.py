@@ -344,7 +344,7 @@ def _of_joints(mask: np.ndarray, said: str, remedy: str) -> Iterator[Remark]:
 
 
 def _of_bodies(motions: JointMotions) -> Remark:
-    said = f"{motions.excited:.0%} of the base parameters of the bodies show in the torque by themselves"
+    said = f"the torque determines {motions.excited:.0%} of the base parameters of the bodies"
     if motions.silent:
         named = ", ".join(motions.silent[:MOST_NAMED])
         rest = len(motions.silent) - MOST_NAMED

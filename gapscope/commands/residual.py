@@ -19,7 +19,8 @@ Form = Annotated[
 Apart = Annotated[
     str,
     typer.Option(
-        help="what the network must not explain: effects, or all (with inertial parameters, friction, rotors, offsets)"
+        help="what the network must not explain: effects; all (inertial parameters, friction, rotors, offsets too); or "
+        "best (effects alone if that closes more of held-out recordings)"
     ),
 ]
 HeldOut = Annotated[
@@ -39,7 +40,7 @@ def residual(
     out: Results,
     model: Model = None,
     form: Form = "best",
-    apart: Apart = "all",
+    apart: Apart = "best",
     judge: HeldOut = None,
     onnx: Onnx = False,
     seed: Seed = 0,

@@ -126,7 +126,10 @@ def _essential(essential: EssentialParameters) -> dict[str, Any]:
 
 
 def _groups(groups: GroupComparison) -> dict[str, Any]:
-    meaning = "variance, not bias: they differ as much as the errors that they state"
+    meaning = (
+        "they differ as much as the errors that they state; an error that all of them share, such as the form of the "
+        "friction makes, does not show here"
+    )
     return {
         "count": len(groups.values),
         "stated_std": np.sqrt(groups.stated),

@@ -165,11 +165,14 @@ class Uncertainty:
         covariance: shape (b, b).
         freedom: degrees of freedom of its variances, about the number of independent blocks [1].
         length: samples per block.
+        by_blocks: the covariance if what the unknown form of the friction does is taken for noise, (b, b); ``None``
+            if that is the covariance itself.
     """
 
     covariance: np.ndarray
     freedom: float
     length: int
+    by_blocks: np.ndarray | None = None
 
     @property
     def deviation(self) -> np.ndarray:
@@ -292,14 +295,18 @@ def block_jackknife(
     about ``MOST_BLOCKS``. Source: kunsch1989, bell2002.
     """
     weighted = problem.matrix if weight is None else weight @ problem.matrix
-    if not problem.forms:
-        residual = problem.residual(beta)
+
+    def by_blocks(residual: np.ndarray) -> Uncertainty:
         return jackknife(weighted, problem.matrix, residual, problem.group, length)
+
+    alone = by_blocks(problem.residual(beta))
+    if not problem.forms:
+        return alone
     # what repeats with the motion is in no block alone
     error = form_error(problem, beta)
-    found = jackknife(weighted, problem.matrix, error.noise, problem.group, length)
-    of_form = error.covariance(weighted, problem)
-    return replace(found, covariance=found.covariance + of_form)
+    of_noise = by_blocks(error.noise)
+    covariance = of_noise.covariance + error.covariance(weighted, problem)
+    return replace(of_noise, covariance=covariance, by_blocks=alone.covariance)
 
 
 def jackknife(
@@ -588,7 +595,11 @@ class TorqueInterval:
             level: share of samples that the interval is to hold [1].
             recorded: of the torque as it would be recorded, noise included, instead of the torque itself.
         """
-        own = ((matrix @ self.parameters.covariance) * matrix).sum(axis=2)
+        # what the form moves in the parameters it gives back in torque; what it leaves there is model error
+        covariance = self.parameters.by_blocks
+        if covariance is None:
+            covariance = self.parameters.covariance
+        own = ((matrix @ covariance) * matrix).sum(axis=2)
         systematic = self.error.systematic**2
         variance = own + systematic
         # Welch and Satterthwaite

@@ -202,7 +202,7 @@ def _baselines(figures: dict[str, Any]) -> Table:
         "pair exact",
         "triple Jaccard",
         "ladder exact",
-        "healthy called ill",
+        "false alarms on healthy arms",
         "outside called unexplained",
         "inside called unexplained",
     )

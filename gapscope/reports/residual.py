@@ -63,10 +63,16 @@ def physics_sentence(content: Mapping[str, Any]) -> str:
         "all": "inertial parameters, rotors, friction, offsets and the effects",
         "effects": "the parameters of the effects",
     }[physics["kept_apart_from"]]
+    closed = physics["closed_by_apart"]
+    tried = ""
+    if len(closed) > 1:
+        shares = [f"{percent(share)} apart from {way}" for way, share in closed.items()]
+        tried = f"Of what was held out networks close {', '.join(shares)}: this one is kept apart from {of}. "
     return (
-        f"{percent(physics['share_of_residual'])} of the squares of the residual can be explained by {of}, and are "
-        f"left to them. Of the network's output {physics['share_of_output']:.1e} lies there; refitted with the network "
-        f"in place, a parameter of the effects would move by at most {physics['largest_move']:.1e} standard deviations."
+        f"{tried}{percent(physics['share_of_residual'])} of the squares of the residual can be explained by {of}, and "
+        f"are left to them. Of the network's output {physics['share_of_output']:.1e} lies there; refitted with the "
+        f"network in place, a parameter of the effects would move by at most {physics['largest_move']:.1e} standard "
+        "deviations."
     )
 
 

@@ -138,6 +138,7 @@ def _stated(problem: Problem, estimator: Estimator, estimate: Estimate) -> Uncer
 
 
 _BLOCKS = f"block jackknife, the estimate without each of up to {MOST_BLOCKS} stretches of time"
+_WITH_FORM = f"{_BLOCKS}, and what the unknown form of the friction may do"
 _JACKKNIFE = f"block jackknife, the estimate repeated without each of about {STRETCHES} stretches of time"
 _UNBIASED = f"{_JACKKNIFE}; the bias of the pull is not counted"
 
@@ -145,10 +146,10 @@ METHODS: dict[str, Method] = {
     "consistent": Method(
         lambda given: WeightedLeastSquares(),
         _by_joint,
-        f"{_BLOCKS}, of weighted least squares without the constraints",
+        f"{_WITH_FORM}, of weighted least squares without the constraints",
     ),
-    "wls": Method(lambda given: WeightedLeastSquares(), _by_joint, _BLOCKS),
-    "ols": Method(lambda given: OrdinaryLeastSquares(), _unweighted, _BLOCKS),
+    "wls": Method(lambda given: WeightedLeastSquares(), _by_joint, _WITH_FORM),
+    "ols": Method(lambda given: OrdinaryLeastSquares(), _unweighted, _WITH_FORM),
     "irls": Method(lambda given: HuberLeastSquares(), _robust, _JACKKNIFE),
     "ridge": Method(
         lambda given: Ridge(
@@ -171,7 +172,9 @@ METHODS: dict[str, Method] = {
     "total_least_squares": Method(
         lambda given: TotalLeastSquares(), _repeated, _JACKKNIFE
     ),
-    "maximum_likelihood": Method(lambda given: MaximumLikelihood(), _across, _BLOCKS),
+    "maximum_likelihood": Method(
+        lambda given: MaximumLikelihood(), _across, _WITH_FORM
+    ),
     "kalman": Method(
         lambda given: Kalman(),
         _stated,

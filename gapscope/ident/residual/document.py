@@ -110,7 +110,8 @@ def document(found: LearntResidual, files: Mapping[str, str]) -> dict[str, Any]:
     report, settings = found.report, found.settings
     joints = [_joint(found, joint) for joint in range(found.case.arm.n_joints)]
     physics = {
-        "kept_apart_from": settings.apart,
+        "kept_apart_from": report.apart,
+        "closed_by_apart": report.closed_apart,
         "share_of_residual": report.in_target,
         "share_of_output_before": report.in_output[0],
         "share_of_output": report.in_output[1],

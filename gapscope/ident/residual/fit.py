@@ -52,9 +52,9 @@ TCN_LAYERS = 3
 PAST_OF_MLP = 4
 """Samples in the window of the feed-forward network."""
 BEST = "best"
-"""The form that is chosen per joint on held-out data."""
+"""The form that is chosen per joint, and what it is kept apart from, by recordings held out."""
 APART = ("all", "effects")
-"""What a network can be kept apart from."""
+"""What a network can be kept apart from, the strictest first."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,8 @@ class ResidualSettings:
         form: ``additive``, ``mlp`` or ``tcn``; or ``best``: additive and MLP are trained, and each joint gets the one
             that predicts best what was held out.
         apart: what the output is kept apart from: ``all`` that inertial parameters, friction, rotors, offsets and
-            effects can explain, or the parameters of the ``effects`` alone.
+            effects can explain, or the parameters of the ``effects`` alone; or ``best``: of the effects alone if that
+            closes more of what was held out.
         members: networks in the ensemble, 3 to 5.
         hidden: units in a hidden layer.
         spacing: time between the samples of a window [s].
@@ -78,7 +79,7 @@ class ResidualSettings:
     """
 
     form: str = BEST
-    apart: str = "all"
+    apart: str = BEST
     members: int = 5
     hidden: int = 24
     spacing: float = 0.02
@@ -93,7 +94,7 @@ class ResidualSettings:
         """Check what must be one of a few."""
         for name, value, known in (
             ("form", self.form, (BEST, *FORMS)),
-            ("apart", self.apart, APART),
+            ("apart", self.apart, (BEST, *APART)),
         ):
             if value not in known:
                 raise InputError(
@@ -1287,6 +1288,8 @@ class Report:
             groups, at the best factor [1], each (n,).
         form: what was chosen on each joint, empty if nothing is better.
         closed: that share of the chosen form, kept apart from the physics [1], (n,); 0 if none was chosen.
+        apart: what the network is kept apart from, ``all`` or ``effects``.
+        closed_apart: mean of ``closed`` by what a network was kept apart from, of all that were tried [1].
         gain: factor on each joint's output [1], (n,); 0 if none was chosen.
         in_target: share of the residual's squares that lay in the span of the physics and was taken out [1].
         in_output: the same of the network's output, before and after the projection of the heads [1].
@@ -1298,6 +1301,8 @@ class Report:
     by_form: dict[str, np.ndarray]
     form: tuple[str, ...]
     closed: np.ndarray
+    apart: str
+    closed_apart: dict[str, float]
     gain: np.ndarray
     in_target: float
     in_output: tuple[float, float]
@@ -1338,6 +1343,8 @@ def fit_residual(
     Raises:
         InputError: there is no trajectory.
     """
+    if settings.apart == BEST:
+        return _best_apart(trajectories, settings, progress)
     rows = rows_of(trajectories, settings)
     folds = make_folds(rows.group, settings.members, rows.residual, rows.q)
     candidates = [
@@ -1364,6 +1371,8 @@ def fit_residual(
         by_form={c.name: c.closed for c in candidates},
         form=tuple("" if k < 0 else names[k] for k in chosen),
         closed=closed,
+        apart=settings.apart,
+        closed_apart={settings.apart: float(closed.mean())},
         gain=gain,
         in_target=1.0 - float(target_share),
         in_output=(share_explained(rows.q, before), share_explained(rows.q, after)),
@@ -1372,6 +1381,23 @@ def fit_residual(
         doubted=float((residual.trust.factor(near) < 1.0).mean()),
     )
     return residual, report
+
+
+def _best_apart(
+    trajectories: Sequence[Trajectory],
+    settings: ResidualSettings,
+    progress: Callable[[str], None],
+) -> tuple[ResidualNetwork, Report]:
+    """The network kept apart from all, unless that from the effects alone closes more, by as much as gives a say."""
+    strict, free = (
+        fit_residual(trajectories, replace(settings, apart=apart), progress)
+        for apart in APART
+    )
+    reports = strict[1], free[1]
+    closed = {one.apart: one.closed_apart[one.apart] for one in reports}
+    better = closed[free[1].apart] - closed[strict[1].apart] >= LEAST_GAIN
+    network, report = free if better else strict
+    return network, replace(report, closed_apart=closed)
 
 
 def _candidate(
@@ -1513,6 +1539,7 @@ def learn_residual(
         _trajectories(plain, recordings) for recordings in (fit, held_out)
     )
     residual, report = fit_residual(fitted, settings, progress)
+    settings = replace(settings, apart=report.apart)
     progress("fits boosted trees to compare with")
     rows = rows_of(fitted, settings)
     return LearntResidual(
