@@ -64,7 +64,8 @@ def draw_force(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Valu
     }
 
 
-PITCH = Parameter("pitch", "theta", "rad", (-1.58, 1.58), (-0.0873, 0.0873))
+# a load that is not yet in a fit bends an arm on a wall beyond the right angle; with the load it comes back
+PITCH = Parameter("pitch", "theta", "rad", (-3.15, 3.15), (-0.0873, 0.0873))
 
 ON_SIDE = 1.35
 """Pitch of an arm on a wall [rad], short of a right angle, at which roll changes nothing."""
