@@ -143,10 +143,9 @@ class VelocityFilters:
     def __init__(self, rate: float, shape: tuple[int, int]) -> None:
         self._rate, self._shape = rate, shape
         gains = np.array(filter_gains(rate, cutoff(rate), VELOCITY_DAMPING))
-        pasts = np.zeros((2, 5, shape[0] * shape[1]))
-        if shape[0] == 1:
-            self._product, tables = gains.dot, pasts
-        else:
+        pasts: np.ndarray = np.zeros((2, 5, shape[0] * shape[1]))
+        self._product, tables = gains.dot, pasts
+        if shape[0] > 1:
             # one product per arm: a single large one would round differently
             self._product = partial(np.matmul, gains)
             tables = pasts.reshape(2, 5, *shape).swapaxes(1, 2)
