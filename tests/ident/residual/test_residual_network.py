@@ -120,7 +120,7 @@ def test_a_single_trajectory_is_cut_into_blocks() -> None:
     ("given", "message"),
     [
         ({"form": "rnn"}, "choose best or additive or mlp or tcn"),
-        ({"apart": "none"}, "choose all or effects"),
+        ({"apart": "none"}, "choose best or all or effects"),
         ({"members": 9}, "choose 3 to 5"),
     ],
 )

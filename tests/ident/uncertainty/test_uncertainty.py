@@ -323,6 +323,45 @@ def test_jackknife_of_instruments_leaves_blocks_out() -> None:
     assert found.freedom == 3.0
 
 
+def test_intervals_count_a_form_that_repeats_with_the_motion() -> None:
+    """A function of 48 draws that is no column, little noise: the blocks alone hold about half of 192 parameters."""
+    hits: dict[str, list[np.ndarray]] = {"blocks": [], "form": []}
+    for seed in range(48):
+        rng = np.random.default_rng(seed)
+        W = motion_columns(rng)
+        # the same five functions of the first column in every group, and so in every block
+        state = np.tanh(W[..., :1])
+        functions = np.cos(state * np.arange(1.0, 6.0) + np.arange(5.0))
+        lacking = 0.3 * functions @ rng.standard_normal(5)
+        given = recorded(rng, W, 0.01 * filtered(rng), lacking)
+        beta = OrdinaryLeastSquares().estimate(given).value
+        for name, forms in (("blocks", ()), ("form", (functions,))):
+            uncertainty = block_jackknife(replace(given, forms=forms), beta)
+            lower, upper = uncertainty.interval(beta)
+            hits[name].append((lower <= BETA) & (upper >= BETA))
+    held = {name: float(np.mean(inside)) for name, inside in hits.items()}
+    assert held["blocks"] < 0.85
+    assert 0.90 < held["form"] <= 0.99
+
+
+def test_few_samples_are_not_taken_for_an_effect_that_is_lacking() -> None:
+    """Groups that do not determine each other's columns miss each other by more than noise, without any lack."""
+    warned = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        W = motion_columns(rng, 160)
+        # each group moves by a column of its own
+        W = W * (0.02 + np.eye(4)[np.arange(160) * 4 // 160])[:, None, :]
+        noise = low_pass(rng.standard_normal((560, 2)), 1 / INTERVAL, 5.0)[200:-200]
+        given = recorded(rng, W, 0.1 * noise / noise.std())
+        estimate = OrdinaryLeastSquares().estimate(given)
+        interval = torque_interval(
+            given, OrdinaryLeastSquares(), block_jackknife(given, estimate.value), 5.0
+        )
+        warned.append(bool(interval.warnings))
+    assert not any(warned)
+
+
 # Repeated groups: variance between them against what they state tells noise from model error.
 
 
