@@ -3,45 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.signal import butter, sosfreqz
 from scipy.stats import chi2
 
 from gapscope.arm.errors import InputError
-from gapscope.ident.estimators.linear import Estimator, whitened
 from gapscope.ident.intervals import (
     GroupComparison,
-    PredictedTorque,
     TorqueInterval,
-    compare_groups,
-    predicted_torque,
-    torque_interval,
 )
 from gapscope.ident.model.base_parameters import (
     EMPTY,
     BaseParameters,
     EssentialParameters,
-    Factor,
-    base_parameters,
-    essential_parameters,
-    random_states,
     rank_by_gap,
 )
-from gapscope.ident.model.linear_problem import FrictionLaw, ModelColumns, Problem
-from gapscope.ident.samples import Band, SampleCount, Samples, count_samples
-from gapscope.model.conditioning import TORQUE_CUTOFF, Segment
+from gapscope.ident.samples import Band, SampleCount
+from gapscope.model.conditioning import Segment
 from gapscope.model.effective_samples import (
     autocovariance,
-    group_slices,
-    variance_inflation,
 )
-
-if TYPE_CHECKING:
-    from gapscope.ident.fitted_parameters import FittedParameters
 
 # Which parameters of an arm a motion determines: rank, condition, spectrum, standing of each parameter.
 
@@ -369,10 +353,6 @@ def whiteness(
 # What recordings determine of the parameters, and how far the model may be off: the findings beside the estimate.
 
 
-HELD_OUT = 4
-"""Stretches of time, at least, that are predicted one at a time from the others."""
-
-
 @dataclass(frozen=True)
 class Examination:
     """What recordings determine of the parameters.
@@ -407,110 +387,3 @@ class Examination:
             last = self.reasons[-1]
             found.append(f"the recordings cannot be checked for model error: {last}")
         return tuple(found)
-
-
-def examine(fitted: FittedParameters, estimator: Estimator) -> Examination:
-    """Examine what was fitted; ``estimator`` solves parts of it."""
-    samples, problem = fitted.samples, fitted.problem
-    cutoff = samples.band.cutoff
-    structure = structural(samples.columns, fitted.choice.law)
-    shown = identifiability(fitted.matrix, structure)
-    reasons: list[str] = []
-    essential, groups, interval = None, None, None
-    try:
-        essential = _essential(fitted)
-    except InputError as error:
-        reasons.append(f"essential parameters: {error.problem}")
-    try:
-        groups = compare_groups(problem, estimator, cutoff)
-    except (InputError, np.linalg.LinAlgError) as error:
-        where = f"{error.where} " if isinstance(error, InputError) else ""
-        reasons.append(f"segments: {where}by itself does not determine the parameters")
-    # the bands of the split are set for this cut-off; higher up friction of a healthy arm passes for model error
-    low_cutoff = min(cutoff, TORQUE_CUTOFF)
-    try:
-        interval = torque_interval(
-            _cut(problem),
-            estimator,
-            fitted.uncertainty,
-            low_cutoff,
-            fitted.estimate,
-        )
-    except (InputError, np.linalg.LinAlgError):
-        reasons.append(
-            "without one of its segments the rest does not determine the parameters; record more motions"
-        )
-    counted = count_samples(samples, fitted.base.count)
-    return Examination(
-        shown=shown,
-        essential=essential,
-        groups=groups,
-        interval=interval,
-        counted=counted,
-        reasons=tuple(reasons),
-    )
-
-
-def _cut(problem: Problem) -> Problem:
-    """The problem with its groups cut into equal parts, at least ``HELD_OUT`` in all."""
-    spans = group_slices(problem.group)
-    pieces = -(-HELD_OUT // len(spans))  # rounded up
-    starts: list[int] = []
-    for span in spans:
-        edges = np.linspace(span.start, span.stop, pieces + 1).astype(int)
-        starts += edges[:-1].tolist()
-    lengths = np.diff([*starts, len(problem.group)])
-    return replace(problem, group=np.repeat(np.arange(len(lengths)), lengths))
-
-
-def structural(columns: ModelColumns, law: FrictionLaw) -> BaseParameters:
-    """Base parameters of the arm, whatever its recordings excite."""
-    states = random_states(columns.regressor, np.random.default_rng(0), 300)
-    # the states do not follow from one another, so that no direction can be kept from one to the next
-    law = replace(law, presliding=None)
-    return base_parameters(columns.matrix(states, law), columns.names(law))
-
-
-def _essential(fitted: FittedParameters) -> EssentialParameters:
-    """Essential parameters of the equations weighted by joint; variances allow for autocorrelation."""
-    problem, noise = fitted.problem, fitted.choice.noise
-    residual = problem.residual(fitted.estimate.value) / noise
-    factor = Factor.of(*whitened(problem, noise))
-    inflation = float(variance_inflation(residual, problem.group).mean())
-    return essential_parameters(factor, problem.names, inflation)
-
-
-# What an identified arm predicts: on what was fitted and what was not, with intervals.
-
-
-def validated(
-    fitted: FittedParameters, value: np.ndarray, held_out: Sequence[Segment]
-) -> tuple[Validation, Validation]:
-    """Predictions of x = ``value`` and of the nominal arm, on what was fitted and on what was not."""
-    samples, law = fitted.samples, fitted.choice.law
-    columns = samples.columns
-
-    def predict(x: np.ndarray, segment: Segment) -> np.ndarray:
-        load = segment.known_torque(columns.body)
-        return np.asarray(columns.matrix(segment.motion, law) @ x + load)
-
-    both = partial(predict, value), partial(predict, columns.nominal(law))
-    return (
-        validate("fit", samples.segments, samples.band, *both),
-        validate("judge", held_out, samples.band, *both),
-    )
-
-
-def predicted(
-    fitted: FittedParameters,
-    examined: Examination,
-    value: np.ndarray,
-    held_out: Sequence[Segment],
-) -> PredictedTorque | None:
-    """Intervals of the torque on segments that were not fitted, about what x = ``value`` predicts."""
-    if examined.interval is None:
-        return None
-    base, band = fitted.base, fitted.samples.band.bounded(held_out)
-    samples = Samples(fitted.columns, held_out, band)
-    problem = samples.problem(fitted.choice.law, base.kept, base.kept_names)
-    return predicted_torque(examined.interval, problem, base.of(value))

@@ -2,41 +2,66 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 
 from gapscope.arm.case import Case
+from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
 from gapscope.ident.checks.troubleshooting import Row, fill_in, identification_warnings
 from gapscope.ident.estimators.by_name import method
 from gapscope.ident.estimators.linear import (
+    Estimator,
     PartialUpdate,
     WeightedLeastSquares,
+    whitened,
 )
 from gapscope.ident.examination import (
     Examination,
     Validation,
-    examine,
-    predicted,
-    validated,
+    identifiability,
+    validate,
 )
 from gapscope.ident.fitted_parameters import (
     FittedParameters,
     IdentificationSettings,
     fit_parameters,
 )
-from gapscope.ident.intervals import PredictedTorque
+from gapscope.ident.intervals import (
+    PredictedTorque,
+    compare_groups,
+    predicted_torque,
+    torque_interval,
+)
 from gapscope.ident.kalman import FilterReview, StatesAndFriction, follow_states, review
-from gapscope.ident.model.base_parameters import Recovery, recoveries
+from gapscope.ident.model.base_parameters import (
+    BaseParameters,
+    EssentialParameters,
+    Factor,
+    Recovery,
+    base_parameters,
+    essential_parameters,
+    random_states,
+    recoveries,
+)
 from gapscope.ident.model.joint_zero import JointZeros, estimate_zeros
+from gapscope.ident.model.linear_problem import FrictionLaw, ModelColumns, Problem
+from gapscope.ident.samples import Samples, count_samples
 from gapscope.model.changes import Change, changes_of
-from gapscope.model.conditioning import condition
+from gapscope.model.conditioning import TORQUE_CUTOFF, Segment, condition
+from gapscope.model.effective_samples import (
+    group_slices,
+    variance_inflation,
+)
 from gapscope.model.gravity_direction import as_mounted
 
 __all__ = ["Identification", "IdentificationSettings", "examine_fit", "identify"]
+
+HELD_OUT = 4
+"""Stretches of time, at least, that are predicted one at a time from the others."""
 
 
 @dataclass(frozen=True)
@@ -119,14 +144,14 @@ def examine_fit(
     # part of the samples cannot be simulated: what they determine is asked of least squares then
     simulates = method(settings.estimator).simulates
     judge = WeightedLeastSquares() if simulates else fitted.estimator
-    examined = examine(fitted, judge)
+    examined = _examine(fitted, judge)
     # other estimators give base parameters alone; the rest stays zero, which predicts the same torque
     value = fitted.physical.value
     if settings.estimator != "consistent":
         value = base.spread(estimate.value)
     progress("validates")
     held_out_segments = samples.band.segments(fitted.held_out)
-    validation = validated(fitted, value, held_out_segments)
+    validation = _validated(fitted, value, held_out_segments)
     table = fill_in(fitted, zeros)
     progress("looks for changes")
     # a change spoils the fit: it is looked for in every recording, fitted or held out
@@ -149,7 +174,7 @@ def examine_fit(
         examined=examined,
         changes=changes,
         states=states,
-        predicted=predicted(fitted, examined, value, held_out_segments),
+        predicted=_predicted(fitted, examined, value, held_out_segments),
         recovered=recoveries(
             base,
             fitted.uncertainty.covariance,
@@ -165,3 +190,110 @@ def examine_fit(
         questions=zeros.questions(),
         warnings=(*case.warnings, *doubtful),
     )
+
+
+# What the recordings determine, and what the identified arm predicts.
+
+
+def _examine(fitted: FittedParameters, estimator: Estimator) -> Examination:
+    """Examine what was fitted; ``estimator`` solves parts of it."""
+    samples, problem = fitted.samples, fitted.problem
+    cutoff = samples.band.cutoff
+    structure = _structural(samples.columns, fitted.choice.law)
+    shown = identifiability(fitted.matrix, structure)
+    reasons: list[str] = []
+    essential, groups, interval = None, None, None
+    try:
+        essential = _essential(fitted)
+    except InputError as error:
+        reasons.append(f"essential parameters: {error.problem}")
+    try:
+        groups = compare_groups(problem, estimator, cutoff)
+    except (InputError, np.linalg.LinAlgError) as error:
+        where = f"{error.where} " if isinstance(error, InputError) else ""
+        reasons.append(f"segments: {where}by itself does not determine the parameters")
+    # the bands of the split are set for this cut-off; higher up friction of a healthy arm passes for model error
+    low_cutoff = min(cutoff, TORQUE_CUTOFF)
+    try:
+        interval = torque_interval(
+            _cut(problem),
+            estimator,
+            fitted.uncertainty,
+            low_cutoff,
+            fitted.estimate,
+        )
+    except (InputError, np.linalg.LinAlgError):
+        reasons.append(
+            "without one of its segments the rest does not determine the parameters; record more motions"
+        )
+    counted = count_samples(samples, fitted.base.count)
+    return Examination(
+        shown=shown,
+        essential=essential,
+        groups=groups,
+        interval=interval,
+        counted=counted,
+        reasons=tuple(reasons),
+    )
+
+
+def _cut(problem: Problem) -> Problem:
+    """The problem with its groups cut into equal parts, at least ``HELD_OUT`` in all."""
+    spans = group_slices(problem.group)
+    pieces = -(-HELD_OUT // len(spans))  # rounded up
+    starts: list[int] = []
+    for span in spans:
+        edges = np.linspace(span.start, span.stop, pieces + 1).astype(int)
+        starts += edges[:-1].tolist()
+    lengths = np.diff([*starts, len(problem.group)])
+    return replace(problem, group=np.repeat(np.arange(len(lengths)), lengths))
+
+
+def _structural(columns: ModelColumns, law: FrictionLaw) -> BaseParameters:
+    """Base parameters of the arm, whatever its recordings excite."""
+    states = random_states(columns.regressor, np.random.default_rng(0), 300)
+    # the states do not follow from one another, so that no direction can be kept from one to the next
+    law = replace(law, presliding=None)
+    return base_parameters(columns.matrix(states, law), columns.names(law))
+
+
+def _essential(fitted: FittedParameters) -> EssentialParameters:
+    """Essential parameters of the equations weighted by joint; variances allow for autocorrelation."""
+    problem, noise = fitted.problem, fitted.choice.noise
+    residual = problem.residual(fitted.estimate.value) / noise
+    factor = Factor.of(*whitened(problem, noise))
+    inflation = float(variance_inflation(residual, problem.group).mean())
+    return essential_parameters(factor, problem.names, inflation)
+
+
+def _validated(
+    fitted: FittedParameters, value: np.ndarray, held_out: Sequence[Segment]
+) -> tuple[Validation, Validation]:
+    """Predictions of x = ``value`` and of the nominal arm, on what was fitted and on what was not."""
+    samples, law = fitted.samples, fitted.choice.law
+    columns = samples.columns
+
+    def predict(x: np.ndarray, segment: Segment) -> np.ndarray:
+        load = segment.known_torque(columns.body)
+        return np.asarray(columns.matrix(segment.motion, law) @ x + load)
+
+    both = partial(predict, value), partial(predict, columns.nominal(law))
+    return (
+        validate("fit", samples.segments, samples.band, *both),
+        validate("judge", held_out, samples.band, *both),
+    )
+
+
+def _predicted(
+    fitted: FittedParameters,
+    examined: Examination,
+    value: np.ndarray,
+    held_out: Sequence[Segment],
+) -> PredictedTorque | None:
+    """Intervals of the torque on segments that were not fitted, about what x = ``value`` predicts."""
+    if examined.interval is None:
+        return None
+    base, band = fitted.base, fitted.samples.band.bounded(held_out)
+    samples = Samples(fitted.columns, held_out, band)
+    problem = samples.problem(fitted.choice.law, base.kept, base.kept_names)
+    return predicted_torque(examined.interval, problem, base.of(value))

@@ -3,65 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.signal import welch
 
 from gapscope.arm.recording import Recording
+from gapscope.ident.model.friction import Choice
 from gapscope.model.conditioning import uniform
-from gapscope.model.effective_samples import variance_inflation
-
-if TYPE_CHECKING:
-    from gapscope.ident.fitted_parameters import FittedParameters
 
 # Measurements behind the troubleshooting table, each one number per joint.
 
 
-SLOW = 0.1
-"""A joint hardly moves below this share of its speed [1]."""
 FLAT = 3
 """Equal samples in a row at a joint's largest torque that count as clipped."""
-
-
-def time_offset(fit: FittedParameters) -> tuple[np.ndarray, np.ndarray]:
-    """How far the recorded torque lags behind the motion, and its standard deviation [s], each (n,).
-
-    tau(t - T) = tau - T d tau / dt: the derivative of the fitted torque of each joint is a further column. If a
-    joint hardly moves, its friction jumps or takes any value as at rest, which resembles an offset: these samples do
-    not count.
-    """
-    samples, base, fitted = fit.samples, fit.base, fit.fitted_torque
-    n = fitted.shape[1]
-    speed = np.abs(samples.velocity)
-    moving = speed > SLOW * np.quantile(speed, 0.95, axis=0)
-    weight = moving / fit.choice.noise
-    residual = (samples.torque - fitted) * weight
-    late = -_rate(fitted, samples.group, samples.interval)[:, :, None] * np.eye(n)
-    model = fit.matrix[:, :, base.kept]
-    columns = np.concatenate([model, late], axis=2) * weight[:, :, None]
-    flat = columns.reshape(-1, columns.shape[2])
-    unit = np.linalg.norm(flat, axis=0)
-    unit = np.where(unit > 0, unit, 1.0)
-    equations = np.column_stack([flat / unit, residual.ravel()])
-    triangle = np.asarray(np.linalg.qr(equations, mode="r"))
-    inverse: np.ndarray = np.linalg.pinv(triangle[:-1, :-1], rcond=1e-9)
-    solution = inverse @ triangle[:-1, -1]
-    spread = np.sqrt((inverse**2).sum(axis=1))
-    # samples at rest have no weight: they do not count in the mean of the squares either
-    counted = np.maximum(moving.mean(axis=0), 1e-9)
-    variance = (residual**2).mean(axis=0) / counted
-    scale = np.sqrt(variance * variance_inflation(residual, samples.group))
-    return solution[-n:] / unit[-n:], spread[-n:] / unit[-n:] * scale
-
-
-def _rate(series: np.ndarray, group: np.ndarray, interval: float) -> np.ndarray:
-    """Time derivative of a series within each group, of the shape of the series."""
-    rate = np.zeros_like(series)
-    for g in np.unique(group):
-        rows = group == g
-        rate[rows] = np.gradient(series[rows], interval, axis=0)
-    return rate
 
 
 def spectral(
@@ -142,11 +96,11 @@ def _in_runs(at: np.ndarray) -> np.ndarray:
     return long_enough
 
 
-def near_rest(fit: FittedParameters) -> float:
+def near_rest(choice: Choice) -> float:
     """Share by which a Stribeck term lowers the error on held-out stretches [1]."""
     without: list[float] = []
     with_stribeck: list[float] = []
-    for law, error in fit.choice.tried:
+    for law, error in choice.tried:
         if "direction kept" in law:
             continue
         if "Stribeck" in law:
@@ -156,11 +110,3 @@ def near_rest(fit: FittedParameters) -> float:
     if not with_stribeck:
         return 0.0
     return 1 - min(with_stribeck) / without[0]
-
-
-def condition(fit: FittedParameters) -> float:
-    """Condition number of the base columns, scaled to unit norm [1]."""
-    columns = fit.matrix[:, :, fit.base.kept].reshape(-1, fit.base.count)
-    unit = columns / np.linalg.norm(columns, axis=0)
-    # the triangle has the singular values of the columns and is much smaller
-    return float(np.linalg.cond(np.linalg.qr(unit, mode="r")))

@@ -15,11 +15,14 @@ from gapscope.ident.model.joint_zero import JointZeros
 from gapscope.ident.model.physical_parameters import inconsistent
 from gapscope.model.change_findings import change_findings, change_text
 from gapscope.model.changes import Change
+from gapscope.model.effective_samples import variance_inflation
 
 # The troubleshooting table: symptom, cause, check, remedy, filled in from the data.
 
 
 FOUND, CLEAR = "found", "clear"
+SLOW = 0.1
+"""A joint hardly moves below this share of its speed [1]."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +116,7 @@ def _about_bodies(fitted: FittedParameters, zeros: JointZeros) -> Iterator[Row]:
     yield impossible
     yield _row(
         "low_speed_friction",
-        symptoms.near_rest(fitted),
+        symptoms.near_rest(fitted.choice),
         0.05,
         symptom="residual peaks where a joint reverses",
         cause="low-speed friction other than Coulomb plus viscous: falls as the joint moves off, "
@@ -123,10 +126,58 @@ def _about_bodies(fitted: FittedParameters, zeros: JointZeros) -> Iterator[Row]:
     )
 
 
+def _time_offset(fit: FittedParameters) -> tuple[np.ndarray, np.ndarray]:
+    """How far the recorded torque lags behind the motion, and its standard deviation [s], each (n,).
+
+    tau(t - T) = tau - T d tau / dt: the derivative of the fitted torque of each joint is a further column. If a
+    joint hardly moves, its friction jumps or takes any value as at rest, which resembles an offset: these samples do
+    not count.
+    """
+    samples, base, fitted = fit.samples, fit.base, fit.fitted_torque
+    n = fitted.shape[1]
+    speed = np.abs(samples.velocity)
+    moving = speed > SLOW * np.quantile(speed, 0.95, axis=0)
+    weight = moving / fit.choice.noise
+    residual = (samples.torque - fitted) * weight
+    late = -_rate(fitted, samples.group, samples.interval)[:, :, None] * np.eye(n)
+    model = fit.matrix[:, :, base.kept]
+    columns = np.concatenate([model, late], axis=2) * weight[:, :, None]
+    flat = columns.reshape(-1, columns.shape[2])
+    unit = np.linalg.norm(flat, axis=0)
+    unit = np.where(unit > 0, unit, 1.0)
+    equations = np.column_stack([flat / unit, residual.ravel()])
+    triangle = np.asarray(np.linalg.qr(equations, mode="r"))
+    inverse: np.ndarray = np.linalg.pinv(triangle[:-1, :-1], rcond=1e-9)
+    solution = inverse @ triangle[:-1, -1]
+    spread = np.sqrt((inverse**2).sum(axis=1))
+    # samples at rest have no weight: they do not count in the mean of the squares either
+    counted = np.maximum(moving.mean(axis=0), 1e-9)
+    variance = (residual**2).mean(axis=0) / counted
+    scale = np.sqrt(variance * variance_inflation(residual, samples.group))
+    return solution[-n:] / unit[-n:], spread[-n:] / unit[-n:] * scale
+
+
+def _rate(series: np.ndarray, group: np.ndarray, interval: float) -> np.ndarray:
+    """Time derivative of a series within each group, of the shape of the series."""
+    rate = np.zeros_like(series)
+    for g in np.unique(group):
+        rows = group == g
+        rate[rows] = np.gradient(series[rows], interval, axis=0)
+    return rate
+
+
+def _condition(fit: FittedParameters) -> float:
+    """Condition number of the base columns, scaled to unit norm [1]."""
+    columns = fit.matrix[:, :, fit.base.kept].reshape(-1, fit.base.count)
+    unit = columns / np.linalg.norm(columns, axis=0)
+    # the triangle has the singular values of the columns and is much smaller
+    return float(np.linalg.cond(np.linalg.qr(unit, mode="r")))
+
+
 def _about_motion(fitted: FittedParameters) -> Iterator[Row]:
     yield _row(
         "condition",
-        symptoms.condition(fitted),
+        _condition(fitted),
         1000.0,
         symptom="large intervals, parameters that change from fit to fit",
         cause="motion that does not excite all parameters",
@@ -165,7 +216,7 @@ def _about_motion(fitted: FittedParameters) -> Iterator[Row]:
         check="share of the speed's power beyond the cut-off",
         remedy="raise --cutoff, or move more slowly",
     )
-    lag, deviation = symptoms.time_offset(fitted)
+    lag, deviation = _time_offset(fitted)
     certain = np.where(np.abs(lag) > 5 * deviation, np.abs(lag), 0.0)
     yield _row(
         "time_offset",
