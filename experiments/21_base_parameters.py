@@ -35,7 +35,7 @@ from gapscope.ident.model.regressor import JOINT_COLUMNS, Regressor
 
 # The regressor in closed form
 
-MOST_JOINTS = 3
+MAX_JOINTS = 3
 """Expressions of longer arms fill pages and take minutes."""
 _EXACT = 1e-15
 
@@ -116,7 +116,7 @@ class SymbolicRegressor:
 
 
 def symbolic_regressor(arm: NominalArm) -> SymbolicRegressor:
-    """Derive the regressor of an arm of up to ``MOST_JOINTS`` revolute or prismatic joints by Lagrange's equation.
+    """Derive the regressor of an arm of up to ``MAX_JOINTS`` revolute or prismatic joints by Lagrange's equation.
 
     Kinetic and potential energy of a link are linear in its inertial parameters,
     T = m v.v / 2 + v.(w x s) + w.J w / 2 and U = -g.(m p + R s), with the velocity v and rate w of its joint's frame,
@@ -131,9 +131,9 @@ def symbolic_regressor(arm: NominalArm) -> SymbolicRegressor:
     Source: siciliano2009.
     """
     n = arm.n_joints
-    if n > MOST_JOINTS:
+    if n > MAX_JOINTS:
         raise InputError(
-            f"a closed form is derived for up to {MOST_JOINTS} joints, the arm has {n}",
+            f"a closed form is derived for up to {MAX_JOINTS} joints, the arm has {n}",
             "name up to three of them in joints:, or use gapscope.ident.model.regressor",
         )
     q, dq, ddq = (

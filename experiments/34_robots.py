@@ -65,13 +65,13 @@ from gapscope.ident.excitation.trajectory_search import Budget
 from gapscope.ident.model.base_parameters import structural_base
 from gapscope.ident.model.regressor import Regressor
 
-MOST_JOINTS = 7
+MAX_JOINTS = 7
 """Joints of an arm."""
 LIGHT = 0.01
 """Joints at the tip that move less than this share of the mass are no joints of the arm [1]."""
 FILE_LIMIT = 240.0
 """Time that a robot may take [s]."""
-MOST_TRIES = 4
+MAX_TRIES = 4
 """Amounts of friction that are tried."""
 FILE_PLAN = Plan(recordings=3, duration=8.0, rate=200.0)
 STEPS = ("loads", "base", "excited", "recorded", "healthy", "found")
@@ -98,7 +98,7 @@ def arm_of(file: Path) -> NominalArm:
     heavy = [
         name for name, m in zip(chain, moved, strict=True) if m >= LIGHT * moved[0]
     ]
-    return load_nominal_arm(file, joints=heavy[-MOST_JOINTS:])
+    return load_nominal_arm(file, joints=heavy[-MAX_JOINTS:])
 
 
 def excited(arm: NominalArm) -> str:
@@ -114,7 +114,7 @@ def recorded(arm: NominalArm, joint: int | None) -> Case:
     if joint is None:
         return record_case("case", arm, (), FILE_PLAN, np.random.default_rng(1))
     torque = 0.4 * ArmScale.of(arm).torque[joint - 1]
-    for _ in range(MOST_TRIES):
+    for _ in range(MAX_TRIES):
         friction = AppliedEffect("coulomb_friction", (joint,), {"torque": torque})
         case = record_case(
             "case", arm, (friction,), FILE_PLAN, np.random.default_rng(1)
@@ -267,7 +267,7 @@ def files_part() -> None:
 # Effects on the arms
 
 PLAN = Plan(recordings=2, duration=10.0, rate=100.0, engine="mujoco")
-LEAST_JOINTS = 5
+MIN_JOINTS = 5
 """Arms with fewer joints are taken whole alone."""
 ROTORS = 0.2
 """Rotor inertia over the largest own inertia of a joint that is free beside locked ones [1]."""
@@ -311,7 +311,7 @@ def tasks(folder: Path, per_arm: int, only: str | None) -> Iterator[Task]:
             continue
         rng = np.random.default_rng(zlib.crc32(file.stem.encode()))
         variants: list[tuple[int, ...]] = [()]
-        if n >= LEAST_JOINTS:
+        if n >= MIN_JOINTS:
             some = rng.choice(n, int(rng.integers(2, 4)), replace=False) + 1
             variants.append(tuple(sorted(some.tolist())))
         for free in variants:

@@ -180,7 +180,7 @@ EFFECTIVE = 10
 """Rows that count as one independent observation."""
 NAMED = 0.1
 """Share of the gap's length that an effect needs to be named by ridge regression."""
-MOST_COLUMNS = 25
+MAX_COLUMNS = 25
 """Columns that forward selection takes at most."""
 JOINT_SHARE = 0.2
 """A joint is named if its weight is this share of the largest of its effect."""
@@ -222,7 +222,7 @@ def forward_bic(design: Design) -> dict[str, Any]:
     total = float(design.gap @ design.gap)
     residual = design.gap
     score = _bic(residual, 0)
-    while len(chosen) < MOST_COLUMNS:
+    while len(chosen) < MAX_COLUMNS:
         gain = np.abs(design.columns.T @ residual)
         gain[chosen] = 0.0
         candidate = [*chosen, int(gain.argmax())]
@@ -341,7 +341,7 @@ PENALTY = 1e-2
 """Weight of the squared coefficients beside the mean log-likelihood."""
 HIDDEN = 32
 """Hidden units."""
-MOST_ITERATIONS = 500
+MAX_ITERATIONS = 500
 """Iterations of the fit."""
 
 
@@ -411,7 +411,7 @@ def train(x: np.ndarray, names: Sequence[str]) -> Classifier:
             solver="lbfgs",
             # scikit-learn divides the penalty by the number of samples
             alpha=PENALTY * len(x),
-            max_iter=MOST_ITERATIONS,
+            max_iter=MAX_ITERATIONS,
             random_state=0,
         ),
     )

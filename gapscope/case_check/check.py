@@ -50,10 +50,10 @@ FEW_REVERSALS = 4  # Reversals of a joint in all recordings [1]. (hand)
 ONE_WAY = 0.05  # Share of sliding samples that each direction has at least [1]. (hand)
 # Gravity torque of the nominal arm over the recordings, as share of what random postures give [1]. (hand)
 GRAVITY_SHARE = 0.1
-LEAST_GRAVITY = 0.1  # Gravity torque below this is none [N m]. (physical)
+MIN_GRAVITY = 0.1  # Gravity torque below this is none [N m]. (physical)
 LEFT_OVER = 0.03  # Share of its torque that a healthy joint leaves, mostly the form of friction [1]. (physical)
 INDEPENDENT = 0.1  # Share of the samples that are independent: a motion of 3 Hz at 60 samples a second [1]. (physical)
-LEAST_LOAD = 0.01  # Joints with less than this share of the largest nominal torque count as loaded so [1]. (hand)
+MIN_LOAD = 0.01  # Joints with less than this share of the largest nominal torque count as loaded so [1]. (hand)
 KNOWN = 0.5  # A base parameter is excited if its standard deviation is below this share of its size [1]. (hand)
 FEW_EXCITED = 0.75  # Share of base parameters that should be excited [1]. (hand)
 
@@ -223,7 +223,7 @@ def _copies(every: Sequence[Recording]) -> Iterator[Remark]:
 
 SEED = 0
 """Of the random postures."""
-MOST_NAMED = 8
+MAX_NAMED = 8
 """Most parameters that are named."""
 
 
@@ -302,8 +302,8 @@ def check_motion(motions: JointMotions) -> Iterator[Remark]:
     share = np.minimum(motions.forward, 1 - motions.forward)
     one_way = moving & ~one_speed & ~(share > ONE_WAY)
     few = moving & (motions.reversals < FEW_REVERSALS) & ~one_way
-    could = np.maximum(motions.possible_gravity, LEAST_GRAVITY)
-    flat = moving & (motions.possible_gravity > LEAST_GRAVITY)
+    could = np.maximum(motions.possible_gravity, MIN_GRAVITY)
+    flat = moving & (motions.possible_gravity > MIN_GRAVITY)
     flat &= motions.gravity < GRAVITY_SHARE * could
     yield from _of_joints(
         still,
@@ -346,8 +346,8 @@ def _of_joints(mask: np.ndarray, said: str, remedy: str) -> Iterator[Remark]:
 def _of_bodies(motions: JointMotions) -> Remark:
     said = f"the torque determines {motions.excited:.0%} of the base parameters of the bodies"
     if motions.silent:
-        named = ", ".join(motions.silent[:MOST_NAMED])
-        rest = len(motions.silent) - MOST_NAMED
+        named = ", ".join(motions.silent[:MAX_NAMED])
+        rest = len(motions.silent) - MAX_NAMED
         said += f", not {named}" + (f" and {rest} more" if rest > 0 else "")
     if motions.excited >= FEW_EXCITED:
         return Remark("ok", "excitation", "", said)
@@ -375,7 +375,7 @@ def _silent(
     rows = np.vstack([regressor.matrix(_inner(segment)) for segment in segments])
     torque = np.sqrt(np.mean((rows @ columns.body.inertial_parameters()) ** 2, axis=0))
     # a joint that nothing loads has no torque to compare with
-    least = LEAST_LOAD * torque.max()
+    least = MIN_LOAD * torque.max()
     rows = rows[:, :, base.kept] * scale / np.maximum(torque, least)[:, None]
     scaled = rows.reshape(-1, len(base.kept))
     norms = np.linalg.norm(scaled, axis=0)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr, owens_t
 
-from gapscope.diagnosis.thresholds import LEAST_DIFFERENCES, SHORTEST_HISTORY
+from gapscope.diagnosis.thresholds import MIN_DIFFERENCES, SHORTEST_HISTORY
 
 MEDIAN_CHI2 = 0.454936
 """Median of the chi-squared distribution with one degree of freedom [1]."""
@@ -173,13 +173,13 @@ def scatter(histories: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
         histories: values and standard deviations of each unit in the order of time.
 
     Returns:
-        The factor [1]: at least one, and one if there are fewer than ``LEAST_DIFFERENCES`` differences.
+        The factor [1]: at least one, and one if there are fewer than ``MIN_DIFFERENCES`` differences.
     """
     squares = [
         np.diff(values) ** 2 / (stds[:-1] ** 2 + stds[1:] ** 2)
         for values, stds in histories
     ]
     ratios = np.concatenate(squares) if squares else np.empty(0)
-    if len(ratios) < LEAST_DIFFERENCES:
+    if len(ratios) < MIN_DIFFERENCES:
         return 1.0
     return float(max(1.0, np.sqrt(np.median(ratios) / MEDIAN_CHI2)))

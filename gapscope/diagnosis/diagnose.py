@@ -36,10 +36,12 @@ def diagnose(case: Case, progress: Progress = lambda message: None) -> Diagnosis
     # Many small matrices: threads would only wait for each other.
     with threadpool_limits(1):
         study = examine(case, progress)
-        return conclude(study, progress)
+        return build_diagnosis(study, progress)
 
 
-def conclude(study: Study, progress: Progress = lambda message: None) -> Diagnosis:
+def build_diagnosis(
+    study: Study, progress: Progress = lambda message: None
+) -> Diagnosis:
     """The diagnosis of a study: its findings, and the curves that a report draws."""
     progress("writes the findings")
     content = diagnosis_content(study)

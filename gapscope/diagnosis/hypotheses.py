@@ -22,7 +22,7 @@ from gapscope.diagnosis.thresholds import (
     FIT_DRAWS,
     FIT_STARTS,
     FIT_STEPS,
-    LEAST_PARAMETER_SCALE,
+    MIN_PARAMETER_SCALE,
     OPEN_ALTERNATIVE,
 )
 from gapscope.effects.applied import AppliedEffect
@@ -74,7 +74,7 @@ def scales(effects: tuple[AppliedEffect, ...]) -> np.ndarray:
     parts = [np.zeros(0)]
     for _, parameter, values in free(effects):
         largest = max(abs(value) for value in parameter.typical)
-        parts.append(np.maximum(np.abs(values), LEAST_PARAMETER_SCALE * largest))
+        parts.append(np.maximum(np.abs(values), MIN_PARAMETER_SCALE * largest))
     return np.concatenate(parts)
 
 

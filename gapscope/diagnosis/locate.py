@@ -20,16 +20,16 @@ from gapscope.diagnosis.thresholds import (
     INTERVAL_RATIO,
     JOINTS_IN_DEPTH,
     LEAF_ROWS,
-    LEAST_BAND_POWER,
-    LEAST_INTERVAL_WINDOWS,
-    LEAST_LEVEL_NOISE,
     LEVEL_WINDOW,
     LINE_ENRICHMENT,
     LINE_LOWEST,
     LINE_SHARE,
     LINE_WIDTH,
-    MOST_CHANGE_POINTS,
-    MOST_INTERVALS,
+    MAX_CHANGE_POINTS,
+    MAX_INTERVALS,
+    MIN_BAND_POWER,
+    MIN_INTERVAL_WINDOWS,
+    MIN_LEVEL_NOISE,
     REGION_ENRICHMENT,
     REGION_SHARE,
     REGIONS_PER_JOINT,
@@ -230,7 +230,7 @@ def _best_cut(x: np.ndarray, y: np.ndarray, least: int) -> Cut | None:
 # A rule that says when the gap of a joint is large, learnt on one half of the rows and tested on the other.
 
 
-MOST_BLOCKS = 100_003
+MAX_BLOCKS = 100_003
 """More blocks of time than a segment has."""
 
 
@@ -276,7 +276,7 @@ def _above_floor(error: np.ndarray, floor: float) -> np.ndarray:
 def _learning_rows(rows: MotionRows, step: int) -> np.ndarray:
     """Mask of every ``step``-th row that a rule is learnt from: every other block of time; the rest tests it."""
     block_in_segment = (rows.t[::step] // RULE_BLOCK).astype(int)
-    blocks = block_in_segment + MOST_BLOCKS * rows.segment[::step]
+    blocks = block_in_segment + MAX_BLOCKS * rows.segment[::step]
     number = np.unique(blocks, return_inverse=True)[1]
     return np.asarray(number % 2 == 0)
 
@@ -398,7 +398,7 @@ STEP = 0.25
 """Grid of frequencies on which recordings of different length are averaged [Hz]."""
 CHANCE = 0.01
 """Probability with which signals without relation reach the coherence of ``Spectra.chance`` [1]."""
-LEAST_SIZE = 16
+MIN_SIZE = 16
 """Segments with fewer samples have no spectrum."""
 TINY = 1e-300
 """Keeps a quotient of powers finite."""
@@ -476,7 +476,7 @@ def spectra(
         inside = rows.segment == segment
         count = int(inside.sum())
         size = min(count, int(STRETCH * rate))
-        if size < LEAST_SIZE:
+        if size < MIN_SIZE:
             continue
         # a segment weighs as many samples as it has
         grid, power = welch(error[inside], rate, nperseg=size)
@@ -516,9 +516,9 @@ def line(found: Spectra, joint: int) -> Region | None:
 
 
 def _power_share(power: np.ndarray, mask: np.ndarray) -> float:
-    """Share of a power density in some of its frequencies, at least ``LEAST_BAND_POWER``."""
+    """Share of a power density in some of its frequencies, at least ``MIN_BAND_POWER``."""
     share = float(power[mask].sum() / max(power.sum(), 1e-300))
-    return max(share, LEAST_BAND_POWER)
+    return max(share, MIN_BAND_POWER)
 
 
 def coherent(found: Spectra, joint: int) -> list[Region]:
@@ -636,7 +636,7 @@ def change_points(series: np.ndarray) -> tuple[int, ...]:
     stretch, by dynamic programming with the pruning of [killick2012]; var from the differences of neighbours.
     """
     n = len(series)
-    if n < 2 * LEAST_INTERVAL_WINDOWS:
+    if n < 2 * MIN_INTERVAL_WINDOWS:
         return (0, n)
     charge = CHANGE_POINT_PENALTY * _noise_of(series) ** 2 * np.log(n)
     sums = np.concatenate([[0.0], np.cumsum(series)])
@@ -645,17 +645,17 @@ def change_points(series: np.ndarray) -> tuple[int, ...]:
     cost, last = np.full(n + 1, np.inf), np.zeros(n + 1, dtype=int)
     cost[0] = -charge
     starts = np.array([0])
-    for end in range(LEAST_INTERVAL_WINDOWS, n + 1):
+    for end in range(MIN_INTERVAL_WINDOWS, n + 1):
         length = end - starts
         sum_of_stretch = sums[end] - sums[starts]
         deviation = squares[end] - squares[starts] - sum_of_stretch**2 / length
-        too_short = length < LEAST_INTERVAL_WINDOWS
+        too_short = length < MIN_INTERVAL_WINDOWS
         reached = np.where(too_short, np.inf, cost[starts] + deviation)
         cost[end] = reached.min() + charge
         last[end] = starts[int(reached.argmin())]
         # a start that costs more already without the charge of a new stretch stays worse
         keep = too_short | (reached <= cost[end])
-        starts = np.append(starts[keep], end - LEAST_INTERVAL_WINDOWS + 1)
+        starts = np.append(starts[keep], end - MIN_INTERVAL_WINDOWS + 1)
     edges = [n]
     while edges[-1] > 0:
         edges.append(int(last[edges[-1]]))
@@ -665,7 +665,7 @@ def change_points(series: np.ndarray) -> tuple[int, ...]:
 def _noise_of(series: np.ndarray) -> float:
     """Standard deviation of a series' noise, from the median step between neighbours (a normal one's is 0.6745)."""
     step = float(np.median(np.abs(np.diff(series))))
-    return max(step / (0.6745 * np.sqrt(2)), LEAST_LEVEL_NOISE)
+    return max(step / (0.6745 * np.sqrt(2)), MIN_LEVEL_NOISE)
 
 
 class _Stretch(NamedTuple):
@@ -688,7 +688,7 @@ def intervals(found: list[GapLevels], joint: int) -> list[Region]:
     hottest = sorted(
         _stretches(found), key=lambda stretch: -square[stretch.place].mean()
     )
-    for count in range(1, min(MOST_INTERVALS, len(hottest)) + 1):
+    for count in range(1, min(MAX_INTERVALS, len(hottest)) + 1):
         chosen = hottest[:count]
         if _stand_out(chosen, square):
             regions = [_interval_region(stretch, square, joint) for stretch in chosen]
@@ -700,7 +700,7 @@ def _stretches(found: list[GapLevels]) -> list[_Stretch]:
     """Stretches of the levels that have few change points; with many, the gap follows the motion and not the time."""
     stretches, first = [], 0
     for level in found:
-        if len(level.edges) - 2 <= MOST_CHANGE_POINTS:
+        if len(level.edges) - 2 <= MAX_CHANGE_POINTS:
             for begin, end in itertools.pairwise(level.edges):
                 place = slice(first + begin, first + end)
                 stretches.append(_Stretch(level, begin, end, place))
@@ -1029,7 +1029,7 @@ def _bands(
 ) -> list[Region]:
     """Frequency bands of one joint; what a band covers is its share of the power of the nominal torque."""
     shares = band_powers(error, rows)
-    coverages = np.maximum(band_powers(load, rows), LEAST_BAND_POWER)
+    coverages = np.maximum(band_powers(load, rows), MIN_BAND_POWER)
     return [
         Region(
             joint, "frequency", f"{low:g} to {high:g} Hz", float(share), float(coverage)

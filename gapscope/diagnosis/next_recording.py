@@ -32,8 +32,8 @@ from gapscope.diagnosis.setup_faults.found_fault import repaired
 from gapscope.diagnosis.thresholds import (
     ADVICE_INERTIALS,
     ADVICE_SAMPLE_STEP,
-    LEAST_SCREENING,
     MAY_SETTLE,
+    MIN_SCREENING,
     MODEL_FORM,
     PAYLOAD_WORTH,
     SCREENING_SHARE,
@@ -449,7 +449,7 @@ def _separating(
     option = _chosen(tried)
     chosen = next(c for c in candidates if c.option == option)
     evaluations = round((1 - SCREENING_SHARE) * request.evaluations)
-    budget = Budget(max(LEAST_SCREENING, evaluations))
+    budget = Budget(max(MIN_SCREENING, evaluations))
     plan = replace(option.plan(request.rate), budget=budget)
     prepared = prepare(
         case.arm,
@@ -503,7 +503,7 @@ def _screened(
     """
     count = len(candidates)
     evaluations = int(SCREENING_SHARE * request.evaluations / count)
-    budget = Budget(max(LEAST_SCREENING, evaluations))
+    budget = Budget(max(MIN_SCREENING, evaluations))
     tried: list[tuple[MotionOption, float | None]] = []
     refused: InputError | None = None
     for k, candidate in enumerate(candidates):

@@ -35,7 +35,7 @@ from gapscope.diagnosis.gap.plausible_data import (
     check_rates,
     check_stamps,
     check_torque,
-    excerpt,
+    select_windows,
     short_note,
     still_note,
 )
@@ -417,7 +417,7 @@ def identify_reference(
     check_rates(reference)
     with threadpool_limits(1):
         progress("identifies the arm")
-        kept = _kept(excerpt(reference))
+        kept = _kept(select_windows(reference))
         progress("tests the set-up")
         with TemporaryDirectory(prefix="gapscope-") as folder:
             nominal = kept.on(reference, Path(folder))
@@ -427,7 +427,7 @@ def identify_reference(
                 for fault in find_setup_faults(nominal)
                 if not fault.reading(reference.arm.n_joints).differs("gravity")
             )
-            right = excerpt(repaired(nominal, faults))
+            right = select_windows(repaired(nominal, faults))
             faults = (*faults, *find_quantization(right))
             late = looks_late(nominal)
         if faults:

@@ -31,8 +31,8 @@ from gapscope.diagnosis.gap.plausible_data import (
     check_moving,
     check_stamps,
     check_torque,
-    excerpt,
     folds_of,
+    select_windows,
     up_to_changes,
 )
 from gapscope.diagnosis.selection.search import Selection, search
@@ -227,7 +227,7 @@ def with_torque(
     even = on_one_clock(case) if with_references else case
     # what a controller feeds forward is the torque of the arm that is declared, not of one identified since
     seen, references = find_reference_faults(
-        replace(excerpt(even), arm=declared or even.arm)
+        replace(select_windows(even), arm=declared or even.arm)
     )
     case = replace(repaired(case, references), warnings=seen.warnings)
     case = with_commanded_torque(case)
@@ -250,7 +250,7 @@ def _repaired(
         setup_faults = find_setup_faults(case)
     case = repaired(case, setup_faults)
     # A wrong unit scales the step of an encoder: quantisation is measured after the repair.
-    every = (*references, *setup_faults, *find_quantization(excerpt(case)))
+    every = (*references, *setup_faults, *find_quantization(select_windows(case)))
     stamped = any(name == TimeStamps.name for name, _ in inherent)
     faults = tuple(
         f
@@ -263,7 +263,7 @@ def _repaired(
     progress("asks what changes during recordings and between them")
     cutoff = position_cutoff(case.recordings)
     # about an arm that hangs otherwise everything seems to change
-    looked = upright(excerpt(case))
+    looked = upright(select_windows(case))
     changes, between = changes_of(looked.recordings, looked.arm, progress)
     # what is judged on changes no value: it is asked by itself
     apart, _ = changes_of(looked.judged, looked.arm, progress)
@@ -271,7 +271,7 @@ def _repaired(
     for change in changes:
         progress(f"finds {change}")
     whole = *case.recordings, *case.judged
-    case = excerpt(up_to_changes(case, changes))
+    case = select_windows(up_to_changes(case, changes))
     as_mounted = replace(case, arm=looked.arm)
     agreement = _agreement(as_mounted, changes, between, progress)
     states = states_of(case, whole, agreement, changes)

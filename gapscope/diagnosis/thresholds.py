@@ -25,7 +25,7 @@ TIMING_SKEW = 1e-4  # Skew between torque and motion that differs between a heal
 # Below this speed velocity does not determine dry friction: bristles bend, the joint sticks [rad/s]. (physical)
 STICKING_SPEED = 0.02
 # A recording is used up to a change during it if that lasts this long [s]. (hand)
-LEAST_UNCHANGED = 3.0
+MIN_UNCHANGED = 3.0
 MODEL_FORM = 0.004  # Share of the torque's deviation that a healthy arm leaves even without noise [1]. (hand)
 FRICTION_FORM = 0.03  # Share by which healthy dry friction differs from c sgn v when it slides [1]. (hand)
 EFFECT_FORM = 0.03  # Share of its torque by which a real effect differs from the catalogue's form [1]. (hand)
@@ -38,21 +38,21 @@ SHORT_MOTION = 20.0
 LONG_RECORDINGS = 300.0
 EXAMINED = 180.0  # ...of this length in all [s]... (budget)
 WINDOW = 10.0  # ...and of about this length each [s], a period of most exciting motions... (hand)
-LEAST_WINDOW = 4.0  # ...or of many recordings no less than this [s]. (hand)
-MOST_FOLDS = 6  # Folds whose equations are kept apart; of more recordings neighbours share one. (budget)
+MIN_WINDOW = 4.0  # ...or of many recordings no less than this [s]. (hand)
+MAX_FOLDS = 6  # Folds whose equations are kept apart; of more recordings neighbours share one. (budget)
 
 # --- gap: recordings that hold what no arm can have
 LARGEST_POSITION = 1e5  # Degrees of a motor behind a gear of 1 : 500 stay below [rad]. (physical)
 LARGEST_TORQUE = 1e6  # The largest industrial arms hold some 1e5 N m [N m]. (physical)
-LEAST_MOTION = 1e-6  # A joint that moves by less has stood still [rad, or per_radian of a slide]. (physical)
+MIN_MOTION = 1e-6  # A joint that moves by less has stood still [rad, or per_radian of a slide]. (physical)
 MOVING_TORQUE = 0.3  # A torque that changes by this share of a moving recording's tells of a motion [1]. (hand)
 # As few samples, that many spans of all others beyond them, are no motion: it would pass through what lies between.
 LONE_SAMPLES = 3  # [1] (hand)
 LONE_POSITION = 20.0  # [1] (hand)
 LONE_OF_OTHERS = 0.01  # Share of the widest joint's span that counts as span of one that stands still [1]. (hand)
-LEAST_TORQUE_CHANGE = 1e-9  # A torque that changes by less over a case is constant [N m]. (physical)
+MIN_TORQUE_CHANGE = 1e-9  # A torque that changes by less over a case is constant [N m]. (physical)
 # A healthy arm leaves no less than this [N m]: keeps a joint without any torque from dividing by zero. (physical)
-LEAST_FLOOR = 1e-9
+MIN_FLOOR = 1e-9
 
 # --- setup_faults: folds and samples
 SINGLE_RECORDING_FOLDS = 4  # Folds into which a single recording is cut. (hand)
@@ -90,7 +90,7 @@ FAULT_PRIOR_ODDS = 1e-3  # Prior odds of a setup fault against none [1]. (hand)
 FAULT_COARSE_STEP = 4  # All candidates are compared on every so many-th sample... (budget)
 FAULT_FINALISTS = 5  # ...and this many of them on all. (budget)
 # Zeros off by less are no convention but the effect encoder_offset [rad]. (definition)
-LEAST_ZERO_OFFSET = np.deg2rad(20.0)
+MIN_ZERO_OFFSET = np.deg2rad(20.0)
 # Shifts at which the recorded torque is kept: a driver's delay is looked for up to the last [s]. (physical)
 TORQUE_SHIFT_STEP = 0.005
 TORQUE_SHIFTS = tuple(TORQUE_SHIFT_STEP * k for k in range(41))
@@ -112,26 +112,26 @@ ORDINARY_PENALTY = 3.0  # Penalty of the prior on the values of an arm with ordi
 WORST_GAP = 1e3  # Gaps beyond this many deviations are all alike [1]. (hand)
 
 # --- setup_faults: priors of an ordinary arm (standard deviations, relative unless a unit is given)
-ORDINARY_INERTIALS = 0.3  # Errors of the nominal inertials [1]. (hand)
+PRIOR_STD_INERTIALS = 0.3  # Errors of the nominal inertials [1]. (hand)
 # Logarithm of the arm's weight as a whole over what its model says, below one; a load may add any [1]... (hand)
 ORDINARY_WEIGHT = 0.35
-LEAST_WEIGHT = 0.1  # ...and the weight below which there is as good as none [1]. (hand)
-ORDINARY_TILT = 0.1  # Tilt of the base [rad]. (hand)
-ORDINARY_LOAD = 0.6  # Mass of a load, in masses of the arm [1]. (hand)
-ORDINARY_LEVER = 0.3  # Lever of a load, in lengths of the arm [1]. (hand)
-ORDINARY_TORQUE_SCALE = 0.3  # Error of a torque's scale [1]... (hand)
+MIN_WEIGHT = 0.1  # ...and the weight below which there is as good as none [1]. (hand)
+PRIOR_STD_TILT = 0.1  # Tilt of the base [rad]. (hand)
+PRIOR_STD_LOAD = 0.6  # Mass of a load, in masses of the arm [1]. (hand)
+PRIOR_STD_LEVER = 0.3  # Lever of a load, in lengths of the arm [1]. (hand)
+PRIOR_STD_TORQUE_SCALE = 0.3  # Error of a torque's scale [1]... (hand)
 LOWEST_TORQUE_SCALE = -0.6  # ...and its lower bound [1]. (hand)
-ORDINARY_ROTOR = 0.7  # Torque of a rotor over the deviation of the joint's torque [1]. (hand)
-ORDINARY_FRICTION = 0.7  # Torque of friction, dry or viscous, over the deviation of the joint's torque [1]. (hand)
-ORDINARY_SPRING = 0.5  # Torque of a spring, likewise [1]. (hand)
-ORDINARY_OFFSET = 0.5  # Offset of the torque, likewise [1]. (hand)
+PRIOR_STD_ROTOR = 0.7  # Torque of a rotor over the deviation of the joint's torque [1]. (hand)
+PRIOR_STD_FRICTION = 0.7  # Torque of friction, dry or viscous, over the deviation of the joint's torque [1]. (hand)
+PRIOR_STD_SPRING = 0.5  # Torque of a spring, likewise [1]. (hand)
+PRIOR_STD_OFFSET = 0.5  # Offset of the torque, likewise [1]. (hand)
 FAULT_SIGN_WIDTH = 0.02  # Velocity scale of the smoothed sign in dry friction [rad/s]. (physical)
 # Least misfit of an arm from whose torque an integrator's start is estimated, over the torque's deviation [1]. (hand)
-LEAST_INTEGRATOR_MISFIT = 3e-3
+MIN_INTEGRATOR_MISFIT = 3e-3
 INTEGRATOR_SAMPLES = 400  # Samples of a stretch from which an integrator's start is estimated. (compute)
 ORDINARY_GAP_DEVIATION = 0.1  # Gap that counts as one standard deviation, over the torque's [1]. (hand)
 # Least deviation of a torque, over the largest joint's [1]: motors of small joints. (physical)
-LEAST_TORQUE_DEVIATION = 1e-4
+MIN_TORQUE_DEVIATION = 1e-4
 
 # --- setup_faults: time stamps and quantisation
 # Probability of what the recording itself or the nominal arm shows without any fit [1]. (hand)
@@ -152,8 +152,8 @@ CLOCK_ROUNDS = 6  # Steps of the search for its rate. (budget)
 CLOCK_HINT = 0.05  # It is searched for if a first step promises to take this share of what is left [1]. (hand)
 # It is named if ln of what is left falls by this, mean over joints, beside a delay alone [1]... (hand)
 CLOCK_GAIN = 0.25
-CLOCK_LEAST_SKEW = 3e-3  # ...and the skew at the end of the longest recording exceeds this [s]. (hand)
-MOST_CLOCK_SHARE = 0.05  # Clocks that differ by more are a wrong rate [1]. (physical)
+CLOCK_MIN_SKEW = 3e-3  # ...and the skew at the end of the longest recording exceeds this [s]. (hand)
+MAX_CLOCK_SHARE = 0.05  # Clocks that differ by more are a wrong rate [1]. (physical)
 STEP_OVER_DATA_SHEET = 1.5  # A step is named if it exceeds the data sheet's by this factor [1]. (hand)
 # Step named if the data sheet is silent [rad]: a 14-bit encoder on the joint's side. Arms with gears resolve 16 to
 # 20 bit there; at 14 bit the second derivative over 10 ms already jumps by 4 rad/s^2. (physical)
@@ -178,7 +178,7 @@ PACE_LAGS = (0.0, 0.1, 0.3)
 # A recorded velocity is the reference's if it differs from that by less than this share of how it differs from the
 # arm's [1]. (hand)
 REFERENCE_VELOCITY_RATIO = 0.1
-LEAST_MOTION_SHARE = 0.02  # A joint moves if its range exceeds this share of the largest joint's [1]. (hand)
+MIN_MOTION_SHARE = 0.02  # A joint moves if its range exceeds this share of the largest joint's [1]. (hand)
 LAW_BLOCKS = 8  # Blocks of each recording: a control law is fitted to every other, judged on the rest. (hand)
 LAW_EXPLAINS = 0.3  # What a control law may leave of a torque that it explains, over the deviation [1]. (hand)
 LAW_GAIN = 2.0  # Another law is named if it leaves less by this factor [1]. (hand)
@@ -203,7 +203,7 @@ RICHEST_ROUNDS = 3  # Rounds in which joints are weighed by what is left. (budge
 
 # --- model: linearisation
 PIECE_LENGTH = 1.5  # Length of the pieces of the normal equations, every other of which is a half [s]. (hand)
-MOST_PIECES = 40  # Pieces over all folds; on long logs they grow instead. (budget)
+MAX_PIECES = 40  # Pieces over all folds; on long logs they grow instead. (budget)
 SENSOR_ZERO = 0.1  # Prior of a sensor's zero, over the normalisation of its joint's torque gap [1]. (hand)
 SENSOR_SCALE = 0.01  # Prior of the error of a sensor's scale [1]. (data sheets of joint torque sensors)
 SENSOR_LAG = 2e-3  # Prior of a sensor's lag [s]. (hand)
@@ -213,7 +213,7 @@ FORCE_WINDOW_BIN = 0.1  # Resolution of the windows in which a force may act [s]
 FORCE_WINDOW_EDGES = 80  # Edges of windows that are compared at first. (budget)
 # Share of a force's effect that always counts beside what the errors of the arm could explain of it [1]. (hand)
 FORCE_WINDOW_RIDGE = 0.05
-LEAST_FORCE_WINDOW = 0.3  # Shortest such window [s]. (hand)
+MIN_FORCE_WINDOW = 0.3  # Shortest such window [s]. (hand)
 
 # --- selection: charges of the evidence
 # Charge for each different effect [nats]: the logarithm of the number of ways to name one, and a margin for what
@@ -227,8 +227,8 @@ PRIOR_EXPONENT = 6.0
 NOMINAL_ERROR = {0.003: 0.0, 0.01: 2.0, 0.03: 8.0, 0.06: 15.0}
 SKEWS = (0.0, 2.5e-4, 5e-4)  # Skews of sampling that are tried [s]; half a tick is 0.5 ms at 1 kHz. (physical)
 SKEW_CHARGE = 3.0  # Charge for a skew [nats]. (hand)
-LEAST_DELAY = 1e-3  # Delays shorter than this count as a skew of sampling and are not named [s]. (hand)
-LEAST_LINK_MASS = 0.05  # Share of its nominal mass that a changed link keeps at least [1]. (physical)
+MIN_DELAY = 1e-3  # Delays shorter than this count as a skew of sampling and are not named [s]. (hand)
+MIN_LINK_MASS = 0.05  # Share of its nominal mass that a changed link keeps at least [1]. (physical)
 
 # --- selection: search
 SEARCH_RATE = 100.0  # The search works on segments decimated to no less than this [Hz]. (budget)
@@ -243,7 +243,7 @@ RELINEARISATIONS = 3  # Linearisations around the values of one set of terms. (b
 LINEAR_ENOUGH = 0.05
 # A model that has lost so much evidence at its own values [nats] is not linearised again: in ten cases of real arms and
 # samples none that lost any at first came back to a gain. (budget)
-HOPELESS_LOSS = 50.0
+MAX_EVIDENCE_LOSS = 50.0
 REFUSED_MOVES = 3  # Stop after this many moves fail on relinearisation. (budget)
 REFINE_GAIN = 0.5  # A removal or a swap must promise to raise the evidence by this much [nats]. (hand)
 REFINE_STEPS = 20  # Most removals and swaps in a row. (budget)
@@ -295,7 +295,7 @@ PREDICTABLE_SHARE = 0.1
 CLOSING_JOINTS = 0.25
 
 # --- assessment: share of a residual that a flexible model predicts
-PREDICTABLE_LEAST_RATIO = 1.1  # Skip residuals below this many times the floor [1]. (hand)
+PREDICTABLE_MIN_RATIO = 1.1  # Skip residuals below this many times the floor [1]. (hand)
 ROWS_PER_CUTOFF = 2.5  # Rows per period of the torque gap's cut-off; more hold nothing new. (statistics)
 # Random Fourier features of each length, of a joint's signals; half as many of the posture of the arm. (budget)
 FOURIER_FEATURES = 60
@@ -305,8 +305,8 @@ KERNEL_LENGTHS = (0.5, 1.25)
 FOLD_GUARD = 0.3
 # Strengths of the ridge that are tried, over the mean square of the columns [1]. (budget)
 RIDGE_STRENGTHS = (3e-4, 3e-3, 3e-2, 0.3, 3.0)
-LEAST_OSCILLATION = 0.5  # Lowest frequency of an oscillation [Hz]: a slow motion does what is below. (hand)
-MOST_OSCILLATION = TORQUE_CUTOFF  # Highest frequency of an oscillation [Hz]: the band of the torque gap. (definition)
+MIN_OSCILLATION = 0.5  # Lowest frequency of an oscillation [Hz]: a slow motion does what is below. (hand)
+MAX_OSCILLATION = TORQUE_CUTOFF  # Highest frequency of an oscillation [Hz]: the band of the torque gap. (definition)
 # Frequencies that are tried per resolution 1 / duration: the phase has to last over the prediction. (budget)
 OSCILLATION_GRID = 8
 
@@ -325,8 +325,8 @@ NAMED_PROBABILITY = 0.5  # An effect less probable than this is not named [1]. (
 FALSE_DISCOVERY_RATE = 0.05  # Share of the effects confirmed that may be there by chance [1]. (statistics)
 LISTED_PROBABILITY = 0.01  # Names less probable than this are not listed in a set [1]. (hand)
 # No calibrated probability lies below this [1]: it was seen a few hundred times at most... (statistics)
-LEAST_PROBABILITY = 0.02
-MOST_PROBABILITY = 0.995  # ...nor above this [1]. (statistics)
+MIN_PROBABILITY = 0.02
+MAX_PROBABILITY = 0.995  # ...nor above this [1]. (statistics)
 # Ticks of the controller that are replayed, from the start of a recording: 5 s at 1 kHz, which take a fifth of a
 # second for each arm... (budget)
 REPLAYED_TICKS = 5_000
@@ -373,10 +373,10 @@ LEAF_ROWS = 0.02  # A leaf holds at least this share of the rows [1]. (hand)
 LEVEL_WINDOW = 0.25  # Length of the windows over which the level is taken [s]. (hand)
 # Charge for a change point, times the variance of the level times the log of the number of windows [1]. (hand)
 CHANGE_POINT_PENALTY = 6.0
-LEAST_INTERVAL_WINDOWS = 3  # Least number of windows between two change points. (hand)
-LEAST_LEVEL_NOISE = 0.35  # Least standard deviation of the level that is taken as its noise [nats]. (hand)
-MOST_INTERVALS = 2  # Most intervals of a recording. (hand)
-MOST_CHANGE_POINTS = 6  # With more change points in one recording the gap follows the motion, not time. (hand)
+MIN_INTERVAL_WINDOWS = 3  # Least number of windows between two change points. (hand)
+MIN_LEVEL_NOISE = 0.35  # Least standard deviation of the level that is taken as its noise [nats]. (hand)
+MAX_INTERVALS = 2  # Most intervals of a recording. (hand)
+MAX_CHANGE_POINTS = 6  # With more change points in one recording the gap follows the motion, not time. (hand)
 
 # --- localisation: frequencies
 # Frequency bands [Hz]. (hand)
@@ -388,7 +388,7 @@ LINE_SHARE = 0.6  # A line holds this share of the gap's power [1]... (hand)
 LINE_WIDTH = 0.6  # ...so far to either side [Hz]... (hand)
 LINE_ENRICHMENT = 3.0  # ...and this many times the nominal torque's share of power there [1]. (hand)
 LINE_LOWEST = 1.5  # Below this frequency the motion itself has lines [Hz]. (hand)
-LEAST_BAND_POWER = 0.02  # A band counts as this share of the torque's power at least [1]. (hand)
+MIN_BAND_POWER = 0.02  # A band counts as this share of the torque's power at least [1]. (hand)
 
 # --- reference: what changed since a reference
 # Share by which Coulomb and viscous friction may differ from day to day, as temperature does [bittencourt2012]:
@@ -406,7 +406,7 @@ SHORTEST_HISTORY = 3  # Least diagnoses of a unit in which a change is looked fo
 # Share of the changes reported, over all units and effects, that are false on average [1]. (definition)
 FALSE_CHANGES = 0.05
 # Least differences of successive estimates from which scatter beyond their deviations is estimated [1]. (statistics)
-LEAST_DIFFERENCES = 20
+MIN_DIFFERENCES = 20
 
 # --- fleet: which unit is which
 # Two arms predict a unit alike if no joint's torque NRMSE differs by this much [1]. (definition)
@@ -423,14 +423,14 @@ COVARIATE_TEMPERATURE = 2.0  # ...or, a temperature, by this much [K]. (physical
 ADVICE_INERTIALS = 0.01  # Prior of relative errors of the nominal inertials that every hypothesis may have [1]. (hand)
 ADVICE_SAMPLE_STEP = 4  # Of the present recordings every so many samples are compared. (budget)
 # A parameter's scale is at least this share of the largest value met on real arms [1]. (hand)
-LEAST_PARAMETER_SCALE = 0.05
+MIN_PARAMETER_SCALE = 0.05
 DESIGNED_ALTERNATIVES = 3  # Most alternatives that one recording is designed for; the most probable ones. (hand)
 ADVICE_RATE = 100.0  # Recordings are decimated to no less than this [Hz]. (budget)
 FIT_DRAWS = 12  # Starts that are tried for an effect whose values are not known. (budget)
 FIT_STARTS = 2  # The best of them from which values are fitted. (budget)
 FIT_STEPS = 12  # Most steps of a fit. (budget)
 SCREENING_SHARE = 0.3  # Share of the evaluations that go to comparing the options [1]. (budget)
-LEAST_SCREENING = 20  # Evaluations for each option, at least. (budget)
+MIN_SCREENING = 20  # Evaluations for each option, at least. (budget)
 PAYLOAD_WORTH = 1.25  # A payload is mounted if it raises the contrast by this factor [1]. (hand)
 SETTLES = 2.0  # Contrast from which on a recording settles a question [floors]... (hand)
 MAY_SETTLE = 0.5  # ...and from which on it may [floors]. (hand)

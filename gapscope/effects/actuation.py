@@ -160,7 +160,7 @@ def possible_limits(
     apart = np.sqrt(np.maximum(apart2, 0.0))
     seldom = count / len(size) < LIMITED_TIME_TRACKING
     held = apart < HELD_NEAR_LIMIT * limits
-    return (mean > LEAST_NEED_AT_LIMIT * limits) & (seldom | held)
+    return (mean > MIN_NEED_AT_LIMIT * limits) & (seldom | held)
 
 
 def no_limit(series: JointSeries, best: float | None) -> tuple[float, float] | None:
@@ -183,7 +183,7 @@ def _least_limit(series: JointSeries) -> float:
     """The lowest limit [N m] that a joint's recorded torque may have."""
     recorded = np.abs(np.concatenate(series.recorded))
     seldom = float(np.quantile(recorded, 1.0 - LIMITED_TIME_HELD))
-    return max(LEAST_LIMIT * float(recorded.max()), seldom)
+    return max(MIN_LIMIT * float(recorded.max()), seldom)
 
 
 def _sums_from(series: np.ndarray, starts: np.ndarray) -> np.ndarray:
@@ -201,11 +201,11 @@ def ripple_cycles(series: JointSeries, known: float | None) -> np.ndarray:
     step = 0.8 / max(travel, 0.3)
     if known is not None:
         near = known + step / size * np.linspace(-0.6, 0.6, 9)
-        return np.maximum(near, LEAST_CYCLES / size)
+        return np.maximum(near, MIN_CYCLES / size)
     speed = float(np.quantile(np.abs(np.concatenate(series.velocity)), 0.3)) / size
     # a joint that stands still shows no ripple; its columns are constant then, whatever the cycles
-    least = max(LEAST_CYCLES, LEAST_PERIODS * 2 * np.pi / max(travel, LEAST_TRAVEL))
-    band = max(min(MOST_CYCLES, 75.0 / max(speed, 1e-3)), 30.0)
+    least = max(MIN_CYCLES, MIN_PERIODS * 2 * np.pi / max(travel, MIN_TRAVEL))
+    band = max(min(MAX_CYCLES, 75.0 / max(speed, 1e-3)), 30.0)
     return np.arange(least, least + band, step) / size
 
 
@@ -243,11 +243,11 @@ def draw_ripple(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Val
     }
 
 
-LEAST_DELAY = 1e-3
+MIN_DELAY = 1e-3
 """Delays and lags shorter than this count as a skew of sampling and are not named [s]. (hand)"""
-LEAST_LIMIT = 0.01
+MIN_LIMIT = 0.01
 """Saturation lets at least this share of the largest recorded torque through [1]. (hand)"""
-LEAST_NEED_AT_LIMIT = 0.7
+MIN_NEED_AT_LIMIT = 0.7
 """While it acts this share of the limit is needed on average [1]. (hand)"""
 LIMITED_TIME_TRACKING = 0.4
 """It acts for this share of the time at most [1], as a controller whose torque never arrives cannot track... (hand)"""
@@ -257,13 +257,13 @@ HELD_NEAR_LIMIT = 0.15
 """...within this share of it [1]. (hand)"""
 LIMIT_GRID = 40
 """Limits that are tried in even steps up to the largest torque, and as many in even ratios. (budget)"""
-LEAST_CYCLES = 3.5
+MIN_CYCLES = 3.5
 """Ripples with fewer periods per revolution are not looked for: a spring that is not straight looks alike. (hand)"""
-MOST_CYCLES = 200.0
+MAX_CYCLES = 200.0
 """Ripples with more periods per revolution are not looked for. (physical)"""
-LEAST_PERIODS = 1.5
+MIN_PERIODS = 1.5
 """Periods of a ripple that some recording must show; less is a bend that much else explains. (hand)"""
-LEAST_TRAVEL = 1e-6
+MIN_TRAVEL = 1e-6
 """Travel below which a joint stands still [rad]."""
 
 DELAY_TIME = Parameter("delay", "T", "s", (0.0, 0.2), (0.002, 0.02))
@@ -318,7 +318,7 @@ DELAY = Path(
     applied=delay,
     place=1,
     varies_with="time",
-    parametrisation=linear_in(DELAY_TIME, step=1e-4, lowest=LEAST_DELAY),
+    parametrisation=linear_in(DELAY_TIME, step=1e-4, lowest=MIN_DELAY),
     severity=draw_delay,
     inherent=True,
     delays=True,
@@ -345,7 +345,7 @@ LAG = Path(
     applied=lag,
     place=2,
     varies_with="time",
-    parametrisation=linear_in(TIME_CONSTANT, step=1e-4, lowest=LEAST_DELAY),
+    parametrisation=linear_in(TIME_CONSTANT, step=1e-4, lowest=MIN_DELAY),
     severity=draw_lag,
     inherent=True,
     delays=True,

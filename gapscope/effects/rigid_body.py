@@ -86,7 +86,7 @@ def lightest_load(masses: np.ndarray, last: int) -> float:
 
 def lightest_links(masses: np.ndarray, last: int) -> np.ndarray:
     """Least change of each link's mass [kg], (n,): a link keeps a share of its nominal ``masses``."""
-    return (LEAST_LINK_MASS - 1.0) * masses
+    return (MIN_LINK_MASS - 1.0) * masses
 
 
 def draw_armature(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
@@ -110,7 +110,7 @@ def draw_link(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Value
     }
 
 
-LEAST_LINK_MASS = 0.05
+MIN_LINK_MASS = 0.05
 """Share of its nominal mass that a changed link keeps at least [1]. (physical)"""
 ROTOR_INERTIA = Parameter(
     "inertia", "I", "kg m^2", (-1e3, 5e3), (0.02, 1.3), increment=True

@@ -33,12 +33,12 @@ from gapscope.envs.episode import (
     LOOK_AHEAD,
     SUB_STEPS,
     TIME_STEP,
-    Course,
     Effects,
     EpisodeOptions,
     EpisodePlan,
     FeedforwardModel,
     Layout,
+    SampledReference,
     Setup,
     Timing,
     chosen_effects,
@@ -258,7 +258,7 @@ class ArmTracking(gymnasium.Env):
         )
         self._plant = ControlledArms(self.setup, engine=engine)
         self._episodes = Episodes(self.setup, self._plant)
-        self._course: Course | None = None
+        self._course: SampledReference | None = None
         size = self._control.size
         self.observation_space = self.layout.space
         self.action_space = Box(-1.0, 1.0, (size,), dtype=np.float32)

@@ -151,7 +151,7 @@ class Timing:
         return self.period * self.actions
 
 
-class Course:
+class SampledReference:
     """Reference and feedforward of one episode, K actions of S steps, n joints.
 
     Attributes:
@@ -278,7 +278,7 @@ class EpisodePlan(NamedTuple):
         effects: of the simulated arm, drawn ones included.
     """
 
-    course: Course
+    course: SampledReference
     effects: tuple[AppliedEffect, ...]
 
 
@@ -338,7 +338,7 @@ class Setup(NamedTuple):
         if isinstance(motion, str):
             rng = np.random.default_rng(seeds[0])
             motion = draw_motion(motion, rng, self.space, self.timing.duration)
-        return EpisodePlan(Course(self, motion), effects)
+        return EpisodePlan(SampledReference(self, motion), effects)
 
     def _chosen(self, options: Mapping[str, Any]) -> EpisodeOptions:
         """The options of one episode, checked."""

@@ -18,7 +18,7 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.actions import Gains, scaled
 from gapscope.envs.divergence import described, divergence_info, stop_info
 from gapscope.envs.drive.arm_drive import ArmDrive, Encoders, nominal_body
-from gapscope.envs.episode import FASTEST_OBSERVED, Course, Setup, Timing
+from gapscope.envs.episode import FASTEST_OBSERVED, SampledReference, Setup, Timing
 from gapscope.envs.position_controller import VELOCITY_DAMPING, cutoff
 from gapscope.envs.simulated_arm import NetworkTorque, SimulatedArms
 
@@ -32,7 +32,7 @@ ONE_BY_ONE = (
 """What to do if arms cannot be stepped together."""
 
 
-class Courses:
+class SampledReferences:
     """Courses of N episodes, K actions of S steps, n joints; each at an action of its own.
 
     Args:
@@ -63,7 +63,7 @@ class Courses:
         self._plans = np.zeros((count * self._actions, planned))
         self._q, self._torque = np.zeros((2, count * self._steps, n))
 
-    def put(self, number: int, course: Course) -> None:
+    def put(self, number: int, course: SampledReference) -> None:
         """Give an episode, numbered from 0, another course, at whose start it is."""
         plan, step = number * self._actions, number * self._steps
         for rows, first, values, still in (
@@ -261,7 +261,7 @@ class ControlledArms:
         self._readings = Readings(encoders, setup.encoder_noise, shape)
         self._estimate = VelocityFilters(rate, shape)
         planned = len(range(setup.layout.size)[setup.layout.planned])
-        self.courses = Courses(setup.timing, *shape, planned)
+        self.courses = SampledReferences(setup.timing, *shape, planned)
         self._home = np.zeros(shape)
         self.position, self.velocity, self.torque = np.zeros((3, *shape))
         self.q, self.dq, self.applied = np.zeros((3, *shape))
@@ -295,7 +295,7 @@ class ControlledArms:
         self,
         number: int,
         effects: tuple[AppliedEffect, ...],
-        course: Course,
+        course: SampledReference,
         seed: np.ndarray,
     ) -> None:
         """Put an arm, numbered from 0, where its encoders read the start of the course, with these effects.

@@ -320,7 +320,7 @@ def _absolute(text: str, address: str) -> str:
 
 CHUNK = 1 << 20
 """Bytes that are copied at a time."""
-MOST_FILES = 10_000
+MAX_FILES = 10_000
 """Files of a case, at most [1]."""
 
 
@@ -361,7 +361,7 @@ def _check_files(folder: str, listing: CaseListing, most: int) -> None:
                 f"{folder}: {name} is a link or no file", "put the file itself there"
             )
     size = sum(int(info.get("size") or 0) for info in listing.files.values())
-    if size > most or len(listing.files) > MOST_FILES:
+    if size > most or len(listing.files) > MAX_FILES:
         raise _too_large(folder, f"{len(listing.files)} files of {size} bytes", most)
 
 
@@ -379,7 +379,7 @@ def _copy(system: Any, source: str, target: Path, most: int) -> int:
 
 def _too_large(what: str, has: str, most: int) -> InputError:
     return InputError(
-        f"{what}: has {has}, more than {MOST_FILES} files or {most} bytes",
+        f"{what}: has {has}, more than {MAX_FILES} files or {most} bytes",
         "split the recording, or allow more with --largest",
     )
 

@@ -153,7 +153,7 @@ def _taper(count: int) -> np.ndarray:
 # Both methods here use the scores g_i = W_i^T S^-1 e_i, shape (b,), of samples i as they follow each other.
 
 
-MOST_BLOCKS = 200
+MAX_BLOCKS = 200
 """Blocks of the jackknife; more only take longer, as Student's t is normal by then [1]."""
 
 
@@ -292,7 +292,7 @@ def block_jackknife(
     d_k = (A - A_k)^-1 g_k, A_k and g_k the block's share of A and its summed score: no block tests the parameters
     that it bent itself, which the sandwich forgives: residuals of slow columns hold less slow noise than the noise
     does. Arguments as ``sandwich``; blocks, which do not overlap here, are by default twice as long, and no more than
-    about ``MOST_BLOCKS``. Source: kunsch1989, bell2002.
+    about ``MAX_BLOCKS``. Source: kunsch1989, bell2002.
     """
     weighted = problem.matrix if weight is None else weight @ problem.matrix
 
@@ -329,7 +329,7 @@ def jackknife(
     scores = np.einsum("ijb,ij->ib", left, residual)
     gram = left.reshape(-1, parameters).T @ right.reshape(-1, parameters)
     if length is None:
-        enough = -(-len(scores) // MOST_BLOCKS)
+        enough = -(-len(scores) // MAX_BLOCKS)
         length = max(2 * block_length(scores, group), enough)
     scale = 1 / np.sqrt(np.abs(np.diag(gram)).clip(1e-300))
     changes = []

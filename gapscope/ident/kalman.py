@@ -214,7 +214,7 @@ SETTLED = 1 / 3
 """Share of the stretches after which predictions count in the choice of the process noise [1]."""
 
 
-LEAST_NOISE = 1e-3
+MIN_NOISE = 1e-3
 """Least noise over the RMS of a joint's torque [1]: beside none a vague first covariance loses its digits."""
 
 
@@ -307,7 +307,7 @@ def follow(problem: Problem, openings: Sequence[Opening] = ()) -> Followed:
 
 def _noise(problem: Problem, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """RMS of a residual [N m], never zero, and how many of its samples count as one [1], (n,) each."""
-    least = LEAST_NOISE * rms(problem.torque) + 1e-9
+    least = MIN_NOISE * rms(problem.torque) + 1e-9
     return np.maximum(rms(residual), least), variance_inflation(residual, problem.group)
 
 
@@ -541,7 +541,7 @@ LONGEST = 20.0
 """A recording is followed for at most this long [s]: a second takes about a second of computing."""
 UNSURE = 0.3
 """Standard deviation of friction before the first sample, over its identified value [1]."""
-LEAST_SHARE = 0.02
+MIN_SHARE = 0.02
 """The same at least, as a share of the joint's RMS torque [1]."""
 WANDER = 0.1
 """How far friction wanders in one second, over that standard deviation [1/sqrt(s)]."""
@@ -624,7 +624,7 @@ def follow_states(
 
 def _least(recording: Recording) -> np.ndarray:
     """Least standard deviation of b and c, which a share of the joint's torque at its RMS speed sets, shape (2 n,)."""
-    torque = LEAST_SHARE * rms(np.asarray(recording.tau))
+    torque = MIN_SHARE * rms(np.asarray(recording.tau))
     speed = np.gradient(recording.q, recording.t, axis=0)
     typical = np.maximum(rms(speed), 0.05)
     return np.concatenate([torque / typical, torque])

@@ -72,7 +72,7 @@ class Bodies:
 
 
 @dataclass(frozen=True)
-class BodyPoint:
+class LinearisationPoint:
     """Where the derivatives are taken: ``Mechanics`` of a segment.
 
     Attributes:
@@ -202,7 +202,7 @@ def acts_on_bodies(effect: Effect, arm: CorrectedArm) -> bool:
     return effect.reach == "arm" and not behind
 
 
-def bodily_columns(
+def rigid_body_jacobian(
     at: Prediction,
     segment: Segment,
     bodies: Bodies,
@@ -215,7 +215,7 @@ def bodily_columns(
     Those of changed links are left out: they are combinations of the inertial regressor, which is kept. ``only`` are
     the effects whose derivatives are wanted; all if ``None``.
     """
-    point = BodyPoint(at, segment, bodies, terms, theta)
+    point = LinearisationPoint(at, segment, bodies, terms, theta)
     out: dict[int, np.ndarray] = {}
     for effect in terms.definitions:
         of_links = isinstance(effect, LinkChange) and effect.scope == "link"

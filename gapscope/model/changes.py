@@ -42,7 +42,7 @@ from gapscope.model.difference import (
 from gapscope.model.equations import Equations
 from gapscope.model.form_error import FormError, noise_of_motions
 from gapscope.model.ramps import Ramp, best_ramp
-from gapscope.model.rows import LEAST_MOTIONS, Rows, comparable
+from gapscope.model.rows import MIN_MOTIONS, Rows, comparable
 from gapscope.model.terms import Candidate, Term
 
 SPANS = 8
@@ -52,7 +52,7 @@ PARTS = 3
 SMEARED = 1.0
 """Rows within so many periods of the band's cut-off of a moment are left out [1]: there a filter sees both sides, and
 the reading of an encoder that slips has no velocity. (physical)"""
-MOST_MOMENTS = 6
+MAX_MOMENTS = 6
 """Moments of a case. (budget)"""
 ZERO = "zero"
 """Quantity of a drive that an encoder which slips has another value of."""
@@ -176,7 +176,7 @@ class _Spans:
         self,
         rows: Rows,
         ends: Sequence[Sequence[float]],
-        parts: int = LEAST_MOTIONS,
+        parts: int = MIN_MOTIONS,
         smeared: float = 0.0,
         moments: Sequence[Sequence[float]] | None = None,
         learnt: Learnt | None = None,
@@ -540,7 +540,7 @@ def _by_torque(
     # what changes, where, and by how much
     mine, new = dict(known), False
     before, smeared = _ends(known, count), SMEARED / rows.cutoff
-    left = MOST_MOMENTS
+    left = MAX_MOMENTS
     between: Difference | None = None
     while True:
         ends = _ends(mine, count)

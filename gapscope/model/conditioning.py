@@ -33,13 +33,13 @@ SHORTEST = SHORTEST_LOG
 """Segments shorter than this [s] are left out; what is trimmed leaves 0.4 s."""
 ORDER = 4
 """Order of every low-pass. (definition)"""
-LEAST_CUTOFF, LARGEST_CUTOFF = 5.0, 40.0
+MIN_CUTOFF, LARGEST_CUTOFF = 5.0, 40.0
 """Limits of the cut-off for positions [Hz]."""
 BY_CHANCE = 0.01
 """Probability that noise has as much power at some frequency as what is taken for motion, or for a vibration [1]."""
 CUTOFFS = 40
 """Cut-offs between them that are tried. (budget)"""
-LEAST_STEP = 1e-6
+MIN_STEP = 1e-6
 """Stamps closer than this share of a period are one stamp [1]."""
 GAP_STEPS = 4.0
 """A step of time longer than this many median steps is a gap, and the recording is cut there."""
@@ -52,7 +52,7 @@ of the torque gap, 12 Hz."""
 STANDS_OUT = 3.0
 """A reading that jumps departs from its neighbours by so many times as much as anywhere else [1]: of noise and of
 smooth motion the largest departure and the next one are about alike. (hand)"""
-MOST_JUMPS = 3
+MAX_JUMPS = 3
 """Jumps of a joint in a recording. (budget)"""
 
 
@@ -155,7 +155,7 @@ def position_cutoffs(recording: Recording) -> np.ndarray:
     """
     rate = recording.rate
     largest = min(LARGEST_CUTOFF, 0.4 * rate)
-    tried = np.geomspace(min(LEAST_CUTOFF, largest), largest, CUTOFFS)
+    tried = np.geomspace(min(MIN_CUTOFF, largest), largest, CUTOFFS)
     error = np.zeros((CUTOFFS, recording.q.shape[1]))
     spans = _pieces(recording.t, SHORTEST, _after_jumps(recording)) or [slice(None)]
     for span in spans:
@@ -197,7 +197,7 @@ def uniform(
     if np.abs(intervals * rate - 1).max(initial=0.0) < 0.01:
         return t, series
     # a step of next to nothing has no slope
-    apart = np.append(True, intervals * rate > LEAST_STEP)
+    apart = np.append(True, intervals * rate > MIN_STEP)
     t, series = t[apart], series[apart]
     # the small number keeps a last sample that rounding would drop
     last = int((t[-1] - t[0]) * rate + 1e-6)
@@ -302,11 +302,11 @@ def without_slips(recording: Recording) -> Recording:
 def _standing_out(size: np.ndarray) -> tuple[list[int], float]:
     """Places of the few peaks that are ``STANDS_OUT`` times as large as all that is left without them, and that."""
     left, peaks = size.copy(), []
-    for _ in range(MOST_JUMPS + 1):
+    for _ in range(MAX_JUMPS + 1):
         k = int(left.argmax())
         peaks.append((k, float(left[k])))
         left[max(0, k - 3) : k + 4] = 0.0
-    for count in range(MOST_JUMPS, 0, -1):
+    for count in range(MAX_JUMPS, 0, -1):
         if peaks[count - 1][1] > STANDS_OUT * peaks[count][1]:
             return [k for k, _ in peaks[:count]], peaks[count][1]
     return [], peaks[0][1]

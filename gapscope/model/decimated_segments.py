@@ -20,7 +20,7 @@ from gapscope.model.conditioning import Segment, low_pass
 
 FADED = 9.0
 """Periods of the cut-off after which the response has faded to 1e-9 of its peak [1]."""
-MOST_OF_RATE = 0.25
+MAX_OF_RATE = 0.25
 """Cut-off over rate up to which this holds [1]."""
 BLOCK = 16
 """Rows that are computed by one product."""
@@ -44,7 +44,7 @@ def low_passed_rows(
     rows = np.arange(count)[kept]
     step = 1 if kept.step is None else kept.step
     # of all rows the recursion is cheaper, and near Nyquist its response fades slowly
-    if step == 1 or cutoff > MOST_OF_RATE * rate:
+    if step == 1 or cutoff > MAX_OF_RATE * rate:
         return low_pass(series, rate, cutoff)[kept]
     # stamps give rates that differ by rounding from recording to recording
     rate = round(rate, 6)

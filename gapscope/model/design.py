@@ -54,9 +54,9 @@ WAVES, FEWER_WAVES = (24, 48), (8, 16)
 more. (budget)"""
 TAILS = 3
 """Degrees of freedom of Student's t, of which their wave numbers are drawn: rough on all scales. (definition)"""
-MOST_KEPT = 20_000_000
+MAX_KEPT = 20_000_000
 """Numbers of columns up to which they are kept. (budget)"""
-LEAST_TORQUE = 1e-6
+MIN_TORQUE = 1e-6
 """Columns that move no joint by more than this share of its torque say nothing [1]."""
 
 
@@ -295,9 +295,9 @@ def design(
             continue
         unit = np.sqrt((x**2).mean(axis=0)).max(axis=0)
         # of a load on a slide only the mass shows
-        if not (unit > LEAST_TORQUE).any():
+        if not (unit > MIN_TORQUE).any():
             continue
-        unit = given.get(term, np.maximum(unit, LEAST_TORQUE))
+        unit = given.get(term, np.maximum(unit, MIN_TORQUE))
         parts.append(x / unit)
         places[term] = np.arange(count, count + len(unit))
         used[term] = unit
@@ -321,7 +321,7 @@ def design(
     whole = np.concatenate(parts, axis=2) * rows.trust[:, :, None]
     gap = np.concatenate(gaps) / scale
     active = [
-        np.flatnonzero((whole[:, j] ** 2).mean(axis=0) > LEAST_TORQUE**2)
+        np.flatnonzero((whole[:, j] ** 2).mean(axis=0) > MIN_TORQUE**2)
         for j in range(n)
     ]
     size, waves, every = whole.shape[2], [], []
@@ -368,7 +368,7 @@ def _warm(
         friction = matrix[:, :, place] * arm.theta[place]
         column = friction * warmth[:, term.joint - 1, None]
         unit = float(np.sqrt((column**2).mean(axis=0)).max())
-        if unit > LEAST_TORQUE:
+        if unit > MIN_TORQUE:
             columns.append(column / unit)
             deviations.append(PER_KELVIN * unit)
     shape = *matrix.shape[:2], 0
@@ -413,7 +413,7 @@ def _part(rows: Rows, k: int, arm: FreeArm, terms: Terms) -> PartOfDesign:
         rows.thin(bodies.force, segment),
         rows.thin(gap, segment),
     )
-    if not searched and part.terms.size * len(rows.segments) < MOST_KEPT:
+    if not searched and part.terms.size * len(rows.segments) < MAX_KEPT:
         rows.kept.parts[id(segment)] = segment, part
     return part
 
@@ -476,7 +476,7 @@ def fitted_arm(rows: Rows, arm: NominalArm, groups: Collection[int]) -> FreeArm:
     x = np.concatenate(matrices) / rows.scale[:, None]
     y = np.concatenate(gaps) / rows.scale
     size = np.sqrt((x**2).mean(axis=0)).max(axis=0)
-    unit = WIDE / np.maximum(size, LEAST_TORQUE)
+    unit = WIDE / np.maximum(size, MIN_TORQUE)
     unit[: 10 * n] = BODIES * inertial_scale(start.body)
     x = x * unit
     left = np.full(n, PRECISE)

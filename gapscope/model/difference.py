@@ -18,7 +18,7 @@ import numpy as np
 from gapscope.arm.dynamics.inertial_scale import inertial_scale
 from gapscope.model.contrast import Answer, Contrast, Nuisance, OwnTerms
 from gapscope.model.design import (
-    LEAST_TORQUE,
+    MIN_TORQUE,
     FreeArm,
     about,
     bends,
@@ -53,7 +53,7 @@ REFITTED = 2
 """Candidates of those that promise most that are fitted about their own values. (budget)"""
 KEPT = 10_000_000
 """Numbers of hypotheses, and of questions with more form error, that are kept, about; no fewer than two. (budget)"""
-MOST_TERMS = 12
+MAX_TERMS = 12
 """Terms of a set. (budget)"""
 LOOKED_AT = 14
 """Candidates that count among the hypotheses that compete. (budget)"""
@@ -372,7 +372,7 @@ class Search:
         for count in range(times):
             first = Equations.of(design(self.rows, arm, {}))
             gap = first.design.gap[np.isin(self.rows.group, self.basis)]
-            left = float(np.log((gap**2).mean(axis=0) + LEAST_TORQUE**2).sum())
+            left = float(np.log((gap**2).mean(axis=0) + MIN_TORQUE**2).sum())
             # what is shared stays linear there: columns that cancel lead astray
             if left >= least:
                 break
@@ -433,14 +433,14 @@ class Search:
             # others may have changed
             value = contrast.values_of(self.basis, held)
             inside = possible(self.arm, made, value)
-            beyond = np.isnan(held) & (np.abs(inside - value) > LEAST_TORQUE)
+            beyond = np.isnan(held) & (np.abs(inside - value) > MIN_TORQUE)
             if not beyond.any():
                 return inside
             held[beyond] = inside[beyond]
 
     def _searched(self, fit: Fit) -> Fit:
         """Terms join as long as that makes the hypothesis better; each is asked again when another has joined."""
-        while len(fit.mine) < MOST_TERMS:
+        while len(fit.mine) < MAX_TERMS:
             larger = self._larger(fit)
             if larger is None:
                 break

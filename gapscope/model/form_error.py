@@ -36,7 +36,7 @@ from gapscope.model.equations import (
     lower,
     whitened,
 )
-from gapscope.model.rows import LEAST_MOTIONS
+from gapscope.model.rows import MIN_MOTIONS
 
 ROUNDS = 12
 """Updates of the amplitudes. (budget)"""
@@ -46,9 +46,9 @@ FIRST_FORM, FIRST_FREEDOM = 0.02, 0.1
 """Form error at first, and what a motion may have of its own when noise is measured, of each column [1]."""
 FUNCTIONS = np.geomspace(2e-3, 0.5, 9)
 """Sizes of an unknown function that are tried, over the joint's scale [1]. (budget)"""
-LEAST_NOISE = 4e-3
+MIN_NOISE = 4e-3
 """Noise of a joint over its torque's deviation at least [1]: recordings without noise have finite weights."""
-LEAST_FORM = 2e-3
+MIN_FORM = 2e-3
 """Form error of one column at least [1]: no arm is modelled better than to a few thousandths."""
 OF_THE_JOINT = 2.0
 """Values that the joint's amplitude counts for beside those of a column alone [1]: few motions determine it."""
@@ -121,7 +121,7 @@ def noise_of_motions(equations: Equations, j: int) -> tuple[np.ndarray, np.ndarr
     left, *_ = _noise(equations, j, cells, prior, free, size2)
     own = [(left[cell.rows] ** 2).sum() / max(cell.count, 1.0) for cell in cells]
     first = np.array([cell.rows[0] for cell in cells])
-    return first, np.maximum(own, LEAST_NOISE**2)
+    return first, np.maximum(own, MIN_NOISE**2)
 
 
 def _at_first(design: Design, j: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -207,7 +207,7 @@ def _learn_joint(
                 squares += theta**2
                 determined += np.clip(1.0 - of_theta / own2, 0.0, 1.0)
         before2 = joint2
-        joint2 = max(squares @ size2 / max(determined.sum(), 1e-3), LEAST_FORM**2)
+        joint2 = max(squares @ size2 / max(determined.sum(), 1e-3), MIN_FORM**2)
         own2 = (squares + OF_THE_JOINT * joint2 / size2) / (determined + OF_THE_JOINT)
         settled = abs(joint2 - before2) <= SETTLED * before2
         before = unit.copy()
@@ -304,7 +304,7 @@ def _held_out(
     shared = np.flatnonzero(prior > 0)
     unit, x, y = prior[shared], design.columns[j], design.gap[:, j]
     count = sum(cell.count for cell in cells)
-    missed2 = max(sum(cell.power for cell in cells) / count, LEAST_NOISE**2)
+    missed2 = max(sum(cell.power for cell in cells) / count, MIN_NOISE**2)
     missed = np.zeros(len(y))
     others = list(
         zip(
@@ -321,7 +321,7 @@ def _held_out(
             normal[np.diag_indices(len(unit))] += 1.0
             beta = unit * np.linalg.solve(normal, unit * right[shared] / missed2)
             missed[cell.rows] = y[cell.rows] - x[np.ix_(cell.rows, shared)] @ beta
-        missed2 = max(float(missed @ missed) / count, LEAST_NOISE**2)
+        missed2 = max(float(missed @ missed) / count, MIN_NOISE**2)
     return missed
 
 
@@ -341,7 +341,7 @@ def _noise(
     count = sum(cell.count for cell in cells)
     x, y = design.columns[j], design.gap[:, j]
     missed = _held_out(equations, j, cells, prior)
-    missed2 = max(float(missed @ missed) / count, LEAST_NOISE**2)
+    missed2 = max(float(missed @ missed) / count, MIN_NOISE**2)
     left, spent = np.zeros(len(y)), 0.0
     for cell in cells:
         own = x[np.ix_(cell.rows, free)] * (FIRST_FREEDOM / np.sqrt(size2))
@@ -358,7 +358,7 @@ def _noise(
     rows = np.sort(np.concatenate([cell.rows for cell in cells]))
     inflation = variance_inflation(left[rows, None], design.rows.segment[rows])[0]
     mean2 = float((left[rows] ** 2).sum()) / max(count - spent, 1.0)
-    white2 = max(mean2, LEAST_NOISE**2)
+    white2 = max(mean2, MIN_NOISE**2)
     return left, white2 * float(inflation), white2, missed2
 
 
@@ -374,7 +374,7 @@ def _vibration(left: np.ndarray, segment: np.ndarray, noise2: float) -> float:
         noise2: the density.
     """
     parts = np.split(left, np.flatnonzero(np.diff(segment)) + 1)
-    cuts = [max(1, round(LEAST_MOTIONS * len(part) / len(left))) for part in parts]
+    cuts = [max(1, round(MIN_MOTIONS * len(part) / len(left))) for part in parts]
     count = min(len(part) // cut for part, cut in zip(parts, cuts, strict=True))
     pieces = [
         part[k * count : (k + 1) * count]

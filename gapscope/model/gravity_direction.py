@@ -26,7 +26,7 @@ from gapscope.model.torque_gap import torque_gap, torque_scale
 GRAVITY_SIZE_FACTOR = 2.0
 """A vector fitted in gravity's place counts as gravity if its size is right within this factor [1]: inertials and
 torque scales are off by less. (hand)"""
-LEAST_TURN = 0.4
+MIN_TURN = 0.4
 """Gravity off by less than this is a tilt, which a linearised search finds [rad]. (hand)"""
 TURNED_BASE_FALL = 0.6
 """An arm that hangs or is mounted sideways is believed if that lowers the squared gap by this share [1]: nothing else
@@ -67,7 +67,7 @@ def turn_of_base(nominal: np.ndarray, found: np.ndarray) -> tuple[float, float] 
     """Roll and pitch [rad] of the base with R^T nominal along ``found``, R = Ry(pitch) Rx(roll).
 
     ``None`` if ``found`` is no gravity, its size off by more than ``GRAVITY_SIZE_FACTOR``; if it is turned by less than
-    ``LEAST_TURN``; or if no turn comes near it.
+    ``MIN_TURN``; or if no turn comes near it.
 
     Args:
         nominal: gravity in the base frame as the case has it [m/s^2], (3,).
@@ -79,7 +79,7 @@ def turn_of_base(nominal: np.ndarray, found: np.ndarray) -> tuple[float, float] 
     if abs(np.log(size_found / size)) > np.log(GRAVITY_SIZE_FACTOR):
         return None
     direction = found / size_found
-    if nominal @ direction / size > np.cos(LEAST_TURN):
+    if nominal @ direction / size > np.cos(MIN_TURN):
         return None
 
     def miss(turn: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ import numpy as np
 
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Effect, Path, TorqueLaw
-from gapscope.model.body_point import acts_on_bodies, bodily_columns
+from gapscope.model.body_point import acts_on_bodies, rigid_body_jacobian
 from gapscope.model.conditioning import Segment
 from gapscope.model.decimated_segments import DecimatedSegments
 from gapscope.model.prediction import Prediction
@@ -23,11 +23,11 @@ from gapscope.model.terms import Term, Terms
 TORQUE_STEP = 1e-4
 """Step of coordinates that go with a torque, over the joint's own [1]: friction that depends on the load is no linear
 function of the others, and fingers have a ten-thousandth of the torque of a shoulder."""
-LEAST_TORQUE = 1e-3
+MIN_TORQUE = 1e-3
 """A joint's torque is taken as no less than this share of the largest [1]."""
-LEAST_TORQUE_GAIN, MOST_TORQUE_GAIN = 0.2, 5.0
+MIN_TORQUE_GAIN, MAX_TORQUE_GAIN = 0.2, 5.0
 """Recorded over needed torque lies between these [1]: a wider finite difference crosses a reversal of friction."""
-MOST_NUMBERS = 2_000_000
+MAX_NUMBERS = 2_000_000
 """Numbers up to which the torques of moved arms are held at once, so that a long segment costs no more memory."""
 
 
@@ -54,7 +54,7 @@ def columns(
     segment, bodies = data.segments[k], data.bodies[k]
     out = np.zeros((len(data.time(segment)), at.arm.arm.n_joints, terms.size))
     moves = list(_moves(at, terms, theta, only))
-    at_once = max(1, MOST_NUMBERS // at.torque.size)
+    at_once = max(1, MAX_NUMBERS // at.torque.size)
     for start in range(0, len(moves), at_once):
         some = moves[start : start + at_once]
         begun = [move.begun for move in some if move.begun is not None]
@@ -66,14 +66,14 @@ def columns(
             out[:, move.joints, move.places] = own / move.step
     for place, j, lost in _lost(segment, terms):
         out[:, j, place] = data.thin(lost, segment)
-    bodily = bodily_columns(at, segment, bodies, terms, theta, only)
+    bodily = rigid_body_jacobian(at, segment, bodies, terms, theta, only)
     if bodily:
         torque = np.stack(list(bodily.values()), axis=2)
         out[:, :, list(bodily)] = data.thin(as_recorded(at, torque), segment)
     return out
 
 
-class _Move(NamedTuple):
+class _Perturbation(NamedTuple):
     """The arm with some coordinates moved by a step, and the columns that the change of its torque gives.
 
     Attributes:
@@ -103,7 +103,7 @@ def torque_size(at: Prediction) -> np.ndarray:
     """RMS of the torque of each joint [N m], (n,), not far below that of others; 1 of an arm without any."""
     size = np.sqrt((at.torque**2).mean(axis=0))
     largest = float(size.max())
-    return np.maximum(size, LEAST_TORQUE * largest) if largest else np.ones(len(size))
+    return np.maximum(size, MIN_TORQUE * largest) if largest else np.ones(len(size))
 
 
 def _moves(
@@ -111,7 +111,7 @@ def _moves(
     terms: Terms,
     theta: np.ndarray,
     only: Collection[str] | None,
-) -> Iterator[_Move]:
+) -> Iterator[_Perturbation]:
     """The moves for effects on a joint, by each coordinate on all joints at once, and for those on a motor."""
     arm, joints, size = at.arm, np.arange(at.arm.arm.n_joints), torque_size(at)
     for effect in terms.definitions:
@@ -124,13 +124,13 @@ def _moves(
             for term in motors:
                 place = term.columns[0]
                 moved = _stepped(arm, terms, theta, motors, [place], largest)
-                yield _Move(moved, None, largest, slice(None), place)
+                yield _Perturbation(moved, None, largest, slice(None), place)
         # what cuts the delivered torque changes none that is needed
         elif not (effect.limits or acts_on_bodies(effect, arm)):
             for coordinate, places in enumerate(terms.block(effect.name)):
                 arms = moved_arms(arm, terms, theta, effect.name, coordinate, step)
                 if arms is not None:
-                    yield _Move(*arms, step, joints, places)
+                    yield _Perturbation(*arms, step, joints, places)
 
 
 def moved_arms(
@@ -180,7 +180,7 @@ def as_recorded(at: Prediction, columns: np.ndarray) -> np.ndarray:
     above, below = (replace(at, rigid=at.rigid + side) for side in (step, -step))
     difference = above.by(at.arm) - below.by(at.arm)
     # where dry friction changes its sign the difference is no derivative
-    gain = np.clip(difference / (2 * step), LEAST_TORQUE_GAIN, MOST_TORQUE_GAIN)
+    gain = np.clip(difference / (2 * step), MIN_TORQUE_GAIN, MAX_TORQUE_GAIN)
     return _delayed(at.arm, columns, at.motion.t) * gain[:, :, None]
 
 

@@ -27,7 +27,7 @@ WINDOW_EDGES = 40
 """Edges between which windows of a force are tried. (budget)"""
 UNKNOWN = 0.01
 """Odds of something that the catalogue does not have, over none [1]."""
-LEAST_WINDOW = 0.05
+MIN_WINDOW = 0.05
 """Bins of a window are no shorter [s]."""
 
 
@@ -194,7 +194,7 @@ class Scanner:
         """
         rows, mine = self.rows, self._mine
         begin, end = rows.t[mine].min(), rows.t[mine].max()
-        width = max((end - begin) / WINDOW_EDGES, LEAST_WINDOW)
+        width = max((end - begin) / WINDOW_EDGES, MIN_WINDOW)
         bins = int(np.ceil((end - begin) / width + 1e-9))
         if bins < 4:
             return None

@@ -26,7 +26,7 @@ from gapscope.model.torque_gap import torque_scale
 
 MODEL_RATE = 2.5 * LARGEST_CUTOFF
 """Rate at which columns are computed before they are filtered [Hz]: what is left of positions lies well below half."""
-LEAST_MOTIONS = 4
+MIN_MOTIONS = 4
 """Parts of a group at least, each of which counts as a motion of its own: one motion says nothing of another."""
 SAME_STATE = 0.1
 """States closer than this share of the deviation of positions, velocities and accelerations are passed again [1]: less
@@ -223,7 +223,7 @@ class Rows(DecimatedSegments):
             out[rows] = np.arange(len(rows)) * count // len(rows)
         return out
 
-    def _motions(self, least: int = LEAST_MOTIONS) -> np.ndarray:
+    def _motions(self, least: int = MIN_MOTIONS) -> np.ndarray:
         """Numbers of the motions, (M,): parts of what a group passes for the first time, and all that repeats them."""
         kept = [s.motion.ddq[s.inner][:: self.step(s)] for s in self.segments]
         every = (self.position, self.velocity, np.vstack(kept))

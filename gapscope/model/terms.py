@@ -95,7 +95,7 @@ class Terms:
         motors: numbers of the motors that turn several joints.
         all: all terms, effect by effect.
         size: length of theta.
-        open: the terms that can be chosen.
+        selectable: the terms that can be chosen.
     """
 
     n_joints: int
@@ -116,7 +116,7 @@ class Terms:
         object.__setattr__(self, "all", tuple(terms))
         object.__setattr__(self, "size", start)
         choosable = tuple(t for t in terms if self.can_choose(t))
-        object.__setattr__(self, "open", choosable)
+        object.__setattr__(self, "selectable", choosable)
         by_effect: dict[str, list[Term]] = {e.name: [] for e in self.definitions}
         for term in terms:
             by_effect[term.effect].append(term)
@@ -130,7 +130,7 @@ class Terms:
 
     all: tuple[Term, ...] = field(init=False, compare=False)
     size: int = field(init=False, compare=False)
-    open: tuple[Term, ...] = field(init=False, compare=False)
+    selectable: tuple[Term, ...] = field(init=False, compare=False)
     _blocks: dict[str, np.ndarray] = field(init=False, compare=False, repr=False)
     _by_effect: dict[str, tuple[Term, ...]] = field(
         init=False, compare=False, repr=False

@@ -25,9 +25,9 @@ from gapscope.arm.root_mean_square import rms
 from gapscope.model_audit.checks import (
     GRAVITY_MISFIT,
     GRAVITY_TOLERANCE,
-    LEAST_POSE,
-    LEAST_POSES,
     LIGHT_SHARE,
+    MIN_POSE,
+    MIN_POSES,
     OPPOSITE,
     REST_SPEED,
     STANDARD_GRAVITY,
@@ -115,10 +115,10 @@ def static_poses(robot: str | Path, recording: Path) -> StaticPoses:
     """
     arm, recordings = _read(robot, recording)
     rests = [rest for one in recordings for rest in _rests(one)]
-    if len(rests) < LEAST_POSES:
+    if len(rests) < MIN_POSES:
         raise InputError(
-            f"rests in {len(rests)} poses (all joints below {REST_SPEED:g} rad/s for {LEAST_POSE:g} s), "
-            f"expected at least {LEAST_POSES}",
+            f"rests in {len(rests)} poses (all joints below {REST_SPEED:g} rad/s for {MIN_POSE:g} s), "
+            f"expected at least {MIN_POSES}",
             "hold the arm for a second in each of twenty poses that differ in all joints",
             file=recording,
         )
@@ -193,7 +193,7 @@ def _read(robot: str | Path, recording: Path) -> tuple[NominalArm, list[Recordin
 def _rests(recording: Recording) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Mean position [rad] and torque [N m] of each rest, each of shape (n,)."""
     assert recording.tau is not None
-    window = max(1, int(LEAST_POSE * recording.rate / 2))
+    window = max(1, int(MIN_POSE * recording.rate / 2))
     # over a window, so that the steps of an encoder are no speed
     late = np.minimum(np.arange(len(recording.t)) + window, len(recording.t) - 1)
     early = np.maximum(np.arange(len(recording.t)) - window, 0)
@@ -202,7 +202,7 @@ def _rests(recording: Recording) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     still = (speed < REST_SPEED).all(axis=1)
     edges = np.flatnonzero(np.diff(np.r_[False, still, False].astype(int)))
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
-        if recording.t[stop - 1] - recording.t[start] >= LEAST_POSE:
+        if recording.t[stop - 1] - recording.t[start] >= MIN_POSE:
             rows = slice(start, stop)
             yield recording.q[rows].mean(axis=0), recording.tau[rows].mean(axis=0)
 

@@ -32,7 +32,7 @@ from gapscope.model_audit.description import (
 # --- inertials
 # Share by which the largest moment may exceed the sum of the others, for numbers of four digits [1]. (physical)
 TRIANGLE_EXCESS = 2e-3
-LEAST_MASS = 1e-3  # A link below is a frame with a dummy inertial, not a body [kg]. (physical)
+MIN_MASS = 1e-3  # A link below is a frame with a dummy inertial, not a body [kg]. (physical)
 
 POINT_MASS = 0.1  # Lighter parts may be points, as sensors and tools often are [kg]. (hand)
 # Links lighter than this share of the robot hardly change its torque: what is odd about them is a note [1]. (hand)
@@ -42,15 +42,15 @@ LIGHT_SHARE = 0.005
 # Densest bodies are steel and copper, 7850 and 8960; beyond, shapes or mass are wrong [kg/m^3]. (physical)
 LARGEST_DENSITY = 9000.0
 # Mass over the volume of a closed casing; the lightest arms, of carbon and air, stay above [kg/m^3]. (hand)
-LEAST_DENSITY = 100.0
+MIN_DENSITY = 100.0
 # The homogeneous box of the same mass and moments is as dense as this at least; rods and frames are light [kg/m^3].
-LEAST_BOX_DENSITY = 40.0  # (hand)
+MIN_BOX_DENSITY = 40.0  # (hand)
 LARGEST_BOX_DENSITY = 20_000.0  # And at most: mass in the middle of a casing makes a small box [kg/m^3]. (hand)
 # No body has a variance along an axis above (b - c)(c - a) for a hull from a to b and a centre c (Bhatia and Davis);
 # lengths may be off by this share, since casings are drawn simplified [1]. (hand)
 HULL_TOLERANCE = 0.25
 # Moments are to be at least this share of those of a homogeneous body of the same shape [1]. (hand)
-LEAST_MOMENT_SHARE = 0.1
+MIN_MOMENT_SHARE = 0.1
 # The centre of mass may lie outside the hull by this share of its largest edge [1]. (hand)
 OUTSIDE = 0.15
 
@@ -82,8 +82,8 @@ GRAVITY_TOLERANCE = 0.05  # On Earth gravity is within 0.3 % of it; rounding to 
 
 # --- static poses
 REST_SPEED = 0.02  # A joint slower than this over a whole pose is at rest [rad/s]. (physical)
-LEAST_POSE = 0.3  # Shortest rest that counts as a pose [s]. (hand)
-LEAST_POSES = 5  # Fewest poses from which gravity torque is judged [1]. (hand)
+MIN_POSE = 0.3  # Shortest rest that counts as a pose [s]. (hand)
+MIN_POSES = 5  # Fewest poses from which gravity torque is judged [1]. (hand)
 GRAVITY_MISFIT = 0.1  # Gravity torque off by less than this share of its spread is as it should be [1]. (hand)
 OPPOSITE = -0.5  # A joint's torque is of the other sign if it correlates with the model's below this [1]. (hand)
 
@@ -139,7 +139,7 @@ def _cosine(inertial: Inertial, geometry: Geometry) -> float | None:
 # Inertials that no body has, whatever its shape.
 
 
-LEAST_EDGE_SHARE = 0.2
+MIN_EDGE_SHARE = 0.2
 """Least edge of the box of a body, as share of its largest: thinner bodies count as plates of this thickness."""
 AXES = ("ixx", "iyy", "izz")
 
@@ -171,7 +171,7 @@ def box_density(inertial: Inertial) -> float:
     """
     variances = np.maximum(np.linalg.eigvalsh(inertial.variance), 0)
     edges = np.sqrt(12 * variances)
-    edges = np.maximum(edges, LEAST_EDGE_SHARE * edges.max())
+    edges = np.maximum(edges, MIN_EDGE_SHARE * edges.max())
     return float(inertial.mass / edges.prod())
 
 
@@ -233,13 +233,13 @@ def _check_moments(
 
 def _check_box(link: Link, inertial: Inertial) -> Iterator[Finding]:
     """The homogeneous box of the same mass and moments has a density that bodies have."""
-    if inertial.mass < LEAST_MASS:
+    if inertial.mass < MIN_MASS:
         return
     density = box_density(inertial)
-    if LEAST_BOX_DENSITY <= density <= LARGEST_BOX_DENSITY:
+    if MIN_BOX_DENSITY <= density <= LARGEST_BOX_DENSITY:
         return
-    light = density < LEAST_BOX_DENSITY
-    bound = LEAST_BOX_DENSITY if light else LARGEST_BOX_DENSITY
+    light = density < MIN_BOX_DENSITY
+    bound = MIN_BOX_DENSITY if light else LARGEST_BOX_DENSITY
     radius = np.sqrt(np.trace(inertial.variance))
     # at one mass the density of a box goes with its moments to the power -3/2
     usual = 1000.0
@@ -250,7 +250,7 @@ def _check_box(link: Link, inertial: Inertial) -> Iterator[Finding]:
         *link.where,
         f"a body of {inertial.mass:.3g} kg with these moments has a radius of gyration of {radius:.3g} m, as a box of "
         f"{density:.2g} kg/m^3",
-        f"{LEAST_BOX_DENSITY:g} to {LARGEST_BOX_DENSITY:g} kg/m^3; at {usual:g} kg/m^3 the moments are some "
+        f"{MIN_BOX_DENSITY:g} to {LARGEST_BOX_DENSITY:g} kg/m^3; at {usual:g} kg/m^3 the moments are some "
         f"{_factor(factor)}",
         "check the unit of the moments (kg m^2, not kg mm^2 or g mm^2) and the point that they refer to: the centre of "
         "mass, not the link's origin",
@@ -340,7 +340,7 @@ def check_repeats(description: Description) -> Iterator[Finding]:
         for link in description.links
         if link.inertial is not None
         and link.inertial.is_body
-        and link.inertial.mass >= LEAST_MASS
+        and link.inertial.mass >= MIN_MASS
     ]
     yield from _placeholders(bodies)
     yield from _mirrored(bodies)
@@ -609,7 +609,7 @@ def check_geometry(
         inertial, geometry = link.inertial, geometries.get(link.name)
         if inertial is None or geometry is None or not inertial.is_body:
             continue
-        if inertial.mass >= LEAST_MASS:
+        if inertial.mass >= MIN_MASS:
             yield from _density(link, inertial, geometry)
             yield from _centre(link, inertial, geometry)
             yield from _size(link, inertial, geometry)
@@ -617,15 +617,15 @@ def check_geometry(
 
 def _density(link: Link, inertial: Inertial, geometry: Geometry) -> Iterator[Finding]:
     density = inertial.mass / geometry.volume
-    if LEAST_DENSITY <= density <= LARGEST_DENSITY:
+    if MIN_DENSITY <= density <= LARGEST_DENSITY:
         return
-    bound = LEAST_DENSITY if density < LEAST_DENSITY else LARGEST_DENSITY
+    bound = MIN_DENSITY if density < MIN_DENSITY else LARGEST_DENSITY
     yield Finding(
         "implausible",
         "density",
         *link.where,
         f"{inertial.mass:.3g} kg in shapes of {1e3 * geometry.volume:.3g} dm^3: {density:.2g} kg/m^3",
-        f"{LEAST_DENSITY:g} to {LARGEST_DENSITY:g} kg/m^3",
+        f"{MIN_DENSITY:g} to {LARGEST_DENSITY:g} kg/m^3",
         "check the mass, its unit, and the scale of the meshes",
         size=float(abs(np.log(density / bound))),
     )
@@ -674,15 +674,15 @@ def _size(link: Link, inertial: Inertial, geometry: Geometry) -> Iterator[Findin
             "times these",
             size=float(np.log(ratio)),
         )
-    elif solid < LEAST_MOMENT_SHARE:
+    elif solid < MIN_MOMENT_SHARE:
         yield Finding(
             "implausible",
             "moments_too_small",
             *link.where,
             f"the moments are {solid:.2g} times those of a solid of the link's shapes",
-            f"at least {LEAST_MOMENT_SHARE:g} times: casing and motor do not sit in one point",
+            f"at least {MIN_MOMENT_SHARE:g} times: casing and motor do not sit in one point",
             f"check the moments and their unit; a solid has {1 / solid:.2g} times these",
-            size=float(-np.log(solid / LEAST_MOMENT_SHARE)),
+            size=float(-np.log(solid / MIN_MOMENT_SHARE)),
         )
 
 
@@ -709,7 +709,7 @@ FLOOR = 0.05
 
 TIED = 0.01
 """Gains below this are none: neighbours are the same part."""
-LEAST_TOLD = 2
+MIN_TOLD = 2
 """Fewest links on which the neighbour's inertial has to make a difference."""
 ROUNDING = 0.02
 """Spread of logarithms that numbers of two digits have by rounding [1]."""
@@ -801,7 +801,7 @@ def _whole(links: Sequence[Link], extents: Mapping[str, Extent]) -> Iterator[Fin
         gains = np.array([gain for gain in fits if gain is not None])
         # neighbours with the same inertial say nothing
         told = gains[np.abs(gains) > TIED]
-        if len(gains) < SHIFT_LINKS or len(told) < LEAST_TOLD:
+        if len(gains) < SHIFT_LINKS or len(told) < MIN_TOLD:
             continue
         mean, share = float(gains.mean()), float(np.mean(told > 0))
         if best is None or mean > best[0]:

@@ -93,9 +93,9 @@ COLUMNS = 3
 """Panels beside one another."""
 PANEL_HEIGHT = 190
 """Height of a row of panels [pixels]."""
-MOST_PANELS = 60
+MAX_PANELS = 60
 """Most panels; the table has all parameters."""
-MOST_WIDTH = 44
+MAX_WIDTH = 44
 """Longest title of a panel [characters]."""
 
 
@@ -149,7 +149,7 @@ def _difference_sections(content: dict[str, Any]) -> list[PageSection]:
 def _panels(content: dict[str, Any]) -> PageSection:
     """A panel for each parameter, those that differ first, with a bar of two deviations for each recording."""
     lines = [one for one in content["parameters"] if one["birge"] is not None]
-    shown = lines[:MOST_PANELS]
+    shown = lines[:MAX_PANELS]
     figure = None
     if shown:
         rows = -(-len(shown) // COLUMNS)  # rounded up
@@ -211,8 +211,8 @@ def _bars(line: Line, recordings: list[str]) -> Scatter:
 def _title(line: Line) -> str:
     """Name and unit of a parameter, short enough for a panel."""
     name = line["name"]
-    if len(name) > MOST_WIDTH:
-        name = name[: MOST_WIDTH - 1] + "…"
+    if len(name) > MAX_WIDTH:
+        name = name[: MAX_WIDTH - 1] + "…"
     return f"{name} [{unit(line) or '1'}]"
 
 

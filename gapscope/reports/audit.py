@@ -22,7 +22,7 @@ from gapscope.reports.pages import write_html
 # What page and terminal of an audit share: findings of a kind together, and sentences of its document.
 
 
-MOST_PLACES = 6
+MAX_PLACES = 6
 """Most places that are named of findings of a kind."""
 
 
@@ -71,7 +71,7 @@ def _moving(content: Mapping[str, Any]) -> int:
 
 
 def _others(found: list[Mapping[str, Any]]) -> str:
-    named = [place(one) for one in found[:MOST_PLACES]]
+    named = [place(one) for one in found[:MAX_PLACES]]
     rest = len(found) - len(named)
     return "; ".join([*named, f"{rest} more"] if rest else named)
 
@@ -107,7 +107,7 @@ def write_page(content: dict[str, Any], path: Path) -> None:
 
 STYLES = {"impossible": "bold red", "implausible": "red", "missing": "yellow"}
 """Style of a severity."""
-MOST_EXPLANATIONS = 4
+MAX_EXPLANATIONS = 4
 
 
 def summary(content: dict[str, Any]) -> Group:
@@ -139,7 +139,7 @@ def _static(static: dict[str, Any]) -> Iterator[str]:
             f"  {joint}: correlation {number(correlation)}, scale {number(scale)}, "
             f"offset {number(offset)} N m"
         )
-    for one in static["explanations"][:MOST_EXPLANATIONS]:
+    for one in static["explanations"][:MAX_EXPLANATIONS]:
         yield f"  {one['name']} leaves {one['misfit']:.1%} of the spread"
 
 

@@ -531,7 +531,7 @@ def _spectrum(spectrum: Spectrum) -> dict[str, Any]:
 
 FRAMES_PER_SECOND = 40.0
 """Samples of a motion that are kept per second."""
-MOST_FRAMES = 2400
+MAX_FRAMES = 2400
 """Most samples of a motion: a minute."""
 
 
@@ -593,14 +593,14 @@ def _motion(diagnosis: Diagnosis) -> dict[str, Any]:
             arms["corrected"] = replayed.corrected
     rate = 1.0 / float(np.median(np.diff(t)))
     kept = slice(0, None, max(1, round(rate / FRAMES_PER_SECOND)))
-    times = t[kept][:MOST_FRAMES]
+    times = t[kept][:MAX_FRAMES]
     trace = next(
         (x for x in diagnosis.traces if x.recording == name), diagnosis.traces[0]
     )
     return {
         "recording": name,
         "t": encode(times),
-        "arms": {arm: encode(q[kept][:MOST_FRAMES].ravel()) for arm, q in arms.items()},
+        "arms": {arm: encode(q[kept][:MAX_FRAMES].ravel()) for arm, q in arms.items()},
         "gaps": {
             stage: encode(_gap(trace, stage, times).ravel())
             for stage in ("before", "after")

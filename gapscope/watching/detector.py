@@ -62,7 +62,7 @@ FIRST = 10.0
 """The cut-off of the positions is chosen on this much of the first motion [s]. (budget)"""
 WINDOW = BLOCK + 2 * TRIM
 """Length of a piece [s]: a block, and what trimming takes from both ends."""
-LEAST_LEFT = 2.0
+MIN_LEFT = 2.0
 """The end of a recording is used if this much of it is left [s]."""
 STILL = 1e-3
 """A first motion in which no joint travels farther shows no band [rad]."""
@@ -110,10 +110,10 @@ class SegmentStream:
     def finish(self) -> Iterator[Segment | Slip]:
         """The last segments of a recording that has ended, if what is left is long enough."""
         own, self.held = self.held, None
-        if own is None or own.duration < LEAST_LEFT:
+        if own is None or own.duration < MIN_LEFT:
             return
         if self.cutoff is not None or self._chosen(own):
-            yield from self._windows(own, LEAST_LEFT)
+            yield from self._windows(own, MIN_LEFT)
             self.held = None
 
     def _windows(self, own: Recording, least: float) -> Iterator[Segment | Slip]:
@@ -191,7 +191,7 @@ def _joined_segments(held: Recording, part: Recording) -> Recording:
 
 LEARN = 60.0
 """Motion from which normal behaviour is learnt [s]. (budget)"""
-LEAST_BLOCKS = 10
+MIN_BLOCKS = 10
 """Blocks to learn from at least: fewer hold fewer equations than there are parameters."""
 RATE = 100.0
 """Motions are reduced to no less than this rate, twice Nyquist of the torque's band [Hz]. (budget)"""
@@ -201,7 +201,7 @@ LOOK = 6.0
 """Motion from one look to the next [s]. (budget)"""
 SLOWEST = 4
 """Looks at most from one to the next, while what is promised turns out to be nothing new. (budget)"""
-LEAST_STEP = 1e-2
+MIN_STEP = 1e-2
 """Share of a step by which the grids of two blocks may differ and are one [1]. (as ``conditioning.uniform``)"""
 MOVED = 0.025
 """A block in which no joint moves by this much says nothing [rad]: a quarter of it at 0.05 rad/s. (physical)"""
@@ -332,10 +332,10 @@ class Detector:
             for item in (*self.stream.add(recording), *self.stream.finish()):
                 if isinstance(item, Segment):
                     self.state.seen.append(self._block(item))
-        if len(self.state.seen) < LEAST_BLOCKS:
+        if len(self.state.seen) < MIN_BLOCKS:
             raise InputError(
                 f"the case's recordings hold {len(self.state.seen) * BLOCK:.0f} s of motion with torque, "
-                f"at least {LEAST_BLOCKS * BLOCK:.0f} s are needed to learn from",
+                f"at least {MIN_BLOCKS * BLOCK:.0f} s are needed to learn from",
                 "learn from the arm's own motion: --learn 60",
                 where="--learn",
             )
@@ -585,7 +585,7 @@ def _joined(before: Segment, after: Segment) -> Segment | None:
     if not same or further[0] > t[-1] or not (first.any() and rest.any()):
         return None
     # the grids of both are one
-    if abs(further[rest][0] - t[first][-1] - step) > LEAST_STEP * step:
+    if abs(further[rest][0] - t[first][-1] - step) > MIN_STEP * step:
         return None
 
     def both(one: np.ndarray, other: np.ndarray) -> np.ndarray:
@@ -787,7 +787,7 @@ def _unpacked(
 # What a user chooses about a watch.
 
 
-LEAST_LEARNING = LEAST_BLOCKS * BLOCK
+MIN_LEARNING = MIN_BLOCKS * BLOCK
 """Motion to learn from at least [s]."""
 
 
@@ -818,9 +818,9 @@ class WatchSettings:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        if self.learning and self.learning < LEAST_LEARNING:
+        if self.learning and self.learning < MIN_LEARNING:
             raise InputError(
-                f"expected at least {LEAST_LEARNING:g} s to learn from, or 0 for the case's recordings, "
+                f"expected at least {MIN_LEARNING:g} s to learn from, or 0 for the case's recordings, "
                 f"got {self.learning:g}",
                 where="--learn",
             )

@@ -97,7 +97,7 @@ def check_readable(path: Path) -> None:
 # A text file that grows, a row of samples in each line: read up to its last whole line.
 
 
-MOST_BYTES = 2**20
+MAX_BYTES = 2**20
 """Size that is read at once [bytes]: bounds the memory when a long file is caught up with."""
 FEWEST_LINES = 50
 """Lines that are read together at least, fewer wait for more: they would not show a rate."""
@@ -173,13 +173,13 @@ class GrowingFile:
         return Event(event=NOTE, sentence=f"{self.path}: {why}")
 
     def _rows(self) -> Iterator[Recording | Event]:
-        """The whole lines that were added, in parts of at most ``MOST_BYTES``."""
+        """The whole lines that were added, in parts of at most ``MAX_BYTES``."""
         while True:
             start = self._file.tell()
-            raw = self._file.read(MOST_BYTES)
+            raw = self._file.read(MAX_BYTES)
             whole = raw[: raw.rfind(b"\n") + 1]
             lines = whole.count(b"\n")
-            more = len(raw) == MOST_BYTES
+            more = len(raw) == MAX_BYTES
             if not whole or (lines < FEWEST_LINES and not more):
                 self._file.seek(start)
                 if more:
@@ -222,7 +222,7 @@ class GrowingFile:
     def _too_long(self) -> Event:
         """The note on a line without end, which is left out."""
         self._file.seek(0, os.SEEK_END)
-        return self._note(f"has a line of more than {MOST_BYTES} bytes", self._line)
+        return self._note(f"has a line of more than {MAX_BYTES} bytes", self._line)
 
 
 # A folder in which recordings appear: files of any format, ROS bags file by file, each read once it is complete.

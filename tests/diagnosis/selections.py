@@ -78,7 +78,7 @@ class TableEvidence:
         """The given mean squares."""
         return np.asarray(self.mse(terms))
 
-    def likely_mse(self, terms: frozenset[Term]) -> np.ndarray:
+    def mse_plausible_inertials(self, terms: frozenset[Term]) -> np.ndarray:
         """The same: all errors of the arm are likely."""
         return self.held_out_mse(terms)
 

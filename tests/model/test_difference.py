@@ -25,7 +25,7 @@ from gapscope.model.difference import Difference, Search, in_a_row
 from gapscope.model.equations import Equations
 from gapscope.model.form_error import learn
 from gapscope.model.ramps import best_ramp
-from gapscope.model.rows import LEAST_MOTIONS, Rows
+from gapscope.model.rows import MIN_MOTIONS, Rows
 
 HEALTHY = Truth(offset=(0.6, -0.5, 0.2))
 """Torque offsets that the arm has on both days [N m]."""
@@ -213,7 +213,7 @@ def test_a_cycle_in_one_recording_is_one_motion():
     first = rows.t < rows.t[0] + 4.9
     later = np.searchsorted(rows.t, rows.t[first] + 5.0)
     assert (rows.motion[later] == rows.motion[first]).mean() > 0.95
-    assert len(np.unique(rows.motion)) == LEAST_MOTIONS
+    assert len(np.unique(rows.motion)) == MIN_MOTIONS
 
 
 # What changes during a recording, and when, on a three-joint arm that is believed with a poor URDF.

@@ -122,7 +122,7 @@ OPTIONAL = ("value_network", "randomise")
 """Lists that may be left open."""
 RESIDUAL = "ppo_residual"
 """Settings that ship for models without inverse dynamics."""
-MOST_LAYERS, MOST_UNITS = 16, 4096
+MAX_LAYERS, MAX_UNITS = 16, 4096
 """Size of the largest network [1]: 16 MB for each two layers, many times what an arm needs."""
 
 
@@ -210,9 +210,9 @@ class TrainingSettings:
             layers = getattr(self, name) or ()
             for units in layers:
                 whole(name, units)
-            if len(layers) > MOST_LAYERS or max(layers, default=0) > MOST_UNITS:
+            if len(layers) > MAX_LAYERS or max(layers, default=0) > MAX_UNITS:
                 raise InputError(
-                    f"expected at most {MOST_LAYERS} layers of at most {MOST_UNITS} units",
+                    f"expected at most {MAX_LAYERS} layers of at most {MAX_UNITS} units",
                     where=name,
                 )
         motions = (*MOTIONS, "random")

@@ -8,7 +8,7 @@ from hashlib import blake2b
 
 import numpy as np
 
-MOST_BYTES = 2**28
+MAX_BYTES = 2**28
 """Results are kept up to this size in all [bytes]."""
 
 Arrays = tuple[np.ndarray, ...]
@@ -21,7 +21,7 @@ class ArrayCache:
         most_bytes: size up to which results are kept; the last one is kept whatever its size.
     """
 
-    def __init__(self, most_bytes: int = MOST_BYTES) -> None:
+    def __init__(self, most_bytes: int = MAX_BYTES) -> None:
         self._most_bytes = most_bytes
         self._kept: OrderedDict[bytes, Arrays] = OrderedDict()
         self._bytes = 0

@@ -6,7 +6,7 @@ import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 
-LEAST_LEVER = 0.05
+MIN_LEVER = 0.05
 """Least distance at which the mass counts for the first moments [m]: a centre on the axis may be off as well."""
 
 
@@ -17,7 +17,7 @@ def inertial_scale(body: RigidBody) -> np.ndarray:
     """
     parameters = body.inertial_parameters().reshape(-1, 10)
     mass, hx, hy, hz, ixx, _, iyy, _, _, izz = parameters.T
-    moment = np.maximum(np.hypot(np.hypot(hx, hy), hz), LEAST_LEVER * mass)
+    moment = np.maximum(np.hypot(np.hypot(hx, hy), hz), MIN_LEVER * mass)
     inertia = 0.5 * (ixx + iyy + izz)
     per_link = np.column_stack([mass, moment, inertia])
     return np.repeat(per_link, [1, 3, 6], axis=1).ravel()

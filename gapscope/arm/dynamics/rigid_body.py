@@ -8,7 +8,7 @@ from copy import copy
 import numpy as np
 import pinocchio as pin
 
-from gapscope.arm.dynamics.array_cache import MOST_BYTES, ArrayCache
+from gapscope.arm.dynamics.array_cache import MAX_BYTES, ArrayCache
 from gapscope.arm.dynamics.robot_file import arm_model
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
@@ -34,7 +34,7 @@ class RigidBody:
         InputError: the URDF lacks one of the arm's joints.
     """
 
-    def __init__(self, arm: NominalArm, most_bytes: int = MOST_BYTES) -> None:
+    def __init__(self, arm: NominalArm, most_bytes: int = MAX_BYTES) -> None:
         self.file, self.joints, self.n_joints = arm.urdf, arm.joints, arm.n_joints
         self.per_radian = arm.per_radian
         self.model = arm_model(arm.urdf, arm.joints, arm.gravity, arm.locked)

@@ -21,7 +21,7 @@ SPIKE_ROUGHNESS = 8.0
 EDGE_ROUGHNESS = 2.0
 """The first and last two positions have neighbours on one side: there this factor is added [1]. Torques are left as
 they are there: a controller that is switched on jumps, and what is trimmed from a recording holds it."""
-MOST_SPIKES = 0.02
+MAX_SPIKES = 0.02
 """With a larger share of a joint's samples it is no spikes but the signal [1]."""
 ABSURD = 1e5
 """Numbers of more standard deviations than this are no samples [1]: they are left, and an error says where they are."""
@@ -95,7 +95,7 @@ def spikes(series: np.ndarray, least: float, *, ends: bool = True) -> np.ndarray
     # a spike moves the median of its neighbours as well
     found = np.abs(series - cleaned) > threshold
     found &= _comes_back(series, found)
-    return np.flatnonzero(found) if found.mean() <= MOST_SPIKES else none
+    return np.flatnonzero(found) if found.mean() <= MAX_SPIKES else none
 
 
 def _comes_back(series: np.ndarray, found: np.ndarray) -> np.ndarray:

@@ -135,7 +135,7 @@ def join(
 # Where a log holds each channel: the table, and the columns of the arm's joints in it.
 
 
-LEAST_OVERLAP = 0.5
+MIN_OVERLAP = 0.5
 """Share of the motion that a topic must cover to be joined although nobody named it [1]."""
 
 _KINDS = [layout.kind for layout in LAYOUTS if layout.kind]
@@ -369,7 +369,7 @@ def _doubt(source: Source, main: Table, names: Sequence[str], time: str) -> str:
         return "it is not finite throughout"
     t, stamps = main.columns[time], columns[time]
     covered = float(np.mean((t >= stamps[0]) & (t <= stamps[-1])))
-    return "" if covered >= LEAST_OVERLAP else f"it covers {covered:.0%} of the motion"
+    return "" if covered >= MIN_OVERLAP else f"it covers {covered:.0%} of the motion"
 
 
 # Angles of a LeRobot dataset in radians: it says nowhere whether it holds degrees or normalised positions.

@@ -1,6 +1,6 @@
 """Rows that a log cannot mean: cut short, with text for a number, beyond any arm's numbers; and blocks without values.
 
-A few are left out with a note. Up to ``MOST_DAMAGED`` of the rows a diagnosis loses nothing by it (``docs/data.md``);
+A few are left out with a note. Up to ``MAX_DAMAGED`` of the rows a diagnosis loses nothing by it (``docs/data.md``);
 more are refused, all at once. A block without values is a pause of the log.
 """
 
@@ -17,7 +17,7 @@ from gapscope.arm.io.table import LARGEST_NUMBER, Table
 
 BEYOND = 1e12
 """Size of the largest number of a joint's quantity, in whatever unit [1]."""
-MOST_DAMAGED = 0.1
+MAX_DAMAGED = 0.1
 """Share of the rows up to which they are left out [1]: diagnoses of recordings that lost as many have been right."""
 BLOCK = 4
 """So many rows without values, one after the other, are a pause [1]: longer steps of time are cut."""
@@ -81,7 +81,7 @@ class Damage:
             return ()
         pauses, scattered = self.pauses, self.scattered
         count, total = int(scattered.sum()), len(scattered)
-        if count > max(1, MOST_DAMAGED * total) or not self.sound.any():
+        if count > max(1, MAX_DAMAGED * total) or not self.sound.any():
             raise self._error(table)
         notes = []
         if count:
@@ -105,7 +105,7 @@ class Damage:
         wrong = np.flatnonzero(~self.sound)
         cells = [self.first[int(row)] for row in wrong[:1] if int(row) in self.first]
         remedy = (
-            f"up to {MOST_DAMAGED:.0%} of the rows are left out; repair the file, or say null in the import: section "
+            f"up to {MAX_DAMAGED:.0%} of the rows are left out; repair the file, or say null in the import: section "
             "for a channel that lacks values; a missing value is never guessed"
         )
         if any("decimal comma" in text for text in cells):
@@ -167,7 +167,7 @@ def without_damage(table: Table) -> Table:
         large = np.isfinite(values).any() and np.nanmedian(np.abs(values)) > BEYOND
         own = damage(table, () if large else (column,), column if large else None)
         lost = ~own.sound
-        few = own.scattered.sum() <= max(1, MOST_DAMAGED * len(table))
+        few = own.scattered.sum() <= max(1, MAX_DAMAGED * len(table))
         if few and 2 * lost.sum() < len(table):
             found |= own
     try:

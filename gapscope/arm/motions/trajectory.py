@@ -19,7 +19,7 @@ from gapscope.arm.motions.motion import Motion
 # How many samples a motion may have that is computed as a whole.
 
 
-MOST_SAMPLES = 4_000_000
+MAX_SAMPLES = 4_000_000
 """Samples in all, an hour at 1 kHz: of seven joints they take some GB while they are computed."""
 
 
@@ -27,7 +27,7 @@ def check_sample_count(duration: float, rate: float, recordings: int = 1) -> Non
     """Check that motions of a duration [s] at a rate [Hz] can be held in memory.
 
     Raises:
-        InputError: the rate is beyond any robot's, or there are more than ``MOST_SAMPLES``.
+        InputError: the rate is beyond any robot's, or there are more than ``MAX_SAMPLES``.
     """
     highest = PLAUSIBLE_RATES[1]
     if rate > highest:
@@ -36,10 +36,10 @@ def check_sample_count(duration: float, rate: float, recordings: int = 1) -> Non
             f"give {highest:g} Hz or less",
             where="rate",
         )
-    if duration * rate * recordings > MOST_SAMPLES:
+    if duration * rate * recordings > MAX_SAMPLES:
         raise InputError(
             f"{recordings} x {duration:g} s at {rate:g} Hz are {duration * rate * recordings:.3g} samples, at most "
-            f"{MOST_SAMPLES:,} are made at once",
+            f"{MAX_SAMPLES:,} are made at once",
             "give a shorter duration, a lower rate or fewer recordings",
             where="duration",
         )

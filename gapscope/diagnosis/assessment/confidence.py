@@ -21,10 +21,10 @@ from gapscope.diagnosis.thresholds import (
     ABOVE_FLOOR_NRMSE,
     CLOSING_JOINTS,
     LAST_LINK_ODDS,
-    LEAST_PROBABILITY,
     LISTED_PROBABILITY,
     LOAD_FORM_ODDS,
-    MOST_PROBABILITY,
+    MAX_PROBABILITY,
+    MIN_PROBABILITY,
     NAMED_PROBABILITY,
     NEAR_EQUIVALENT_ODDS,
     TEMPER,
@@ -122,7 +122,7 @@ def _options(selection: Selection, mine: frozenset[Term]) -> dict[str, frozenset
             continue
         terms = frozenset(
             t
-            for t in selection.evidence.terms.open
+            for t in selection.evidence.terms.selectable
             if t.effect == effect.name
             and (t.joint in joints or effect.scope == "arm" or not joints)
             # A load is the last link's other name, see equivalents.
@@ -299,7 +299,7 @@ def probability(
 
     # Both have to hold: the effect beats its alternatives, and the true cause is among them.
     calibrated = support.evidence / (1.0 + np.exp(-logit))
-    return float(np.clip(calibrated, LEAST_PROBABILITY, MOST_PROBABILITY))
+    return float(np.clip(calibrated, MIN_PROBABILITY, MAX_PROBABILITY))
 
 
 def with_probabilities(

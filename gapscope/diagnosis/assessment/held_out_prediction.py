@@ -119,7 +119,7 @@ def excess_residual(selection: Selection, gap: np.ndarray) -> ExcessResidual:
 
     # Mean squares [N^2 m^2], (n,).
     before2 = pooled(selection.nominal_mse)
-    after2 = np.minimum(pooled(evidence.likely_mse(terms)), gap**2)
+    after2 = np.minimum(pooled(evidence.mse_plausible_inertials(terms)), gap**2)
     floor2 = pooled(evidence.floor2)
 
     expected2 = pooled(evidence.expected2)
@@ -415,7 +415,7 @@ def _inertial_error_mse(selection: Selection, gap: TorqueGap) -> np.ndarray:
     evidence, terms = selection.evidence, selection.fit.terms
 
     with_errors = evidence.held_out_mse(terms, corrected=False)
-    without_errors = evidence.likely_mse(terms)
+    without_errors = evidence.mse_plausible_inertials(terms)
     rows = evidence.rows
     explained = (with_errors * rows).sum(axis=0) - (without_errors * rows).sum(axis=0)
     explained = np.clip(explained, 0.0, None) / rows.sum(axis=0)

@@ -12,10 +12,10 @@ from gapscope.diagnosis.thresholds import (
     FOLD_GUARD,
     FOURIER_FEATURES,
     KERNEL_LENGTHS,
-    LEAST_OSCILLATION,
-    MOST_OSCILLATION,
+    MAX_OSCILLATION,
+    MIN_OSCILLATION,
     OSCILLATION_GRID,
-    PREDICTABLE_LEAST_RATIO,
+    PREDICTABLE_MIN_RATIO,
     RIDGE_STRENGTHS,
     ROWS_PER_CUTOFF,
 )
@@ -115,7 +115,7 @@ def predict_oscillation(
         return out
 
     step = 1.0 / (OSCILLATION_GRID * longest)
-    frequency = np.arange(LEAST_OSCILLATION, MOST_OSCILLATION, step)
+    frequency = np.arange(MIN_OSCILLATION, MAX_OSCILLATION, step)
     # The power spectrum of any set of folds follows from the Fourier sums of each.
     sums = {
         f: _fourier(frequency, t[fold == f], gap[fold == f]) for f in np.unique(fold)
@@ -306,7 +306,7 @@ def _residual(
     power = float(np.mean(gap**2))
 
     # A share of a residual that hardly exceeds the floor would be a share of almost nothing.
-    clear = power > (PREDICTABLE_LEAST_RATIO * floor[j]) ** 2
+    clear = power > (PREDICTABLE_MIN_RATIO * floor[j]) ** 2
     above_floor = power - float(floor[j]) ** 2 if clear else 0.0
     known = variables(rows, kept, j, after.predicted[kept, j])
     return _Residual(joint, gap, above_floor, known, rows.t[kept], thinned)
@@ -348,7 +348,7 @@ def _of_joint(residual: _Residual, posture: np.ndarray, p_value: float) -> Predi
 def _curve(residual: _Residual, name: str) -> Curve:
     """The gap as a function of a variable, or its amplitude over frequency."""
     if name == OSCILLATION:
-        frequency = np.arange(LEAST_OSCILLATION, MOST_OSCILLATION, 0.05)
+        frequency = np.arange(MIN_OSCILLATION, MAX_OSCILLATION, 0.05)
         amplitude = amplitudes(
             residual.t, residual.gap, residual.rows.segment, frequency
         )

@@ -35,7 +35,7 @@ from gapscope.diagnosis.states import OtherState, States
 from gapscope.diagnosis.study import Study
 from gapscope.diagnosis.thresholds import (
     FALSE_DISCOVERY_RATE,
-    LEAST_PROBABILITY,
+    MIN_PROBABILITY,
     OPEN_ALTERNATIVE,
     SKEWS,
 )
@@ -449,7 +449,7 @@ def _with_its_equivalent(effect: dict[str, Any], n_joints: int) -> dict[str, Any
     if turn.rotation(*angles)[2, 2] > HANGING:
         return effect
     joints = list(range(1, n_joints + 1))
-    other = _other_sign("sign_flip", joints, LEAST_PROBABILITY)
+    other = _other_sign("sign_flip", joints, MIN_PROBABILITY)
     return {**effect, "alternatives": [*effect["alternatives"], other]}
 
 

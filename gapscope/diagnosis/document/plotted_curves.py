@@ -20,7 +20,7 @@ from gapscope.effects.effect import Effect, Transmission
 from gapscope.model.conditioning import Segment
 from gapscope.model.torque_gap import TorqueGap, torque_gap
 
-MOST_POINTS = 1500
+MAX_POINTS = 1500
 """Most points of a curve."""
 
 
@@ -64,7 +64,7 @@ def traces(
     for segment in segments:
         before = torque_gap(nominal, body, [segment])
         after = torque_gap(corrected, body, [segment])
-        step = max(1, len(before.measured) // MOST_POINTS)
+        step = max(1, len(before.measured) // MAX_POINTS)
         out.append(
             Trace(
                 recording=segment.recording,
@@ -115,7 +115,7 @@ def signatures(
     """For each effect, or those shown, on up to seven joints, the gap without it over the quantity that drives it."""
     full = torque_gap(corrected, body, segments)
     rows = stack(segments)
-    step = max(1, len(rows.t) // MOST_POINTS)
+    step = max(1, len(rows.t) // MAX_POINTS)
     out = []
     for applied in corrected.effects:
         if shown is not None and applied.name not in shown:

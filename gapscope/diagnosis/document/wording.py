@@ -388,9 +388,9 @@ def _labels(effect: Mapping[str, Any], count: int) -> list[str]:
 # A diagnosis in sentences: the main cause, its share and what stays; what is possible; what is unexplained.
 
 
-MOST_CHANGES = 2
+MAX_CHANGES = 2
 """Changes during recordings that a sentence names."""
-MOST_CAUSES = 3
+MAX_CAUSES = 3
 """Effects that a sentence names."""
 HEALTHY_REAL = 0.23
 """Torque NRMSE that a complete model of a healthy real arm may leave on a joint: 0.04 to 0.23 on six public arms."""
@@ -410,7 +410,7 @@ def states_sentence(document: Document) -> str:
     if states is None or states["shared"]:
         return ""
     differs = states["differs"]
-    texts = [_differing(entry, states["recordings"]) for entry in differs[:MOST_CAUSES]]
+    texts = [_differing(entry, states["recordings"]) for entry in differs[:MAX_CAUSES]]
     if len(texts) < len(differs):
         texts.append(f"{len(differs) - len(texts)} more")
     where = listing(states.get("diagnosed", states["recordings"]))
@@ -462,7 +462,7 @@ def _cause_sentence(document: Document) -> str:
 def _changed(document: Document) -> str:
     """What changed during recordings, in a sentence."""
     texts = [change_text(entry) for entry in document["changes"]]
-    shown = texts[:MOST_CHANGES]
+    shown = texts[:MAX_CHANGES]
     if len(shown) < len(texts):
         shown.append(f"{len(texts) - len(shown)} more changes")
     return f"{capital(listing(shown))}."
@@ -516,13 +516,13 @@ def _causes(document: Document) -> str:
     """The effects named with their shares; of more than three the largest two and the sum of the others."""
     effects = _diagnosed(document)
     if document["closed"] is None:
-        names = [with_amount(entry) for entry in effects[:MOST_CAUSES]]
+        names = [with_amount(entry) for entry in effects[:MAX_CAUSES]]
         more = len(effects) - len(names)
         names += [f"{more} more effects"] if more else []
         verb = "is" if len(effects) == 1 else "are"
         return f"{listing(names)} {verb} found"
 
-    shown = effects if len(effects) <= MOST_CAUSES else effects[: MOST_CAUSES - 1]
+    shown = effects if len(effects) <= MAX_CAUSES else effects[: MAX_CAUSES - 1]
     first, *others = shown
     main = f"{with_amount(first)} explains {percent(first['share'])} of the gap"
     parts = [f"{with_amount(entry)} {percent(entry['share'])}" for entry in others]

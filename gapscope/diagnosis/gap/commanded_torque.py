@@ -19,7 +19,7 @@ from gapscope.diagnosis.setup_faults.nuisance import inertial_prior_std
 from gapscope.diagnosis.thresholds import (
     FAULT_SIGN_WIDTH,
     INTEGRATOR_SAMPLES,
-    LEAST_INTEGRATOR_MISFIT,
+    MIN_INTEGRATOR_MISFIT,
     MOTION_INDEPENDENT_RATE,
 )
 from gapscope.effects.applied import AppliedEffect
@@ -81,7 +81,7 @@ def _fitted(
     columns = [np.concatenate([p.friction, p.columns[name]], axis=2) for p in rows]
     y = np.concatenate([m - m.mean(axis=0) for m in missing])
     x = np.concatenate([c - c.mean(axis=0) for c in columns])
-    least = LEAST_INTEGRATOR_MISFIT * torque_scale(np.concatenate(missing))
+    least = MIN_INTEGRATOR_MISFIT * torque_scale(np.concatenate(missing))
     misfit = torque_scale(np.concatenate(missing))
     size = x.shape[2]
     for _ in range(FITS):

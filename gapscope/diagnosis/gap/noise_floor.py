@@ -12,7 +12,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.diagnosis.thresholds import (
     EFFECT_FORM,
     FRICTION_FORM,
-    LEAST_FLOOR,
+    MIN_FLOOR,
     MODEL_FORM,
     STICKING_SPEED,
     TIMING_SKEW,
@@ -100,7 +100,7 @@ def steady_floor(
     timing = timing_error(torque, 1 / rate)
     model_form = MODEL_FORM * torque_scale(torque)
     floor = np.sqrt(noise_power + timing**2 + model_form**2 + np.square(form))
-    return np.maximum(floor, LEAST_FLOOR)
+    return np.maximum(floor, MIN_FLOOR)
 
 
 def timing_error(torque: np.ndarray, spacing: float | np.ndarray) -> np.ndarray:

@@ -16,15 +16,15 @@ from gapscope.diagnosis.thresholds import (
     EXAMINED,
     LARGEST_POSITION,
     LARGEST_TORQUE,
-    LEAST_MOTION,
-    LEAST_TORQUE_CHANGE,
-    LEAST_UNCHANGED,
-    LEAST_WINDOW,
     LONE_OF_OTHERS,
     LONE_POSITION,
     LONE_SAMPLES,
     LONG_RECORDINGS,
-    MOST_FOLDS,
+    MAX_FOLDS,
+    MIN_MOTION,
+    MIN_TORQUE_CHANGE,
+    MIN_UNCHANGED,
+    MIN_WINDOW,
     MOVING_TORQUE,
     SHORT_MOTION,
     SINGLE_RECORDING_FOLDS,
@@ -50,7 +50,7 @@ def check_moving(case: Case) -> None:
     """
     for recording in (*case.recordings, *case.judged):
         _check_lone_positions(recording)
-    least = LEAST_MOTION * case.arm.per_radian
+    least = MIN_MOTION * case.arm.per_radian
     moves = [bool((np.ptp(r.q, axis=0) > least).any()) for r in case.recordings]
     if resting(case.recordings, case.arm.per_radian).all():
         raise InputError(
@@ -180,7 +180,7 @@ def check_torque(case: Case) -> None:
         _check_size(recording, "tau", LARGEST_TORQUE, "N m")
         _check_size(recording, "tau_sensor", LARGEST_TORQUE, "N m")
     torques = [r.tau for r in carrying if r.tau is not None]
-    if max(np.ptp(tau, axis=0).max() for tau in torques) < LEAST_TORQUE_CHANGE:
+    if max(np.ptp(tau, axis=0).max() for tau in torques) < MIN_TORQUE_CHANGE:
         names = ", ".join(r.name for r in carrying)
         raise GapscopeError(
             f"{case.name}: the torque of no joint changes ({names})",
@@ -251,7 +251,7 @@ def _check_size(recording: Recording, channel: str, largest: float, unit: str) -
 # distance between two windows. Nothing is drawn at random: the same log has the same windows.
 
 
-def excerpt(case: Case) -> Case:
+def select_windows(case: Case) -> Case:
     """The case with windows of its recordings, fitted and set aside apart, each if they are long; else as it is.
 
     The windows are the pieces of a recording between gaps in time. A note on the recording says what is looked at.
@@ -265,16 +265,16 @@ def excerpt(case: Case) -> Case:
 def folds_of(recordings: Sequence[list[Segment]]) -> list[list[Segment]]:
     """Folds of the segments of each recording: a recording each, or the blocks of a single one.
 
-    Their equations are kept one by one: of more than ``MOST_FOLDS`` neighbours are joined, and of a single recording
+    Their equations are kept one by one: of more than ``MAX_FOLDS`` neighbours are joined, and of a single recording
     in many pieces those that make up ``SINGLE_RECORDING_FOLDS`` parts of it.
     """
     if len(recordings) > 1:
-        return _joined(recordings, MOST_FOLDS)
+        return _joined(recordings, MAX_FOLDS)
     segments = recordings[0]
     if len(segments) > SINGLE_RECORDING_FOLDS:
         return _joined([[segment] for segment in segments], SINGLE_RECORDING_FOLDS)
     parts = [blocks(segment, SINGLE_RECORDING_FOLDS) for segment in segments]
-    return _joined([[block] for cut in parts for block in cut], MOST_FOLDS)
+    return _joined([[block] for cut in parts for block in cut], MAX_FOLDS)
 
 
 def _joined(folds: Sequence[list[Segment]], most: int) -> list[list[Segment]]:
@@ -294,7 +294,7 @@ def _windows(recordings: tuple[Recording, ...]) -> tuple[Recording, ...]:
     if seconds <= LONG_RECORDINGS or not slowest >= PLAUSIBLE_RATES[0]:
         return recordings
     # of many short recordings some, spread evenly, so that a window is never shorter than the filters need
-    most = int(EXAMINED / LEAST_WINDOW)
+    most = int(EXAMINED / MIN_WINDOW)
     if len(recordings) > most:
         chosen = np.linspace(0, len(recordings) - 1, most).round().astype(int)
         recordings = tuple(recordings[k] for k in chosen)
@@ -311,7 +311,7 @@ def _seconds(recording: Recording) -> float:
 def _windows_of(recording: Recording, share: float) -> Recording:
     """A share of a recording [1], in windows in the middle of equal parts of its rows."""
     rows, rate = len(recording.t), recording.rate
-    examined = max(share * _seconds(recording), LEAST_WINDOW)
+    examined = max(share * _seconds(recording), MIN_WINDOW)
     count = max(1, round(examined / WINDOW))
     length = int(examined / count * rate)
     if count * length >= rows:
@@ -330,7 +330,7 @@ def _windows_of(recording: Recording, share: float) -> Recording:
 def up_to_changes(case: Case, changes: Sequence[Change]) -> Case:
     """The case with each recording that has a change cut at the first one: the arm as it was before.
 
-    A part of less than ``LEAST_UNCHANGED`` seconds is left out. If nothing would remain to fit, the longest part
+    A part of less than ``MIN_UNCHANGED`` seconds is left out. If nothing would remain to fit, the longest part
     after the last change of a recording is kept in its place; if that is as short, the recordings are kept whole.
     """
     if not changes:
@@ -341,7 +341,7 @@ def up_to_changes(case: Case, changes: Sequence[Change]) -> Case:
     kept = _cut(case.recordings, by_name)
     if not kept:
         longest = _longer_part(case.recordings, by_name)
-        if longest.duration < LEAST_UNCHANGED:
+        if longest.duration < MIN_UNCHANGED:
             return case
         kept = (longest,)
     return replace(case, recordings=kept, judged=_cut(case.judged, by_name))
@@ -357,7 +357,7 @@ def _cut(
             kept.append(recording)
             continue
         first = changes[recording.name][0]
-        if first.time - recording.t[0] >= LEAST_UNCHANGED:
+        if first.time - recording.t[0] >= MIN_UNCHANGED:
             before = recording.t < first.interval[0]
             note = f"used up to {first.time:.2f} s only, since it changes there"
             kept.append(recording.part(before, notes=(*recording.notes, note)))

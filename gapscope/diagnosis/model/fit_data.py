@@ -19,7 +19,7 @@ from gapscope.diagnosis.thresholds import (
     FORCE_WINDOW_BIN,
     FORCE_WINDOW_EDGES,
     FORCE_WINDOW_RIDGE,
-    LEAST_FORCE_WINDOW,
+    MIN_FORCE_WINDOW,
     RICHEST_INERTIALS,
     RICHEST_ROUNDS,
     RICHEST_TERM,
@@ -178,7 +178,7 @@ def force_window(
     last = max(int(np.ceil((t.max() - t.min()) / FORCE_WINDOW_BIN - 0.5)) - 1, 0)
     in_time = np.minimum(((t - first) / FORCE_WINDOW_BIN).astype(int), last)
     present, of_row = np.unique(in_time, return_inverse=True)
-    bins, least = len(present), round(LEAST_FORCE_WINDOW / FORCE_WINDOW_BIN)
+    bins, least = len(present), round(MIN_FORCE_WINDOW / FORCE_WINDOW_BIN)
     if bins <= least:
         return None
     windows = _Windows(of_row, bins, residual, force, weight, bases)

@@ -29,7 +29,7 @@ from gapscope.diagnosis.model.fit_data import (
 from gapscope.diagnosis.thresholds import (
     EFFECT_FORM,
     FRICTION_FORM,
-    MOST_PIECES,
+    MAX_PIECES,
     PIECE_LENGTH,
     SENSOR_LAG,
     SENSOR_SCALE,
@@ -47,7 +47,7 @@ from gapscope.effects.effect import (
     TorqueLaw,
 )
 from gapscope.ident.model.base_parameters import orthonormal_columns
-from gapscope.model.body_point import Bodies, bodily_columns
+from gapscope.model.body_point import Bodies, rigid_body_jacobian
 from gapscope.model.candidate_columns import JointSignals, shows_at_rest, unit_columns
 from gapscope.model.conditioning import Segment
 from gapscope.model.effective_samples import independent_samples
@@ -468,7 +468,7 @@ def link_rows(
         )
     arm, laden = at.arm, at.body
     link = link_torque(arm, laden, motion)
-    derivatives = bodily_columns(at, segment, bodies, terms, theta)
+    derivatives = rigid_body_jacobian(at, segment, bodies, terms, theta)
     columns[:, :, list(derivatives)] = np.stack(list(derivatives.values()), axis=2)
     joints, size = np.arange(n), torque_size(at)
     for law in explained():
@@ -805,7 +805,7 @@ class Linearisation:
         """Number of pieces of half a fold: two at least."""
         motions = [self.data.segments[k].motion for k in places]
         seconds = sum(float(motion.t[-1] - motion.t[0]) for motion in motions) / 2
-        most = MOST_PIECES // (2 * len(self.data.folds))
+        most = MAX_PIECES // (2 * len(self.data.folds))
         return int(np.clip(seconds / PIECE_LENGTH, 2, max(2, most)))
 
     def _equations(self, places: list[int]) -> EquationRows:

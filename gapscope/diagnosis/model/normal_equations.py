@@ -97,7 +97,7 @@ def _unseen(sizes: np.ndarray) -> np.ndarray:
 
 LIFTS = (1e-13, 1e-11, 1e-9, 1e-7, 1e-5)
 """What is added to a unit diagonal until a matrix is positive definite in spite of rounding [1]."""
-LEAST_SQUARE = 1e-8
+MIN_SQUARE = 1e-8
 """What a parameter of one unit changes in the sum of squares, below which the data do not tell it [1].
 
 The centre of a load along parallel axes, as of a planar arm, leaves rounding alone, 1e-16.
@@ -310,7 +310,7 @@ def _fixed_at(
 def _least_squares(block: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Solutions of normal equations whose columns are brought to one size; a column that does nothing gets zero."""
     diagonal = np.diagonal(block, axis1=-2, axis2=-1)
-    told = diagonal > LEAST_SQUARE
+    told = diagonal > MIN_SQUARE
     # of a column that is not told nothing is left but the ridge's share of the diagonal
     scale = np.where(told, 1.0 / np.sqrt(np.where(told, diagonal, 1.0)), 0.0)
     scaled = block * scale[..., :, None] * scale[..., None, :]

@@ -226,7 +226,7 @@ class Fit:
         theta: values fitted to all folds, shape (P,).
         held_out_mse: mean square of the gap per fold and joint, each fold predicted from the others [N^2 m^2], (F, n).
         scored_mse: the same of the rows that were scored, (F, m): joints, or with sensors both sides of them.
-        impossible: terms whose values cannot be; the score is minus infinity if there are any.
+        infeasible: terms whose values cannot be; the score is minus infinity if there are any.
     """
 
     terms: frozenset[Term]
@@ -235,7 +235,7 @@ class Fit:
     theta: np.ndarray
     held_out_mse: np.ndarray
     scored_mse: np.ndarray
-    impossible: frozenset[Term] = frozenset()
+    infeasible: frozenset[Term] = frozenset()
 
 
 class Evidence:
@@ -388,8 +388,8 @@ class Evidence:
     def fit_possible(self, terms: frozenset[Term]) -> Fit:
         """Fit of a set of terms, less those whose values are impossible."""
         fit = self.fit(terms)
-        while fit.impossible:
-            fit = self.fit(fit.terms - fit.impossible)
+        while fit.infeasible:
+            fit = self.fit(fit.terms - fit.infeasible)
         return fit
 
     def charge(self, terms: frozenset[Term]) -> float:
@@ -407,7 +407,7 @@ class Evidence:
             self._without_fold, columns_of(terms), corrected=corrected
         )
 
-    def likely_mse(self, terms: frozenset[Term]) -> np.ndarray:
+    def mse_plausible_inertials(self, terms: frozenset[Term]) -> np.ndarray:
         """``held_out_mse`` with the nuisances taken out as far as they are likely [N^2 m^2], (F, n).
 
         Errors delta of a data sheet whose delta^T Q delta exceeds ``UNLIKELY_ERRORS`` of chi2 with as many degrees of

@@ -14,8 +14,8 @@ from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.model.linearisation import Linearisation
 from gapscope.diagnosis.selection.evidence import Evidence, Fit, evidences
 from gapscope.diagnosis.thresholds import (
-    HOPELESS_LOSS,
     LINEAR_ENOUGH,
+    MAX_EVIDENCE_LOSS,
     MOVE_GAIN,
     PRESLIDING_GAIN,
     REFINE_GAIN,
@@ -350,7 +350,7 @@ def _with_an_effect_renamed(
     chosen: frozenset[Term], movable: list[Term], terms: Terms
 ) -> Iterator[frozenset[Term]]:
     """Another effect on the joints of one that is chosen; not its near-equivalent, which is compared at the end."""
-    available = [t for t in terms.open if t.definition.scope == "joint"]
+    available = [t for t in terms.selectable if t.definition.scope == "joint"]
     named = {t.effect for t in chosen}
     for effect in _effects(movable):
         rest = frozenset(t for t in chosen if t.effect != effect)
@@ -368,7 +368,7 @@ def _with_a_term_swapped(
 ) -> Iterator[frozenset[Term]]:
     """Another term on the same joint or on the arm; instead of a term on the arm also a changed link."""
     for term in movable:
-        for other in terms.open:
+        for other in terms.selectable:
             if other in chosen or other.effect == near_equivalent(term.effect):
                 continue
             if other.joint in (term.joint, 0):
@@ -439,7 +439,7 @@ def refine(model: Model) -> Model:
         best = max(fits, key=lambda fit: fit.score, default=model.fit)
         if best.score < model.fit.score + REFINE_GAIN:
             break
-        moved = fit_terms(model, best.terms, least_gain=-HOPELESS_LOSS)
+        moved = fit_terms(model, best.terms, least_gain=-MAX_EVIDENCE_LOSS)
         visited |= {best.terms, moved.fit.terms}
         # the linearisation that promised the gain is that of the model before
         if model.gain_of(moved) >= 0:

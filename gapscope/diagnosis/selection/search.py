@@ -40,8 +40,8 @@ from gapscope.diagnosis.thresholds import (
     DECISIVE_NRMSE,
     FORWARD_STEPS,
     GROUPS_TRIED,
-    HOPELESS_LOSS,
     LONGEST_COMPARED_DELAY,
+    MAX_EVIDENCE_LOSS,
     MOVE_GAIN,
     PAIRED_GROUPS,
     SEARCH_RATE,
@@ -59,7 +59,7 @@ from gapscope.model.terms import Term
 def best_groups(model: Model) -> list[Fit]:
     """For each effect that can be added, the model with it on its best group of joints."""
     chosen = model.fit.terms
-    added = [term for term in model.terms.open if not clashes(term, chosen)]
+    added = [term for term in model.terms.selectable if not clashes(term, chosen)]
     fits = model.evidence.fits([chosen | {term} for term in added])
     groups = []
     for effect in model.terms.definitions:
@@ -143,7 +143,7 @@ def _renamed(model: Model, effect: str, other: str) -> Model:
     """The model with another effect on the joints of one of its effects."""
     mine = {t for t in model.fit.terms if t.effect == effect}
     joints = {t.joint for t in mine}
-    put = {t for t in model.terms.open if t.effect == other and t.joint in joints}
+    put = {t for t in model.terms.selectable if t.effect == other and t.joint in joints}
     return fit_terms(model, (model.fit.terms - mine) | put)
 
 
@@ -303,7 +303,7 @@ def add_groups(model: Model, progress: Progress) -> tuple[Model, Considered]:
                 tried = None if stiff else best_compliant_joint(model)
                 stiff = tried is None
             else:
-                tried = fit_terms(model, group.terms, least_gain=-HOPELESS_LOSS)
+                tried = fit_terms(model, group.terms, least_gain=-MAX_EVIDENCE_LOSS)
             # the linearisation that promised the gain is that of the smaller model
             if tried is not None and model.gain_of(tried) > 0:
                 larger = tried
@@ -354,7 +354,7 @@ def add_pair(model: Model, progress: Progress) -> Model | None:
     best = _best_pair(model)
     if best is None or best.score < model.fit.score + MOVE_GAIN:
         return None
-    larger = fit_terms(model, best.terms, least_gain=-HOPELESS_LOSS)
+    larger = fit_terms(model, best.terms, least_gain=-MAX_EVIDENCE_LOSS)
     grown = len(larger.fit.terms) > len(model.fit.terms)
     if not grown or model.gain_of(larger) <= MOVE_GAIN:
         return None
@@ -377,7 +377,7 @@ def add_better_than_all(model: Model, progress: Progress) -> Model | None:
     ]
     groups.sort(key=lambda fit: fit.score, reverse=True)
     for group in groups[:GROUPS_TRIED]:
-        larger = fit_terms(model, group.terms, least_gain=-HOPELESS_LOSS)
+        larger = fit_terms(model, group.terms, least_gain=-MAX_EVIDENCE_LOSS)
         grown = len(larger.fit.terms) > len(model.fit.terms)
         if grown and model.gain_of(larger) > MOVE_GAIN:
             progress("adds " + _described(larger.fit.terms - model.fit.terms))

@@ -21,7 +21,7 @@ from gapscope.diagnosis.thresholds import (
     AGREED_RATE_ERROR,
     CLOCK_GAIN,
     CLOCK_HINT,
-    CLOCK_LEAST_SKEW,
+    CLOCK_MIN_SKEW,
     CLOCK_ROUNDS,
     CLOCK_SAMPLES,
     FAULT_SIGN_WIDTH,
@@ -30,7 +30,7 @@ from gapscope.diagnosis.thresholds import (
     LATTICE_LEVELS,
     LATTICE_SAMPLES,
     LOG_DIGITS,
-    MOST_CLOCK_SHARE,
+    MAX_CLOCK_SHARE,
     NAMED_JITTER,
     NAMED_LOST,
     NAMED_RATE_ERROR,
@@ -319,11 +319,11 @@ def find_torque_clock(case: Case) -> FoundFault | None:
     best = min((_best(samples, start) for start in starts), key=lambda s: s.left)
     share, longest = best.clock.share, max(float(part.t[-1]) for part in samples)
     delayed = _best(samples, even, drifts=False)
-    if best.left > delayed.left - CLOCK_GAIN or abs(share) > MOST_CLOCK_SHARE:
+    if best.left > delayed.left - CLOCK_GAIN or abs(share) > MAX_CLOCK_SHARE:
         return None
-    if abs(share) * longest < CLOCK_LEAST_SKEW:
+    if abs(share) * longest < CLOCK_MIN_SKEW:
         return None
-    std = max(0.1 * CLOCK_LEAST_SKEW / longest, STAMP_AMOUNT_STD * abs(share))
+    std = max(0.1 * CLOCK_MIN_SKEW / longest, STAMP_AMOUNT_STD * abs(share))
     every = (*case.recordings, *case.judged)
     return FoundFault(
         TimeStamps(TORQUE_CLOCK, 1.0 + share),

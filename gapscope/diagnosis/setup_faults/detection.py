@@ -16,7 +16,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.plausibility import PLAUSIBLE_RATES
 from gapscope.arm.nominal import NominalArm
-from gapscope.diagnosis.gap.plausible_data import check_rates, excerpt
+from gapscope.diagnosis.gap.plausible_data import check_rates, select_windows
 from gapscope.diagnosis.setup_faults.clocks import (
     find_jitter,
     find_stamps,
@@ -58,18 +58,20 @@ def find_setup_faults(case: Case) -> tuple[FoundFault, ...]:
     stamps = find_stamps((*case.recordings, *case.judged))
     even = repaired(case, stamps)
     check_rates(even)
-    clock = find_torque_clock(excerpt(even))
+    clock = find_torque_clock(select_windows(even))
     if clock is not None:
         stamps = (*stamps, clock)
         even = repaired(case, stamps)
     alone = sum(r.tau is not None for r in case.recordings) == 1
     # Shifted inertials are looked for by themselves only if the torque shows no fault.
     for search in (faults_by_torque, _shifted_inertials):
-        found = _with_gaps(excerpt(case), merged((*stamps, *search(excerpt(even)))))
+        found = _with_gaps(
+            select_windows(case), merged((*stamps, *search(select_windows(even))))
+        )
         kept = tuple(fault for fault in found if _lowers_gap(fault, alone))
         if len(kept) > len(stamps):
             break
-    return found if len(kept) == len(found) else _with_gaps(excerpt(case), kept)
+    return found if len(kept) == len(found) else _with_gaps(select_windows(case), kept)
 
 
 def on_one_clock(case: Case) -> Case:
@@ -79,7 +81,7 @@ def on_one_clock(case: Case) -> Case:
     """
     jitter = find_jitter((*case.recordings, *case.judged))
     even = case if jitter is None else repaired(case, (jitter,))
-    clock = find_torque_clock(excerpt(even))
+    clock = find_torque_clock(select_windows(even))
     return even if clock is None else repaired(even, (clock,))
 
 
@@ -155,7 +157,7 @@ def _with_gaps(case: Case, faults: tuple[FoundFault, ...]) -> tuple[FoundFault, 
 
 def upright(case: Case) -> Case:
     """The case with the gravity that its torque shows, if its base is mounted turned."""
-    return replace(case, arm=as_mounted(case.arm, _segments(excerpt(case))))
+    return replace(case, arm=as_mounted(case.arm, _segments(select_windows(case))))
 
 
 def nominal_gap(case: Case) -> np.ndarray | None:

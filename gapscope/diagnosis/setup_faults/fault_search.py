@@ -43,7 +43,7 @@ from gapscope.diagnosis.thresholds import (
     FAULT_VALUES_GAIN,
     LATE_JOINT_LOSS,
     LATE_REFERENCE_SHARE,
-    LEAST_ZERO_OFFSET,
+    MIN_ZERO_OFFSET,
     NARROW_NUISANCE_FACTOR,
     OTHER_DELAYS,
     OWN_UNIT_FACTOR,
@@ -113,7 +113,7 @@ def _refined_zero(
     search = _PatternSearch(scorer, before, build)
     x = search.minimum(np.array(candidate.values()["offset"]))
     found = build(x)
-    if abs(found.values()["offset"][0]) < LEAST_ZERO_OFFSET:
+    if abs(found.values()["offset"][0]) < MIN_ZERO_OFFSET:
         return candidate, ()
     return found, tuple(search.deviation(x).tolist())
 

@@ -20,23 +20,23 @@ from gapscope.diagnosis.gap.plausible_data import folds_of
 from gapscope.diagnosis.thresholds import (
     FAULT_SAMPLES,
     FAULT_SIGN_WIDTH,
-    LEAST_TORQUE_DEVIATION,
-    LEAST_WEIGHT,
     LOWEST_TORQUE_SCALE,
+    MIN_TORQUE_DEVIATION,
+    MIN_WEIGHT,
     MOTION_INDEPENDENT_RATE,
-    ORDINARY_FRICTION,
     ORDINARY_GAP,
     ORDINARY_GAP_DEVIATION,
-    ORDINARY_INERTIALS,
-    ORDINARY_LEVER,
-    ORDINARY_LOAD,
-    ORDINARY_OFFSET,
     ORDINARY_PENALTY,
-    ORDINARY_ROTOR,
-    ORDINARY_SPRING,
-    ORDINARY_TILT,
-    ORDINARY_TORQUE_SCALE,
     ORDINARY_WEIGHT,
+    PRIOR_STD_FRICTION,
+    PRIOR_STD_INERTIALS,
+    PRIOR_STD_LEVER,
+    PRIOR_STD_LOAD,
+    PRIOR_STD_OFFSET,
+    PRIOR_STD_ROTOR,
+    PRIOR_STD_SPRING,
+    PRIOR_STD_TILT,
+    PRIOR_STD_TORQUE_SCALE,
     TORQUE_SHIFT_STEP,
     TORQUE_SHIFTS,
     WORST_GAP,
@@ -177,7 +177,7 @@ ROTOR, COULOMB, VISCOUS, OFFSET = 1, 2, 3, 5
 
 
 @dataclass(frozen=True)
-class ReadTorque:
+class MappedTorque:
     """The torque as a reading reads it, against the columns of ``FoldEquations``; K folds, n joints.
 
     Attributes:
@@ -239,7 +239,7 @@ class FoldEquations:
         """Number of columns that all joints share, 10 n + 2; the joint's own follow."""
         return int(self.gram.shape[2]) - OWN
 
-    def read(self, reading: Reading) -> ReadTorque:
+    def read(self, reading: Reading) -> MappedTorque:
         """The torque as a reading reads it."""
         torque = reading.torque
         source, factor = list(torque.source), np.array(torque.factor)
@@ -256,7 +256,7 @@ class FoldEquations:
             square = square + 2 * pull + own
             pull = pull + own
         deviation = self.deviation[source] * np.abs(factor)
-        return ReadTorque(cross, square, pull, deviation)
+        return MappedTorque(cross, square, pull, deviation)
 
 
 def fold_equations(
@@ -298,13 +298,13 @@ def fold_equations(
 
 
 def _tilts(body: RigidBody) -> np.ndarray:
-    """Changes of gravity by a base tilted by ``ORDINARY_TILT`` about either axis across it [m/s^2], (3, 2)."""
+    """Changes of gravity by a base tilted by ``PRIOR_STD_TILT`` about either axis across it [m/s^2], (3, 2)."""
     gravity = body.gravity
     size = float(np.linalg.norm(gravity))
     if size == 0:
         return np.zeros((3, 2))
     across = np.linalg.svd(gravity[None] / size)[2][1:]
-    return np.asarray(ORDINARY_TILT * size * across.T)
+    return np.asarray(PRIOR_STD_TILT * size * across.T)
 
 
 def _load_torque(
@@ -317,13 +317,13 @@ def _load_torque(
 
 def inertial_prior_std(body: RigidBody) -> np.ndarray:
     """Prior standard deviations of inertial errors, (10 n,), in kg, kg m, kg m^2; the last link may carry a load."""
-    std = ORDINARY_INERTIALS * inertial_scale(body).reshape(-1, 10)
+    std = PRIOR_STD_INERTIALS * inertial_scale(body).reshape(-1, 10)
     link_lengths = [
         float(np.linalg.norm(body.model.jointPlacements[int(link)].translation))
         for link in body.links
     ]
-    mass = ORDINARY_LOAD * float(body.inertial_parameters()[::10].sum())
-    lever = ORDINARY_LEVER * max(sum(link_lengths), 0.1)
+    mass = PRIOR_STD_LOAD * float(body.inertial_parameters()[::10].sum())
+    lever = PRIOR_STD_LEVER * max(sum(link_lengths), 0.1)
     load = np.array([mass, *[mass * lever] * 3, *[mass * lever**2] * 6])
     std[body.last_link] = np.hypot(std[body.last_link], load)
     return np.maximum(std.ravel(), 1e-9)
@@ -333,7 +333,7 @@ def torque_deviation(tau: np.ndarray) -> np.ndarray:
     """Standard deviation of each recorded torque [N m], (n,), kept from zero."""
     deviation = tau.std(axis=0)
     return np.maximum(
-        deviation, max(LEAST_TORQUE_DEVIATION * float(deviation.max()), 1e-9)
+        deviation, max(MIN_TORQUE_DEVIATION * float(deviation.max()), 1e-9)
     )
 
 
@@ -350,7 +350,7 @@ def _joint_inertia(arm: NominalArm, body: RigidBody) -> np.ndarray:
 # what inertia, friction and an offset explain taken out of both, tau_j = b g_j, with one b for the arm [1].
 
 
-def weight_penalty(eq: FoldEquations, torque: ReadTorque, spread: float) -> float:
+def weight_penalty(eq: FoldEquations, torque: MappedTorque, spread: float) -> float:
     """Half the squared error of the arm's weight, ln b, in deviations of its prior [nats].
 
     0 for an arm that is as heavy as its model or more: a load may add any weight.
@@ -362,12 +362,12 @@ def weight_penalty(eq: FoldEquations, torque: ReadTorque, spread: float) -> floa
     """
     share, std = weight_share(eq, torque)
     # the logarithm of nothing, or of a weight that pulls upwards, is that of the least weight
-    share = max(share, LEAST_WEIGHT)
+    share = max(share, MIN_WEIGHT)
     lacking = max(-np.log(share), 0.0)
     return 0.5 * lacking**2 / ((spread * ORDINARY_WEIGHT) ** 2 + (std / share) ** 2)
 
 
-def weight_share(eq: FoldEquations, torque: ReadTorque) -> tuple[float, float]:
+def weight_share(eq: FoldEquations, torque: MappedTorque) -> tuple[float, float]:
     """b [1] and its standard deviation, which is infinite if no joint carries a weight that changes."""
     joints = np.arange(len(torque.deviation))
     gravity = len(joints) + joints
@@ -401,7 +401,7 @@ def weight_share(eq: FoldEquations, torque: ReadTorque) -> tuple[float, float]:
 # The ordinary values of an arm fitted under a reading: the gap on held-out folds, and the penalty on the values.
 
 
-MOST_ROUNDS = 5
+MAX_ROUNDS = 5
 """Times at most that values below their bounds are fixed there."""
 
 
@@ -450,7 +450,7 @@ def _gap(
 
 
 def _penalty(
-    eq: FoldEquations, torque: ReadTorque, values: np.ndarray, spread: float
+    eq: FoldEquations, torque: MappedTorque, values: np.ndarray, spread: float
 ) -> float:
     """Half the squared size of values, (n, D), and of the arm's weight, in deviations of their prior."""
     inertial = values[0, : eq.shared]
@@ -460,7 +460,7 @@ def _penalty(
 
 
 def _against_nominal(
-    eq: FoldEquations, torque: ReadTorque
+    eq: FoldEquations, torque: MappedTorque
 ) -> tuple[np.ndarray, np.ndarray]:
     """X_j^T (tau_j - f_j), (K, n, D), and the sum of (tau_j - f_j)^2, (K, n).
 
@@ -539,22 +539,22 @@ def _own_prior_std(eq: FoldEquations, deviation: np.ndarray) -> np.ndarray:
     )
     coulomb, viscous = -eq.lowest[1:]
     # behind a high gear a rotor takes most of the torque, however light the links are
-    rotor = ORDINARY_ROTOR * deviation / np.maximum(acceleration, 1e-3)
+    rotor = PRIOR_STD_ROTOR * deviation / np.maximum(acceleration, 1e-3)
     return np.column_stack(
         [
-            np.full(len(deviation), ORDINARY_TORQUE_SCALE),
+            np.full(len(deviation), PRIOR_STD_TORQUE_SCALE),
             np.hypot(rotor, eq.inertia),
             # nominal friction may be a placeholder: an arm without any of it is ordinary
-            np.hypot(ORDINARY_FRICTION * deviation, coulomb),
-            np.hypot(ORDINARY_FRICTION * deviation / np.maximum(speed, 1e-3), viscous),
-            ORDINARY_SPRING * deviation / np.maximum(eq.travel, 1e-2),
-            ORDINARY_OFFSET * deviation,
+            np.hypot(PRIOR_STD_FRICTION * deviation, coulomb),
+            np.hypot(PRIOR_STD_FRICTION * deviation / np.maximum(speed, 1e-3), viscous),
+            PRIOR_STD_SPRING * deviation / np.maximum(eq.travel, 1e-2),
+            PRIOR_STD_OFFSET * deviation,
         ]
     )
 
 
 def bounded_minimum(a: np.ndarray, b: np.ndarray, lowest: np.ndarray) -> np.ndarray:
-    """Minima of x^T A x / 2 - b^T x for x >= lowest, by fixing what falls below, at most ``MOST_ROUNDS`` times; (F, P).
+    """Minima of x^T A x / 2 - b^T x for x >= lowest, by fixing what falls below, at most ``MAX_ROUNDS`` times; (F, P).
 
     A value that was fixed is not freed again, so that the result may lie beside the exact optimum
     (``scipy.optimize.lsq_linear``): it is eight times as fast and called some hundred times per case.
@@ -567,7 +567,7 @@ def bounded_minimum(a: np.ndarray, b: np.ndarray, lowest: np.ndarray) -> np.ndar
     fixed = np.zeros(b.shape, dtype=bool)
     bound = np.where(np.isfinite(lowest), lowest, 0.0)
     diagonal = np.arange(b.shape[1])
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MAX_ROUNDS):
         held = fixed * bound
         right_side = b - (a @ held[..., None])[..., 0]
         # the equation of a value that is fixed says so

@@ -27,7 +27,7 @@ from gapscope.diagnosis.thresholds import (
     LAW_BLOCKS,
     LAW_EXPLAINS,
     LAW_GAIN,
-    LEAST_MOTION_SHARE,
+    MIN_MOTION_SHARE,
     NAMED_GAIN_FACTOR,
     NAMED_RATE_ERROR,
     OBVIOUS_FAULT_PROBABILITY,
@@ -157,7 +157,7 @@ def control_rows(case: Case) -> ControlRows | None:
         gravity,
         recorded,
         np.concatenate([_fitted(len(p[0])) for p in parts]),
-        planned > LEAST_MOTION_SHARE * planned.max(),
+        planned > MIN_MOTION_SHARE * planned.max(),
         free.astype(bool),
     )
 
@@ -241,7 +241,7 @@ def is_of_reference(recording: Recording) -> bool:
     by_position = np.gradient(recording.q, recording.t, axis=0)
     series = (recording.dq, dq_ref, by_position)
     dq, planned, derived = (low_pass(x, rate, cutoff) for x in series)
-    moves = np.ptp(q_ref, axis=0) > LEAST_MOTION_SHARE * np.ptp(q_ref, axis=0).max()
+    moves = np.ptp(q_ref, axis=0) > MIN_MOTION_SHARE * np.ptp(q_ref, axis=0).max()
     half = len(dq) // 2
     for rows in (slice(None, half), slice(half, None)):
         from_planned = _unlike(dq[rows], planned[rows])[moves]

@@ -20,7 +20,7 @@ from gapscope.effects.transmission import (
 
 RESOLUTION = 0.1
 """Phase of the fastest resonance that a step may cover, w dt [rad]: its frequency is then right to 0.1 %."""
-MOST_SUBSTEPS = 64
+MAX_SUBSTEPS = 64
 """Parts into which a step may be divided."""
 TOOTH_FREQUENCY = 150.0
 """Resonance of motor and link in the closed gear of a joint with backlash and without elasticity [Hz]."""
@@ -191,7 +191,7 @@ def substeps(
         dt: time step [s].
 
     Raises:
-        InputError: more than ``MOST_SUBSTEPS`` are needed; names the joint and the step that would do.
+        InputError: more than ``MAX_SUBSTEPS`` are needed; names the joint and the step that would do.
     """
     n, worst, joint, where = len(rotors), 0.0, 0, ""
     if not (elastic.any() or spring.any()):
@@ -218,11 +218,11 @@ def substeps(
                 effect, name = of_quantity(inside if elastic[joint] else "stiffness")
                 where = f"{effect.name}.{name}"
     parts = max(1, int(np.ceil(worst * dt / RESOLUTION - 1e-9)))
-    if parts > MOST_SUBSTEPS:
+    if parts > MAX_SUBSTEPS:
         raise InputError(
             f"the stiffness or damping about joint {joint + 1} moves at {worst:.3g} rad/s, which steps of {dt:.3g} s "
-            f"cannot hold, even in {MOST_SUBSTEPS} parts",
-            f"use steps of at most {MOST_SUBSTEPS * RESOLUTION / worst:.2g} s, a lower stiffness or damping, or more "
+            f"cannot hold, even in {MAX_SUBSTEPS} parts",
+            f"use steps of at most {MAX_SUBSTEPS * RESOLUTION / worst:.2g} s, a lower stiffness or damping, or more "
             "rotor inertia",
             where=where,
         )

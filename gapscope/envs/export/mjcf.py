@@ -34,7 +34,7 @@ from gapscope.envs.export.texts import rendered
 
 MESHES = (".stl", ".obj", ".msh")
 """Endings of the meshes that MuJoCo reads."""
-MOST_FACES = 200_000
+MAX_FACES = 200_000
 """MuJoCo reads no STL file with more."""
 ROUNDING = 1e-9
 """Share by which a moment of inertia may exceed the sum of the others before it counts as odd."""
@@ -44,7 +44,7 @@ LONGEST_STEP = 1e-3
 """Time step of a file without springs [s]."""
 STIFFEST = 1.0
 """Phase that a bristle's resonance may cover in a step, w dt [rad]: MuJoCo's step of the bristle is explicit."""
-LEAST_SHARE = 0.01
+MIN_SHARE = 0.01
 """Share of the Stribeck peak that its bristle keeps in fast motion [1], since MuJoCo divides by g(v)."""
 TANH_SHARES = (0.3683, 0.1010, 0.5307)
 """Shares w_i of the bristles that together are tanh(x), sum_i w_i (1 - exp(-(x / s_i)^2)); see ``TANH_SPEEDS``."""
@@ -165,7 +165,7 @@ def dry_bristle(drive: JointDrive, step: float) -> Bristle | None:
         velocity = speed if peak else 1.0
         return Bristle(stiffness, stiffness * step, drive.friction, static, velocity)
     if peak:
-        return Bristle(stiffest, 0.0, LEAST_SHARE * peak, peak, speed)
+        return Bristle(stiffest, 0.0, MIN_SHARE * peak, peak, speed)
     return None
 
 
@@ -277,6 +277,6 @@ def _unreadable(shape: Shape) -> str:
         faces = int.from_bytes(head[80:84], "little")
         if len(head) < 84 or shape.mesh.stat().st_size != 84 + 50 * faces:
             return f"MuJoCo reads no STL file in text ({shape.mesh.name})"
-        if faces > MOST_FACES:
-            return f"MuJoCo reads no mesh with more than {MOST_FACES} faces ({shape.mesh.name})"
+        if faces > MAX_FACES:
+            return f"MuJoCo reads no mesh with more than {MAX_FACES} faces ({shape.mesh.name})"
     return ""

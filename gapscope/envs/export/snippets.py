@@ -37,7 +37,7 @@ HEAD = (
     "# For gapscope/ArmTracking-v0: randomisation=gapscope.envs.effect_ranges.read_effect_ranges(FILE), no effects=.\n"
 )
 """Comment of their file."""
-LEAST_SHARE = 0.01
+MIN_SHARE = 0.01
 """Share of a link's mass that remains at the lower end of a range [1]."""
 
 
@@ -261,7 +261,7 @@ def _bodies(plain: PlainArm, ranges: EffectRanges) -> tuple[BodyRange, ...]:
         for x in ends
     ]
     added = np.sort(np.array(heavier) - mass, axis=0)
-    added = np.maximum(added, (LEAST_SHARE - 1.0) * mass)
+    added = np.maximum(added, (MIN_SHARE - 1.0) * mass)
     centres = np.sort((np.array(shifted) - moment) / mass[:, None], axis=0)
     return tuple(
         BodyRange(

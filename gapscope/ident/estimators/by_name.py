@@ -30,7 +30,7 @@ from gapscope.ident.estimators.simulating import (
     OutputError,
 )
 from gapscope.ident.intervals import (
-    MOST_BLOCKS,
+    MAX_BLOCKS,
     STRETCHES,
     Uncertainty,
     block_jackknife,
@@ -137,7 +137,7 @@ def _stated(problem: Problem, estimator: Estimator, estimate: Estimate) -> Uncer
     return Uncertainty(estimate.covariance, freedom, 1)
 
 
-_BLOCKS = f"block jackknife, the estimate without each of up to {MOST_BLOCKS} stretches of time"
+_BLOCKS = f"block jackknife, the estimate without each of up to {MAX_BLOCKS} stretches of time"
 _WITH_FORM = f"{_BLOCKS}, and what the unknown form of the friction may do"
 _JACKKNIFE = f"block jackknife, the estimate repeated without each of about {STRETCHES} stretches of time"
 _UNBIASED = f"{_JACKKNIFE}; the bias of the pull is not counted"

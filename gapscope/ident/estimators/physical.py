@@ -41,7 +41,7 @@ REFERENCE_MASS = 1.0
 """Mass of the body that replaces a link if there is no prior [kg]."""
 REFERENCE_RADIUS = 0.1
 """Its radius of gyration about each plane [m]."""
-LEAST_NOISE = 1e-4
+MIN_NOISE = 1e-4
 """Noise is taken to be at least this share of the torque's RMS, which keeps the programme well scaled [1]."""
 
 
@@ -175,7 +175,7 @@ def standard_factor(
     warnings: tuple[str, ...] = ()
     if prior is not None:
         warnings = unit_warnings(problem, np.asarray(prior, dtype=float))
-    least = LEAST_NOISE * float(rms(problem.torque, axis=None))
+    least = MIN_NOISE * float(rms(problem.torque, axis=None))
     # standard columns lack rank: a free fit serves for the noise alone
     noise = np.maximum(joint_noise(problem, free), least)
     return Factor.of(*whitened(problem, noise)), warnings

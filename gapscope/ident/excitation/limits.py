@@ -19,7 +19,7 @@ from gapscope.arm.nominal import NominalArm
 # Whether a sampling rate is high enough for a trajectory.
 
 
-LEAST_RATIO = 10.0
+MIN_RATIO = 10.0
 """Samples per period of the highest frequency, at least [1]."""
 
 
@@ -33,10 +33,10 @@ def check_sampling(rate: float, highest: float) -> None:
     Raises:
         InputError: the rate is too low.
     """
-    if not rate >= LEAST_RATIO * highest * (1 - 1e-9):
+    if not rate >= MIN_RATIO * highest * (1 - 1e-9):
         raise InputError(
-            f"{rate:g} samples per second are fewer than {LEAST_RATIO:g} times the highest frequency, {highest:g} Hz",
-            f"sample at {LEAST_RATIO * highest:g} Hz or more, or lower the base frequency or the order",
+            f"{rate:g} samples per second are fewer than {MIN_RATIO:g} times the highest frequency, {highest:g} Hz",
+            f"sample at {MIN_RATIO * highest:g} Hz or more, or lower the base frequency or the order",
             where="rate",
         )
 

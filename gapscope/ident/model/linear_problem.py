@@ -148,7 +148,7 @@ def drives(arm: NominalArm) -> tuple[np.ndarray, tuple[str, ...]]:
 
 SMOOTH = ("rotor", "damping", "offset")
 """Quantities of drives whose columns do not depend on the friction law."""
-LEAST_ARM = 0.05
+MIN_ARM = 0.05
 """Lever that a link's first moment is at least counted with in its unit [m]."""
 
 
@@ -243,8 +243,8 @@ class ModelColumns:
             # links of almost no mass still may gain some
             mass = max(m, 1e-2)
             length = float(np.sqrt(hx**2 + hy**2 + hz**2))
-            moment = max(length, LEAST_ARM * mass)
-            inertia = max(0.5 * (xx + yy + zz), mass * (0.2 * LEAST_ARM) ** 2)
+            moment = max(length, MIN_ARM * mass)
+            inertia = max(0.5 * (xx + yy + zz), mass * (0.2 * MIN_ARM) ** 2)
             first = 10 * link
             out[first] = mass
             out[first + 1 : first + 4] = moment

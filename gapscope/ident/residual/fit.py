@@ -694,9 +694,9 @@ def _cost(equations: Equations, prior: Prior) -> tuple[float, np.ndarray]:
 
 QUIET = 0.1
 """A recording weighs as if its RMS were at least this share of the loudest one's."""
-LEAST_GAIN = 0.02
+MIN_GAIN = 0.02
 """A form that closes less than this share of the squares held out of a joint, less its error, gets no say there."""
-MOST_LOSS = 0.02
+MAX_LOSS = 0.02
 """A form may add no more than this share to the squares of a joint in any group that it did not see."""
 GAINS = np.linspace(0.05, 1.0, 20)
 """Factors tried on a joint's output."""
@@ -814,21 +814,21 @@ def usefulness(
     """Share of the squares closed on rows held out, mean over the groups, and the factor for it; each (n,).
 
     The factor on a joint's output is the one of ``GAINS`` with the largest share, less its standard error over the
-    groups, at which no group is left with more than ``MOST_LOSS`` above its squares. It is 0 if that share less its
-    error is below ``LEAST_GAIN``.
+    groups, at which no group is left with more than ``MAX_LOSS`` above its squares. It is 0 if that share less its
+    error is below ``MIN_GAIN``.
 
     Args:
         shares: of each group, at each factor, see ``shares_closed``.
-        strict: every group by itself must close ``LEAST_GAIN`` after that error is taken off: a motion that is in none
+        strict: every group by itself must close ``MIN_GAIN`` after that error is taken off: a motion that is in none
             of the groups is then likely to gain as well.
     """
     worst, mean = shares.min(axis=0), shares.mean(axis=0)
     error = shares.std(axis=0, ddof=1) / np.sqrt(len(shares))
-    harmless = worst - error >= LEAST_GAIN if strict else worst >= -MOST_LOSS
+    harmless = worst - error >= MIN_GAIN if strict else worst >= -MAX_LOSS
     certain = np.where(harmless, mean - error, 0.0)
     best = certain.argmax(axis=1)
     joints = np.arange(len(best))
-    of_use = certain[joints, best] >= LEAST_GAIN
+    of_use = certain[joints, best] >= MIN_GAIN
     return (
         np.where(of_use, mean[joints, best], 0.0),
         np.where(of_use, GAINS[best], 0.0),
@@ -1395,7 +1395,7 @@ def _best_apart(
     )
     reports = strict[1], free[1]
     closed = {one.apart: one.closed_apart[one.apart] for one in reports}
-    better = closed[free[1].apart] - closed[strict[1].apart] >= LEAST_GAIN
+    better = closed[free[1].apart] - closed[strict[1].apart] >= MIN_GAIN
     network, report = free if better else strict
     return network, replace(report, closed_apart=closed)
 

@@ -37,8 +37,8 @@ from gapscope.diagnosis.assessment.held_out_prediction import (
 from gapscope.diagnosis.selection.search import Selection, search
 from gapscope.diagnosis.thresholds import (
     FALSE_DISCOVERY_RATE,
-    LEAST_PROBABILITY,
-    MOST_PROBABILITY,
+    MAX_PROBABILITY,
+    MIN_PROBABILITY,
     TEMPER,
 )
 from gapscope.effects.catalogue import explained
@@ -211,8 +211,8 @@ class TestProbability:
 
     def test_it_is_bounded(self) -> None:
         high, low = (NEUTRAL | {"intercept": z} for z in (99.0, -99.0))
-        assert probability("backlash", SURE, high) == MOST_PROBABILITY
-        assert probability("backlash", SURE, low) == LEAST_PROBABILITY
+        assert probability("backlash", SURE, high) == MAX_PROBABILITY
+        assert probability("backlash", SURE, low) == MIN_PROBABILITY
 
     def test_the_fitted_values_know_more_with_more_support(self) -> None:
         strong = Support(100.0, 0.3, 0.02, 1.0, 1.0, 1, 0.01)

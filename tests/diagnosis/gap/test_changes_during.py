@@ -9,7 +9,7 @@ from arms import iiwa_of_three
 from cases import changed_during
 
 from gapscope.arm.case import Case
-from gapscope.diagnosis.diagnose import conclude
+from gapscope.diagnosis.diagnose import build_diagnosis
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.gap.plausible_data import up_to_changes
 from gapscope.diagnosis.study import Study, examine
@@ -83,7 +83,7 @@ def test_the_longest_part_remains_if_all_change_at_once(
 
 
 def test_a_diagnosis_names_the_changes_and_no_effect(study: Study) -> None:
-    found = conclude(study)
+    found = build_diagnosis(study)
     document = found.document
     validate(document)
     changes = {change["recording"]: change for change in document["changes"]}

@@ -21,8 +21,8 @@ from gapscope.diagnosis.gap.plausible_data import (
     check_moving,
     check_rates,
     check_torque,
-    excerpt,
     folds_of,
+    select_windows,
     short_note,
     still_note,
 )
@@ -30,8 +30,8 @@ from gapscope.diagnosis.gap.predict import predict_torque
 from gapscope.diagnosis.setup_faults.clocks import find_stamps
 from gapscope.diagnosis.thresholds import (
     EXAMINED,
-    LEAST_WINDOW,
-    MOST_FOLDS,
+    MAX_FOLDS,
+    MIN_WINDOW,
     STICKING_SPEED,
     TIMING_SKEW,
     WINDOW,
@@ -160,12 +160,12 @@ def lasting(seconds: float, name: str = "long.csv") -> Recording:
 
 def test_a_minute_is_looked_at_as_it_is() -> None:
     whole = case_of("long", iiwa(), lasting(60.0))
-    assert excerpt(whole) is whole
+    assert select_windows(whole) is whole
 
 
 def test_an_hour_is_looked_at_in_every_part() -> None:
     whole = lasting(3600.0)
-    seen = excerpt(case_of("long", iiwa(), whole)).recordings[0]
+    seen = select_windows(case_of("long", iiwa(), whole)).recordings[0]
     windows = pieces(seen)
     lengths = [seen.t[w][-1] - seen.t[w][0] for w in windows]
     np.testing.assert_allclose(lengths, WINDOW, atol=0.1)
@@ -182,7 +182,7 @@ def test_an_hour_is_looked_at_in_every_part() -> None:
 
 
 def test_of_many_recordings_each_has_its_window() -> None:
-    seen = excerpt(
+    seen = select_windows(
         case_of("long", iiwa(), *(lasting(20.0, f"{k}.csv") for k in range(20)))
     ).recordings
     assert [r.name for r in seen] == [f"{k}.csv" for k in range(20)]
@@ -190,14 +190,14 @@ def test_of_many_recordings_each_has_its_window() -> None:
 
 
 def test_of_too_many_recordings_some_are_looked_at_from_first_to_last() -> None:
-    seen = excerpt(
+    seen = select_windows(
         case_of(
             "long",
             iiwa(),
             *(lasting(10.0, f"{k}.csv") for k in range(100)),
         )
     ).recordings
-    assert len(seen) == EXAMINED / LEAST_WINDOW
+    assert len(seen) == EXAMINED / MIN_WINDOW
     assert (seen[0].name, seen[-1].name) == ("0.csv", "99.csv")
 
 
@@ -205,10 +205,11 @@ def test_of_too_many_recordings_some_are_looked_at_from_first_to_last() -> None:
 def test_folds_hold_every_segment_and_are_few(seconds: list[float]) -> None:
     names = [lasting(s, f"{k}.csv") for k, s in enumerate(seconds)]
     segments = [
-        condition(r, 10.0) for r in excerpt(case_of("long", iiwa(), *names)).recordings
+        condition(r, 10.0)
+        for r in select_windows(case_of("long", iiwa(), *names)).recordings
     ]
     folds = folds_of(segments)
-    assert min(4, len(folds)) <= len(folds) <= MOST_FOLDS
+    assert min(4, len(folds)) <= len(folds) <= MAX_FOLDS
     rows = sum(len(s.motion.t[s.inner]) for fold in folds for s in fold)
     assert rows == sum(len(s.motion.t[s.inner]) for some in segments for s in some)
 

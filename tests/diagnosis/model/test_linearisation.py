@@ -21,7 +21,7 @@ from gapscope.effects.catalogue import explained
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Effect
 from gapscope.effects.transmission import ELASTICITY, PLAY_START, PLAY_STEP
-from gapscope.model.body_point import Bodies, BodyPoint
+from gapscope.model.body_point import Bodies, LinearisationPoint
 from gapscope.model.conditioning import Segment, condition, thinned
 from gapscope.model.decimated_segments import DecimatedSegments
 from gapscope.model.prediction import Prediction
@@ -124,7 +124,7 @@ def by_differences(known: Terms, around: np.ndarray, names: set[str]) -> np.ndar
     By central differences; one-sided where less than nothing cannot be.
     """
     out = np.zeros((*segment().motion.q.shape, known.size))
-    for term in (t for t in known.open if t.effect in names):
+    for term in (t for t in known.selectable if t.effect in names):
         if term.effect == "parallel_spring" and not around[list(term.columns)].any():
             # 1 N m/rad, then 1 N m more at q = 0: a rest means nothing without a spring
             steps = np.cumsum([np.eye(known.size)[k] for k in term.columns], axis=0)
@@ -231,7 +231,7 @@ def test_a_law_gives_the_columns_that_differences_give(name: str) -> None:
     regressor = bodies.regressor(motion.q, motion.dq, motion.ddq)
     at = Prediction.of(arm, bodies, motion)
     own = Bodies(bodies, motion, regressor)
-    point = BodyPoint(at, segment(), own, known, around)
+    point = LinearisationPoint(at, segment(), own, known, around)
     effect = known.of(name)[0].definition
     x = around[known.block(name)]
     searched = np.array([known.shapes.get(t, ()) for t in known.of(name)]).T
@@ -268,7 +268,7 @@ def compare(names: tuple[str, ...], effects: set[str], tolerance: float = 0.05) 
     weight = 1.0 / (1.0 + (friction / doubt.steady) ** 2)
     expected = np.einsum("tja,tj,tjb->jab", full, weight, full)
 
-    owners = {c: t for t in known.open if t.effect in effects for c in t.columns}
+    owners = {c: t for t in known.selectable if t.effect in effects for c in t.columns}
     moving = {c for c in owners if np.abs(columns[:, :, c]).max() > 1e-9}
     assert {owners[c].effect for c in moving} == effects, (
         "an effect that does nothing anywhere"

@@ -67,7 +67,7 @@ def test_errors_of_the_arm_explain_no_more_than_a_data_sheet_can_be_wrong_by():
         evidence = model(Truth(mass=mass, com=(0.0, 0.0, 0.15))).evidence
         plain = evidence.held_out_mse(NONE, corrected=False).mean(axis=0)
         corrected = evidence.held_out_mse(NONE).mean(axis=0)
-        likely = evidence.likely_mse(NONE).mean(axis=0)
+        likely = evidence.mse_plausible_inertials(NONE).mean(axis=0)
         return (likely - corrected) / (plain - corrected)
 
     assert left(0.05) == pytest.approx(0.0, abs=1e-9)
@@ -86,7 +86,7 @@ def test_friction_stops_where_nothing_is_left_of_what_the_data_sheet_states():
     friction = term(nominal, "coulomb_friction", 2)
     fit = nominal.evidence.fit(frozenset({friction}))
     assert fit.theta[friction.columns[0]] == -COULOMB[1]
-    assert not fit.impossible
+    assert not fit.infeasible
     assert fit.score > nominal.evidence.fit(NONE).score
 
 
@@ -94,7 +94,7 @@ def test_friction_below_zero_cannot_be_if_none_is_stated():
     nominal = model(Truth(stribeck=(0.0, -2.0, 0.0)))
     terms = frozenset({term(nominal, "stribeck_friction", 2)})
     fit = nominal.evidence.fit(terms)
-    assert fit.impossible == terms
+    assert fit.infeasible == terms
     assert fit.score == -np.inf
 
 
@@ -102,7 +102,7 @@ def test_a_payload_is_not_fitted_beside_a_change_of_the_last_link():
     nominal = model(STIFF)
     (payload,) = nominal.terms.of("payload")
     both = frozenset({payload, term(nominal, "link_inertia", 3)})
-    assert payload in nominal.evidence.fit(both).impossible
+    assert payload in nominal.evidence.fit(both).infeasible
 
 
 @pytest.mark.parametrize(
@@ -117,7 +117,7 @@ def test_a_payload_that_takes_more_inertia_than_the_last_link_has_cannot_be(
     (payload,) = nominal.terms.of("payload")
     fit = nominal.evidence.fit(frozenset({payload}))
     assert fit.theta[payload.columns[0]] == pytest.approx(mass, rel=0.1)
-    assert fit.impossible == (frozenset() if possible else {payload})
+    assert fit.infeasible == (frozenset() if possible else {payload})
 
 
 def test_values_left_out_are_those_without_a_half_of_a_recording():

@@ -30,7 +30,7 @@ DEEPEST = 100
 """Arrays within arrays."""
 FLAGS, SIZES = 6, (5, 6)
 """Kinds of the first two elements of an array; some programs write sizes without a sign."""
-MOST_DIMENSIONS = 32
+MAX_DIMENSIONS = 32
 CELL, STRUCTURE, OBJECT, SPARSE, FUNCTION, OPAQUE = 1, 2, 3, 5, 16, 17
 """Classes of arrays that are no plain numbers or characters; the last has no dimensions."""
 COMPLEX = 0x800
@@ -90,7 +90,7 @@ def _check_array(array: memoryview, order: str) -> None:
         return
     sizes = parts[1] if len(parts) > 1 and kinds[1] in SIZES else memoryview(b"")
     count = len(sizes) // 4
-    if len(sizes) % 4 or not 2 <= count <= MOST_DIMENSIONS:
+    if len(sizes) % 4 or not 2 <= count <= MAX_DIMENSIONS:
         raise ValueError(f"an array has {count} dimensions")
     numbers = struct.unpack(f"{order}{count}i", sizes)
     entries = 1 if of_class in (SPARSE, FUNCTION) else math.prod(numbers)
