@@ -114,6 +114,9 @@ def test_a_single_trajectory_is_cut_into_blocks() -> None:
         [toy.trajectory(0)], ResidualSettings("mlp", members=4, steps=80)
     )
     assert residual.networks[0].members == 4 and np.isfinite(report.closed).all()
+    # both ways to keep apart were tried
+    assert set(report.closed_apart) == {"all", "effects"}
+    assert report.apart in report.closed_apart
 
 
 @pytest.mark.parametrize(

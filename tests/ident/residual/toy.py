@@ -70,4 +70,6 @@ def trained(form: str = "additive", seed: int = 0) -> tuple:
 
 def quick(form: str = "additive", seed: int = 0) -> ResidualSettings:
     """A short training."""
-    return ResidualSettings(form=form, members=3, hidden=16, steps=600, seed=seed)
+    return ResidualSettings(
+        form=form, apart="all", members=3, hidden=16, steps=600, seed=seed
+    )
