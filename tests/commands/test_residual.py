@@ -87,7 +87,7 @@ def test_it_learns_and_what_it_writes_is_used(
     ("options", "message"),
     [
         (("--form", "forest"), "choose best or additive or mlp or tcn"),
-        (("--apart", "nothing"), "choose all or effects"),
+        (("--apart", "nothing"), "choose best or all or effects"),
         (("--judge", "other.csv"), "no recording is called 'other.csv'"),
         (("--model", "none.yaml"), "none.yaml"),
     ],

@@ -13,7 +13,7 @@ from gapscope.arm.io.channel_entry import NORMALISED, UNITS, Channel, with_sign
 from gapscope.arm.io.column_pattern import joints_in, name_of
 from gapscope.arm.io.import_section import Import
 from gapscope.arm.io.layouts import LAYOUTS, LEROBOT, Place, layout_of_kind
-from gapscope.arm.io.plausibility import check_time
+from gapscope.arm.io.plausibility import check_rate, check_runs_forward
 from gapscope.arm.io.table import Log, LogTable, Table
 from gapscope.arm.nominal import NominalArm
 
@@ -26,8 +26,9 @@ def read_time(table: Table, importing: Import, *, any_unit: bool = False) -> np.
     Raises:
         InputError: the column is missing or no number, jumps back, or has an implausible rate.
     """
-    t = stamps(table, importing)
-    check_time(t, table, importing.time.column or "time", any_unit=any_unit)
+    t, column = stamps(table, importing), importing.time.column or "time"
+    check_runs_forward(t, table, column)
+    check_rate(t, table, column, any_unit=any_unit)
     return t
 
 
@@ -112,9 +113,12 @@ def join(
                 file=table.path,
             )
         return values, np.ones(len(main), dtype=bool)
-    # the time of messages is in s whatever their rate
-    any_unit = table.place_kind == "message"
-    time = read_time(table, importing, any_unit=any_unit)
+    if table.place_kind == "message":
+        # the time of messages is in s whatever their rate
+        time = stamps(table, importing)
+        check_runs_forward(time, table, importing.time.column or "time")
+    else:
+        time = read_time(table, importing)
     covered = (t >= time[0]) & ((t <= time[-1]) | (importing.join == "hold"))
     if not covered.any():
         raise InputError(

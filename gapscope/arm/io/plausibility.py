@@ -34,13 +34,11 @@ REPEATED = "rows dropped that repeat the measurement before them: "
 """Note on rows that a logger stored twice; their number and share follow."""
 
 
-def check_time(
-    t: np.ndarray, table: Table, column: str, *, any_unit: bool = False
-) -> None:
-    """Time [s], (N,), has to run forward, at a rate that a robot is logged at; in other units too if ``any_unit``.
+def check_runs_forward(t: np.ndarray, table: Table, column: str) -> None:
+    """Time [s], (N,), has to run forward.
 
     Raises:
-        InputError: t jumps back, leaps, is constant, or has an implausible rate.
+        InputError: t jumps back, leaps, or is constant.
     """
     step = np.diff(t)
     back = np.flatnonzero(step < 0)
@@ -67,7 +65,16 @@ def check_time(
             file=table.path,
             where=table.where(wide + 1, column),
         )
-    rate = 1 / usual
+
+
+def check_rate(t: np.ndarray, table: Table, column: str, *, any_unit: bool) -> None:
+    """Time [s], (N,), has to have a rate at which a robot is logged; in other units too if ``any_unit``.
+
+    Raises:
+        InputError: it has an implausible rate.
+    """
+    step = np.diff(t)
+    rate = 1 / float(np.median(step[step > 0]))
     low, high = PLAUSIBLE_RATES
     unit = unit_of_stamps(rate, float(t[-1] - t[0]))
     if not unit:

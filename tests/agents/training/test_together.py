@@ -56,7 +56,10 @@ def test_evaluations_together_are_those_one_by_one(task: Task) -> None:
     motions = held_out(settings, alone)
     together = task.trials(settings, len(motions))
     scores = [episodes(env, idle(alone), motions) for env in (alone, together)]
-    assert scores[0] == scores[1] and len(scores[0]) == 4
+    assert len(scores[0]) == len(scores[1]) == 4
+    for one, other in zip(*scores, strict=True):
+        # sums over the arms of a batch may be rounded otherwise than those of one
+        assert vars(one) == pytest.approx(vars(other), rel=1e-12)
 
 
 @pytest.mark.nightly
