@@ -534,11 +534,9 @@ def _from_other_groups(now: np.ndarray, group: np.ndarray) -> np.ndarray:
     return distance
 
 
-# What a residual network has to beat: gradient boosting, and a Gaussian process on a subset of the rows.
+# What a residual network has to beat: gradient boosting.
 
 
-SUBSET = 600
-"""Rows that the Gaussian process is fitted to, per joint."""
 Baseline = Callable[[np.ndarray], np.ndarray]
 """From normalised windows (n, M, taps, C) to torque [N m], (M, n)."""
 
@@ -564,25 +562,6 @@ def gradient_boosting(rows: ResidualRows, seed: int = 0) -> Baseline:
         ).fit(x, y)
         for x, y in zip(seen(rows, rows.windows), rows.target.T, strict=True)
     ]
-    return lambda windows: _torque(models, rows, windows)
-
-
-def gaussian_process(rows: ResidualRows, seed: int = 0) -> Baseline:
-    """A Gaussian process per joint, squared exponential of one length and white noise, on ``SUBSET`` rows at random."""
-    from sklearn.gaussian_process import GaussianProcessRegressor
-    from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
-
-    pick = np.random.default_rng(seed).permutation(len(rows.target))[:SUBSET]
-    models = []
-    for x, y in zip(seen(rows, rows.windows), rows.target.T, strict=True):
-        kernel = ConstantKernel(0.5) * RBF(4.0, (0.5, 50.0)) + WhiteKernel(
-            0.5, (1e-4, 10.0)
-        )
-        models.append(
-            GaussianProcessRegressor(kernel, n_restarts_optimizer=0).fit(
-                x[pick], y[pick]
-            )
-        )
     return lambda windows: _torque(models, rows, windows)
 
 
