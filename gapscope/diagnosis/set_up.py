@@ -11,6 +11,7 @@ import yaml
 
 from gapscope.arm.case import Case
 from gapscope.arm.display import effect_name
+from gapscope.arm.root_mean_square import rms
 from gapscope.diagnosis.document.wording import capital, listing, misread, much
 from gapscope.diagnosis.gap.plausible_data import check_moving
 from gapscope.diagnosis.setup_faults.detection import (
@@ -106,7 +107,7 @@ class SetUp:
         said = f"{capital(effect_name(fault.name))}{variant}, probability {fault.probability:.0%}"
         before, after = fault.gap_without_this, fault.gap_after
         if before is not None and after is not None:
-            read, right = (much(_rms(gap)) for gap in (before, after))
+            read, right = (much(float(rms(gap, None))) for gap in (before, after))
             if read != right:
                 said += (
                     f": the nominal arm is off by {read} of the torque as it is read, by {right} if that is put "
@@ -149,12 +150,8 @@ def look_at_set_up(case: Case, seen: Sequence[FoundFault] = ()) -> SetUp:
         n_joints=case.arm.n_joints,
         gravity=right.arm.gravity,
         shown=mounted.gravity,
-        off=None if gap is None else _rms(gap),
+        off=None if gap is None else float(rms(gap, None)),
     )
-
-
-def _rms(gap: np.ndarray) -> float:
-    return float(np.sqrt((gap**2).mean()))
 
 
 def _topic(fault: FoundFault) -> str:
