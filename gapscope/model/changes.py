@@ -556,7 +556,8 @@ def _by_torque(
         # what has no column about the moved arm, or cannot be beside the others, is none
         mine = {key: x for key, x in mine.items() if looked.candidate(*key) in fit.mine}
         moments = [looked.moments(fit, looked.candidate(*key)) for key in mine]
-        if step is not None and ask is not None:
+        whole_ones = [tuple(some) for some in looked.groups]
+        if step is not None and ask is not None and search.promises(fit, whole_ones):
             # what moves another load all along a recording looks like much else in its parts: whole ones first
             progress("asks whether the recordings share a state")
             between, ask = ask(), None

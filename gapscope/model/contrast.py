@@ -356,8 +356,8 @@ class Contrast:
     def _with_gap(self, j: int, one: Eliminated, gap: np.ndarray) -> Eliminated:
         """One motion of a joint with another gap, (M,)."""
         rows = one.cell.rows
-        noise = self.equations.shared_noise(j)[rows].sum(axis=0)
-        right = self.design.columns[j][rows].T @ gap[rows] - noise
+        right = self.design.columns[j][rows].T @ gap[rows]
+        self.equations.take_noise(j, rows, right)
         cell = replace(one.cell, right=right, power=float(gap[rows] @ gap[rows]))
         own = one.size * right[one.free] / self.error.noise2[j]
         return replace(one, cell=cell, right=forward(one.factor, own))
@@ -395,6 +395,7 @@ class Contrast:
         """
         shared, own = self.nuisance_values(self._solved)
         mine, out = shared + own[group], {}
+        tried = np.array([1.0, *growths])
         for j, motions in enumerate(self.motions):
             noise2, beta = self.error.noise2[j], mine[self.design.active[j]]
             for one in motions:
@@ -403,13 +404,9 @@ class Contrast:
                     continue
                 of_all = cell.root.T @ (cell.root @ beta)
                 left = (cell.right - of_all)[one.free] * one.size / noise2
-                before = _half_log(one.factor, forward(one.factor, left))
-                # L L^T = I + A
-                known = one.factor @ one.factor.T - np.eye(len(left))
-                for growth in growths:
-                    factor = lower(known * growth)
-                    right = forward(factor, left * np.sqrt(growth))
-                    out[j, cell.motion, growth] = _half_log(factor, right) - before
+                gains = _of_sizes(one.root_of_own, left, noise2, tried)
+                for growth, gain in zip(growths, gains[1:] - gains[0], strict=True):
+                    out[j, cell.motion, growth] = float(gain)
         return out
 
     def values_of(self, groups: Collection[int], held: np.ndarray) -> np.ndarray:
@@ -469,6 +466,26 @@ def _half_log(factor: np.ndarray, solved: np.ndarray) -> float:
     return float(solved @ solved) / 2 - float(np.log(np.diag(factor)).sum())
 
 
+def _of_sizes(
+    root: np.ndarray, right: np.ndarray, noise2: float, sizes2: np.ndarray
+) -> np.ndarray:
+    """Evidence of values of variances g, with X^T X / s^2 the information on them and b its right side, of every g.
+
+    As rows of X are few, 1/2 b^T (g^-1 I + X^T X / s^2)^-1 b = g/2 b^T b - g^2/2 (X b)^T (s^2 I + g X X^T)^-1 X b.
+
+    Args:
+        root: X, (r, k).
+        right: b, (k,).
+        noise2: s^2.
+        sizes2: the variances, (Z,).
+    """
+    of_rows = root @ right
+    covariance = sizes2[:, None, None] * (root @ root.T) / noise2 + np.eye(len(root))
+    solved = np.linalg.solve(covariance, of_rows[:, None])[:, :, 0] @ of_rows
+    explained = sizes2 * (right @ right) - sizes2**2 * solved / noise2
+    return np.asarray((explained - np.linalg.slogdet(covariance)[1]) / 2)
+
+
 @dataclass(frozen=True)
 class Answer:
     """Values of a set of candidates.
@@ -523,24 +540,35 @@ class OwnTerms:
         # the groups of each block of coordinates, one for each column
         self._blocks = [frozenset(some) for some in (*sets, every)]
         self._grams: dict[frozenset[int], np.ndarray] = {}
-        size = len(made.told)
-        of_terms = {
+        self._of_terms = {
             term: np.searchsorted(made.told, own) for term, own in made.places.items()
         }
-        self.places = {
-            Candidate(term, some): own + k * size
-            for k, some in enumerate(sets)
-            for term, own in of_terms.items()
-        }
-        for term, own in of_terms.items():
-            if term.parametrisation.nonlinear:
-                self.places[Candidate(term, None)] = own + len(sets) * size
+        self._number = {some: k for k, some in enumerate((*sets, None))}
+        self._replaced: dict[Candidate, np.ndarray] = {}
         self._members = [sorted(block) for block in self._blocks]
         of_groups = contrast.right[:, made.told] - contrast.taken_by_nuisances
         self.right = np.concatenate([of_groups[g].sum(axis=0) for g in self._members])
         self._further = contrast.beside(self._replacing()) if self._about else None
         if self._further is not None:
             self.right = np.concatenate([self.right, self._further.right])
+
+    @property
+    def candidates(self) -> Iterator[Candidate]:
+        """All that there are: terms of each set of groups, and those with a searched form of everybody."""
+        for term, some in itertools.product(self._of_terms, self._number):
+            if some is not None or term.parametrisation.nonlinear:
+                yield Candidate(term, some)
+
+    def has(self, term: Term) -> bool:
+        """Whether the rows show a term."""
+        return term in self._of_terms
+
+    def places(self, one: Candidate) -> np.ndarray:
+        """Places of the coordinates of a candidate, (linear,)."""
+        if one in self._replaced:
+            return self._replaced[one]
+        own = self._of_terms[one.term]
+        return own + self._number[one.groups] * len(self.design.told)
 
     def back(self, places: np.ndarray) -> np.ndarray:
         """L^-1 U times the products of coordinates with what is shared, (N, K)."""
@@ -562,7 +590,7 @@ class OwnTerms:
         count = len(self._blocks) * len(self.design.told)
         for one, columns in self._about.items():
             width = columns[0].shape[1]
-            self.places[one] = np.arange(count, count + width)
+            self._replaced[one] = np.arange(count, count + width)
             count += width
         joints = range(len(self.design.active))
         every = self._about.values()
@@ -642,19 +670,20 @@ class OwnTerms:
     ) -> np.ndarray:
         """Prior deviations of the coordinates of some candidates, of a size each."""
         own = [
-            self._widths(one.term, size) for one, size in zip(some, sizes, strict=True)
+            self._widths(one.term, np.array([size]))[0]
+            for one, size in zip(some, sizes, strict=True)
         ]
         return np.concatenate(own) if own else np.zeros(0)
 
-    def _widths(self, term: Term, size: float) -> np.ndarray:
-        """Prior deviations of a term's coordinates of a size, in torque, (linear,)."""
+    def _widths(self, term: Term, sizes: np.ndarray) -> np.ndarray:
+        """Prior deviations of a term's coordinates of each of Z sizes, in torque, (Z, linear)."""
         unit, fitted = self.design.units[term], term.parametrisation
-        widths = np.full(len(unit), size)
+        shares = np.ones(len(unit))
         if fitted.proportions is not None:
             torque = unit * np.array(fitted.proportions)
-            widths = size * torque / torque.max()
+            shares = torque / torque.max()
         # no arm has much more of an effect than is usual where it is one
-        return np.minimum(widths, LARGEST * fitted.usual * unit)
+        return np.minimum(sizes[:, None] * shares, LARGEST * fitted.usual * unit)
 
     def within(self, contrast: Contrast) -> OwnTerms:
         """The same columns in another contrast of the same groups, such as one without some motions."""
@@ -667,7 +696,7 @@ class OwnTerms:
         solved = self._contrast.solved
         for one, value in values.items():
             scaled = value * self.design.units[one.term]
-            solved = solved - self.back(self.places[one]) @ scaled
+            solved = solved - self.back(self.places(one)) @ scaled
         return self._contrast.nuisance_values(solved)
 
     def torque(self, values: Mapping[Candidate, np.ndarray]) -> np.ndarray:
@@ -686,7 +715,7 @@ class OwnTerms:
 
     def joined(self, some: Sequence[Candidate]) -> np.ndarray:
         """Places of the coordinates of some candidates."""
-        own = [self.places[one] for one in some]
+        own = [self.places(one) for one in some]
         return np.concatenate(own) if own else np.zeros(0, dtype=int)
 
     def products_beside(self, places: np.ndarray, cross: np.ndarray) -> np.ndarray:
@@ -733,7 +762,7 @@ class OwnTerms:
         scale = unit / np.concatenate([self.design.units[t.term] for t in terms])
         value = scale * (back @ solved)
         covariance = (back @ back.T) * scale[:, None] * scale
-        ends = np.cumsum([len(self.places[t]) for t in terms])
+        ends = np.cumsum([len(t.term.columns) for t in terms])
         parts = np.split(value, ends[:-1])
         return Answer(
             evidence, dict(zip(terms, parts, strict=True)), covariance, tuple(found)
@@ -754,33 +783,31 @@ class OwnTerms:
         known -= (len(terms) + 1) * float(np.log(len(SIZES)))
         by_width: dict[int, list[Candidate]] = {}
         for one in others:
-            by_width.setdefault(len(self.places[one]), []).append(one)
+            by_width.setdefault(len(one.term.columns), []).append(one)
         for some in by_width.values():
-            at = np.array([self.places[one] for one in some])
+            at = np.array([self.places(one) for one in some])
             x = forward(factor, unit[:, None] * self.products(places, at.ravel()))
             x = x.reshape(len(places), *at.shape)
             gram = self._alone(at) - np.einsum("smk,sml->mkl", x, x)
             right = self.right[at] - np.einsum("smk,s->mk", x, solved)
             each = self.alone([one.term for one in some], gram, right)
-            for one, (gain, value, deviation) in zip(some, each, strict=True):
+            for one, gain, value, deviation in zip(some, *each, strict=True):
                 yield one, known + gain, value, deviation
 
     def alone(
         self, terms: Sequence[Term], gram: np.ndarray, right: np.ndarray
-    ) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
-        """Each of m terms of k coordinates in its likeliest size: its evidence [nats], value and deviation.
+    ) -> tuple[list[float], np.ndarray, np.ndarray]:
+        """Each of m terms of k coordinates in its likeliest size: its evidence [nats], value and deviation, (m, k).
 
         Args:
             terms: the terms, (m,).
             gram, right: information on their coordinates beside all else, (m, k, k) and (m, k).
         """
-        widths = [[self._widths(term, size) for term in terms] for size in SIZES]
-        gains, values, deviations = _alone(gram, right, np.array(widths))
-        units = [self.design.units[term] for term in terms]
-        for gain, value, deviation, unit in zip(
-            gains.tolist(), values, deviations, units, strict=True
-        ):
-            yield gain, value / unit, deviation / unit
+        widths = {term: self._widths(term, SIZES) for term in set(terms)}
+        units = np.array([self.design.units[term] for term in terms])
+        every = np.stack([widths[term] for term in terms], axis=1)
+        gains, values, deviations = _alone(gram, right, every)
+        return gains.tolist(), values / units, deviations / units
 
 
 def _alone(

@@ -9,7 +9,14 @@ joined, each is asked again whether the others do without it, or with another in
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
+from collections.abc import (
+    Callable,
+    Collection,
+    Hashable,
+    Iterator,
+    Mapping,
+    Sequence,
+)
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
@@ -267,9 +274,16 @@ class Search:
 
     def _most_promising(self, fit: Fit) -> tuple[Candidate | None, float]:
         """The candidate of groups that promises most beside a hypothesis, if any does, and how much [nats]."""
-        proposed = [p for p in self._proposals(fit) if not p[1].everybody]
-        value, one = max(proposed, key=lambda p: p[0], default=(-np.inf, None))
+        value, one = next(self._proposals(fit), (-np.inf, None))
         return (one if value > fit.sharp else None), value - fit.sharp
+
+    def promises(self, fit: Fit, sets: Collection[tuple[int, ...]]) -> bool:
+        """Whether a candidate of one of some sets of groups promises to make a hypothesis better."""
+        return any(
+            one.groups in sets
+            for total, one in self._proposals(fit)
+            if total > fit.sharp
+        )
 
     def _with_larger_error(self, fit: Fit) -> Fit:
         """The hypothesis with more form error wherever that promises to explain more than it costs."""
@@ -593,8 +607,7 @@ class Search:
     def _with_everybody(self, fit: Fit) -> Fit:
         """The hypothesis with what everybody has: it moves no linearisation."""
         while True:
-            proposed = [p for p in self._proposals(fit) if p[1].everybody]
-            value, one = max(proposed, key=lambda p: p[0], default=(-np.inf, None))
+            value, one = next(self._proposals(fit, everybody=True), (-np.inf, None))
             if one is None or value <= fit.sharp:
                 return fit
             larger = self._weighed(fit.contrast, fit.own, (*fit.chosen, one), fit.grown)
@@ -603,24 +616,37 @@ class Search:
                 return fit
             fit = larger
 
-    def _proposals(self, fit: Fit) -> list[tuple[float, Candidate]]:
-        """Each further candidate whose values can be, with about the total of the hypothesis with it."""
+    def _proposals(
+        self, fit: Fit, *, everybody: bool = False
+    ) -> Iterator[tuple[float, Candidate]]:
+        """About the total of the hypothesis with each further candidate whose values can be, the best one first.
+
+        Args:
+            fit: the hypothesis.
+            everybody: whether the candidates are of everybody, and not of groups.
+        """
         weigh = self._weigher(fit.own)
         others = [
             one
-            for one in fit.own.places
-            if one not in fit.chosen
-            and (one.everybody or self._may_differ(one.term))
+            for one in fit.own.candidates
+            if one.everybody == everybody
+            and one not in fit.chosen
+            and (everybody or self._may_differ(one.term))
             and not self._is_said(one, fit)
         ]
         fixed = fit.contrast.evidence + len(fit.grown) * np.log(UNKNOWN)
-        return [
-            (fixed + evidence + weigh.odds([*fit.chosen, one]), one)
+        # the same for all groups that may have a term
+        each_term = {one.term: one for one in others}
+        odds = {t: weigh.odds([*fit.chosen, one]) for t, one in each_term.items()}
+        each = [
+            (fixed + evidence + odds[one.term], one, value, std)
             for one, evidence, value, std in fit.own.additions(
                 fit.chosen, fit.answer.sizes, others
             )
-            if weigh.within(one.term, value, std)
         ]
+        for total, one, value, std in sorted(each, key=lambda e: -e[0]):
+            if weigh.within(one.term, value, std):
+                yield total, one
 
     def _is_said(self, one: Candidate, fit: Fit) -> bool:
         """Whether a hypothesis has the same body by another name: what the last link carries, or that link."""
@@ -646,8 +672,7 @@ class Search:
 
     def _larger(self, fit: Fit) -> Fit | None:
         """The best hypothesis with one more term of the group; ``None`` if none is better."""
-        proposed = [p for p in self._proposals(fit) if not p[1].everybody]
-        proposed.sort(key=lambda p: -p[0])
+        proposed = list(itertools.islice(self._proposals(fit), LOOKED_AT))
         better = [p for p in proposed[:REFITTED] if p[0] > fit.sharp]
         fitted = [
             self._fit((*fit.chosen, one), fit.values, fit.grown) for _, one in better
@@ -660,7 +685,7 @@ class Search:
             # a hypothesis whose values are out of bounds has no evidence of either kind
             if np.isfinite(best.sharp):
                 shift = min(shift, best.total - best.sharp)
-        for value, one in proposed[len(better) : LOOKED_AT]:
+        for value, one in proposed[len(better) :]:
             some = frozenset([*fit.mine, one])
             least = self._totals.get(some, -np.inf)
             self._totals[some] = max(value + shift, least)

@@ -88,19 +88,17 @@ class Equations:
         ]
         made = cls(design, cells, noise2)
         for j, own in enumerate(cells):
-            noise = made.shared_noise(j)
             for cell in own:
-                cell.right[:] -= noise[cell.rows].sum(axis=0)
+                made.take_noise(j, cell.rows, cell.right)
         return made
 
-    def shared_noise(self, j: int) -> np.ndarray:
-        """What columns made of the recorded torque have in common with the gap by its noise, in each row, (M, p)."""
-        out = np.zeros(self.design.columns[j].shape)
-        if self.noise2 is not None:
-            for (joint, place), passed in self.design.noisy.items():
-                if joint == j:
-                    out[:, place] = self.noise2[j] * passed
-        return out
+    def take_noise(self, j: int, rows: np.ndarray, right: np.ndarray) -> None:
+        """Take from a right side what columns made of the recorded torque have in common with the gap by its noise."""
+        if self.noise2 is None:
+            return
+        for (joint, place), passed in self.design.noisy.items():
+            if joint == j:
+                right[place] -= self.noise2[j] * passed[rows].sum()
 
 
 def _cell(
@@ -179,6 +177,12 @@ class Eliminated:
     cross: np.ndarray
     right: np.ndarray
     noise2: float
+
+    @property
+    def root_of_own(self) -> np.ndarray:
+        """Rows with the products of the columns of its own, in units of their deviations, (min(r, k), k)."""
+        own = self.cell.root[:, self.free] * self.size
+        return np.linalg.qr(own, mode="r") if len(own) > len(self.free) else own
 
     @property
     def information(self) -> np.ndarray:

@@ -54,7 +54,8 @@ def detectable(found: Difference, group: int) -> Iterator[Detectable]:
     inner = own.products(places, places) * unit[:, None] * unit
     back = np.linalg.inv(inner + np.eye(len(places))) * unit[:, None] * unit
     known = weigher.odds(fit.chosen)
-    for one, mine in own.places.items():
+    for one in own.candidates:
+        mine = own.places(one)
         # a limit has no size: it is there or not
         if one.groups != (group,) or one in fit.chosen or one.term.definition.limits:
             continue

@@ -85,7 +85,7 @@ class Scanner:
             fitted = term.parametrisation
             if not fitted.nonlinear or (only is not None and term not in only):
                 continue
-            others = [one for one in chosen if one.term != term and one in own.places]
+            others = [one for one in chosen if one.term != term and own.has(one.term)]
             if isinstance(term.definition, External):
                 window = self._window(term, contrast, own, others)
                 if window is not None:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
 from gapscope.arm.nominal import smooth_sign
 from gapscope.arm.recording import Recording
@@ -272,9 +273,8 @@ def _first_passed(state: np.ndarray, segment: np.ndarray) -> np.ndarray:
                 continue
             near = np.hypot(reach, step[piece] / 2)
             # a tree that looks no farther is several times as fast
-            distance, place = cKDTree(state[new]).query(
-                state[piece], distance_upper_bound=1.001 * near.max(initial=0.0)
-            )
+            most = 1.001 * near.max(initial=0.0)
+            distance, place = _nearest(state[new], state[piece], most)
             near = distance <= near
             first[piece[near]] = new[place[near]]
             new = np.concatenate([new, piece[~near]])
@@ -282,9 +282,21 @@ def _first_passed(state: np.ndarray, segment: np.ndarray) -> np.ndarray:
         rest = new[begin:]
         if begin and len(rest) <= (1.0 - SAME_SHARE) * len(own):
             new = new[:begin]
-            first[rest] = new[cKDTree(state[new]).query(state[rest])[1]]
+            first[rest] = new[_nearest(state[new], state[rest], np.inf)[1]]
             first[own] = first[first[own]]
     return first
+
+
+def _nearest(
+    among: np.ndarray, states: np.ndarray, most: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Distance to the nearest of some states, and which it is; one farther than ``most`` need not be found."""
+    # of few states a table is faster than a tree
+    if len(among) <= LOOKS:
+        distance = cdist(states, among)
+        return distance.min(axis=1), distance.argmin(axis=1)
+    distance, place = cKDTree(among).query(states, distance_upper_bound=most)
+    return distance, place
 
 
 def listed_once(recordings: Sequence[Recording]) -> list[Recording]:

@@ -34,10 +34,19 @@ class Term:
         """The catalogue's record of its effect."""
         return by_name(self.effect)
 
-    @property
+    @cached_property
     def parametrisation(self) -> Parametrisation:
         """How its effect is fitted."""
         return self.definition.fitted
+
+    def __hash__(self) -> int:
+        """By its place, once: searches look terms up a hundred thousand times."""
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        # of numbers alone, since that of a text differs in the next process
+        return hash((self.joint, self.columns))
 
     @property
     def is_load(self) -> bool:
@@ -69,6 +78,14 @@ class Candidate:
 
     term: Term
     groups: tuple[int, ...] | None
+
+    def __hash__(self) -> int:
+        """Made once, as that of its term."""
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        return hash((self.term, self.groups or ()))
 
     @property
     def everybody(self) -> bool:
