@@ -182,7 +182,7 @@ class Eliminated:
     def root_of_own(self) -> np.ndarray:
         """Rows with the products of the columns of its own, in units of their deviations, (min(r, k), k)."""
         own = self.cell.root[:, self.free] * self.size
-        return np.linalg.qr(own, mode="r") if len(own) > len(self.free) else own
+        return own if len(own) <= len(self.free) else np.asarray(np.linalg.qr(own, "r"))
 
     @property
     def information(self) -> np.ndarray:
