@@ -705,9 +705,7 @@ class _Document:
 
     def _expected(self) -> list[dict[str, Any]]:
         """How large further effects would have to be for these recordings to show them."""
-        found = self._comparison.difference
-        shapes = {term: searched.values for term, searched in found.found.items()}
-        return expected_entries(detectable(found, CASE), shapes)
+        return expected_entries(detectable(self._comparison.difference, CASE))
 
     def _sheet_deviations(self) -> dict[str, np.ndarray]:
         """Standard deviations of what was identified of the data sheet, (n,) each."""

@@ -37,11 +37,13 @@ class Detectable:
         term: the term.
         half: named with a probability of 0.5.
         most: named with a probability of 0.9.
+        shape: its nonlinear parameters, if it has some.
     """
 
     term: Term
     half: float
     most: float
+    shape: tuple[float, ...] = ()
 
 
 def detectable(found: Difference, group: int) -> Iterator[Detectable]:
@@ -66,8 +68,10 @@ def detectable(found: Difference, group: int) -> Iterator[Detectable]:
             min(_size(information, width, odds, p) for width in widths)
             for p in (HALF, MOST)
         ]
-        scale = own.design.units[one.term][0]
-        yield Detectable(one.term, *(float(size / scale) for size in sizes))
+        half, most = np.array(sizes) / own.design.units[one.term][0]
+        searched = found.found.get(one.term)
+        shape = searched.values if searched else ()
+        yield Detectable(one.term, float(half), float(most), tuple(shape))
 
 
 def _size(

@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
 from gapscope.model.expected import Detectable
-from gapscope.model.terms import Term
 
 
-def expected_entries(
-    found: Iterable[Detectable], shapes: Mapping[Term, tuple[float, ...]]
-) -> list[dict[str, Any]]:
-    """``expected`` of a document.
-
-    Args:
-        found: sizes of the first coordinate of each term.
-        shapes: nonlinear parameters of terms that have some.
-    """
+def expected_entries(found: Iterable[Detectable]) -> list[dict[str, Any]]:
+    """``expected`` of a document."""
     entries = []
     for one in found:
         fitted, term = one.term.parametrisation, one.term
         apart = ("link", *fitted.nonlinear)
         parameter = next(p for p in term.definition.parameters if p.name not in apart)
-        shape = np.array(shapes.get(term, ())).reshape(-1, 1)
+        shape = np.array(one.shape).reshape(-1, 1)
         low, high = parameter.bounds
         values: list[float | None] = []
         for size in (one.half, one.most):

@@ -13,17 +13,22 @@ folds, so that the size named with probability p lies Phi^-1(p) s above that nam
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 
 import numpy as np
 from scipy.stats import norm
 
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import Recording
+from gapscope.diagnosis.gap.plausible_data import folds_of
 from gapscope.diagnosis.model.normal_equations import NormalEquations
-from gapscope.diagnosis.selection.evidence import Evidence, columns_of
-from gapscope.diagnosis.selection.fitted_model import clashes
-from gapscope.diagnosis.selection.search import Selection
+from gapscope.diagnosis.selection.evidence import Evidence, columns_of, expecting
+from gapscope.diagnosis.selection.fitted_model import clashes, nominal_model
+from gapscope.diagnosis.selection.search import Selection, searched_folds
 from gapscope.diagnosis.thresholds import MOVE_GAIN, VISIBLE_EFFECT
+from gapscope.model.conditioning import TORQUE_CUTOFF, condition, position_cutoff
 from gapscope.model.expected import LARGEST, MOST, Detectable, rising_root
 from gapscope.model.terms import Term
 
@@ -139,7 +144,10 @@ class _Asked:
         )
         least = float(evidence.lowest[self._own[0]])
         half = max(rising_root(gain, largest), min(seen), least)
-        return Detectable(self._term, half, half + float(norm.ppf(MOST)) * self.std)
+        most = half + float(norm.ppf(MOST)) * self.std
+        return Detectable(
+            self._term, half, most, evidence.terms.shapes.get(self._term, ())
+        )
 
     def _missed(self, gram: np.ndarray) -> np.ndarray:
         """What a model with it misses as its coordinates are not known exactly, (F, m)."""
@@ -165,3 +173,27 @@ def shown(selection: Selection) -> Iterator[Detectable]:
     plain = evidence.held_out_mse(fit.terms, corrected=False)
     left2 = (plain, fit.held_out_mse)
     return detectable(evidence, fit.terms, fit.scored_mse, left2, selection.scale)
+
+
+def could_show(
+    arm: NominalArm, recordings: Iterable[Recording]
+) -> Iterator[Detectable]:
+    """The same of recordings that nobody has searched, or that are only planned: beside what a healthy arm leaves.
+
+    What could be left is learnt from the recordings, all effects fitted at once.
+
+    Args:
+        arm: the nominal arm.
+        recordings: with a torque, if only that of the nominal arm; others are left out.
+
+    Raises:
+        InputError: a recording has no stretch without gaps that is long enough.
+    """
+    used = [one for one in recordings if one.tau is not None]
+    folds = searched_folds(folds_of([condition(one) for one in used]))
+    cutoff = min(TORQUE_CUTOFF, position_cutoff(used))
+    model = nominal_model(arm, RigidBody(arm), folds, cutoff)
+    evidence = expecting(model.linear)
+    left2 = (evidence.expected2, evidence.expected2)
+    scored2, deviation = evidence.scored.expected2, model.data.torque_deviation
+    return detectable(evidence, frozenset(), scored2, left2, deviation)

@@ -533,6 +533,13 @@ def evidences(
     return tuple(sorted([best, *others], key=score, reverse=True))
 
 
+def expecting(linearisation: Linearisation) -> Evidence:
+    """The evidence where a model leaves what is expected of a healthy arm, whatever the recordings hold."""
+    torque, scored = _equations(linearisation)
+    level = list(linearisation.data.prior.levels)[1]
+    return Evidence(linearisation, scored.expected2, level, torque, scored)
+
+
 def _equations(
     linearisation: Linearisation,
 ) -> tuple[FoldEquations, FoldEquations]:
