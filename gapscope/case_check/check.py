@@ -626,7 +626,7 @@ def check_case(
 
 
 def _could_show(
-    case: Case, faults: Sequence[FoundFault], remarks: list[Remark]
+    case: Case, faults: tuple[FoundFault, ...], remarks: list[Remark]
 ) -> list[dict[str, Any]]:
     """Sizes at which effects would be named, what is misread put right, and a remark on what no size shows."""
     case = repaired(case, faults)

@@ -41,7 +41,9 @@ TITLE = "named in nine cases of ten from this size on (in half of them)"
 
 def expected_table(entries: Iterable[Mapping[str, Any]], n_joints: int) -> Table:
     """The same on the terminal."""
-    rows = [[Text(name), *texts] for name, texts in expected_rows(entries, n_joints)]
+    rows: list[list[str | Text]] = [
+        [Text(name), *texts] for name, texts in expected_rows(entries, n_joints)
+    ]
     heads = ["effect", *(str(j + 1) for j in range(n_joints))]
     return terminal_table(
         heads,

@@ -6,8 +6,32 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
+from gapscope.arm.known_load import KnownLoad
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import Recording
+from gapscope.diagnosis.selection.detectable import could_show
+from gapscope.ident.excitation.design import Excitation
 from gapscope.model.expected import Detectable
+
+
+def planned_entries(
+    arm: NominalArm, planned: Excitation, payload: KnownLoad | None = None
+) -> list[dict[str, Any]]:
+    """``expected`` of a motion that is only planned, of an arm that leaves no more than a healthy one of its kind.
+
+    Args:
+        arm: the nominal arm.
+        planned: the motion with its nominal torque.
+        payload: that it is made with, or ``None``.
+    """
+    motion = planned.motion
+    recording = Recording(
+        "planned", motion.t, motion.q, planned.torque, payload=payload
+    )
+    with threadpool_limits(1):
+        return expected_entries(could_show(arm, [recording]))
 
 
 def expected_entries(found: Iterable[Detectable]) -> list[dict[str, Any]]:

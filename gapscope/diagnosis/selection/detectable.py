@@ -118,8 +118,9 @@ class _Asked:
         evidence, rows = self._evidence, self._evidence.rows
         share = rows / rows.sum(axis=0) / deviation**2
         column2 = float((self.plain[..., 0, 0] * share).sum(axis=0).max())
+        shape = evidence.terms.shapes.get(self._term, ())
         if not column2 > 0:
-            return Detectable(self._term, np.inf, np.inf)
+            return Detectable(self._term, np.inf, np.inf, shape)
         largest = LARGEST / float(np.sqrt(column2))
         expected2 = scored2 + evidence.scored.expected2
         spent = np.log1p(self._missed(self.scored) / expected2)
@@ -145,9 +146,7 @@ class _Asked:
         least = float(evidence.lowest[self._own[0]])
         half = max(rising_root(gain, largest), min(seen), least)
         most = half + float(norm.ppf(MOST)) * self.std
-        return Detectable(
-            self._term, half, most, evidence.terms.shapes.get(self._term, ())
-        )
+        return Detectable(self._term, half, most, shape)
 
     def _missed(self, gram: np.ndarray) -> np.ndarray:
         """What a model with it misses as its coordinates are not known exactly, (F, m)."""
