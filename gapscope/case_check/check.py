@@ -10,16 +10,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case, load_case
+from gapscope.arm.display import effect_name
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError, ModelWarning
 from gapscope.arm.io.json_file import plain
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import CHANNELS, STILL, Recording, resting
-from gapscope.diagnosis.set_up import Remark, look_at_set_up, numbers
-from gapscope.diagnosis.setup_faults.found_fault import FoundFault
+from gapscope.diagnosis.document.expected import expected_entries
+from gapscope.diagnosis.selection.detectable import could_show
+from gapscope.diagnosis.set_up import Remark, SetUp, look_at_set_up, numbers
+from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
 from gapscope.diagnosis.study import with_torque
 from gapscope.ident.model.base_parameters import random_states, structural_base
 from gapscope.ident.model.linear_problem import FrictionLaw, ModelColumns
@@ -573,11 +577,13 @@ class CaseCheck:
         case: the case; ``None`` if it cannot be read.
         remarks: in the order of the checks.
         motions: how the joints move; ``None`` if that cannot be told.
+        expected: how large effects have to be for the recordings to show them, as ``diagnosis.json`` has it.
     """
 
     case: Case | None
     remarks: tuple[Remark, ...]
     motions: JointMotions | None = None
+    expected: tuple[dict[str, Any], ...] = ()
 
     @property
     def can_be_diagnosed(self) -> bool:
@@ -609,15 +615,44 @@ def check_case(
     try:
         case, references = with_torque(case)
         progress("looks at the motion and the torque")
-        motions = _of_signals(case, references, remarks)
+        look = look_at_set_up(case, references)
+        motions = _of_signals(case, look, remarks)
     except GapscopeError as error:
         remarks.append(_as_remark(error, "torque"))
-        motions = None
-    return CaseCheck(case, tuple(remarks), motions)
+        return CaseCheck(case, tuple(remarks))
+    progress("asks what the recordings could show")
+    expected = _could_show(case, look.faults, remarks)
+    return CaseCheck(case, tuple(remarks), motions, tuple(expected))
+
+
+def _could_show(
+    case: Case, faults: tuple[FoundFault, ...], remarks: list[Remark]
+) -> list[dict[str, Any]]:
+    """Sizes at which effects would be named, what is misread put right, and a remark on what no size shows."""
+    case = repaired(case, faults)
+    try:
+        with threadpool_limits(1):
+            entries = expected_entries(could_show(case.arm, case.recordings))
+    except GapscopeError as error:
+        remarks.append(_as_remark(error, "excitation"))
+        return []
+    never: dict[str, list[int]] = {}
+    for entry in entries:
+        if entry["half"] is None:
+            never.setdefault(effect_name(entry["effect"]), []).extend(entry["joints"])
+    if never:
+        what = "; ".join(
+            f"{name} of {numbers(joints)}" if joints else name
+            for name, joints in never.items()
+        )
+        remarks.append(
+            Remark("ok", "excitation", "", f"would not be named at any size: {what}")
+        )
+    return entries
 
 
 def _of_signals(
-    case: Case, references: Sequence[FoundFault], remarks: list[Remark]
+    case: Case, look: SetUp, remarks: list[Remark]
 ) -> JointMotions:
     """Add remarks on the motion, the torque and the nominal arm of a case with torque; how the joints move."""
     columns = ModelColumns(case.arm)
@@ -625,7 +660,7 @@ def _of_signals(
     segments = list(_segments(case, cutoff))
     motions = joint_motions(columns, case.recordings, segments)
     remarks += check_ranges(case, columns.body)
-    remarks += look_at_set_up(case, references).remarks()
+    remarks += look.remarks()
     remarks += _limits(case)
     remarks += check_motion(motions)
     remarks += check_nominal(case, columns.body)
@@ -682,6 +717,7 @@ def document(check: CaseCheck) -> dict[str, Any]:
         "recordings": [],
         "joints": [],
         "excited": None if check.motions is None else check.motions.excited,
+        "expected": list(check.expected),
     }
     if case is not None:
         content["recordings"] = [

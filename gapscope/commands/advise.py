@@ -82,9 +82,11 @@ def advise(
     """Design the recording that separates what is still confounded."""
     from gapscope.arm.io.atomic_write import make_folder
     from gapscope.commands.search_progress import SearchProgress
+    from gapscope.diagnosis.document.expected import planned_entries
     from gapscope.diagnosis.next_recording import AdviceRequest, lines
     from gapscope.diagnosis.next_recording import advise as advise_case
     from gapscope.ident.excitation.design import LimitPlan
+    from gapscope.reports.expected import expected_table
     from gapscope.reports.trajectory import (
         check_csv,
         margin_lines,
@@ -110,6 +112,9 @@ def advise(
     if advice.excitation is not None:
         console.print(margin_table(advice.excitation))
         say(*margin_lines(advice.excitation))
+        load = advice.option.payload if advice.option else None
+        expected = planned_entries(loaded.arm, advice.excitation, load)
+        console.print(expected_table(expected, loaded.arm.n_joints))
     say(*lines(advice, document))
     wrote(*paths)
 

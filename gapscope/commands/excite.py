@@ -77,6 +77,7 @@ def excite(
     from gapscope.ident.excitation.design import ExcitationPlan, LimitPlan
     from gapscope.ident.excitation.trajectory_search import Budget
     from gapscope.interface.excite import excite as excite_arm
+    from gapscope.reports.expected import expected_table
     from gapscope.reports.trajectory import (
         check_csv,
         margin_lines,
@@ -104,5 +105,6 @@ def excite(
         paths = result.write(out)
     found = result.excitation
     console.print(margin_table(found))
+    console.print(expected_table(result.expected(), result.arm.n_joints))
     say(*margin_lines(found), *summary(found, plan))
     wrote(*paths)

@@ -17,6 +17,7 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm, arm_entry
 from gapscope.diagnosis.assessment.confidence import NONE, Alternative
 from gapscope.diagnosis.document.diagnosis_json import nominal_friction, recording_entry
+from gapscope.diagnosis.document.expected import expected_entries
 from gapscope.diagnosis.document.findings import (
     LISTED_ALTERNATIVE,
     GapStages,
@@ -60,7 +61,6 @@ from gapscope.effects.applied import AppliedEffect, State
 from gapscope.effects.catalogue import known_effect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import LinkChange
-from gapscope.effects.parameter import Parameter
 from gapscope.model.change_findings import change_findings
 from gapscope.model.conditioning import TORQUE_CUTOFF
 from gapscope.model.contrast import Answer
@@ -705,38 +705,7 @@ class _Document:
 
     def _expected(self) -> list[dict[str, Any]]:
         """How large further effects would have to be for these recordings to show them."""
-        entries = []
-        for one in detectable(self._comparison.difference, CASE):
-            term = one.candidate.term
-            parameter, half = self._size_of(term, one.half)
-            _, most = self._size_of(term, one.most)
-            entries.append(
-                {
-                    "effect": term.effect,
-                    "joints": [term.joint] if term.joint else [],
-                    "parameter": parameter.name,
-                    "unit": parameter.unit,
-                    "half": half,
-                    "nine_of_ten": most,
-                }
-            )
-        return entries
-
-    def _size_of(self, term: Term, size: float) -> tuple[Parameter, float | None]:
-        """The parameter that stands for the size of an effect, and its value at one; ``None`` if none is enough."""
-        fitted = term.parametrisation
-        apart = ("link", *fitted.nonlinear)
-        parameter = next(p for p in term.definition.parameters if p.name not in apart)
-        if not np.isfinite(size):
-            return parameter, None
-        coordinates = np.zeros((fitted.linear, 1))
-        coordinates[0] = size
-        searched = self._comparison.difference.found.get(term)
-        shape = np.array(searched.values if searched else ()).reshape(-1, 1)
-        value = float(np.ravel(fitted.values(coordinates, shape)[parameter.name])[0])
-        low, high = parameter.bounds
-        # what cannot be is never named
-        return parameter, value if low <= value <= high else None
+        return expected_entries(detectable(self._comparison.difference, CASE))
 
     def _sheet_deviations(self) -> dict[str, np.ndarray]:
         """Standard deviations of what was identified of the data sheet, (n,) each."""

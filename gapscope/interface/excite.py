@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,6 +13,7 @@ import pandas as pd
 from gapscope.arm.case import Case
 from gapscope.arm.io.atomic_write import make_folder
 from gapscope.arm.nominal import NominalArm
+from gapscope.diagnosis.document.expected import planned_entries
 from gapscope.ident.excitation.design import (
     Excitation,
     ExcitationPlan,
@@ -55,6 +57,10 @@ class ExcitationResult(Result):
     def shown(self) -> str:
         """Condition number, duration and effort of the search."""
         return "\n".join(summary(self.excitation, self.plan))
+
+    def expected(self) -> list[dict[str, Any]]:
+        """How large an effect would have to be for a recording of the motion to show it, as in ``diagnosis.json``."""
+        return planned_entries(self.arm, self.excitation)
 
     def to_frame(self) -> pd.DataFrame:
         """The columns t, q1.., dq1.., ddq1.., tau1.. (nominal torque)."""

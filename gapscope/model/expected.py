@@ -12,7 +12,7 @@ which the mean is Phi^-1(p) deviations above 0.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +21,7 @@ from scipy.stats import norm
 
 from gapscope.model.contrast import SIZES
 from gapscope.model.difference import Difference, Weigher
-from gapscope.model.terms import Candidate
+from gapscope.model.terms import Term
 
 HALF, MOST = 0.5, 0.9
 """Probabilities of being named for which sizes are given. (definition)"""
@@ -34,14 +34,16 @@ class Detectable:
     """Sizes of a term's first coordinate at which it would be named.
 
     Attributes:
-        candidate: the term, in its group.
+        term: the term.
         half: named with a probability of 0.5.
         most: named with a probability of 0.9.
+        shape: its nonlinear parameters, if it has some.
     """
 
-    candidate: Candidate
+    term: Term
     half: float
     most: float
+    shape: tuple[float, ...] = ()
 
 
 def detectable(found: Difference, group: int) -> Iterator[Detectable]:
@@ -67,8 +69,10 @@ def detectable(found: Difference, group: int) -> Iterator[Detectable]:
             min(_size(information, width, odds, p) for width in widths)
             for p in (HALF, MOST)
         ]
-        scale = own.design.units[one.term][0]
-        yield Detectable(one, *(float(size / scale) for size in sizes))
+        half, most = np.array(sizes) / own.design.units[one.term][0]
+        searched = found.found.get(one.term)
+        shape = searched.values if searched else ()
+        yield Detectable(one.term, float(half), float(most), tuple(shape))
 
 
 def _size(
@@ -93,6 +97,13 @@ def _size(
         mean = slope * size**2 / 2 + charge
         return float(mean - deviations * np.sqrt(spread * size**2 + scatter))
 
-    if slope <= 0 or above(LARGEST) < 0:
+    return rising_root(above, LARGEST) if slope > 0 else float(np.inf)
+
+
+def rising_root(above: Callable[[float], float], largest: float) -> float:
+    """Where a rising function crosses zero; infinite if beyond the largest size."""
+    if above(largest) < 0:
         return float(np.inf)
-    return float(brentq(above, 0.0, LARGEST)) if above(0.0) < 0 else 0.0
+    if above(0.0) >= 0:
+        return 0.0
+    return float(brentq(above, 0.0, largest, xtol=1e-6 * largest))

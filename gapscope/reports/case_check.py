@@ -9,6 +9,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
+from gapscope.reports.expected import expected_table
 from gapscope.reports.pages import terminal_table
 
 STYLES = {"ok": "green", "warn": "yellow", "error": "bold red"}
@@ -40,6 +41,8 @@ def summary(content: dict[str, Any]) -> Group:
     parts: list[Any] = [table]
     if content["excited"] is not None:
         parts += [Text(""), _joints(content)]
+    if content["expected"]:
+        parts += [Text(""), expected_table(content["expected"], len(content["joints"]))]
     name = content["case"] or "the case"
     word = "can be diagnosed" if content["can_be_diagnosed"] else "cannot be diagnosed"
     if any(one["level"] == "warn" and one["topic"] == "torque" for one in remarks):

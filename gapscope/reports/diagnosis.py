@@ -68,6 +68,7 @@ from gapscope.ident.identification_json import write_case_beside
 from gapscope.model.change_findings import change_text
 from gapscope.reports import compared_units as units_words
 from gapscope.reports.compared_units import ADDING
+from gapscope.reports.expected import expected_rows
 from gapscope.reports.pages import write_html
 
 # A diagnosis as a page and on the terminal.
@@ -743,23 +744,7 @@ def against(diagnosis: Diagnosis) -> dict[str, Any] | None:
             _with_joints(e["effect"], e["joints"]) for e in content["inherent"]
         ],
         "lacking": _lacking(content),
-        "expected": _expected(content, len(joint_names(diagnosis.document))),
     }
-
-
-def _expected(content: Mapping[str, Any], n_joints: int) -> list[tuple[str, list[str]]]:
-    """How large an effect would have to be to be named in nine cases of ten: name and unit, then a text per joint."""
-    rows: dict[str, list[str]] = {}
-    for entry in content.get("expected", ()):
-        factor, unit = display_unit(entry["unit"], 1.0)
-        unit = "" if entry["unit"] == "1" else f" [{unit}]"
-        name = f"{effect_name(entry['effect'])}, {entry['parameter'].replace('_', ' ')}{unit}"
-        texts = rows.setdefault(name, [""] * n_joints)
-        value = entry["nine_of_ten"]
-        text = MISSING if value is None else significant(factor * value, 2)
-        for joint in entry["joints"] or [1]:
-            texts[joint - 1] = text
-    return list(rows.items())
 
 
 def _lacking(content: Mapping[str, Any]) -> str:
@@ -1001,6 +986,14 @@ def inputs(diagnosis: Diagnosis) -> dict[str, Any]:
     }
 
 
+def expected(diagnosis: Diagnosis) -> dict[str, Any]:
+    """How large further effects, or changes, would have had to be to be named; an older document says nothing."""
+    document = diagnosis.document
+    entries = (document.get("against") or document).get("expected", ())
+    count = len(joint_names(document))
+    return {"rows": expected_rows(entries, count), "joints": count}
+
+
 SECTIONS: tuple[Callable[[Diagnosis], dict[str, Any] | None], ...] = (
     heading,
     where,
@@ -1009,6 +1002,7 @@ SECTIONS: tuple[Callable[[Diagnosis], dict[str, Any] | None], ...] = (
     left_over,
     inputs,
     against,
+    expected,
 )
 
 

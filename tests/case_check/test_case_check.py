@@ -39,6 +39,8 @@ def test_nothing_is_wrong_with_a_good_case(make_case: Make) -> None:
     topics = {remark.topic for remark in check.remarks}
     assert {"torque", "excitation", "controller", "data sheet", "model"} <= topics
     assert check.motions is not None and check.motions.silent == ()
+    sizes = {(e["effect"], *e["joints"]): e["half"] for e in check.expected}
+    assert 0 < sizes["viscous_friction", 1] < 10
 
 
 @pytest.mark.parametrize(

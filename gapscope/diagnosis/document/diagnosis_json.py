@@ -19,6 +19,7 @@ from gapscope.arm.recording import Recording
 from gapscope.diagnosis.assessment.held_out_prediction import Rejection
 from gapscope.diagnosis.assessment.predictable_share import Predictable, predictable
 from gapscope.diagnosis.assessment.sensor_sides import sides_entry
+from gapscope.diagnosis.document.expected import expected_entries
 from gapscope.diagnosis.document.findings import (
     GapStages,
     effect_findings,
@@ -36,6 +37,7 @@ from gapscope.diagnosis.document.wording import misread, verdict, with_slide_uni
 from gapscope.diagnosis.gap.commanded_torque import WARNING
 from gapscope.diagnosis.gap.plausible_data import short_note, still_note
 from gapscope.diagnosis.locate import MotionRows, located, stack
+from gapscope.diagnosis.selection.detectable import shown
 from gapscope.diagnosis.selection.evidence import Fit
 from gapscope.diagnosis.selection.search import Selection
 from gapscope.diagnosis.setup_faults.detection import upright
@@ -429,6 +431,7 @@ def diagnosis_content(study: Study) -> dict[str, Any]:
             first,
         ),
         "where": _where_before(study, rows, gap),
+        "expected": expected_entries(shown(study.selection)),
     }
     if study.sensor_sides is not None:
         content["sides"] = sides_entry(study.sensor_sides, effects)

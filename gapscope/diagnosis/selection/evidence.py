@@ -254,6 +254,7 @@ class Evidence:
         prior: precision of the nuisances, in their units, (K, K).
         lowest: lowest value that each coordinate may have, (P,).
         bounds: value at which each coordinate stops, (P,).
+        together, without_fold: normal equations of all folds, and of all but each.
     """
 
     def __init__(
@@ -276,7 +277,7 @@ class Evidence:
         self._loads = frozenset(t for t in self.terms.all if t.is_load)
         self._last_link = {t for t in self.terms.all if t.changes_link(last)}
         self._usual = usual_sizes(linearisation.data.arm, self.terms)
-        self._all, self._without_fold = scored.normals(
+        self.together, self.without_fold = scored.normals(
             self.weights, self.terms.size, self.prior, self.bounds
         )
         self._log_det = self._occam_factor()
@@ -324,9 +325,9 @@ class Evidence:
         scored_mse = held_out_mse
         if self.sensed:
             scored_mse = self.scored.mean_square(
-                self._without_fold, columns, corrected=True
+                self.without_fold, columns, corrected=True
             )
-        return self._fit(terms, self._all.solve(columns), held_out_mse, scored_mse)
+        return self._fit(terms, self.together.solve(columns), held_out_mse, scored_mse)
 
     def fits(self, sets: Sequence[frozenset[Term]]) -> list[Fit]:
         """Fits of many sets of terms, at a fraction of what each costs alone."""
@@ -343,9 +344,9 @@ class Evidence:
     def _at_once(self, sets: Sequence[frozenset[Term]]) -> Iterator[Fit]:
         """Fits of sets of terms with one number of coordinates."""
         columns = np.array([columns_of(terms) for terms in sets])
-        values = self._all.solve_each(columns)
-        without = self._without_fold.solve_each(columns)
-        reduced = self._reduced
+        values = self.together.solve_each(columns)
+        without = self.without_fold.solve_each(columns)
+        reduced = self.reduced
         held_out = mean_squares(reduced[0], without, self.torque.count)
         scored = held_out
         if self.sensed:
@@ -356,10 +357,10 @@ class Evidence:
             yield self._fit(terms, theta, mse, mse_scored)
 
     @cached_property
-    def _reduced(self) -> list[np.ndarray]:
+    def reduced(self) -> list[np.ndarray]:
         """Equations of each fold with the nuisances fitted without it, of the recorded torque and of what is scored."""
         equations = [self.torque, self.scored] if self.sensed else [self.torque]
-        return [self._without_fold.reduced(one.gram, one.skew) for one in equations]
+        return [self.without_fold.reduced(one.gram, one.skew) for one in equations]
 
     def _fit(
         self,
@@ -370,7 +371,7 @@ class Evidence:
     ) -> Fit:
         """The fit of a set of terms with values theta, (P,), and what these leave of each fold, (F, n) and (F, m)."""
         columns = columns_of(terms)
-        cost = self._cost(terms, theta, self._all.nuisance(theta, columns))
+        cost = self._cost(terms, theta, self.together.nuisance(theta, columns))
         relative = np.log1p(scored_mse / self.scored.expected2)
         misfit = float((self.scored.independent * relative).sum())
         score = -misfit / 2 - cost
@@ -404,7 +405,7 @@ class Evidence:
         ``corrected`` says whether the nuisances, errors of the nominal inertials and skew, are taken out as well.
         """
         return self.torque.mean_square(
-            self._without_fold, columns_of(terms), corrected=corrected
+            self.without_fold, columns_of(terms), corrected=corrected
         )
 
     def mse_plausible_inertials(self, terms: frozenset[Term]) -> np.ndarray:
@@ -421,7 +422,7 @@ class Evidence:
     def _likely_share(self, terms: frozenset[Term]) -> float:
         """Share of the nuisances that a data sheet's errors can have [1]."""
         delta = self.nuisances(terms)
-        told = solve_positive(self._all.nuisance_precision, self.prior)
+        told = solve_positive(self.together.nuisance_precision, self.prior)
         freedom = max(len(delta) - float(np.trace(told)), 1.0)
         most = float(chi2.isf(UNLIKELY_ERRORS, freedom))
         squared = float(delta @ self.prior @ delta)
@@ -432,7 +433,7 @@ class Evidence:
     ) -> np.ndarray:
         """Mean square of the gap on each fold under values fitted to all folds [N^2 m^2], (F, n)."""
         return self.torque.mean_square(
-            self._all, columns_of(terms), corrected=corrected
+            self.together, columns_of(terms), corrected=corrected
         )
 
     def without_last(self, terms: frozenset[Term]) -> np.ndarray:
@@ -444,13 +445,13 @@ class Evidence:
 
     def left_out(self, terms: frozenset[Term]) -> list[tuple[np.ndarray, np.ndarray]]:
         """Per recording the values of the terms fitted without its first, and without its second half, (P,) each."""
-        values = self._without_fold.solve(columns_of(terms))
+        values = self.without_fold.solve(columns_of(terms))
         return list(zip(values[::2], values[1::2], strict=True))
 
     def nuisances(self, terms: frozenset[Term]) -> np.ndarray:
         """Likeliest nuisances with a set of terms, (K,)."""
         columns = columns_of(terms)
-        return self._all.nuisance(self._all.solve(columns), columns)
+        return self.together.nuisance(self.together.solve(columns), columns)
 
     def sensor_errors(self, terms: frozenset[Term]) -> np.ndarray | None:
         """Zero, scale and lag of each joint's torque sensor with a set of terms, over their spread, (3 n,)."""
@@ -460,8 +461,13 @@ class Evidence:
 
     def _occam_factor(self) -> float:
         """1/2 log det(1 + Q^-1 N^T W N): the nuisances' prior volume over the posterior one [nats]."""
-        posterior = np.linalg.slogdet(self._all.nuisance_precision)[1]
+        posterior = np.linalg.slogdet(self.together.nuisance_precision)[1]
         return 0.5 * float(posterior - np.linalg.slogdet(self.prior)[1])
+
+    def unusual(self, columns: np.ndarray, values: np.ndarray) -> float:
+        """What values of some coordinates, (C,), cost by their size [nats]."""
+        squared = (values / self._usual[columns]) ** 2
+        return PRIOR_EXPONENT * float(np.log1p(0.5 * squared / PRIOR_EXPONENT).sum())
 
     def _cost(
         self, terms: frozenset[Term], theta: np.ndarray, delta: np.ndarray
@@ -473,10 +479,9 @@ class Evidence:
             + self.linear.data.prior.levels[self.level]
         )
         columns = columns_of(terms)
-        squared = (theta[columns] / self._usual[columns]) ** 2
-        unusual = float(np.log1p(0.5 * squared / PRIOR_EXPONENT).sum())
+        unusual = self.unusual(columns, theta[columns])
         prior = 0.5 * float(delta @ self.prior @ delta)
-        return charges + PRIOR_EXPONENT * unusual + (prior + self._log_det)
+        return charges + unusual + (prior + self._log_det)
 
     def _impossible(self, theta: np.ndarray, terms: frozenset[Term]) -> frozenset[Term]:
         """Terms whose values cannot be, or that say the same as others of the set."""
@@ -526,6 +531,13 @@ def evidences(
         if level != first
     ]
     return tuple(sorted([best, *others], key=score, reverse=True))
+
+
+def expecting(linearisation: Linearisation) -> Evidence:
+    """The evidence where a model leaves what is expected of a healthy arm, whatever the recordings hold."""
+    torque, scored = _equations(linearisation)
+    level = list(linearisation.data.prior.levels)[1]
+    return Evidence(linearisation, scored.expected2, level, torque, scored)
 
 
 def _equations(

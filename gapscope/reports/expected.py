@@ -1,0 +1,55 @@
+"""How large effects would have to be to be named, as a table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from rich import box
+from rich.table import Table
+from rich.text import Text
+
+from gapscope.arm.display import MISSING, display_unit, effect_name, significant
+from gapscope.reports.pages import terminal_table
+
+
+def expected_rows(
+    entries: Iterable[Mapping[str, Any]], n_joints: int
+) -> list[tuple[str, list[str]]]:
+    """Name and unit of each effect, then a text per joint: the size named in nine cases of ten, of one half after it.
+
+    What acts on the whole arm stands under the first joint.
+    """
+    rows: dict[str, list[str]] = {}
+    for entry in entries:
+        factor, unit = display_unit(entry["unit"], 1.0)
+        unit = "" if entry["unit"] == "1" else f" [{unit}]"
+        name = f"{effect_name(entry['effect'])}, {entry['parameter'].replace('_', ' ')}{unit}"
+        texts = rows.setdefault(name, [""] * n_joints)
+        most, half = (
+            MISSING if entry[key] is None else significant(factor * entry[key], 2)
+            for key in ("nine_of_ten", "half")
+        )
+        text = most if half == most else f"{most} ({half})"
+        for joint in entry["joints"] or [1]:
+            texts[joint - 1] = text
+    return list(rows.items())
+
+
+TITLE = "named in nine cases of ten from this size on (in half of them)"
+
+
+def expected_table(entries: Iterable[Mapping[str, Any]], n_joints: int) -> Table:
+    """The same on the terminal."""
+    rows: list[list[str | Text]] = [
+        [Text(name), *texts] for name, texts in expected_rows(entries, n_joints)
+    ]
+    heads = ["effect", *(str(j + 1) for j in range(n_joints))]
+    return terminal_table(
+        heads,
+        rows,
+        title=TITLE,
+        box=box.SIMPLE_HEAD,
+        show_edge=False,
+        padding=(0, 1, 0, 0),
+    )
