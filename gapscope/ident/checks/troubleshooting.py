@@ -281,11 +281,18 @@ def identification_warnings(
     )
 
 
-def _worse(held_out: Validation, per_parameter: float) -> Iterator[str]:
-    # p parameters from n samples predict others with a squared error of 1 + p / n times the noise's, even if the
-    # nominal arm is exact; that share is itself uncertain by as much
+def predicts_worse(held_out: Validation, per_parameter: float) -> bool:
+    """Whether the nominal arm predicts better than a fit to so many independent samples per parameter, beyond chance.
+
+    p parameters from n samples predict others with a squared error of 1 + p / n times the noise's, even if the nominal
+    arm is exact; that share is itself uncertain by as much.
+    """
     by_chance = 1.0 + 2.0 / max(per_parameter, 1e-3)
-    if held_out.every.overall**2 > by_chance * held_out.nominal.overall**2:
+    return held_out.every.overall**2 > by_chance * held_out.nominal.overall**2
+
+
+def _worse(held_out: Validation, per_parameter: float) -> Iterator[str]:
+    if predicts_worse(held_out, per_parameter):
         yield (
             f"{WORSE}: {held_out.every.overall:.1%} of the torque against {held_out.nominal.overall:.1%}; use the "
             "nominal arm, record an exciting trajectory (`gapscope excite`), or stay nearer to it: --estimator ridge, "
