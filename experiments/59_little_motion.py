@@ -75,8 +75,9 @@ def left(fitted: FittedParameters) -> dict[str, Left]:
     counted = count_samples(fitted.samples, fitted.base.count).per_parameter
     out = {}
     for name, value in values.items():
+        fit = validated(fitted, value, "fit", fitted.samples.segments)
         judged = validated(fitted, value, "judge", segments)
-        out[name] = Left(judged.every.overall, predicts_worse(judged, counted))
+        out[name] = Left(judged.every.overall, predicts_worse(fit, judged, counted))
     return out
 
 

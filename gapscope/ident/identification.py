@@ -167,7 +167,7 @@ def examine_fit(
         first, noise = fitted.measured[0], fitted.choice.noise
         states = follow_states(case.arm, first, identified, noise)
     doubtful = identification_warnings(
-        fitted, zeros, examined, changes, table, validation[1]
+        fitted, zeros, examined, changes, table, validation
     )
     return Identification(
         **vars(fitted),
