@@ -74,7 +74,7 @@ function drawSpectrum() {
 /* What a partial update moved and held. */
 function drawUpdate() {
   const trace = (name, colourName, rows) => ({
-    type: "scatter", mode: "markers", name, x: rows.map((p) => p.name), y: rows.map((p) => p.change),
+    type: "scatter", mode: "markers", name, showlegend: true, x: rows.map((p) => p.name), y: rows.map((p) => p.change),
     marker: { color: colour(colourName), size: 7 }, error_y: { type: "data", array: rows.map((p) => 2 * p.std), thickness: 1, width: 2 },
     hovertemplate: "%{x}: %{y:.3~g} N m<extra>%{fullData.name}</extra>",
   });
