@@ -58,21 +58,19 @@ class FormError:
 
     Attributes:
         noise: e [N m], (N, n).
-        variance: omega^2 of every function, (n, K).
+        moment: E[u u^T] of all functions, joint by joint, as the data leave it, (n K, n K).
     """
 
     noise: np.ndarray
-    variance: np.ndarray
+    moment: np.ndarray
 
     def covariance(self, left: np.ndarray, problem: Problem) -> np.ndarray:
         """Of an estimate that makes Z^T (y - W beta) zero, by the unknown functions, (b, b); Z of shape (N, n, b)."""
         functions = np.concatenate(problem.forms, axis=2)
         gram = np.einsum("nja,njb->ab", left, problem.matrix, optimize=True)
-        pulls = [
-            np.linalg.solve(gram, left[:, j].T @ functions[:, j]) * np.sqrt(own)
-            for j, own in enumerate(self.variance)
-        ]
-        return np.asarray(sum(pull @ pull.T for pull in pulls))
+        scores = [left[:, j].T @ functions[:, j] for j in range(problem.n_joints)]
+        pull = np.linalg.solve(gram, np.hstack(scores))
+        return np.asarray(pull @ self.moment @ pull.T)
 
 
 def form_error(problem: Problem, beta: np.ndarray) -> FormError:
@@ -126,4 +124,6 @@ def form_error(problem: Problem, beta: np.ndarray) -> FormError:
         variance = np.maximum(variance, 1e-12 * scale2[:, None])
         if (np.abs(variance - before) <= SETTLED * before).all():
             break
-    return FormError(noise, variance)
+    # what the data say of one function they say of others too: those that replace each other do not add up
+    moment = np.outer(value, value) + inner * np.outer(size, size)
+    return FormError(noise, moment)

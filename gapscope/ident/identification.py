@@ -145,13 +145,13 @@ def examine_fit(
     simulates = method(settings.estimator).simulates
     judge = WeightedLeastSquares() if simulates else fitted.estimator
     examined = _examine(fitted, judge)
-    # other estimators give base parameters alone; the rest stays zero, which predicts the same torque
-    value = fitted.physical.value
-    if settings.estimator != "consistent":
-        value = base.spread(estimate.value)
+    value = model_value(fitted, settings.estimator, estimate.value)
     progress("validates")
     held_out_segments = samples.band.segments(fitted.held_out)
-    validation = _validated(fitted, value, held_out_segments)
+    validation = (
+        validated(fitted, value, "fit", samples.segments),
+        validated(fitted, value, "judge", held_out_segments),
+    )
     table = fill_in(fitted, zeros)
     progress("looks for changes")
     # a change spoils the fit: it is looked for in every recording, fitted or held out
@@ -167,7 +167,7 @@ def examine_fit(
         first, noise = fitted.measured[0], fitted.choice.noise
         states = follow_states(case.arm, first, identified, noise)
     doubtful = identification_warnings(
-        fitted, zeros, examined, changes, table, validation[1]
+        fitted, zeros, examined, changes, table, validation
     )
     return Identification(
         **vars(fitted),
@@ -193,6 +193,34 @@ def examine_fit(
 
 
 # What the recordings determine, and what the identified arm predicts.
+
+
+def model_value(
+    fitted: FittedParameters, estimator: str, beta: np.ndarray
+) -> np.ndarray:
+    """The x that an estimator's model predicts with, (p,), from its base parameters, (b,)."""
+    if estimator == "consistent":
+        return fitted.physical.value
+    # others give base parameters alone; what the motion did not excite stays nominal
+    nominal = fitted.columns.nominal(fitted.choice.law)
+    return fitted.base.nearest(beta, nominal)
+
+
+def validated(
+    fitted: FittedParameters,
+    value: np.ndarray,
+    role: str,
+    segments: Sequence[Segment],
+) -> Validation:
+    """Predictions of x = ``value``, (p,), and of the nominal arm on segments with torque; ``role`` names them."""
+    columns, law = fitted.columns, fitted.choice.law
+
+    def predict(x: np.ndarray, segment: Segment) -> np.ndarray:
+        load = segment.known_torque(columns.body)
+        return np.asarray(columns.matrix(segment.motion, law) @ x + load)
+
+    both = partial(predict, value), partial(predict, columns.nominal(law))
+    return validate(role, segments, fitted.samples.band, *both)
 
 
 def _examine(fitted: FittedParameters, estimator: Estimator) -> Examination:
@@ -264,24 +292,6 @@ def _essential(fitted: FittedParameters) -> EssentialParameters:
     factor = Factor.of(*whitened(problem, noise))
     inflation = float(variance_inflation(residual, problem.group).mean())
     return essential_parameters(factor, problem.names, inflation)
-
-
-def _validated(
-    fitted: FittedParameters, value: np.ndarray, held_out: Sequence[Segment]
-) -> tuple[Validation, Validation]:
-    """Predictions of x = ``value`` and of the nominal arm, on what was fitted and on what was not."""
-    samples, law = fitted.samples, fitted.choice.law
-    columns = samples.columns
-
-    def predict(x: np.ndarray, segment: Segment) -> np.ndarray:
-        load = segment.known_torque(columns.body)
-        return np.asarray(columns.matrix(segment.motion, law) @ x + load)
-
-    both = partial(predict, value), partial(predict, columns.nominal(law))
-    return (
-        validate("fit", samples.segments, samples.band, *both),
-        validate("judge", held_out, samples.band, *both),
-    )
 
 
 def _predicted(

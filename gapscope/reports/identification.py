@@ -17,6 +17,7 @@ from gapscope.arm.display import MISSING, uncertain
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import plain
 from gapscope.arm.joint_units import common_unit
+from gapscope.arm.root_mean_square import rms
 from gapscope.effects.corrected_file import write_corrected
 from gapscope.ident.checks.troubleshooting import FOUND, WORSE, Row
 from gapscope.ident.examination import CONDITION_LIMIT, Validation
@@ -201,7 +202,25 @@ def payload(result: Identification) -> dict[str, Any]:
         ],
         "limit": 1 / CONDITION_LIMIT,
         "filter": filter_curves(result),
+        "update": _update(result),
     }
+
+
+def _update(result: Identification) -> list[dict[str, Any]]:
+    """What a partial update did to each base parameter, as torque [N m]; empty of other estimators."""
+    if result.moved is None:
+        return []
+    nominal = result.base.of(result.columns.nominal(result.choice.law))
+    # parameters have different units: each counts by the torque that its column makes
+    size = rms(result.problem.matrix, axis=(0, 1))
+    columns = {
+        "name": result.estimate.names,
+        "change": (result.estimate.value - nominal) * size,
+        "std": result.uncertainty.deviation * size,
+        "moved": result.moved,
+    }
+    rows = zip(*(np.asarray(own).tolist() for own in columns.values()), strict=True)
+    return [dict(zip(columns, row, strict=True)) for row in rows]
 
 
 def _spans(validation: Validation) -> list[tuple[int, tuple[int, int]]]:

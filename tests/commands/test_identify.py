@@ -190,6 +190,7 @@ class TestResults:
         assert count and said in " ".join(done.out.split())
         page = (out / "report.html").read_text(encoding="utf-8")
         assert "<th>partial update</th>" in page and "<td>moved</td>" in page
+        assert 'id="update-figure"' in page
 
     def test_document_says_what_the_recordings_tell(self, identified: Once) -> None:
         out, document, _ = identified("healthy")

@@ -344,6 +344,13 @@ def test_ros2_control_feeds_viscous_friction_forward(
     export(corrected, "ros2_control", tmp_path / "c.yaml", controller=controller)
     text = (tmp_path / "c.yaml").read_text(encoding="utf-8")
     gains = yaml.safe_load(text)["joint_trajectory_controller"]["ros__parameters"]
+    # names and types of joint_trajectory_controller_parameters.yaml in ros2_controllers
+    assert gains.keys() == {"joints", "command_interfaces", "state_interfaces", "gains"}
+    assert gains["gains"].keys() == set(gains["joints"])
+    for own in gains["gains"].values():
+        assert own.keys() <= {"p", "d", "ff_velocity_scale", "u_clamp_max", "u_clamp_min"}  # fmt: skip
+        # a whole number is refused: expected double, got integer
+        assert all(type(value) is float for value in own.values())
     four, three = (gains["gains"][f"lbr_iiwa_joint_{k}"] for k in (4, 3))
     assert (four["p"], four["u_clamp_max"], four["u_clamp_min"]) == (400, 20, -20)
     # 1.2 times what is commanded arrives, so that less has to be

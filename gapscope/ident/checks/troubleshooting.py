@@ -267,11 +267,11 @@ def identification_warnings(
     examined: Examination,
     changes: Sequence[Change],
     table: Sequence[Row],
-    held_out: Validation,
+    validation: tuple[Validation, Validation],
 ) -> tuple[str, ...]:
     """The warnings, those that concern all results first."""
     return (
-        *_worse(held_out, examined.counted.per_parameter),
+        *_worse(validation, examined.counted.per_parameter),
         *_changed(changes),
         *fitted.estimate.warnings,
         *examined.warnings(),
@@ -281,11 +281,24 @@ def identification_warnings(
     )
 
 
-def _worse(held_out: Validation, per_parameter: float) -> Iterator[str]:
-    # p parameters from n samples predict others with a squared error of 1 + p / n times the noise's, even if the
-    # nominal arm is exact; that share is itself uncertain by as much
-    by_chance = 1.0 + 2.0 / max(per_parameter, 1e-3)
-    if held_out.every.overall**2 > by_chance * held_out.nominal.overall**2:
+def predicts_worse(fit: Validation, held_out: Validation, per_parameter: float) -> bool:
+    """Whether the nominal arm predicts better than a fit to so many independent samples per parameter, beyond chance.
+
+    p parameters from n samples predict others with p / n of the noise's square more than the noise itself, even if the
+    nominal arm is exact; that share is itself uncertain by as much. The noise is what the fit leaves.
+    """
+    ours, nominal, noise = (
+        float((own.rmse**2).sum())
+        for own in (held_out.every, held_out.nominal, fit.every)
+    )
+    return ours > nominal + 2.0 / max(per_parameter, 1e-3) * noise
+
+
+def _worse(
+    validation: tuple[Validation, Validation], per_parameter: float
+) -> Iterator[str]:
+    fit, held_out = validation
+    if predicts_worse(fit, held_out, per_parameter):
         yield (
             f"{WORSE}: {held_out.every.overall:.1%} of the torque against {held_out.nominal.overall:.1%}; use the "
             "nominal arm, record an exciting trajectory (`gapscope excite`), or stay nearer to it: --estimator ridge, "

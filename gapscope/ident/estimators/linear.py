@@ -12,7 +12,7 @@ from scipy.linalg import solve, solve_triangular
 from gapscope.arm.errors import InputError
 from gapscope.arm.root_mean_square import rms
 from gapscope.ident.model.base_parameters import BaseParameters, Factor
-from gapscope.ident.model.friction import stretches
+from gapscope.ident.model.friction import FOLDS, stretches
 from gapscope.ident.model.linear_problem import (
     Problem,
     check_rank,
@@ -60,25 +60,29 @@ class Estimator(Protocol):
 # What the linear estimators share: noise, scales, held-out motions, and the estimate that follows.
 
 
-def held_out_squares(
+def strongest_by_motion(
     problem: Problem,
     prior: np.ndarray,
+    norms: np.ndarray,
     filters: Callable[[np.ndarray], np.ndarray],
-) -> np.ndarray:
-    """Mean squared residual [N^2 m^2] of each motion by pull, (F, K), fitted without it; F motions, K pulls.
+) -> int:
+    """The last of K pulls, the strongest, that predicts motions not fitted as well as the best within a standard error.
 
-    A motion is a recording, or, of fewer than three, a stretch of time.
+    Each motion is left out in turn: a recording, or, of fewer than three, a stretch of time. The error is that of the
+    mean over parts of them. Other motions may show more than these: if they cannot tell, the prior is kept.
 
     Args:
         problem: to be solved.
         prior: beta_0, shape (b,).
+        norms: D, shape (b,).
         filters: factors 1 / (s_i^2 + ...) of K pulls along the singular directions, (K, b), from the squared singular
-            values of unit columns, (b,), ascending.
+            values of W D^-1, (b,), ascending.
+
+    Source: breiman1984.
     """
     parts = group_slices(problem.group)
     if len(parts) < 3:
         parts = stretches(problem.group)
-    norms = column_norms(problem.stacked()[0])
     left = problem.torque - problem.matrix @ prior
     scaled = np.concatenate([problem.matrix / norms, left[..., None]], axis=2)
     flat = [scaled[rows].reshape(-1, scaled.shape[2]) for rows in parts]
@@ -89,20 +93,14 @@ def held_out_squares(
         values, vectors = np.linalg.eigh(others[:-1, :-1])
         part = vectors.T @ others[:-1, -1]
         change = (filters(np.maximum(values, 0.0)) * part) @ vectors.T
-        residual = rows[:, -1] - change @ rows[:, :-1].T
-        squares.append((residual**2).mean(axis=1))
-    return np.array(squares)
-
-
-def strongest_as_good(squares: np.ndarray) -> int:
-    """The last of K pulls, the strongest, that predicts F motions as well as the best within two standard errors.
-
-    Other motions may show more than these: where they cannot tell, the prior is kept. ``squares`` has shape (F, K).
-    """
-    best = int(squares.mean(axis=0).argmin())
-    worse = squares - squares[:, best : best + 1]
+        residual2 = (rows[:, -1] - change @ rows[:, :-1].T) ** 2
+        parts_of_it = np.array_split(residual2, FOLDS, axis=1)
+        squares += [part.mean(axis=1) for part in parts_of_it]
+    every = np.array(squares)
+    best = int(every.mean(axis=0).argmin())
+    worse = every - every[:, best : best + 1]
     error = worse.std(axis=0, ddof=1) / np.sqrt(len(worse))
-    return int(np.flatnonzero(worse.mean(axis=0) <= 2 * error).max())
+    return int(np.flatnonzero(worse.mean(axis=0) <= error).max())
 
 
 def whitened(problem: Problem, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -440,11 +438,12 @@ least squared residual is not taken [1]."""
 
 
 class _Directions(NamedTuple):
-    """tau - W beta_0 along the singular directions of W with unit columns.
+    """tau - W beta_0 along the singular directions of W D^-1, each joint's equations over its noise.
 
-    beta_0, the norms of W's columns, the factor of these equations, its singular values s, V^T, and U^T z.
+    These equations, beta_0, the norms D of W's columns, the factor of W D^-1, its singular values s, V^T, and U^T z.
     """
 
+    weighted: Problem
     prior: np.ndarray
     norms: np.ndarray
     factor: Factor
@@ -456,17 +455,24 @@ class _Directions(NamedTuple):
 def _directions(problem: Problem, prior: np.ndarray | None) -> _Directions:
     """About a prior, zero if ``None``; raises ``InputError`` if samples are not finite or the arm rests."""
     check_samples(problem, full_rank=False)
-    matrix, torque = problem.stacked()
+    matrix = problem.stacked()[0]
     centre = np.zeros(matrix.shape[1]) if prior is None else np.array(prior, float)
+    free = _free(problem, centre, 1 / column_norms(matrix))
+    noise = joint_noise(problem, free)
+    weighted = replace(
+        problem, matrix=problem.matrix / noise[:, None], torque=problem.torque / noise
+    )
+    matrix, torque = weighted.stacked()
     norms = column_norms(matrix)
     factor = Factor.of(matrix / norms, torque - matrix @ centre)
     left, values, right = np.linalg.svd(factor.triangle)
-    return _Directions(centre, norms, factor, values, right, left.T @ factor.rotated)
+    part = left.T @ factor.rotated
+    return _Directions(weighted, centre, norms, factor, values, right, part)
 
 
 @dataclass(frozen=True)
 class Ridge:
-    """Minimises |tau - W beta|^2 + lambda |D (beta - beta_0)|^2, D the norms of W's columns.
+    """Minimises |tau - W beta|^2 + lambda |D (beta - beta_0)|^2, D the norms of W's columns, each joint over its noise.
 
     With columns of unit norm lambda has no unit: it is compared with the squared singular values, of which none
     exceeds b. The covariance is that of the noise alone; what the pull adds as bias is not in it.
@@ -485,14 +491,16 @@ class Ridge:
 
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate; raises ``InputError`` if the samples are not finite or the arm rests."""
-        prior, norms, factor, values, right, part = _directions(problem, self.prior)
+        weighted, prior, norms, factor, values, right, part = _directions(
+            problem, self.prior
+        )
         b = len(prior)
         # along each singular direction the prior weighs as much as the data at values**2 = strength
         if self.choice == "motion":
-            by_motion = held_out_squares(
-                problem, prior, lambda own: 1 / (own + STRENGTHS[:, None])
+            chosen = strongest_by_motion(
+                weighted, prior, norms, lambda own: 1 / (own + STRENGTHS[:, None])
             )
-            strength = float(STRENGTHS[strongest_as_good(by_motion)])
+            strength = float(STRENGTHS[chosen])
         else:
             strength = self._strength(values, part, factor)
         gain = values / np.maximum(values**2 + strength, 1e-300)
@@ -549,6 +557,8 @@ def _corner(x: np.ndarray, y: np.ndarray) -> int:
 class TruncatedSvd:
     """beta = beta_0 + D^-1 sum_{i <= k} v_i u_i^T (tau - W beta_0) / s_i, with W D^-1 = U S V^T of unit columns.
 
+    Each joint's equations are divided by its noise.
+
     Attributes:
         prior: beta_0, shape (b,); zero if ``None``.
         count: k itself; ``motion``: the least that predicts motions as well as any that were not fitted; ``None``: by
@@ -562,14 +572,16 @@ class TruncatedSvd:
 
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate; raises ``InputError`` if the samples are not finite or the arm rests."""
-        prior, norms, factor, values, right, part = _directions(problem, self.prior)
+        weighted, prior, norms, factor, values, right, part = _directions(
+            problem, self.prior
+        )
         b = len(prior)
         # squared residual with the first k directions, for k = 0 to b
         dropped_squares = np.append(np.cumsum(part[::-1] ** 2)[::-1], 0.0)
         squares = factor.rest + dropped_squares
         # weak directions stay at the prior
         if self.count == "motion":
-            rank = _rank_by_motion(problem, prior)
+            rank = _rank_by_motion(weighted, prior, norms)
         elif isinstance(self.count, int):
             rank = min(self.count, b)
         else:
@@ -589,7 +601,7 @@ class TruncatedSvd:
         return finished(problem, beta, noise * half @ half.T, warnings)
 
 
-def _rank_by_motion(problem: Problem, prior: np.ndarray) -> int:
+def _rank_by_motion(problem: Problem, prior: np.ndarray, norms: np.ndarray) -> int:
     """The least number of directions, 0 to b, that predicts motions as well as any that were not fitted."""
     b = problem.matrix.shape[2]
     # squared singular values ascend: the last k are kept
@@ -599,7 +611,7 @@ def _rank_by_motion(problem: Problem, prior: np.ndarray) -> int:
         regular = kept & (values > 1e-13 * values[-1])
         return np.where(regular, 1 / np.maximum(values, 1e-300), 0.0)
 
-    return b - strongest_as_good(held_out_squares(problem, prior, filters))
+    return b - strongest_by_motion(problem, prior, norms, filters)
 
 
 # Total least squares: the regressor has errors too, since velocity and acceleration come from noisy positions.

@@ -212,7 +212,7 @@ def test_held_out_motions_choose_what_another_motion_bears(
         [error(estimator.estimate(draw).value) for draw in draws]
         for estimator in (make(prior), Ridge("gcv", prior))
     )
-    assert max(own) < 1.5 * error(prior) and np.median(own) < 0.7 * error(prior)
+    assert max(own) < 1.1 * error(prior) and np.median(own) < 0.8 * error(prior)
     assert max(rows) > 5 * error(prior)
     # what the samples determine is not pulled
     clear = well_conditioned(np.random.default_rng(0))
@@ -224,7 +224,7 @@ def test_as_many_directions_as_asked() -> None:
     estimate = TruncatedSvd(PRIOR, 0).estimate(given)
     np.testing.assert_array_equal(estimate.value, PRIOR)
     whole = TruncatedSvd(PRIOR, 4).estimate(given)
-    plain = OrdinaryLeastSquares().estimate(given)
+    plain = WeightedLeastSquares(rounds=1).estimate(given)
     np.testing.assert_allclose(whole.value, plain.value, atol=1e-9)
 
 

@@ -71,6 +71,20 @@ function drawSpectrum() {
   }], { xaxis: axis("singular value, number"), yaxis: axis("over the largest", { type: "log", dtick: 1, exponentformat: "power" }) });
 }
 
+/* What a partial update moved and held. */
+function drawUpdate() {
+  const trace = (name, colourName, rows) => ({
+    type: "scatter", mode: "markers", name, showlegend: true, x: rows.map((p) => p.name), y: rows.map((p) => p.change),
+    marker: { color: colour(colourName), size: 7 }, error_y: { type: "data", array: rows.map((p) => 2 * p.std), thickness: 1, width: 2 },
+    hovertemplate: "%{x}: %{y:.3~g} N m<extra>%{fullData.name}</extra>",
+  });
+  const groups = [true, false].map((moved) => curves.update.filter((p) => p.moved === moved));
+  draw("update-figure", [trace("moved", "corrected", groups[0]), trace("held", "nominal", groups[1])], {
+    xaxis: axis("", { categoryorder: "array", categoryarray: curves.update.map((p) => p.name), tickangle: -90 }),
+    yaxis: axis("change [N m]"),
+  });
+}
+
 function select(change) {
   Object.assign(shown, change);
   document.querySelectorAll("#joint-tabs button").forEach((button, i) => button.setAttribute("aria-pressed", i === shown.joint));
@@ -144,6 +158,7 @@ const list = document.getElementById("recording");
 curves.groups.forEach((group, i) => list.add(new Option(group.name, String(i))));
 list.addEventListener("change", () => select({ group: Number(list.value) }));
 drawSpectrum();
+if (curves.update.length) drawUpdate();
 drawFilter(curves.filter.first);
 drawInnovations(curves.worst);
 select({});
