@@ -16,6 +16,7 @@ from gapscope.diagnosis.document.wording import capital, listing, misread, much
 from gapscope.diagnosis.gap.plausible_data import check_moving
 from gapscope.diagnosis.setup_faults.detection import (
     find_setup_faults,
+    is_another_arm,
     nominal_gap,
     upright,
 )
@@ -70,6 +71,7 @@ class SetUp:
         gravity: that the case says, in the frame of the base [m/s^2], (3,).
         shown: that the torque shows, the faults put right; the same object unless the base is mounted turned.
         off: RMS over the joints of the nominal arm's gap, the faults put right [1]; ``None`` if it makes no sense.
+        another_arm: whether the recordings are of another arm than the nominal one.
     """
 
     faults: tuple[FoundFault, ...]
@@ -77,11 +79,13 @@ class SetUp:
     gravity: np.ndarray
     shown: np.ndarray
     off: float | None
+    another_arm: bool
 
     @property
     def misreads(self) -> bool:
         """Whether the case reads another arm out of its log than was recorded: bodies fitted so are those of no arm."""
-        return self.shown is not self.gravity or any(map(self._mend, self.faults))
+        turned = self.shown is not self.gravity
+        return self.another_arm or turned or any(map(self._mend, self.faults))
 
     def remarks(self) -> Iterator[Remark]:
         """What is wrong, each with the line that puts it right; or that nothing is."""
@@ -89,7 +93,9 @@ class SetUp:
             yield self._of_fault(fault)
         if self.off is None:
             return
-        said, remedy = misread(self.off, self.shown, self.gravity)
+        said, remedy = misread(
+            self.off, self.shown, self.gravity, another=self.another_arm
+        )
         if said:
             yield Remark("warn", "torque", "", said, remedy)
         elif all(_topic(fault) == "time" for fault in self.faults):
@@ -144,6 +150,11 @@ def look_at_set_up(case: Case, seen: Sequence[FoundFault] = ()) -> SetUp:
     check_moving(case)
     found = find_setup_faults(case)
     right = repaired(case, found)
+    another = is_another_arm(right)
+    if another:
+        # what else its torque seems to show is how the two arms differ
+        found = tuple(fault for fault in found if _topic(fault) == "time")
+        right = repaired(case, found)
     gap, mounted = nominal_gap(right), upright(right).arm
     return SetUp(
         faults=(*seen, *found),
@@ -151,6 +162,7 @@ def look_at_set_up(case: Case, seen: Sequence[FoundFault] = ()) -> SetUp:
         gravity=right.arm.gravity,
         shown=mounted.gravity,
         off=None if gap is None else float(rms(gap, None)),
+        another_arm=another,
     )
 
 

@@ -8,8 +8,8 @@ from tempfile import TemporaryDirectory
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import GapscopeError, InputError
-from gapscope.diagnosis.document.wording import NO_TORQUE
 from gapscope.diagnosis.set_up import SetUp, look_at_set_up
+from gapscope.diagnosis.thresholds import NO_TORQUE
 from gapscope.inspection.channels import AMPERES, ChannelGuess
 from gapscope.inspection.draft import case_text
 from gapscope.inspection.inspected_table import InspectedTable

@@ -316,6 +316,14 @@ def looks_late(case: Case) -> bool:
     return gain > LATE_REFERENCE_SHARE * FAULT_GAIN
 
 
+def bodies_mislead(case: Case) -> bool:
+    """Whether the bodies of the nominal arm predict the torque worse than none would, friction of the joints free."""
+    scorer = _scorer(case.arm, tuple(r for r in case.recordings if r.tau is not None))
+    if scorer is None:
+        return False
+    return scorer.bodies_mislead(Reading.identity(case.arm.n_joints))
+
+
 def _scorer(arm: NominalArm, recordings: tuple[Recording, ...]) -> ReadingScorer | None:
     """Scores of recordings with a torque; ``None`` if they hold too little."""
     if not recordings:
