@@ -10,16 +10,17 @@ import numpy as np
 import yaml
 
 from gapscope.arm.case import Case
-from gapscope.arm.display import effect_name
+from gapscope.arm.display import effect_name, uncertain
 from gapscope.arm.root_mean_square import rms
 from gapscope.diagnosis.document.wording import capital, listing, misread, much
-from gapscope.diagnosis.gap.plausible_data import check_moving
+from gapscope.diagnosis.gap.plausible_data import check_moving, select_windows
 from gapscope.diagnosis.setup_faults.detection import (
     find_setup_faults,
     is_another_arm,
     nominal_gap,
     upright,
 )
+from gapscope.diagnosis.setup_faults.fault_search import common_factor
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
 from gapscope.effects.setup_faults import TimeStamps
 
@@ -72,6 +73,7 @@ class SetUp:
         shown: that the torque shows, the faults put right; the same object unless the base is mounted turned.
         off: RMS over the joints of the nominal arm's gap, the faults put right [1]; ``None`` if it makes no sense.
         another_arm: whether the recordings are of another arm than the nominal one.
+        factor: on all torques that explains them decisively better, and its deviation [1]; ``None`` if none does.
     """
 
     faults: tuple[FoundFault, ...]
@@ -80,6 +82,7 @@ class SetUp:
     shown: np.ndarray
     off: float | None
     another_arm: bool
+    factor: tuple[float, float] | None
 
     @property
     def misreads(self) -> bool:
@@ -91,6 +94,16 @@ class SetUp:
         """What is wrong, each with the line that puts it right; or that nothing is."""
         for fault in self.faults:
             yield self._of_fault(fault)
+        if self.factor is not None:
+            value, std = self.factor
+            yield Remark(
+                "warn",
+                "torque",
+                "",
+                f"all torques times about {uncertain(value, std)} would fit the nominal arm: their unit, or the "
+                "motors' constants or gear ratios; a load explains them less well",
+                "compare with the data sheet; import: {mend: {torque: {scale: ...}}} puts a factor right",
+            )
         if self.off is None:
             return
         said, remedy = misread(
@@ -98,7 +111,7 @@ class SetUp:
         )
         if said:
             yield Remark("warn", "torque", "", said, remedy)
-        elif all(_topic(fault) == "time" for fault in self.faults):
+        elif self.factor is None and all(_topic(f) == "time" for f in self.faults):
             yield Remark(
                 "ok",
                 "torque",
@@ -155,14 +168,15 @@ def look_at_set_up(case: Case, seen: Sequence[FoundFault] = ()) -> SetUp:
         # what else its torque seems to show is how the two arms differ
         found = tuple(fault for fault in found if _topic(fault) == "time")
         right = repaired(case, found)
-    gap, mounted = nominal_gap(right), upright(right).arm
+    gap, mounted = nominal_gap(right), upright(right)
     return SetUp(
         faults=(*seen, *found),
         n_joints=case.arm.n_joints,
         gravity=right.arm.gravity,
-        shown=mounted.gravity,
+        shown=mounted.arm.gravity,
         off=None if gap is None else float(rms(gap, None)),
         another_arm=another,
+        factor=None if another else common_factor(select_windows(mounted)),
     )
 
 
