@@ -88,12 +88,13 @@ class SetUp:
     def misreads(self) -> bool:
         """Whether the case reads another arm out of its log than was recorded: bodies fitted so are those of no arm."""
         turned = self.shown is not self.gravity
-        return self.another_arm or turned or any(map(self._mend, self.faults))
+        mends = (_mend(fault, self.n_joints) for fault in self.faults)
+        return self.another_arm or turned or any(mends)
 
     def remarks(self) -> Iterator[Remark]:
         """What is wrong, each with the line that puts it right; or that nothing is."""
         for fault in self.faults:
-            yield self._of_fault(fault)
+            yield fault_remark(fault, self.n_joints)
         if self.factor is not None:
             value, std = self.factor
             yield Remark(
@@ -119,35 +120,6 @@ class SetUp:
                 "in N m of the joint, gravity included: no other unit, sign, order or clock of the columns explains it "
                 f"better; the nominal arm is off by {much(self.off)} of it",
             )
-
-    def _of_fault(self, fault: FoundFault) -> Remark:
-        """A fault in words, by how much the gap falls if it is put right, and the line that does that."""
-        variant = f" ({fault.variant.replace('_', ' ')})" * bool(fault.variant)
-        said = f"{capital(effect_name(fault.name))}{variant}, probability {fault.probability:.0%}"
-        before, after = fault.gap_without_this, fault.gap_after
-        if before is not None and after is not None:
-            read, right = (much(float(rms(gap, None))) for gap in (before, after))
-            if read != right:
-                said += (
-                    f": the nominal arm is off by {read} of the torque as it is read, by {right} if that is put "
-                    "right"
-                )
-        mend = _rounded(self._mend(fault))
-        line = yaml.safe_dump(mend, default_flow_style=True, width=1000).strip()
-        remedy = (
-            f"import: {{mend: {line}}} puts it right; gapscope diagnose writes mended_case.yaml"
-            if mend
-            else "gapscope diagnose puts it right and says what to correct"
-        )
-        places = [
-            *fault.recordings,
-            *([numbers(list(fault.joints))] * bool(fault.joints)),
-        ]
-        return Remark("warn", _topic(fault), listing(places), said, remedy)
-
-    def _mend(self, fault: FoundFault) -> dict[str, Any]:
-        """The entry of ``mend:`` that puts a fault right; empty if none does."""
-        return fault.reading(self.n_joints).to_mend()
 
 
 def look_at_set_up(case: Case, seen: Sequence[FoundFault] = ()) -> SetUp:
@@ -178,6 +150,37 @@ def look_at_set_up(case: Case, seen: Sequence[FoundFault] = ()) -> SetUp:
         another_arm=another,
         factor=None if another else common_factor(select_windows(mounted)),
     )
+
+
+def fault_remark(fault: FoundFault, n_joints: int) -> Remark:
+    """A fault in words, by how much the gap falls if it is put right, and the line that does that."""
+    variant = f" ({fault.variant.replace('_', ' ')})" * bool(fault.variant)
+    said = f"{capital(effect_name(fault.name))}{variant}, probability {fault.probability:.0%}"
+    before, after = fault.gap_without_this, fault.gap_after
+    if before is not None and after is not None:
+        read, right = (much(float(rms(gap, None))) for gap in (before, after))
+        if read != right:
+            said += (
+                f": the nominal arm is off by {read} of the torque as it is read, by {right} if that is put "
+                "right"
+            )
+    mend = _rounded(_mend(fault, n_joints))
+    line = yaml.safe_dump(mend, default_flow_style=True, width=1000).strip()
+    remedy = (
+        f"import: {{mend: {line}}} puts it right; gapscope diagnose writes mended_case.yaml"
+        if mend
+        else "gapscope diagnose puts it right and says what to correct"
+    )
+    places = [
+        *fault.recordings,
+        *([numbers(list(fault.joints))] * bool(fault.joints)),
+    ]
+    return Remark("warn", _topic(fault), listing(places), said, remedy)
+
+
+def _mend(fault: FoundFault, n_joints: int) -> dict[str, Any]:
+    """The entry of ``mend:`` that puts a fault right; empty if none does."""
+    return fault.reading(n_joints).to_mend()
 
 
 def _topic(fault: FoundFault) -> str:
