@@ -128,7 +128,7 @@ def misread(
         )
     if off > NO_TORQUE:
         return (
-            f"the nominal arm's torque is off by {much(off)} of the recorded one, more than no torque would be: "
+            f"the nominal arm's torque is off by {much(off)} of the recorded one, more than a constant torque would be: "
             "a load or friction that the case does not state, inertials that are far off, or another unit",
             "check payloads:, nominal: and robot:",
         )

@@ -168,7 +168,7 @@ def upright(case: Case) -> Case:
 def is_another_arm(case: Case) -> bool:
     """Whether the recordings are of another arm than the nominal one, or their torque is in another unit.
 
-    Then its torque is off by more than no torque would be, and its bodies are worse than none whatever the friction of
+    Then its torque is off by more than a constant torque would be, and its bodies are worse than none whatever the friction of
     the joints. A load, friction or inertials that are off leave bodies that are better than none.
 
     Args:
