@@ -111,12 +111,12 @@ def misread(
         off: its gap over the joints, RMS of torque NRMSE [1].
         shown: gravity that the torque shows, in the frame of the base [m/s^2], (3,); ``said`` itself if it is that.
         said: gravity that the case says, likewise.
-        another: whether its bodies predict the torque worse than none.
+        another: whether no ordinary load, friction or error of its bodies explains the torque.
     """
     if another:
         return (
             "probably another robot's URDF, or columns in another order or unit: the nominal arm's torque is off by "
-            f"{much(off)} of the recorded one, and its links predict it worse than no links at all",
+            f"{much(off)} of the recorded one, and no ordinary load, friction or error of its links explains that",
             "check robot:, joints: and the units and columns of import:",
         )
     if shown is not said:
@@ -128,8 +128,8 @@ def misread(
         )
     if off > NO_TORQUE:
         return (
-            f"the nominal arm's torque is off by {much(off)} of the recorded one, more than a constant torque would be: "
-            "a load or friction that the case does not state, inertials that are far off, or another unit",
+            f"the nominal arm's torque is off by {much(off)} of the recorded one, more than a constant torque would "
+            "be: a load or friction that the case does not state, inertials that are far off, or another unit",
             "check payloads:, nominal: and robot:",
         )
     return "", ""

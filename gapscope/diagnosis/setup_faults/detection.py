@@ -24,8 +24,8 @@ from gapscope.diagnosis.setup_faults.clocks import (
     find_torque_clock,
 )
 from gapscope.diagnosis.setup_faults.fault_search import (
-    bodies_mislead,
     faults_by_torque,
+    is_extraordinary,
 )
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, merged, repaired
 from gapscope.diagnosis.thresholds import (
@@ -168,8 +168,8 @@ def upright(case: Case) -> Case:
 def is_another_arm(case: Case) -> bool:
     """Whether the recordings are of another arm than the nominal one, or their torque is in another unit.
 
-    Then its torque is off by more than a constant torque would be, and its bodies are worse than none whatever the friction of
-    the joints. A load, friction or inertials that are off leave bodies that are better than none.
+    Then its torque is off by more than a constant torque would be, and no ordinary load, friction or error of its
+    bodies makes it right.
 
     Args:
         case: the case, faults of its set-up put right.
@@ -178,7 +178,7 @@ def is_another_arm(case: Case) -> bool:
     gap = nominal_gap(mounted)
     if gap is None or rms(gap, None) <= NO_TORQUE:
         return False
-    return bodies_mislead(select_windows(mounted))
+    return is_extraordinary(select_windows(mounted))
 
 
 def nominal_gap(case: Case) -> np.ndarray | None:

@@ -338,12 +338,12 @@ def common_factor(case: Case) -> tuple[float, float] | None:
     return float(factor), float(factor * search.deviation(x)[0])
 
 
-def bodies_mislead(case: Case) -> bool:
-    """Whether the bodies of the nominal arm predict the torque worse than none would, friction of the joints free."""
+def is_extraordinary(case: Case) -> bool:
+    """Whether no arm with ordinary errors of the nominal one made the torque."""
     scorer = _scorer(case.arm, tuple(r for r in case.recordings if r.tau is not None))
     if scorer is None:
         return False
-    return scorer.bodies_mislead(Reading.identity(case.arm.n_joints))
+    return scorer.is_of_another_arm(Reading.identity(case.arm.n_joints))
 
 
 def _scorer(arm: NominalArm, recordings: tuple[Recording, ...]) -> ReadingScorer | None:

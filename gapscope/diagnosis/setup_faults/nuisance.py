@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
+from scipy.stats import chi2
 
 from gapscope.arm.dynamics.inertial_scale import inertial_scale
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -18,6 +19,7 @@ from gapscope.arm.reading import Reading
 from gapscope.arm.robots import shifted_body
 from gapscope.diagnosis.gap.plausible_data import folds_of
 from gapscope.diagnosis.thresholds import (
+    FAULT_PRIOR_ODDS,
     FAULT_SAMPLES,
     FAULT_SIGN_WIDTH,
     LOWEST_TORQUE_SCALE,
@@ -676,15 +678,20 @@ class ReadingScorer:
             return self._worst()
         return _scored(*held_out_gap(eq, reading, spread))
 
-    def bodies_mislead(self, reading: Reading) -> bool:
-        """Whether the nominal bodies predict held-out torque worse than no bodies at all, over all joints."""
+    def is_of_another_arm(self, reading: Reading) -> bool:
+        """Whether no ordinary arm of these bodies made the torque.
+
+        As they are they predict held-out torque worse than no bodies at all, friction of the joints free; or the values
+        that they need are no draw of their prior.
+        """
         eq = self.equations_of(reading)
         if eq is None:
             return True
-        with_bodies, without = (
-            joints_alone(eq, reading, bodies=bodies) for bodies in (True, False)
-        )
-        return bool((with_bodies**2).mean() > (without**2).mean())
+        gaps = [joints_alone(eq, reading, bodies=bodies) for bodies in (True, False)]
+        with_bodies, without = (float((gap**2).mean()) for gap in gaps)
+        values = eq.shared + OWN * len(eq.deviation)
+        size = 2 * (self.score(reading).penalty - ORDINARY_PENALTY)
+        return with_bodies > without or chi2.sf(size, values) < FAULT_PRIOR_ODDS
 
     def best_score(self, reading: Reading) -> ReadingScore:
         """What a reading scores at most: as if no fold had been held out. A quarter of the cost of ``score``."""
