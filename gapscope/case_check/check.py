@@ -12,11 +12,13 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from gapscope.arm.case import Case, load_case
+from gapscope.arm.case import Case, case_files, load_case
 from gapscope.arm.display import effect_name
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError, ModelWarning
+from gapscope.arm.io.import_section import Import
 from gapscope.arm.io.json_file import plain
+from gapscope.arm.io.log import READERS, open_log
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import CHANNELS, STILL, Recording, resting
@@ -28,6 +30,7 @@ from gapscope.diagnosis.study import with_torque
 from gapscope.ident.model.base_parameters import random_states, structural_base
 from gapscope.ident.model.linear_problem import FrictionLaw, ModelColumns
 from gapscope.ident.model.regressor import Regressor
+from gapscope.inspection.inspected_table import inspect_table
 from gapscope.model.conditioning import Segment, condition, position_cutoff, thinned
 from gapscope.model_audit.audit import odd_kinds
 
@@ -612,6 +615,7 @@ def check_case(
     if case is None:
         return CaseCheck(None, tuple(remarks))
     remarks += check_recordings(case)
+    remarks += _other_arms(case)
     try:
         case, references = with_torque(case)
         progress("looks at the motion and the torque")
@@ -649,6 +653,28 @@ def _could_show(
             Remark("ok", "excitation", "", f"would not be named at any size: {what}")
         )
     return entries
+
+
+def _other_arms(case: Case) -> Iterator[Remark]:
+    """Positions of another arm in the first log, as ``inspect`` sees them."""
+    assert case.file is not None
+    logs = [path for path in case_files(case.file) if path.suffix.lower() in READERS]
+    importing = case.importing or Import()
+    channel = importing.channels.get("q")
+    if not logs or channel is None:
+        return
+    taken = channel.names(importing.joints or case.arm.joints)
+    log = open_log(logs[0])
+    for part in log.tables:
+        said = inspect_table(log, part, None).of_another_arm(taken, case.arm.n_joints)
+        if said:
+            yield Remark(
+                "warn",
+                "channels",
+                logs[0].name,
+                f"{said}: {taken[0]} to {taken[-1]} are read",
+                "for the other arm list its columns in import: {q: ..., tau: ...}",
+            )
 
 
 def _of_signals(

@@ -10,15 +10,17 @@ import numpy as np
 import yaml
 
 from gapscope.arm.case import Case
-from gapscope.arm.display import effect_name
+from gapscope.arm.display import effect_name, uncertain
 from gapscope.arm.root_mean_square import rms
 from gapscope.diagnosis.document.wording import capital, listing, misread, much
-from gapscope.diagnosis.gap.plausible_data import check_moving
+from gapscope.diagnosis.gap.plausible_data import check_moving, select_windows
 from gapscope.diagnosis.setup_faults.detection import (
     find_setup_faults,
+    is_another_arm,
     nominal_gap,
     upright,
 )
+from gapscope.diagnosis.setup_faults.fault_search import common_factor
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
 from gapscope.effects.setup_faults import TimeStamps
 
@@ -70,6 +72,8 @@ class SetUp:
         gravity: that the case says, in the frame of the base [m/s^2], (3,).
         shown: that the torque shows, the faults put right; the same object unless the base is mounted turned.
         off: RMS over the joints of the nominal arm's gap, the faults put right [1]; ``None`` if it makes no sense.
+        another_arm: whether the recordings are of another arm than the nominal one.
+        factor: on all torques that explains them decisively better, and its deviation [1]; ``None`` if none does.
     """
 
     faults: tuple[FoundFault, ...]
@@ -77,22 +81,38 @@ class SetUp:
     gravity: np.ndarray
     shown: np.ndarray
     off: float | None
+    another_arm: bool
+    factor: tuple[float, float] | None
 
     @property
     def misreads(self) -> bool:
         """Whether the case reads another arm out of its log than was recorded: bodies fitted so are those of no arm."""
-        return self.shown is not self.gravity or any(map(self._mend, self.faults))
+        turned = self.shown is not self.gravity
+        mends = (_mend(fault, self.n_joints) for fault in self.faults)
+        return self.another_arm or turned or any(mends)
 
     def remarks(self) -> Iterator[Remark]:
         """What is wrong, each with the line that puts it right; or that nothing is."""
         for fault in self.faults:
-            yield self._of_fault(fault)
+            yield fault_remark(fault, self.n_joints)
+        if self.factor is not None:
+            value, std = self.factor
+            yield Remark(
+                "warn",
+                "torque",
+                "",
+                f"all torques times about {uncertain(value, std)} would fit the nominal arm: their unit, or the "
+                "motors' constants or gear ratios; a load explains them less well",
+                "compare with the data sheet; import: {mend: {torque: {scale: ...}}} puts a factor right",
+            )
         if self.off is None:
             return
-        said, remedy = misread(self.off, self.shown, self.gravity)
+        said, remedy = misread(
+            self.off, self.shown, self.gravity, another=self.another_arm
+        )
         if said:
             yield Remark("warn", "torque", "", said, remedy)
-        elif all(_topic(fault) == "time" for fault in self.faults):
+        elif self.factor is None and all(_topic(f) == "time" for f in self.faults):
             yield Remark(
                 "ok",
                 "torque",
@@ -100,35 +120,6 @@ class SetUp:
                 "in N m of the joint, gravity included: no other unit, sign, order or clock of the columns explains it "
                 f"better; the nominal arm is off by {much(self.off)} of it",
             )
-
-    def _of_fault(self, fault: FoundFault) -> Remark:
-        """A fault in words, by how much the gap falls if it is put right, and the line that does that."""
-        variant = f" ({fault.variant.replace('_', ' ')})" * bool(fault.variant)
-        said = f"{capital(effect_name(fault.name))}{variant}, probability {fault.probability:.0%}"
-        before, after = fault.gap_without_this, fault.gap_after
-        if before is not None and after is not None:
-            read, right = (much(float(rms(gap, None))) for gap in (before, after))
-            if read != right:
-                said += (
-                    f": the nominal arm is off by {read} of the torque as it is read, by {right} if that is put "
-                    "right"
-                )
-        mend = _rounded(self._mend(fault))
-        line = yaml.safe_dump(mend, default_flow_style=True, width=1000).strip()
-        remedy = (
-            f"import: {{mend: {line}}} puts it right; gapscope diagnose writes mended_case.yaml"
-            if mend
-            else "gapscope diagnose puts it right and says what to correct"
-        )
-        places = [
-            *fault.recordings,
-            *([numbers(list(fault.joints))] * bool(fault.joints)),
-        ]
-        return Remark("warn", _topic(fault), listing(places), said, remedy)
-
-    def _mend(self, fault: FoundFault) -> dict[str, Any]:
-        """The entry of ``mend:`` that puts a fault right; empty if none does."""
-        return fault.reading(self.n_joints).to_mend()
 
 
 def look_at_set_up(case: Case, seen: Sequence[FoundFault] = ()) -> SetUp:
@@ -144,14 +135,52 @@ def look_at_set_up(case: Case, seen: Sequence[FoundFault] = ()) -> SetUp:
     check_moving(case)
     found = find_setup_faults(case)
     right = repaired(case, found)
-    gap, mounted = nominal_gap(right), upright(right).arm
+    another = is_another_arm(right)
+    if another:
+        # what else its torque seems to show is how the two arms differ
+        found = tuple(fault for fault in found if _topic(fault) == "time")
+        right = repaired(case, found)
+    gap, mounted = nominal_gap(right), upright(right)
     return SetUp(
         faults=(*seen, *found),
         n_joints=case.arm.n_joints,
         gravity=right.arm.gravity,
-        shown=mounted.gravity,
+        shown=mounted.arm.gravity,
         off=None if gap is None else float(rms(gap, None)),
+        another_arm=another,
+        factor=None if another else common_factor(select_windows(mounted)),
     )
+
+
+def fault_remark(fault: FoundFault, n_joints: int) -> Remark:
+    """A fault in words, by how much the gap falls if it is put right, and the line that does that."""
+    variant = f" ({fault.variant.replace('_', ' ')})" * bool(fault.variant)
+    said = f"{capital(effect_name(fault.name))}{variant}, probability {fault.probability:.0%}"
+    before, after = fault.gap_without_this, fault.gap_after
+    if before is not None and after is not None:
+        read, right = (much(float(rms(gap, None))) for gap in (before, after))
+        if read != right:
+            said += (
+                f": the nominal arm is off by {read} of the torque as it is read, by {right} if that is put "
+                "right"
+            )
+    mend = _rounded(_mend(fault, n_joints))
+    line = yaml.safe_dump(mend, default_flow_style=True, width=1000).strip()
+    remedy = (
+        f"import: {{mend: {line}}} puts it right; gapscope diagnose writes mended_case.yaml"
+        if mend
+        else "gapscope diagnose puts it right and says what to correct"
+    )
+    places = [
+        *fault.recordings,
+        *([numbers(list(fault.joints))] * bool(fault.joints)),
+    ]
+    return Remark("warn", _topic(fault), listing(places), said, remedy)
+
+
+def _mend(fault: FoundFault, n_joints: int) -> dict[str, Any]:
+    """The entry of ``mend:`` that puts a fault right; empty if none does."""
+    return fault.reading(n_joints).to_mend()
 
 
 def _topic(fault: FoundFault) -> str:

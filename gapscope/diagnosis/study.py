@@ -35,7 +35,7 @@ from gapscope.diagnosis.gap.plausible_data import (
     select_windows,
     up_to_changes,
 )
-from gapscope.diagnosis.selection.search import Selection, search
+from gapscope.diagnosis.selection.search import Selection, search, without_search
 from gapscope.diagnosis.selection.undeclared_coupling import (
     UndeclaredCoupling,
     undeclared_coupling,
@@ -43,6 +43,7 @@ from gapscope.diagnosis.selection.undeclared_coupling import (
 from gapscope.diagnosis.setup_faults.clocks import find_quantization
 from gapscope.diagnosis.setup_faults.detection import (
     find_setup_faults,
+    is_another_arm,
     on_one_clock,
     upright,
 )
@@ -76,6 +77,7 @@ class Study:
             of long ones the windows that are looked at.
         body: dynamics of its nominal arm.
         position_cutoff: cut-off of the positions [Hz].
+        another_arm: whether the recordings are of another arm than the nominal one; no effect was looked for then.
         selection: result of the search, less what was rejected and what is possible only.
         rejections: terms that the search found and held-out data does not bear out.
         effects: the effects named, with values fitted to all recordings that may be fitted.
@@ -98,6 +100,7 @@ class Study:
     case: Case
     body: RigidBody
     position_cutoff: float
+    another_arm: bool
     selection: Selection
     rejections: list[Rejection]
     effects: tuple[AppliedEffect, ...]
@@ -146,6 +149,7 @@ class Prepared:
         given: the case with a torque, nothing but its references put right.
         references: faults of its references.
         setup_faults: those that were found beside these and put right.
+        another_arm: whether the recordings are of another arm than the nominal one: nothing can be found of it then.
     """
 
     case: Case
@@ -156,6 +160,7 @@ class Prepared:
     given: Case
     references: tuple[FoundFault, ...]
     setup_faults: tuple[FoundFault, ...]
+    another_arm: bool
 
     def by_likelier_rule(
         self,
@@ -248,6 +253,10 @@ def _repaired(
     if setup_faults is None:
         progress("tests the set-up")
         setup_faults = find_setup_faults(case)
+    another = is_another_arm(repaired(case, setup_faults))
+    if another:
+        # what else its torque seems to show is how the two arms differ
+        setup_faults = tuple(f for f in setup_faults if f.name == TimeStamps.name)
     case = repaired(case, setup_faults)
     # A wrong unit scales the step of an encoder: quantisation is measured after the repair.
     every = (*references, *setup_faults, *find_quantization(select_windows(case)))
@@ -260,8 +269,30 @@ def _repaired(
     )
     for fault in faults:
         progress(f"finds {fault}")
-    progress("asks what changes during recordings and between them")
     cutoff = position_cutoff(case.recordings)
+    changes, states = (), States(None)
+    if another:
+        case = select_windows(case)
+    else:
+        case, changes, states = _in_one_state(case, progress)
+    return Prepared(
+        case=case,
+        position_cutoff=cutoff,
+        faults=faults,
+        changes=changes,
+        states=states,
+        given=given,
+        references=references,
+        setup_faults=setup_faults,
+        another_arm=another,
+    )
+
+
+def _in_one_state(
+    case: Case, progress: Progress
+) -> tuple[Case, tuple[Change, ...], States]:
+    """The case cut where something changes, with those recordings that share a state; what changes, and all states."""
+    progress("asks what changes during recordings and between them")
     # about an arm that hangs otherwise everything seems to change
     looked = upright(select_windows(case))
     changes, between = changes_of(looked.recordings, looked.arm, progress)
@@ -278,16 +309,7 @@ def _repaired(
     if states.others:
         progress("diagnoses the recordings that share a state")
         case = states.first(case)
-    return Prepared(
-        case=case,
-        position_cutoff=cutoff,
-        faults=faults,
-        changes=changes,
-        states=states,
-        given=given,
-        references=references,
-        setup_faults=setup_faults,
-    )
+    return case, changes, states
 
 
 def _agreement(
@@ -328,7 +350,7 @@ def examine(case: Case, progress: Progress) -> Study:
 def _study(prepared: Prepared, progress: Progress) -> Study:
     """The study of a case that can be fitted."""
     case = prepared.case
-    found, rejections = _select(case, prepared.position_cutoff, progress)
+    found, rejections = _select(prepared, progress)
     measured = measured_gap(found)
     naming = divide(found, measured.residual)
     selection, predictor = naming.selection, found.of(naming.selection)
@@ -344,6 +366,7 @@ def _study(prepared: Prepared, progress: Progress) -> Study:
         case=case,
         body=predictor.body,
         position_cutoff=prepared.position_cutoff,
+        another_arm=prepared.another_arm,
         selection=selection,
         rejections=rejections,
         effects=_effects(selection, selection.fit.terms),
@@ -371,9 +394,10 @@ def _effects(selection: Selection, terms: frozenset[Term]) -> tuple[AppliedEffec
 
 
 def _select(
-    case: Case, cutoff: float, progress: Progress
+    prepared: Prepared, progress: Progress
 ) -> tuple[HeldOutPredictor, list[Rejection]]:
-    """Search for effects and reject those that held-out data does not bear out."""
+    """Search for effects and reject those that held-out data does not bear out; another arm has none."""
+    case = prepared.case
     body = RigidBody(case.arm)
     set_aside = [
         segment
@@ -382,8 +406,12 @@ def _select(
         for segment in condition(recording)
     ]
     folds = _folds(case)
-    progress("searches for effects")
-    found = search(case.arm, body, folds, min(TORQUE_CUTOFF, cutoff), progress)
+    cutoff = min(TORQUE_CUTOFF, prepared.position_cutoff)
+    if prepared.another_arm:
+        found = without_search(case.arm, body, folds, cutoff)
+    else:
+        progress("searches for effects")
+        found = search(case.arm, body, folds, cutoff, progress)
     progress("predicts held-out data")
     predictor = HeldOutPredictor(case.arm, body, found, folds, set_aside)
     selection, rejections = reject(predictor)

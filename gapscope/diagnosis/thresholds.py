@@ -82,6 +82,8 @@ FAULT_FALL = 0.1
 SHIFTED_INERTIALS_FALL = 0.5
 NOMINAL_RIGHT_NRMSE = 0.12  # Torque NRMSE below which the nominal arm is right as it is [1]... (hand)
 NOMINAL_RIGHT_RATIO = 3.0  # ...if the gap falls to there by this factor [1]. (hand)
+# Gap over the torque's deviation beyond which no torque at all would be a better prediction [1]. (definition)
+NO_TORQUE = 1.0
 FAULT_VALUE_CHARGE = 0.3  # Gain that a fault with a continuous value owes to the value alone [1]. (hand)
 FAULT_SHARPNESS = 10.0  # Log evidence per unit of gain, for probabilities [1]. (hand)
 FAULT_PRIOR_ODDS = 1e-3  # Prior odds of a setup fault against none [1]. (hand)

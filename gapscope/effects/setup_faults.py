@@ -506,10 +506,11 @@ class TorqueUnit(Fault):
         known = look.known
         usual = float(np.median(look.factor[known])) if known.any() else 1.0
         if _is_gross(usual):
-            # a joint whose torque says nothing has the others' factor
-            return [
-                cls.of(np.arange(look.n), np.where(known, look.factor, usual), look.n)
-            ]
+            # a joint whose torque says nothing has the others' factor, and in one unit all have the same
+            every = np.arange(look.n)
+            alike = np.full(look.n, usual)
+            own = np.where(known, look.factor, usual)
+            return [cls.of(every, factor, look.n) for factor in (own, alike)]
         far = np.flatnonzero(known & _is_gross(look.factor))
         groups = [far[k : k + 1] for k in range(len(far))]
         if len(far) > 1:

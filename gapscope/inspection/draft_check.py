@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import numpy as np
+
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import GapscopeError, InputError
-from gapscope.diagnosis.document.wording import NO_TORQUE
-from gapscope.diagnosis.set_up import SetUp, look_at_set_up
+from gapscope.arm.recording import Recording
+from gapscope.diagnosis.set_up import Remark, SetUp, fault_remark, look_at_set_up
+from gapscope.diagnosis.setup_faults.clocks import find_stamps
+from gapscope.diagnosis.thresholds import NO_TORQUE
 from gapscope.inspection.channels import AMPERES, ChannelGuess
 from gapscope.inspection.draft import case_text
 from gapscope.inspection.inspected_table import InspectedTable
@@ -48,8 +53,10 @@ def check_draft(found: Inspection) -> DraftCheck:
 def judge_torques(found: Inspection) -> Inspection:
     """What is in logs, with what each torque column shows of the set-up if the drafted case reads it as the torque.
 
-    Of several torques without names, the one that fits the arm best is chosen.
+    Of several torques without names, the one that fits the arm best is chosen. Without an arm the stamps alone tell.
     """
+    if found.arm is None:
+        return replace(found, misread=tuple(_of_stamps(found)))
     looked: dict[tuple[str, str], SetUp] = {}
     torques = dict(found.torques)
     for label, table in found.sources.items():
@@ -70,6 +77,22 @@ def judge_torques(found: Inspection) -> Inspection:
         return found
     misread = tuple(remark for remark in chosen.remarks() if remark.level != "ok")
     return replace(found, misread=misread)
+
+
+def _of_stamps(found: Inspection) -> Iterator[Remark]:
+    """What is wrong with the time stamps of logs, as a diagnosis finds it."""
+    label, _ = found.chosen["q"]
+    for entry in found.entries:
+        table = entry[label]
+        guess = table.best("q")
+        if guess is None:
+            continue
+        t, q = table.time.seconds, guess.group.values
+        # what stands still, jumps back or is no number is said of the columns
+        usable = np.isfinite(q).all(axis=1)
+        usable &= np.diff(np.maximum.accumulate(t), prepend=-np.inf) > 0
+        for fault in find_stamps([Recording(table.label, t[usable], q[usable])]):
+            yield fault_remark(fault, guess.group.width)
 
 
 def _set_up(found: Inspection, label: str, guess: ChannelGuess) -> SetUp | None:

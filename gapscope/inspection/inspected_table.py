@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -53,6 +54,15 @@ class InspectedTable:
     def best(self, channel: str) -> ChannelGuess | None:
         """The first columns taken for a channel."""
         return next((g for g in self.channels if g.channel == channel), None)
+
+    def of_another_arm(self, taken: Collection[str], n_joints: int) -> str:
+        """Positions beside the columns taken, if there are as many as the arm has joints, in words; else empty."""
+        groups = [guess.group for guess in self.channels if guess.channel == "q"]
+        every = [name for group in groups for name in group.names]
+        beside = [name for name in every if name not in taken]
+        if len(beside) < n_joints or len(beside) == len(every):
+            return ""
+        return f"{beside[0]} to {beside[-1]} are positions, too, as of another arm"
 
 
 def inspect_table(

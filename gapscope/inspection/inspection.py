@@ -106,7 +106,7 @@ def inspect_logs(logs: Sequence[Log], arm: NominalArm | None = None) -> Inspecti
     if arm is not None:
         group = chosen["q"][1].group
         arm = arm_of_columns(arm, group)
-        notes += _other_columns(main[0].label, group, arm)
+        notes += _other_columns(main[0], group, arm)
     return Inspection(
         logs=tuple(logs),
         tables=tuple(tables),
@@ -224,16 +224,23 @@ def _notes(logs: Sequence[Log], tables: Sequence[InspectedTable]) -> list[str]:
     return notes + [f"{name}: holds no numbers of joints" for name in idle]
 
 
-def _other_columns(label: str, group: ColumnGroup, arm: NominalArm) -> list[str]:
+def _other_columns(
+    table: InspectedTable, group: ColumnGroup, arm: NominalArm
+) -> list[str]:
     """A note if a log has more positions than the robot has joints, and their order alone says which are taken."""
-    n = arm.n_joints
-    if group.width <= n or set(arm.joints) <= set(group.labels):
+    n, left = arm.n_joints, ""
+    if group.width > n and not set(arm.joints) <= set(group.labels):
+        left = f"{group.pattern} has {group.width} columns, the robot {n} joints"
+    elif group.width == n:
+        left = table.of_another_arm(group.names, n)
+    if not left:
         return []
     taken, others = group.labels[:n], group.labels[n:]
+    which = f"the first, {taken[0]} to {taken[-1]}, are taken, and {', '.join(others)} left out"
+    if not others:
+        which = f"{group.names[0]} to {group.names[-1]} are taken"
     return [
-        f"{label}: {group.pattern} has {group.width} columns, the robot {n} joints: the first, {taken[0]} to "
-        f"{taken[-1]}, are taken, and {', '.join(others)} left out; "
-        "for another arm or order list its columns in the case"
+        f"{table.label}: {left}: {which}; for another arm or order list its columns in the case"
     ]
 
 

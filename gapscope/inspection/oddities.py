@@ -9,7 +9,7 @@ import numpy as np
 
 from gapscope.arm.io.channel_entry import UNITS
 from gapscope.arm.io.formats.lerobot_calibration import STEPS_PER_TURN
-from gapscope.arm.io.plausibility import gap_notes
+from gapscope.arm.io.plausibility import gap_notes, repeated_rows
 from gapscope.arm.recording import STILL
 from gapscope.inspection.channels import ChannelGuess
 from gapscope.inspection.time_column import TimeGuess
@@ -69,7 +69,6 @@ def _time(where: str, time: TimeGuess) -> Iterator[Oddity]:
     step = np.diff(time.seconds)
     if not len(step):
         return
-    usual = float(np.median(step))
     if (step < 0).any():
         row = int(np.flatnonzero(step < 0)[0]) + 1
         yield Oddity(
@@ -77,26 +76,14 @@ def _time(where: str, time: TimeGuess) -> Iterator[Oddity]:
             f"time jumps back at row {row}",
             "split the log there, or sort its rows",
         )
-    repeated = int((step == 0).sum())
-    if repeated:
-        yield Oddity(
-            where,
-            f"{repeated} rows repeat the stamp before them ({repeated / len(step):.1%})",
-            "they are dropped on reading",
-        )
+    # in the words of the reader, which says the same of the drafted case
+    for note in repeated_rows(time.seconds, {})[1]:
+        yield Oddity(where, note, "nothing: they are dropped on reading")
     for note in gap_notes(time.seconds):
         yield Oddity(
             where,
             note,
             "the recording is cut there; if nobody stopped it, look why samples were lost",
-        )
-    regular = step[(step > 0) & (step <= 2.5 * usual)]
-    jitter = float(np.std(regular) / usual) if usual > 0 else 0.0
-    if jitter > 0.1:
-        yield Oddity(
-            where,
-            f"the stamps jitter by {jitter:.0%} of a period",
-            "stamp the samples where they are taken, not where they are written",
         )
 
 

@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 from foreign_logs import case_format, columns, inspected
 
+from gapscope.inspection.draft_check import judge_torques
+
 
 def oddities(motion, tmp_path, **changed) -> str:
     table = case_format(motion) | changed
-    found = inspected(tmp_path, None, log=table)
-    return "; ".join(f"{odd.where}: {odd.what}" for odd in found.oddities)
+    found = judge_torques(inspected(tmp_path, None, log=table))
+    said = [remark.text for remark in found.misread]
+    return "; ".join([*said, *(f"{odd.where}: {odd.what}" for odd in found.oddities)])
 
 
 def test_a_good_log_has_none(motion, tmp_path):
@@ -47,7 +50,7 @@ def still(motion):
         (spiked, "joint 2: q{j} leaves its neighbours"),
         (clipped, "joint 2: tau{j} stands at"),
         (gap, "gaps in time: 1"),
-        (jitter, "jitter by"),
+        (jitter, "Time stamps (jitter)"),
         (lambda m: {"q3": 0 * m.t + 0.4}, "joint 3 does not move"),
         (still, "the arm stands still"),
         (

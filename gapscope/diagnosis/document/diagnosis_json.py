@@ -407,10 +407,12 @@ def diagnosis_content(study: Study) -> dict[str, Any]:
     # what stays on a joint is worth a recording only where the verdict says that it is unexplained
     unexplained = open_joints if reached == "unexplained" else []
     doubt, first = _misread(study) if reached == "unexplained" else ("", "")
+    another = {"misread": doubt} if study.another_arm else {}
     content: dict[str, Any] = {
         "schema": 1,
         "case": study.case.name,
         "verdict": reached,
+        **another,
         "gap": _gap_entry(study, gap),
         "effects": effects,
         "possible": possible,
@@ -441,7 +443,7 @@ def diagnosis_content(study: Study) -> dict[str, Any]:
         # what is wrong in the file need not be looked for in the recordings
         note = f"in the robot file: {odd}; see gapscope audit {study.case.arm.urdf.resolve()}"
         content["warnings"].insert(0, note)
-    if first:
+    if first and not another:
         content["warnings"].insert(0, f"{doubt}; {first}")
     return with_slide_units(content, study.case.arm.sliding)
 
@@ -450,7 +452,9 @@ def _misread(study: Study) -> tuple[str, str]:
     """What makes the nominal arm another one than was recorded, and what to do first; empty if nothing does."""
     off = float(np.sqrt((study.gap_before.nrmse**2).mean()))
     mounted = upright(study.case).arm
-    return misread(off, mounted.gravity, study.case.arm.gravity)
+    return misread(
+        off, mounted.gravity, study.case.arm.gravity, another=study.another_arm
+    )
 
 
 def _gap_stages(study: Study) -> GapStages:
@@ -477,7 +481,7 @@ def _explained(study: Study, gap: GapStages) -> bool:
 def _significant(study: Study, predictions: list[Predictable]) -> bool:
     """Whether the residual of some joint is far above the floor, or can be predicted."""
     ratio = study.excess_residual.ratio
-    return any(
+    return study.another_arm or any(
         p.share >= PREDICTABLE_SHARE or ratio[p.joint - 1] >= SIGNIFICANT_RESIDUAL_RATIO
         for p in predictions
     )

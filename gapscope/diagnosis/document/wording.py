@@ -17,6 +17,7 @@ from gapscope.arm.display import (
     uncertain,
 )
 from gapscope.arm.joint_units import SLIDING_UNITS, common_unit, joint_unit, units_of
+from gapscope.diagnosis.thresholds import NO_TORQUE
 from gapscope.effects.catalogue import known_effect
 from gapscope.effects.coupled_motors import COUPLED_MOTORS
 from gapscope.model.change_findings import change_text
@@ -101,18 +102,23 @@ def verdict(
     return "no_gap"
 
 
-NO_TORQUE = 1.0
-"""Gap over the torque's deviation beyond which no torque at all would be a better prediction [1]. (definition)"""
-
-
-def misread(off: float, shown: np.ndarray, said: np.ndarray) -> tuple[str, str]:
+def misread(
+    off: float, shown: np.ndarray, said: np.ndarray, *, another: bool
+) -> tuple[str, str]:
     """What makes the nominal arm another one than was recorded, and what to do; empty if nothing does.
 
     Args:
         off: its gap over the joints, RMS of torque NRMSE [1].
         shown: gravity that the torque shows, in the frame of the base [m/s^2], (3,); ``said`` itself if it is that.
         said: gravity that the case says, likewise.
+        another: whether no ordinary load, friction or error of its bodies explains the torque.
     """
+    if another:
+        return (
+            "probably another robot's URDF, or columns in another order or unit: the nominal arm's torque is off by "
+            f"{much(off)} of the recorded one, and no ordinary load, friction or error of its links explains that",
+            "check robot:, joints: and the units and columns of import:",
+        )
     if shown is not said:
         found, given = ([round(float(x), 2) + 0.0 for x in g] for g in (shown, said))
         return (
@@ -122,9 +128,9 @@ def misread(off: float, shown: np.ndarray, said: np.ndarray) -> tuple[str, str]:
         )
     if off > NO_TORQUE:
         return (
-            f"the nominal arm's torque is off by {much(off)} of the recorded one, more than no torque would be: "
-            "another robot or unit, or a load or friction that the case does not state",
-            "check robot:, payloads: and nominal:",
+            f"the nominal arm's torque is off by {much(off)} of the recorded one, more than a constant torque would "
+            "be: a load or friction that the case does not state, inertials that are far off, or another unit",
+            "check payloads:, nominal: and robot:",
         )
     return "", ""
 
@@ -477,6 +483,8 @@ def _before_changes(document: Document) -> str:
 
 def _explained(document: Document) -> str:
     """The main cause, its share of the gap, and what stays."""
+    if "misread" in document:
+        return f"{capital(document['misread'])}. No effect was looked for."
     if _diagnosed(document):
         text = f"{capital(_causes(document))}; {_left(document)}."
     elif document["effects"] and document["verdict"] != "unexplained":

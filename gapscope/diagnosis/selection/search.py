@@ -248,14 +248,31 @@ def search(
     model, replaced = compare_near_equivalents(model)
     model, unlike = settle_compliance(model)
     model = relinearise(drop_unneeded(prune(model)))
+    return _selected(model, nominal, considered, {**replaced, **unlike})
+
+
+def without_search(
+    arm: NominalArm, body: RigidBody, folds: list[list[Segment]], cutoff: float
+) -> Selection:
+    """The nominal arm as it is, for recordings of which it explains nothing."""
+    nominal = nominal_model(arm, body, searched_folds(folds), cutoff)
+    return _selected(nominal, nominal, (), {})
+
+
+def _selected(
+    model: Model,
+    nominal: Model,
+    considered: Considered,
+    contested: Mapping[tuple[str, str], float],
+) -> Selection:
     return Selection(
         nominal.data.torque_deviation,
         model.fit,
         model.evidence,
         considered,
-        {**replaced, **unlike},
+        contested,
         nominal.fit.held_out_mse,
-        body.last_link + 1,
+        nominal.data.body.last_link + 1,
         presliding_distances(model),
     )
 

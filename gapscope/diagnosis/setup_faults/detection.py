@@ -16,17 +16,22 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.plausibility import PLAUSIBLE_RATES
 from gapscope.arm.nominal import NominalArm
+from gapscope.arm.root_mean_square import rms
 from gapscope.diagnosis.gap.plausible_data import check_rates, select_windows
 from gapscope.diagnosis.setup_faults.clocks import (
     find_jitter,
     find_stamps,
     find_torque_clock,
 )
-from gapscope.diagnosis.setup_faults.fault_search import faults_by_torque
+from gapscope.diagnosis.setup_faults.fault_search import (
+    faults_by_torque,
+    is_extraordinary,
+)
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, merged, repaired
 from gapscope.diagnosis.thresholds import (
     FAULT_FALL,
     FAULT_VISIBLE,
+    NO_TORQUE,
     NOMINAL_RIGHT_NRMSE,
     NOMINAL_RIGHT_RATIO,
     OBVIOUS_FAULT_PROBABILITY,
@@ -158,6 +163,22 @@ def _with_gaps(case: Case, faults: tuple[FoundFault, ...]) -> tuple[FoundFault, 
 def upright(case: Case) -> Case:
     """The case with the gravity that its torque shows, if its base is mounted turned."""
     return replace(case, arm=as_mounted(case.arm, _segments(select_windows(case))))
+
+
+def is_another_arm(case: Case) -> bool:
+    """Whether the recordings are of another arm than the nominal one, or their torque is in another unit.
+
+    Then its torque is off by more than a constant torque would be, and no ordinary load, friction or error of its
+    bodies makes it right.
+
+    Args:
+        case: the case, faults of its set-up put right.
+    """
+    mounted = upright(case)
+    gap = nominal_gap(mounted)
+    if gap is None or rms(gap, None) <= NO_TORQUE:
+        return False
+    return is_extraordinary(select_windows(mounted))
 
 
 def nominal_gap(case: Case) -> np.ndarray | None:

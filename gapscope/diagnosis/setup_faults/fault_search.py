@@ -316,6 +316,36 @@ def looks_late(case: Case) -> bool:
     return gain > LATE_REFERENCE_SHARE * FAULT_GAIN
 
 
+def common_factor(case: Case) -> tuple[float, float] | None:
+    """Factor on all torques that explains them decisively better, and its deviation [1]; ``None`` if none does.
+
+    Too near to one for another unit: constants of the motors, or a gear ratio. A load does not act on all joints alike.
+    """
+    scorer = _scorer(case.arm, tuple(r for r in case.recordings if r.tau is not None))
+    if scorer is None:
+        return None
+    n = case.arm.n_joints
+
+    def build(x: np.ndarray) -> TorqueUnit:
+        return TorqueUnit.of(np.arange(n), np.full(n, np.exp(x[0])), n)
+
+    search = _PatternSearch(scorer, Reading.identity(n), build, UNIT_NUISANCE_FACTOR)
+    x = search.minimum(np.zeros(1))
+    evidence = search.cost(np.zeros(1)) - search.cost(x)
+    if evidence < -np.log(FAULT_PRIOR_ODDS) or abs(x[0]) < np.log(OWN_UNIT_FACTOR):
+        return None
+    factor = np.exp(x[0])
+    return float(factor), float(factor * search.deviation(x)[0])
+
+
+def is_extraordinary(case: Case) -> bool:
+    """Whether no arm with ordinary errors of the nominal one made the torque."""
+    scorer = _scorer(case.arm, tuple(r for r in case.recordings if r.tau is not None))
+    if scorer is None:
+        return False
+    return scorer.is_of_another_arm(Reading.identity(case.arm.n_joints))
+
+
 def _scorer(arm: NominalArm, recordings: tuple[Recording, ...]) -> ReadingScorer | None:
     """Scores of recordings with a torque; ``None`` if they hold too little."""
     if not recordings:

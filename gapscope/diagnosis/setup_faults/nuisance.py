@@ -5,10 +5,11 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
+from scipy.stats import chi2
 
 from gapscope.arm.dynamics.inertial_scale import inertial_scale
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -18,6 +19,7 @@ from gapscope.arm.reading import Reading
 from gapscope.arm.robots import shifted_body
 from gapscope.diagnosis.gap.plausible_data import folds_of
 from gapscope.diagnosis.thresholds import (
+    FAULT_PRIOR_ODDS,
     FAULT_SAMPLES,
     FAULT_SIGN_WIDTH,
     LOWEST_TORQUE_SCALE,
@@ -429,6 +431,20 @@ def held_out_gap(
     return gap, _penalty(eq, torque, values[folds], spread)
 
 
+def joints_alone(eq: FoldEquations, reading: Reading, *, bodies: bool) -> np.ndarray:
+    """Held-out gap of the nominal bodies as they are, or of none, beside free values of the joints alone, (K, n).
+
+    Over the torque's deviation. Free are rotor, friction, spring and offset of each joint; neither inertials nor the
+    torque's scale are.
+    """
+    torque = eq.read(reading)
+    free = np.arange(eq.gram.shape[2]) > eq.shared
+    target, square = _against_nominal(eq, torque, bodies=bodies)
+    alone = replace(eq, gram=eq.gram * np.outer(free, free))
+    values = _fit(alone, target * free, torque.deviation, 1.0, 1 - np.eye(len(eq.rows)))
+    return _gap(eq, target, square, values) / torque.deviation
+
+
 def fitted_gap(eq: FoldEquations, reading: Reading) -> tuple[np.ndarray, float]:
     """The same with the gap on each fold of the values fitted to all folds: smaller, at a fraction of the cost."""
     torque = eq.read(reading)
@@ -460,13 +476,14 @@ def _penalty(
 
 
 def _against_nominal(
-    eq: FoldEquations, torque: MappedTorque
+    eq: FoldEquations, torque: MappedTorque, *, bodies: bool = True
 ) -> tuple[np.ndarray, np.ndarray]:
     """X_j^T (tau_j - f_j), (K, n, D), and the sum of (tau_j - f_j)^2, (K, n).
 
-    f is the nominal arm's torque, friction included.
+    f is the nominal arm's torque, friction included; without ``bodies`` its friction alone.
     """
     nominal = eq.nominal
+    nominal[:, eq.shared] *= bodies
     predicted = np.einsum("kjde,je->kjd", eq.gram, nominal)
     square = (
         torque.square
@@ -660,6 +677,21 @@ class ReadingScorer:
         if eq is None:
             return self._worst()
         return _scored(*held_out_gap(eq, reading, spread))
+
+    def is_of_another_arm(self, reading: Reading) -> bool:
+        """Whether no ordinary arm of these bodies made the torque.
+
+        As they are they predict held-out torque worse than no bodies at all, friction of the joints free; or the values
+        that they need are no draw of their prior.
+        """
+        eq = self.equations_of(reading)
+        if eq is None:
+            return True
+        gaps = [joints_alone(eq, reading, bodies=bodies) for bodies in (True, False)]
+        with_bodies, without = (float((gap**2).mean()) for gap in gaps)
+        values = eq.shared + OWN * len(eq.deviation)
+        size = 2 * (self.score(reading).penalty - ORDINARY_PENALTY)
+        return with_bodies > without or chi2.sf(size, values) < FAULT_PRIOR_ODDS
 
     def best_score(self, reading: Reading) -> ReadingScore:
         """What a reading scores at most: as if no fold had been held out. A quarter of the cost of ``score``."""
