@@ -2,9 +2,10 @@
 
 Tables: (1) arms of the blind check's generator, another simulator with other laws of friction, vendor inertials 5 %
 off: a load is picked up, friction of a joint rises, an encoder slips, or a torque constant falls, at a random moment of
-one recording; and the same arms without change, also with every effect of the generator present throughout; (2) real
-arms, as they were recorded, and with the torque of a load or of friction on the recorded motion added from some moment
-on. ``--out FILE.md`` writes them.
+one recording; and the same arms without change, also with every effect of the generator present throughout; rises of
+friction are parted at ``SMALL`` of the joint's torque; (2) real arms, as they were recorded, and with the torque of a
+load or of friction on the recorded motion added from some moment on. ``--healthy`` runs the arms without change alone.
+``--out FILE.md`` writes them.
 """
 
 from __future__ import annotations
@@ -68,6 +69,8 @@ MASSES = (0.25, 0.5, 1.0, 2.0)
 """Loads put into recordings of real arms [kg]."""
 SHARES = (0.05, 0.1, 0.2)
 """Coulomb friction put into them, over the RMS torque of the joint [1]."""
+SMALL = 0.03
+"""Rises of friction below this share of the joint's RMS torque are counted by themselves [1]."""
 SOON, CLOSE = 0.5, 0.2
 """A change is found if its moment is off by at most this [s] and its first parameter by this share [1]."""
 
@@ -133,7 +136,9 @@ def looked(case: Case, group: str, label: str, truth: Truth | None = None) -> Ou
     return Outcome(group, label, truth, found)
 
 
-def generated(seeds: range, effects: bool, console: Console) -> Iterator[Outcome]:
+def generated(
+    seeds: range, effects: bool, healthy: bool, console: Console
+) -> Iterator[Outcome]:
     """Arms of the generator by turns, every second round with three times the encoder noise."""
     for seed in track(seeds, "generator", console=console):
         rng = np.random.default_rng([27, seed])
@@ -147,6 +152,8 @@ def generated(seeds: range, effects: bool, console: Console) -> Iterator[Outcome
             continue
         kind = f"encoder noise x {noise:g}"
         yield looked(written(setup, plain, rows), "generator", f"healthy, {kind}")
+        if healthy:
+            continue
         yield from changed(setup, rows, rng, kind)
         yield from fallen(written(setup, plain, rows), rng, kind)
         if effects:
@@ -189,6 +196,11 @@ def changed(
             run = setup.run(setup.plant(()), which, (moment, later))
             if run is None:
                 continue
+            if what is _friction:
+                torque = run["tau"][:, truth.joints[0] - 1]
+                small = truth.size < SMALL * float(np.sqrt(np.mean(torque**2)))
+                part = f"{'below' if small else 'from'} {SMALL:.0%} of the torque"
+                truth = replace(truth, label=f"{truth.label}, {part}")
             every = [run if k == which else own for k, own in enumerate(rows)]
             given = written(setup, setup.plant(()), every)
             yield looked(given, "generator", f"{truth.label}, {kind}", truth)
@@ -372,12 +384,13 @@ def main() -> None:
     parser.add_argument("--arms", type=int, default=14, help="of the generator")
     parser.add_argument("--first", type=int, default=0, help="number of the first arm")
     parser.add_argument("--effects", action="store_true", help="with every effect, too")
+    parser.add_argument("--healthy", action="store_true", help="without change alone")
     parser.add_argument("--no-real", action="store_true")
     parser.add_argument("--out", type=Path, default=None)
     options = parser.parse_args()
     console = Console()
     seeds = range(options.first, options.first + options.arms)
-    outcomes = list(generated(seeds, options.effects, console))
+    outcomes = list(generated(seeds, options.effects, options.healthy, console))
     if not options.no_real:
         outcomes += real(console)
     text = table(outcomes)

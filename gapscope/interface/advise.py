@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-
-import pandas as pd
+from typing import TYPE_CHECKING
 
 from gapscope.diagnosis.next_recording import Advice, AdviceRequest, lines
 from gapscope.diagnosis.next_recording import advise as design_recording
@@ -14,6 +13,9 @@ from gapscope.ident.excitation.design import LimitPlan
 from gapscope.interface.diagnose import DiagnosisResult, diagnose
 from gapscope.interface.excite import ExcitationResult
 from gapscope.interface.result import Result
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, repr=False)
@@ -46,6 +48,8 @@ class AdviceResult(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """A row for each open question: the effect found, what else could explain the data, and its probability."""
+        import pandas as pd
+
         rows = [
             {"found": q.found, "other": q.other, "probability": q.probability}
             for q in self.advice.questions

@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import pandas as pd
 from rich.console import RenderableType
 
 from gapscope.arm.case import Case, load_case
 from gapscope.diagnosis.agreement import Agreement, agreement, document
 from gapscope.interface.result import Result
 from gapscope.reports.agreement import summary, write_agreement
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, repr=False)
@@ -41,6 +43,8 @@ class AgreementResult(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """A row for each parameter and recording: verdict, value and standard deviation."""
+        import pandas as pd
+
         content = self.document
         rows = [
             {

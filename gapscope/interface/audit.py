@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import pandas as pd
 from rich.console import RenderableType
 
 from gapscope.interface.result import Result
 from gapscope.model_audit.audit import Audit, audit_model, document
 from gapscope.reports.audit import summary, write_audit
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, repr=False)
@@ -40,6 +42,8 @@ class AuditResult(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """A row for each finding, worst first."""
+        import pandas as pd
+
         return pd.DataFrame(self.document["findings"])
 
 

@@ -6,9 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import pandas as pd
 from rich.console import RenderableType
 
 from gapscope.arm.case import Case
@@ -18,6 +17,9 @@ from gapscope.case_check.check import CaseCheck, check_case, document
 from gapscope.interface.models import case_file
 from gapscope.interface.result import Result
 from gapscope.reports.case_check import summary
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 DOCUMENT = "check.json"
 
@@ -55,6 +57,8 @@ class CheckResult(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """A row for each remark."""
+        import pandas as pd
+
         return pd.DataFrame(self.document["remarks"])
 
 

@@ -7,10 +7,9 @@ import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from rich.console import RenderableType
 
 from gapscope.arm.case import Case, load_case
@@ -37,6 +36,9 @@ from gapscope.reports.diagnosis import (
     write_diagnosis,
 )
 from gapscope.reports.mended_case import write_mended_case
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, repr=False)
@@ -115,6 +117,8 @@ class DiagnosisResult(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """A row for each parameter of each effect and joint: value, standard deviation, probability, share, named."""
+        import pandas as pd
+
         rows = [
             {**row, "named": section == "effects"}
             for section in ("effects", "possible")

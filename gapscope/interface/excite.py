@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from gapscope.arm.case import Case
 from gapscope.arm.io.atomic_write import make_folder
@@ -24,6 +23,9 @@ from gapscope.ident.excitation.design import (
 from gapscope.interface.models import make_arm
 from gapscope.interface.result import Result
 from gapscope.reports.trajectory import check_csv, summary, write_trajectory
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, repr=False)
@@ -64,6 +66,8 @@ class ExcitationResult(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """The columns t, q1.., dq1.., ddq1.., tau1.. (nominal torque)."""
+        import pandas as pd
+
         motion = self.excitation.motion
         channels = {"q": motion.q, "dq": motion.dq, "ddq": motion.ddq}
         channels["tau"] = self.excitation.torque

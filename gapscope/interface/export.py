@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-
-import pandas as pd
+from typing import TYPE_CHECKING
 
 from gapscope.arm.controller import Controller
 from gapscope.arm.io.atomic_write import make_folder
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.export.formats import export as write_arm
 from gapscope.interface.result import Result
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, repr=False)
@@ -48,6 +50,8 @@ class ExportResult(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """A row for each effect that is left out, and each remark."""
+        import pandas as pd
+
         rows = [("left out", text) for text in self.left_out]
         rows += [("remark", text) for text in self.remarks]
         return pd.DataFrame(rows, columns=["kind", "text"])

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import pandas as pd
 from rich.console import RenderableType
 
 from gapscope.arm.case import Case, load_case
@@ -15,6 +14,9 @@ from gapscope.arm.io.json_file import write_json
 from gapscope.interface.models import Model, corrected_arm
 from gapscope.interface.result import Result
 from gapscope.reports.gap import gap_document, gap_tables
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, repr=False)
@@ -40,6 +42,8 @@ class GapResult(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """A row for each recording and joint."""
+        import pandas as pd
+
         rows = []
         for recording in self.document["recordings"]:
             for joint, name in enumerate(self.document["joints"]):

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from rich.console import RenderableType
 
 from gapscope.arm.case import Case, load_case
@@ -20,6 +20,9 @@ from gapscope.ident.identification import identify as identify_case
 from gapscope.interface.models import case_file
 from gapscope.interface.result import Result
 from gapscope.reports.identification import DOCUMENT, summary, write_identification
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, repr=False)
@@ -45,6 +48,8 @@ class IdentificationResult(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """A row for each base parameter: value and standard deviation."""
+        import pandas as pd
+
         result = self.identification
         deviation = np.sqrt(np.diag(result.uncertainty.covariance))
         columns = {"value": result.estimate.value, "std": deviation}

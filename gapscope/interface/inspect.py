@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
-import pandas as pd
 from rich.console import RenderableType
 
 from gapscope.arm.io.atomic_write import atomic_write
@@ -23,6 +23,9 @@ from gapscope.reports.inspection import (
     save_inspection,
     summary,
 )
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 DESCRIBED = "robot.urdf"
 """Name of the file of a robot that a log describes."""
@@ -66,6 +69,8 @@ class InspectionResult(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """A row for the time and for each channel: its columns, their unit, and what tells."""
+        import pandas as pd
+
         heads = ["channel", "columns", "unit", "because"]
         return pd.DataFrame(list(channel_rows(self.found)), columns=heads)
 

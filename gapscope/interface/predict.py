@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.nominal import NominalArm
@@ -21,6 +21,9 @@ from gapscope.interface.models import (
     say_state,
 )
 from gapscope.interface.result import TableResult
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, repr=False)
@@ -48,6 +51,8 @@ class Prediction(TableResult):
 
     def to_frame(self) -> pd.DataFrame:
         """The columns t, tau1..taun."""
+        import pandas as pd
+
         torque = {f"tau{j + 1}": x for j, x in enumerate(self.tau.T)}
         return pd.DataFrame({"t": self.t, **torque})
 

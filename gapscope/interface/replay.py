@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.recording import Recording
@@ -18,6 +18,9 @@ from gapscope.envs.replay import replay as replay_recording
 from gapscope.interface.models import Model, corrected_arm, recording_of, say_state
 from gapscope.interface.result import TableResult
 from gapscope.reports.gap import replay_line
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, repr=False)
@@ -45,6 +48,8 @@ class ReplayResult(TableResult):
 
     def to_frame(self) -> pd.DataFrame:
         """The columns t, q1..qn, tau1..taun."""
+        import pandas as pd
+
         columns = {"t": self.replay.t}
         for name in ("q", "tau"):
             for joint, x in enumerate(getattr(self.replay, name).T, start=1):

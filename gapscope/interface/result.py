@@ -6,13 +6,15 @@ import html
 import io
 from abc import ABC, abstractmethod
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
-import pandas as pd
 from rich.console import Console, RenderableType
 
 from gapscope.arm.io.atomic_write import make_folder
 from gapscope.arm.io.write_case import write_columns
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 SCREEN = 24
 """Lines of a screen."""

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import NamedTuple, Protocol
 
 import numpy as np
-import pandas as pd
 from scipy.interpolate import BPoly
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -284,6 +283,9 @@ def read_sampled(path: Path, n_joints: int) -> Sampled:
     Raises:
         InputError: the file or a column is missing, or a value is no finite number.
     """
+    # most commands read no reference, and would wait for it
+    import pandas as pd
+
     remedy = "give a file as gapscope excite writes it"
     try:
         table = pd.read_csv(path)
