@@ -934,6 +934,7 @@ def how_far(diagnosis: Diagnosis) -> dict[str, Any]:
             "after": replay_after,
             "by_torque": document["gap"].get("replayed") == "torque",
         },
+        "repeatability": document["gap"].get("repeatability"),
         "elsewhere": [
             _elsewhere(document, engine, before, after)
             for engine in before.get("replay_elsewhere", {})

@@ -16,6 +16,7 @@ from gapscope.arm.io.json_file import field as schema_field
 from gapscope.arm.io.json_file import plain, read_json, schema_fault, write_json
 from gapscope.arm.nominal import NominalArm, arm_entry
 from gapscope.arm.recording import Recording
+from gapscope.arm.root_mean_square import rms
 from gapscope.diagnosis.assessment.held_out_prediction import Rejection
 from gapscope.diagnosis.assessment.predictable_share import Predictable, predictable
 from gapscope.diagnosis.assessment.sensor_sides import sides_entry
@@ -36,6 +37,7 @@ from gapscope.diagnosis.document.findings import (
 from gapscope.diagnosis.document.wording import misread, verdict, with_slide_units
 from gapscope.diagnosis.gap.commanded_torque import WARNING
 from gapscope.diagnosis.gap.plausible_data import short_note, still_note
+from gapscope.diagnosis.gap.repeatability import repeatability
 from gapscope.diagnosis.locate import MotionRows, located, stack
 from gapscope.diagnosis.selection.detectable import shown
 from gapscope.diagnosis.selection.evidence import Fit
@@ -507,6 +509,22 @@ def _gap_entry(study: Study, gap: GapStages) -> dict[str, Any]:
             "replay_rmse": known_numbers(replay.after),
             "replay_elsewhere": elsewhere_after,
         },
+        "repeatability": _repeatability_entry(study),
+    }
+
+
+def _repeatability_entry(study: Study) -> dict[str, Any] | None:
+    """What the arm's own repeats differ by, and how many times that the gap is; ``None`` without repeats."""
+    gap = study.gap_after
+    rates = [segment.motion.rate for segment in study.predictor.segments]
+    found = repeatability(gap, rates, study.floor)
+    if found is None:
+        return None
+    nrmse = found.rms / torque_scale(gap.measured)
+    return {
+        "torque_nrmse": numbers(nrmse),
+        "seconds": found.seconds,
+        "times": float(rms(gap.nrmse) / rms(nrmse)),
     }
 
 
