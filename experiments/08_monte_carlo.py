@@ -67,8 +67,6 @@ from gapscope.ident.fitted_parameters import (
 from gapscope.ident.intervals import (
     Uncertainty,
     block_jackknife,
-    plain,
-    sandwich,
     torque_interval,
 )
 from gapscope.ident.model.base_parameters import BaseParameters, base_parameters
@@ -333,9 +331,9 @@ BASE: dict[str, Made] = {
     "OLS": lambda world, level: OrdinaryLeastSquares(),
     "WLS": lambda world, level: WeightedLeastSquares(),
     "IRLS, Huber": lambda world, level: HuberLeastSquares(),
-    "ridge, GCV": lambda world, level: Ridge("gcv"),
-    "ridge, L-curve": lambda world, level: Ridge("l_curve"),
-    "truncated SVD, GCV": lambda world, level: TruncatedSvd(),
+    "ridge": lambda world, level: Ridge("motion", world.base.of(world.prior)),
+    "ridge, L-curve": lambda world, level: Ridge("l_curve", world.base.of(world.prior)),
+    "truncated SVD": lambda world, level: TruncatedSvd(world.base.of(world.prior)),
     "total least squares": lambda world, level: TotalLeastSquares(),
     "TLS, column noise given": lambda world, level: TotalLeastSquares(
         *world.errors(level)
@@ -481,8 +479,7 @@ def coverage(
         estimate = estimator.estimate(problem)
         weight = np.diag(estimate.residual**-2)
         methods = {
-            "plain formula": plain(estimate, problem),
-            "sandwich": sandwich(problem, estimate.value, weight),
+            "plain formula": Uncertainty(estimate.covariance, np.inf, 1),
             "block jackknife": block_jackknife(problem, estimate.value, weight),
         }
         for name, uncertainty in methods.items():

@@ -147,7 +147,7 @@ def _taper(count: int) -> np.ndarray:
     return 0.5 * (1 - np.cos(np.pi * edge))
 
 
-# Uncertainty that holds for autocorrelated residuals: sandwich, block jackknife, intervals.
+# Uncertainty that holds for autocorrelated residuals: block jackknife, intervals.
 #
 # Filtered recordings have autocorrelated residuals, so that s^2 (W^T W)^-1 states too small errors.
 # Both methods here use the scores g_i = W_i^T S^-1 e_i, shape (b,), of samples i as they follow each other.
@@ -230,57 +230,6 @@ def _column_length(covariance: np.ndarray, n: int) -> float | None:
     return float((1.5 * slope**2 / density**2 * n) ** (1 / 3))
 
 
-def bartlett_sum(scores: np.ndarray, group: np.ndarray, length: int) -> np.ndarray:
-    """sum_k (1 - |k| / L) sum_i g_i g_{i+k}^T within the groups, shape (b, b): the variance of the scores' sum.
-
-    Args:
-        scores: g_i, shape (N, b).
-        group: shape (N,).
-        length: L [samples].
-
-    Source: newey1987.
-    """
-    b = scores.shape[1]
-    total = np.zeros((b, b))
-    for rows in group_slices(group):
-        # sums over all windows of L samples; their products are Bartlett's triangle of weights
-        padded = np.vstack(
-            [np.zeros((length, b)), scores[rows], np.zeros((length - 1, b))]
-        )
-        running = np.cumsum(padded, axis=0)
-        window_sums = running[length:] - running[:-length]
-        total += window_sums.T @ window_sums / length
-    return total
-
-
-def sandwich(
-    problem: Problem,
-    beta: np.ndarray,
-    weight: np.ndarray | None = None,
-    length: int | None = None,
-) -> Uncertainty:
-    """Covariance A^-1 B A^-1 with A = sum W_i^T S W_i, B = sum_k (1 - |k| / L) sum_i g_i g_{i+k}^T (Bartlett's window).
-
-    Args:
-        problem: that was solved.
-        beta: the estimate, shape (b,).
-        weight: S, the inverse noise covariance that the estimator weighted with, shape (n, n); 1 if ``None``.
-        length: L [samples]; chosen by ``block_length`` if ``None``.
-
-    The variances have about 1.5 N / L degrees of freedom. Source: newey1987.
-    """
-    gram, scores = _grams_and_scores(problem, beta, weight)
-    if length is None:
-        length = block_length(scores, problem.group)
-    meat = bartlett_sum(scores, problem.group, length)
-    n, b = problem.torque.size, len(beta)
-    inverse = _inverse(gram)
-    covariance = inverse @ meat @ inverse * n / max(n - b, 1)
-    # of Bartlett's window
-    freedom = max(1.5 * len(scores) / length - 1, 1.0)
-    return Uncertainty(covariance, freedom, length)
-
-
 def block_jackknife(
     problem: Problem,
     beta: np.ndarray,
@@ -289,10 +238,14 @@ def block_jackknife(
 ) -> Uncertainty:
     """Covariance (B - 1) / B sum_k d_k d_k^T with d_k the change of beta when block k of B is left out.
 
-    d_k = (A - A_k)^-1 g_k, A_k and g_k the block's share of A and its summed score: no block tests the parameters
-    that it bent itself, which the sandwich forgives: residuals of slow columns hold less slow noise than the noise
-    does. Arguments as ``sandwich``; blocks, which do not overlap here, are by default twice as long, and no more than
-    about ``MAX_BLOCKS``. Source: kunsch1989, bell2002.
+    d_k = (A - A_k)^-1 g_k, A = sum W_i^T S W_i, A_k and g_k the block's share of A and its summed score: no block tests
+    the parameters that it bent itself. Source: kunsch1989, bell2002.
+
+    Args:
+        problem: that was solved.
+        beta: the estimate, shape (b,).
+        weight: S, the inverse noise covariance that the estimator weighted with, shape (n, n); 1 if ``None``.
+        length: of the blocks [samples]; if ``None`` twice ``block_length``, and no more than about ``MAX_BLOCKS``.
     """
     weighted = problem.matrix if weight is None else weight @ problem.matrix
 
@@ -344,23 +297,6 @@ def jackknife(
     return Uncertainty(covariance, max(count - 1.0, 1.0), length)
 
 
-def plain(estimate: Estimate, problem: Problem) -> Uncertainty:
-    """What the estimator states itself, with the degrees of freedom of white noise."""
-    freedom = max(problem.torque.size - len(estimate.value), 1)
-    return Uncertainty(estimate.covariance, float(freedom), 1)
-
-
-def _grams_and_scores(
-    problem: Problem, beta: np.ndarray, weight: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """A, shape (b, b), and the scores of the samples, shape (N, b)."""
-    residual = problem.residual(beta)
-    weighted = problem.matrix if weight is None else weight @ problem.matrix
-    flat = problem.matrix.reshape(-1, len(beta))
-    gram = flat.T @ weighted.reshape(-1, len(beta))
-    return gram, np.einsum("ijb,ij->ib", weighted, residual)
-
-
 def _blocks(group: np.ndarray, length: int) -> list[slice]:
     """Blocks of about equal length within the groups."""
     out: list[slice] = []
@@ -381,13 +317,6 @@ def several_groups(group: np.ndarray) -> list[slice]:
     """The groups; a single one is cut into four."""
     spans = group_slices(group)
     return spans if len(spans) > 1 else equal_parts(spans[0], 4)
-
-
-def _inverse(gram: np.ndarray) -> np.ndarray:
-    """Inverse of a Gram matrix with its diagonal brought to 1 first."""
-    scale = 1 / np.sqrt(np.diag(gram).clip(1e-300))
-    outer = np.outer(scale, scale)
-    return np.linalg.pinv(gram * outer, hermitian=True) * outer
 
 
 # Uncertainty of any estimator: the estimate is repeated without one stretch of time after the other.

@@ -1,32 +1,43 @@
-"""A real arm: the TX40's published log, fitted and judged as in the comparison with FIGAROH."""
+"""A real arm: the TX40's published log, fitted and judged as its page states, in the comparison with FIGAROH."""
 
+import re
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from gapscope.arm.case import load_case
-from gapscope.ident.identification import IdentificationSettings, identify
-from gapscope.ident.samples import Band
+from gapscope.ident.fitted_parameters import IdentificationSettings, fit_parameters
+from gapscope.ident.identification import validated
 
 ROOT = Path(__file__).resolve().parents[2]
-CUTOFF = 10.0
-"""Cut-off of both sides [Hz]."""
-MOST = 0.11
-"""RMS residual over RMS torque, stacked over joints, all judged rows [1]; FIGAROH has 0.21, a plain fit 0.13."""
+PAGE = ROOT / "docs" / "identification.md"
 
 
 @pytest.mark.shared_data
 @pytest.mark.slow
 @pytest.mark.nightly
-def test_rows_that_were_not_fitted_are_predicted_by_bodies_that_can_exist(data_root):
+@pytest.mark.parametrize("cutoff", [10, 100])
+def test_page_states_what_is_found(data_root: Path, cutoff: int) -> None:
+    """Shares of the torque left on rows fitted, held out while moving, and held out, to the digit that is stated."""
     case = load_case(
         ROOT / "experiments" / "cases" / "staubli_tx40.yaml", data_root=data_root
     )
-    found = identify(case, IdentificationSettings(cutoff=CUTOFF, trim=False))
-    band = Band(CUTOFF, trim=False)
-    (judged,) = band.segments(case.judged)
-    torque = band.filtered(np.asarray(judged.torque), judged)
-    left = torque - band.filtered(found.predict(judged.motion), judged)
-    assert np.sqrt((left**2).sum() / (torque**2).sum()) <= MOST
+    settings = IdentificationSettings(cutoff=float(cutoff), trim=False)
+    found = fit_parameters(case, settings)
+    fit, judged = (
+        validated(found, found.physical.value, role, segments)
+        for role, segments in (
+            ("fit", found.samples.segments),
+            ("judge", found.samples.band.segments(found.held_out)),
+        )
+    )
+    page = PAGE.read_text(encoding="utf-8")
+    row = re.search(rf"^\| {cutoff} Hz.*?^\| \| `gapscope identify` .*?$", page, re.M | re.S)  # fmt: skip
+    stated = [float(x) for x in re.findall(r"\*\*([\d.]+) %\*\*", row[0])]
+    shares = (fit.every.overall, judged.moving.overall, judged.every.overall)
+    assert [100 * x for x in shares] == pytest.approx(stated, abs=0.051)
+    if cutoff == 10:
+        joint = re.search(r"against ([\d.]+) %; all rows [\d.]+ against ([\d.]+) %", page)  # fmt: skip
+        five = [100 * own.relative[4] for own in (judged.moving, judged.every)]
+        assert five == pytest.approx([float(x) for x in joint.groups()], abs=0.051)
     assert all(check.consistent for check in found.physical.after)

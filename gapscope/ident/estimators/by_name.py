@@ -162,10 +162,7 @@ METHODS: dict[str, Method] = {
         lambda given: Ridge("l_curve", given.prior), _repeated, _UNBIASED
     ),
     "truncated_svd": Method(
-        lambda given: TruncatedSvd(
-            given.prior,
-            "motion" if given.directions is None else given.directions,
-        ),
+        lambda given: TruncatedSvd(given.prior, given.directions),
         _repeated,
         _UNBIASED,
     ),

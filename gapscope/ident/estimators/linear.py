@@ -427,7 +427,7 @@ class HuberLeastSquares:
         return variance * triangles.factor(spread).inverse_gram()
 
 
-# Ridge regression, its strength chosen by held-out motions, the L-curve or generalised cross-validation.
+# Ridge regression, its strength chosen by held-out motions or the L-curve.
 
 
 STRENGTHS = np.logspace(-12, 1, 131)
@@ -478,15 +478,14 @@ class Ridge:
     exceeds b. The covariance is that of the noise alone; what the pull adds as bias is not in it.
 
     Attributes:
-        choice: ``motion`` (the strongest that predicts motions as well as any that were not fitted), ``gcv`` (least
-            |residual|^2 / (M - effective parameters)^2), ``l_curve`` (the sharpest corner of log |residual| against log
-            |D (beta - beta_0)|), or lambda itself.
+        choice: ``motion`` (the strongest that predicts motions as well as any that were not fitted), ``l_curve`` (the
+            sharpest corner of log |residual| against log |D (beta - beta_0)|), or lambda itself.
         prior: beta_0, shape (b,); zero if ``None``.
 
-    Source: hansen1992, golub1979.
+    Source: hansen1992.
     """
 
-    choice: str | float = "gcv"
+    choice: str | float = "motion"
     prior: np.ndarray | None = None
 
     def estimate(self, problem: Problem) -> Estimate:
@@ -527,10 +526,6 @@ class Ridge:
         # rows: strengths; columns: directions
         pulled = STRENGTHS[:, None] / (values**2 + STRENGTHS[:, None])
         residual = ((pulled * part) ** 2).sum(axis=1) + factor.rest
-        if self.choice == "gcv":
-            free = factor.rows - len(values) + pulled.sum(axis=1)
-            score = residual / np.maximum(free, 1e-9) ** 2
-            return float(STRENGTHS[np.argmin(score)])
         solution = (1 - pulled) * part / np.maximum(values, 1e-300)
         size = (solution**2).sum(axis=1)
         log_residual = 0.5 * np.log(np.maximum(residual, 1e-300))
@@ -561,14 +556,13 @@ class TruncatedSvd:
 
     Attributes:
         prior: beta_0, shape (b,); zero if ``None``.
-        count: k itself; ``motion``: the least that predicts motions as well as any that were not fitted; ``None``: by
-            generalised cross-validation, least |residual|^2 / (M - k)^2.
+        count: k itself; ``None``: the least that predicts motions as well as any that were not fitted.
 
     Source: hansen1987.
     """
 
     prior: np.ndarray | None = None
-    count: int | str | None = None
+    count: int | None = None
 
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate; raises ``InputError`` if the samples are not finite or the arm rests."""
@@ -576,22 +570,15 @@ class TruncatedSvd:
             problem, self.prior
         )
         b = len(prior)
-        # squared residual with the first k directions, for k = 0 to b
-        dropped_squares = np.append(np.cumsum(part[::-1] ** 2)[::-1], 0.0)
-        squares = factor.rest + dropped_squares
         # weak directions stay at the prior
-        if self.count == "motion":
+        rank = self.count
+        if rank is None:
             rank = _rank_by_motion(weighted, prior, norms)
-        elif isinstance(self.count, int):
-            rank = min(self.count, b)
-        else:
-            # generalised cross-validation
-            counts = np.arange(1, int((values > 1e-12 * values[0]).sum()) + 1)
-            score = squares[counts] / np.maximum(factor.rows - counts, 1e-3) ** 2
-            rank = int(counts[np.argmin(score)])
+        rank = min(rank, b)
         half = right[:rank].T / values[:rank] / norms[:, None]
         beta = prior + half @ part[:rank]
-        noise = squares[rank] / max(factor.rows - rank, 1)
+        square = factor.rest + float((part[rank:] ** 2).sum())
+        noise = square / max(factor.rows - rank, 1)
         warnings: tuple[str, ...] = ()
         if rank < b:
             warnings = (
