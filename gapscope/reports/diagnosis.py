@@ -123,10 +123,11 @@ def actions(diagnosis: Diagnosis, folder: Path) -> list[Action]:
         return shlex.quote(str(folder / name))
 
     if any(fault.reading(n).differs(*OF_COLUMNS) for fault in diagnosis.faults):
+        case = made("mended_case.yaml")
         found.append(
             Action(
                 "Read the logs as they are meant: mended_case.yaml, beside this page, does",
-                f"gapscope diagnose {made('mended_case.yaml')} --out {made('mended')}",
+                f"gapscope diagnose {case} --out {made('mended')}",
             )
         )
     for entry in document["effects"]:
