@@ -270,7 +270,8 @@ def _repaired(
     for fault in faults:
         progress(f"finds {fault}")
     cutoff = position_cutoff(case.recordings)
-    changes, states = (), States(None)
+    changes: tuple[Change, ...] = ()
+    states = States(None)
     if another:
         case = select_windows(case)
     else:
