@@ -33,6 +33,7 @@ from gapscope.arm.io.json_file import plain
 from gapscope.arm.joint_units import joint_unit
 from gapscope.diagnosis.diagnose_change import Change
 from gapscope.diagnosis.document.diagnosis_json import validate, write_document
+from gapscope.diagnosis.document.findings import NOT_YET
 from gapscope.diagnosis.document.wording import (
     VERDICTS,
     ParameterText,
@@ -123,10 +124,11 @@ def actions(diagnosis: Diagnosis, folder: Path) -> list[Action]:
         return shlex.quote(str(folder / name))
 
     if any(fault.reading(n).differs(*OF_COLUMNS) for fault in diagnosis.faults):
+        case = made("mended_case.yaml")
         found.append(
             Action(
                 "Read the logs as they are meant: mended_case.yaml, beside this page, does",
-                f"gapscope diagnose {made('mended_case.yaml')} --out {made('mended')}",
+                f"gapscope diagnose {case} --out {made('mended')}",
             )
         )
     for entry in document["effects"]:
@@ -140,14 +142,16 @@ def actions(diagnosis: Diagnosis, folder: Path) -> list[Action]:
                 f"gapscope export {made(CORRECTED)} --case {case} --format mjcf --out arm.xml",
             )
         )
-    if document["next_recording"]:
+    following = document["next_recording"] or ""
+    if following.startswith(NOT_YET):
+        found.append(Action(capital(following.removeprefix(NOT_YET))))
+    elif following:
         found.append(
             Action(
-                f"Record next: {document['next_recording']}",
-                f"gapscope advise {case} --out next.csv",
+                f"Record next: {following}", f"gapscope advise {case} --out next.csv"
             )
         )
-    if document["verdict"] == "unexplained":
+    if document["verdict"] == "unexplained" and "misread" not in document:
         found.append(
             Action("Look at what stays unexplained: it says where and how the gap acts")
         )

@@ -13,6 +13,7 @@ from cases import case_of
 from sweeps import nightly
 from synthetic import Truth
 
+import gapscope
 from gapscope.arm.case import Case
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.json_file import plain
@@ -335,3 +336,27 @@ def test_recordings_of_different_rates() -> None:
     assert "4 to 8 Hz" in [
         region["regime"] for region in document["unexplained"]["where"]
     ]
+
+
+@pytest.fixture(scope="module")
+def foreign(tmp_path_factory: pytest.TempPathFactory) -> Case:
+    """Recordings of the arm with the URDF of another."""
+    urdf = tmp_path_factory.mktemp("foreign") / "other.urdf"
+    text = synthetic.URDF.replace('axis xyz="0 1 0"', 'axis xyz="1 0 0"')
+    urdf.write_text(text.replace('mass value="5"', 'mass value="60"'))
+    case = synthetic.case(COULOMB, seed=7)
+    return replace(case, arm=NominalArm("other", urdf, case.arm.joints))
+
+
+def test_another_robot_is_said_and_nothing_is_found_of_it(foreign: Case) -> None:
+    result = diagnose(foreign)
+    document = result.document
+    validate(document)
+    assert verdict_sentence(document).startswith("Probably another robot")
+    assert document["verdict"] == "unexplained" and result.faults == ()
+    assert not document["effects"] + document["possible"] + document["changes"]
+
+
+def test_nothing_is_identified_of_another_robot(foreign: Case) -> None:
+    with pytest.raises(InputError, match="probably another robot"):
+        gapscope.identify(foreign)

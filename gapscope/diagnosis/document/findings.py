@@ -581,6 +581,10 @@ def _evidence(applied: AppliedEffect, state: OtherState, found: Agreement) -> Fi
 # The next recording that a diagnosis suggests, from its own findings; ``gapscope advise`` designs it in detail.
 
 
+NOT_YET = "none yet: "
+"""How a next recording begins that is something to do first."""
+
+
 def suggested_recording(
     reached: Verdict,
     effects: list[dict[str, Any]],
@@ -604,10 +608,10 @@ def suggested_recording(
     if reached == "no_gap":
         return None
     if first:
-        return f"none yet: first {first}, and diagnose again"
+        return f"{NOT_YET}first {first}, and diagnose again"
     if coupling is not None:
         return (
-            f"none yet: first look whether one motor turns joints {coupling.joint} and {coupling.motor}, declare it in "
+            f"{NOT_YET}first look whether one motor turns joints {coupling.joint} and {coupling.motor}, declare it in "
             f"the case as {coupling_text(coupling.declaration)}, and diagnose again"
         )
     if open_joints:

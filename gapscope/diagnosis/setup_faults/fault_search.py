@@ -329,13 +329,22 @@ def common_factor(case: Case) -> tuple[float, float] | None:
     def build(x: np.ndarray) -> TorqueUnit:
         return TorqueUnit.of(np.arange(n), np.full(n, np.exp(x[0])), n)
 
-    search = _PatternSearch(scorer, Reading.identity(n), build, UNIT_NUISANCE_FACTOR)
-    x = search.minimum(np.zeros(1))
-    evidence = search.cost(np.zeros(1)) - search.cost(x)
-    if evidence < -np.log(FAULT_PRIOR_ODDS) or abs(x[0]) < np.log(OWN_UNIT_FACTOR):
+    found = []
+    # friction that the data sheet lacks looks like a factor to an arm that may have little of it, a load to one that
+    # may have much: both have to say so
+    for spread in (1.0, UNIT_NUISANCE_FACTOR):
+        search = _PatternSearch(scorer, Reading.identity(n), build, spread)
+        x = search.minimum(np.zeros(1))
+        if search.cost(np.zeros(1)) - search.cost(x) < -np.log(FAULT_PRIOR_ODDS):
+            return None
+        found.append((float(np.exp(x[0])), float(search.deviation(x)[0])))
+    (factor, share), (other, _) = found
+    if (
+        min(factor, other) < OWN_UNIT_FACTOR
+        and 1 / max(factor, other) < OWN_UNIT_FACTOR
+    ):
         return None
-    factor = np.exp(x[0])
-    return float(factor), float(factor * search.deviation(x)[0])
+    return factor, factor * share
 
 
 def is_extraordinary(case: Case) -> bool:
