@@ -23,7 +23,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.gap.plausible_data import folds_of
-from gapscope.diagnosis.model.normal_equations import NormalEquations
+from gapscope.diagnosis.model.normal_equations import MIN_SQUARE, NormalEquations
 from gapscope.diagnosis.selection.evidence import Evidence, columns_of, expecting
 from gapscope.diagnosis.selection.fitted_model import clashes, nominal_model
 from gapscope.diagnosis.selection.search import Selection, searched_folds
@@ -119,7 +119,8 @@ class _Asked:
         share = rows / rows.sum(axis=0) / deviation**2
         column2 = float((self.plain[..., 0, 0] * share).sum(axis=0).max())
         shape = evidence.terms.shapes.get(self._term, ())
-        if not column2 > 0:
+        # what moves no torque but by rounding
+        if column2 <= MIN_SQUARE:
             return Detectable(self._term, np.inf, np.inf, shape)
         largest = LARGEST / float(np.sqrt(column2))
         expected2 = scored2 + evidence.scored.expected2
