@@ -75,19 +75,21 @@ class _Asked:
         self._evidence, self._term = evidence, term
         self._columns, self._own = columns_of(chosen), np.array(term.columns)
         self._charge = evidence.charge(chosen | {term}) - evidence.charge(chosen)
-        without = self._response(evidence.without_fold)
-        size = evidence.terms.size
+        # what it and the others move: all else stays what it is
+        used = np.append(self._own, self._columns).astype(int)
+        held = self._response(evidence.without_fold)[:, used]
+        across = used[:, None], used
         grams = (
-            (evidence.torque.gram[..., :size, :size], without[:, :-1], evidence.torque),
-            (evidence.reduced[0], without, evidence.torque),
-            (evidence.reduced[-1], without, evidence.scored),
+            (evidence.torque.gram, evidence.torque),
+            (evidence.reduced[0], evidence.torque),
+            (evidence.reduced[-1], evidence.scored),
         )
         self.plain, self.torque, self.scored = (
             np.swapaxes(held, 1, 2)[:, None]
-            @ gram
+            @ gram[..., *across]
             @ held[:, None]
             / np.maximum(equations.count, 1e-9)[..., None, None]
-            for gram, held, equations in grams
+            for gram, equations in grams
         )
         self.unknown = self._covariance(evidence.without_fold)
         self.std = float(np.sqrt(self._covariance(evidence.together)[0, 0]))
