@@ -78,7 +78,6 @@ class _Asked:
         # what it and the others move: all else stays what it is
         used = np.append(self._own, self._columns).astype(int)
         held = self._response(evidence.without_fold)[:, used]
-        across = used[:, None], used
         grams = (
             (evidence.torque.gram, evidence.torque),
             (evidence.reduced[0], evidence.torque),
@@ -86,7 +85,7 @@ class _Asked:
         )
         self.plain, self.torque, self.scored = (
             np.swapaxes(held, 1, 2)[:, None]
-            @ gram[..., *across]
+            @ gram[..., used[:, None], used]
             @ held[:, None]
             / np.maximum(equations.count, 1e-9)[..., None, None]
             for gram, equations in grams
