@@ -279,11 +279,8 @@ class Search:
 
     def promises(self, fit: Fit, sets: Collection[tuple[int, ...]]) -> bool:
         """Whether a candidate of one of some sets of groups promises to make a hypothesis better."""
-        return any(
-            one.groups in sets
-            for total, one in self._proposals(fit)
-            if total > fit.sharp
-        )
+        promised = itertools.takewhile(lambda p: p[0] > fit.sharp, self._proposals(fit))
+        return any(one.groups in sets for _, one in promised)
 
     def _with_larger_error(self, fit: Fit) -> Fit:
         """The hypothesis with more form error wherever that promises to explain more than it costs."""
