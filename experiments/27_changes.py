@@ -5,25 +5,33 @@ off: a load is picked up, friction of a joint rises, an encoder slips, or a torq
 one recording; and the same arms without change, also with every effect of the generator present throughout; rises of
 friction are parted at ``SMALL`` of the joint's torque; (2) real arms, as they were recorded, and with the torque of a
 load or of friction on the recorded motion added from some moment on. ``--healthy`` runs the arms without change alone.
-``--out FILE.md`` writes them.
+``--sides`` makes four recordings, the change in the third, and asks `diagnose`, `agree`, `watch` (which has learnt the
+first two) and, of each recording that is in one state, `units`.
+
+Each case is a file in ``--out``, so that a run goes on where one before it ended; every arm has all kinds before the
+next size of any. ``--table`` prints what is there.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import tempfile
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from rich.console import Console
-from rich.progress import track
+from common import Progress, run_tasks
 
+import gapscope
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.errors import ModelWarning
+from gapscope.arm.io.json_file import plain, read_json, write_json
 from gapscope.arm.recording import Recording
 from gapscope.blind_check.generator.arms import ROBOTS
 from gapscope.blind_check.generator.case import (
@@ -37,6 +45,10 @@ from gapscope.blind_check.generator.law import Cause
 from gapscope.blind_check.generator.laws import LAWS, SETUP
 from gapscope.blind_check.generator.simulate import STRONG, Conditions
 from gapscope.blind_check.generator.true_arm import Columns, TrueArm
+from gapscope.blind_check.scoring import wilson
+from gapscope.diagnosis.agreement import DIFFERS
+from gapscope.diagnosis.compare_units import compare
+from gapscope.effects.corrected import CorrectedArm
 from gapscope.model.change_findings import (
     PAYLOAD,
     PLAIN_FRICTION,
@@ -44,6 +56,8 @@ from gapscope.model.change_findings import (
 )
 from gapscope.model.changes import changes_of
 from gapscope.model.conditioning import condition, position_cutoff
+from gapscope.watching.detector import Detector
+from gapscope.watching.events import NOTE
 
 CASES = Path(__file__).parent / "cases"
 KEPT = tempfile.TemporaryDirectory(prefix="gapscope-")
@@ -71,8 +85,13 @@ SHARES = (0.05, 0.1, 0.2)
 """Coulomb friction put into them, over the RMS torque of the joint [1]."""
 SMALL = 0.03
 """Rises of friction below this share of the joint's RMS torque are counted by themselves [1]."""
-SOON, CLOSE = 0.5, 0.2
-"""A change is found if its moment is off by at most this [s] and its first parameter by this share [1]."""
+SOON = 0.5
+"""A change is found if its moment is off by at most this [s]."""
+TRIES = 5
+"""Draws of a change, until a loop stays a healthy one."""
+HALF_WIDTH = 1.96
+"""Standard deviations from the middle of a 95 % interval to its ends."""
+ASKED = ("diagnose", "agree", "watch", "units")
 
 
 @dataclass(frozen=True)
@@ -90,25 +109,32 @@ class Truth:
 
 @dataclass(frozen=True)
 class Outcome:
-    """A change that was put in, or none, and what was found."""
+    """A change that was put in, or none, and what was found; ``said`` by others if they were asked."""
 
-    group: str
+    kind: str
     label: str
     truth: Truth | None
     found: list[dict[str, Any]]
+    said: dict[str, list[str]] | None = None
+
+    def like(self, where: bool = False, when: bool = False) -> dict[str, Any] | None:
+        """The finding with the name of the change that was put in, at its joint and moment if that is asked."""
+        truth = self.truth
+        for entry in self.found:
+            if truth is None or (entry["what"], entry["recording"]) != (
+                truth.what,
+                truth.recording,
+            ):
+                continue
+            near = abs(entry["time"] - truth.moment) <= SOON
+            if (entry["joints"] == truth.joints or not where) and (near or not when):
+                return entry
+        return None
 
     @property
     def hit(self) -> dict[str, Any] | None:
         """The finding of the change that was put in."""
-        truth = self.truth
-        for entry in self.found:
-            if truth is None or entry["what"] != truth.what:
-                continue
-            same = entry["recording"] == truth.recording
-            near = abs(entry["time"] - truth.moment) <= SOON
-            if same and near and entry["joints"] == truth.joints:
-                return entry
-        return None
+        return self.like(where=True, when=True)
 
     @property
     def false(self) -> int:
@@ -116,11 +142,15 @@ class Outcome:
         return len(self.found) - (self.hit is not None)
 
     @property
-    def error(self) -> float:
-        """Relative error of mass or Coulomb friction [1]."""
+    def value(self) -> tuple[float, float]:
+        """Relative error of the parameter that is judged [1], and over its standard deviation."""
         assert self.hit is not None and self.truth is not None
-        found = self.hit["parameters"].get(self.truth.parameter, {"value": 0.0})
-        return float(abs(found["value"] / self.truth.size - 1))
+        found = self.hit["parameters"].get(self.truth.parameter)
+        if found is None:
+            return 1.0, np.inf
+        error = float(np.ravel(found["value"])[0]) - self.truth.size
+        std = float(np.ravel(found["std"])[0])
+        return abs(error / self.truth.size), abs(error) / max(std, 1e-12)
 
     @property
     def inside(self) -> bool:
@@ -130,34 +160,95 @@ class Outcome:
         return bool(low <= self.truth.moment <= high)
 
 
-def looked(case: Case, group: str, label: str, truth: Truth | None = None) -> Outcome:
+class Task(NamedTuple):
+    """A case that is looked at, and its name."""
+
+    name: str
+    look: Callable[[], Outcome | None]
+
+
+def looked(case: Case, kind: str, label: str, truth: Truth | None = None) -> Outcome:
     """What is found in a case."""
     found = change_findings(changes_of(case.recordings, case.arm).during)
-    return Outcome(group, label, truth, found)
+    return Outcome(kind, label, truth, found)
 
 
-def generated(
-    seeds: range, effects: bool, healthy: bool, console: Console
-) -> Iterator[Outcome]:
-    """Arms of the generator by turns, every second round with three times the encoder noise."""
-    for seed in track(seeds, "generator", console=console):
-        rng = np.random.default_rng([27, seed])
-        noise = (1.0, 3.0)[seed // len(ROBOTS) % 2]
-        robot = tuple(ROBOTS)[seed % len(ROBOTS)]
-        conditions = Conditions(robot=robot, noise=noise, inertials_off=0.05)
-        setup = next(s for _ in range(60) if (s := draw_setup(conditions, rng)))
-        plain = setup.plant(())
-        rows = recorded(setup, plain)
-        if rows is None:
-            continue
-        kind = f"encoder noise x {noise:g}"
-        yield looked(written(setup, plain, rows), "generator", f"healthy, {kind}")
-        if healthy:
-            continue
-        yield from changed(setup, rows, rng, kind)
-        yield from fallen(written(setup, plain, rows), rng, kind)
-        if effects:
-            yield from constant(setup, rng)
+# Arms of the generator
+
+
+def generated(seeds: range, options: argparse.Namespace) -> Iterator[Task]:
+    """Cases of arms by turns: all kinds of change in one size on every arm, then in the next size."""
+
+    def task(seed: int, kind: str, size: float = 0.0) -> Task:
+        look = sides if options.sides else made
+        return Task(f"{seed}_{kind}_{size:g}", partial(look, seed, kind, size))
+
+    for turn in range(len(LOADS)):
+        for seed in seeds:
+            if turn == 0:
+                yield task(seed, HEALTHY)
+            for kind, (_, sizes) in KINDS.items():
+                if not options.healthy:
+                    yield task(seed, kind, sizes[(seed + turn) % len(sizes)])
+    for seed, law in itertools.product(seeds, LAWS):
+        if options.effects:
+            yield task(seed, law)
+
+
+@lru_cache(maxsize=1)
+def drawn(seed: int, recordings: int) -> CaseSetup:
+    """An arm with its motions; every second round of arms with three times the encoder noise."""
+    rng = np.random.default_rng([27, seed])
+    noise = (1.0, 3.0)[seed // len(ROBOTS) % 2]
+    robot = tuple(ROBOTS)[seed % len(ROBOTS)]
+    conditions = Conditions(robot, 0.05, noise, recordings=recordings)
+    return next(s for _ in range(60) if (s := draw_setup(conditions, rng)))
+
+
+def made(seed: int, kind: str, size: float) -> Outcome | None:
+    """A case of an arm, and what is found in it; ``None`` if it cannot be recorded."""
+    setup = drawn(seed, 3)
+    rng = np.random.default_rng([27, seed, *kind.encode(), round(1000 * size)])
+    if kind in LAWS:
+        return constant(setup, kind, rng)
+    plain_arm = setup.plant(())
+    rows = recorded(setup, plain_arm)
+    if rows is None or kind == HEALTHY:
+        return rows and looked(written(setup, plain_arm, rows), kind, kind)
+    for which in rng.integers(len(rows), size=TRIES).tolist():
+        told = changed(setup, kind, size, which, rng)
+        if told is not None:
+            truth, rows[which], _ = told
+            return looked(written(setup, plain_arm, rows), kind, truth.label, truth)
+    return None
+
+
+def changed(
+    setup: CaseSetup, kind: str, size: float, which: int, rng: np.random.Generator
+) -> tuple[Truth, Columns, Callable[[int], Columns | None]] | None:
+    """A change at some moment of a recording, that recording, and others made after it."""
+    moment = float(rng.uniform(0.25, 0.75) * setup.motions[which].t[-1])
+    later, factor = setup.plant(()), np.ones(setup.arm.n)
+    truth = KINDS[kind][0](setup, later, size, rng)
+    if kind == CONSTANT:
+        # the arm moves as before, its drives count otherwise: applied = (1 + s) recorded
+        factor[truth.joints[0] - 1] = 1.0 / (1.0 + truth.size)
+    run = setup.run(setup.plant(()), which, (moment, later))
+    if run is None:
+        return None
+    run = run | {"tau": np.where(run["t"][:, None] > moment, factor, 1.0) * run["tau"]}
+    if kind == FRICTION:
+        torque = run["tau"][:, truth.joints[0] - 1]
+        small = truth.size < SMALL * float(np.sqrt(np.mean(torque**2)))
+        part = f"{'below' if small else 'from'} {SMALL:.0%} of the torque"
+        truth = replace(truth, label=f"{truth.label}, {part}")
+    name = f"recording_{'abcd'[which]}.csv"
+
+    def after(number: int) -> Columns | None:
+        rows = setup.run(later, number)
+        return rows and rows | {"tau": factor * rows["tau"]}
+
+    return replace(truth, recording=name, moment=moment), run, after
 
 
 def recorded(setup: CaseSetup, plant: TrueArm) -> list[Columns] | None:
@@ -178,58 +269,6 @@ def written(setup: CaseSetup, plant: TrueArm, rows: list[Columns]) -> Case:
         keep = Path(tempfile.mkdtemp(dir=KEPT.name)) / "robot.urdf"
         keep.write_text(case.arm.urdf.read_text(encoding="utf-8"), encoding="utf-8")
     return replace(case, arm=replace(case.arm, urdf=keep))
-
-
-def changed(
-    setup: CaseSetup, rows: list[Columns], rng: np.random.Generator, kind: str
-) -> Iterator[Outcome]:
-    """Loads picked up, friction that rises, encoders that slip, each in one recording."""
-    for what, sizes in ((_load, LOADS), (_friction, RISES), (_slip, SLIPS)):
-        for size in sizes:
-            which = int(rng.integers(len(rows)))
-            moment = float(rng.uniform(0.25, 0.75) * setup.motions[which].t[-1])
-            later = setup.plant(())
-            truth = what(setup, later, size, rng)
-            truth = replace(
-                truth, recording=f"recording_{'abcd'[which]}.csv", moment=moment
-            )
-            run = setup.run(setup.plant(()), which, (moment, later))
-            if run is None:
-                continue
-            if what is _friction:
-                torque = run["tau"][:, truth.joints[0] - 1]
-                small = truth.size < SMALL * float(np.sqrt(np.mean(torque**2)))
-                part = f"{'below' if small else 'from'} {SMALL:.0%} of the torque"
-                truth = replace(truth, label=f"{truth.label}, {part}")
-            every = [run if k == which else own for k, own in enumerate(rows)]
-            given = written(setup, setup.plant(()), every)
-            yield looked(given, "generator", f"{truth.label}, {kind}", truth)
-
-
-def fallen(case: Case, rng: np.random.Generator, kind: str) -> Iterator[Outcome]:
-    """Torque constants that fall, each in one recording: the arm moves as before, its drives count otherwise."""
-    for share in FALLS:
-        which = int(rng.integers(len(case.recordings)))
-        joint = int(rng.integers(case.arm.n_joints))
-        own = case.recordings[which]
-        moment = float(rng.uniform(0.25, 0.75) * own.duration)
-        tau = np.asarray(own.tau).copy()
-        tau[own.t - own.t[0] > moment, joint] *= 1.0 - share
-        changed_one = replace(own, tau=tau)
-        recordings = tuple(changed_one if r is own else r for r in case.recordings)
-        # applied = (1 + s) recorded
-        value = 1.0 / (1.0 - share) - 1.0
-        truth = Truth(
-            what="torque_scale",
-            joints=[joint + 1],
-            parameter="scale",
-            label=f"torque constant falls by {share:.0%}",
-            recording=own.name,
-            moment=float(own.t[0]) + moment,
-            size=value,
-        )
-        given = replace(case, recordings=recordings)
-        yield looked(given, "generator", f"{truth.label}, {kind}", truth)
 
 
 def _load(
@@ -266,54 +305,155 @@ def _slip(
     return Truth("encoder_offset", [joint + 1], "offset", label, size=size)
 
 
-def constant(setup: CaseSetup, rng: np.random.Generator) -> Iterator[Outcome]:
-    """Every effect of the generator, present from the first to the last sample; set-up faults are repaired before."""
-    for name, law in LAWS.items():
-        cause = None if name in SETUP else draw_cause(law, setup, STRONG[0], rng)
-        if cause is None:
-            continue
-        plant = setup.plant([cause])
-        rows = recorded(setup, plant)
-        if rows is None:
-            continue
-        for spoil in plant.spoil:
-            rows = [spoil(own, rng) for own in rows]
-        yield looked(written(setup, plant, rows), "generator", f"no change, {name}")
+def _constant(
+    setup: CaseSetup, later: TrueArm, share: float, rng: np.random.Generator
+) -> Truth:
+    joint = int(rng.integers(setup.arm.n)) + 1
+    label = f"torque constant falls by {share:.0%}"
+    value = 1.0 / (1.0 - share) - 1.0
+    return Truth("torque_scale", [joint], "scale", label, size=value)
 
 
-def real(console: Console) -> Iterator[Outcome]:
+HEALTHY, FRICTION, CONSTANT = "healthy", "friction", "constant"
+KINDS = {
+    "load": (_load, LOADS),
+    FRICTION: (_friction, RISES),
+    "slip": (_slip, SLIPS),
+    CONSTANT: (_constant, FALLS),
+}
+"""What puts in a change of each kind, and in which sizes."""
+
+
+def constant(setup: CaseSetup, name: str, rng: np.random.Generator) -> Outcome | None:
+    """An effect of the generator, present from the first to the last sample; set-up faults are repaired before."""
+    cause = None if name in SETUP else draw_cause(LAWS[name], setup, STRONG[0], rng)
+    if cause is None:
+        return None
+    plant = setup.plant([cause])
+    rows = recorded(setup, plant)
+    if rows is None:
+        return None
+    for spoil in plant.spoil:
+        rows = [spoil(own, rng) for own in rows]
+    return looked(written(setup, plant, rows), "an effect all along", name)
+
+
+# The same recordings, asked by all that may tell a change
+
+
+def sides(seed: int, kind: str, size: float) -> Outcome | None:
+    """Four recordings, the change in the third, and what each of those who are asked says of it."""
+    setup, healthy = drawn(seed, 4), kind == HEALTHY
+    rng = np.random.default_rng([27, seed, *kind.encode(), round(1000 * size)])
+    rows: list[Columns | None] = [setup.run(setup.plant(()), k) for k in range(4)]
+    truth = None
+    if not healthy:
+        told = changed(setup, kind, size, 2, rng)
+        if told is None:
+            return None
+        truth, rows[2], after = told
+        rows[3] = after(3)
+    ran = [r for r in rows if r is not None]
+    if len(ran) < len(rows):
+        return None
+    case = written(setup, setup.plant(()), ran)
+    said = {"agree": agreeing(case), "watch": watched(case), "units": units(case)}
+    document = gapscope.diagnose(case).document
+    said["diagnose"] = [
+        *(f"{named_as(e)} at {e['time']:.1f} s" for e in document["changes"]),
+        *(named_as(e) for e in document["effects"]),
+        document["verdict"],
+    ]
+    label = truth.label if truth else kind
+    return Outcome(kind, label, truth, plain(document["changes"]), said)
+
+
+def named_as(entry: Mapping[str, Any]) -> str:
+    """Name and joints of a finding, and the recordings that have it if not all do."""
+    name = entry.get("what", entry["effect"])
+    joints = ",".join(map(str, entry["joints"]))
+    text = " ".join(filter(None, (name, joints)))
+    return " in ".join([text, *filter(None, [", ".join(entry.get("recordings", []))])])
+
+
+def agreeing(case: Case) -> list[str]:
+    """What `agree` says differs between the recordings."""
+    found = gapscope.agree(case).document["parameters"]
+    return [line["key"] for line in found if line["verdict"] == DIFFERS]
+
+
+def watched(case: Case) -> list[str]:
+    """What a watch that has learnt the first two recordings says of the others."""
+    detector = Detector(CorrectedArm(case.arm))
+    detector.learn_from(case.recordings[:2])
+    events = [e for r in case.recordings[2:] for e in detector.add(r)]
+    return [f"{e.event}: {e.sentence}" for e in events if e.event != NOTE]
+
+
+def units(case: Case) -> list[str]:
+    """What a comparison of units says if each recording but the third is one unit's."""
+    documents = {}
+    for k in (0, 1, 3):
+        own = replace(case, recordings=(case.recordings[k],))
+        documents[own.recordings[0].name] = gapscope.diagnose(own).document
+    return [
+        f"{row.effect} {row.joint or ''} on {', '.join(row.units)}"
+        for row in compare(documents)
+    ]
+
+
+# Real arms
+
+
+def real() -> Iterator[Task]:
     """Real arms as recorded, and with a change put into the longest recording."""
-    for name in track(REAL, "real arms", console=console):
-        case = load_case(CASES / f"{name}.yaml", any_unit=True)
-        yield looked(case, f"real, {name}", "as recorded")
-        longest = max(case.recordings, key=lambda recording: recording.duration)
+    for name in REAL:
+        yield Task(f"{name}_as_recorded", partial(as_recorded, name))
         for part in (0.4, 0.6):
-            moment = float(longest.t[0] + part * longest.duration)
-            yield from _put_in(case, longest, moment, name)
+            for mass in MASSES:
+                yield Task(
+                    f"{name}_{part:g}_{mass:g}kg", partial(loaded, name, part, mass)
+                )
+            for k, share in enumerate(SHARES):
+                rubbing = partial(rubbed, name, part, k, share)
+                yield Task(f"{name}_{part:g}_friction_{share:g}", rubbing)
 
 
-def _put_in(
-    case: Case, recording: Recording, moment: float, name: str
-) -> Iterator[Outcome]:
-    """Loads at the last link's frame, 5 cm along its axis, and Coulomb friction of each joint by turns."""
-    torque = np.asarray(recording.tau)
-    body = RigidBody(case.arm)
-    for mass in MASSES:
-        one = [mass, 0.0, 0.0, 0.05 * mass, *np.zeros(6)]
-        added = _on_rows(recording, body, np.array(one))
-        label = f"load of {mass:g} kg"
-        truth = Truth(PAYLOAD, [], "mass", label, recording.name, moment, mass)
-        yield _with(case, recording, added, truth, name)
-    for k, share in enumerate(SHARES):
-        joint = k % case.arm.n_joints
-        size = share * float(np.sqrt(np.mean(torque[:, joint] ** 2)))
-        speed = np.gradient(recording.q[:, joint], recording.t)
-        added = np.zeros_like(torque)
-        added[:, joint] = size * np.tanh(_smooth(speed, recording.rate) / 0.01)
-        place = [joint + 1], "coulomb"
-        label = f"Coulomb friction, {share:.0%} of the joint's torque"
-        truth = Truth(PLAIN_FRICTION, *place, label, recording.name, moment, size)
-        yield _with(case, recording, added, truth, name)
+def as_recorded(name: str) -> Outcome:
+    """A real arm as it was recorded."""
+    case = load_case(CASES / f"{name}.yaml", any_unit=True)
+    return looked(case, f"real, {name}", "as recorded")
+
+
+def loaded(name: str, part: float, mass: float) -> Outcome:
+    """A load at the last link's frame, 5 cm along its axis, from some part of the longest recording on."""
+    case, recording, moment = longest(name, part)
+    one = [mass, 0.0, 0.0, 0.05 * mass, *np.zeros(6)]
+    added = _on_rows(recording, RigidBody(case.arm), np.array(one))
+    label = f"load of {mass:g} kg"
+    truth = Truth(PAYLOAD, [], "mass", label, recording.name, moment, mass)
+    return _with(case, recording, added, truth, name)
+
+
+def rubbed(name: str, part: float, k: int, share: float) -> Outcome:
+    """Coulomb friction of a joint, by turns."""
+    case, recording, moment = longest(name, part)
+    torque, joint = np.asarray(recording.tau), k % case.arm.n_joints
+    size = share * float(np.sqrt(np.mean(torque[:, joint] ** 2)))
+    speed = np.gradient(recording.q[:, joint], recording.t)
+    added = np.zeros_like(torque)
+    added[:, joint] = size * np.tanh(_smooth(speed, recording.rate) / 0.01)
+    place = [joint + 1], "coulomb"
+    label = f"Coulomb friction, {share:.0%} of the joint's torque"
+    truth = Truth(PLAIN_FRICTION, *place, label, recording.name, moment, size)
+    return _with(case, recording, added, truth, name)
+
+
+def longest(name: str, part: float) -> tuple[Case, Recording, float]:
+    """A real arm, its longest recording, and a moment of that [s]."""
+    case = load_case(CASES / f"{name}.yaml", any_unit=True)
+    own = max(case.recordings, key=lambda recording: recording.duration)
+    return case, own, float(own.t[0] + part * own.duration)
 
 
 def _on_rows(
@@ -348,57 +488,108 @@ def _with(
     return looked(given, f"real, {name}", truth.label, truth)
 
 
-def table(outcomes: list[Outcome]) -> str:
-    """A row per group and kind: changes put in, found, missed, false, and how far off."""
-    lines = [
-        "| recordings | change | cases | found | missed | false | moment off by (median, s) "
-        f"| in its interval | size off by (median) | within {SOON:g} s and {CLOSE:.0%} |",
-        "|" + "---|" * 10,
-    ]
-    keys = list(dict.fromkeys((o.group, o.label) for o in outcomes))
-    for group, label in keys:
-        own = [o for o in outcomes if (o.group, o.label) == (group, label)]
-        given = [o for o in own if o.truth is not None]
-        hits = [o for o in given if o.hit is not None]
-        false = sum(o.false for o in own)
-        off = [abs(o.hit["time"] - o.truth.moment) for o in hits if o.hit and o.truth]
-        errors = [o.error for o in hits]
-        missed = len(given) - len(hits)
-        inside = sum(o.inside for o in hits)
-        good = sum(error <= CLOSE for error in errors)
-        medians = (
-            (f"{np.median(off):.3f}", inside, f"{np.median(errors):.1%}")
-            if hits
-            else ("", "", "")
-        )
-        cells = [group, label, len(own), len(hits), missed, false, *medians, good]
-        if not given:
-            cells[3] = cells[4] = cells[9] = ""
-        lines.append("| " + " | ".join(map(str, cells)) + " |")
+def table(outcomes: Sequence[Outcome]) -> str:
+    """A row per kind, and per label: what was put in, what of it was told, what was false, and how far off."""
+    heads = ("change", "cases", "named", "and where", "and when", "false", "moment")
+    heads = (*heads, "off by (median, s)", "value", "off by (median)")
+    lines = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
+    kinds = {o.kind: [x for x in outcomes if x.kind == o.kind] for o in outcomes}
+    for kind, own in kinds.items():
+        lines.append(row(kind, own))
+        labels = sorted({o.label for o in own} - {kind})
+        lines += [row(f"- {x}", [o for o in own if o.label == x]) for x in labels]
     return "\n".join(lines)
 
 
+def row(name: str, own: Sequence[Outcome]) -> str:
+    """Cells of some outcomes; shares with Wilson's interval, moment and value those that lie in their intervals."""
+    given = [o for o in own if o.truth is not None]
+    hits = [o for o in given if o.hit is not None]
+    cells = [name, len(own), "", "", "", sum(o.false for o in own), "", "", "", ""]
+    if given:
+        by = ({}, {"where": True}, {"where": True, "when": True})
+        told = [sum(o.like(**how) is not None for o in given) for how in by]
+        cells[2:5] = [share(n, len(given)) for n in told]
+    if hits:
+        off = [abs(o.hit["time"] - o.truth.moment) for o in hits if o.hit and o.truth]
+        errors, deviations = np.array([o.value for o in hits]).T
+        cells[6:8] = [
+            share(sum(o.inside for o in hits), len(hits)),
+            f"{np.median(off):.3f}",
+        ]
+        inside = int((deviations <= HALF_WIDTH).sum())
+        cells[8:] = [share(inside, len(hits)), f"{np.median(errors):.1%}"]
+    return "| " + " | ".join(map(str, cells)) + " |"
+
+
+def share(hits: int, count: int) -> str:
+    """``19/21 (71 to 97 %)``."""
+    low, high = wilson(hits, count)
+    return f"{hits}/{count} ({100 * low:.0f} to {100 * high:.0f} %)"
+
+
+def beside(outcomes: Sequence[Outcome]) -> str:
+    """What all who were asked say of each case."""
+    lines = [f"| change | {' | '.join(ASKED)} |", "|" + "---|" * (1 + len(ASKED))]
+    for one in outcomes:
+        truth, said = one.truth, one.said or {}
+        where = f", joint {truth.joints[0]}" * bool(truth and truth.joints)
+        when = f", {truth.moment:.1f} s of {truth.recording}" if truth else ""
+        answers = ["; ".join(said[who]) or "nothing" for who in ASKED]
+        lines.append(f"| {one.label}{where}{when} | {' | '.join(answers)} |")
+    return "\n".join(lines)
+
+
+def read(file: Path) -> Outcome | None:
+    """An outcome from its file; ``None`` if there is none."""
+    content = read_json(file, "delete it")
+    if content is None:
+        return None
+    truth = content.pop("truth")
+    return Outcome(**content, truth=truth and Truth(**truth))
+
+
 def main() -> None:
-    """Run, print and write the tables."""
+    """Run what is not there yet, and print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--arms", type=int, default=14, help="of the generator")
     parser.add_argument("--first", type=int, default=0, help="number of the first arm")
     parser.add_argument("--effects", action="store_true", help="with every effect, too")
     parser.add_argument("--healthy", action="store_true", help="without change alone")
+    parser.add_argument("--sides", action="store_true", help="all who may tell it")
     parser.add_argument("--no-real", action="store_true")
-    parser.add_argument("--out", type=Path, default=None)
+    parser.add_argument("--table", action="store_true", help="of what is there")
+    parser.add_argument("--out", type=Path, default=Path("out/changes"))
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument(
+        "--limit", type=float, default=600.0, help="processor time of a case [s]"
+    )
     options = parser.parse_args()
-    console = Console()
+    warnings.simplefilter("ignore", ModelWarning)
     seeds = range(options.first, options.first + options.arms)
-    outcomes = list(generated(seeds, options.effects, options.healthy, console))
-    if not options.no_real:
-        outcomes += real(console)
-    text = table(outcomes)
-    print(text)
-    if options.out:
-        with atomic_write(options.out) as aside:
-            aside.write_text(text + "\n", encoding="utf-8")
-        console.print(f"wrote {options.out}")
+    tasks = list(generated(seeds, options))
+    if not (options.no_real or options.sides):
+        tasks += real()
+    files = {task.name: options.out / f"{task.name}.json" for task in tasks}
+    left = [task for task in tasks if not files[task.name].is_file()]
+    progress = Progress("look", len(left))
+
+    def ended(task: Task, how: str, seconds: float) -> None:
+        progress(task.name, f"{how}, {seconds:.0f} s")
+
+    def look(task: Task) -> None:
+        outcome = task.look()
+        content = None if outcome is None else asdict(outcome)
+        write_json(plain(content, null_if_not_finite=True), files[task.name])
+
+    if not options.table:
+        run_tasks(look, left, options.jobs, options.limit, ended)
+    there = [read(file) for file in files.values() if file.is_file()]
+    outcomes = [one for one in there if one is not None]
+    print(table(outcomes))
+    if options.sides:
+        print("\n" + beside(outcomes))
+    print(f"\n{len(files) - len(there)} of {len(files)} cases have no result")
 
 
 if __name__ == "__main__":
