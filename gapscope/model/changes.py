@@ -379,6 +379,7 @@ class Since(NamedTuple):
 
     Attributes:
         changes: what the second recording has had since a moment, or all along; ``None`` if nothing new is promised.
+        steps: the same as what is known to have changed, a change that takes a while in steps.
         others: probability of every term of which it may have something.
         fit: what is left beside what was known.
         unknown: joints from 1 on which form error is larger, and since when [s].
@@ -386,6 +387,7 @@ class Since(NamedTuple):
     """
 
     changes: tuple[Change, ...] | None
+    steps: Mapping[tuple[Term, float], np.ndarray]
     others: Mapping[Term, float]
     fit: Fit
     unknown: Mapping[int, float]
@@ -420,13 +422,18 @@ def changes_since(
     if told.found is None:
         gain, joint, group = told.looked.unknown_since(told.fit)
         if gain <= odds:
-            return Since(None, {}, told.fit, {}, {})
+            return Since(None, {}, {}, told.fit, {}, {})
         since = float(rows.t[told.spans.rows.group == group].min())
-        return Since(None, {}, told.fit, {joint + 1: since}, _louder(told.fit, odds))
+        louder = _louder(told.fit, odds)
+        return Since(None, {}, {}, told.fit, {joint + 1: since}, louder)
     clocks = [Clock("", 0.0), Clock("", 0.0)]
     changes = _changes(told, clocks, lambda made, term: {})
+    steps = {
+        (one.term, told.when[one][0].time): value
+        for one, value in told.found.fit.values.items()
+    }
     others = told.found.probabilities_of(lambda one: one.term)
-    return Since(changes, others, told.fit, {}, {})
+    return Since(changes, steps, others, told.fit, {}, {})
 
 
 def _louder(fit: Fit, odds: float) -> dict[int, tuple[float, float]]:
@@ -681,43 +688,49 @@ def _changes(
             out.setdefault((number, one.term.joint), []).append((one, change))
     every: list[tuple[int, Change]] = []
     for (number, _), some in out.items():
-        ramp = _gradual(found.fit, number, some, clocks[number].start)
-        # a stream tells what there is now: the rest of a ramp is still to come
-        if ramp is not None and spans.learnt is None:
-            every.append((number, ramp))
-        else:
-            every += [(number, change) for _, change in some]
+        ramps = _gradual(found, number, some, clocks[number].start)
+        every += [(number, one) for one in ramps or (own for _, own in some)]
     every.sort(key=lambda pair: (pair[0], pair[1].time))
     return tuple(change for _, change in every)
 
 
 def _gradual(
-    fit: Fit, number: int, some: Sequence[tuple[Candidate, Change]], zero: float
-) -> Change | None:
-    """One even change in the place of those of a joint in a recording; ``None`` if it explains less.
+    found: Difference,
+    number: int,
+    some: Sequence[tuple[Candidate, Change]],
+    zero: float,
+) -> list[Change]:
+    """One even change in the place of those of a joint in a recording; nothing if it explains less.
 
-    Several are replaced by a ramp that explains as much: it has fewer values. One is, if a ramp between any two moments
-    is likelier than a change at once at any moment, by more than what a further parameter costs.
+    Several are replaced by a ramp of one term, or of all of them, that explains as much beside what the prior odds of
+    each cost. One is, if a ramp between any two moments is likelier than a change at once at any moment, by more than
+    what a further parameter costs.
 
     Args:
-        fit: what was found.
+        found: the hypothesis.
         number: of the recording.
         some: the changes, and what has them.
         zero: by the recording's own clock when its rows begin to count [s].
     """
+    fit = found.fit
     made, left = fit.contrast.design, fit.left
     rows, mine = made.rows, made.rows.recording == number
     variance = fit.contrast.error.noise2 + (left**2).mean(axis=0)
     without = left.copy()
-    for one in {one for one, _ in some}:
+    steps = {one: change.term for one, change in some}
+    for one in steps:
         there = np.isin(rows.group, one.groups or ())[:, None]
         without += made.torque(one.term, fit.values[one]) * there
     before, after = ((x[mine] ** 2 / variance).sum() / 2 for x in (without, left))
-    found: list[tuple[Ramp, Change]] = []
-    for term in {change.term for _, change in some}:
-        own = [change for _, change in some if change.term == term]
-        largest = max(own, key=lambda c: float(np.abs(c.value / c.deviation).max()))
-        moved = made.torque(term, largest.value)[mine]
+    cost = {
+        term: min(found.odds[one] for one in steps if steps[one] == term)
+        for term in steps.values()
+    }
+    score = before - after + sum(found.odds[one] for one in steps)
+    ramps: list[tuple[float, Ramp, list[Change]]] = []
+    for terms in dict.fromkeys([*((term,) for term in cost), tuple(cost)]):
+        likes = [_largest(term, some, whole=len(terms) > 1) for term in terms]
+        moved = sum(made.torque(like.term, like.value)[mine] for like in likes)
         ramp = best_ramp(
             rows.t[mine],
             (without[mine] * moved / variance).sum(axis=1),
@@ -726,22 +739,37 @@ def _gradual(
             SURE,
         )
         if ramp is not None:
-            found.append((ramp, largest))
-    if not found:
-        return None
-    ramp, like = max(found, key=lambda pair: pair[0].explained)
-    if len(some) > 1 and ramp.explained < before - after:
-        return None
+            odds = sum(cost[term] for term in terms) + float(np.log(UNUSUAL))
+            ramps.append((ramp.explained + odds, ramp, likes))
+    if not ramps:
+        return []
+    best, ramp, likes = max(ramps, key=lambda one: one[0])
+    if len(some) > 1 and best < score:
+        return []
     if len(some) == 1 and ramp.mean + np.log(UNUSUAL) < ramp.at_once:
-        return None
-    return replace(
-        like,
-        time=zero + ramp.begin,
-        interval=(zero + ramp.begins[0], zero + ramp.begins[1]),
-        until=zero + ramp.end,
-        value=ramp.share * like.value,
-        deviation=np.abs(ramp.share) * like.deviation,
-    )
+        return []
+    return [
+        replace(
+            like,
+            time=zero + ramp.begin,
+            interval=(zero + ramp.begins[0], zero + ramp.begins[1]),
+            until=zero + ramp.end,
+            value=ramp.share * like.value,
+            deviation=np.abs(ramp.share) * like.deviation,
+        )
+        for like in likes
+    ]
+
+
+def _largest(
+    term: Term, some: Sequence[tuple[Candidate, Change]], whole: bool
+) -> Change:
+    """The largest change of a term over its deviation, with the value of all of them together if that is asked."""
+    own = [change for _, change in some if change.term == term]
+    largest = max(own, key=lambda c: float(np.abs(c.value / c.deviation).max()))
+    if whole:
+        return replace(largest, value=np.sum([c.value for c in own], axis=0))
+    return largest
 
 
 def _moved_by(made: Design, term: Term, recordings: Sequence[Recording]) -> Moved:

@@ -21,7 +21,7 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.recording import Recording
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.model.change_findings import PLAIN_FRICTION, called, change_findings
-from gapscope.model.changes import SPANS, Change, Learnt, changes_since
+from gapscope.model.changes import SPANS, Change, Learnt, Since, changes_since
 from gapscope.model.conditioning import (
     GAP_STEPS,
     TORQUE_CUTOFF,
@@ -40,6 +40,8 @@ from gapscope.model.form_error import FormError, learn
 from gapscope.model.rows import MODEL_RATE, Kept, Rows
 from gapscope.model.terms import Term, Terms
 from gapscope.watching.events import (
+    ALARM,
+    DRIFT,
     NOTE,
     Event,
     Name,
@@ -177,11 +179,15 @@ def _joined_segments(held: Recording, part: Recording) -> Recording:
     """Two parts of a recording, one after the other: time, positions and torque; turns between them taken back."""
     assert held.tau is not None and part.tau is not None
     turns = 2 * np.pi * np.round((part.q[0] - held.q[-1]) / (2 * np.pi))
+    warmth = None
+    if held.temperature is not None and part.temperature is not None:
+        warmth = np.concatenate([held.temperature, part.temperature])
     return Recording(
         name=held.name,
         t=np.concatenate([held.t, part.t]),
         q=np.concatenate([held.q, part.q - turns]),
         tau=np.concatenate([held.tau, part.tau]),
+        temperature=warmth,
         payload=held.payload,
     )
 
@@ -209,7 +215,7 @@ APART = 1.0
 """Between two recordings, whose clocks need not agree, on the clock of the stream [s]. (definition)"""
 NAMED = 0.5
 """Probability from which a change has its name [1]. (definition)"""
-DRIFT = 0.25
+DRIFT_STEP = 0.25
 """Share by which friction has to drift for a note, and each time again [1]. (definition)"""
 ENOUGH = 2.0
 """Standard errors of an interval of 95 %. (definition)"""
@@ -217,6 +223,9 @@ DAY = 86_400.0
 """Seconds."""
 SPAN = NOW / SPANS
 """Motion in which a change is looked for at first [s]."""
+WARM, USUAL_SPEED, COOLING = 30.0, 0.5, 1200.0
+"""Kelvin by which a joint at work is warmer than one that rested, its mean speed then [rad/s], and the time constant
+with which it warms and cools [s]; how much its friction follows is fitted. (physical)"""
 
 
 @dataclass(frozen=True)
@@ -226,10 +235,12 @@ class Block:
     Attributes:
         segment: its samples.
         offset: what the clock of the stream shows at the zero of the recording's [s].
+        begun: what the log's own clock shows then [s], 0 if it is not known.
     """
 
     segment: Segment
     offset: float
+    begun: float = 0.0
 
     @property
     def begin(self) -> float:
@@ -252,11 +263,12 @@ class State:
         band: of the torque [Hz]; 0 while it is learnt.
         known: what has changed in it, since when on the clock of the stream [s], and by how much.
         free: what changed before it, standard deviations of its coordinates.
-        drift: steps of ``DRIFT`` by which each joint's friction has drifted so far, (n,).
+        drift: steps of ``DRIFT_STEP`` by which each joint's friction has drifted so far, (n,).
         said: friction that alarms have named so far, at the usual speed [N m], (n,).
         looked: when the last look was [s].
         pace: looks that the next one comes after: more if what was promised turned out to be nothing new.
         unknown: joints from 1 on which the last look saw something unknown, and since when [s].
+        over: changes that took a while and are over, as a drift has said, and until when [s].
     """
 
     drift: np.ndarray
@@ -269,6 +281,7 @@ class State:
     looked: float = 0.0
     pace: int = 1
     unknown: dict[int, float] = field(default_factory=dict)
+    over: dict[Term, float] = field(default_factory=dict)
 
     @property
     def blocks(self) -> list[Block]:
@@ -307,6 +320,7 @@ class Detector:
         self._holding: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self._kept: Kept | None = None
         self._taught: tuple[FormError, Equations] | None = None
+        self._begun: dict[str, float] = {}
 
     @property
     def learnt(self) -> float:
@@ -316,6 +330,8 @@ class Detector:
 
     def add(self, part: Recording) -> Iterator[Event]:
         """Events of the next part of a recording, of the same name as before or a new one."""
+        # a new recording ends the one before it
+        self._begun = {**dict(list(self._begun.items())[-1:]), part.name: part.begun}
         for item in self.stream.add(part):
             if isinstance(item, Slip):
                 yield slipped(item, self.corrected.arm.sliding)
@@ -329,6 +345,7 @@ class Detector:
             InputError: none of them has a torque and enough motion.
         """
         for recording in recordings:
+            self._begun = {recording.name: recording.begun}
             for item in (*self.stream.add(recording), *self.stream.finish()):
                 if isinstance(item, Segment):
                     self.state.seen.append(self._block(item))
@@ -358,8 +375,37 @@ class Detector:
             # clocks of two recordings need not agree
             if before != segment.recording or motion.t[0] + offset < last[0].begin:
                 offset = last[0].end + APART - float(motion.t[segment.inner][0])
+        begun = self._begun.get(segment.recording, 0.0)
         on_clock = Motion(motion.t + offset, motion.q, motion.dq, motion.ddq)
-        return Block(replace(segment, motion=on_clock, torque=torque), offset)
+        block = Block(replace(segment, motion=on_clock, torque=torque), offset, begun)
+        if segment.temperature is not None:
+            return block
+        warmth = self._warmed(block, last[0] if last else None)
+        return replace(block, segment=replace(block.segment, temperature=warmth))
+
+    def _warmed(self, block: Block, before: Block | None) -> np.ndarray:
+        """How much warmer its own losses have made each joint [K], (N, n).
+
+        COOLING dT/dt = WARM |dq| / USUAL_SPEED - T: losses of dry friction, which most are, go with the speed. An arm
+        of which nothing is known is taken as warm: what fades slowly from there on is no alarm anyway.
+        """
+        motion = block.segment.motion
+        speed = np.abs(motion.dq) / self.corrected.arm.per_radian
+        since = np.zeros(len(motion.t))
+        warm: np.ndarray | float = WARM
+        if before is not None:
+            assert before.segment.temperature is not None
+            warm = before.segment.temperature[-1]
+            since = motion.t - before.segment.motion.t[-1]
+            logged = block.begun - block.offset - before.begun + before.offset
+            if block.begun and before.begun and before.offset != block.offset:
+                # two recordings of which the logs say how long the arm has rested between them
+                since = since + max(logged, 0.0)
+            # windows overlap
+            speed = speed * (since > 0)[:, None]
+        share = np.cumsum(speed, axis=0) / motion.rate / COOLING
+        left = np.exp(-np.maximum(since, 0.0) / COOLING)[:, None]
+        return warm * left + WARM / USUAL_SPEED * share
 
     def _added(self, block: Block) -> Iterator[Event]:
         state = self.state
@@ -419,12 +465,15 @@ class Detector:
         groups = [[[block.segment for block in self.state.seen]]]
         if now:
             groups.append([[block.segment for block in now]])
-        return Rows(groups, self.state.band, len(groups))
+        rows = Rows(groups, self.state.band, len(groups))
+        rows.follow_temperature()
+        return rows
 
     def _whole(self) -> Rows:
         """All motion, blocks that follow each other in one segment."""
         groups = [[joined(self.state.seen)], [joined(self.state.now)]]
         rows = Rows(groups, self.state.band, len(groups))
+        rows.follow_temperature()
         assert self._holding
         rows.held(*self._holding)
         return rows
@@ -446,7 +495,7 @@ class Detector:
         again = sorted(set(said.unknown) & set(state.unknown))
         state.unknown = dict(said.unknown)
         if said.changes is not None:
-            yield from self._changed(said.changes, said.others)
+            yield from self._changed(said)
             return
         state.pace = 1
         if not again:
@@ -459,35 +508,45 @@ class Detector:
         else:
             yield self._misfit(again, min(said.unknown[j] for j in again))
 
-    def _changed(
-        self, changes: Iterable[Change], by_term: Mapping[Term, float]
-    ) -> Iterator[Event]:
-        """Alarms of what has changed."""
-        state = self.state
-        changes = list(changes)
+    def _changed(self, said: Since) -> Iterator[Event]:
+        """Alarms of what has changed, and that what took a while is over."""
+        state, changes = self.state, said.changes or ()
         new = [change for change in changes if not self._is_known(change)]
         state.pace = 1 if new else min(2 * state.pace, SLOWEST)
         # what is in the last samples alone may be a push
         if any(state.now[-1].end - change.time < SPAN / 2 for change in new):
             return
         likely: dict[Name, float] = {}
-        for term, probability in by_term.items():
+        for term, probability in said.others.items():
             name = called(term)
             likely[name] = min(likely.get(name, 0.0) + probability, 1.0)
         named = [one for one in new if likely[called(one.term)] >= NAMED]
         if new and not named:
             yield self._misfit([], min(change.time for change in new))
             return
-        state.known = {(c.term, c.time): c.value for c in changes}
-        said = {called(change.term) for change in changes}
-        others = {name: p for name, p in likely.items() if name not in said}
-        speed, sliding = self._speed(), self.corrected.arm.sliding
-        for finding in change_findings(named):
-            name = finding["what"], tuple(finding["joints"])
-            # friction as a whole, not a coefficient of it
-            finding["probability"] = likely.get(name, finding["probability"])
-            when = self._time(finding["time"], tuple(finding["interval"]))
-            yield alarm(finding, when, others, speed, sliding)
+        ended = [one for one in changes if self._is_over(one)]
+        state.known = dict(said.steps)
+        state.over |= {one.term: one.ends for one in ended}
+        told = {called(change.term) for change in changes}
+        others = {name: p for name, p in likely.items() if name not in told}
+        ended = [one for one in ended if one not in named]
+        for event, some in ((ALARM, named), (DRIFT, ended)):
+            for finding in change_findings(some):
+                name = finding["what"], tuple(finding["joints"])
+                # friction as a whole, not a coefficient of it
+                finding["probability"] = likely.get(name, finding["probability"])
+                when = self._time(
+                    finding["time"], tuple(finding["interval"]), finding["until"]
+                )
+                sliding = self.corrected.arm.sliding
+                yield alarm(finding, when, others, self._speed(), sliding, event)
+
+    def _is_over(self, change: Change) -> bool:
+        """Whether a change that took a while is over, and no drift has said so."""
+        if change.until is None or self.state.now[-1].end - change.until < SPAN / 2:
+            return False
+        before = self.state.over.get(change.term, -np.inf)
+        return change.until - before >= SPAN
 
     def _is_known(self, change: Change) -> bool:
         return any(
@@ -528,7 +587,7 @@ class Detector:
             moved = per_column @ own[-1, places] - state.said[j]
             spread = fit.contrast.own_covariance(places)
             std = float(np.sqrt(per_column @ spread @ per_column))
-            steps, before = int(moved / level / DRIFT), state.drift[j]
+            steps, before = int(moved / level / DRIFT_STEP), state.drift[j]
             further = abs(steps) > abs(before) or steps * before < 0
             if further and abs(moved) > ENOUGH * std:
                 state.drift[j] = steps
@@ -547,8 +606,13 @@ class Detector:
         every = [block.segment.motion.dq for block in self.state.now]
         return np.asarray(np.sqrt((np.concatenate(every) ** 2).mean(axis=0)))
 
-    def _time(self, begun: float, interval: tuple[float, ...] | None = None) -> Time:
-        """A moment on the clock of the stream by the clock of its recording."""
+    def _time(
+        self,
+        begun: float,
+        interval: tuple[float, ...] | None = None,
+        until: float | None = None,
+    ) -> Time:
+        """A moment on the clock of the stream by the clock of its recording, and when it was over."""
         blocks = self.state.blocks
         here = next((b for b in blocks if b.end >= begun), blocks[-1])
         name, offset = here.segment.recording, here.offset
@@ -558,9 +622,12 @@ class Detector:
         low, high = interval or (begun, begun)
         low, high = max(low, mine[0].begin), min(high, mine[-1].end)
         last = blocks[-1]
-        return Time(
-            name, begun - offset, (low - offset, high - offset), last.end - last.offset
-        )
+        detected = last.end - last.offset
+        if until is not None:
+            goes_on = last.end - until < SPAN / 2
+            until = detected if goes_on else until - offset
+        interval = low - offset, high - offset
+        return Time(name, begun - offset, interval, detected, until)
 
 
 def joined(blocks: list[Block]) -> list[Segment]:
@@ -599,7 +666,10 @@ def _joined(before: Segment, after: Segment) -> Segment | None:
     if before.unknown is not None or after.unknown is not None:
         unknown = both(~before.measured, ~after.measured)
     torque = both(np.asarray(before.torque), np.asarray(after.torque))
-    return replace(before, motion=motion, torque=torque, unknown=unknown)
+    warmth = both(np.asarray(before.temperature), np.asarray(after.temperature))
+    return replace(
+        before, motion=motion, torque=torque, unknown=unknown, temperature=warmth
+    )
 
 
 # The state of a watch as one NPZ file, so that a later run goes on where this one ended.
@@ -607,7 +677,7 @@ def _joined(before: Segment, after: Segment) -> Segment | None:
 
 STATE = "watch_state.npz"
 """Name of the file in the folder of the results."""
-SCHEMA = 2
+SCHEMA = 3
 """Version of its form."""
 
 
@@ -667,6 +737,8 @@ def save_state(
         content["held"] = held.name
         arrays |= {"held_t": held.t, "held_q": held.q}
         arrays["held_tau"] = np.asarray(held.tau)
+        if held.temperature is not None:
+            arrays["held_temperature"] = held.temperature
     _pack(state, content, arrays)
     with atomic_write(file) as aside:
         np.savez(aside, **{"content": np.array(json.dumps(content)), **arrays})
@@ -689,7 +761,8 @@ def load_state(file: Path, detector: Detector, arm: str) -> Resumed | None:
         if "held" in content:
             held = (arrays[f"held_{name}"] for name in ("t", "q", "tau"))
             t, q, tau = held
-            stream.held = Recording(content["held"], t, q, tau=tau)
+            warmth = arrays.get("held_temperature")
+            stream.held = Recording(content["held"], t, q, tau=tau, temperature=warmth)
         arm_of = detector.corrected.arm
         terms = Terms(arm_of.n_joints, {}, arm_of.coupled_motors)
         by_name = {(term.effect, term.joint): term for term in terms.all}
@@ -716,6 +789,7 @@ def _pack(state: State, content: dict[str, Any], arrays: dict[str, np.ndarray]) 
         {
             "recording": segment.recording,
             "offset": block.offset,
+            "begun": block.begun,
             "count": len(segment.motion.t),
             "mounted": None if segment.payload is None else asdict(segment.payload),
             "step": None
@@ -729,7 +803,9 @@ def _pack(state: State, content: dict[str, Any], arrays: dict[str, np.ndarray]) 
     if segments:
         for name in SERIES:
             arrays[name] = np.concatenate([getattr(s.motion, name) for s in segments])
-        arrays["torque"] = np.concatenate([np.asarray(s.torque) for s in segments])
+        for name in ("torque", "temperature"):
+            every = [np.asarray(getattr(s, name)) for s in segments]
+            arrays[name] = np.concatenate(every)
         arrays["unknown"] = np.concatenate([~s.measured for s in segments])
     content |= {key: getattr(state, key) for key in ("band", "looked", "pace")}
     content |= {"drift": state.drift.tolist(), "said": state.said.tolist()}
@@ -737,6 +813,9 @@ def _pack(state: State, content: dict[str, Any], arrays: dict[str, np.ndarray]) 
     content["known"] = [
         (term.effect, term.joint, since, value.tolist())
         for (term, since), value in state.known.items()
+    ]
+    content["over"] = [
+        (term.effect, term.joint, until) for term, until in state.over.items()
     ]
     content["free"] = [
         (term.effect, term.joint, value.tolist()) for term, value in state.free.items()
@@ -759,11 +838,12 @@ def _unpacked(
             recording=entry["recording"],
             motion=motion,
             torque=arrays["torque"][own],
+            temperature=arrays["temperature"][own],
             payload=None if payload is None else KnownLoad(**payload),
             unknown=arrays["unknown"][own] if entry["unknown"] else None,
             torque_step=None if step is None else np.array(step),
         )
-        blocks.append(Block(segment, entry["offset"]))
+        blocks.append(Block(segment, entry["offset"], entry["begun"]))
     return State(
         drift=np.array(content["drift"], dtype=int),
         said=np.array(content["said"]),
@@ -781,6 +861,7 @@ def _unpacked(
         looked=content["looked"],
         pace=content["pace"],
         unknown=dict(content["unknown"]),
+        over={terms[effect, joint]: until for effect, joint, until in content["over"]},
     )
 
 

@@ -59,6 +59,7 @@ class Event:
         time: when it began, in the recording's time [s]; ``None`` if it has none.
         interval: in which it began [s], or ``None``.
         detected: time of the last sample that was known [s], or ``None``.
+        until: when all of it had changed, if it took a while and that is over [s], or ``None``.
         sizes: by name of the parameter.
         evidence: numbers that led to it.
         alternatives: what else would explain it nearly as well.
@@ -74,6 +75,7 @@ class Event:
     time: float | None = None
     interval: tuple[float, float] | None = None
     detected: float | None = None
+    until: float | None = None
     sizes: Mapping[str, Size] = field(default_factory=dict)
     evidence: Mapping[str, float] = field(default_factory=dict)
     alternatives: Sequence[Mapping[str, Any]] = ()
@@ -121,17 +123,30 @@ Name = tuple[str, tuple[int, ...]]
 
 
 class Time(NamedTuple):
-    """A moment by the clock of a recording, and that of the last sample that was known then [s]."""
+    """A moment by the clock of a recording, and that of the last sample that was known then [s].
+
+    A change that takes a while goes on ``until`` a moment; beyond ``detected`` it still does.
+    """
 
     recording: str
     begun: float
     interval: tuple[float, float]
     detected: float
+    until: float | None = None
+
+    @property
+    def over(self) -> float | None:
+        """When a change that took a while was over [s]; ``None`` if it was none, or is not."""
+        return None if self.until is None or self.until >= self.detected else self.until
 
     @property
     def text(self) -> str:
-        """``at 3.4 s of shift.csv``."""
-        return f"at {self.begun:.1f} s of {self.recording}"
+        """``at 3.4 s of shift.csv``, ``from 3.4 to 9.1 s of shift.csv``."""
+        if self.until is None:
+            return f"at {self.begun:.1f} s of {self.recording}"
+        if self.over is None:
+            return f"little by little since {self.begun:.1f} s of {self.recording}, and goes on"
+        return f"from {self.begun:.1f} to {self.over:.1f} s of {self.recording}"
 
 
 def alarm(
@@ -140,8 +155,9 @@ def alarm(
     others: Mapping[Name, float],
     speed: np.ndarray,
     sliding: Sequence[bool],
+    event: str = ALARM,
 ) -> Event:
-    """The alarm of a change that has a name.
+    """The alarm of a change that has a name, or, of one that took a while and was told, a ``drift`` when it is over.
 
     Args:
         finding: as ``change_findings`` has it.
@@ -149,6 +165,7 @@ def alarm(
         others: probability of other names.
         speed: RMS speed of the joints in motion [rad/s], (n,).
         sliding: which joints slide.
+        event: ``drift`` when it is over.
     """
     what, joints = finding["what"], list(finding["joints"])
     sizes = _sizes(finding, speed, sliding)
@@ -168,7 +185,7 @@ def alarm(
         text += f", or it is {', or '.join(names)}"
     size_text = ", ".join(f"{key} {size}" for key, size in sizes.items())
     return _event(
-        ALARM,
+        event,
         f"{text} {when.text}: {size_text}",
         when,
         effect=what,
@@ -232,6 +249,7 @@ def _event(event: str, sentence: str, when: Time, **more: Any) -> Event:
         time=when.begun,
         interval=when.interval,
         detected=when.detected,
+        until=when.over,
         **more,
     )
 

@@ -17,6 +17,8 @@ from gapscope.arm.robots import load_nominal_arm
 from gapscope.blind_check.generator.arms import draw_arm
 
 RATE = 100.0
+WARMS_UP = 300.0
+"""Time constant with which friction falls on a cold arm at work [s]."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,11 @@ class AtWork:
     change: float = 46.0
     """When something changes [s]."""
 
+    def coldness(self, t: np.ndarray) -> np.ndarray:
+        """How cold the joints are at times [s], if they have cooled down before the change [1]."""
+        since = np.maximum(t - self.change, 0.0)
+        return np.exp(-since / WARMS_UP) * (t >= self.change)
+
     def recording(
         self,
         seconds: float,
@@ -36,6 +43,8 @@ class AtWork:
         shaking: float = 0.0,
         late: float = 0.0,
         start: float = 0.0,
+        rising: float = 0.0,
+        cold: float = 0.0,
     ) -> Recording:
         """A recording in which something sets in.
 
@@ -46,6 +55,8 @@ class AtWork:
             shaking: noise of joint 1 [N m].
             late: delay of the torque [s].
             start: of its time [s].
+            rising: time that the friction of joint 2 takes to have that factor [s].
+            cold: share by which all friction is higher from the change on, until the joints have warmed up [1].
         """
         rng = np.random.default_rng(3)
         n = self.arm.n_joints
@@ -64,7 +75,9 @@ class AtWork:
         tau[after] += columns[after] @ one
         dry = 1.1 * self.arm.coulomb * 2 / np.pi * np.arctan(dq / 0.004)
         rubbing = dry + self.arm.viscous * dq
-        rubbing[after, 1] *= friction
+        risen = np.clip((t - self.change) / max(rising, 1e-9), 0.0, 1.0)
+        rubbing[:, 1] *= 1.0 + (friction - 1.0) * risen
+        rubbing *= 1.0 + cold * self.coldness(t)[:, None]
         noise = 0.03 * self.arm.coulomb * rng.standard_normal(tau.shape)
         wild = np.random.default_rng(4).standard_normal(len(t))
         noise[after, 0] += shaking * wild[after]

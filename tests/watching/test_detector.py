@@ -6,13 +6,15 @@ import tracemalloc
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.watching.detector import BLOCK, NOW, Detector
-from gapscope.watching.events import ALARM, MISFIT, NOTE, Event
+from gapscope.watching.events import ALARM, DRIFT, MISFIT, NOTE, Event
 
 LEARNING, SECONDS = 20.0, 62.0
+NIGHT = 43_200.0
 
 
 def events(at_work: Any, seconds: float = SECONDS, **change: float) -> list[Event]:
@@ -54,6 +56,36 @@ def test_friction_is_named_with_its_joint(at_work: Any) -> None:
     )
     size = found.sizes["torque_at_usual_speed"]
     assert size.value > 4 * size.std
+
+
+def test_friction_that_rises_evenly_is_dated_from_begin_to_end(at_work: Any) -> None:
+    found = events(at_work, 74.0, friction=2.5, rising=16.0)
+    first, over = [e for e in found if e.event != NOTE]
+    assert (first.event, over.event) == (ALARM, DRIFT)
+    assert {(e.effect, e.change, tuple(e.joints)) for e in (first, over)} == {
+        ("friction", "risen", (2,))
+    }
+    assert first.until is None
+    assert "goes on" in first.sentence
+    assert over.time == pytest.approx(at_work.change, abs=2.0)
+    assert over.until == pytest.approx(at_work.change + 16.0, abs=2.0)
+
+
+@pytest.mark.parametrize("logged", ["date", "temperature"])
+def test_arm_that_is_cold_in_the_morning_raises_no_alarm(
+    at_work: Any, logged: str
+) -> None:
+    detector = Detector(CorrectedArm(at_work.arm), learning=LEARNING)
+    both = at_work.recording(66.0, cold=0.5)
+    if logged == "temperature":
+        warm = 25.0 + 20.0 * (1.0 - at_work.coldness(both.t))
+        both = replace(both, temperature=np.tile(warm[:, None], both.q.shape[1]))
+    evening = replace(both.part(both.t < at_work.change), begun=NIGHT)
+    morning = both.part(both.t >= at_work.change, name="morning.csv")
+    if logged == "date":
+        morning = replace(morning, begun=2 * NIGHT)
+    found = [event for part in (evening, morning) for event in detector.add(part)]
+    assert [event.event for event in found] == [NOTE]
 
 
 def test_encoder_that_slips_is_named_by_its_reading(at_work: Any) -> None:
