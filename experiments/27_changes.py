@@ -201,7 +201,9 @@ def drawn(seed: int, recordings: int) -> CaseSetup:
     rng = np.random.default_rng([27, seed])
     noise = (1.0, 3.0)[seed // len(ROBOTS) % 2]
     robot = tuple(ROBOTS)[seed % len(ROBOTS)]
-    conditions = Conditions(robot, 0.05, noise, recordings=recordings)
+    # a watch learns from 20 s at least
+    lengths = (14.0, 16.0) if recordings > 3 else (8.0, 14.0)
+    conditions = Conditions(robot, 0.05, noise, recordings=recordings, duration=lengths)
     return next(s for _ in range(60) if (s := draw_setup(conditions, rng)))
 
 

@@ -2,7 +2,7 @@
 
     .venv/bin/python experiments/46_watch_alarms.py --out out/watch [--hours 4] [--arms 12] [--jobs 2] [--training]
 
-Parts, each a JSON file per arm in ``--out`` so that a rerun goes on, and a table on standard output:
+Parts, each a JSON file per arm or change in ``--out`` so that a rerun goes on, and a table on standard output:
 
 healthy   arms at work (laws, heat and noise of another form than the model's) without any change,
           ``--hours`` each: programs that change, speeds, half of them started cold. Alarms, misfits, and slow drifts
@@ -306,6 +306,7 @@ def fork(watched: Detector) -> Detector:
         said=state.said.copy(),
         now=list(state.now),
         known=dict(state.known),
+        over=dict(state.over),
         free=dict(state.free),
     )
     return other
@@ -355,24 +356,34 @@ def draws(arm: WorkingArm) -> Iterator[Change]:
     yield Change("other", "force on the tip that stays, 30 % of a load", None, force)
 
 
-def changes(seed: int) -> list[dict[str, Any]]:
-    """Every change on one arm, each from the same state before it."""
+def changes(seed: int, out: Path) -> None:
+    """Every change on one arm, each from the same state before it; a file for each."""
     arm = WorkingArm(seed)
+    files = [out / f"changes_{seed}_{k}.json" for k in range(len(list(draws(arm))))]
+    left = [file for file in files if not file.is_file()]
+    if not left:
+        return
     watched = Detector(CorrectedArm(arm.nominal))
     events = feed(watched, arm.chunks(BEFORE))
     before = [e.sentence for e in events if e.event == ALARM]
-    rows = []
-    for change in draws(arm):
-        own = copy.copy(arm)
-        own.rng = np.random.default_rng([seed, 2])
-        own.c, own.b, own.load = arm.c.copy(), arm.b.copy(), arm.load.copy()
-        own.offset, own.zero = arm.offset.copy(), arm.zero.copy()
-        own._queue, own._filters = list(arm._queue), dict(arm._filters)
-        own.change(change)
-        told = feed(fork(watched), own.chunks(AFTER))
-        events = [e for e in told if e.event in FOUND]
-        rows.append(judged(change, events, own.t - AFTER))
-    return [{"robot": arm.kind, "before": before, **row} for row in rows]
+    for file, change in zip(files, draws(arm), strict=True):
+        if file in left:
+            row = changed(arm, watched, change)
+            write_json({"robot": arm.kind, "before": before, **row}, file)
+            print(f"  {file.name}", flush=True)
+
+
+def changed(arm: WorkingArm, watched: Detector, change: Change) -> dict[str, Any]:
+    """What became of a change on an arm at work, both as they are."""
+    own = copy.copy(arm)
+    own.rng = np.random.default_rng([arm.seed, 2])
+    own.c, own.b, own.load = arm.c.copy(), arm.b.copy(), arm.load.copy()
+    own.offset, own.zero = arm.offset.copy(), arm.zero.copy()
+    own._queue, own._filters = list(arm._queue), dict(arm._filters)
+    own.change(change)
+    told = feed(fork(watched), own.chunks(AFTER))
+    events = [e for e in told if e.event in FOUND]
+    return judged(change, events, own.t - AFTER)
 
 
 def judged(change: Change, events: list[Event], moment: float) -> dict[str, Any]:
@@ -583,8 +594,12 @@ def main() -> None:
     parser.add_argument("--hours", type=float, default=4.0, help="of each healthy arm")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--training", action="store_true")
+    parser.add_argument("--seed", type=int, default=0, help="of the first arm")
+    parser.add_argument(
+        "--table", action="store_true", help="of changes that are there"
+    )
     options = parser.parse_args()
-    first = TRAINING if options.training else 0
+    first = options.seed + (TRAINING if options.training else 0)
     seeds = range(first, first + options.arms)
     out, hours, parts = options.out, options.hours, options.parts.split(",")
     run = Parallel(n_jobs=options.jobs)
@@ -597,10 +612,9 @@ def main() -> None:
             print(*(f"  {entry['robot']}: {s}" for s in entry["alarms"]), sep="\n")
         print(f"processor time per second: {np.median([f['cpu'] for f in found]):.1%}")
     if "changes" in parts:
-        jobs = [(out / f"changes_{seed}.json", changes, seed) for seed in seeds]
-        rows = [
-            row for part in run(delayed(kept)(*job) for job in jobs) for row in part
-        ]
+        run(delayed(changes)(seed, out) for seed in seeds if not options.table)
+        there = [f for seed in seeds for f in sorted(out.glob(f"changes_{seed}_*"))]
+        rows = [read_json(file, "delete it") for file in there]
         print("\n".join(["", "Changes on arms at work", "", *rows_of_changes(rows)]))
         print(
             f"further alarms and misfits after the first: {sum(r['further'] for r in rows)}"
