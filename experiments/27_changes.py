@@ -60,8 +60,6 @@ from gapscope.watching.detector import Detector
 from gapscope.watching.events import NOTE
 
 CASES = Path(__file__).parent / "cases"
-KEPT = tempfile.TemporaryDirectory(prefix="gapscope-")
-"""Holds the URDF of every case until the end."""
 REAL = (
     "staubli_tx40",
     "ur10",
@@ -261,16 +259,10 @@ def recorded(setup: CaseSetup, plant: TrueArm) -> list[Columns] | None:
 
 def written(setup: CaseSetup, plant: TrueArm, rows: list[Columns]) -> Case:
     """The case as a user has it, through its files."""
-    with tempfile.TemporaryDirectory() as folder:
-        made = MadeCase(setup, plant, (), [*rows, rows[0]], {})
-        path = Path(folder)
-        write_case(made, "case", False, path / "case", path / "unseen.csv")
-        case = load_case(path / "case")
-        # the nominal arm's dynamics is built while its URDF is there
-        RigidBody(case.arm)
-        keep = Path(tempfile.mkdtemp(dir=KEPT.name)) / "robot.urdf"
-        keep.write_text(case.arm.urdf.read_text(encoding="utf-8"), encoding="utf-8")
-    return replace(case, arm=replace(case.arm, urdf=keep))
+    case = MadeCase(setup, plant, (), [*rows, rows[0]], {})
+    path = Path(tempfile.mkdtemp())
+    write_case(case, "case", False, path / "case", path / "unseen.csv")
+    return load_case(path / "case")
 
 
 def _load(
@@ -580,7 +572,9 @@ def main() -> None:
         progress(task.name, f"{how}, {seconds:.0f} s")
 
     def look(task: Task) -> None:
-        outcome = task.look()
+        # all that a case writes goes when this is over, and with it the process
+        with tempfile.TemporaryDirectory(prefix="gapscope-") as tempfile.tempdir:
+            outcome = task.look()
         content = None if outcome is None else asdict(outcome)
         write_json(plain(content, null_if_not_finite=True), files[task.name])
 
