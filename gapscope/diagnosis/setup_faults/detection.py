@@ -170,7 +170,8 @@ def upright(case: Case) -> Case:
 def is_another_arm(case: Case) -> bool:
     """Whether the recordings are of another arm than the nominal one, or their torque is in another unit.
 
-    Then no ordinary load, friction or error of its bodies makes the torque of these right.
+    Then no ordinary load, friction or error of its bodies makes the torque of these right; or it is far off and beyond
+    what the drives can give.
 
     Args:
         case: the case, faults of its set-up put right.
@@ -179,8 +180,17 @@ def is_another_arm(case: Case) -> bool:
     gap = nominal_gap(mounted)
     if gap is None:
         return False
-    off = float(rms(gap, None))
-    return is_extraordinary(select_windows(mounted), far_off=off > NO_TORQUE)
+    far_off = bool(rms(gap, None) > NO_TORQUE)
+    if far_off and _beyond_its_drives(mounted):
+        return True
+    return is_extraordinary(select_windows(mounted), far_off=far_off)
+
+
+def _beyond_its_drives(case: Case) -> bool:
+    """Whether the torque of a joint is in the RMS beyond the largest that the robot file allows; 0 there is silence."""
+    limit = RigidBody(case.arm).effort_limits()
+    torque = np.vstack([r.tau for r in case.recordings if r.tau is not None])
+    return bool(((rms(torque, 0) > limit) & (limit > 0)).any())
 
 
 def as_nominal_arm(
