@@ -548,25 +548,29 @@ def _listed(values: np.ndarray) -> str:
 # Samples at the torque's limit.
 
 
-def _limits(case: Case) -> Iterator[Remark]:
-    """Samples at the torque limit of the data sheet, or beyond."""
-    limit = case.arm.torque_limit
+def _limits(case: Case, body: RigidBody) -> Iterator[Remark]:
+    """Samples at the torque limit of the data sheet, or beyond that of the robot file."""
     torque = [r.tau for r in case.recordings if r.tau is not None]
-    if limit is None or not torque:
+    if not torque:
         return
     size = np.abs(np.vstack(torque))
-    at_limit = (size > 0.99 * limit).mean(axis=0)
-    if (at_limit > AT_LIMIT).any():
-        joints = (np.flatnonzero(at_limit > AT_LIMIT) + 1).tolist()
-        yield Remark(
-            "warn",
-            "torque",
-            numbers(joints),
-            f"at the torque limit in up to {at_limit.max():.0%} of the samples",
+    stated = case.arm.torque_limit
+    limit = body.effort_limits() if stated is None else 0.99 * stated
+    # a file that is silent says 0
+    share = ((size > limit) & (limit > 0)).mean(axis=0)
+    joints = (np.flatnonzero(share > AT_LIMIT) + 1).tolist()
+    if not joints:
+        return
+    if stated is None:
+        said = f"beyond the torque limit of the robot file in up to {share.max():.0%} of the samples"
+        remedy = "check robot: and the unit of the torque; limits in robot files are often placeholders"
+    else:
+        said = f"at the torque limit in up to {share.max():.0%} of the samples"
+        remedy = (
             "what is clipped says little of the arm: record a slower motion; if the drive allows more, correct "
-            "nominal: {torque_limit: ...}",
+            "nominal: {torque_limit: ...}"
         )
-
+    yield Remark("warn", "torque", numbers(joints), said, remedy)
 
 
 # All checks of a case.
@@ -687,7 +691,7 @@ def _of_signals(
     motions = joint_motions(columns, case.recordings, segments)
     remarks += check_ranges(case, columns.body)
     remarks += look.remarks()
-    remarks += _limits(case)
+    remarks += _limits(case, columns.body)
     remarks += check_motion(motions)
     remarks += check_nominal(case, columns.body)
     remarks += check_controller(case)

@@ -15,14 +15,14 @@ from gapscope.arm.root_mean_square import rms
 from gapscope.diagnosis.document.wording import capital, listing, misread, much
 from gapscope.diagnosis.gap.plausible_data import check_moving, select_windows
 from gapscope.diagnosis.setup_faults.detection import (
+    as_nominal_arm,
     find_setup_faults,
-    is_another_arm,
     nominal_gap,
     upright,
 )
 from gapscope.diagnosis.setup_faults.fault_search import common_factor
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
-from gapscope.effects.setup_faults import TimeStamps
+from gapscope.effects.setup_faults import TimeStamps, TorqueUnit, UnitMismatch
 
 # One line of the check of a case.
 
@@ -133,13 +133,8 @@ def look_at_set_up(case: Case, seen: Sequence[FoundFault] = ()) -> SetUp:
         InputError: the arm stands still, or time stamps cannot be put right.
     """
     check_moving(case)
-    found = find_setup_faults(case)
+    found, another = as_nominal_arm(case, find_setup_faults(case))
     right = repaired(case, found)
-    another = is_another_arm(right)
-    if another:
-        # what else its torque seems to show is how the two arms differ
-        found = tuple(fault for fault in found if _topic(fault) == "time")
-        right = repaired(case, found)
     gap, mounted = nominal_gap(right), upright(right)
     return SetUp(
         faults=(*seen, *found),
@@ -171,6 +166,12 @@ def fault_remark(fault: FoundFault, n_joints: int) -> Remark:
         if mend
         else "gapscope diagnose puts it right and says what to correct"
     )
+    if mend and isinstance(fault.fault, TorqueUnit | UnitMismatch) and fault.std:
+        (values,), (stds,) = fault.fault.values().values(), fault.std.values()
+        share = max(std / abs(x) for x, std in zip(values, stds, strict=True))
+        remedy += (
+            f"; by the torque alone to ± {share:.0%}: put there what a data sheet says"
+        )
     places = [
         *fault.recordings,
         *([numbers(list(fault.joints))] * bool(fault.joints)),

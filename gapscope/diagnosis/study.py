@@ -10,6 +10,7 @@ import numpy as np
 from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
+from gapscope.arm.root_mean_square import rms
 from gapscope.diagnosis.agreement import Agreement, alike, compared
 from gapscope.diagnosis.assessment.confidence import Confidence, divide
 from gapscope.diagnosis.assessment.held_out_prediction import (
@@ -42,14 +43,16 @@ from gapscope.diagnosis.selection.undeclared_coupling import (
 )
 from gapscope.diagnosis.setup_faults.clocks import find_quantization
 from gapscope.diagnosis.setup_faults.detection import (
+    as_nominal_arm,
     find_setup_faults,
-    is_another_arm,
     on_one_clock,
+    only_of_time,
     upright,
 )
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
 from gapscope.diagnosis.setup_faults.references import find_reference_faults
 from gapscope.diagnosis.states import States, states_of
+from gapscope.diagnosis.thresholds import NO_TORQUE
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.setup_faults import TimeStamps
 from gapscope.model.changes import Change, changes_of
@@ -174,6 +177,20 @@ class Prepared:
             return None
         return _repaired(case, progress, self.references, inherent)
 
+    def of_another_arm(self) -> Prepared:
+        """The same as of another arm than the nominal one."""
+        of_time = only_of_time(self.setup_faults)
+        kept = (f for f in self.faults if f in of_time or f not in self.setup_faults)
+        return replace(
+            self,
+            case=select_windows(repaired(self.given, of_time)),
+            faults=tuple(kept),
+            changes=(),
+            states=States(None),
+            setup_faults=of_time,
+            another_arm=True,
+        )
+
     def as_given(
         self, progress: Progress, inherent: Collection[tuple[str, str]]
     ) -> Prepared | None:
@@ -253,10 +270,7 @@ def _repaired(
     if setup_faults is None:
         progress("tests the set-up")
         setup_faults = find_setup_faults(case)
-    another = is_another_arm(repaired(case, setup_faults))
-    if another:
-        # what else its torque seems to show is how the two arms differ
-        setup_faults = tuple(f for f in setup_faults if f.name == TimeStamps.name)
+    setup_faults, another = as_nominal_arm(case, setup_faults)
     case = repaired(case, setup_faults)
     # A wrong unit scales the step of an encoder: quantisation is measured after the repair.
     every = (*references, *setup_faults, *find_quantization(select_windows(case)))
@@ -345,7 +359,12 @@ def examine(case: Case, progress: Progress) -> Study:
     prepared = prepare(case, progress)
     study = _study(prepared, progress)
     likelier = prepared.by_likelier_rule(study.effects, progress)
-    return study if likelier is None else _study(likelier, progress)
+    if likelier is not None:
+        prepared, study = likelier, _study(likelier, progress)
+    if not study.another_arm and rms(study.gap_after.nrmse, None) > NO_TORQUE:
+        # with all that was found it still predicts worse than no torque at all
+        return _study(prepared.of_another_arm(), progress)
+    return study
 
 
 def _study(prepared: Prepared, progress: Progress) -> Study:

@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gapscope.arm.io.layouts import Layout
-from gapscope.inspection.columns import ColumnGroup, TableColumns
+from gapscope.inspection.columns import BY_NAME, ColumnGroup, TableColumns
 from gapscope.inspection.time_column import TimeGuess
 from gapscope.inspection.words import (
     Meaning,
     derivative_ratio,
-    meaning_of,
     position_unit,
     velocity_unit,
 )
@@ -30,8 +29,6 @@ TORQUE_ORDER = (
 
 AMPERES = ("current", "commanded current")
 """Those of them that are no torque yet."""
-BY_NAME = "by its name"
-"""Reason for columns of which only the name tells the channel."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +56,7 @@ def position_and_velocity(
     """Values taken for measured positions and velocities, in any unit, for a guess of the rate."""
     found: dict[str, np.ndarray] = {}
     for group in columns.groups:
-        meaning = meaning_of(group.pattern, context)
+        meaning = group.meaning(context)
         if meaning.quantity in ("position", "velocity") and not meaning.reference:
             found.setdefault(meaning.quantity, group.values)
     return found.get("position"), found.get("velocity")
@@ -76,7 +73,7 @@ def channels_of_table(
         time: of the table.
         context: name of file and topic, which count if the names of the columns are silent.
     """
-    named = [(group, meaning_of(group.pattern, context)) for group in columns.groups]
+    named = [(group, group.meaning(context)) for group in columns.groups]
     known = _of_layout(columns, layout)
     found = list(known)
     taken = [guess.group for guess in known]

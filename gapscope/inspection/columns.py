@@ -13,7 +13,7 @@ import numpy as np
 
 from gapscope.arm.io.channel_entry import SIGN_BITS, with_sign
 from gapscope.arm.io.table import Table
-from gapscope.inspection.words import meaning_of
+from gapscope.inspection.words import Meaning, meaning_of
 
 _BRACKETED = re.compile(r"^.*\[(?P<label>[^\[\]]+)\][^\[\]]*$")
 _FIELD = re.compile(r"^.*\[(?P<label>[^\[\].]+)\.(?P<field>[^\[\]]+)\]$")
@@ -27,6 +27,10 @@ SMOOTHER = 0.5
 """Share of its way that a series keeps if what seemed its leaps were a change of sign [1]. (hand)"""
 
 
+BY_NAME = "by its name"
+"""Reason for columns of which only the name tells the channel."""
+
+
 @dataclass(frozen=True)
 class ColumnGroup:
     """Columns with one number for each of k joints, or one column whose cells hold lists.
@@ -37,7 +41,8 @@ class ColumnGroup:
         labels: what stands in that place, k texts; numbers from 1 for a column of lists.
         names: of the columns; one for a column of lists.
         values: (N, k); nan if a cell is empty or no number.
-        seen: what their values show, of columns that have numbers in place of names.
+        seen: what their values show, of columns whose names tell nothing.
+        holds: what these hold by that, in words that ``meaning_of`` knows; empty if names tell.
         sign_bit: bit of the numbers in the file that says the sign of these; ``None`` for ordinary numbers.
     """
 
@@ -46,6 +51,7 @@ class ColumnGroup:
     names: tuple[str, ...]
     values: np.ndarray
     seen: str = ""
+    holds: str = ""
     sign_bit: int | None = None
 
     @property
@@ -57,6 +63,10 @@ class ColumnGroup:
     def numbered(self) -> bool:
         """Whether the columns have numbers in place of names."""
         return all(name.isdecimal() for name in self.names)
+
+    def meaning(self, context: str) -> Meaning:
+        """What they hold, by their values or their names; the name of file and topic counts if these are silent."""
+        return meaning_of(self.holds or self.pattern, context)
 
     @property
     def by_name(self) -> bool:

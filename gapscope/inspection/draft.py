@@ -211,6 +211,8 @@ def _column(found: Inspection, guess: ChannelGuess) -> str | list[str] | list[in
     group = guess.group
     if group.numbered:
         return [int(name) for name in group.names[: found.n_joints]]
+    if group.seen:
+        return list(group.names[: found.n_joints])
     if found.arm is None or len(group.names) != group.width:
         return group.pattern
     joints = found.arm.joints
@@ -234,7 +236,7 @@ def _reason(found: Inspection, label: str, guess: ChannelGuess) -> str:
     if guess.channel not in TORQUES:
         return "; ".join(filter(None, (guess.why, guess.role)))
     facts = found.torques.get((label, guess.group.pattern), [])
-    said = guess.why if guess.group.numbered else guess.role or guess.why
+    said = guess.why if guess.group.seen else guess.role or guess.why
     return "; ".join(filter(None, (said, *facts)))
 
 

@@ -149,7 +149,7 @@ def _best_first(found: Inspection, looked: dict[tuple[str, str], SetUp]) -> Insp
 
     for label, table in found.sources.items():
         torque = found.chosen.get("tau", ("",))[0]
-        if label == torque and table.part.table.unnamed:
+        if label == torque and table.by_values:
             entries = tuple(
                 {**entry, label: ordered(entry[label])} for entry in found.entries
             )

@@ -18,7 +18,7 @@ from gapscope.inspection.channels import (
 )
 from gapscope.inspection.columns import TableColumns, sorted_columns
 from gapscope.inspection.time_column import TimeGuess, guess_time
-from gapscope.inspection.unnamed_columns import unnamed_columns
+from gapscope.inspection.unnamed_columns import columns_by_values, unnamed_columns
 
 
 @dataclass(frozen=True)
@@ -40,16 +40,22 @@ class InspectedTable:
     channels: tuple[ChannelGuess, ...]
 
     @property
+    def by_values(self) -> bool:
+        """Whether values tell what columns hold, their names being silent or missing."""
+        held = any(group.holds for group in self.columns.groups)
+        return held or self.part.table.unnamed
+
+    @property
     def label(self) -> str:
         """File and topic, for messages."""
         return " ".join(filter(None, (self.log.path.name, self.part.name)))
 
     @property
     def shape(self) -> tuple[object, ...]:
-        """What tables of several logs of one kind share: topic, columns and channels."""
-        groups = tuple((group.pattern, group.labels) for group in self.columns.groups)
-        meant = tuple(sorted(guess.channel for guess in self.channels))
-        return (self.part.name, groups, meant)
+        """What tables of several logs of one kind share: topic, and the columns taken for each channel."""
+        first = {guess.channel: guess.group for guess in reversed(self.channels)}
+        taken = ((name, group.pattern, group.labels) for name, group in first.items())
+        return (self.part.name, *sorted(taken))
 
     def best(self, channel: str) -> ChannelGuess | None:
         """The first columns taken for a channel."""
@@ -66,7 +72,12 @@ class InspectedTable:
 
 
 def inspect_table(
-    log: Log, part: LogTable, arm: NominalArm | None, *, named_by_file: bool = True
+    log: Log,
+    part: LogTable,
+    arm: NominalArm | None,
+    *,
+    named_by_file: bool = True,
+    by_values: bool = False,
 ) -> InspectedTable:
     """A table of a log, with what its columns are taken for.
 
@@ -75,11 +86,14 @@ def inspect_table(
         part: the table.
         arm: the nominal arm, if it is known: columns may carry the names of its joints.
         named_by_file: whether the names of file and topic say what columns hold whose own names are silent.
+        by_values: whether the values of columns say so, as they do for lack of names.
     """
     part = replace(part, table=without_damage(part.table))
     context = f"{log.path.stem} {part.name}" if named_by_file else ""
     if part.table.unnamed:
         columns = unnamed_columns(part.table, arm, context)
+    elif by_values:
+        columns = columns_by_values(part.table, arm, context)
     else:
         columns = sorted_columns(part.table, () if arm is None else arm.joints)
     position, velocity = position_and_velocity(columns, context)

@@ -27,6 +27,8 @@ WITHOUT_NAMES = (
     "look at each line"
 )
 """Note of a log without a header."""
+SILENT_NAMES = "no name says positions: what columns hold is told by their values; look at each line"
+"""Note of a log whose names of columns tell too little."""
 
 
 @dataclass(frozen=True)
@@ -122,13 +124,13 @@ def inspect_logs(logs: Sequence[Log], arm: NominalArm | None = None) -> Inspecti
 
 def _tables(logs: Sequence[Log], arm: NominalArm | None) -> list[InspectedTable]:
     """All tables, with what their columns are taken for."""
-    for named_by_file in (True, False):
+    # names of files may call everything a reference, and those of columns tell nothing
+    for by_file, by_values in ((True, False), (False, False), (False, True)):
         found = [
-            inspect_table(log, part, arm, named_by_file=named_by_file)
+            inspect_table(log, part, arm, named_by_file=by_file, by_values=by_values)
             for log in logs
             for part in log.tables
         ]
-        # names of files may call everything a reference
         if any(table.best("q") is not None for table in found):
             break
     return found
@@ -217,8 +219,9 @@ def _notes(logs: Sequence[Log], tables: Sequence[InspectedTable]) -> list[str]:
     used = {table.log.path for table in tables}
     notes = [f"{log.path.name}: {note}" for log in logs for note in log.notes]
     for table in tables:
-        if table.part.table.unnamed:
-            notes.append(f"{table.label}: {WITHOUT_NAMES}")
+        if table.by_values:
+            why = WITHOUT_NAMES if table.part.table.unnamed else SILENT_NAMES
+            notes.append(f"{table.label}: {why}")
         notes += [f"{table.label}: {note}" for note in table.part.table.notes]
     idle = [log.path.name for log in logs if log.path not in used]
     return notes + [f"{name}: holds no numbers of joints" for name in idle]
@@ -249,7 +252,7 @@ def _without_positions(
 ) -> InputError:
     found = sorted({guess.channel for table in tables for guess in table.channels})
     return InputError(
-        f"no column name identifies joint positions; found {', '.join(found) or 'no channel'}",
+        f"no column identifies joint positions, by its name or its values; found {', '.join(found) or 'no channel'}",
         "give --robot, whose joints' names columns may carry and whose limits and gravity tell columns without names; "
         "or name the columns in a case, import: {q: ...}",
         file=logs[0].path,

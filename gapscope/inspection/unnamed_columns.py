@@ -1,4 +1,4 @@
-"""Columns without names, told apart by what they hold: time, and blocks of one number for each joint.
+"""Columns whose names tell nothing, told apart by what they hold: time, and blocks of one number for each joint.
 
 A block is the derivative of another if, over ten rows, what the one gains is the mean of the other times the same
 factor on all joints. What has a derivative in the log and is none itself is a position; of two positions that are
@@ -8,8 +8,8 @@ columns that stay within the limits of the robot. What is left may be a torque; 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -17,9 +17,23 @@ import numpy as np
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.table import Table
 from gapscope.arm.nominal import NominalArm
-from gapscope.inspection.columns import ColumnGroup, TableColumns, numbers_of
+from gapscope.inspection.columns import (
+    BY_NAME,
+    ColumnGroup,
+    TableColumns,
+    numbers_of,
+    sorted_columns,
+)
 from gapscope.inspection.time_column import counts_rows, runs_forward
-from gapscope.inspection.words import ALIKE, ANGLES, LARGEST, UNITS, meaning_of
+from gapscope.inspection.words import (
+    ALIKE,
+    ANGLES,
+    LARGEST,
+    NOT_OF_JOINTS,
+    UNITS,
+    meaning_of,
+    words_of,
+)
 
 SPAN = 10
 """Rows over which a block is compared with the sum of another [1]: noise of single rows is averaged."""
@@ -57,17 +71,54 @@ class _Block:
         """The columns under a pattern that says what they hold."""
         names = tuple(columns[place][0] for place in self.places)
         said = ", ".join(names)
-        if len(names) > 2 and int(names[-1]) - int(names[0]) == len(names) - 1:
+        # in the order of the file
+        if len(names) > 2 and self.places[-1] - self.places[0] == len(names) - 1:
             said = f"{names[0]} to {names[-1]}"
         counted = f"column{'s' if len(names) > 1 else ''} {said}"
         labels = tuple(str(j + 1) for j in range(len(names)))
         values = np.column_stack([columns[place][1] for place in self.places])
         pattern = ", ".join(filter(None, (self.holds, counted)))
-        return ColumnGroup(pattern, labels, names, values, self.why)
+        return ColumnGroup(pattern, labels, names, values, self.why, self.holds)
+
+
+def columns_by_values(
+    table: Table, arm: NominalArm | None, context: str
+) -> TableColumns:
+    """Columns of a table whose names tell no positions: those that names do tell, all others by their values.
+
+    A name without a number counts here, too: the only joint of an arm has none.
+
+    Args:
+        table: as a reader gave it.
+        arm: the nominal arm, if it is known.
+        context: name of the file and the topic, which say what a block that is alone holds.
+    """
+    named = sorted_columns(table, () if arm is None else arm.joints)
+    groups = [group for group in named.groups if meaning_of(group.pattern).quantity]
+    taken = {name for group in groups for name in group.names}
+    singles = {}
+    for name, x in named.singles.items():
+        quantity = meaning_of(name).quantity
+        if quantity == "time":
+            singles[name] = x
+        elif quantity and (arm is None or arm.n_joints == 1):
+            groups.append(ColumnGroup(name, ("1",), (name,), x[:, None], BY_NAME))
+            taken.add(name)
+    silent = {
+        name: cells
+        for name, cells in table.columns.items()
+        if name not in taken | set(singles) and not words_of(name) & NOT_OF_JOINTS
+    }
+    if any(meaning_of(group.pattern).quantity == "position" for group in groups):
+        silent = {}
+    rest = unnamed_columns(replace(table, columns=silent), arm, context)
+    return TableColumns(
+        (*groups, *rest.groups), {**singles, **rest.singles}, named.texts
+    )
 
 
 def unnamed_columns(table: Table, arm: NominalArm | None, context: str) -> TableColumns:
-    """Columns of a table that calls them by their numbers.
+    """Columns of a table by their values alone.
 
     Args:
         table: as a reader gave it.
@@ -395,18 +446,36 @@ class _Blocks:
 
     def _rest(
         self, n: int, order: tuple[int, ...], found: Sequence[_Block]
-    ) -> Iterator[_Block]:
-        """Blocks beside those that are known: references, temperatures, and what may be torques."""
+    ) -> list[_Block]:
+        """Blocks beside those that are known: references, temperatures, and possible torques, the likeliest first."""
         starts = sorted(order.index(block.places[0]) for block in found)
         edges = [-n, *starts, len(order)]
+        windows: list[tuple[int, ...]] = []
         for before, after in pairwise(edges):
             begin, end = before + n, after
             # columns before the first block end with it, all others follow one
             begin = begin + (end - begin) % n if before < 0 else begin
-            for s in range(begin, end - n + 1, n):
-                window = order[s : s + n]
-                if not self.still[list(window)].all():
-                    yield self._other(window, found[0].places)
+            windows += [order[s : s + n] for s in range(begin, end - n + 1, n)]
+        position = found[0].places
+        # what has two values is a switch
+        values = [len(np.unique(column)) for column in self.values.T]
+        moving = [w for w in windows if max(values[place] for place in w) > 2]
+        # a torque moves the arm or follows from its motion
+        moving.sort(key=lambda window: -self._explained(position, window))
+        return [self._other(window, position) for window in moving]
+
+    def _explained(self, position: tuple[int, ...], window: tuple[int, ...]) -> float:
+        """Share of the variance of a block that the motion of each column's own joint explains [1]."""
+        shares = []
+        for p, w in zip(position, window, strict=True):
+            q, y = self.values[:, p], self.values[SPAN:-SPAN, w]
+            speed = (q[2 * SPAN :] - q[: -2 * SPAN]) / 2
+            bend = q[2 * SPAN :] - 2 * q[SPAN:-SPAN] + q[: -2 * SPAN]
+            own = (np.ones_like(y), q[SPAN:-SPAN], speed, np.sign(speed), bend)
+            columns = np.column_stack(own)
+            left = y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]
+            shares.append(1 - left.var() / max(y.var(), 1e-300))
+        return float(np.mean(shares))
 
     def _other(self, window: tuple[int, ...], position: tuple[int, ...]) -> _Block:
         """A block that no derivative tells."""

@@ -15,6 +15,7 @@ from scipy.signal import welch
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.joint_units import joint_unit, units_of
 from gapscope.inspection.draft import case_text
 from gapscope.inspection.draft_check import DraftCheck
 from gapscope.inspection.inspection import TORQUES, Inspection
@@ -231,8 +232,10 @@ def channel_rows(found: Inspection) -> Iterator[tuple[str, str, str, str]]:
         time.unit or f"rows at {time.rate:.4g} Hz",
         time.why,
     )
+    slides = found.arm is not None and all(found.arm.sliding)
     for channel, (_, guess) in found.chosen.items():
-        yield channel, guess.group.pattern, guess.unit, guess.why
+        unit = joint_unit(guess.unit, slides)
+        yield channel, guess.group.pattern, unit, guess.why
 
 
 def torque_rows(found: Inspection) -> Iterator[tuple[str, str]]:
@@ -255,8 +258,10 @@ def joint_rows(found: Inspection) -> Iterator[tuple[str, str, str, str]]:
     label, _ = found.chosen["q"]
     tables = [entry[label] for entry in found.entries]
     series = [(t.time.seconds, guess) for t in tables if (guess := t.best("q"))]
-    unit = series[0][1].unit
-    for j, name in enumerate(names_of(found)):
+    units = [series[0][1].unit] * series[0][1].group.width
+    if found.arm is not None:
+        units[: found.n_joints] = units_of(units[0], found.arm.sliding)
+    for j, (name, unit) in enumerate(zip(names_of(found), units, strict=True)):
         columns = [guess.group.values[:, j] for _, guess in series]
         low, high = min(c.min() for c in columns), max(c.max() for c in columns)
         fastest = max(

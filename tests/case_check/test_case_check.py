@@ -126,6 +126,15 @@ def test_samples_at_the_torque_limit_are_said(make_case: Make) -> None:
     assert "joint 1: at the torque limit" in warned(check)
 
 
+def test_torques_beyond_the_robot_file_are_said(make_case: Make) -> None:
+    def strong(table: dict[str, np.ndarray]) -> None:
+        table["tau1"] *= 150 / np.abs(table["tau1"]).max()
+
+    sheet = {"armature": [0.3, 0.1], "coulomb": [2, 1], "viscous": [1, 0.5]}
+    said = warned(check_case(make_case(spoil=strong, nominal=sheet)))
+    assert "joint 1: beyond the torque limit of the robot file" in said
+
+
 def test_jitter_and_a_low_rate_are_said(make_case: Make) -> None:
     def shake(table: dict[str, np.ndarray]) -> None:
         noise = np.random.default_rng(0).uniform(0, 0.002, len(table["t"]))

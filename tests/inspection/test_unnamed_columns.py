@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,8 @@ from gapscope.arm.case import load_case
 from gapscope.arm.io.log import open_log
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.inspection.draft import case_text
 from gapscope.inspection.draft_check import judge_torques
 from gapscope.inspection.inspection import Inspection, inspect_logs
 
@@ -153,3 +156,47 @@ def test_lost_rows_and_noise_of_single_rows_do_not_matter(known, arm, moved, tmp
         numbers = [str(first + j) for j in range(7)]
         assert list(found.chosen[name][1].group.names) == numbers, name
         first += 7
+
+
+@pytest.fixture
+def slide(tmp_path: Path) -> NominalArm:
+    """A carriage of 95 kg."""
+    urdf = tmp_path / "slide.urdf"
+    urdf.write_text(
+        '<robot name="drive"><link name="base"/><link name="carriage"><inertial><mass value="95"/>'
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        '<joint name="slide" type="prismatic"><parent link="base"/><child link="carriage"/><axis xyz="1 0 0"/>'
+        '<limit lower="-0.1" upper="0.4" effort="400" velocity="1"/></joint></robot>'
+    )
+    return load_nominal_arm(urdf)
+
+
+@pytest.mark.parametrize(
+    "names", [("t", "qm", "qg", "vir", "pulse"), ("t", "q", "q_ref", "tau", "pulse")]
+)
+def test_names_that_tell_nothing_are_passed_over(names, slide, tmp_path):
+    t = np.arange(0, 20, 0.005)
+    rng = np.random.default_rng(3)
+    q_ref = 0.1 + 0.1 * np.sin(3 * t) * np.sin(0.4 * t)
+    q = q_ref - 0.005 * np.gradient(q_ref, t) + 1e-6 * rng.standard_normal(len(t))
+    dq = np.gradient(q_ref, t)
+    volts = (95 * np.gradient(dq, t) + 200 * dq + 20 * np.tanh(dq / 1e-3)) / 35
+    pulse = np.where(t % 7 < 0.3, 5.0, 0.0)
+    log = tmp_path / "drive.csv"
+    np.savetxt(
+        log,
+        np.column_stack([t, q, q_ref, volts, pulse]),
+        delimiter=",",
+        header=",".join(names),
+        comments="",
+    )
+    found = judge_torques(inspected([log], slide))
+    taken = {name: guess.group.names for name, (_, guess) in found.chosen.items()}
+    assert taken == {"q": (names[1],), "q_ref": (names[2],), "tau": (names[3],)}
+    # one joint of another mass or of another unit: the unit is said, to be given by the drive's gain
+    (unit,) = (r for r in found.misread if "Torque unit" in r.said)
+    factor = float(re.search(r"torque: \{scale: ([0-9.]+)\}", unit.remedy)[1])
+    assert factor == pytest.approx(35, rel=0.5)
+    case = tmp_path / "case.yaml"
+    case.write_text(case_text(found, tmp_path, slide.urdf.name))
+    np.testing.assert_allclose(load_case(case).recordings[0].q[:, 0], q, atol=1e-8)

@@ -435,7 +435,8 @@ def diagnosis_content(study: Study) -> dict[str, Any]:
             first,
         ),
         "where": _where_before(study, rows, gap),
-        "expected": expected_entries(shown(study.selection)),
+        # of another arm no size is known
+        "expected": [] if another else expected_entries(shown(study.selection)),
     }
     if study.sensor_sides is not None:
         content["sides"] = sides_entry(study.sensor_sides, effects)

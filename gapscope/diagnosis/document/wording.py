@@ -484,7 +484,7 @@ def _before_changes(document: Document) -> str:
 def _explained(document: Document) -> str:
     """The main cause, its share of the gap, and what stays."""
     if "misread" in document:
-        return f"{capital(document['misread'])}. No effect was looked for."
+        return f"{capital(document['misread'])}. No effect is named."
     if _diagnosed(document):
         text = f"{capital(_causes(document))}; {_left(document)}."
     elif document["effects"] and document["verdict"] != "unexplained":

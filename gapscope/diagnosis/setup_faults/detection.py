@@ -7,6 +7,7 @@ better once the recordings are read as the fault would have it. Faults are corre
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -26,6 +27,7 @@ from gapscope.diagnosis.setup_faults.clocks import (
 from gapscope.diagnosis.setup_faults.fault_search import (
     faults_by_torque,
     is_extraordinary,
+    unit_of_nominal_arm,
 )
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, merged, repaired
 from gapscope.diagnosis.thresholds import (
@@ -39,7 +41,7 @@ from gapscope.diagnosis.thresholds import (
     SHIFTED_INERTIALS_FALL,
 )
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.setup_faults import ShiftedInertials
+from gapscope.effects.setup_faults import ShiftedInertials, TimeStamps
 from gapscope.model.conditioning import (
     Segment,
     condition,
@@ -168,17 +170,54 @@ def upright(case: Case) -> Case:
 def is_another_arm(case: Case) -> bool:
     """Whether the recordings are of another arm than the nominal one, or their torque is in another unit.
 
-    Then its torque is off by more than a constant torque would be, and no ordinary load, friction or error of its
-    bodies makes it right.
+    Then no ordinary load, friction or error of its bodies makes the torque of these right; or it is far off and beyond
+    what the drives can give.
 
     Args:
         case: the case, faults of its set-up put right.
     """
     mounted = upright(case)
     gap = nominal_gap(mounted)
-    if gap is None or rms(gap, None) <= NO_TORQUE:
+    if gap is None:
         return False
-    return is_extraordinary(select_windows(mounted))
+    far_off = bool(rms(gap, None) > NO_TORQUE)
+    if far_off and _beyond_its_drives(mounted):
+        return True
+    return is_extraordinary(select_windows(mounted), far_off=far_off)
+
+
+def _beyond_its_drives(case: Case) -> bool:
+    """Whether the torque of a joint is in the RMS beyond the largest that the robot file allows; 0 there is silence."""
+    limit = RigidBody(case.arm).effort_limits()
+    torque = np.vstack([r.tau for r in case.recordings if r.tau is not None])
+    return bool(((rms(torque, 0) > limit) & (limit > 0)).any())
+
+
+def as_nominal_arm(
+    case: Case, faults: Sequence[FoundFault]
+) -> tuple[tuple[FoundFault, ...], bool]:
+    """Faults of the set-up with which a case is of its nominal arm, and whether it is of another one all the same.
+
+    Of another arm only the faults of time are kept: what else its torque seems to show is how the two arms differ. The
+    bodies of two arms of one joint differ by a factor alone, so that its torque is in another unit.
+
+    Args:
+        case: the case as it was read.
+        faults: that its torque shows.
+    """
+    if not is_another_arm(repaired(case, tuple(faults))):
+        return tuple(faults), False
+    of_time = only_of_time(faults)
+    right = select_windows(repaired(case, of_time))
+    unit = unit_of_nominal_arm(right) if case.arm.n_joints == 1 else None
+    if unit is None:
+        return of_time, True
+    return _with_gaps(select_windows(case), (*of_time, unit)), False
+
+
+def only_of_time(faults: Sequence[FoundFault]) -> tuple[FoundFault, ...]:
+    """The faults of time stamps among others."""
+    return tuple(fault for fault in faults if fault.name == TimeStamps.name)
 
 
 def nominal_gap(case: Case) -> np.ndarray | None:

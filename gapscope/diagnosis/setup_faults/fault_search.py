@@ -45,6 +45,7 @@ from gapscope.diagnosis.thresholds import (
     LATE_REFERENCE_SHARE,
     MIN_ZERO_OFFSET,
     NARROW_NUISANCE_FACTOR,
+    OBVIOUS_FAULT_PROBABILITY,
     OTHER_DELAYS,
     OWN_UNIT_FACTOR,
     REFINE_FIRST_STEP,
@@ -347,12 +348,32 @@ def common_factor(case: Case) -> tuple[float, float] | None:
     return factor, factor * share
 
 
-def is_extraordinary(case: Case) -> bool:
-    """Whether no arm with ordinary errors of the nominal one made the torque."""
+def is_extraordinary(case: Case, *, far_off: bool) -> bool:
+    """Whether no arm with ordinary errors of the nominal one made the torque; ``far_off`` as in ``ReadingScorer``."""
     scorer = _scorer(case.arm, tuple(r for r in case.recordings if r.tau is not None))
     if scorer is None:
         return False
-    return scorer.is_of_another_arm(Reading.identity(case.arm.n_joints))
+    return scorer.is_of_another_arm(
+        Reading.identity(case.arm.n_joints), far_off=far_off
+    )
+
+
+def unit_of_nominal_arm(case: Case) -> FoundFault | None:
+    """The unit in which the torques of all joints are nearest to the nominal arm's; ``None`` if it is about N m."""
+    scorer = _scorer(case.arm, tuple(r for r in case.recordings if r.tau is not None))
+    if scorer is None:
+        return None
+    n, none = case.arm.n_joints, Reading.identity(case.arm.n_joints)
+    equations = scorer.equations_of(none)
+    assert equations is not None
+    look = look_at(scorer.arm, scorer.samples, equations, none, rate_is_known=True)
+    for start in TorqueUnit.candidates(look):
+        if len(start.kind[2]) == n:
+            unit, std = refined(scorer, none, start)
+            return FoundFault(
+                unit, OBVIOUS_FAULT_PROBABILITY, {"factor": std} if std else {}
+            )
+    return None
 
 
 def _scorer(arm: NominalArm, recordings: tuple[Recording, ...]) -> ReadingScorer | None:

@@ -19,6 +19,7 @@ from gapscope.arm.reading import Reading
 from gapscope.arm.robots import shifted_body
 from gapscope.diagnosis.gap.plausible_data import folds_of
 from gapscope.diagnosis.thresholds import (
+    FAULT_GAIN,
     FAULT_PRIOR_ODDS,
     FAULT_SAMPLES,
     FAULT_SIGN_WIDTH,
@@ -512,27 +513,74 @@ def _fit(
         weights: of the folds in each fit, (F, K).
     """
     n, shared, fits = target.shape[1], eq.shared, len(weights)
-    precision = eq.weight / (ORDINARY_GAP_DEVIATION * deviation) ** 2
-    gram = np.tensordot(weights, eq.gram, 1) * precision[:, None, None]
-    right = np.tensordot(weights, target, 1) * precision[:, None]
-    own_precision = 1.0 / (spread * _own_prior_std(eq, deviation)) ** 2
-
-    # all joints share the inertial errors; their own values meet only through these
-    size = shared + n * OWN
-    matrix = np.zeros((fits, size, size))
-    matrix[:, :shared, :shared] = gram[:, :, :shared, :shared].sum(axis=1)
-    matrix[:, :shared, :shared] += np.eye(shared) / spread**2
-    for j in range(n):
-        own = slice(shared + j * OWN, shared + (j + 1) * OWN)
-        coupling = gram[:, j, :shared, shared:]
-        matrix[:, :shared, own] = coupling
-        matrix[:, own, :shared] = coupling.transpose(0, 2, 1)
-        matrix[:, own, own] = gram[:, j, shared:, shared:] + np.diag(own_precision[j])
+    right = np.tensordot(weights, target, 1) * _precision(eq, deviation)[:, None]
+    matrix = _information(eq, deviation, weights)
+    prior = 1.0 / (spread * _prior_std(eq, deviation)) ** 2
+    matrix[:, np.arange(len(prior)), np.arange(len(prior))] += prior
     inertial_side = right[:, :, :shared].sum(axis=1)
     own_side = right[:, :, shared:].reshape(fits, -1)
     solved = bounded_minimum(matrix, np.hstack([inertial_side, own_side]), _lowest(eq))
     inertial = np.repeat(solved[:, None, :shared], n, axis=1)
     return np.concatenate([inertial, solved[:, shared:].reshape(fits, n, OWN)], axis=2)
+
+
+def _precision(eq: FoldEquations, deviation: np.ndarray) -> np.ndarray:
+    """What a squared error of a row counts [1/(N m)^2], (n,), given the deviation of each joint's torque [N m]."""
+    return np.asarray(eq.weight / (ORDINARY_GAP_DEVIATION * deviation) ** 2)
+
+
+def _information(
+    eq: FoldEquations, deviation: np.ndarray, weights: np.ndarray
+) -> np.ndarray:
+    """What folds tell of all unknowns, (F, P, P), P = 10 n + 2 + 6 n; arguments as of ``_fit``."""
+    n, shared = len(deviation), eq.shared
+    gram = np.tensordot(weights, eq.gram, 1)
+    gram = gram * _precision(eq, deviation)[:, None, None]
+    # all joints share the inertial errors; their own values meet only through these
+    size = shared + n * OWN
+    matrix = np.zeros((len(weights), size, size))
+    matrix[:, :shared, :shared] = gram[:, :, :shared, :shared].sum(axis=1)
+    for j in range(n):
+        own = slice(shared + j * OWN, shared + (j + 1) * OWN)
+        coupling = gram[:, j, :shared, shared:]
+        matrix[:, :shared, own] = coupling
+        matrix[:, own, :shared] = coupling.transpose(0, 2, 1)
+        matrix[:, own, own] = gram[:, j, shared:, shared:]
+    return matrix
+
+
+def _prior_std(eq: FoldEquations, deviation: np.ndarray) -> np.ndarray:
+    """Prior standard deviations of all unknowns, (P,): inertial errors are in units of theirs."""
+    own = _own_prior_std(eq, deviation)
+    return np.concatenate([np.ones(eq.shared), own.ravel()])
+
+
+def chance_of_values(eq: FoldEquations, reading: Reading, noise: np.ndarray) -> float:
+    """Chance that an ordinary arm needs values as far from its model as this torque does, or farther [1].
+
+    Over draws of the prior twice the penalty is a sum of squares of standard normal numbers, each times the share
+    s / (1 + s) of what the data tell of a direction of the values, s being an eigenvalue of S A S with the information
+    A and the prior's deviations S; and one for the arm's weight. Its distribution is taken as a scaled chi^2 of the
+    same mean and variance [satterthwaite1946].
+
+    Args:
+        eq: normal equations under the motion of the reading.
+        reading: how to read the torque.
+        noise: gap of each joint over its torque's deviation that is no ordinary arm's [1], (n,).
+    """
+    torque = eq.read(reading)
+    target, _ = _against_nominal(eq, torque)
+    weight = (ORDINARY_GAP_DEVIATION / np.maximum(noise, ORDINARY_GAP_DEVIATION)) ** 2
+    eq = replace(eq, gram=eq.gram * weight[:, None, None])
+    deviation, whole = torque.deviation, np.ones((1, len(eq.rows)))
+    values = _fit(eq, target * weight[:, None], deviation, 1.0, whole)[0]
+    std = _prior_std(eq, deviation)
+    told = _information(eq, deviation, whole)[0]
+    size = np.maximum(np.linalg.eigvalsh(std[:, None] * told * std), 0.0)
+    share = np.append(size / (1.0 + size), 1.0)
+    scale = (share**2).sum() / share.sum()
+    penalty = _penalty(eq, torque, values, 1.0)
+    return float(chi2.sf(2 * penalty / scale, share.sum() / scale))
 
 
 def _lowest(eq: FoldEquations) -> np.ndarray:
@@ -678,20 +726,30 @@ class ReadingScorer:
             return self._worst()
         return _scored(*held_out_gap(eq, reading, spread))
 
-    def is_of_another_arm(self, reading: Reading) -> bool:
+    def is_of_another_arm(self, reading: Reading, *, far_off: bool) -> bool:
         """Whether no ordinary arm of these bodies made the torque.
 
-        As they are they predict held-out torque worse than no bodies at all, friction of the joints free; or the values
-        that they need are no draw of their prior.
+        The values that it would need are no draw of their prior: all that it leaves unexplained counts as noise then,
+        unless the nominal arm is far off. Or the bodies as they are predict held-out torque worse than no bodies at
+        all, friction of the joints free, and fitted ones predict it better, or the nominal arm is far off.
+
+        Args:
+            reading: how to read the recordings.
+            far_off: whether the nominal arm's torque is off by more than that of no arm.
         """
         eq = self.equations_of(reading)
         if eq is None:
             return True
-        gaps = [joints_alone(eq, reading, bodies=bodies) for bodies in (True, False)]
-        with_bodies, without = (float((gap**2).mean()) for gap in gaps)
-        values = eq.shared + OWN * len(eq.deviation)
-        size = 2 * (self.score(reading).penalty - ORDINARY_PENALTY)
-        return with_bodies > without or chi2.sf(size, values) < FAULT_PRIOR_ODDS
+        ordinary = self.score(reading)
+        left = ordinary.joint_rms * (not far_off)
+        if chance_of_values(eq, reading, left) < FAULT_PRIOR_ODDS:
+            return True
+        without, nominal = (
+            _scored(joints_alone(eq, reading, bodies=bodies), 0.0)
+            for bodies in (False, True)
+        )
+        shown = far_off or ordinary.joint_gain(without).sum() > FAULT_GAIN
+        return bool(shown and nominal.joint_gain(without).sum() < 0)
 
     def best_score(self, reading: Reading) -> ReadingScore:
         """What a reading scores at most: as if no fold had been held out. A quarter of the cost of ``score``."""
