@@ -53,14 +53,14 @@ def by_contrast(case: Case) -> dict[str, Any]:
     theta = np.zeros(terms.size)
     for one, value in found.fit.values.items():
         theta[list(one.term.columns)] = value
-    shown = {
-        one.term.finding: float(found.share(one).max()) for one in found.fit.mine
-    }
+    shown = {one.term.finding: float(found.share(one).max()) for one in found.fit.mine}
     effects = [
         {
             "effect": applied.name,
             "joints": list(applied.joints),
-            "parameters": {k: {"value": x.tolist()} for k, x in applied.parameters.items()},
+            "parameters": {
+                k: {"value": x.tolist()} for k, x in applied.parameters.items()
+            },
         }
         for applied in terms.effects(terms.clipped(theta))
     ]

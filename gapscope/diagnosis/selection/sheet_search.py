@@ -274,8 +274,10 @@ class SheetSearch(Search):
         if everybody:
             return
         best: dict[Candidate, float] = {}
+        # the first term may be told only if the data sheet is better than it looks without it
+        likeliest = max(fit.levels.values(), key=lambda level: level.total)
         for error, level in fit.levels.items():
-            if not np.isfinite(level.total):
+            if not np.isfinite(level.total) or (fit.mine and level is not likeliest):
                 continue
             for total, one in super()._proposals(level):
                 here = total + _log_prior(error)
