@@ -63,6 +63,13 @@ class Beside:
     right: np.ndarray
     back: np.ndarray
 
+    def beside(self, before: Contrast, after: Contrast) -> Beside:
+        """The same columns beside what another contrast of the same motions shares."""
+        back = after.nuisance_rows(self.cross)
+        gram = self.gram + self.back.T @ self.back - back.T @ back
+        right = self.right + self.back.T @ before.solved - back.T @ after.solved
+        return Beside(self.cross, gram, right, back)
+
 
 class Contrast:
     """The information of groups, and what follows for columns that one group has of its own.
@@ -545,12 +552,17 @@ class OwnTerms:
         }
         self._number = {some: k for k, some in enumerate((*sets, None))}
         self._replaced: dict[Candidate, np.ndarray] = {}
+        self._width_of: dict[Term, np.ndarray] = {}
         self._members = [sorted(block) for block in self._blocks]
-        of_groups = contrast.right[:, made.told] - contrast.taken_by_nuisances
-        self.right = np.concatenate([of_groups[g].sum(axis=0) for g in self._members])
         self._further = contrast.beside(self._replacing()) if self._about else None
-        if self._further is not None:
-            self.right = np.concatenate([self.right, self._further.right])
+        self.right = self._right()
+
+    def _right(self) -> np.ndarray:
+        contrast = self._contrast
+        of_groups = contrast.right[:, self.design.told] - contrast.taken_by_nuisances
+        right = [of_groups[members].sum(axis=0) for members in self._members]
+        further = [] if self._further is None else [self._further.right]
+        return np.concatenate([*right, *further])
 
     @property
     def candidates(self) -> Iterator[Candidate]:
@@ -669,25 +681,40 @@ class OwnTerms:
         self, some: Sequence[Candidate], sizes: Sequence[float]
     ) -> np.ndarray:
         """Prior deviations of the coordinates of some candidates, of a size each."""
+        number = {float(size): k for k, size in enumerate(SIZES)}
         own = [
-            self._widths(one.term, np.array([size]))[0]
+            self._widths(one.term)[number[size]]
             for one, size in zip(some, sizes, strict=True)
         ]
         return np.concatenate(own) if own else np.zeros(0)
 
-    def _widths(self, term: Term, sizes: np.ndarray) -> np.ndarray:
-        """Prior deviations of a term's coordinates of each of Z sizes, in torque, (Z, linear)."""
+    def _widths(self, term: Term) -> np.ndarray:
+        """Prior deviations of a term's coordinates of each of the Z ``SIZES``, in torque, (Z, linear)."""
+        if term not in self._width_of:
+            self._width_of[term] = self._width(term)
+        return self._width_of[term]
+
+    def _width(self, term: Term) -> np.ndarray:
         unit, fitted = self.design.units[term], term.parametrisation
         shares = np.ones(len(unit))
         if fitted.proportions is not None:
             torque = unit * np.array(fitted.proportions)
             shares = torque / torque.max()
         # no arm has much more of an effect than is usual where it is one
-        return np.minimum(sizes[:, None] * shares, LARGEST * fitted.usual * unit)
+        return np.minimum(SIZES[:, None] * shares, LARGEST * fitted.usual * unit)
 
     def within(self, contrast: Contrast) -> OwnTerms:
         """The same columns in another contrast of the same groups, such as one without some motions."""
-        return OwnTerms(contrast, self._sets, self._about)
+        mine = self._contrast
+        if contrast.motions is not mine.motions:
+            return OwnTerms(contrast, self._sets, self._about)
+        # what motions say of the columns is the same, whatever is believed of what is shared
+        other = copy(self)
+        other._contrast = contrast
+        if self._further is not None:
+            other._further = self._further.beside(mine, contrast)
+        other.right = other._right()
+        return other
 
     def nuisances(
         self, values: Mapping[Candidate, np.ndarray]
@@ -803,7 +830,7 @@ class OwnTerms:
             terms: the terms, (m,).
             gram, right: information on their coordinates beside all else, (m, k, k) and (m, k).
         """
-        widths = {term: self._widths(term, SIZES) for term in set(terms)}
+        widths = {term: self._widths(term) for term in set(terms)}
         units = np.array([self.design.units[term] for term in terms])
         every = np.stack([widths[term] for term in terms], axis=1)
         gains, values, deviations = _alone(gram, right, every)

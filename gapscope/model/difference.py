@@ -26,6 +26,7 @@ from gapscope.arm.dynamics.inertial_scale import inertial_scale
 from gapscope.model.contrast import Answer, Contrast, Nuisance, OwnTerms
 from gapscope.model.design import (
     MIN_TORQUE,
+    Design,
     FreeArm,
     about,
     bends,
@@ -84,6 +85,7 @@ class Fit:
         total: log probability of the data and of the hypothesis [nats], but for a constant, with unknown functions of
             the sizes that suit it.
         sharp: the same with those of the sizes that were learnt.
+        levels: the same at each size of what all share, if several are believed.
         contrast: of all groups, about the values of those that have some of their own.
         own: what follows for these groups.
     """
@@ -96,6 +98,7 @@ class Fit:
     own: OwnTerms
     sharp: float
     better: Fit | None = None
+    levels: Mapping[float, Fit] = field(default_factory=dict)
 
     @property
     def suited(self) -> Fit:
@@ -478,7 +481,7 @@ class Search:
         first, made = self._first.design, self._first.design
         if self._shapes or self._about is not self.arm:
             made = design(self.rows, self.arm, self._shapes, first.units)
-        made = self._taught.primed(made)
+        made = self._believed(self._taught.primed(made))
         self._equations = Equations.of(made, self._taught.white2)
         self._error = carried_over(self._taught, self._first, self._equations)
         day = np.zeros(made.size)
@@ -499,6 +502,10 @@ class Search:
             group: np.unique(self.rows.motion[self.rows.of(group)]).tolist()
             for group in self.groups
         }
+
+    def _believed(self, made: Design) -> Design:
+        """The columns of a hypothesis, with what is believed of what all share."""
+        return made
 
     def _contrast(self, grown: Mapping[Place, float]) -> Contrast:
         """The contrast with more form error on some joints."""
@@ -531,7 +538,7 @@ class Search:
                 for one in chosen
                 if not one.everybody
             }
-            asked, own = contrast, OwnTerms(contrast, self.sets)
+            asked, columns_of = contrast.further(self._extents(start)), None
             if any(bends(one.term) for one in start):
                 # two loads may differ by what is no body: that has no centre to be linear about
                 bodies = {
@@ -540,8 +547,8 @@ class Search:
                     if not one.term.is_load or is_within(one.term, x, 0.0)
                 }
                 there = about(made, self.arm, bodies)
-                asked = contrast.further(self._extents(start)).for_gap(there.gap)
-                own = OwnTerms(asked, self.sets, there.columns)
+                asked, columns_of = asked.for_gap(there.gap), there.columns
+            own = OwnTerms(asked, self.sets, columns_of)
             fit = self._weighed(asked, own, chosen, grown)
             before, values = start, fit.values
             if asked is contrast or _settled(values, before):

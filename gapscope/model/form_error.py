@@ -84,7 +84,11 @@ class FormError:
 
 
 def learn(
-    equations: Equations, groups: Collection[int], *, alike: bool = False
+    equations: Equations,
+    groups: Collection[int],
+    *,
+    alike: bool = False,
+    priors: Sequence[np.ndarray] = (),
 ) -> FormError:
     """Noise and amplitudes of form error by the evidence of the motions of groups in which nothing changes.
 
@@ -92,13 +96,15 @@ def learn(
         equations: of all groups.
         groups: those in which nothing changes.
         alike: whether they are taken to differ in nothing: then each is predicted from the others.
+        priors: deviations of what is shared, (P,) each: of every joint those count that predict motions held out best;
+            none: those of the design.
     """
     every_joint: list[tuple[float, float, np.ndarray, float, float, np.ndarray]] = []
     for j, every in enumerate(equations.cells):
         cells = [cell for cell in every if cell.group in groups]
         if alike:
             cells = [replace(cell, group=0) for cell in cells]
-        every_joint.append(_learn_joint(equations, j, cells))
+        every_joint.append(_learn_joint(equations, j, cells, priors))
     noise2, white2, own2, joint2, missed2, function2 = zip(*every_joint, strict=True)
     return FormError(
         np.array(noise2),
@@ -157,12 +163,18 @@ def carried_over(error: FormError, before: Equations, after: Equations) -> FormE
 
 
 def _learn_joint(
-    equations: Equations, j: int, cells: list[Cell]
+    equations: Equations, j: int, cells: list[Cell], priors: Sequence[np.ndarray]
 ) -> tuple[float, float, np.ndarray, float, float, np.ndarray]:
     """Variances of noise, of a row by itself, of the columns, of the joint, of what is missed, and of functions."""
     design = equations.design
     active = design.active[j]
     prior, free, size2 = _at_first(design, j)
+    if priors:
+        every = [
+            np.where(design.prior[active] > 0, some[active], prior) for some in priors
+        ]
+        missed = [(_held_out(equations, j, cells, p) ** 2).sum() for p in every]
+        prior = every[int(np.argmin(missed))]
     shared = np.flatnonzero(prior > 0)
     unit = prior[shared]
     waves = [np.isin(active, some) for some in design.waves[j]]
