@@ -40,7 +40,8 @@ NOT_ASKED = {*SETUP, "encoder_quantization"}
 def by_search(case: Case) -> dict[str, Any]:
     """What ``diagnose`` names."""
     document = diagnose(case).document
-    return {"verdict": document["verdict"], "effects": document["effects"]}
+    named = {key: document[key] for key in ("verdict", "effects")}
+    return {**named, "unknown": document["verdict"] == "unexplained"}
 
 
 def by_contrast(case: Case) -> dict[str, Any]:
@@ -100,6 +101,9 @@ def scored(labels: Path, out: Path, name: str) -> dict[str, Compared]:
     for file in sorted((out / name).glob("case*.json")):
         answer = read_json(file, "remove it")
         label = read_json(labels / "parts" / file.name, "")
+        for effect in answer["effects"]:
+            # both are scored by their names alone
+            effect.update(alternatives=[], probability=1.0)
         every[file.stem] = compare(file.stem, label, answer, answer["seconds"])
     return every
 
