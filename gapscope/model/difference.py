@@ -705,16 +705,12 @@ class Search:
                 rest = [other for other in fit.chosen if other not in twins]
                 values = {other: x for other, x in fit.values.items() if other != one}
                 without = self._with_everybody(self._fit(rest, values, fit.grown))
-                other = self._in_place(without, fit)
+                other = self._larger(without)
                 better = max((f for f in (without, other) if f), key=lambda f: f.total)
                 if better.total > fit.total + 1e-3:
                     fit, settled = better, False
                     break
         return fit
-
-    def _in_place(self, without: Fit, fit: Fit) -> Fit | None:
-        """The best hypothesis with another term than the one that was left out of a hypothesis, or with that one."""
-        return self._larger(without)
 
     def _with_growth(self, fit: Fit) -> Fit:
         """The hypothesis with more form error, on a joint or in a motion, where that explains more than it costs."""

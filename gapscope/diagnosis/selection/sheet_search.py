@@ -285,15 +285,6 @@ class SheetSearch(Search):
         for one in sorted(best, key=lambda one: -best[one]):
             yield best[one], one
 
-    def _in_place(self, without: Fit, fit: Fit) -> Fit | None:
-        """The hypothesis with the term that promises more than the one that was left out, if one does."""
-        for value, one in self._proposals(without):
-            if value <= fit.total:
-                break
-            if one not in fit.chosen:
-                return self._fit((*without.chosen, one), without.values, fit.grown)
-        return None
-
     # What no person could see is no finding.
 
     def _nrmse(self, left: np.ndarray) -> np.ndarray:
