@@ -19,7 +19,9 @@ def test_commands_of_the_page_run_in_their_order(
     gapscope: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     text = PAGE.read_text(encoding="utf-8")
-    (effects,) = re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
+    every = re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
+    # other blocks are lines of a case
+    (effects,) = [block for block in every if block.startswith("# effects.yaml")]
     commands = re.findall(r"```sh\ngapscope (.*?)\n```", text)
     monkeypatch.chdir(tmp_path)
     Path("effects.yaml").write_text(effects, encoding="utf-8")
