@@ -56,6 +56,8 @@ ROUNDS = 4
 """Searches, each with noise and form error beside what the last one found. (budget)"""
 STARTS_FITTED, STARTS_TRIED = 2, 60
 """Compliant joints that are fitted, and values that are simulated of each. (budget)"""
+DECISIVE = 4.0
+"""Evidence from which on a compliant joint is worth a fit [nats]. (hand)"""
 
 Values = Mapping[Candidate, np.ndarray]
 EVERYONE = (0,)
@@ -99,7 +101,7 @@ class SheetSearch(Search):
             known: what the arm has in all likelihood, with about its values.
             torque: what that does, over the joints' scale, (M, n).
         """
-        known, torque = known or {}, torque
+        known = known or {}
         for _ in range(ROUNDS):
             fit = self._beside(known, torque)
             stiff, self._stiff = self._stiff, self._stiff | {frozenset(fit.mine)}
@@ -183,9 +185,7 @@ class SheetSearch(Search):
     def _of_errors(self) -> np.ndarray:
         """Inertial parameters, over their size, by errors of masses, centres and shapes, (10 n, 10 n)."""
         body = self.arm.body
-        return inertial_errors(
-            body.inertial_parameters().ravel(), inertial_scale(self.arm.body)
-        )
+        return inertial_errors(body.inertial_parameters().ravel(), inertial_scale(body))
 
     def _healthy(self, term: Term, unit: np.ndarray) -> np.ndarray:
         """What a healthy arm has of a term, in units of its columns, (linear,)."""
@@ -274,10 +274,9 @@ class SheetSearch(Search):
         if everybody:
             return
         best: dict[Candidate, float] = {}
-        # the first term may be told only if the data sheet is better than it looks without it
-        likeliest = max(fit.levels.values(), key=lambda level: level.total)
+        # a term may be told only if the data sheet is better than it looks without it
         for error, level in fit.levels.items():
-            if not np.isfinite(level.total) or (fit.mine and level is not likeliest):
+            if not np.isfinite(level.total):
                 continue
             for total, one in super()._proposals(level):
                 here = total + _log_prior(error)
@@ -450,10 +449,6 @@ class Scan:
         )
         chance = len(first) * float(np.log(self._count.max())) / 2
         return np.exp(found.x), -float(found.fun) - chance
-
-
-DECISIVE = 4.0
-"""Evidence from which on a compliant joint is worth a fit [nats]. (hand)"""
 
 
 def _basis(columns: np.ndarray, prior: np.ndarray, noise2: float) -> np.ndarray:
