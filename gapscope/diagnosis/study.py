@@ -10,6 +10,7 @@ import numpy as np
 from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import Recording
 from gapscope.arm.root_mean_square import rms
 from gapscope.diagnosis.agreement import Agreement, alike, compared
 from gapscope.diagnosis.assessment.confidence import Confidence, divide
@@ -36,7 +37,8 @@ from gapscope.diagnosis.gap.plausible_data import (
     select_windows,
     up_to_changes,
 )
-from gapscope.diagnosis.selection.search import Selection, search, without_search
+from gapscope.diagnosis.selection.fitted_model import Selection
+from gapscope.diagnosis.selection.search import search, without_search
 from gapscope.diagnosis.selection.undeclared_coupling import (
     UndeclaredCoupling,
     undeclared_coupling,
@@ -428,10 +430,10 @@ def _select(
     folds = _folds(case)
     cutoff = min(TORQUE_CUTOFF, prepared.position_cutoff)
     if prepared.another_arm:
-        found = without_search(case.arm, body, folds, cutoff)
+        found = without_search(case.arm, folds, cutoff)
     else:
         progress("searches for effects")
-        found = search(case.arm, body, folds, cutoff, progress)
+        found = search(case.arm, _with_torque(case), folds, cutoff)
     progress("predicts held-out data")
     predictor = HeldOutPredictor(case.arm, body, found, folds, set_aside)
     selection, rejections = reject(predictor)
@@ -440,8 +442,11 @@ def _select(
 
 def _folds(case: Case) -> list[list[Segment]]:
     """Folds of the segments of all recordings with a torque."""
-    recordings = [r for r in case.recordings if r.tau is not None]
-    return folds_of([condition(recording) for recording in recordings])
+    return folds_of([condition(recording) for recording in _with_torque(case)])
+
+
+def _with_torque(case: Case) -> list[Recording]:
+    return [r for r in case.recordings if r.tau is not None]
 
 
 def _instrumented_effects(

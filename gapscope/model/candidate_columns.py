@@ -13,7 +13,6 @@ from gapscope.effects.effect import Drift, Effect, Path, Signals, TorqueLaw
 from gapscope.effects.parametrisation import JointSeries
 from gapscope.model.conditioning import Segment, low_pass
 from gapscope.model.decimated_segments import DecimatedSegments
-from gapscope.model.scan import products
 from gapscope.model.terms import Term
 
 
@@ -23,12 +22,10 @@ class Candidates(NamedTuple):
     Attributes:
         values: of the parameter, (K,).
         columns: of its linear coordinates, which lie side by side, on the rows of all segments, (M, K c).
-        products: X^T X of each candidate's columns, (K, c, c), of columns that are not weighed by trust.
     """
 
     values: np.ndarray
     columns: np.ndarray
-    products: np.ndarray | None = None
 
 
 class JointSignals(NamedTuple):
@@ -139,8 +136,7 @@ class CandidateColumns:
                 columns.append(self._data.thin(own, segment))
         if not many:
             return Candidates(values, np.vstack(columns))
-        stacked = np.vstack(columns).astype(np.float32)
-        return Candidates(values, stacked, products(stacked, effect.fitted.linear))
+        return Candidates(values, np.vstack(columns).astype(np.float32))
 
     def _stride(self, segment: Segment) -> int:
         """Every how many samples many columns are computed: a divisor of ``step`` that leaves four times the band."""

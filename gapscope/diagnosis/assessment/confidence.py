@@ -15,8 +15,7 @@ from gapscope.diagnosis.assessment.held_out_prediction import (
     ExcessResidual,
     HeldOutPredictor,
 )
-from gapscope.diagnosis.selection.fitted_model import near_equivalent_pairs
-from gapscope.diagnosis.selection.search import Selection
+from gapscope.diagnosis.selection.fitted_model import Selection, near_equivalent_pairs
 from gapscope.diagnosis.thresholds import (
     ABOVE_FLOOR_NRMSE,
     CLOSING_JOINTS,
@@ -141,12 +140,7 @@ def _relative_evidence(
 ) -> dict[str, float]:
     """Evidence with each alternative instead of the terms, less that with the terms [nats]."""
     fit = selection.fit
-    # The search has compared near-equivalents each around its own values: more exact than the linearisation here.
-    compared = {
-        other: evidence
-        for (named, other), evidence in selection.contested.items()
-        if named == finding
-    }
+    compared = _compared(selection, finding, mine)
     out = {}
     for name, terms in options.items():
         if name in compared:
@@ -155,6 +149,24 @@ def _relative_evidence(
             replaced = selection.evidence.fit((fit.terms - mine) | terms)
             out[name] = replaced.score - fit.score
     return out | compared
+
+
+def _compared(
+    selection: Selection, finding: str, mine: frozenset[Term]
+) -> dict[str, float]:
+    """Evidence of what is told from an effect only about its own values, as the search has it [nats]."""
+    rivals = {other for pair in near_equivalent_pairs() for other in pair}
+    bent = {t for t in mine if not t.definition.locally_linear}
+    if not (bent or finding in rivals):
+        return {}
+    out: dict[str, float] = {}
+    for some, value in selection.competing.items():
+        if mine & some:
+            continue
+        others = {t.effect for t in some - selection.fit.terms} or {NONE}
+        for name in others:
+            out[name] = max(min(value, 0.0), out.get(name, -np.inf))
+    return out
 
 
 def _with_prior(finding: str, evidence: Mapping[str, float]) -> dict[str, float]:

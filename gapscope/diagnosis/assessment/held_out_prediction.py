@@ -15,8 +15,7 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.gap.noise_floor import noise_floor
 from gapscope.diagnosis.model.normal_equations import NormalEquations, solve
 from gapscope.diagnosis.selection.evidence import alternate_pieces
-from gapscope.diagnosis.selection.fitted_model import by_finding
-from gapscope.diagnosis.selection.search import Selection
+from gapscope.diagnosis.selection.fitted_model import Selection, by_finding
 from gapscope.diagnosis.thresholds import (
     ABOVE_FLOOR_NRMSE,
     ABOVE_FLOOR_RATIO,

@@ -17,7 +17,7 @@ import numpy as np
 
 from gapscope.arm.case import Case
 from gapscope.diagnosis.model.fit_data import FitData
-from gapscope.diagnosis.selection.search import Selection, searched_folds
+from gapscope.diagnosis.selection.fitted_model import Selection, searched_folds
 from gapscope.effects.applied import AppliedEffect
 from gapscope.model.conditioning import Segment
 

@@ -41,7 +41,7 @@ from gapscope.diagnosis.gap.repeatability import repeatability
 from gapscope.diagnosis.locate import MotionRows, located, stack
 from gapscope.diagnosis.selection.detectable import shown
 from gapscope.diagnosis.selection.evidence import Fit
-from gapscope.diagnosis.selection.search import Selection
+from gapscope.diagnosis.selection.fitted_model import Selection
 from gapscope.diagnosis.setup_faults.detection import upright
 from gapscope.diagnosis.study import Study
 from gapscope.diagnosis.thresholds import PREDICTABLE_SHARE, SIGNIFICANT_RESIDUAL_RATIO
@@ -143,25 +143,29 @@ def _rejection_entry(rejection: Rejection) -> dict[str, Any]:
 
 
 def _runners_up(selection: Selection) -> list[dict[str, Any]]:
-    """The best effects that lost a step of the search, and to which effect."""
-    out: list[dict[str, Any]] = []
-    for winner, loser in selection.considered:
-        only_loser, only_winner = loser.terms - winner.terms, winner.terms - loser.terms
-        if not only_loser:
+    """The effects that the search weighed and did not keep, each in the likeliest set that has it."""
+    out: dict[str, dict[str, Any]] = {}
+    mine, evidence = selection.fit.terms, selection.evidence
+    ranked = sorted(selection.competing.items(), key=lambda entry: -entry[1])
+    for terms, value in ranked:
+        more, less = terms - mine, mine - terms
+        name = next(iter(more)).effect if more else ""
+        if not more or name in out or not terms <= set(evidence.terms.selectable):
             continue
-        names = sorted({term.effect for term in only_winner})
-        winners = ", ".join(effect_name(name) for name in names)
-        closed_more = _nrmse(selection, loser) - _nrmse(selection, winner)
-        out.append(
-            {
-                "effect": next(iter(only_loser)).effect,
-                "joints": _joints(only_loser),
-                "log_evidence": float(loser.score - winner.score),
-                "gap_closed": float(closed_more.sum()),
-                "reason": f"{winners} predicts the unseen recordings better",
-            }
+        closed_more = _nrmse(selection, evidence.fit(terms)) - _nrmse(
+            selection, selection.fit
         )
-    return out
+        in_its_place = ", ".join(sorted({effect_name(t.effect) for t in less}))
+        out[name] = {
+            "effect": name,
+            "joints": _joints(more),
+            "log_evidence": value,
+            "gap_closed": float(closed_more.sum()),
+            "reason": f"{in_its_place} explains the recordings better"
+            if in_its_place
+            else "what it explains is not worth one more effect",
+        }
+    return list(out.values())
 
 
 def _nrmse(selection: Selection, fit: Fit) -> np.ndarray:

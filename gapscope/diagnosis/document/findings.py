@@ -28,7 +28,7 @@ from gapscope.diagnosis.assessment.held_out_prediction import (
 from gapscope.diagnosis.document.wording import Verdict, coupling_text
 from gapscope.diagnosis.locate import MotionRows, Region, regions
 from gapscope.diagnosis.selection.evidence import value_draws
-from gapscope.diagnosis.selection.search import Selection
+from gapscope.diagnosis.selection.fitted_model import Selection
 from gapscope.diagnosis.selection.undeclared_coupling import UndeclaredCoupling
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault
 from gapscope.diagnosis.states import OtherState, States
@@ -138,16 +138,15 @@ def parameters(
 
 def _scan_std(selection: Selection, terms: list[Term], place: int) -> np.ndarray:
     """Standard deviation of a parameter that acts nonlinearly, from its scan, (m,) for m terms."""
-    scanned = [selection.evidence.linear.nonlinear(term) for term in terms]
-    return np.array([shape.std[place] for shape in scanned])
+    return np.array([selection.found[term].deviations[place] for term in terms])
 
 
 def _samples(
     selection: Selection, terms: list[Term], draws: np.ndarray
 ) -> list[dict[str, np.ndarray]]:
     """Parameters of an effect on each draw of the linear coordinates, others at their values."""
-    scanned = [selection.evidence.linear.nonlinear(term).values for term in terms]
-    nonlinear = np.array(scanned).T
+    shapes = selection.evidence.terms.shapes
+    nonlinear = np.array([shapes.get(term, ()) for term in terms]).T
 
     # Places of the linear coordinates in theta, (linear, m).
     columns = np.array([term.columns for term in terms], dtype=int).T

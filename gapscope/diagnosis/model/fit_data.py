@@ -1,4 +1,4 @@
-"""What a search is fitted to: segments with their rows, folds, errors of bodies and form, forces in a window."""
+"""What a search is fitted to: segments with their rows, folds, errors of bodies and form."""
 
 from __future__ import annotations
 
@@ -16,10 +16,6 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.gap.noise_floor import NoiseFloor
 from gapscope.diagnosis.model.normal_equations import data_sheet_prior, solve_positive
 from gapscope.diagnosis.thresholds import (
-    FORCE_WINDOW_BIN,
-    FORCE_WINDOW_EDGES,
-    FORCE_WINDOW_RIDGE,
-    MIN_FORCE_WINDOW,
     RICHEST_INERTIALS,
     RICHEST_ROUNDS,
     RICHEST_TERM,
@@ -29,12 +25,10 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.deflection import Matrices
 from gapscope.effects.effect import Transmission
 from gapscope.model.body_point import Bodies
-from gapscope.model.candidate_columns import CandidateColumns
 from gapscope.model.conditioning import Segment
 from gapscope.model.decimated_segments import DecimatedSegments
 from gapscope.model.effective_samples import group_slices, variance_inflation
-from gapscope.model.prediction import Prediction, moves_bodies
-from gapscope.model.scan import NonlinearParameters
+from gapscope.model.prediction import Prediction
 from gapscope.model.torque_gap import filtered_torque, torque_scale
 
 # Half a recording as normal equations: all that a fit needs of it.
@@ -149,117 +143,6 @@ def _gram(x: np.ndarray) -> np.ndarray:
     return out
 
 
-# The window of time in which a constant force from outside explains most of the residual.
-
-
-def force_window(
-    t: np.ndarray,
-    residual: np.ndarray,
-    force: np.ndarray,
-    weight: np.ndarray,
-    bases: Sequence[np.ndarray],
-) -> NonlinearParameters | None:
-    """Start and end of the window [s]; ``None`` if recordings are too short for one.
-
-    What a window needs, sums over its rows, is the difference of two cumulative sums over bins of
-    ``FORCE_WINDOW_BIN``, so that a window costs the same however long it is. All pairs of every so many edges are
-    compared, ``FORCE_WINDOW_EDGES`` at most, and then all pairs of edges near the best one's. Bins without a row,
-    between the parts of a recording with gaps, do not count.
-
-    Args:
-        t: time of the rows since the start of their recording [s], (M,).
-        residual: residual of all joints [N m], (M, n).
-        force: columns of a unit force on the same rows, (M, n, 3).
-        weight: of the joints [1/(N m)^2], (n,).
-        bases: per joint what was taken out of the residual, orthonormal columns, (M, K).
-    """
-    # stamps of most logs are whole multiples apart: no edge lies on one, where its rounding would decide
-    first = t.min() - BEFORE_STAMPS
-    last = max(int(np.ceil((t.max() - t.min()) / FORCE_WINDOW_BIN - 0.5)) - 1, 0)
-    in_time = np.minimum(((t - first) / FORCE_WINDOW_BIN).astype(int), last)
-    present, of_row = np.unique(in_time, return_inverse=True)
-    bins, least = len(present), round(MIN_FORCE_WINDOW / FORCE_WINDOW_BIN)
-    if bins <= least:
-        return None
-    windows = _Windows(of_row, bins, residual, force, weight, bases)
-
-    stride = -(-bins // FORCE_WINDOW_EDGES)
-    coarse = np.append(np.arange(0, bins, stride), bins)
-    start, end = windows.best(coarse, coarse, least)
-    if stride > 1:
-        near = np.arange(-stride, stride + 1)
-        starts, ends = (np.clip(edge + near, 0, bins) for edge in (start, end))
-        start, end = windows.best(np.unique(starts), np.unique(ends), least)
-    # a window begins with its first bin, and ends with its last one
-    edges = (present[start], present[end - 1] + 1)
-    seconds = (float(first + FORCE_WINDOW_BIN * edge) for edge in edges)
-    return NonlinearParameters(
-        tuple(seconds), (FORCE_WINDOW_BIN / 2, FORCE_WINDOW_BIN / 2)
-    )
-
-
-BEFORE_STAMPS = 0.01 * FORCE_WINDOW_BIN
-"""Time from an edge of the bins to the next stamp of a log with even stamps [s]."""
-
-
-class _Windows:
-    """Gains of a force in windows between edges of bins."""
-
-    def __init__(
-        self,
-        of_row: np.ndarray,
-        bins: int,
-        residual: np.ndarray,
-        force: np.ndarray,
-        weight: np.ndarray,
-        bases: Sequence[np.ndarray],
-    ) -> None:
-        """Sums up to each edge: F^T W F, (bins + 1, 3, 3), F^T W r, (bins + 1, 3), and B^T F of each joint."""
-        weighted = force * weight[:, None]
-        gram = np.einsum("mji,mjk->mik", weighted, force)
-        right = np.einsum("mji,mj->mi", weighted, residual)
-        self._grams = _up_to_edge(gram, of_row, bins)
-        self._rights = _up_to_edge(right, of_row, bins)
-        self._within = []
-        for j, basis in enumerate(bases):
-            product = basis[:, :, None] * force[:, j, None, :] * np.sqrt(weight[j])
-            self._within.append(_up_to_edge(product, of_row, bins))
-
-    def best(self, starts: np.ndarray, ends: np.ndarray, least: int) -> tuple[int, int]:
-        """The edges between which a force explains most, of all pairs at least so many bins apart."""
-        first, last = (x.ravel() for x in np.meshgrid(starts, ends))
-        apart = last - first >= least
-        first, last = first[apart], last[apart]
-        pull = self._rights[last] - self._rights[first]
-        force = np.linalg.solve(self._inside(first, last), pull[:, :, None])
-        gains = np.einsum("wi,wi->w", pull, force[:, :, 0])
-        k = int(np.argmax(gains))
-        return int(first[k]), int(last[k])
-
-    def _inside(self, first: np.ndarray, last: np.ndarray) -> np.ndarray:
-        """F^T W F in each window, what the bases can explain of the force taken out, (windows, 3, 3)."""
-        inside = self._grams[last] - self._grams[first]
-        # a short window may hardly determine some direction
-        # nor need a force act on any joint at all, as on a wheel's axis
-        # the basis of a short recording explains almost any force: what is left of it must not be amplified
-        inside += FORCE_WINDOW_RIDGE * inside
-        inside += max(1e-6 * np.trace(self._grams[-1]) / 3, 1e-30) * np.eye(3)
-        for within in self._within:
-            # what the basis can explain of the force in the window does not count: less (B^T F)^T (B^T F)
-            taken = within[last] - within[first]
-            inside -= taken.transpose(0, 2, 1) @ taken
-        return inside
-
-
-def _up_to_edge(of_rows: np.ndarray, place: np.ndarray, bins: int) -> np.ndarray:
-    """Sums of (M, ...) over all rows before each edge of the bins, (bins + 1, ...): zero before the first."""
-    order = np.argsort(place, kind="stable")
-    firsts = np.searchsorted(place[order], np.arange(bins))
-    # every bin has a row
-    sums = np.add.reduceat(of_rows[order], firsts, axis=0)
-    return np.concatenate([np.zeros((1, *sums.shape[1:])), sums.cumsum(axis=0)])
-
-
 # What compliance of a joint would do to the torque of the bodies, simulated once for all that is asked of it.
 
 
@@ -319,39 +202,6 @@ class CompliantBodies:
     def _by_segment(self) -> Iterator[tuple[Matrices, float, np.ndarray]]:
         rates = [s.motion.rate for s in self._segments]
         return zip(self._matrices, rates, self.torque, strict=True)
-
-
-class CompliantCandidates:
-    """Compliant bodies by the effects on them: as long as a search changes none of these, they are the same.
-
-    Args:
-        data: the segments.
-        body: dynamics of the nominal arm.
-    """
-
-    def __init__(self, data: DecimatedSegments, body: RigidBody) -> None:
-        self._data, self._body = data, body
-        self._key: bytes | None = None
-        self._bodies: CompliantBodies | None = None
-
-    def of(self, arm: CorrectedArm) -> CompliantBodies:
-        """The compliant bodies of an arm; those asked for last are kept."""
-        key = _key(arm)
-        if self._bodies is None or key != self._key:
-            self._bodies = CompliantBodies(self._data, self._body, arm)
-            self._key = key
-        return self._bodies
-
-
-def _key(arm: CorrectedArm) -> bytes:
-    """The effects of an arm on its bodies, with their values."""
-    parts = []
-    for applied in arm.effects:
-        if moves_bodies(applied.effect):
-            values = np.concatenate([np.ravel(x) for x in applied.parameters.values()])
-            place = f"{applied.name} {applied.joints} "
-            parts.append(place.encode() + values.astype(float).tobytes())
-    return b"".join(sorted(parts))
 
 
 # How the inertial parameters of a nominal arm are wrong together: each body's mass, centre and shape.
@@ -592,8 +442,6 @@ class FitData(DecimatedSegments):
         sensor_errors: number of the nuisances of joint torque sensors, beside those of the inertials.
         prior: of the nuisances.
         bodies: what the columns need of each segment's bodies.
-        candidates: columns of what a search for nonlinear parameters tries.
-        compliance: what a search for compliant joints simulates.
     """
 
     def __init__(
@@ -618,8 +466,6 @@ class FitData(DecimatedSegments):
             regressor = body.regressor(s.motion.q, s.motion.dq, s.motion.ddq)
             self.bodies.append(Bodies(s.bodies(body), s.motion, regressor))
             self.nuisance.append(self.thin(regressor * self.units, s))
-        self.candidates = CandidateColumns(self, arm.per_radian)
-        self.compliance = CompliantCandidates(self, body)
 
     def on(self, arm: NominalArm) -> FitData:
         """The same data of an arm of the same bodies."""

@@ -1,10 +1,9 @@
-"""The torque linearised about a model, and scans of what else the gap looks like."""
+"""The torque linearised about a model."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -24,7 +23,6 @@ from gapscope.diagnosis.model.fit_data import (
     Fold,
     SegmentRows,
     discrepancy,
-    force_window,
 )
 from gapscope.diagnosis.thresholds import (
     EFFECT_FORM,
@@ -39,342 +37,15 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import explained
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import (
-    Drift,
-    Effect,
-    External,
     LinkChange,
     Signals,
     TorqueLaw,
 )
-from gapscope.ident.model.base_parameters import orthonormal_columns
 from gapscope.model.body_point import Bodies, rigid_body_jacobian
-from gapscope.model.candidate_columns import JointSignals, shows_at_rest, unit_columns
 from gapscope.model.conditioning import Segment
-from gapscope.model.effective_samples import independent_samples
 from gapscope.model.jacobian import columns, moved_arms, steps, torque_size
 from gapscope.model.prediction import Prediction, without
-from gapscope.model.scan import NonlinearParameters, Scan
 from gapscope.model.terms import Term, Terms
-
-# The residual of all joints, for effects that no column of the linearisation represents.
-
-
-@dataclass(frozen=True)
-class ScanResidual:
-    """What the nominal inertials and the plainest effects leave of the gap, M rows.
-
-    Attributes:
-        residual: per joint [N m], weighted by trust, (M, n).
-        bases: per joint what was taken out of it, orthonormal columns, (M, K).
-        trust: square root of the weight of each row, (M, n).
-        information: nats per square of the gap [1/(N m)^2], (n,).
-    """
-
-    residual: np.ndarray
-    bases: list[np.ndarray]
-    trust: np.ndarray
-    information: np.ndarray
-
-    def gain(self, torque: np.ndarray, free: np.ndarray | None = None) -> float:
-        """What a predicted torque, (M, n), explains of the residual, without any factor [nats].
-
-        Args:
-            torque: per joint [N m]; joints with none do not count.
-            free: one more column per joint that takes its own best value.
-        """
-        gain = 0.0
-        for j in np.flatnonzero(torque.any(axis=0)):
-            change, residual = self._outside_basis(torque, j), self.residual[:, j]
-            if free is not None:
-                column = self._outside_basis(free, j)
-                column = column / max(float(np.linalg.norm(column)), 1e-12)
-                change = change - column * (column @ change)
-                residual = residual - column * (column @ residual)
-            # |r|^2 / 2 - |r - c|^2 / 2
-            fallen = float(residual @ change - 0.5 * change @ change)
-            gain += self.information[j] * fallen
-        return gain
-
-    def _outside_basis(self, torque: np.ndarray, j: int) -> np.ndarray:
-        """Weighted torque of joint j less its projection on what was taken out, (M,)."""
-        weighted, basis = torque[:, j] * self.trust[:, j], self.bases[j]
-        return weighted - basis @ (basis.T @ weighted)
-
-
-# The search for parameters in which the torque is not linear, scanned over what they can be.
-#
-# For each candidate the columns of its linear coordinates are projected on the residual of a joint's gap when
-# everything that acts on that joint is taken out; the gain of a candidate is the sum of squares that its columns
-# explain.
-
-
-class ScannedArm:
-    """The arm whose gap is scanned.
-
-    Args:
-        corrected: the arm.
-        predictions: what it predicts on each segment.
-    """
-
-    def __init__(
-        self, corrected: CorrectedArm, predictions: Sequence[Prediction]
-    ) -> None:
-        self.corrected, self._predictions = corrected, predictions
-
-    def torque(self, j: int) -> list[np.ndarray]:
-        """Torque that the arm predicts on a joint [N m], (N,) for each segment."""
-        return [at.torque[:, j] for at in self._predictions]
-
-    @cached_property
-    def steady_friction(self) -> list[np.ndarray]:
-        """Friction of the joints as if it did not drift [N m], (N, n) for each segment."""
-        effects = self.corrected.effects
-        steady = tuple(e for e in effects if not isinstance(e.effect, Drift))
-        arm = replace(self.corrected, effects=steady)
-        smooth, out = _without_friction(arm), []
-        for at in self._predictions:
-            none = np.zeros_like(at.rigid)
-            both = (one.needed_torque(none, at.motion) for one in (arm, smooth))
-            out.append(np.subtract(*both))
-        return out
-
-    def signals(self, j: int, data: FitData) -> list[JointSignals]:
-        """What the laws on a joint, from 0, depend on, on each segment."""
-        out = []
-        for k, segment in enumerate(data.segments):
-            assert segment.torque is not None
-            position = self.corrected.true_position(segment.motion.q)
-            columns = (
-                position,
-                segment.motion.dq,
-                segment.torque,
-                self._predictions[k].torque,
-                self.steady_friction[k],
-            )
-            time = segment.motion.t[:, None]
-            out.append(JointSignals(time, *(x[:, j, None] for x in columns)))
-        return out
-
-
-def search_nonlinear(
-    term: Term, arm: ScannedArm, data: FitData, scan: Scan, known: float | None
-) -> NonlinearParameters:
-    """The best nonlinear parameters of a joint effect's term; near ``known`` if it has been found before.
-
-    Raises:
-        KeyError: the effect has no nonlinear parameter on a joint.
-    """
-    effect, fitted, j = term.definition, term.parametrisation, term.joint - 1
-    series = data.candidates.series(j)
-    first = data.candidates.of(term) if known is None else None
-    assert fitted.grid is not None
-    values = fitted.grid(series, known) if first is None else first.values
-    if fitted.possible is not None and len(values):
-        needed = np.concatenate(arm.torque(j))
-        kept = fitted.possible(values, np.concatenate(series.recorded), needed)
-        values = values[kept]
-        if first is not None:
-            first = first._replace(values=values, columns=first.columns[:, kept])
-    found = None
-    if len(values):
-        if first is None:
-            of_segments = [
-                unit_columns(effect, values, signals)
-                for signals in arm.signals(j, data)
-            ]
-            columns, known_products = scan.weighted(data.rows(of_segments)), None
-        else:
-            columns, known_products = first.columns, first.products
-            if not shows_at_rest(effect):
-                columns = scan.weighted(columns)
-        found = scan.best(values, columns, fitted.linear, known_products)
-    if fitted.otherwise is None:
-        assert found is not None
-        return found
-    other = fitted.otherwise(series, None if found is None else found.values[0])
-    if other is None:
-        assert found is not None
-        return found
-    value, std = other
-    return NonlinearParameters((value,), (std,))
-
-
-def _without_friction(arm: CorrectedArm) -> CorrectedArm:
-    """The same arm without any friction."""
-    bare = replace(
-        arm.arm, coulomb=0.0 * arm.arm.coulomb, viscous=0.0 * arm.arm.viscous
-    )
-    return CorrectedArm(
-        bare, tuple(e for e in arm.effects if e.effect.family != "friction")
-    )
-
-
-# The search for parameters in which the torque is not linear, over all joints of one linearisation.
-#
-# For each joint the plainest effects and the errors of the nominal inertials are taken out of the gap; the values of
-# each nonlinear parameter are scanned on the residual.
-
-
-DEPENDENT = 1e-3
-"""Directions of a basis smaller than this, over the largest one, say nothing of their own [1]."""
-
-
-def _is_plain(effect: Effect) -> bool:
-    """Whether an effect is taken out of a joint's gap before a nonlinear parameter is searched on it.
-
-    One number of a joint that no healthy arm should have beyond its data sheet.
-    """
-    return effect.reach == "joint" and effect.fitted.cost == 1 and not effect.inherent
-
-
-class GapScanner:
-    """Scans the gap that an arm with the effects of theta_0 leaves.
-
-    Args:
-        data: the folds.
-        corrected: the arm with the effects of theta_0.
-        terms: all terms, with the nonlinear parameters of those in use.
-        theta: theta_0, shape (P,).
-        rows: the rows of each segment.
-    """
-
-    def __init__(
-        self,
-        data: FitData,
-        corrected: CorrectedArm,
-        terms: Terms,
-        theta: np.ndarray,
-        rows: Sequence[SegmentRows],
-    ) -> None:
-        self._data, self._corrected = data, corrected
-        self._terms, self._theta, self._rows = terms, theta, rows
-        self._arm = ScannedArm(corrected, [part.at for part in rows])
-        self._trust = [part.trust for part in rows]
-        self._common = [effect for effect in terms.definitions if _is_plain(effect)]
-        self._scans = [self._scan(j) for j in range(data.arm.n_joints)]
-
-    def search(self) -> dict[Term, NonlinearParameters]:
-        """The most promising nonlinear parameters of every term that has some."""
-        found = {
-            term: self._best(term)
-            for term in self._terms.all
-            if term.parametrisation.nonlinear and term.joint > 0
-        }
-        for term in self._terms.all:
-            if isinstance(term.definition, External):
-                window = self._force_window(term)
-                if window is not None:
-                    found[term] = window
-        return found
-
-    def residual(self) -> ScanResidual:
-        """The residual of all joints."""
-        information = [
-            1.0 / (scan.noise + self._floor_per_sample(scan, j))
-            for j, scan in enumerate(self._scans)
-        ]
-        return ScanResidual(
-            np.array([scan.residual for scan in self._scans]).T,
-            [scan.basis for scan in self._scans],
-            np.vstack(self._trust),
-            np.array(information),
-        )
-
-    def _best(self, term: Term) -> NonlinearParameters:
-        """The best nonlinear parameters of a term on a joint; near those in use if there are any."""
-        j = term.joint - 1
-        scan, known = self._scans[j], self._terms.shapes.get(term)
-        if known is not None:
-            scan = replace(self._scan(j, term), noise=scan.noise)
-        value = None if known is None else known[0]
-        return search_nonlinear(term, self._arm, self._data, scan, value)
-
-    def _scan(self, j: int, term: Term | None = None) -> Scan:
-        """Residual of joint j's gap, and of what a term in use does if one is named."""
-        places = [self._terms.of(e.name)[j].columns[0] for e in self._common]
-        common = self._weighted([part.columns[:, j, places] for part in self._rows], j)
-        gap = self._weighted([part.gap[:, j, None] for part in self._rows], j)[:, 0]
-        if term is not None:
-            own = self._contribution(term, j)
-            gap = gap + own
-            self._take_out(common, own, term, j)
-        inertials = self._weighted([rows[:, j] for rows in self._data.nuisance], j)
-        basis = orthonormal_columns(np.hstack([common, inertials]), DEPENDENT)
-        residual = gap - basis @ (basis.T @ gap)
-        independent = independent_samples(residual[:, None])[0]
-
-        trust = np.concatenate([of[:, j] for of in self._trust])
-        noise = float(residual @ residual / independent)
-        return Scan(residual, basis, trust, noise)
-
-    def _take_out(
-        self, common: np.ndarray, own: np.ndarray, term: Term, j: int
-    ) -> None:
-        """Take a term in use out of the common columns, in place; it would lie within the basis otherwise."""
-        scales = ["scale" in e.quantities.values() for e in self._common]
-        # the column of a torque scale is the whole predicted torque, which saturation leaves as it is
-        if any(scales) and not term.definition.limits:
-            gain = 1.0 + self._corrected.quantity("scale")[j]
-            common[:, scales] += own[:, None] / gain
-        # the columns of friction drift with it
-        if isinstance(term.definition, Drift):
-            frictions = [e for e in self._common if e.family == "friction"]
-            places = [self._common.index(e) for e in frictions]
-            common[:, places] = self._steady(frictions, j)
-
-    def _steady(self, frictions: Sequence[Effect], j: int) -> np.ndarray:
-        """Weighted columns of friction on joint j as if there were no drift, (M, F)."""
-        steady = tuple(
-            e for e in self._corrected.effects if not isinstance(e.effect, Drift)
-        )
-        arm = replace(self._corrected, effects=steady)
-        names = {e.name for e in frictions}
-        places = [self._terms.of(e.name)[j].columns[0] for e in frictions]
-        out = []
-        for k, part in enumerate(self._rows):
-            # a drift moves no bodies
-            at = part.at.under(arm)
-            x = columns(at, self._data, k, self._terms, self._theta, names)
-            out.append(x[:, j, places])
-        return self._weighted(out, j)
-
-    def _contribution(self, term: Term, j: int) -> np.ndarray:
-        """What a term contributes to joint j at theta_0 [N m], weighted, (M,)."""
-        places = list(term.columns)
-        values = self._theta[places]
-        torque = [part.columns[:, j, places] @ values for part in self._rows]
-        return self._weighted([x[:, None] for x in torque], j)[:, 0]
-
-    def _weighted(self, series: Sequence[np.ndarray], j: int) -> np.ndarray:
-        """Series of each segment on its rows, (M, K), by the trust in joint j's rows, one below the other."""
-        pairs = zip(self._trust, series, strict=True)
-        return np.vstack([trust[:, j, None] * x for trust, x in pairs])
-
-    def _floor_per_sample(self, scan: Scan, j: int) -> float:
-        """Variance of a healthy arm on joint j, counted per independent sample of a scan's residual [N^2 m^2]."""
-        floor2 = np.mean([part.floor.steady[j] ** 2 for part in self._rows])
-        power = max(float(scan.residual @ scan.residual), 1e-12)
-        return float(floor2 * scan.noise * len(scan.residual) / power)
-
-    def _force_window(self, force: Term) -> NonlinearParameters | None:
-        """The window in which a force from outside explains most."""
-        scans = self._scans
-        if self._theta[list(force.columns)].any():
-            scans = [self._scan(j, force) for j in range(self._data.arm.n_joints)]
-        residual = np.array([scan.residual for scan in scans]).T
-        rotation, data = self._corrected.base_rotation(), self._data
-        unit_force = [
-            -trust[:, :, None] * data.thin(bodies.force @ rotation.T, s)
-            for trust, bodies, s in zip(
-                self._trust, data.bodies, data.segments, strict=True
-            )
-        ]
-        floor2 = np.array([part.floor.steady for part in self._rows]) ** 2
-        weight = 1.0 / (floor2.mean(axis=0) + (residual**2).mean(axis=0))
-        t = np.concatenate([data.time(s) for s in data.segments])
-        bases = [scan.basis for scan in scans]
-        return force_window(t, residual, np.vstack(unit_force), weight, bases)
-
 
 # What joint torque sensors add to the evidence: the gap of a joint in two parts, one on either side of the sensor.
 #
@@ -601,34 +272,18 @@ class Linearisation:
     Args:
         data: the folds.
         theta: theta_0, shape (P,).
-        terms: all terms, with the nonlinear parameters of those that theta_0 uses.
+        terms: all terms, with the nonlinear parameters of those that have columns.
 
     Attributes:
-        terms: all terms, with the nonlinear parameters of those used, and for the others the most promising ones.
-        refined: for the terms used, the nonlinear parameters that now explain most.
-        scan_residual: the residual, for effects that no column represents.
         folds: two for each fold of the data, its first and its second half.
         discrepancy: what a healthy arm leaves of the scored rows, learnt from these.
     """
 
     def __init__(self, data: FitData, theta: np.ndarray, terms: Terms) -> None:
         self.data, self.arm, self.body, self.theta = data, data.arm, data.body, theta
-        used = {
-            term: values
-            for term, values in terms.shapes.items()
-            if theta[list(term.columns)].any()
-        }
-        motors = data.arm.coupled_motors
-        self.terms = Terms(data.arm.n_joints, used, motors)
-        self._corrected = CorrectedArm(self.arm, self.terms.effects(theta))
+        self.terms = terms
+        self._corrected = CorrectedArm(self.arm, terms.effects(theta))
         self._rows = [self._segment_rows(k) for k in range(len(data.segments))]
-        scanner = GapScanner(data, self._corrected, self.terms, theta, self._rows)
-        found = scanner.search()
-        self.scan_residual = scanner.residual()
-        self.refined: Mapping[Term, NonlinearParameters] = {t: found[t] for t in used}
-        proposed = {t: best.values for t, best in found.items() if t not in used}
-        self.terms = Terms(data.arm.n_joints, {**used, **proposed}, motors)
-        self._add_proposed(list(proposed))
         self._links: list[LinkRows] = []
         if data.sensed:
             self._links = [self._link_rows(k) for k in range(len(data.segments))]
@@ -638,22 +293,13 @@ class Linearisation:
             [half for _, halves in cut for half in halves]
         )
 
-    def nonlinear(self, term: Term) -> NonlinearParameters:
-        """The nonlinear parameters of a term in use, with their standard deviations; empty if its effect has none."""
-        values = self.terms.shapes.get(term, ())
-        if term in self.refined:
-            return NonlinearParameters(values, self.refined[term].std)
-        return NonlinearParameters(values, (0.0,) * len(values))
-
     def departure(self, theta: np.ndarray) -> np.ndarray:
         """How far the torque at other values departs from the linearisation, RMS over what a healthy arm leaves, (n,).
 
         Args:
-            theta: the values, (P,), of terms whose torque is smooth in them; those used may have a refined shape.
+            theta: the values, (P,), of terms whose torque is smooth in them.
         """
-        refined = {t: shape.values for t, shape in self.refined.items()}
-        terms = replace(self.terms, shapes={**self.terms.shapes, **refined})
-        moved = CorrectedArm(self.arm, terms.effects(theta))
+        moved = CorrectedArm(self.arm, self.terms.effects(theta))
         squares = []
         for part, segment in zip(self._rows, self.data.segments, strict=True):
             assert segment.torque is not None
@@ -766,16 +412,6 @@ class Linearisation:
                 where=units[link] > 0,
             )
             x[:, :, places] = gain[:, None] * (regressor[:, :, link] @ per_unit.T)
-
-    def _add_proposed(self, proposed: list[Term]) -> None:
-        """Columns of the terms whose nonlinear parameters were proposed, into those of the rows."""
-        if not proposed:
-            return
-        names = {t.effect for t in proposed}
-        places = [c for t in proposed for c in t.columns]
-        for k, rows in enumerate(self._rows):
-            x = columns(rows.at, self.data, k, self.terms, self.theta, names)
-            rows.columns[:, :, places] = x[:, :, places]
 
     def _cut(
         self, places: list[int]

@@ -25,8 +25,11 @@ from gapscope.arm.recording import Recording
 from gapscope.diagnosis.gap.plausible_data import folds_of
 from gapscope.diagnosis.model.normal_equations import MIN_SQUARE, NormalEquations
 from gapscope.diagnosis.selection.evidence import Evidence, columns_of, expecting
-from gapscope.diagnosis.selection.fitted_model import clashes, nominal_model
-from gapscope.diagnosis.selection.search import Selection, searched_folds
+from gapscope.diagnosis.selection.fitted_model import (
+    Selection,
+    clashes,
+    nominal_model,
+)
 from gapscope.diagnosis.thresholds import MOVE_GAIN, VISIBLE_EFFECT
 from gapscope.model.conditioning import TORQUE_CUTOFF, condition, position_cutoff
 from gapscope.model.expected import LARGEST, MOST, Detectable, rising_root
@@ -191,10 +194,11 @@ def could_show(
         InputError: a recording has no stretch without gaps that is long enough.
     """
     used = [one for one in recordings if one.tau is not None]
-    folds = searched_folds(folds_of([condition(one) for one in used]))
+    folds = folds_of([condition(one) for one in used])
     cutoff = min(TORQUE_CUTOFF, position_cutoff(used))
-    model = nominal_model(arm, RigidBody(arm), folds, cutoff)
+    model = nominal_model(arm, RigidBody(arm), folds, cutoff, {})
     evidence = expecting(model.linear)
     left2 = (evidence.expected2, evidence.expected2)
-    scored2, deviation = evidence.scored.expected2, model.data.torque_deviation
+    scored2 = evidence.scored.expected2
+    deviation = model.linear.data.torque_deviation
     return detectable(evidence, frozenset(), scored2, left2, deviation)

@@ -1,427 +1,519 @@
-"""The search for a set of effects: its moves, groups of joints, and near equivalents."""
+"""The search of a case by the contrast of ``model/difference.py``: what an arm has that its data sheet does not say.
+
+All recordings are one group, and what is shared is the data sheet with errors as healthy arms have them. Of what size
+these are is not known: each hypothesis is asked at every one of ``ERRORS`` and counts at the likeliest. Noise and form
+error are what the most flexible model leaves that still predicts motions held out, beside what was found: the search is
+repeated with what it found until it finds nothing else.
+
+What bends or rattles shows in no column about a stiff joint: it is simulated, and fitted from where that explains most.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from itertools import combinations
-from typing import NamedTuple
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.optimize import minimize
 
+from gapscope.arm.dynamics.inertial_scale import inertial_scale
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
-from gapscope.diagnosis.selection.evidence import Evidence, Fit
+from gapscope.arm.recording import Recording
+from gapscope.diagnosis.model.fit_data import CompliantBodies, inertial_errors
 from gapscope.diagnosis.selection.fitted_model import (
-    Model,
-    clashes,
-    consistent,
-    drop_unneeded,
-    fit_terms,
-    has_dry_friction,
-    near_equivalent_pairs,
+    Selection,
+    fitted_about,
     nominal_model,
-    nrmse,
-    presliding_distances,
-    prune,
-    refine,
-    relinearise,
-    visible,
-)
-from gapscope.diagnosis.selection.questions import (
-    add_turned_base,
-    best_compliant_joint,
-    compliant,
-    prefer_payload,
-    settle_compliance,
 )
 from gapscope.diagnosis.thresholds import (
-    DECISIVE_EVIDENCE,
-    DECISIVE_NRMSE,
-    FORWARD_STEPS,
-    GROUPS_TRIED,
-    LONGEST_COMPARED_DELAY,
-    MAX_EVIDENCE_LOSS,
-    MOVE_GAIN,
-    PAIRED_GROUPS,
-    SEARCH_RATE,
-    UNDECIDED_EVIDENCE,
+    FRICTION_FORM,
+    INERTIAL_ERROR,
+    INERTIAL_ERROR_FACTOR,
+    VISIBLE_EFFECT,
+    VISIBLE_TERM,
 )
-from gapscope.effects.catalogue import effect as by_name
-from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.effect import Effect, Path
-from gapscope.model.conditioning import Segment, thinned
-from gapscope.model.terms import Term
+from gapscope.effects.effect import LinkChange, Transmission, Turn
+from gapscope.model.conditioning import Segment
+from gapscope.model.contrast import Contrast, Nuisance, OwnTerms
+from gapscope.model.design import (
+    MIN_TORQUE,
+    Design,
+    FreeArm,
+    design,
+    fitted_arm,
+    is_link_change,
+)
+from gapscope.model.difference import Difference, Fit, Place, Search
+from gapscope.model.equations import Equations
+from gapscope.model.form_error import learn
+from gapscope.model.gravity_direction import as_mounted, turn_of_base
+from gapscope.model.nonlinear_values import Scanner
+from gapscope.model.rows import Rows
+from gapscope.model.terms import Candidate, Term
 
-# Groups: for each effect the joints, or the link, to add it on.
+ERRORS = (0.003, 0.01, 0.03, 0.1, 0.3)
+"""Errors of the nominal inertials, over their own size [1]. (physical)"""
+HEALTHY_TORQUE = VISIBLE_EFFECT / 3
+"""What a healthy arm has of an effect, in RMS torque over the joint's scale [1]: three of these are worth a name."""
+HEALTHY_SHARE = 0.05
+"""The same over the size that is usual where it is an effect, at most [1]. (hand)"""
+LOAD_RADIUS = 0.1
+"""Radius within which the mass of a load or of a changed link may lie about its centre [m]. (physical)"""
+ROUNDS = 4
+"""Searches, each with noise and form error beside what the last one found. (budget)"""
+STARTS_FITTED, STARTS_TRIED = 2, 60
+"""Compliant joints that are fitted, and values that are simulated of each. (budget)"""
+DECISIVE = 4.0
+"""Evidence from which on a compliant joint is worth a fit [nats]. (hand)"""
 
-
-def best_groups(model: Model) -> list[Fit]:
-    """For each effect that can be added, the model with it on its best group of joints."""
-    chosen = model.fit.terms
-    added = [term for term in model.terms.selectable if not clashes(term, chosen)]
-    fits = model.evidence.fits([chosen | {term} for term in added])
-    groups = []
-    for effect in model.terms.definitions:
-        pairs = zip(added, fits, strict=True)
-        singles = [fit for term, fit in pairs if term.effect == effect.name]
-        if singles:
-            groups.append(_best_group(model, effect, singles))
-    return groups
-
-
-def _best_group(model: Model, effect: Effect, singles: list[Fit]) -> Fit:
-    """The best group of joints for one effect, from the fits of the model with it on one joint, or link, each.
-
-    Joints are added in the order of their own gain, links one at a time.
-    """
-    evidence = model.evidence
-    singles = sorted(singles, key=lambda fit: -fit.score)
-    if effect.scope != "joint":
-        return model.best(singles[0].terms)
-    group = model.fit
-    for single in singles:
-        extended = evidence.fit(group.terms | single.terms)
-        if extended.score > group.score:
-            group = extended
-    # an effect that helps on no joint may still be half of a pair
-    return model.best(singles[0].terms if group is model.fit else group.terms)
-
-
-# Effects that look alike to first order, compared each around its own values.
-#
-# Two that make the torque late by T, a delay and a lag, differ in the second order. With n the torque that the joint
-# needs, recorded is n + T dn/dt + a T^2 d2n/dt2 + b T^3 d3n/dt3, with a and b of ``Path.late_forms``; each form of the
-# rarer effect is compared with the more common one around that one's own values, the time T free on every joint.
-
-
-class Comparison(NamedTuple):
-    """Outcome of comparisons.
-
-    Attributes:
-        model: the model that is kept.
-        contested: by effect kept and its rival, the evidence of the rival less that of the effect kept [nats].
-    """
-
-    model: Model
-    contested: Mapping[tuple[str, str], float]
-
-
-def compare_near_equivalents(model: Model) -> Comparison:
-    """Refit each near-equivalent effect and keep the better.
-
-    The second of a pair is named only if it is decisively better; if neither is, both stay open.
-    """
-    contested: dict[tuple[str, str], float] = {}
-    for common, rare in near_equivalent_pairs():
-        held = {t.effect for t in model.fit.terms} & {common, rare}
-        if len(held) == 1:
-            model, outcome = _compare(model, held.pop(), common, rare)
-            contested.update(outcome)
-    return Comparison(model, contested)
-
-
-def _compare(model: Model, chosen: str, common: str, rare: str) -> Comparison:
-    """The model with one of two effects, each on the joints of the one that is chosen."""
-    other = rare if chosen == common else common
-    models = {chosen: model, other: _renamed(model, chosen, other)}
-    gain = _gain_by_form(models[common], common, rare)
-    # what differs in its second order in time needs no threshold
-    if gain is not None:
-        winner, loser = (rare, common) if gain > 0 else (common, rare)
-        return Comparison(models[winner], {(winner, loser): -abs(gain)})
-    gain = models[common].gain_of(models[rare])
-    gaps = {name: nrmse(one, one.fit.held_out_mse) for name, one in models.items()}
-    apart = float(np.abs(gaps[rare] - gaps[common]).max())
-    decisive = abs(gain) > DECISIVE_EVIDENCE and apart > DECISIVE_NRMSE
-    winner, loser = (rare, common) if decisive and gain > 0 else (common, rare)
-    evidence = -abs(gain) if decisive else UNDECIDED_EVIDENCE
-    return Comparison(models[winner], {(winner, loser): evidence})
-
-
-def _renamed(model: Model, effect: str, other: str) -> Model:
-    """The model with another effect on the joints of one of its effects."""
-    mine = {t for t in model.fit.terms if t.effect == effect}
-    joints = {t.joint for t in mine}
-    put = {t for t in model.terms.selectable if t.effect == other and t.joint in joints}
-    return fit_terms(model, (model.fit.terms - mine) | put)
-
-
-def _gain_by_form(model: Model, common: str, rare: str) -> float | None:
-    """Evidence of the best form of the rare effect less that of the common one, which the model has [nats].
-
-    ``None`` if they are not told apart by their second order in time, or if the time is too long for that.
-    """
-    own, other = by_name(common), by_name(rare)
-    if not (isinstance(own, Path) and isinstance(other, Path) and own.late_forms):
-        return None
-    mine = [t for t in model.fit.terms if t.effect == common]
-    times = np.zeros(model.data.arm.n_joints)
-    for term in mine:
-        times[term.joint - 1] = model.fit.theta[term.columns[0]]
-    if not times.any() or times.max() > LONGEST_COMPARED_DELAY:
-        return None
-    first, second, third = _rates(model, [t for t in model.fit.terms if t not in mine])
-    gains = []
-    for form in other.late_forms:
-        apart = np.subtract(form, own.late_forms[0])
-        change = apart[0] * times**2 * second + apart[1] * times**3 * third
-        gains.append(model.linear.scan_residual.gain(change, free=first))
-    return max(gains)
-
-
-def _rates(model: Model, terms: list[Term]) -> list[np.ndarray]:
-    """First to third derivative by time of the torque that a model's arm with some terms needs, on the rows, (M, n)."""
-    data = model.data
-    arm = CorrectedArm(data.arm, model.terms.effects(model.fit.theta, terms))
-    rates: list[list[np.ndarray]] = [[], [], []]
-    for segment in data.segments:
-        series = arm.unlimited.predict(segment.bodies(data.body), segment.motion)
-        for rows in rates:
-            series = np.gradient(series, segment.motion.t, axis=0)
-            rows.append(data.thin(series, segment))
-    return [np.vstack(rows) for rows in rates]
-
-
-# The search for the terms that explain the gap: forward by groups and by pairs of them, with swaps and removal.
-
-
-Progress = Callable[[str], None]
-Considered = tuple[tuple[Fit, Fit], ...]
-"""Groups that were added, each with one that was considered in its place."""
-
-
-@dataclass(frozen=True)
-class Selection:
-    """Result of a search.
-
-    Attributes:
-        scale: normalisation of the torque gap over all folds [N m], (n,).
-        fit: the best set of terms, fitted at its own linearisation.
-        evidence: the evidence that scored it.
-        considered: groups that were added at each step, each with one that was considered in its place.
-        contested: by effect found and its rival, the evidence of the rival less that of the effect [nats], each
-            around its own values.
-        nominal_mse: mean square of the gap per fold and joint without any effect [N^2 m^2], (F, n).
-        last_link: the joint that moves the last link, from 1.
-        presliding: distance over which the dry friction of a joint builds up, if it has some [rad], (n,).
-    """
-
-    scale: np.ndarray
-    fit: Fit
-    evidence: Evidence
-    considered: Considered
-    contested: Mapping[tuple[str, str], float]
-    nominal_mse: np.ndarray
-    last_link: int
-    presliding: np.ndarray
-
-    def corrected(self, theta: np.ndarray, terms: frozenset[Term]) -> CorrectedArm:
-        """The nominal arm with some terms at values theta, (P,), and the presliding of their dry friction."""
-        known, arm = self.evidence.terms, self.evidence.linear.arm
-        arm = replace(arm, presliding=self.presliding_of(terms))
-        return CorrectedArm(arm, known.effects(known.clipped(theta), terms))
-
-    def presliding_of(self, terms: frozenset[Term]) -> np.ndarray:
-        """Distance over which the dry friction of some terms builds up [rad], (n,)."""
-        dry = has_dry_friction(terms, len(self.presliding))
-        return np.where(dry, self.presliding, 0.0)
+Values = Mapping[Candidate, np.ndarray]
+EVERYONE = (0,)
+"""The group of all recordings."""
 
 
 def search(
     arm: NominalArm,
-    body: RigidBody,
+    recordings: Sequence[Recording],
     folds: list[list[Segment]],
     cutoff: float,
-    progress: Progress = lambda message: None,
 ) -> Selection:
-    """Find the terms that explain the gap of recordings, by evidence on halves of recordings left out of the fit.
+    """Find the terms that explain the gap of recordings, and fit them to folds.
 
     Args:
-        arm, body: the nominal arm and its dynamics.
-        folds: segments per fold.
+        arm: the nominal arm.
+        recordings: those with a torque.
+        folds: segments of them per fold.
         cutoff: cut-off of the fit's filter [Hz].
-        progress: called with a few words at each step.
+
+    Raises:
+        InputError: a recording has no stretch without gaps that is long enough.
     """
-    nominal = nominal_model(arm, body, searched_folds(folds), cutoff)
-    model, considered = add_terms(add_turned_base(nominal), progress)
-    model, replaced = compare_near_equivalents(model)
-    model, unlike = settle_compliance(model)
-    model = relinearise(drop_unneeded(prune(model)))
-    return _selected(model, nominal, considered, {**replaced, **unlike})
+    mounted = as_mounted(arm, [s for fold in folds for s in fold])
+    difference = difference_of(mounted, recordings)
+    values = {one.term: value for one, value in difference.fit.values.items()}
+    body = RigidBody(arm)
+    nominal = nominal_model(arm, body, folds, cutoff, difference.shapes)
+    # too far from the nominal arm's gravity for a column of it
+    turn = turn_of_base(arm.gravity, mounted.gravity)
+    if turn is not None:
+        tilts = (t for t in nominal.linear.terms.all if isinstance(t.definition, Turn))
+        values |= {term: np.array(turn) for term in tilts}
+    model = fitted_about(nominal, values) if values else nominal
+    competing = _competing(difference) if turn is None else {}
+    return Selection.of(model, nominal, competing, difference.found)
 
 
 def without_search(
-    arm: NominalArm, body: RigidBody, folds: list[list[Segment]], cutoff: float
+    arm: NominalArm, folds: list[list[Segment]], cutoff: float
 ) -> Selection:
     """The nominal arm as it is, for recordings of which it explains nothing."""
-    nominal = nominal_model(arm, body, searched_folds(folds), cutoff)
-    return _selected(nominal, nominal, (), {})
+    nominal = nominal_model(arm, RigidBody(arm), folds, cutoff, {})
+    return Selection.of(nominal, nominal, {}, {})
 
 
-def _selected(
-    model: Model,
-    nominal: Model,
-    considered: Considered,
-    contested: Mapping[tuple[str, str], float],
-) -> Selection:
-    return Selection(
-        nominal.data.torque_deviation,
-        model.fit,
-        model.evidence,
-        considered,
-        contested,
-        nominal.fit.held_out_mse,
-        nominal.data.body.last_link + 1,
-        presliding_distances(model),
+def _competing(difference: Difference) -> dict[frozenset[Term], float]:
+    """Log probability of sets of terms over that of the set found [nats]."""
+    found = frozenset(one.term for one in difference.fit.mine)
+    sets = {
+        frozenset(one.term for one in some): total
+        for some, total in difference.sets.items()
+        if np.isfinite(total)
+    }
+    best = sets.pop(found, difference.fit.total)
+    return {some: total - best for some, total in sets.items()}
+
+
+def difference_of(arm: NominalArm, recordings: Sequence[Recording]) -> Difference:
+    """What recordings of an arm show beside its data sheet.
+
+    Raises:
+        InputError: a recording has no stretch without gaps that is long enough.
+    """
+    rows = Rows.recorded([recordings])
+    # rows are trusted less where the arm's dry friction may hold a joint
+    fitted_arm(rows, arm, EVERYONE)
+    searching = SheetSearch(rows, FreeArm.nominal(arm), [EVERYONE], EVERYONE, 0.0)
+    return searching.run()
+
+
+@dataclass
+class SheetSearch(Search):
+    """What all recordings show beside the data sheet."""
+
+    _wide: Equations | None = None
+    _likeliest: int = ERRORS.index(INERTIAL_ERROR)
+    _stiff: set[frozenset[Candidate]] = field(default_factory=set)
+    _by_error: dict[tuple[int, float], tuple[Contrast, Contrast]] = field(
+        default_factory=dict
     )
 
+    @property
+    def may_be_exchanged(self) -> bool:
+        """Never: the arm of the data sheet carries nothing."""
+        return False
 
-def searched_folds(folds: list[list[Segment]]) -> list[list[Segment]]:
-    """Segments of each fold as the search looks at them: decimated to no less than ``SEARCH_RATE``."""
-    return [[thinned(s, SEARCH_RATE) for s in fold] for fold in folds]
+    def run(
+        self, known: Values | None = None, torque: np.ndarray | float = 0.0
+    ) -> Difference:
+        """Search, and search again beside what was found until nothing else is.
+
+        Args:
+            known: what the arm has in all likelihood, with about its values.
+            torque: what that does, over the joints' scale, (M, n).
+        """
+        known = known or {}
+        for _ in range(ROUNDS):
+            fit = self._beside(known, torque)
+            stiff, self._stiff = self._stiff, self._stiff | {frozenset(fit.mine)}
+            bent = None if frozenset(fit.mine) in stiff else self._compliant(fit)
+            if bent is None and set(fit.mine) == set(known):
+                break
+            fit = bent or fit
+            known, torque = fit.values, self._torque(fit)
+        self._fit((), {}, {})
+        best = self._with_growth(fit)
+        least = self._totals[frozenset()]
+        sets = {some: total - least for some, total in self._totals.items()}
+        odds = {one: self._weigher(best.own).odds([one]) for one in best.mine}
+        return Difference(best, sets, dict(self._found), self.arm, odds)
+
+    def _beside(self, known: Values, torque: np.ndarray | float) -> Fit:
+        """The best hypothesis, with noise and form error beside what is known."""
+        first = self._wide is None
+        self._linearise(1, torque)
+        self._prepare()
+        if first:
+            self._scanner = Scanner(self.rows, self.arm, None)
+        self._look(self._fit(list(known), known, {}))
+        fit = self._asked_again(self._fit(list(known), known, {}))
+        larger = self._larger(fit)
+        if first and larger is not None:
+            # beside the first term others look different
+            self._look(larger)
+            larger = self._fit(larger.chosen, larger.values, {})
+        return self._pruned(self._searched(larger or fit))
+
+    def _torque(self, fit: Fit) -> np.ndarray:
+        """What a hypothesis explains, over the joints' scale, (M, n): all that is known then is no form error."""
+        assert self._wide is not None
+        return np.asarray(self._wide.design.gap - _left(fit))
+
+    def _linearise(
+        self, times: int, known: np.ndarray | float = 0.0, *, alike: bool = False
+    ) -> None:
+        """Columns about the data sheet, noise and form error beside what is known."""
+        if self._wide is None:
+            self._wide = Equations.of(design(self.rows, self.arm, {}))
+        made, beside = self._wide.design, self._wide
+        if np.any(known):
+            gap = made.gap - known * (self.rows.measured > 0)
+            beside = Equations.of(replace(made, gap=gap))
+        self._about = self.arm
+        # what delays or bends on every joint at once predicts no other motion
+        rigid = made.prior.copy()
+        for term, places in made.places.items():
+            if isinstance(term.definition, Transmission) or term.definition.delays:
+                rigid[places] = 0.0
+        sheet = np.minimum(rigid, self._believed(made, ERRORS[-1]).prior)
+        priors = [made.prior, rigid, sheet]
+        self._taught = learn(beside, self.taught_by, priors=priors)
+        self._first = replace(self._wide, design=self._taught.primed(made))
+
+    def _believed(self, made: Design, error: float = INERTIAL_ERROR) -> Design:
+        """The columns with what a healthy arm of the data sheet may have, bodies in units of their errors."""
+        n = self.arm.arm.n_joints
+        columns, active, noisy = [], [], {}
+        for j, (x, every) in enumerate(zip(made.columns, made.active, strict=True)):
+            of_bodies = every < 10 * n
+            bodies = np.zeros((len(x), 10 * n))
+            bodies[:, every[of_bodies]] = x[:, of_bodies]
+            bodies = bodies @ self._of_errors
+            shown = np.flatnonzero((bodies**2).mean(axis=0) > MIN_TORQUE**2)
+            own = np.concatenate([shown, every[~of_bodies]])
+            columns.append(np.hstack([bodies[:, shown], x[:, ~of_bodies]]))
+            active.append(own)
+            for (joint, at), passed in made.noisy.items():
+                if joint == j:
+                    noisy[j, int(np.searchsorted(own, every[at]))] = passed
+        prior = made.prior.copy()
+        prior[: 10 * n] = error
+        for term, places in made.places.items():
+            prior[places] = self._healthy(term, made.units[term])
+        return replace(made, columns=columns, active=active, noisy=noisy, prior=prior)
+
+    @property
+    def _of_errors(self) -> np.ndarray:
+        """Inertial parameters, over their size, by errors of masses, centres and shapes, (10 n, 10 n)."""
+        body = self.arm.body
+        return inertial_errors(body.inertial_parameters().ravel(), inertial_scale(body))
+
+    def _healthy(self, term: Term, unit: np.ndarray) -> np.ndarray:
+        """What a healthy arm has of a term, in units of its columns, (linear,)."""
+        fitted = term.parametrisation
+        # the bodies have errors already, and a searched form is there or not
+        if is_link_change(term) or fitted.nonlinear:
+            return np.zeros(len(unit))
+        if fitted.data_sheet is not None:
+            stated = np.abs(self.arm.theta[list(term.columns)])
+            return FRICTION_FORM * stated * unit + MIN_TORQUE
+        return np.minimum(HEALTHY_TORQUE, HEALTHY_SHARE * fitted.usual * unit)
+
+    def _may_differ(self, term: Term) -> bool:
+        return True
+
+    def _extents(self, values: Values) -> list[Nuisance]:
+        """Moments of inertia of loads and changed links about their centres, between -m r^2 and m r^2."""
+        sizes = np.diag(self._of_errors) * inertial_scale(self.arm.body)
+        out: list[Nuisance] = []
+        for one, value in values.items():
+            if not isinstance(one.term.definition, LinkChange):
+                continue
+            last = self.arm.body.last_link
+            link = last if one.term.is_load else one.term.joint - 1
+            own = slice(10 * link + 4, 10 * link + 10)
+            moments = np.zeros(self._equations.design.size)
+            bound = abs(float(value[0])) * LOAD_RADIUS**2
+            shown = sizes[own] > 0
+            moments[own][shown] = (bound / sizes[own][shown]) ** 2 / 3.0
+            if moments.any():
+                out.append((EVERYONE, moments))
+        return out
+
+    def _suited(self, fit: Fit) -> Fit:
+        return fit
+
+    def _prepare(self) -> None:
+        self._by_error = {}
+        super()._prepare()
+
+    def _within(self, contrast: Contrast, error: float) -> Contrast:
+        """The contrast with errors of some size."""
+        kept = self._by_error.get((id(contrast), error))
+        if kept is None or kept[0] is not contrast:
+            prior = contrast.design.prior.copy()
+            prior[: 10 * self.arm.arm.n_joints] = error
+            kept = contrast, contrast.with_prior(prior)
+            last = dict(list(self._by_error.items())[-10 * len(ERRORS) :])
+            self._by_error = {**last, (id(contrast), error): kept}
+        return kept[1]
+
+    def _weighed(
+        self,
+        contrast: Contrast,
+        own: OwnTerms,
+        chosen: Sequence[Candidate],
+        grown: Mapping[Place, float],
+    ) -> Fit:
+        levels: dict[float, Fit] = {}
+
+        def total(number: int) -> float:
+            """Log probability with errors of a size."""
+            error = ERRORS[number]
+            if error not in levels:
+                asked = self._within(contrast, error)
+                fit = super(SheetSearch, self)._weighed(
+                    asked, own.within(asked), chosen, grown
+                )
+                both = fit.total + _log_prior(error)
+                levels[error] = replace(fit, total=both, sharp=both)
+            return levels[error].total
+
+        every = range(len(ERRORS))
+        near = [k for k in every if abs(k - self._likeliest) < 2] if chosen else every
+        while True:
+            best = max(near, key=total)
+            near = [k for k in every if abs(k - best) < 2]
+            if max(near, key=total) == best:
+                break
+        self._likeliest = best
+        return replace(levels[ERRORS[best]], levels=levels)
+
+    def _proposals(
+        self, fit: Fit, *, everybody: bool = False
+    ) -> Iterator[tuple[float, Candidate]]:
+        if everybody:
+            return
+        best: dict[Candidate, float] = {}
+        # a term may be told only if the data sheet is better than it looks without it
+        for error, level in fit.levels.items():
+            if not np.isfinite(level.total):
+                continue
+            for total, one in super()._proposals(level):
+                here = total + _log_prior(error)
+                best[one] = max(here, best.get(one, -np.inf))
+        for one in sorted(best, key=lambda one: -best[one]):
+            yield best[one], one
+
+    # What no person could see is no finding.
+
+    def _nrmse(self, left: np.ndarray) -> np.ndarray:
+        """``torque_nrmse`` of what is left, over the joint's scale on rows by trust, (M, n): (n,)."""
+        rows = left / np.maximum(self.rows.trust, MIN_TORQUE)
+        return np.asarray(np.sqrt((rows**2).mean(axis=0)))
+
+    def _closed(self, few: Fit, many: Fit) -> float:
+        """How much of the gap of some joint more terms close, with errors of the data sheet taken out or not."""
+        plain = float((self._nrmse(_left(few)) - self._nrmse(_left(many))).max())
+        beside = float((self._nrmse(few.left) - self._nrmse(many.left)).max())
+        return max(plain, beside) if plain > 0 else plain
+
+    def _pruned(self, fit: Fit) -> Fit:
+        """The hypothesis without findings, then without terms, that close too little to be seen, one by one."""
+
+        def finding(one: Candidate) -> Hashable:
+            return one.term.finding
+
+        def term(one: Candidate) -> Hashable:
+            return one.term
+
+        for least, part in ((VISIBLE_EFFECT, finding), (VISIBLE_TERM, term)):
+            while fit.mine:
+                without = []
+                for name in dict.fromkeys(map(part, fit.mine)):
+                    rest = [one for one in fit.mine if part(one) != name]
+                    values = {one: fit.values[one] for one in rest}
+                    without.append(self._fit(rest, values, fit.grown))
+                closed = [self._closed(one, fit) for one in without]
+                faintest = int(np.argmin(closed))
+                if closed[faintest] >= least:
+                    break
+                fit = without[faintest]
+        return fit
+
+    # Compliant joints.
+
+    def _compliant(self, fit: Fit) -> Fit | None:
+        """The hypothesis with the compliant joint that explains most, noise and form error beside it, if one does."""
+        gap, kept, best = Scan(self, fit), dict(self.__dict__), None
+        for term, start in gap.starts():
+            one = Candidate(term, EVERYONE)
+            values, gain = gap.refined(term, start)
+            known = {**fit.values, one: values}
+            torque = self._torque(fit) + gap.added(term, values)
+            for _ in range(2):
+                self._linearise(1, torque)
+                self._prepare()
+                larger = self._fit(list(known), known, {})
+                known, torque = larger.values, self._torque(larger)
+            odds = self._weigher(larger.own).odds
+            gain += odds(larger.chosen) - odds(fit.chosen)
+            shown = np.isfinite(larger.total) and self._closed(fit, larger)
+            better = best is None or gain > best[0]
+            if gain > 0 and shown >= VISIBLE_EFFECT and better:
+                best = gain, larger, dict(self.__dict__)
+        self.__dict__.update(kept if best is None else best[2])
+        return None if best is None else best[1]
 
 
-def add_terms(model: Model, progress: Progress) -> tuple[Model, Considered]:
-    """Add terms while some raise the evidence, and what was considered on the way.
+def _left(fit: Fit) -> np.ndarray:
+    """Gap beside what a hypothesis says that the arm has, over the joints' scale, (M, n)."""
+    return np.asarray(fit.contrast.gap - fit.torque)
 
-    What is too costly to try at each step, compliant joints and pairs of effects, is tried once no group helps.
-    """
-    model, considered = add_groups(model, progress)
-    visited = {model.fit.terms}
-    for _ in range(FORWARD_STEPS):
-        added = (
-            add_compliant_joint(model, progress)
-            or add_pair(model, progress)
-            or add_better_than_all(model, progress)
+
+def _log_prior(error: float) -> float:
+    """Logarithm of how likely errors of the nominal inertials have a size [nats], but for a constant."""
+    deviations = np.log(error / INERTIAL_ERROR) / np.log(INERTIAL_ERROR_FACTOR)
+    return float(-(deviations**2) / 2)
+
+
+class Scan:
+    """What compliance of a joint would explain of what a hypothesis leaves, all that is shared taken out of both."""
+
+    def __init__(self, search: SheetSearch, fit: Fit) -> None:
+        self._rows, made = search.rows, fit.contrast.design
+        arm, theta = search.arm, search.arm.theta.copy()
+        for one, value in fit.values.items():
+            theta[list(one.term.columns)] += value
+        corrected = arm.corrected(made.terms, made.terms.clipped(theta))
+        self._bodies = CompliantBodies(self._rows, arm.body, corrected)
+        self._terms = [
+            term
+            for term in made.terms.all
+            if isinstance(term.definition, Transmission)
+            and self._bodies.mass[term.joint - 1] > 0
+            and arm.arm.encoder == "motor"
+        ]
+        taken = {one.term.joint for one in fit.mine if one.term in self._terms}
+        self._terms = [term for term in self._terms if term.joint not in taken]
+        error = fit.contrast.error
+        self._left = _left(fit)
+        count = (self._rows.trust**2).sum(axis=0)
+        self._count = count * error.white2 / error.noise2
+        self._bases = [
+            _basis(x, made.prior[active], noise2)
+            for x, active, noise2 in zip(
+                made.columns, made.active, error.noise2, strict=True
+            )
+        ]
+        least = count * error.white2
+        over = np.maximum(self._squares(self._left[None])[0] / least, 1.0)
+        # what bends or rattles shows on its own joint, whatever it does to others
+        shows = self._count * np.log(over) / 2 >= DECISIVE
+        self._terms = [term for term in self._terms if shows[term.joint - 1]]
+
+    def added(self, term: Term, values: np.ndarray) -> np.ndarray:
+        """Torque that compliance of a joint adds, over the joints' scale, on rows by trust, (M, n)."""
+        effect = term.definition
+        assert isinstance(effect, Transmission)
+        torque = self._bodies.added(effect, term.joint - 1, values)
+        return np.asarray(torque / self._rows.scale * self._rows.trust)
+
+    def gains(self, torques: np.ndarray) -> np.ndarray:
+        """What each of K torques, (K, M, n), explains of what is left [nats], (K,)."""
+        before = self._squares(self._left[None])
+        after = self._squares(self._left - torques)
+        return np.asarray(np.log(before / after) @ self._count / 2)
+
+    def _squares(self, series: np.ndarray) -> np.ndarray:
+        """Sum of squares beside all that is shared, of K series, (K, M, n): (K, n)."""
+        out = np.empty((len(series), series.shape[2]))
+        for j, basis in enumerate(self._bases):
+            y = series[:, :, j].T
+            out[:, j] = ((y - basis @ (basis.T @ y)) ** 2).sum(axis=0)
+        return out + MIN_TORQUE
+
+    def starts(self) -> list[tuple[Term, np.ndarray]]:
+        """Compliant joints that explain most, with the values of each that explain most of those of its law."""
+        found: list[tuple[float, Term, np.ndarray]] = []
+        for term in self._terms:
+            needed = np.concatenate([x[:, term.joint - 1] for x in self._bodies.torque])
+            mass = self._bodies.mass[term.joint - 1]
+            assert isinstance(term.definition, Transmission)
+            every = list(term.definition.starts(mass, needed))
+            if every:
+                gains = self.gains(np.stack([self.added(term, x) for x in every]))
+                best = int(np.argmax(gains))
+                found.append((float(gains[best]), term, every[best]))
+        found.sort(key=lambda start: -start[0])
+        least = max(DECISIVE, found[0][0] / 2) if found else 0.0
+        return [(t, x) for gain, t, x in found[:STARTS_FITTED] if gain >= least]
+
+    def refined(self, term: Term, start: np.ndarray) -> tuple[np.ndarray, float]:
+        """Values that explain most, from a start, and how much, less what their number makes of chance [nats]."""
+
+        def lost(logs: np.ndarray) -> float:
+            return -float(self.gains(self.added(term, np.exp(logs))[None])[0])
+
+        first = np.log(np.maximum(start, 1e-12))
+        simplex = np.vstack([first, first + 0.3 * np.eye(len(first))])
+        found = minimize(
+            lost,
+            first,
+            method="Nelder-Mead",
+            options={
+                "maxfev": STARTS_TRIED,
+                "initial_simplex": simplex,
+                "fatol": 0.1,
+                "xatol": 0.01,
+            },
         )
-        if added is None:
-            break
-        grown, more = add_groups(added, progress)
-        # refining may lead back to a set that was there before
-        if grown.fit.terms in visited:
-            break
-        visited.add(grown.fit.terms)
-        model, considered = grown, considered + more
-    return model, considered
+        chance = len(first) * float(np.log(self._count.max())) / 2
+        return np.exp(found.x), -float(found.fun) - chance
 
 
-def add_groups(model: Model, progress: Progress) -> tuple[Model, Considered]:
-    """Add the best group of terms while one raises the evidence, each around its own values."""
-    considered: Considered = ()
-    visited, refused = {model.fit.terms}, set[frozenset[Term]]()
-    stiff = False
-    for _ in range(FORWARD_STEPS):
-        groups, larger = _promising(model, refused), None
-        while groups and larger is None:
-            group, *groups = groups
-            # columns around no compliance only hint at it
-            if compliant(group.terms - model.fit.terms):
-                tried = None if stiff else best_compliant_joint(model)
-                stiff = tried is None
-            else:
-                tried = fit_terms(model, group.terms, least_gain=-MAX_EVIDENCE_LOSS)
-            # the linearisation that promised the gain is that of the smaller model
-            if tried is not None and model.gain_of(tried) > 0:
-                larger = tried
-                considered += tuple((group, other) for other in groups)
-                progress("adds " + _described(larger.fit.terms - model.fit.terms))
-            else:
-                refused.add(group.terms)
-        if larger is None:
-            break
-        model = relinearise(prefer_payload(refine(larger)))
-        # refining may lead back to a set that was there before
-        if model.fit.terms in visited:
-            break
-        visited.add(model.fit.terms)
-    return model, considered
-
-
-def _promising(model: Model, refused: set[frozenset[Term]]) -> list[Fit]:
-    """The groups to try, best first: those that promise enough evidence and close enough of the gap."""
-    groups = [
-        fit
-        for fit in best_groups(model)
-        if fit.score > model.fit.score
-        and fit.terms not in refused
-        and visible(model, fit.terms)
-    ]
-    groups.sort(key=lambda fit: fit.score, reverse=True)
-    least = model.fit.score + MOVE_GAIN
-    return [fit for fit in groups[:GROUPS_TRIED] if fit.score >= least]
-
-
-def add_compliant_joint(model: Model, progress: Progress) -> Model | None:
-    """Add elasticity or backlash of a joint if that explains some of the residual."""
-    larger = best_compliant_joint(model)
-    if larger is None:
-        return None
-    progress("adds " + _described(larger.fit.terms - model.fit.terms))
-    return relinearise(prefer_payload(refine(larger)))
-
-
-def add_pair(model: Model, progress: Progress) -> Model | None:
-    """Add the best pair of effects that explain the residual only together, if there is one.
-
-    Not beside a compliant joint, whose form leaves more than a pair that shows alone in neither part.
-    """
-    if compliant(model.fit.terms):
-        return None
-    best = _best_pair(model)
-    if best is None or best.score < model.fit.score + MOVE_GAIN:
-        return None
-    larger = fit_terms(model, best.terms, least_gain=-MAX_EVIDENCE_LOSS)
-    grown = len(larger.fit.terms) > len(model.fit.terms)
-    if not grown or model.gain_of(larger) <= MOVE_GAIN:
-        return None
-    progress("adds " + _described(larger.fit.terms - model.fit.terms))
-    return relinearise(prefer_payload(refine(larger)))
-
-
-def add_better_than_all(model: Model, progress: Progress) -> Model | None:
-    """Add a group that predicts a joint's gap better than all terms together, if it helps around its own values.
-
-    What all terms leave is taken for what a healthy arm leaves, and hides what explains no more than that. On little
-    data they run away beyond the motions that they were fitted to; one group that does better shows it.
-    """
-    groups = [
-        fit
-        for fit in best_groups(model)
-        if visible(model, fit.terms)
-        and _outdoes_all(model, fit)
-        and not compliant(fit.terms - model.fit.terms)
-    ]
-    groups.sort(key=lambda fit: fit.score, reverse=True)
-    for group in groups[:GROUPS_TRIED]:
-        larger = fit_terms(model, group.terms, least_gain=-MAX_EVIDENCE_LOSS)
-        grown = len(larger.fit.terms) > len(model.fit.terms)
-        if grown and model.gain_of(larger) > MOVE_GAIN:
-            progress("adds " + _described(larger.fit.terms - model.fit.terms))
-            return relinearise(prefer_payload(refine(larger)))
-    return None
-
-
-def _outdoes_all(model: Model, fit: Fit) -> bool:
-    """Whether a fit leaves less of a joint's gap than is expected of a healthy arm, and the model more."""
-    expected = model.evidence.expected2.mean(axis=0)
-    left, before = (one.held_out_mse.mean(axis=0) for one in (fit, model.fit))
-    return bool(((left < expected) & (before > expected)).any())
-
-
-def _best_pair(model: Model) -> Fit | None:
-    """The two groups that raise the evidence most together."""
-    groups = sorted(best_groups(model), key=lambda fit: -fit.score)[:PAIRED_GROUPS]
-    sets = [one.terms | other.terms for one, other in combinations(groups, 2)]
-    fits = model.best_of([terms for terms in sets if consistent(terms)])
-    seen = [fit for fit in fits if visible(model, fit.terms)]
-    return max(seen, key=lambda fit: fit.score, default=None)
-
-
-def _described(terms: frozenset[Term]) -> str:
-    """Effects with their joints, for progress messages."""
-    parts = []
-    for effect in sorted({t.effect for t in terms}):
-        joints = sorted(t.joint for t in terms if t.effect == effect and t.joint)
-        parts.append(f"{effect} {joints}")
-    return "; ".join(parts)
+def _basis(columns: np.ndarray, prior: np.ndarray, noise2: float) -> np.ndarray:
+    """Columns Q, (M, K), with y - Q Q^T y what is left of y beside what is shared, as the prior has it."""
+    scaled = columns[:, prior > 0] * prior[prior > 0] / np.sqrt(noise2)
+    both = np.vstack([scaled, np.eye(scaled.shape[1])])
+    return np.asarray(np.linalg.qr(both)[0][: len(columns)])

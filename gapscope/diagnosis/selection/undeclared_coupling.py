@@ -14,7 +14,7 @@ import numpy as np
 
 from gapscope.diagnosis.model.linearisation import Linearisation
 from gapscope.diagnosis.selection.evidence import Evidence, Fit, evidences
-from gapscope.diagnosis.selection.search import Selection
+from gapscope.diagnosis.selection.fitted_model import Selection
 from gapscope.diagnosis.thresholds import COUPLING_CLOSES, MOVE_GAIN
 
 
