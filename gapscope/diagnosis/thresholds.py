@@ -210,13 +210,6 @@ SENSOR_ZERO = 0.1  # Prior of a sensor's zero, over the normalisation of its joi
 SENSOR_SCALE = 0.01  # Prior of the error of a sensor's scale [1]. (data sheets of joint torque sensors)
 SENSOR_LAG = 2e-3  # Prior of a sensor's lag [s]. (hand)
 
-# --- model: scan of parameters that act nonlinearly
-FORCE_WINDOW_BIN = 0.1  # Resolution of the windows in which a force may act [s]. (budget)
-FORCE_WINDOW_EDGES = 80  # Edges of windows that are compared at first. (budget)
-# Share of a force's effect that always counts beside what the errors of the arm could explain of it [1]. (hand)
-FORCE_WINDOW_RIDGE = 0.05
-MIN_FORCE_WINDOW = 0.3  # Shortest such window [s]. (hand)
-
 # --- selection: charges of the evidence
 # Charge for each different effect [nats]: the logarithm of the number of ways to name one, and a margin for what
 # the effective number of samples overstates. (hand)
@@ -236,19 +229,9 @@ MIN_LINK_MASS = 0.05  # Share of its nominal mass that a changed link keeps at l
 SEARCH_RATE = 100.0  # The search works on segments decimated to no less than this [Hz]. (budget)
 MOVE_GAIN = 3.0  # A move must raise the evidence by this much [nats]. (hand)
 PRESLIDING_GAIN = 5.0  # A joint's presliding must narrow the gap of trusted rows by so much [nats]. (hand)
-FORWARD_STEPS = 12  # Forward steps before the search gives up. (budget)
-GROUPS_TRIED = 3  # Groups that are tried around their own values at each step. (budget)
-PAIRED_GROUPS = 6  # Best groups of which all pairs are tried once none alone raises the evidence. (budget)
-COMPLIANCE_STARTS_TRIED = 3  # Starts of compliant joints that are fitted. (budget)
 RELINEARISATIONS = 3  # Linearisations around the values of one set of terms. (budget)
 # A linearisation holds where the torque departs from it by this share of what a healthy arm leaves [1]. (hand)
 LINEAR_ENOUGH = 0.05
-# A model that has lost so much evidence at its own values [nats] is not linearised again: in ten cases of real arms and
-# samples none that lost any at first came back to a gain. (budget)
-MAX_EVIDENCE_LOSS = 50.0
-REFUSED_MOVES = 3  # Stop after this many moves fail on relinearisation. (budget)
-REFINE_GAIN = 0.5  # A removal or a swap must promise to raise the evidence by this much [nats]. (hand)
-REFINE_STEPS = 20  # Most removals and swaps in a row. (budget)
 # An effect must lower the held-out torque NRMSE of some joint by this much to be named [1]. (definition)
 VISIBLE_EFFECT = 0.01
 VISIBLE_TERM = 0.004  # A joint must gain this much in it to be named with an effect that is named anyway [1]. (hand)
@@ -256,22 +239,6 @@ VISIBLE_TERM = 0.004  # A joint must gain this much in it to be named with an ef
 # must, beside any friction of both joints, and lowers the RMS of the held-out gap of both by this share [1]: a wrist
 # with a common motor reaches 0.57, pairs of joints without one 0.05. (hand)
 COUPLING_CLOSES = 0.2
-# Delays up to this are compared with a lag by their second order in time [s]; longer ones differ anyway. (hand)
-LONGEST_COMPARED_DELAY = 0.025
-# Evidence that a changed link needs over a payload [nats]: links seldom change, what they carry does. (hand)
-LINK_OVER_PAYLOAD = 20.0
-DECISIVE_EVIDENCE = 8.0  # Evidence that decides between near-equivalent effects [nats]... (hand)
-# ...if the held-out torque NRMSE of some joint differs by this much [1], more than MODEL_FORM explains. (hand)
-DECISIVE_NRMSE = 0.0007
-# Evidence of the loser over the winner if neither is decisively better [nats]: both stay open. (hand)
-UNDECIDED_EVIDENCE = -1.0
-
-# --- selection: starts of compliant joints
-COMPLIANCE_RATIO = 1.2  # Skip the compliance search if no joint's gap exceeds this many times the floor [1]. (hand)
-COMPLIANCE_START_GAIN = 5.0  # What a start has to explain before its fit [nats]. (hand)
-# A start is fitted if it explains this share of what the best one explains [1]. (budget)
-COMPLIANCE_START_SHARE = 0.4
-
 # --- assessment: excess residual, what exceeds the floor
 # Errors of the nominal inertials that are less likely than this explain no gap as a whole [1]. (statistics)
 UNLIKELY_ERRORS = 1e-6

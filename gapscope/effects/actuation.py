@@ -163,18 +163,6 @@ def possible_limits(
     return (mean > MIN_NEED_AT_LIMIT * limits) & (seldom | held)
 
 
-def no_limit(series: JointSeries, best: float | None) -> tuple[float, float] | None:
-    """The largest torque for a limit, if no better one was tried."""
-    largest = _largest(series)
-    if largest == 0:
-        # any limit lets a torque of zero through
-        return 1.0, 1.0
-    # at the lowest limit a search would go on to call even more of the torque lost
-    if best is not None and best > 1.02 * _least_limit(series):
-        return None
-    return 0.999 * largest, 0.5 * largest
-
-
 def _largest(series: JointSeries) -> float:
     return float(np.abs(np.concatenate(series.recorded)).max())
 
@@ -293,7 +281,6 @@ SATURATION = Path(
         lowest=0.6,
         grid=torque_limits,
         possible=possible_limits,
-        otherwise=no_limit,
     ),
     severity=draw_limit,
     limits=True,
@@ -314,7 +301,6 @@ DELAY = Path(
         ("viscous_friction", "a chirp above 10 Hz"),
     ),
     inverse=delay_inverse,
-    late_forms=((1 / 2, 1 / 6),),
     applied=delay,
     place=1,
     varies_with="time",
@@ -340,8 +326,6 @@ LAG = Path(
         ("armature", "a chirp above 10 Hz"),
     ),
     inverse=lag_inverse,
-    # in one stage, or spread over two equal ones, as that of a current loop behind a filter
-    late_forms=((0.0, 0.0), (1 / 4, 0.0)),
     applied=lag,
     place=2,
     varies_with="time",

@@ -377,14 +377,9 @@ class LinkChange(Inertial):
 
 @dataclass(frozen=True)
 class Turn(Inertial):
-    """A turn of the base: ``rotation(*values)`` is R from the base to the world frame, (3, 3).
-
-    Attributes:
-        far: linear coordinates of turns too far from the nominal arm for its linearisation, to begin a fit with.
-    """
+    """A turn of the base: ``rotation(*values)`` is R from the base to the world frame, (3, 3)."""
 
     rotation: Law = field(kw_only=True)
-    far: tuple[tuple[float, ...], ...] = field(default=(), kw_only=True)
 
     def columns(self, at: Mechanics, x: np.ndarray, searched: np.ndarray) -> np.ndarray:
         """G times the derivative of gravity in the base frame, R^T g."""
@@ -442,8 +437,6 @@ class Path(Effect):
 
     Attributes:
         place: order from the command to the joint; the lowest acts first on a recorded torque.
-        late_forms: of an effect that makes torque late by T, in what is recorded the coefficients of T^2 and T^3
-            times the second and third derivative of the torque needed; a pair for each form that it may have.
         varies_with: on what ``applied`` depends besides the recorded torque of the moment: the position of the moment,
             or other times, through the series' methods. A simulator has a step for a delay and a lag
             (``quantities``), and for all that does not depend on time.
@@ -452,7 +445,6 @@ class Path(Effect):
     inverse: Law = field(kw_only=True)
     applied: Law = field(kw_only=True)
     place: int = field(kw_only=True)
-    late_forms: tuple[tuple[float, float], ...] = field(default=(), kw_only=True)
     varies_with: Literal["nothing", "position", "time"] = field(
         default="position", kw_only=True
     )

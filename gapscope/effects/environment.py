@@ -67,9 +67,6 @@ def draw_force(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Valu
 # a load that is not yet in a fit bends an arm on a wall beyond the right angle; with the load it comes back
 PITCH = Parameter("pitch", "theta", "rad", (-3.15, 3.15), (-0.0873, 0.0873))
 
-ON_SIDE = 1.35
-"""Pitch of an arm on a wall [rad], short of a right angle, at which roll changes nothing."""
-
 BASE_TILT = Turn(
     name="base_tilt",
     family="environment",
@@ -86,14 +83,6 @@ BASE_TILT = Turn(
         ("torque_offset", "static poses turned about the first joint"),
     ),
     rotation=tilt,
-    # an arm that hangs, and arms on a wall
-    far=(
-        (np.pi, 0.0),
-        (np.pi / 2, 0.0),
-        (-np.pi / 2, 0.0),
-        (0.0, ON_SIDE),
-        (0.0, -ON_SIDE),
-    ),
     parametrisation=Parametrisation(
         tilt_values, linear=2, clip=clip_tilt, usual=0.0873
     ),

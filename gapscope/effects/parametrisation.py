@@ -111,8 +111,6 @@ class Parametrisation:
         grid: values of the nonlinear parameter to try; a ``Grid``, or a function of what the joint did.
         possible: which values the motion allows, (K,), by the torque recorded and the torque needed [N m], (M,) each;
             ``None`` if all.
-        otherwise: value and standard deviation in place of the best one of those tried (``None`` if there were none
-            to try), if that explains nothing; ``None`` to keep it.
     """
 
     values: Callable[[np.ndarray, np.ndarray], Values]
@@ -126,9 +124,6 @@ class Parametrisation:
     clip: Callable[[np.ndarray], np.ndarray] | None = None
     grid: Tries | None = None
     possible: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray] | None = None
-    otherwise: (
-        Callable[[JointSeries, float | None], tuple[float, float] | None] | None
-    ) = None
 
     @property
     def cost(self) -> int:

@@ -155,10 +155,6 @@ class NormalEquations:
         """Values of the terms in ``columns``, zeros elsewhere, shape (P,) or (F, P)."""
         return solve(self.least, columns, self.bounds)
 
-    def solve_each(self, columns: np.ndarray) -> np.ndarray:
-        """Values for each of S sets of C terms' columns, given by their places (S, C); (S, P) or (F, S, P)."""
-        return solve_each(self.least, columns, self.bounds)
-
     def rest(
         self,
         gram: np.ndarray,
@@ -256,20 +252,6 @@ def solve(
     block, right = least[..., columns[:, None], columns], least[..., columns, -1]
     lowest = None if bounds is None else bounds[columns]
     theta[..., columns] = _bounded(block, right, lowest)
-    return theta
-
-
-def solve_each(
-    least: np.ndarray, columns: np.ndarray, bounds: np.ndarray | None = None
-) -> np.ndarray:
-    """The same for each of S sets of C columns, given by their places (S, C): (..., S, P)."""
-    size = least.shape[-1] - 1
-    sets = np.arange(len(columns))[:, None]
-    block = least[..., columns[:, :, None], columns[:, None, :]]
-    lowest = None if bounds is None else bounds[columns]
-    values = _bounded(block, least[..., columns, -1], lowest)
-    theta = np.zeros((*least.shape[:-2], len(columns), size))
-    theta[..., sets, columns] = values
     return theta
 
 

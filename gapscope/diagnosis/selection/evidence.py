@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -176,23 +176,6 @@ class FoldEquations:
         return squares / np.maximum(self.count, 1e-9)
 
 
-def mean_squares(
-    reduced: np.ndarray, theta: np.ndarray, count: np.ndarray
-) -> np.ndarray:
-    """Mean square of the residual of each fold under S sets of values [N^2 m^2], (S, F, m).
-
-    Args:
-        reduced: of the folds' equations, see ``NormalEquations.reduced``, (F, m, P + 1, P + 1).
-        theta: values for each fold, (F, S, P).
-        count: weight of the rows, (F, m).
-    """
-    ones = np.ones((*theta.shape[:2], 1))
-    # (F, 1, S, P + 1): the same values on all joints
-    values = np.concatenate([theta, ones], axis=2)[:, None]
-    squares = np.maximum(((values @ reduced) * values).sum(axis=-1), 0.0)
-    return np.moveaxis(squares, 2, 0) / np.maximum(count, 1e-9)
-
-
 # Evidence for a set of terms: how well it predicts data that it was not fitted to, less what it costs.
 #
 # Score of a set S, in nats, over folds f (half a recording left out each) and joints j:
@@ -209,10 +192,6 @@ def mean_squares(
 #
 # With joint torque sensors j runs over both sides of each joint (``gapscope/diagnosis/model/linearisation.py``), and
 # the errors of the sensors are a third nuisance.
-
-
-FEWEST_AT_ONCE = 8
-"""Sets of terms of one size from which on it pays to fit them at once."""
 
 
 @dataclass(frozen=True)
@@ -327,50 +306,7 @@ class Evidence:
             scored_mse = self.scored.mean_square(
                 self.without_fold, columns, corrected=True
             )
-        return self._fit(terms, self.together.solve(columns), held_out_mse, scored_mse)
-
-    def fits(self, sets: Sequence[frozenset[Term]]) -> list[Fit]:
-        """Fits of many sets of terms, at a fraction of what each costs alone."""
-        by_size: dict[int, list[frozenset[Term]]] = {}
-        for terms in sets:
-            by_size.setdefault(len(columns_of(terms)), []).append(terms)
-        found = dict[frozenset[Term], Fit]()
-        for size, alike in by_size.items():
-            many = size > 0 and len(alike) >= FEWEST_AT_ONCE
-            for fit in self._at_once(alike) if many else map(self.fit, alike):
-                found[fit.terms] = fit
-        return [found[terms] for terms in sets]
-
-    def _at_once(self, sets: Sequence[frozenset[Term]]) -> Iterator[Fit]:
-        """Fits of sets of terms with one number of coordinates."""
-        columns = np.array([columns_of(terms) for terms in sets])
-        values = self.together.solve_each(columns)
-        without = self.without_fold.solve_each(columns)
-        reduced = self.reduced
-        held_out = mean_squares(reduced[0], without, self.torque.count)
-        scored = held_out
-        if self.sensed:
-            scored = mean_squares(reduced[1], without, self.scored.count)
-        for terms, theta, mse, mse_scored in zip(
-            sets, values, held_out, scored, strict=True
-        ):
-            yield self._fit(terms, theta, mse, mse_scored)
-
-    @cached_property
-    def reduced(self) -> list[np.ndarray]:
-        """Equations of each fold with the nuisances fitted without it, of the recorded torque and of what is scored."""
-        equations = [self.torque, self.scored] if self.sensed else [self.torque]
-        return [self.without_fold.reduced(one.gram, one.skew) for one in equations]
-
-    def _fit(
-        self,
-        terms: frozenset[Term],
-        theta: np.ndarray,
-        held_out_mse: np.ndarray,
-        scored_mse: np.ndarray,
-    ) -> Fit:
-        """The fit of a set of terms with values theta, (P,), and what these leave of each fold, (F, n) and (F, m)."""
-        columns = columns_of(terms)
+        theta = self.together.solve(columns)
         cost = self._cost(terms, theta, self.together.nuisance(theta, columns))
         relative = np.log1p(scored_mse / self.scored.expected2)
         misfit = float((self.scored.independent * relative).sum())
@@ -385,6 +321,12 @@ class Evidence:
             scored_mse,
             impossible,
         )
+
+    @cached_property
+    def reduced(self) -> list[np.ndarray]:
+        """Equations of each fold with the nuisances fitted without it, of the recorded torque and of what is scored."""
+        equations = [self.torque, self.scored] if self.sensed else [self.torque]
+        return [self.without_fold.reduced(one.gram, one.skew) for one in equations]
 
     def fit_possible(self, terms: frozenset[Term]) -> Fit:
         """Fit of a set of terms, less those whose values are impossible."""
@@ -427,14 +369,6 @@ class Evidence:
         most = float(chi2.isf(UNLIKELY_ERRORS, freedom))
         squared = float(delta @ self.prior @ delta)
         return min(1.0, float(np.sqrt(most / max(squared, 1e-12))))
-
-    def in_sample_mse(
-        self, terms: frozenset[Term], *, corrected: bool = True
-    ) -> np.ndarray:
-        """Mean square of the gap on each fold under values fitted to all folds [N^2 m^2], (F, n)."""
-        return self.torque.mean_square(
-            self.together, columns_of(terms), corrected=corrected
-        )
 
     def without_last(self, terms: frozenset[Term]) -> np.ndarray:
         """Values of the terms fitted without the last recording, shape (P,)."""
@@ -502,10 +436,10 @@ def columns_of(terms: Iterable[Term]) -> np.ndarray:
     return np.array(sorted(c for t in terms for c in t.columns), dtype=int)
 
 
-def evidences(
+def likeliest_evidence(
     linearisation: Linearisation, scored_mse: np.ndarray, terms: frozenset[Term]
-) -> tuple[Evidence, ...]:
-    """The evidence at each level of the nuisances' prior, best first, with the skew that explains the data best.
+) -> Evidence:
+    """The evidence at the level of the nuisances' prior and with the skew that explain the data best.
 
     Args:
         linearisation: normal equations per fold and joint.
@@ -525,12 +459,12 @@ def evidences(
         for skew in SKEWS
     ]
     best = max(by_skew, key=score)
-    others = [
+    others = (
         Evidence(linearisation, scored_mse, level, best.torque, best.scored)
         for level in levels
         if level != first
-    ]
-    return tuple(sorted([best, *others], key=score, reverse=True))
+    )
+    return max(best, *others, key=score)
 
 
 def expecting(linearisation: Linearisation) -> Evidence:

@@ -11,7 +11,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.model.linearisation import Linearisation
-from gapscope.diagnosis.selection.evidence import Evidence, Fit, evidences
+from gapscope.diagnosis.selection.evidence import Evidence, Fit, likeliest_evidence
 from gapscope.diagnosis.thresholds import (
     LINEAR_ENOUGH,
     PRESLIDING_GAIN,
@@ -71,7 +71,7 @@ def nominal_model(
         fold.total[:, -2, -2] / np.maximum(fold.count, 1e-9)
         for fold in (half.scored for half in linear.folds)
     ]
-    evidence = evidences(linear, np.array(mean_squares), frozenset())[0]
+    evidence = likeliest_evidence(linear, np.array(mean_squares), frozenset())
     return Model(linear, evidence, evidence.fit(frozenset()))
 
 
@@ -93,7 +93,7 @@ def fitted_about(nominal: Model, values: Mapping[Term, np.ndarray]) -> Model:
         linear = Linearisation(
             nominal.linear.data, _expansion_point(fit), nominal.linear.terms
         )
-        evidence = evidences(linear, fit.scored_mse, fit.terms)[0]
+        evidence = likeliest_evidence(linear, fit.scored_mse, fit.terms)
         model = Model(linear, evidence, evidence.fit_possible(fit.terms))
         fit, terms = model.fit, fit.terms
         if fit.terms == terms and _nearly_linear(model):

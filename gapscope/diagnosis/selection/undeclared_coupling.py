@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gapscope.diagnosis.model.linearisation import Linearisation
-from gapscope.diagnosis.selection.evidence import Evidence, Fit, evidences
+from gapscope.diagnosis.selection.evidence import Evidence, Fit, likeliest_evidence
 from gapscope.diagnosis.selection.fitted_model import Selection
 from gapscope.diagnosis.thresholds import COUPLING_CLOSES, MOVE_GAIN
 
@@ -74,7 +74,7 @@ def _with_motors(selection: Selection, motors: list[int], ratio: float) -> Evide
     theta[: len(old.theta)] = old.theta
     linear = Linearisation(data, theta, terms)
     fit = selection.fit
-    return evidences(linear, fit.scored_mse, fit.terms)[0]
+    return likeliest_evidence(linear, fit.scored_mse, fit.terms)
 
 
 def _weighed(

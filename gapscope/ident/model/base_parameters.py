@@ -70,18 +70,6 @@ def unit_triangle(Y: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.n
     return np.where(full, triangle, 0.0) / norms, norms
 
 
-def orthonormal_columns(x: np.ndarray, tolerance: float) -> np.ndarray:
-    """Orthonormal basis of the columns of x, (M, K), scaled to one each; shape (M, r).
-
-    Directions smaller than ``tolerance`` times the largest are left out. So are columns without content: what a body
-    leaves on a joint on which it does not act is rounding, and scaled to one it would be a direction of its own.
-    """
-    norms = np.linalg.norm(x, axis=0)
-    full = norms > EMPTY * norms.max()
-    u, size, _ = np.linalg.svd(x[:, full] / norms[full], full_matrices=False)
-    return np.asarray(u[:, size > tolerance * size[0]])
-
-
 def rank_by_gap(spectrum: np.ndarray, tolerance: float = DEPENDENT) -> int:
     """Number of values that are not nil, of a falling spectrum that starts near 1.
 
