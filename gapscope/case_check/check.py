@@ -23,7 +23,7 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import CHANNELS, STILL, Recording, resting
 from gapscope.diagnosis.document.expected import expected_entries
-from gapscope.diagnosis.selection.detectable import could_show
+from gapscope.diagnosis.selection.search import could_show
 from gapscope.diagnosis.set_up import Remark, SetUp, look_at_set_up, numbers
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
 from gapscope.diagnosis.study import with_torque

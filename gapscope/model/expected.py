@@ -7,7 +7,9 @@ shared, is b = S e x + n with n ~ N(0, S). With the prior W of its coordinates a
 
 has mean 1/2 (x^2 e^T S M S e + tr M S) - 1/2 log det(I + W S W) + prior odds and variance
 x^2 e^T S M S M S e + 1/2 tr (M S)^2. It is named if g > 0; with g taken as normal, that has probability p at the x at
-which the mean is Phi^-1(p) deviations above 0.
+which the mean is Phi^-1(p) deviations above 0. Where it has to be seen as well, the effect must widen the gap of some
+joint beyond what is left there, r, by v: sqrt(r^2 + c^2 x^2) >= r + v, with c the RMS of its column on the joint, and x as it
+is estimated.
 """
 
 from __future__ import annotations
@@ -20,11 +22,14 @@ from scipy.optimize import brentq
 from scipy.stats import norm
 
 from gapscope.model.contrast import SIZES
+from gapscope.model.design import MIN_TORQUE, Design
 from gapscope.model.difference import Difference, Weigher
 from gapscope.model.terms import Term
 
 HALF, MOST = 0.5, 0.9
 """Probabilities of being named for which sizes are given. (definition)"""
+SCATTER = norm.ppf([HALF, MOST])
+"""Deviations of an estimate that is larger with that probability [1]."""
 LARGEST = 10.0
 """Largest torque of an effect that is looked at, over the joint's scale [1]. (budget)"""
 
@@ -46,8 +51,16 @@ class Detectable:
     shape: tuple[float, ...] = ()
 
 
-def detectable(found: Difference, group: int) -> Iterator[Detectable]:
-    """Sizes of each further term of a group at which it would be named beside what was found."""
+def detectable(
+    found: Difference, group: int, visible: float = 0.0
+) -> Iterator[Detectable]:
+    """Sizes of each further term of a group at which it would be named beside what was found.
+
+    Args:
+        found: what was found.
+        group: the group.
+        visible: v, over the joint's scale [1].
+    """
     fit, own = found.fit, found.fit.own
     charges = {term: searched.charge for term, searched in found.found.items()}
     weigher = Weigher(own, found.arm, charges, sets=1, exchanged=False)
@@ -56,6 +69,8 @@ def detectable(found: Difference, group: int) -> Iterator[Detectable]:
     inner = own.products(places, places) * unit[:, None] * unit
     back = np.linalg.inv(inner + np.eye(len(places))) * unit[:, None] * unit
     known = weigher.odds(fit.chosen)
+    rest = np.sqrt((fit.left**2).mean(axis=0))
+    seen = np.sqrt((rest + visible) ** 2 - rest**2)
     for one in own.candidates:
         mine = own.places(one)
         # a limit has no size: it is there or not
@@ -69,10 +84,24 @@ def detectable(found: Difference, group: int) -> Iterator[Detectable]:
             min(_size(information, width, odds, p) for width in widths)
             for p in (HALF, MOST)
         ]
-        half, most = np.array(sizes) / own.design.units[one.term][0]
+        # what is estimated scatters about the size that is there
+        told = np.linalg.inv(information + np.diag(widths[-1] ** -2.0))[0, 0]
+        least = _least(own.design, one.term, seen) + SCATTER * np.sqrt(told)
+        half, most = np.maximum(sizes, least) / own.design.units[one.term][0]
         searched = found.found.get(one.term)
         shape = searched.values if searched else ()
         yield Detectable(one.term, float(half), float(most), tuple(shape))
+
+
+def _least(made: Design, term: Term, seen: np.ndarray) -> float:
+    """Size of a term's first coordinate from which on it makes so much torque on some joint, (n,) over its scale."""
+    place, least = made.places[term][0], np.inf
+    for j, (x, active) in enumerate(zip(made.columns, made.active, strict=True)):
+        column = x[:, active == place]
+        size = float(np.sqrt((column**2).mean())) if column.size else 0.0
+        if size > MIN_TORQUE:
+            least = min(least, float(seen[j]) / size)
+    return least
 
 
 def _size(

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gapscope.diagnosis.selection.search import Selection
+from gapscope.diagnosis.selection.fitted_model import Selection
 from gapscope.model.terms import Term, Terms
 
 JOINTS = 2
@@ -86,7 +86,7 @@ class TableEvidence:
 def selection(
     *terms: Term,
     evidence: Any = None,
-    contested: Mapping[tuple[str, str], float] | None = None,
+    competing: Mapping[frozenset[Term], float] | None = None,
     nominal_mse: np.ndarray | None = None,
     scale: float = 1.0,
 ) -> Selection:
@@ -96,9 +96,8 @@ def selection(
         scale=np.full(JOINTS, scale),
         fit=evidence.fit(frozenset(terms)),
         evidence=evidence,
-        considered=(),
-        contested=contested or {},
         nominal_mse=np.ones((1, JOINTS)) if nominal_mse is None else nominal_mse,
         last_link=JOINTS,
         presliding=np.zeros(JOINTS),
+        competing=competing or {},
     )

@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
-from gapscope.diagnosis.selection.detectable import could_show
+from gapscope.diagnosis.selection.search import could_show
 from gapscope.ident.excitation.design import Excitation
 from gapscope.model.expected import Detectable
 

@@ -138,7 +138,10 @@ def parameters(
 
 def _scan_std(selection: Selection, terms: list[Term], place: int) -> np.ndarray:
     """Standard deviation of a parameter that acts nonlinearly, from its scan, (m,) for m terms."""
-    return np.array([selection.found[term].deviations[place] for term in terms])
+    difference = selection.difference
+    # what is searched comes from a search
+    assert difference is not None
+    return np.array([difference.found[term].deviations[place] for term in terms])
 
 
 def _samples(

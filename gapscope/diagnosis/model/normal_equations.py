@@ -187,32 +187,6 @@ class NormalEquations:
             squares += within - 2 * cross
         return np.maximum(squares, 0.0)
 
-    def reduced(self, gram: np.ndarray, skew: float = 0.0) -> np.ndarray:
-        """M with |y - skew d - A theta - N delta|^2 = [theta; 1]^T M [theta; 1], the best nuisances delta put in.
-
-        Args:
-            gram: X^T X of X = [A, N, y, d] per joint, shape (n, P + K + 2, P + K + 2), or F of them.
-            skew: of sampling [s].
-
-        Returns:
-            Shape (n, P + 1, P + 1), or F of them.
-        """
-        last = gram.shape[-1] - 1
-        outer = np.append(np.arange(self.size), [last - 1, last])
-        nuisances = slice(self.size, -2)
-        # z = [-theta; 1] over [A, y - skew d]
-        sign = np.append(-np.ones(self.size), 1.0)
-        own = with_skew(gram[..., outer[:, None], outer], skew)
-        own = own * (sign[:, None] * sign)
-        cross = gram[..., nuisances, outer]
-        cross[..., -2] -= skew * cross[..., -1]
-        cross = cross[..., :-1] * sign
-        within = gram[..., nuisances, nuisances]
-        delta = self.delta[..., None, :, :]
-        # with delta = D [theta; 1] the nuisances add D^T (N^T N D - 2 N^T [A, y - skew d] S)
-        half = np.swapaxes(delta, -1, -2) @ (0.5 * (within @ delta) - cross)
-        return np.asarray(own + half + np.swapaxes(half, -1, -2))
-
     def nuisance(self, theta: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """The best nuisances delta for given values of the terms, shape (K,) or (F, K)."""
         slope, values = self.delta[..., columns], theta[..., columns, None]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from scipy.stats import chi2
@@ -322,12 +321,6 @@ class Evidence:
             impossible,
         )
 
-    @cached_property
-    def reduced(self) -> list[np.ndarray]:
-        """Equations of each fold with the nuisances fitted without it, of the recorded torque and of what is scored."""
-        equations = [self.torque, self.scored] if self.sensed else [self.torque]
-        return [self.without_fold.reduced(one.gram, one.skew) for one in equations]
-
     def fit_possible(self, terms: frozenset[Term]) -> Fit:
         """Fit of a set of terms, less those whose values are impossible."""
         fit = self.fit(terms)
@@ -465,13 +458,6 @@ def likeliest_evidence(
         if level != first
     )
     return max(best, *others, key=score)
-
-
-def expecting(linearisation: Linearisation) -> Evidence:
-    """The evidence where a model leaves what is expected of a healthy arm, whatever the recordings hold."""
-    torque, scored = _equations(linearisation)
-    level = list(linearisation.data.prior.levels)[1]
-    return Evidence(linearisation, scored.expected2, level, torque, scored)
 
 
 def _equations(

@@ -23,7 +23,7 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import DryLaw
 from gapscope.effects.friction import PRESLIDING_DISTANCES
 from gapscope.model.conditioning import Segment, thinned
-from gapscope.model.nonlinear_values import Found
+from gapscope.model.difference import Difference
 from gapscope.model.terms import Term, Terms
 
 # A set of terms, fitted around its own values.
@@ -176,7 +176,7 @@ class Selection:
         last_link: the joint that moves the last link, from 1.
         presliding: distance over which the dry friction of a joint builds up, if it has some [rad], (n,).
         competing: log probability of other sets of terms over that of the set found [nats].
-        found: nonlinear parameters of the terms that have some.
+        difference: what the search found, beside its values here; ``None`` if nothing was searched.
     """
 
     scale: np.ndarray
@@ -186,7 +186,7 @@ class Selection:
     last_link: int
     presliding: np.ndarray
     competing: Mapping[frozenset[Term], float] = field(default_factory=dict)
-    found: Mapping[Term, Found] = field(default_factory=dict)
+    difference: Difference | None = None
 
     @classmethod
     def of(
@@ -194,7 +194,7 @@ class Selection:
         model: Model,
         nominal: Model,
         competing: Mapping[frozenset[Term], float],
-        found: Mapping[Term, Found],
+        difference: Difference | None,
     ) -> Selection:
         """What a model has over the nominal one."""
         data = nominal.linear.data
@@ -206,7 +206,7 @@ class Selection:
             data.body.last_link + 1,
             presliding_distances(model),
             competing,
-            found,
+            difference,
         )
 
     def corrected(self, theta: np.ndarray, terms: frozenset[Term]) -> CorrectedArm:

@@ -46,6 +46,7 @@ from gapscope.model.design import (
 )
 from gapscope.model.difference import Difference, Fit, Place, Search
 from gapscope.model.equations import Equations
+from gapscope.model.expected import Detectable, detectable
 from gapscope.model.form_error import learn
 from gapscope.model.gravity_direction import as_mounted, turn_of_base
 from gapscope.model.nonlinear_values import Scanner
@@ -101,7 +102,7 @@ def search(
         values |= {term: np.array(turn) for term in tilts}
     model = fitted_about(nominal, values) if values else nominal
     competing = _competing(difference) if turn is None else {}
-    return Selection.of(model, nominal, competing, difference.found)
+    return Selection.of(model, nominal, competing, difference)
 
 
 def without_search(
@@ -109,7 +110,7 @@ def without_search(
 ) -> Selection:
     """The nominal arm as it is, for recordings of which it explains nothing."""
     nominal = nominal_model(arm, RigidBody(arm), folds, cutoff, {})
-    return Selection.of(nominal, nominal, {}, {})
+    return Selection.of(nominal, nominal, {}, None)
 
 
 def _competing(difference: Difference) -> dict[frozenset[Term], float]:
@@ -130,11 +131,30 @@ def difference_of(arm: NominalArm, recordings: Sequence[Recording]) -> Differenc
     Raises:
         InputError: a recording has no stretch without gaps that is long enough.
     """
+    return _search_of(arm, recordings).run()
+
+
+def could_show(
+    arm: NominalArm, recordings: Sequence[Recording]
+) -> Iterator[Detectable]:
+    """Sizes at which effects would be named of recordings that nobody has searched, or that are only planned.
+
+    Args:
+        arm: the nominal arm.
+        recordings: with a torque, if only that of the nominal arm; others are left out.
+
+    Raises:
+        InputError: a recording has no stretch without gaps that is long enough.
+    """
+    used = [one for one in recordings if one.tau is not None]
+    return detectable(_search_of(arm, used).unsearched(), *EVERYONE, VISIBLE_EFFECT)
+
+
+def _search_of(arm: NominalArm, recordings: Sequence[Recording]) -> SheetSearch:
     rows = Rows.recorded([recordings])
     # rows are trusted less where the arm's dry friction may hold a joint
     fitted_arm(rows, arm, EVERYONE)
-    searching = SheetSearch(rows, FreeArm.nominal(arm), [EVERYONE], EVERYONE, 0.0)
-    return searching.run()
+    return SheetSearch(rows, FreeArm.nominal(arm), [EVERYONE], EVERYONE, 0.0)
 
 
 @dataclass
@@ -178,13 +198,25 @@ class SheetSearch(Search):
         odds = {one: self._weigher(best.own).odds([one]) for one in best.mine}
         return Difference(best, sets, dict(self._found), self.arm, odds)
 
-    def _beside(self, known: Values, torque: np.ndarray | float) -> Fit:
-        """The best hypothesis, with noise and form error beside what is known."""
+    def unsearched(self) -> Difference:
+        """The arm as its data sheet says, with what could be left of it."""
+        self._prepared(0.0)
+        self._look(self._fit((), {}, {}))
+        fit = self._fit((), {}, {})
+        return Difference(fit, {frozenset(): fit.total}, self._found, self.arm, {})
+
+    def _prepared(self, torque: np.ndarray | float) -> None:
+        """Noise, form error and columns beside what is known."""
         first = self._wide is None
         self._linearise(1, torque)
         self._prepare()
         if first:
             self._scanner = Scanner(self.rows, self.arm, None)
+
+    def _beside(self, known: Values, torque: np.ndarray | float) -> Fit:
+        """The best hypothesis, with noise and form error beside what is known."""
+        first = self._wide is None
+        self._prepared(torque)
         self._look(self._fit(list(known), known, {}))
         fit = self._asked_again(self._fit(list(known), known, {}))
         larger = self._larger(fit)

@@ -36,7 +36,7 @@ from gapscope.diagnosis.assessment.predictable_share import (
 )
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.locate import MotionRows
-from gapscope.diagnosis.selection.search import Selection
+from gapscope.diagnosis.selection.fitted_model import Selection
 from gapscope.diagnosis.thresholds import FALSE_ALARM_RATE
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from scipy.optimize import lsq_linear
 
 from gapscope.diagnosis.model.fit_data import (
     Discrepancy,
@@ -23,7 +22,6 @@ from gapscope.diagnosis.model.normal_equations import (
     drawn,
     posteriors,
     solve,
-    solve_each,
 )
 from gapscope.diagnosis.thresholds import INERTIAL_ERROR, INERTIAL_ERRORS, SHAPE_ERROR
 
@@ -154,24 +152,6 @@ def test_a_value_below_its_bound_stays_there_and_the_other_is_fitted_again() -> 
     np.testing.assert_allclose(solve(least, places), [-2.0, 3.0], rtol=1e-6)
     bounds = np.array([-1.0, -np.inf])
     np.testing.assert_allclose(solve(least, places, bounds), [-1.0, 2.5], rtol=1e-6)
-
-
-def test_many_sets_at_once_are_each_fitted_within_their_bounds() -> None:
-    """Against scipy's solver of bounded least squares, on sets of which most meet a bound."""
-    rng = np.random.default_rng(1)
-    x = rng.normal(size=(2, 40, 7))
-    least = np.swapaxes(x, 1, 2) @ x
-    bounds = rng.uniform(-0.1, 0.1, 6)
-    sets = np.array([[0, 1, 2], [1, 3, 5], [0, 2, 4], [3, 4, 5]])
-    found = solve_each(least, sets, bounds)
-    for fold, own in enumerate(found):
-        for columns, values in zip(sets, own, strict=True):
-            lowest = (bounds[columns], np.inf)
-            exact = lsq_linear(x[fold][:, columns], x[fold][:, -1], lowest)
-            np.testing.assert_allclose(values[columns], exact.x, atol=1e-6)
-            np.testing.assert_array_equal(
-                values[columns], solve(least[fold], columns, bounds)[columns]
-            )
 
 
 def test_nuisances_of_very_different_size_are_eliminated() -> None:

@@ -7,17 +7,21 @@ import pytest
 from small_models import selection
 from synthetic import Truth
 
-from gapscope.diagnosis.selection.detectable import shown
-from gapscope.model.expected import Detectable
+from gapscope.diagnosis.thresholds import VISIBLE_EFFECT
+from gapscope.model.expected import Detectable, detectable
 
 STIFF = Truth(coulomb=(0.0, 3.0, 0.0))
 
 
+def shown() -> list[Detectable]:
+    found = selection(STIFF).difference
+    assert found is not None
+    return list(detectable(found, 0, VISIBLE_EFFECT))
+
+
 def size_of(effect: str, joint: int) -> Detectable:
     return next(
-        one
-        for one in shown(selection(STIFF))
-        if (one.term.effect, one.term.joint) == (effect, joint)
+        one for one in shown() if (one.term.effect, one.term.joint) == (effect, joint)
     )
 
 
@@ -37,12 +41,12 @@ def test_an_effect_is_found_from_its_size_on(
 
 
 def test_nine_of_ten_need_more_than_half_of_them() -> None:
-    every = [one for one in shown(selection(STIFF)) if np.isfinite(one.half)]
+    every = [one for one in shown() if np.isfinite(one.half)]
     assert len(every) > 10
     assert all(0 < one.half < one.most for one in every)
 
 
 def test_what_is_there_already_is_not_asked_again() -> None:
-    asked = {(one.term.effect, one.term.joint) for one in shown(selection(STIFF))}
+    asked = {(one.term.effect, one.term.joint) for one in shown()}
     assert ("coulomb_friction", 2) not in asked
     assert ("coulomb_friction", 1) in asked

@@ -10,20 +10,15 @@ from synthetic import COULOMB, Truth
 
 from gapscope.diagnosis.model.fit_data import Discrepancy, EquationRows, Fold
 from gapscope.diagnosis.model.normal_equations import NormalEquations, with_skew
-from gapscope.diagnosis.selection.evidence import (
-    FoldEquations,
-    mean_squares,
-    value_draws,
-)
+from gapscope.diagnosis.selection.evidence import FoldEquations, value_draws
 from gapscope.diagnosis.selection.fitted_model import (
     Model,
-    fit_terms,
+    fitted_about,
     nominal_model,
-    visible,
 )
 from gapscope.diagnosis.thresholds import NEW_EFFECT
-from gapscope.model.conditioning import TORQUE_CUTOFF, condition, thinned
-from gapscope.model.terms import Term
+from gapscope.model.conditioning import TORQUE_CUTOFF, condition
+from gapscope.model.terms import Term, Terms
 
 STIFF = Truth(coulomb=(0.0, 3.0, 0.0))
 NONE: frozenset = frozenset()
@@ -91,8 +86,13 @@ def test_friction_stops_where_nothing_is_left_of_what_the_data_sheet_states():
 
 
 def test_friction_below_zero_cannot_be_if_none_is_stated():
-    nominal = model(Truth(stribeck=(0.0, -2.0, 0.0)))
-    terms = frozenset({term(nominal, "stribeck_friction", 2)})
+    case = synthetic.case(Truth(stribeck=(0.0, -2.0, 0.0)), seed=5)
+    dry = Terms(3).of("stribeck_friction")[1]
+    folds = [condition(recording, 25.0) for recording in case.recordings]
+    nominal = nominal_model(
+        case.arm, synthetic.body(), folds, TORQUE_CUTOFF, {dry: (0.2,)}
+    )
+    terms = frozenset({dry})
     fit = nominal.evidence.fit(terms)
     assert fit.infeasible == terms
     assert fit.score == -np.inf
@@ -100,7 +100,7 @@ def test_friction_below_zero_cannot_be_if_none_is_stated():
 
 def test_a_payload_is_not_fitted_beside_a_change_of_the_last_link():
     nominal = model(STIFF)
-    (payload,) = nominal.terms.of("payload")
+    payload = term(nominal, "payload", 0)
     both = frozenset({payload, term(nominal, "link_inertia", 3)})
     assert payload in nominal.evidence.fit(both).infeasible
 
@@ -114,7 +114,7 @@ def test_a_payload_that_takes_more_inertia_than_the_last_link_has_cannot_be(
 ) -> None:
     """The fit finds the values; a simulator could gain energy from those of the second, so it may not name them."""
     nominal = model(Truth(mass=mass, com=com))
-    (payload,) = nominal.terms.of("payload")
+    payload = term(nominal, "payload", 0)
     fit = nominal.evidence.fit(frozenset({payload}))
     assert fit.theta[payload.columns[0]] == pytest.approx(mass, rel=0.1)
     assert fit.infeasible == (frozenset() if possible else {payload})
@@ -128,12 +128,6 @@ def test_values_left_out_are_those_without_a_half_of_a_recording():
     assert len(halves) == 3
     assert len(set(values)) == 6
     assert values == pytest.approx([3.0] * 6, rel=0.1)
-
-
-def test_visible_is_what_closes_a_gap_that_a_person_could_see():
-    nominal = model(STIFF)
-    assert visible(nominal, frozenset({term(nominal, "coulomb_friction", 2)}))
-    assert not visible(nominal, frozenset({term(nominal, "torque_offset", 3)}))
 
 
 # Equations of folds at a skew, and mean squares of what is left of each fold, by hand.
@@ -196,19 +190,6 @@ def test_equations_at_a_skew_are_those_of_the_gap_without_it() -> None:
     np.testing.assert_allclose(equations.at(0.25).weighed(twice)[0], 2 * expected)
 
 
-def test_many_sets_of_values_leave_what_each_leaves_alone() -> None:
-    """With nuisances and a skew, on folds that are predicted from the other."""
-    equations = FoldEquations([fold(Y), fold(2 * A + D)], HEALTHY).at(0.25)
-    by_fold = equations.weighed(np.ones((2, 1)))
-    normals = NormalEquations(by_fold[::-1], 1, np.array([[0.5]]))
-    columns = np.array([0])
-    alone = equations.mean_square(normals, columns, corrected=True)
-    reduced = normals.reduced(equations.gram, equations.skew)
-    values = normals.solve_each(np.array([[0], [0]]))
-    together = mean_squares(reduced, values, equations.count)
-    np.testing.assert_allclose(together, [alone, alone])
-
-
 def test_a_fold_is_predicted_with_the_values_of_its_own_equations() -> None:
     """y = 2 A on one fold, 3 A on the other; each predicted with the other's value leaves |A|^2 = 6 over 4 rows."""
     equations = FoldEquations([fold(2 * A), fold(3 * A)], HEALTHY)
@@ -230,7 +211,7 @@ LOAD = {"mass": 1.5, "com": (0.1, 0.0, 0.05)}
 
 def draws(nominal: Model, *terms: Term) -> np.ndarray:
     """Draws of the values of some terms alone, (D, P)."""
-    fitted = fit_terms(nominal, frozenset(terms))
+    fitted = fitted_about(nominal, {one: np.zeros(len(one.columns)) for one in terms})
     return value_draws(fitted.evidence, fitted.fit.terms, np.random.default_rng(1))
 
 
@@ -268,8 +249,8 @@ def friction(second: float) -> float:
         *synthetic.recordings(Truth(coulomb=(0.0, 1.0, 0.0)))[:2],
         synthetic.recordings(Truth(coulomb=(0.0, second, 0.0)))[2],
     ]
-    folds = [[thinned(s, 100.0) for s in condition(r, 25.0)] for r in recordings]
-    nominal = nominal_model(synthetic.arm(), synthetic.body(), folds, TORQUE_CUTOFF)
+    folds = [condition(recording, 25.0) for recording in recordings]
+    nominal = nominal_model(synthetic.arm(), synthetic.body(), folds, TORQUE_CUTOFF, {})
     dry = term(nominal, "coulomb_friction", 2)
     return half_width(draws(nominal, dry)[:, dry.columns[0]])
 
