@@ -7,7 +7,7 @@ shared, is b = S e x + n with n ~ N(0, S). With the prior W of its coordinates a
 
 has mean 1/2 (x^2 e^T S M S e + tr M S) - 1/2 log det(I + W S W) + prior odds and variance
 x^2 e^T S M S M S e + 1/2 tr (M S)^2. It is named if g > 0; with g taken as normal, that has probability p at the x at
-which the mean is Phi^-1(p) deviations above 0. Where it has to be seen as well, the effect as it is estimated must widen
+which the mean is Phi^-1(p) deviations above 0. To be seen as well, the effect as it is estimated must widen
 the gap of some joint beyond what is left there, r, by v: sqrt(r^2 + c^2 x^2) >= r + v, with c the RMS of its column.
 """
 
