@@ -286,9 +286,6 @@ TEMPER = 1.0
 LAST_LINK_ODDS = 0.1
 # Odds of a load against a changed last link whose form fits far better [1]: a load is no point mass. (hand)
 LOAD_FORM_ODDS = 0.8
-# Odds of the rarer of two effects that are equal to first order [1]: a sampled loop has a delay, and may have a lag of
-# that size. (hand)
-NEAR_EQUIVALENT_ODDS = 0.5
 OPEN_ALTERNATIVE = 0.05  # An alternative with this probability leaves the question open [1]. (hand)
 NAMED_PROBABILITY = 0.5  # An effect less probable than this is not named [1]. (definition)
 FALSE_DISCOVERY_RATE = 0.05  # Share of the effects confirmed that may be there by chance [1]. (statistics)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -15,7 +15,7 @@ from gapscope.diagnosis.assessment.held_out_prediction import (
     ExcessResidual,
     HeldOutPredictor,
 )
-from gapscope.diagnosis.selection.fitted_model import Selection, near_equivalent_pairs
+from gapscope.diagnosis.selection.fitted_model import Selection
 from gapscope.diagnosis.thresholds import (
     ABOVE_FLOOR_NRMSE,
     CLOSING_JOINTS,
@@ -25,7 +25,6 @@ from gapscope.diagnosis.thresholds import (
     MAX_PROBABILITY,
     MIN_PROBABILITY,
     NAMED_PROBABILITY,
-    NEAR_EQUIVALENT_ODDS,
     TEMPER,
 )
 from gapscope.effects.catalogue import effect as by_name
@@ -66,21 +65,66 @@ class Alternative:
 def alternatives(selection: Selection, finding: str) -> list[Alternative]:
     """Other causes in the place of an effect found, by evidence alone, in falling order of probability."""
     mine = frozenset(t for t in selection.fit.terms if t.finding == finding)
-    options = _options(selection, mine)
-    evidence = _relative_evidence(selection, finding, mine, options)
-    evidence |= _with_prior(finding, evidence)
+    evidence = _in_its_place(selection, mine)
     weights = _odds(evidence)
     total = 1.0 + sum(weights.values())
     ranked = sorted(evidence, key=lambda name: evidence[name], reverse=True)
+    joints = tuple(sorted({t.joint for t in mine} - {0}))
     return [
         Alternative(
             effect=name,
-            joints=_joints(options.get(name, frozenset())),
+            joints=joints if name != NONE and by_name(name).scope == "joint" else (),
             probability=weights[name] / total,
             evidence=evidence[name],
         )
         for name in ranked
     ]
+
+
+def _in_its_place(selection: Selection, mine: frozenset[Term]) -> dict[str, float]:
+    """Evidence of the sets that compete with other terms in the place of an effect's, over that with these [nats].
+
+    A search exchanges the terms of an effect one by one: what its joints lose by that adds up.
+    """
+    found, sets = selection.fit.terms, selection.competing
+    here = sets.get(found, 0.0)
+    named = {t.effect for t in found}
+    out: dict[str, float] = {}
+    one_by_one: dict[str, dict[Term, float]] = {NONE: {}}
+    for some, value in sets.items():
+        lost, put = found - some, some - found
+        names = {t.effect for t in put} or {NONE}
+        if not lost or not lost <= mine or len(names) > 1:
+            continue
+        (name,) = names
+        if not all(_stands_for(selection, t, lost, named) for t in put):
+            continue
+        if lost == mine:
+            out[name] = max(value - here, out.get(name, -np.inf))
+        elif len(lost) == 1:
+            (term,) = lost
+            by_term = one_by_one.setdefault(name, {})
+            by_term[term] = max(value - here, by_term.get(term, -np.inf))
+    without = one_by_one[NONE]
+    for name, by_term in one_by_one.items():
+        each = [by_term.get(t, without.get(t, -np.inf)) for t in mine]
+        if by_term and name not in out and np.isfinite(each).all():
+            out[name] = float(sum(each))
+    return out
+
+
+def _stands_for(
+    selection: Selection, term: Term, lost: frozenset[Term], named: Collection[str]
+) -> bool:
+    """Whether a term may take the place of others: it acts on a joint of theirs or on all, and has no name yet."""
+    # the joints do not say which link; an effect that is named already explains its part
+    if term.definition.scope == "link" or term.effect in named:
+        return False
+    # a load is the last link's other name, see equivalents
+    if term.is_load and any(t.changes_link(selection.last_link) for t in lost):
+        return False
+    joints = {t.joint for t in lost} - {0}
+    return not (term.joint and joints) or term.joint in joints
 
 
 def equivalents(selection: Selection, finding: str) -> list[Alternative]:
@@ -108,90 +152,12 @@ def _equivalent(effect: str, odds: float) -> Alternative:
     return Alternative(effect, (), odds / (1.0 + odds), evidence, equivalent=True)
 
 
-def _options(selection: Selection, mine: frozenset[Term]) -> dict[str, frozenset[Term]]:
-    """Terms by which each effect of the catalogue could take the place of an effect's terms; empty sets left out."""
-    found = selection.fit.terms
-    of_last_link = any(t.changes_link(selection.last_link) for t in mine)
-    joints = {t.joint for t in mine} - {0}
-    named = {t.effect for t in found}
-    options: dict[str, frozenset[Term]] = {NONE: frozenset()}
-    for effect in selection.evidence.terms.definitions:
-        # The joints do not say which link; an effect that is named already explains its part.
-        if effect.scope == "link" or effect.name in named:
-            continue
-        terms = frozenset(
-            t
-            for t in selection.evidence.terms.selectable
-            if t.effect == effect.name
-            and (t.joint in joints or effect.scope == "arm" or not joints)
-            # A load is the last link's other name, see equivalents.
-            and not (of_last_link and t.is_load)
-        )
-        if terms:
-            options[effect.name] = terms
-    return options
-
-
-def _relative_evidence(
-    selection: Selection,
-    finding: str,
-    mine: frozenset[Term],
-    options: Mapping[str, frozenset[Term]],
-) -> dict[str, float]:
-    """Evidence with each alternative instead of the terms, less that with the terms [nats]."""
-    fit = selection.fit
-    compared = _compared(selection, finding, mine)
-    out = {}
-    for name, terms in options.items():
-        if name in compared:
-            out[name] = compared[name]
-        else:
-            replaced = selection.evidence.fit((fit.terms - mine) | terms)
-            out[name] = replaced.score - fit.score
-    return out | compared
-
-
-def _compared(
-    selection: Selection, finding: str, mine: frozenset[Term]
-) -> dict[str, float]:
-    """Evidence of what is told from an effect only about its own values, as the search has it [nats]."""
-    rivals = {other for pair in near_equivalent_pairs() for other in pair}
-    bent = {t for t in mine if not t.definition.locally_linear}
-    if not (bent or finding in rivals):
-        return {}
-    out: dict[str, float] = {}
-    for some, value in selection.competing.items():
-        if mine & some:
-            continue
-        others = {t.effect for t in some - selection.fit.terms} or {NONE}
-        for name in others:
-            out[name] = max(min(value, 0.0), out.get(name, -np.inf))
-    return out
-
-
-def _with_prior(finding: str, evidence: Mapping[str, float]) -> dict[str, float]:
-    """Evidence of the rarer effect that equals the one found to first order, its odds before the data included [nats].
-
-    The data hardly tell the two apart, and what is common decides.
-    """
-    prior = float(np.log(NEAR_EQUIVALENT_ODDS)) / TEMPER
-    return {
-        rare: min(evidence[rare], 0.0) + prior
-        for common, rare in near_equivalent_pairs()
-        if finding == common and rare in evidence
-    }
-
-
 def _odds(evidence: Mapping[str, float]) -> dict[str, float]:
     """Odds of each alternative against the effect named, at most 1: exp(tau evidence)."""
     return {
         name: float(np.exp(np.clip(TEMPER * nats, -700.0, 0.0)))
         for name, nats in evidence.items()
     }
-
-
-def _joints(terms: frozenset[Term]) -> tuple[int, ...]:
-    return tuple(sorted(t.joint for t in terms if t.joint))
 
 
 def separated_by(effect: str, alternative: Alternative) -> str:

@@ -156,28 +156,31 @@ def _rejection_entry(rejection: Rejection) -> dict[str, Any]:
 
 
 def _runners_up(selection: Selection) -> list[dict[str, Any]]:
-    """The effects that the search weighed and did not keep, each in the likeliest set that has it."""
+    """The effects that the search weighed beside what it found, or in the place of one, each in its likeliest set."""
     out: dict[str, dict[str, Any]] = {}
     mine, evidence = selection.fit.terms, selection.evidence
-    ranked = sorted(selection.competing.items(), key=lambda entry: -entry[1])
-    for terms, value in ranked:
+    here = _nrmse(selection, selection.fit)
+    for terms, value in sorted(selection.competing.items(), key=lambda e: -e[1]):
         more, less = terms - mine, mine - terms
-        name = next(iter(more)).effect if more else ""
-        if not more or name in out or not terms <= set(evidence.terms.selectable):
+        names, places = {t.effect for t in more}, {t.finding for t in less}
+        if len(names) != 1 or len(places) > 1 or not more <= set(evidence.terms.all):
             continue
-        closed_more = _nrmse(selection, evidence.fit(terms)) - _nrmse(
-            selection, selection.fit
-        )
-        in_its_place = ", ".join(sorted({effect_name(t.effect) for t in less}))
-        out[name] = {
+        (name,) = names
+        closed_more = here - _nrmse(selection, evidence.fit(terms))
+        if places:
+            reason = f"{effect_name(next(iter(less)).effect)} explains more"
+        elif value > 0:
+            reason = "it closes too little of the gap for a person to see"
+        else:
+            reason = "what it explains is not worth one more effect"
+        entry = {
             "effect": name,
             "joints": _joints(more),
             "log_evidence": value,
             "gap_closed": float(closed_more.sum()),
-            "reason": f"{in_its_place} explains the recordings better"
-            if in_its_place
-            else "what it explains is not worth one more effect",
+            "reason": reason,
         }
+        out.setdefault(name, entry)
     return list(out.values())
 
 

@@ -18,7 +18,6 @@ from gapscope.diagnosis.thresholds import (
     RELINEARISATIONS,
     SEARCH_RATE,
 )
-from gapscope.effects.catalogue import explained
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import DryLaw
 from gapscope.effects.friction import PRESLIDING_DISTANCES
@@ -219,26 +218,6 @@ class Selection:
         """Distance over which the dry friction of some terms builds up [rad], (n,)."""
         dry = has_dry_friction(terms, len(self.presliding))
         return np.where(dry, self.presliding, 0.0)
-
-
-# Names of effects that look alike.
-
-
-def near_equivalent_pairs() -> list[tuple[str, str]]:
-    """Pairs of effects that are equal to first order, the more common one first."""
-    return [(e.near_equivalent, e.name) for e in explained() if e.near_equivalent]
-
-
-def clashes(term: Term, chosen: frozenset[Term]) -> bool:
-    """Whether a term is chosen already, or its near-equivalent on the same joint."""
-    if term in chosen:
-        return True
-    there = {t.effect for t in chosen if t.joint == term.joint}
-    return any(
-        {term.effect, other} == set(pair)
-        for pair in near_equivalent_pairs()
-        for other in there
-    )
 
 
 def by_finding(terms: frozenset[Term]) -> list[frozenset[Term]]:

@@ -215,16 +215,10 @@ class SheetSearch(Search):
 
     def _beside(self, known: Values, torque: np.ndarray | float) -> Fit:
         """The best hypothesis, with noise and form error beside what is known."""
-        first = self._wide is None
         self._prepared(torque)
         self._look(self._fit(list(known), known, {}))
         fit = self._asked_again(self._fit(list(known), known, {}))
-        larger = self._larger(fit)
-        if first and larger is not None:
-            # beside the first term others look different
-            self._look(larger)
-            larger = self._fit(larger.chosen, larger.values, {})
-        return self._pruned(self._searched(larger or fit))
+        return self._pruned(self._searched(fit))
 
     def _torque(self, fit: Fit) -> np.ndarray:
         """What a hypothesis explains, over the joints' scale, (M, n): all that is known then is no form error."""
@@ -379,15 +373,19 @@ class SheetSearch(Search):
 
     # What no person could see is no finding.
 
-    def _nrmse(self, left: np.ndarray) -> np.ndarray:
+    def torque_nrmse(self, left: np.ndarray) -> np.ndarray:
         """``torque_nrmse`` of what is left, over the joint's scale on rows by trust, (M, n): (n,)."""
         rows = left / np.maximum(self.rows.trust, MIN_TORQUE)
         return np.asarray(np.sqrt((rows**2).mean(axis=0)))
 
     def _closed(self, few: Fit, many: Fit) -> float:
         """How much of the gap of some joint more terms close, with errors of the data sheet taken out or not."""
-        plain = float((self._nrmse(_left(few)) - self._nrmse(_left(many))).max())
-        beside = float((self._nrmse(few.left) - self._nrmse(many.left)).max())
+        plain = float(
+            (self.torque_nrmse(_left(few)) - self.torque_nrmse(_left(many))).max()
+        )
+        beside = float(
+            (self.torque_nrmse(few.left) - self.torque_nrmse(many.left)).max()
+        )
         return max(plain, beside) if plain > 0 else plain
 
     def _pruned(self, fit: Fit) -> Fit:
@@ -480,8 +478,9 @@ class Scan:
         ]
         least = count * error.white2
         over = np.maximum(self._squares(self._left[None])[0] / least, 1.0)
-        # what bends or rattles shows on its own joint, whatever it does to others
+        # what bends or rattles shows on its own joint, whatever it does to others, and closes no more than there is
         shows = self._count * np.log(over) / 2 >= DECISIVE
+        shows &= search.torque_nrmse(self._left) >= VISIBLE_EFFECT
         self._terms = [term for term in self._terms if shows[term.joint - 1]]
 
     def added(self, term: Term, values: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 from functools import cache
 from types import SimpleNamespace
@@ -42,7 +43,6 @@ from gapscope.diagnosis.thresholds import (
     MIN_PROBABILITY,
     TEMPER,
 )
-from gapscope.effects.catalogue import explained
 from gapscope.model.conditioning import (
     TORQUE_CUTOFF,
     condition,
@@ -79,8 +79,20 @@ def divided(
 ) -> Naming:
     healthy = np.full((1, 2), 1e-4)
     evidence = TableEvidence(score=score, expected2=healthy)
-    found = selections.selection(*terms, evidence=evidence)
+    found = selections.selection(
+        *terms, evidence=evidence, competing=subsets(frozenset(terms), score)
+    )
     return divide(HalvingPredictor(found), residual)  # type: ignore[arg-type]
+
+
+def subsets(terms: frozenset[Term], score: Any) -> dict[frozenset[Term], float]:
+    """Evidence of all parts of some terms over that of all."""
+    parts = [
+        frozenset(part)
+        for count in range(len(terms))
+        for part in itertools.combinations(terms, count)
+    ]
+    return {part: score(part) - score(terms) for part in parts}
 
 
 def test_what_is_sure_is_named() -> None:
@@ -131,8 +143,11 @@ def test_what_cannot_be_without_a_doubtful_one_is_no_surer() -> None:
         def fit_possible(self, terms: frozenset[Term]) -> Any:
             return self.fit(terms if FRICTION in terms else frozenset())
 
-    evidence = Needing(score=lambda terms: 100.0 * (ROTOR in terms))
-    found = selections.selection(FRICTION, ROTOR, evidence=evidence)
+    score = lambda terms: 100.0 * (ROTOR in terms)  # noqa: E731
+    competing = subsets(frozenset({FRICTION, ROTOR}), score)
+    found = selections.selection(
+        FRICTION, ROTOR, evidence=Needing(score=score), competing=competing
+    )
     naming = divide(HalvingPredictor(found), ALL_EXPLAINED)  # type: ignore[arg-type]
     assert naming.named == {} and set(naming.possible) == {
         "coulomb_friction",
@@ -283,29 +298,19 @@ class TestSets:
 # Alternatives: which effects may take which place, their probabilities by hand, and the recordings that separate.
 
 
-FAR = -1e4
-"""Evidence of what is no alternative [nats]."""
+VISCOUS, SECOND = term("viscous_friction", 1), term("coulomb_friction", 2)
 
 
-def scored(table: dict[frozenset[Term], float]) -> TableEvidence:
-    return TableEvidence(score=lambda terms: table.get(terms, FAR))
+def rivals(*found: Term, sets: dict[tuple[Term, ...], float]) -> list[Alternative]:
+    """Alternatives to Coulomb friction, by the evidence of sets over that of the set found."""
+    competing = {frozenset(some): value for some, value in sets.items()}
+    searched = selections.selection(*found, competing=competing)
+    return alternatives(searched, FRICTION.finding)
 
 
 def test_probabilities_follow_from_tempered_evidence() -> None:
-    viscous = term("viscous_friction", 1)
-    evidence = scored(
-        {
-            frozenset({FRICTION}): 50.0,
-            frozenset({viscous}): 47.0,
-            frozenset(): 40.0,
-        }
-    )
-    others = alternatives(
-        selections.selection(FRICTION, evidence=evidence),
-        "coulomb_friction",
-    )
+    first, second = rivals(FRICTION, sets={(VISCOUS,): -3.0, (): -10.0})
     close, none = np.exp(-3.0 * TEMPER), np.exp(-10.0 * TEMPER)
-    first, second = others[:2]
     assert (first.effect, first.joints) == ("viscous_friction", (1,))
     assert (first.evidence, second.evidence) == pytest.approx((-3.0, -10.0))
     assert first.probability == pytest.approx(close / (1.0 + close + none))
@@ -313,68 +318,29 @@ def test_probabilities_follow_from_tempered_evidence() -> None:
 
 
 def test_better_alternatives_count_as_equals() -> None:
-    evidence = scored({frozenset({FRICTION}): 0.0, frozenset(): 30.0})
-    (best, *_) = alternatives(
-        selections.selection(FRICTION, evidence=evidence),
-        "coulomb_friction",
-    )
+    (best,) = rivals(FRICTION, sets={(): 30.0})
     assert best.effect == "none" and best.probability == pytest.approx(0.5)
 
 
-@pytest.mark.parametrize(
-    ("found", "other", "share"),
-    [
-        ("actuator_delay", "actuator_lag", 1 / 3),
-        ("actuator_lag", "actuator_delay", 1 / 2),
-    ],
-)
-def test_a_lag_that_does_as_well_as_a_delay_is_half_as_likely(
-    found: str, other: str, share: float
-) -> None:
-    """A lag is found in its place only where the data decide."""
-    mine, theirs = term(found, 1), term(other, 1)
-    evidence = scored({frozenset({mine}): 9.0, frozenset({theirs}): 9.0})
-    (rival, *_) = alternatives(selections.selection(mine, evidence=evidence), found)
-    assert rival.effect == other
-    assert rival.probability == pytest.approx(share, abs=1e-3)
+def test_what_joints_lose_one_by_one_adds_up() -> None:
+    """Viscous friction was tried on the first joint alone: on the second nothing stands for it."""
+    sets = {(VISCOUS, SECOND): -3.0, (SECOND,): -20.0, (FRICTION,): -8.0}
+    evidence = {one.effect: one.evidence for one in rivals(FRICTION, SECOND, sets=sets)}
+    assert evidence == {"viscous_friction": -11.0, "none": -28.0}
 
 
-def test_an_alternative_takes_the_joints_of_the_effect_and_leaves_all_others() -> None:
-    tried = []
-
-    def score(terms: frozenset[Term]) -> float:
-        tried.append(terms)
-        return 0.0
-
-    both = selections.selection(FRICTION, ROTOR, evidence=TableEvidence(score=score))
-    tried.clear()
-    others = alternatives(both, "coulomb_friction")
-    assert all(ROTOR in terms and FRICTION not in terms for terms in tried)
-    assert {t.joint for terms in tried for t in terms - {ROTOR}} == {0, 1}
-    assert len(others) == len(tried)
-
-
-def test_effects_on_links_and_effects_that_are_named_are_no_alternatives() -> None:
-    both = selections.selection(FRICTION, ROTOR)
-    names = {other.effect for other in alternatives(both, "coulomb_friction")}
-    assert not names & {"link_inertia", "armature", "coulomb_friction"}
-    assert names - {"none"} <= {effect.name for effect in explained()}
-
-
-def test_what_the_search_compared_counts_more_than_the_linearisation() -> None:
-    found = selections.selection(
-        term("actuator_delay", 1),
-        evidence=scored({}),
-        competing={
-            frozenset({term("actuator_lag", 1)}): -2.0,
-            frozenset({term("payload")}): -1.0,
-            frozenset({term("actuator_delay", 1), term("armature", 1)}): 9.0,
-        },
-    )
-    others = alternatives(found, "actuator_delay")
-    evidence = {other.effect: other.evidence for other in others}
-    assert evidence["actuator_lag"] == pytest.approx(-2.0 + np.log(0.5) / TEMPER)
-    assert evidence["payload"] == -1.0
+def test_what_is_no_alternative() -> None:
+    """Another joint, a link, a name that is given already, and sets that lose something else as well."""
+    sets = {
+        (term("viscous_friction", 2), ROTOR): -1.0,
+        (term("link_inertia", 1), ROTOR): -1.0,
+        (term("armature", 1), ROTOR): -1.0,
+        (VISCOUS,): -1.0,
+        (FRICTION, ROTOR, VISCOUS): 9.0,
+        (term("payload"), ROTOR): -4.0,
+    }
+    (only,) = rivals(FRICTION, ROTOR, sets=sets)
+    assert (only.effect, only.joints, only.evidence) == ("payload", (), -4.0)
 
 
 class TestEquivalents:

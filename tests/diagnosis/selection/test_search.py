@@ -8,7 +8,7 @@ from diagnosis.synthetic import COULOMB, Truth, arm, recordings
 from small_models import selection
 from sweeps import nightly
 
-from gapscope.diagnosis.selection.fitted_model import by_finding, clashes
+from gapscope.diagnosis.selection.fitted_model import by_finding
 from gapscope.diagnosis.selection.search import ERRORS, difference_of
 from gapscope.model.difference import Difference
 from gapscope.model.terms import Term, Terms
@@ -175,7 +175,7 @@ def test_a_joint_that_rattles_and_one_that_bends(
     assert found[effect, 1][0] == pytest.approx(value, rel=0.15)
 
 
-# Terms that say the same, and what is named together.
+# What is named together.
 
 
 TERMS = Terms(3)
@@ -183,14 +183,6 @@ TERMS = Terms(3)
 
 def term(effect: str, joint: int) -> Term:
     return next(t for t in TERMS.of(effect) if t.joint == joint)
-
-
-def test_a_term_clashes_with_itself_and_its_near_equivalent_on_the_same_joint() -> None:
-    delay = frozenset({term("actuator_delay", 1)})
-    assert clashes(term("actuator_delay", 1), delay)
-    assert clashes(term("actuator_lag", 1), delay)
-    assert not clashes(term("actuator_lag", 2), delay)
-    assert not clashes(term("armature", 1), delay)
 
 
 def test_terms_are_grouped_by_finding_links_apart() -> None:
