@@ -10,7 +10,7 @@ What bends or rattles shows in no column about a stiff joint: it is simulated, a
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -65,8 +65,6 @@ ROUNDS = 4
 """Searches, each with noise and form error beside what the last one found. (budget)"""
 STARTS_FITTED, STARTS_TRIED = 2, 60
 """Compliant joints that are fitted, and values that are simulated of each. (budget)"""
-DECISIVE = 4.0
-"""Evidence from which on a compliant joint is worth a fit [nats]. (hand)"""
 
 Values = Mapping[Candidate, np.ndarray]
 EVERYONE = (0,)
@@ -413,9 +411,27 @@ class SheetSearch(Search):
 
     # Compliant joints.
 
+    def _may_bend(self, fit: Fit) -> set[int]:
+        """Joints whose torque looks, to first order, more likely as that of a compliant joint than not."""
+        if self.arm.arm.encoder != "motor":
+            return set()
+        compliant = [
+            one
+            for one in fit.own.candidates
+            if isinstance(one.term.definition, Transmission)
+        ]
+        taken = {one.term.joint for one in compliant if one in fit.chosen}
+        further = [one for one in compliant if one.term.joint not in taken]
+        every = fit.own.additions(fit.chosen, fit.answer.sizes, further)
+        known = fit.answer.evidence
+        return {one.term.joint for one, evidence, *_ in every if evidence > known}
+
     def _compliant(self, fit: Fit) -> Fit | None:
         """The hypothesis with the compliant joint that explains most, noise and form error beside it, if one does."""
-        gap, kept, best = Scan(self, fit), dict(self.__dict__), None
+        joints = self._may_bend(fit)
+        if not joints:
+            return None
+        gap, kept, best = Scan(self, fit, joints), dict(self.__dict__), None
         for term, start in gap.starts():
             one = Candidate(term, EVERYONE)
             values, gain = gap.refined(term, start)
@@ -450,7 +466,7 @@ def _log_prior(error: float) -> float:
 class Scan:
     """What compliance of a joint would explain of what a hypothesis leaves, all that is shared taken out of both."""
 
-    def __init__(self, search: SheetSearch, fit: Fit) -> None:
+    def __init__(self, search: SheetSearch, fit: Fit, joints: Collection[int]) -> None:
         self._rows, made = search.rows, fit.contrast.design
         arm, theta = search.arm, search.arm.theta.copy()
         for one, value in fit.values.items():
@@ -461,11 +477,9 @@ class Scan:
             term
             for term in made.terms.all
             if isinstance(term.definition, Transmission)
+            and term.joint in joints
             and self._bodies.mass[term.joint - 1] > 0
-            and arm.arm.encoder == "motor"
         ]
-        taken = {one.term.joint for one in fit.mine if one.term in self._terms}
-        self._terms = [term for term in self._terms if term.joint not in taken]
         error = fit.contrast.error
         self._left = _left(fit)
         count = (self._rows.trust**2).sum(axis=0)
@@ -476,12 +490,6 @@ class Scan:
                 made.columns, made.active, error.noise2, strict=True
             )
         ]
-        least = count * error.white2
-        over = np.maximum(self._squares(self._left[None])[0] / least, 1.0)
-        # what bends or rattles shows on its own joint, whatever it does to others, and closes no more than there is
-        shows = self._count * np.log(over) / 2 >= DECISIVE
-        shows &= search.torque_nrmse(self._left) >= VISIBLE_EFFECT
-        self._terms = [term for term in self._terms if shows[term.joint - 1]]
 
     def added(self, term: Term, values: np.ndarray) -> np.ndarray:
         """Torque that compliance of a joint adds, over the joints' scale, on rows by trust, (M, n)."""
@@ -517,7 +525,7 @@ class Scan:
                 best = int(np.argmax(gains))
                 found.append((float(gains[best]), term, every[best]))
         found.sort(key=lambda start: -start[0])
-        least = max(DECISIVE, found[0][0] / 2) if found else 0.0
+        least = max(found[0][0] / 2, 0.0) if found else 0.0
         return [(t, x) for gain, t, x in found[:STARTS_FITTED] if gain >= least]
 
     def refined(self, term: Term, start: np.ndarray) -> tuple[np.ndarray, float]:
