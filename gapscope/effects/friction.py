@@ -241,6 +241,8 @@ STRIBECK = DryLaw(
     ),
     looks_like="friction that falls as the joint begins to move",
     reference="armstrong1994",
+    # of joints that stay slower than vs
+    near_equivalent="coulomb_friction",
     confused_with=(
         ("backlash", "slow ramps in both directions"),
         ("coulomb_friction", "the same path at a tenth of the speed"),
@@ -268,6 +270,8 @@ SATURATING = DryLaw(
     ),
     looks_like="friction that grows with speed, less and less",
     reference="gaz2019",
+    # of joints that stay faster than vs
+    near_equivalent="coulomb_friction",
     confused_with=(
         ("viscous_friction", "the same path at half and at full speed"),
         ("coulomb_friction", "the same path at a tenth of the speed"),

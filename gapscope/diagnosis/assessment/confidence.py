@@ -209,7 +209,7 @@ class Support:
     """What supports a finding.
 
     Attributes:
-        margin: log odds against all alternatives together, by evidence alone.
+        margin: log odds of the sets that compete with it over those without, by evidence alone.
         closed: torque NRMSE that it closes on the joint where it closes most.
         left: share of the gap above the floor that remains on its joints, the largest of them.
         times_floor: what remains there over the floor, the largest of them.
@@ -376,7 +376,7 @@ def confidence(
         finding: one of these.
     """
     others = alternatives(selection, finding)
-    support = _support(found, residual, finding, others)
+    support = _support(found, residual, finding)
     name = next(iter(terms_of(selection, finding))).effect
     cause = probability(name, support)
     ranked = with_probabilities(others, cause, support)
@@ -404,7 +404,6 @@ def _support(
     found: HeldOutPredictor,
     residual: ExcessResidual,
     finding: str,
-    others: Sequence[Alternative],
 ) -> Support:
     """What supports a finding, on its joints; if it acts on more, on those where it closes the gap."""
     terms = found.selection.fit.terms
@@ -419,10 +418,8 @@ def _support(
     # A joint with hardly any gap before has no meaningful share of it left.
     before = np.maximum(residual.before[places], ABOVE_FLOOR_NRMSE)
 
-    # Alternatives that are better than the effect count as equals.
-    log_odds = [TEMPER * min(other.evidence, 0.0) for other in others]
     return Support(
-        margin=float(-np.logaddexp.reduce([-700.0, *log_odds])),
+        margin=TEMPER * found.selection.log_odds(mine),
         closed=float(closed.max()),
         left=float((residual.after[places] / before).max()),
         times_floor=float(residual.ratio[places].max()),
@@ -460,28 +457,31 @@ class Naming:
 def divide(found: HeldOutPredictor, residual: ExcessResidual) -> Naming:
     """Divide findings into named and possible ones.
 
-    The least sure goes first, and the others are weighed anew without it: of two that do as well without each other,
-    one stays.
-
     Args:
         found: with all findings.
-        residual: what all of them leave. It counts to the end: a possible effect explains its part.
+        residual: what all of them leave: a possible effect explains its part.
     """
     selection = found.selection
-    possible: dict[str, Confidence] = {}
-    while True:
-        sure = {
-            finding: confidence(found, residual, selection, finding)
-            for finding in sorted({t.finding for t in selection.fit.terms})
-        }
-        least = min(sure, key=lambda finding: sure[finding].probability, default=None)
-        if least is None or sure[least].probability >= NAMED_PROBABILITY:
-            return Naming(selection, sure, possible)
-        possible[least] = sure[least]
-        kept = selection.fit.terms - terms_of(selection, least)
+    terms = selection.fit.terms
+    sure = {
+        finding: confidence(found, residual, selection, finding)
+        for finding in sorted({t.finding for t in terms})
+    }
+    named = {f for f, own in sure.items() if own.probability >= NAMED_PROBABILITY}
+    if len(named) < len(sure):
+        kept = frozenset(t for t in terms if t.finding in named)
         selection = replace(selection, fit=selection.evidence.fit_possible(kept))
-        # what cannot be without it is no surer
-        remaining = {t.finding for t in selection.fit.terms}
-        for finding in sure.keys() - remaining - {least}:
-            most = min(sure[finding].probability, sure[least].probability)
-            possible[finding] = replace(sure[finding], probability=most)
+    # what cannot be without a doubtful one is no surer
+    doubtful = [own.probability for f, own in sure.items() if f not in named]
+    named &= {t.finding for t in selection.fit.terms}
+    possible = {
+        f: replace(own, probability=min(own.probability, max(doubtful)))
+        for f, own in sure.items()
+        if f not in named
+    }
+    ranked = sorted(possible, key=lambda f: possible[f].probability)
+    return Naming(
+        selection,
+        {f: sure[f] for f in sure if f in named},
+        {f: possible[f] for f in ranked},
+    )

@@ -163,6 +163,10 @@ def _squared_gap(model: Model, distance: np.ndarray) -> np.ndarray:
 # What a search found, as all that follows reads it.
 
 
+LEAST = 700.0
+"""Log odds of what nobody has asked for: as good as none, and yet a number [nats]. (numerical)"""
+
+
 @dataclass(frozen=True)
 class Selection:
     """Result of a search.
@@ -207,6 +211,18 @@ class Selection:
             competing,
             difference,
         )
+
+    def log_odds(self, terms: frozenset[Term]) -> float:
+        """Log probability of the sets that have one of some terms over that of those that have none [nats]."""
+        sides: dict[bool, list[float]] = {True: [-LEAST], False: [-LEAST]}
+        for some, value in {self.fit.terms: 0.0, **self.competing}.items():
+            sides[not some.isdisjoint(terms)].append(value)
+        likeliest = max(sides[True] + sides[False])
+        there, none = (
+            np.logaddexp.reduce(np.array(sides[side]) - likeliest)
+            for side in (True, False)
+        )
+        return float(there - none)
 
     def corrected(self, theta: np.ndarray, terms: frozenset[Term]) -> CorrectedArm:
         """The nominal arm with some terms at values theta, (P,), and the presliding of their dry friction."""
