@@ -180,15 +180,19 @@ class SheetSearch(Search):
             known: what the arm has in all likelihood, with about its values.
             torque: what that does, over the joints' scale, (M, n).
         """
-        known = known or {}
+        known, visited = known or {}, []
         for _ in range(ROUNDS):
             fit = self._beside(known, torque)
+            visited.append(fit.values)
             stiff, self._stiff = self._stiff, self._stiff | {frozenset(fit.mine)}
             bent = None if frozenset(fit.mine) in stiff else self._compliant(fit)
             if bent is None and set(fit.mine) == set(known):
                 break
             fit = bent or fit
             known, torque = fit.values, self._torque(fit)
+        # rounds may go in circles: what each of them found competes beside the noise of the last one
+        every = [self._fit(list(values), values, {}) for values in [*visited, known]]
+        fit = self._pruned(max(every, key=lambda one: one.total))
         self._fit((), {}, {})
         best = self._with_growth(fit)
         least = self._totals[frozenset()]
