@@ -21,7 +21,6 @@ from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.diagnosis.selection.detectable import shown
 from gapscope.diagnosis.study import Study, examine
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm

@@ -210,13 +210,7 @@ SENSOR_ZERO = 0.1  # Prior of a sensor's zero, over the normalisation of its joi
 SENSOR_SCALE = 0.01  # Prior of the error of a sensor's scale [1]. (data sheets of joint torque sensors)
 SENSOR_LAG = 2e-3  # Prior of a sensor's lag [s]. (hand)
 
-# --- selection: charges of the evidence
-# Charge for each different effect [nats]: the logarithm of the number of ways to name one, and a margin for what
-# the effective number of samples overstates. (hand)
-NEW_EFFECT = 8.0
-# Exponent of the prior of an effect's values: it falls as a Gaussian of the usual size at first, then as a power [1]:
-# what no one has met yet is improbable, not impossible. (hand)
-PRIOR_EXPONENT = 6.0
+# --- selection: the evidence of values
 # Relative errors of the nominal inertials that are tried [1], each with its charge [nats]: larger inertial errors
 # cost more evidence. (hand)
 NOMINAL_ERROR = {0.003: 0.0, 0.01: 2.0, 0.03: 8.0, 0.06: 15.0}
@@ -227,7 +221,6 @@ MIN_LINK_MASS = 0.05  # Share of its nominal mass that a changed link keeps at l
 
 # --- selection: search
 SEARCH_RATE = 100.0  # The search works on segments decimated to no less than this [Hz]. (budget)
-MOVE_GAIN = 3.0  # A move must raise the evidence by this much [nats]. (hand)
 PRESLIDING_GAIN = 5.0  # A joint's presliding must narrow the gap of trusted rows by so much [nats]. (hand)
 RELINEARISATIONS = 3  # Linearisations around the values of one set of terms. (budget)
 # A linearisation holds where the torque departs from it by this share of what a healthy arm leaves [1]. (hand)

@@ -41,18 +41,15 @@ from gapscope.diagnosis.gap.repeatability import repeatability
 from gapscope.diagnosis.locate import MotionRows, located, stack
 from gapscope.diagnosis.selection.evidence import Fit
 from gapscope.diagnosis.selection.fitted_model import Selection
-from gapscope.diagnosis.selection.search import EVERYONE
 from gapscope.diagnosis.setup_faults.detection import upright
 from gapscope.diagnosis.study import Study
 from gapscope.diagnosis.thresholds import (
     PREDICTABLE_SHARE,
     SIGNIFICANT_RESIDUAL_RATIO,
-    VISIBLE_EFFECT,
 )
 from gapscope.effects.effect import SHEET
 from gapscope.model.change_findings import change_findings
 from gapscope.model.conditioning import TORQUE_CUTOFF
-from gapscope.model.expected import detectable
 from gapscope.model.terms import Term
 from gapscope.model.torque_gap import torque_scale
 from gapscope.model_audit.audit import odd_kinds
@@ -135,14 +132,6 @@ def _judged_on(study: Study, inferred: bool) -> str:
     if inferred:
         text += "; the torque there is the one that the known controller must have commanded"
     return text
-
-
-def _expected(selection: Selection) -> list[dict[str, Any]]:
-    """Sizes of further effects at which they would be named; of another arm none is known."""
-    if selection.difference is None:
-        return []
-    further = detectable(selection.difference, *EVERYONE, VISIBLE_EFFECT)
-    return expected_entries(further)
 
 
 def _rejection_entry(rejection: Rejection) -> dict[str, Any]:
@@ -455,7 +444,7 @@ def diagnosis_content(study: Study) -> dict[str, Any]:
             first,
         ),
         "where": _where_before(study, rows, gap),
-        "expected": _expected(study.selection),
+        "expected": expected_entries(study.selection.further),
     }
     if study.sensor_sides is not None:
         content["sides"] = sides_entry(study.sensor_sides, effects)

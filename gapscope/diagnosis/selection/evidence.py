@@ -10,7 +10,6 @@ import numpy as np
 from scipy.stats import chi2
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.joint_units import size_per_radian
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.model.fit_data import Discrepancy, Fold
 from gapscope.diagnosis.model.linearisation import Linearisation
@@ -27,8 +26,6 @@ from gapscope.diagnosis.thresholds import (
     GAIN_ERROR,
     LINK_CHANGE,
     MODEL_FORM,
-    NEW_EFFECT,
-    PRIOR_EXPONENT,
     SKEW_CHARGE,
     SKEWS,
     UNLIKELY_ERRORS,
@@ -36,7 +33,7 @@ from gapscope.diagnosis.thresholds import (
 )
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import External, Inertial, Sensing
-from gapscope.model.terms import Term, Terms, cost, count_findings
+from gapscope.model.terms import Term, Terms, cost
 
 # How small the coordinates of terms may be, where they stop, and how large they usually are.
 
@@ -67,18 +64,6 @@ def stated_bounds(arm: NominalArm, terms: Terms) -> np.ndarray:
             places = terms.block(effect.name)[0]
             bounds[places] = np.where(nominal > 0, -nominal, -np.inf)
     return bounds
-
-
-def usual_sizes(arm: NominalArm, terms: Terms) -> np.ndarray:
-    """Usual sizes of the coordinates, (P,), infinite for those that the torque alone bounds."""
-    usual = np.full(terms.size, np.inf)
-    for effect in terms.definitions:
-        size: float | np.ndarray = effect.fitted.usual
-        alone = effect.scope == "joint" and len(effect.parameters) == 1
-        if alone and effect.reach != "motor":
-            size = size * size_per_radian(effect.parameters[0].unit, arm.sliding)
-        usual[terms.block(effect.name)] = size
-    return usual
 
 
 # Normal equations of the folds at one skew of sampling, as the evidence reads them.
@@ -200,7 +185,6 @@ class Fit:
     Attributes:
         terms: the set.
         score: evidence [nats].
-        cost: what was taken off the likelihood for terms, nuisances and skew [nats].
         theta: values fitted to all folds, shape (P,).
         held_out_mse: mean square of the gap per fold and joint, each fold predicted from the others [N^2 m^2], (F, n).
         scored_mse: the same of the rows that were scored, (F, m): joints, or with sensors both sides of them.
@@ -209,7 +193,6 @@ class Fit:
 
     terms: frozenset[Term]
     score: float
-    cost: float
     theta: np.ndarray
     held_out_mse: np.ndarray
     scored_mse: np.ndarray
@@ -254,12 +237,10 @@ class Evidence:
         last = linearisation.body.last_link + 1
         self._loads = frozenset(t for t in self.terms.all if t.is_load)
         self._last_link = {t for t in self.terms.all if t.changes_link(last)}
-        self._usual = usual_sizes(linearisation.data.arm, self.terms)
         self.together, self.without_fold = scored.normals(
             self.weights, self.terms.size, self.prior, self.bounds
         )
         self._log_det = self._occam_factor()
-        # as in BIC: half the logarithm of the number of samples for each parameter
         self._per_parameter = 0.5 * float(np.log(scored.independent.sum()))
 
     @property
@@ -306,15 +287,14 @@ class Evidence:
                 self.without_fold, columns, corrected=True
             )
         theta = self.together.solve(columns)
-        cost = self._cost(terms, theta, self.together.nuisance(theta, columns))
+        charge = self._cost(terms, self.together.nuisance(theta, columns))
         relative = np.log1p(scored_mse / self.scored.expected2)
         misfit = float((self.scored.independent * relative).sum())
-        score = -misfit / 2 - cost
+        score = -misfit / 2 - charge
         impossible = self._impossible(theta, terms)
         return Fit(
             terms,
             -np.inf if impossible else score,
-            cost,
             theta,
             held_out_mse,
             scored_mse,
@@ -327,10 +307,6 @@ class Evidence:
         while fit.infeasible:
             fit = self.fit(fit.terms - fit.infeasible)
         return fit
-
-    def charge(self, terms: frozenset[Term]) -> float:
-        """What a set costs [nats]: half the logarithm of the samples per parameter, and so much per effect named."""
-        return self._per_parameter * cost(terms) + NEW_EFFECT * count_findings(terms)
 
     def held_out_mse(
         self, terms: frozenset[Term], *, corrected: bool = True
@@ -391,24 +367,14 @@ class Evidence:
         posterior = np.linalg.slogdet(self.together.nuisance_precision)[1]
         return 0.5 * float(posterior - np.linalg.slogdet(self.prior)[1])
 
-    def unusual(self, columns: np.ndarray, values: np.ndarray) -> float:
-        """What values of some coordinates, (C,), cost by their size [nats]."""
-        squared = (values / self._usual[columns]) ** 2
-        return PRIOR_EXPONENT * float(np.log1p(0.5 * squared / PRIOR_EXPONENT).sum())
-
-    def _cost(
-        self, terms: frozenset[Term], theta: np.ndarray, delta: np.ndarray
-    ) -> float:
-        """Charges of a set, of its values theta, (P,), and of its nuisances delta, (K,), [nats]."""
-        charges = (
-            self.charge(terms)
-            + SKEW_CHARGE * (self.skew > 0)
-            + self.linear.data.prior.levels[self.level]
+    def _cost(self, terms: frozenset[Term], delta: np.ndarray) -> float:
+        """What a set costs [nats]: half the logarithm of the samples per parameter, as in BIC, and its nuisances."""
+        parameters = self._per_parameter * cost(terms)
+        nuisances = (
+            SKEW_CHARGE * (self.skew > 0) + self.linear.data.prior.levels[self.level]
         )
-        columns = columns_of(terms)
-        unusual = self.unusual(columns, theta[columns])
         prior = 0.5 * float(delta @ self.prior @ delta)
-        return charges + unusual + (prior + self._log_det)
+        return parameters + nuisances + (prior + self._log_det)
 
     def _impossible(self, theta: np.ndarray, terms: frozenset[Term]) -> frozenset[Term]:
         """Terms whose values cannot be, or that say the same as others of the set."""

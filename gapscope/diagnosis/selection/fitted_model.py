@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,12 +17,14 @@ from gapscope.diagnosis.thresholds import (
     PRESLIDING_GAIN,
     RELINEARISATIONS,
     SEARCH_RATE,
+    VISIBLE_EFFECT,
 )
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import DryLaw
 from gapscope.effects.friction import PRESLIDING_DISTANCES
 from gapscope.model.conditioning import Segment, thinned
 from gapscope.model.difference import Difference
+from gapscope.model.expected import Detectable, detectable
 from gapscope.model.terms import Term, Terms
 
 # A set of terms, fitted around its own values.
@@ -163,6 +165,8 @@ def _squared_gap(model: Model, distance: np.ndarray) -> np.ndarray:
 # What a search found, as all that follows reads it.
 
 
+EVERYONE = (0,)
+"""The group of all recordings."""
 LEAST = 700.0
 """Log odds of what nobody has asked for: as good as none, and yet a number [nats]. (numerical)"""
 
@@ -211,6 +215,12 @@ class Selection:
             competing,
             difference,
         )
+
+    @property
+    def further(self) -> Iterator[Detectable]:
+        """Sizes of further terms at which they would be named; of another arm than the nominal one none is known."""
+        if self.difference is not None:
+            yield from detectable(self.difference, *EVERYONE, VISIBLE_EFFECT)
 
     def log_odds(self, terms: frozenset[Term]) -> float:
         """Log probability of the sets that have one of some terms over that of those that have none [nats]."""

@@ -22,6 +22,7 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.model.fit_data import CompliantBodies, inertial_errors
 from gapscope.diagnosis.selection.fitted_model import (
+    EVERYONE,
     Selection,
     fitted_about,
     nominal_model,
@@ -67,8 +68,6 @@ STARTS_FITTED, STARTS_TRIED = 2, 60
 """Compliant joints that are fitted, and values that are simulated of each. (budget)"""
 
 Values = Mapping[Candidate, np.ndarray]
-EVERYONE = (0,)
-"""The group of all recordings."""
 
 
 def search(

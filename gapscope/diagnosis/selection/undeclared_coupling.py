@@ -15,7 +15,7 @@ import numpy as np
 from gapscope.diagnosis.model.linearisation import Linearisation
 from gapscope.diagnosis.selection.evidence import Evidence, Fit, likeliest_evidence
 from gapscope.diagnosis.selection.fitted_model import Selection
-from gapscope.diagnosis.thresholds import COUPLING_CLOSES, MOVE_GAIN
+from gapscope.diagnosis.thresholds import COUPLING_CLOSES
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def undeclared_coupling(
     for ratio in (1.0, -1.0):
         evidence = _with_motors(selection, [k for _, k in pairs], ratio)
         found += [_weighed(selection, evidence, *pair, ratio) for pair in pairs]
-    clear = [one for one in found if one is not None and one.gain > MOVE_GAIN]
+    clear = [one for one in found if one is not None and one.gain > 0]
     return max(clear, key=lambda one: one.gain, default=None)
 
 

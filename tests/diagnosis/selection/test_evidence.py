@@ -16,7 +16,6 @@ from gapscope.diagnosis.selection.fitted_model import (
     fitted_about,
     nominal_model,
 )
-from gapscope.diagnosis.thresholds import NEW_EFFECT
 from gapscope.model.conditioning import TORQUE_CUTOFF, condition
 from gapscope.model.terms import Term, Terms
 
@@ -24,24 +23,11 @@ STIFF = Truth(coulomb=(0.0, 3.0, 0.0))
 NONE: frozenset = frozenset()
 
 
-def test_an_effect_is_charged_once_and_each_parameter_by_the_samples():
-    evidence, nominal = model(STIFF).evidence, model(STIFF)
-    joints = [term(nominal, "coulomb_friction", j) for j in (1, 2)]
-    per_parameter = 0.5 * np.log(evidence.scored.independent.sum())
-    assert evidence.charge(NONE) == 0.0
-    one = evidence.charge(frozenset(joints[:1]))
-    two = evidence.charge(frozenset(joints))
-    assert one == pytest.approx(per_parameter + NEW_EFFECT)
-    assert two - one == pytest.approx(per_parameter)
-    other = frozenset({joints[0], term(nominal, "viscous_friction", 1)})
-    assert evidence.charge(other) == pytest.approx(2 * (per_parameter + NEW_EFFECT))
-
-
 def test_the_true_term_raises_the_evidence_and_has_its_value():
     nominal = model(STIFF)
     true = term(nominal, "coulomb_friction", 2)
     fit = nominal.evidence.fit(frozenset({true}))
-    assert fit.score > nominal.evidence.fit(NONE).score + NEW_EFFECT
+    assert fit.score > nominal.evidence.fit(NONE).score
     assert fit.theta[true.columns[0]] == pytest.approx(3.0, rel=0.05)
     assert not np.delete(fit.theta, true.columns).any()
 
