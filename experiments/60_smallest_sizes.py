@@ -109,7 +109,7 @@ def main() -> None:
             study = examine(case, lambda message: None)
         found = [
             one
-            for one in shown(study.selection)
+            for one in study.selection.further
             if one.term.effect in ASKED and np.isfinite(one.half)
         ]
         for k in rng.permutation(len(found))[: arguments.terms]:

@@ -228,9 +228,9 @@ LINEAR_ENOUGH = 0.05
 # An effect must lower the held-out torque NRMSE of some joint by this much to be named [1]. (definition)
 VISIBLE_EFFECT = 0.01
 VISIBLE_TERM = 0.004  # A joint must gain this much in it to be named with an effect that is named anyway [1]. (hand)
-# A motor that turns two joints is suspected, where none is declared, if its friction raises the evidence as a move
-# must, beside any friction of both joints, and lowers the RMS of the held-out gap of both by this share [1]: a wrist
-# with a common motor reaches 0.57, pairs of joints without one 0.05. (hand)
+# A motor that turns two joints is suspected, where none is declared, if its friction raises the evidence beside any
+# friction of both joints, and lowers the RMS of the held-out gap of both by this share [1]: a wrist with a common motor
+# reaches 0.57, pairs of joints without one 0.05. (hand)
 COUPLING_CLOSES = 0.2
 # --- assessment: excess residual, what exceeds the floor
 # Errors of the nominal inertials that are less likely than this explain no gap as a whole [1]. (statistics)

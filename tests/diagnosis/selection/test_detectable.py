@@ -7,16 +7,13 @@ import pytest
 from small_models import selection
 from synthetic import Truth
 
-from gapscope.diagnosis.thresholds import VISIBLE_EFFECT
-from gapscope.model.expected import Detectable, detectable
+from gapscope.model.expected import Detectable
 
 STIFF = Truth(coulomb=(0.0, 3.0, 0.0))
 
 
 def shown() -> list[Detectable]:
-    found = selection(STIFF).difference
-    assert found is not None
-    return list(detectable(found, 0, VISIBLE_EFFECT))
+    return list(selection(STIFF).further)
 
 
 def size_of(effect: str, joint: int) -> Detectable:
