@@ -218,9 +218,15 @@ class Selection:
 
     @property
     def further(self) -> Iterator[Detectable]:
-        """Sizes of further terms at which they would be named; of another arm than the nominal one none is known."""
-        if self.difference is not None:
-            yield from detectable(self.difference, *EVERYONE, VISIBLE_EFFECT)
+        """Sizes of further terms at which they would be named; of another arm than the nominal one none is known.
+
+        What does not act in proportion to its size, elasticity and backlash, is left out.
+        """
+        if self.difference is None:
+            return
+        for one in detectable(self.difference, *EVERYONE, VISIBLE_EFFECT):
+            if one.term.definition.locally_linear:
+                yield one
 
     def log_odds(self, terms: frozenset[Term]) -> float:
         """Log probability of the sets that have one of some terms over that of those that have none [nats]."""

@@ -144,7 +144,8 @@ def could_show(
         InputError: a recording has no stretch without gaps that is long enough.
     """
     used = [one for one in recordings if one.tau is not None]
-    return detectable(_search_of(arm, used).unsearched(), *EVERYONE, VISIBLE_EFFECT)
+    every = detectable(_search_of(arm, used).unsearched(), *EVERYONE, VISIBLE_EFFECT)
+    return (one for one in every if one.term.definition.locally_linear)
 
 
 def _search_of(arm: NominalArm, recordings: Sequence[Recording]) -> SheetSearch:
