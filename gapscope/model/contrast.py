@@ -701,7 +701,9 @@ class OwnTerms:
             torque = unit * np.array(fitted.proportions)
             shares = torque / torque.max()
         # no arm has much more of an effect than is usual where it is one
-        return np.minimum(SIZES[:, None] * shares, LARGEST * fitted.usual * unit)
+        return np.minimum(
+            SIZES[:, None] * shares, LARGEST * self.design.usual[term] * unit
+        )
 
     def within(self, contrast: Contrast) -> OwnTerms:
         """The same columns in another contrast of the same groups, such as one without some motions."""

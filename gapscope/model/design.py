@@ -19,6 +19,7 @@ import numpy as np
 
 from gapscope.arm.dynamics.inertial_scale import inertial_scale
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.joint_units import size_per_radian
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import (
@@ -113,6 +114,7 @@ class Design:
         terms: all terms, with the nonlinear parameters of those that have some.
         places: of the columns of each term that the rows show.
         units: RMS torque over the joint's scale of one unit of each coordinate of a term, (linear,).
+        usual: size of the coordinates of each term that is usual where it is an effect.
         columns: per joint its columns over the joint's scale, (M, p_j).
         active: per joint their places among all columns, (p_j,).
         gap: of the arm that predicts, over the joints' scale [1], (M, n).
@@ -128,6 +130,7 @@ class Design:
     terms: Terms
     places: Mapping[Term, np.ndarray]
     units: Mapping[Term, np.ndarray]
+    usual: Mapping[Term, float]
     columns: list[np.ndarray]
     active: list[np.ndarray]
     gap: np.ndarray
@@ -281,7 +284,7 @@ def design(
     matrix = np.concatenate(matrices) / scale[:, None]
     parts = [bodies * inertial_scale(arm.body)]
     prior, may_own = [np.full(10 * n, BODIES)], [np.zeros(10 * n, dtype=bool)]
-    places, used, count = {}, {}, 10 * n
+    places, used, usual, count = {}, {}, {}, 10 * n
     given = units or {}
     nominal = arm.body.inertial_parameters().reshape(n, 10)
     for term in terms.all:
@@ -300,11 +303,13 @@ def design(
         unit = given.get(term, np.maximum(unit, MIN_TORQUE))
         parts.append(x / unit)
         places[term] = np.arange(count, count + len(unit))
-        used[term] = unit
+        used[term], usual[term] = unit, _usual_size(term, arm.arm)
         count += len(unit)
         # free bodies and free torque constants cannot be told apart: torque counts as the strongest joint records it
         is_unit = "scale" in effect.quantities.values() and j == np.argmax(scale)
-        prior.append(np.zeros(len(unit)) if is_unit else _shared(term, unit))
+        prior.append(
+            np.zeros(len(unit)) if is_unit else _shared(term, unit, usual[term])
+        )
         may_own.append(np.full(len(unit), _is_form(term)))
     # pushes in parts of a motion: what form error can do to a force
     push = np.concatenate(forces) / scale[:, None]
@@ -341,6 +346,7 @@ def design(
         terms,
         places,
         used,
+        usual,
         every,
         active,
         gap * rows.trust,
@@ -571,7 +577,16 @@ def _is_form(term: Term) -> bool:
     return not (isinstance(term.definition, External) or term.definition.limits)
 
 
-def _shared(term: Term, unit: np.ndarray) -> np.ndarray:
+def _usual_size(term: Term, arm: NominalArm) -> float:
+    """Size of a term's coordinates that is usual where it is an effect."""
+    effect, size = term.definition, term.parametrisation.usual
+    if effect.scope != "joint" or effect.reach == "motor" or len(effect.parameters) > 1:
+        return size
+    slides = arm.sliding[term.joint - 1]
+    return size * float(size_per_radian(effect.parameters[0].unit, [slides])[0])
+
+
+def _shared(term: Term, unit: np.ndarray, usual: float) -> np.ndarray:
     """Deviation of what all groups may share of a term, in units of its columns, (linear,)."""
     effect = term.definition
     # the bodies are free already
@@ -580,7 +595,6 @@ def _shared(term: Term, unit: np.ndarray) -> np.ndarray:
         return np.zeros(len(unit))
     if isinstance(effect, Transmission):
         return np.full(len(unit), STIFF)
-    usual = effect.fitted.usual
     if effect.fitted.data_sheet is not None or np.isinf(usual):
         return np.full(len(unit), WIDE)
     # what has a usual size cannot be told from free bodies otherwise; a healthy arm has less

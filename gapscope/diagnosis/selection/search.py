@@ -267,7 +267,7 @@ class SheetSearch(Search):
         prior = made.prior.copy()
         prior[: 10 * n] = error
         for term, places in made.places.items():
-            prior[places] = self._healthy(term, made.units[term])
+            prior[places] = self._healthy(term, made)
         return replace(made, columns=columns, active=active, noisy=noisy, prior=prior)
 
     @property
@@ -276,16 +276,16 @@ class SheetSearch(Search):
         body = self.arm.body
         return inertial_errors(body.inertial_parameters().ravel(), inertial_scale(body))
 
-    def _healthy(self, term: Term, unit: np.ndarray) -> np.ndarray:
+    def _healthy(self, term: Term, made: Design) -> np.ndarray:
         """What a healthy arm has of a term, in units of its columns, (linear,)."""
-        fitted = term.parametrisation
+        fitted, unit = term.parametrisation, made.units[term]
         # the bodies have errors already, and a searched form is there or not
         if is_link_change(term) or fitted.nonlinear:
             return np.zeros(len(unit))
         if fitted.data_sheet is not None:
             stated = np.abs(self.arm.theta[list(term.columns)])
             return FRICTION_FORM * stated * unit + MIN_TORQUE
-        return np.minimum(HEALTHY_TORQUE, HEALTHY_SHARE * fitted.usual * unit)
+        return np.minimum(HEALTHY_TORQUE, HEALTHY_SHARE * made.usual[term] * unit)
 
     def _may_differ(self, term: Term) -> bool:
         return True
