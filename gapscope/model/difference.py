@@ -141,6 +141,7 @@ class Difference:
         found: nonlinear parameters of the terms that were searched.
         arm: what all groups share.
         odds: prior odds of each candidate of the best hypothesis, alone [nats].
+        likely: probability that there is an effect of some name, and that one that is acts on one more joint [1].
     """
 
     fit: Fit
@@ -148,6 +149,7 @@ class Difference:
     found: Mapping[Term, Found]
     arm: FreeArm
     odds: Mapping[Candidate, float]
+    likely: float = ANY
 
     @property
     def probabilities(self) -> dict[Candidate, float]:
@@ -229,6 +231,11 @@ class Search:
     def may_be_exchanged(self) -> bool:
         """Whether no group is known to be without load: then groups may differ by a load for another."""
         return not self.days or self.together is not None
+
+    @property
+    def likely(self) -> float:
+        """Probability that an effect of some name changed, and that one that did acts on one more joint [1]."""
+        return ANY
 
     @property
     def groups(self) -> list[int]:
@@ -370,7 +377,9 @@ class Search:
 
     def _weigher(self, own: OwnTerms) -> Weigher:
         asked = self.asked or len(self.sets)
-        return Weigher(own, self.arm, self._charges, asked, self.may_be_exchanged)
+        return Weigher(
+            own, self.arm, self._charges, asked, self.may_be_exchanged, self.likely
+        )
 
     def _linearise(
         self, times: int, known: np.ndarray | float = 0.0, *, alike: bool = False
@@ -677,7 +686,7 @@ class Search:
     def _larger(self, fit: Fit) -> Fit | None:
         """The best hypothesis with one more term of the group; ``None`` if none is better."""
         proposed = list(itertools.islice(self._proposals(fit), LOOKED_AT))
-        better = [p for p in proposed[:REFITTED] if p[0] > fit.sharp]
+        better = self._worth_fitting(fit, proposed[:REFITTED])
         fitted = [
             self._fit((*fit.chosen, one), fit.values, fit.grown) for _, one in better
         ]
@@ -694,6 +703,12 @@ class Search:
             least = self._totals.get(some, -np.inf)
             self._totals[some] = max(value + shift, least)
         return best if best is not None and best.total > fit.total else None
+
+    def _worth_fitting(
+        self, fit: Fit, proposed: Sequence[tuple[float, Candidate]]
+    ) -> Sequence[tuple[float, Candidate]]:
+        """Those of the candidates that promise most which are fitted."""
+        return [p for p in proposed if p[0] > fit.sharp]
 
     def _asked_again(self, fit: Fit) -> Fit:
         """The hypothesis without terms that it does not need, or with better ones in their place."""
@@ -763,6 +778,7 @@ class Weigher:
         charges: what it takes to say which nonlinear parameters a term has [nats].
         sets: number of sets of groups that may have some of their own.
         exchanged: whether a load for another is one of the differences there may be, and not bodies alone.
+        likely: probability that there is an effect of some name, and that one that is acts on one more joint [1].
     """
 
     def __init__(
@@ -772,8 +788,10 @@ class Weigher:
         charges: Mapping[Term, float],
         sets: float,
         exchanged: bool,
+        likely: float = ANY,
     ) -> None:
         self._own, self._arm, self._charges = own, arm, charges
+        self._any = likely
         self._sets, self._exchanged = sets, exchanged
         self._places: dict[str, int] = {}
         for term in own.design.places:
@@ -794,7 +812,7 @@ class Weigher:
             term = one.term
             # as likely by any name, and then on any joint
             names = 1 if term.effect in seen else len(self._places)
-            total += np.log(ANY / names / self._places[term.effect])
+            total += np.log(self._any / names / self._places[term.effect])
             if not one.everybody:
                 total -= np.log(self._sets)
             if term.definition.built_in and not one.everybody:

@@ -62,7 +62,7 @@ def detectable(
     """
     fit, own = found.fit, found.fit.own
     charges = {term: searched.charge for term, searched in found.found.items()}
-    weigher = Weigher(own, found.arm, charges, sets=1, exchanged=False)
+    weigher = Weigher(own, found.arm, charges, 1, False, found.likely)
     places = own.joined(fit.chosen)
     unit = own.deviations(fit.chosen, fit.answer.sizes)
     inner = own.products(places, places) * unit[:, None] * unit

@@ -41,6 +41,7 @@ from gapscope.model.design import (
     MIN_TORQUE,
     Design,
     FreeArm,
+    bends,
     design,
     fitted_arm,
     is_link_change,
@@ -171,6 +172,11 @@ class SheetSearch(Search):
         """Never: the arm of the data sheet carries nothing."""
         return False
 
+    @property
+    def likely(self) -> float:
+        """An arm is diagnosed as it is thought to have something, or to have nothing: as likely."""
+        return 0.5
+
     def run(
         self, known: Values | None = None, torque: np.ndarray | float = 0.0
     ) -> Difference:
@@ -198,14 +204,15 @@ class SheetSearch(Search):
         least = self._totals[frozenset()]
         sets = {some: total - least for some, total in self._totals.items()}
         odds = {one: self._weigher(best.own).odds([one]) for one in best.mine}
-        return Difference(best, sets, dict(self._found), self.arm, odds)
+        return Difference(best, sets, dict(self._found), self.arm, odds, self.likely)
 
     def unsearched(self) -> Difference:
         """The arm as its data sheet says, with what could be left of it."""
         self._prepared(0.0)
         self._look(self._fit((), {}, {}))
         fit = self._fit((), {}, {})
-        return Difference(fit, {frozenset(): fit.total}, self._found, self.arm, {})
+        sets = {frozenset[Candidate](): fit.total}
+        return Difference(fit, sets, self._found, self.arm, {}, self.likely)
 
     def _prepared(self, torque: np.ndarray | float) -> None:
         """Noise, form error and columns beside what is known."""
@@ -347,15 +354,18 @@ class SheetSearch(Search):
                 levels[error] = replace(fit, total=both, sharp=both)
             return levels[error].total
 
-        every = range(len(ERRORS))
-        near = [k for k in every if abs(k - self._likeliest) < 2] if chosen else every
+        numbers = range(len(ERRORS))
+        near = [k for k in numbers if abs(k - self._likeliest) < 2]
         while True:
-            best = max(near, key=total)
-            near = [k for k in every if abs(k - best) < 2]
+            best = max(near if chosen else numbers, key=total)
+            near = [k for k in numbers if abs(k - best) < 2]
             if max(near, key=total) == best:
                 break
         self._likeliest = best
-        return replace(levels[ERRORS[best]], levels=levels)
+        # sizes that were not asked count for nothing beside those that were
+        every = float(np.logaddexp.reduce([fit.total for fit in levels.values()]))
+        fit = levels[ERRORS[best]]
+        return replace(fit, levels=levels, total=every, sharp=every)
 
     def _proposals(
         self, fit: Fit, *, everybody: bool = False
@@ -369,9 +379,16 @@ class SheetSearch(Search):
                 continue
             for total, one in super()._proposals(level):
                 here = total + _log_prior(error)
-                best[one] = max(here, best.get(one, -np.inf))
+                best[one] = float(np.logaddexp(here, best.get(one, -np.inf)))
         for one in sorted(best, key=lambda one: -best[one]):
             yield best[one], one
+
+    def _worth_fitting(
+        self, fit: Fit, proposed: Sequence[tuple[float, Candidate]]
+    ) -> Sequence[tuple[float, Candidate]]:
+        """Those that promise to help, or the best one if it is far from what its columns promise."""
+        better = super()._worth_fitting(fit, proposed)
+        return better or [p for p in proposed[:1] if bends(p[1].term)]
 
     # What no person could see is no finding.
 
@@ -462,9 +479,12 @@ def _left(fit: Fit) -> np.ndarray:
 
 
 def _log_prior(error: float) -> float:
-    """Logarithm of how likely errors of the nominal inertials have a size [nats], but for a constant."""
-    deviations = np.log(error / INERTIAL_ERROR) / np.log(INERTIAL_ERROR_FACTOR)
-    return float(-(deviations**2) / 2)
+    """Logarithm of how likely errors of the nominal inertials have a size [nats], but for a constant.
+
+    A data sheet may be as good as any, and is the less likely the worse.
+    """
+    over = max(float(np.log(error / INERTIAL_ERROR)), 0.0)
+    return -((over / np.log(INERTIAL_ERROR_FACTOR)) ** 2) / 2
 
 
 class Scan:
