@@ -433,7 +433,7 @@ def _select(
         found = without_search(case.arm, folds, cutoff)
     else:
         progress("searches for effects")
-        found = search(case.arm, _with_torque(case), folds, cutoff)
+        found = search(case.arm, _with_torque(case), folds, cutoff, progress)
     progress("predicts held-out data")
     predictor = HeldOutPredictor(case.arm, body, found, folds, set_aside)
     selection, rejections = reject(predictor)

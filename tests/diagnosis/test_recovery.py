@@ -229,9 +229,7 @@ class TestVerdict:
 
 def test_probabilities_and_alternatives() -> None:
     """An effect, its rivals and what is not among them share one probability."""
-    document = diagnose(
-        synthetic.case(Truth(coulomb=(0.0, 0.35, 0.0)), seed=5)
-    ).document
+    document = diagnose(synthetic.case(Truth(coulomb=(0.0, 0.6, 0.0)), seed=5)).document
     assert document["effects"]
     for effect in document["effects"]:
         rivals = effect["alternatives"]

@@ -10,7 +10,7 @@ What bends or rattles shows in no column about a stiff joint: it is simulated, a
 
 from __future__ import annotations
 
-from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -69,6 +69,7 @@ STARTS_FITTED, STARTS_TRIED = 2, 60
 """Compliant joints that are fitted, and values that are simulated of each. (budget)"""
 
 Values = Mapping[Candidate, np.ndarray]
+Progress = Callable[[str], None]
 
 
 def search(
@@ -76,6 +77,7 @@ def search(
     recordings: Sequence[Recording],
     folds: list[list[Segment]],
     cutoff: float,
+    progress: Progress = lambda message: None,
 ) -> Selection:
     """Find the terms that explain the gap of recordings, and fit them to folds.
 
@@ -84,12 +86,13 @@ def search(
         recordings: those with a torque.
         folds: segments of them per fold.
         cutoff: cut-off of the fit's filter [Hz].
+        progress: called with a few words at each round.
 
     Raises:
         InputError: a recording has no stretch without gaps that is long enough.
     """
     mounted = as_mounted(arm, [s for fold in folds for s in fold])
-    difference = difference_of(mounted, recordings)
+    difference = difference_of(mounted, recordings, progress)
     values = {one.term: value for one, value in difference.fit.values.items()}
     body = RigidBody(arm)
     nominal = nominal_model(arm, body, folds, cutoff, difference.shapes)
@@ -123,13 +126,19 @@ def _competing(difference: Difference) -> dict[frozenset[Term], float]:
     return {some: total - best for some, total in sets.items()}
 
 
-def difference_of(arm: NominalArm, recordings: Sequence[Recording]) -> Difference:
+def difference_of(
+    arm: NominalArm,
+    recordings: Sequence[Recording],
+    progress: Progress = lambda message: None,
+) -> Difference:
     """What recordings of an arm show beside its data sheet.
 
     Raises:
         InputError: a recording has no stretch without gaps that is long enough.
     """
-    return _search_of(arm, recordings).run()
+    searching = _search_of(arm, recordings)
+    searching.progress = progress
+    return searching.run()
 
 
 def could_show(
@@ -160,6 +169,7 @@ def _search_of(arm: NominalArm, recordings: Sequence[Recording]) -> SheetSearch:
 class SheetSearch(Search):
     """What all recordings show beside the data sheet."""
 
+    progress: Progress = lambda message: None
     _wide: Equations | None = None
     _likeliest: int = ERRORS.index(INERTIAL_ERROR)
     _stiff: set[frozenset[Candidate]] = field(default_factory=set)
@@ -189,6 +199,8 @@ class SheetSearch(Search):
         known, visited = known or {}, []
         for _ in range(ROUNDS):
             fit = self._beside(known, torque)
+            if fit.mine:
+                self.progress(f"finds {_described(fit)}")
             visited.append(fit.values)
             stiff, self._stiff = self._stiff, self._stiff | {frozenset(fit.mine)}
             bent = None if frozenset(fit.mine) in stiff else self._compliant(fit)
@@ -471,6 +483,14 @@ class SheetSearch(Search):
                 best = gain, larger, dict(self.__dict__)
         self.__dict__.update(kept if best is None else best[2])
         return None if best is None else best[1]
+
+
+def _described(fit: Fit) -> str:
+    """Effects with their joints."""
+    joints: dict[str, list[int]] = {}
+    for one in fit.mine:
+        joints.setdefault(one.effect, []).append(one.term.joint)
+    return "; ".join(f"{name} {sorted(set(j) - {0})}" for name, j in joints.items())
 
 
 def _left(fit: Fit) -> np.ndarray:

@@ -7,6 +7,7 @@ import itertools
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -32,7 +33,8 @@ from gapscope.diagnosis.document.wording import pulled_texts, verdict
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.setup_faults import SignFlip
-from gapscope.model.terms import Term
+from gapscope.model.nonlinear_values import Found
+from gapscope.model.terms import Term, Terms
 
 Change = Callable[[dict[str, Any]], Any]
 
@@ -352,10 +354,12 @@ def uniform(*terms: Term, width: float, about: float = 0.0) -> np.ndarray:
 def entries(
     effect: AppliedEffect, draws: np.ndarray, *terms: Term, std: Any = (), **more: Any
 ) -> dict[str, Any]:
-    scan = SimpleNamespace(values=tuple(0.5 for _ in std), std=std)
-    evidence = TableEvidence()
-    object.__setattr__(evidence, "linear", SimpleNamespace(nonlinear=lambda term: scan))
-    found = selections.selection(*terms, evidence=evidence)
+    shape = tuple(0.5 for _ in std)
+    searched = [one for one in terms if one.parametrisation.nonlinear]
+    known = Terms(selections.JOINTS, dict.fromkeys(searched, shape))
+    found = selections.selection(*terms, evidence=TableEvidence(terms=known))
+    scanned = dict.fromkeys(searched, Found(shape, std, 0.0))
+    found = replace(found, difference=SimpleNamespace(found=scanned))
     return parameters(found, effect, draws, **more)
 
 
