@@ -309,6 +309,16 @@ class SheetSearch(Search):
     def _may_differ(self, term: Term) -> bool:
         return True
 
+    def _is_said(self, one: Candidate, fit: Fit) -> bool:
+        """As of all differences; and what bends is not said to rattle as well."""
+        compliant = isinstance(one.term.definition, Transmission)
+        return super()._is_said(one, fit) or any(
+            compliant
+            and isinstance(other.term.definition, Transmission)
+            and other.term.joint == one.term.joint
+            for other in fit.chosen
+        )
+
     def _extents(self, values: Values) -> list[Nuisance]:
         """Moments of inertia of loads and changed links about their centres, between -m r^2 and m r^2."""
         sizes = np.diag(self._of_errors) * inertial_scale(self.arm.body)
