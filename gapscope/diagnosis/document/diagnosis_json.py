@@ -44,6 +44,8 @@ from gapscope.diagnosis.selection.fitted_model import Selection
 from gapscope.diagnosis.setup_faults.detection import upright
 from gapscope.diagnosis.study import Study
 from gapscope.diagnosis.thresholds import (
+    INERTIAL_ERROR,
+    INERTIAL_ERROR_FACTOR,
     PREDICTABLE_SHARE,
     SIGNIFICANT_RESIDUAL_RATIO,
 )
@@ -80,7 +82,7 @@ def context(study: Study) -> dict[str, Any]:
             "torque_cutoff": TORQUE_CUTOFF,
             "how": "zero-phase Butterworth, order 4, on both sides; positions cut at twice the frequency where their "
             "spectrum meets its noise; floor from the gap's power density above the band, timing and form of friction",
-            "nominal_inertials_std": study.selection.evidence.inertial_error,
+            "nominal_inertials_std": study.selection.sheet_error,
             "sampling_skew": study.selection.evidence.skew,
         },
         "judged_on": _judged_on(study, inferred),
@@ -456,6 +458,12 @@ def diagnosis_content(study: Study) -> dict[str, Any]:
         content["warnings"].insert(0, note)
     if first and not another:
         content["warnings"].insert(0, f"{doubt}; {first}")
+    off = study.selection.sheet_error
+    if reached != "no_gap" and off > INERTIAL_ERROR * INERTIAL_ERROR_FACTOR:
+        content["warnings"].append(
+            f"the bodies of the robot file seem to be off by about {off:.0%} of their size, which hides loads and changed "
+            "links: identify them (gapscope identify), or compare with a reference (diagnose --against)"
+        )
     return with_slide_units(content, study.case.arm.sliding)
 
 

@@ -228,6 +228,12 @@ class Selection:
             if one.term.definition.locally_linear:
                 yield one
 
+    @property
+    def sheet_error(self) -> float:
+        """Likeliest error of the bodies of the data sheet, over their own size [1]; 0 if nothing was searched."""
+        levels = self.difference.fit.levels if self.difference else {}
+        return max(levels, key=lambda error: levels[error].total, default=0.0)
+
     def log_odds(self, terms: frozenset[Term]) -> float:
         """Log probability of the sets that have one of some terms over that of those that have none [nats]."""
         sides: dict[bool, list[float]] = {True: [-LEAST], False: [-LEAST]}
