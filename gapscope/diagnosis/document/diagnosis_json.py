@@ -461,8 +461,8 @@ def diagnosis_content(study: Study) -> dict[str, Any]:
     off = study.selection.sheet_error
     if reached != "no_gap" and off > INERTIAL_ERROR * INERTIAL_ERROR_FACTOR:
         content["warnings"].append(
-            f"the bodies of the robot file seem to be off by about {off:.0%} of their size, which hides loads and changed "
-            "links: identify them (gapscope identify), or compare with a reference (diagnose --against)"
+            f"the bodies of the robot file seem to be off by about {off:.0%} of their size, which hides loads and "
+            "changed links: identify them (gapscope identify), or compare with a reference (diagnose --against)"
         )
     return with_slide_units(content, study.case.arm.sliding)
 
