@@ -298,7 +298,7 @@ VALUE_DRAWS = 400  # Draws of the values behind their intervals. (budget)
 INERTIAL_ERRORS = np.geomspace(1e-3, 0.3, 18)
 # ...what they are before the data are looked at [1]: masses by CAD leave out cables, screws and lubricant... (physical)
 INERTIAL_ERROR = 0.03
-INERTIAL_ERROR_FACTOR = 2.0  # ...and the factor by which that is uncertain either way [1]. (hand)
+INERTIAL_ERROR_FACTOR = 2.5  # ...and the factor by which that is uncertain either way [1]. (hand)
 # Factor by which the errors of one link differ in size from those of another [1]: a published URDF of the Kinova Gen3
 # has masses that are off by 0 to 46 % (docs/real_arms.md). (physical, the value by choice)
 LINK_TO_LINK = 2.0

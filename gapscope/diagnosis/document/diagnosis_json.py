@@ -41,11 +41,11 @@ from gapscope.diagnosis.gap.repeatability import repeatability
 from gapscope.diagnosis.locate import MotionRows, located, stack
 from gapscope.diagnosis.selection.evidence import Fit
 from gapscope.diagnosis.selection.fitted_model import Selection
+from gapscope.diagnosis.selection.search import WORSE
 from gapscope.diagnosis.setup_faults.detection import upright
 from gapscope.diagnosis.study import Study
 from gapscope.diagnosis.thresholds import (
     INERTIAL_ERROR,
-    INERTIAL_ERROR_FACTOR,
     PREDICTABLE_SHARE,
     SIGNIFICANT_RESIDUAL_RATIO,
 )
@@ -459,7 +459,7 @@ def diagnosis_content(study: Study) -> dict[str, Any]:
     if first and not another:
         content["warnings"].insert(0, f"{doubt}; {first}")
     off = study.selection.sheet_error
-    if reached != "no_gap" and off > INERTIAL_ERROR * INERTIAL_ERROR_FACTOR:
+    if reached != "no_gap" and off > WORSE * INERTIAL_ERROR:
         content["warnings"].append(
             f"the bodies of the robot file seem to be off by about {off:.0%} of their size, which hides loads and "
             "changed links: identify them (gapscope identify), or compare with a reference (diagnose --against)"

@@ -89,14 +89,15 @@ def fitted_about(nominal: Model, values: Mapping[Term, np.ndarray]) -> Model:
     for term, value in values.items():
         theta[list(term.columns)] = value
     fit = replace(nominal.fit, terms=frozenset(values), theta=theta)
-    model, terms = nominal, fit.terms
+    model = nominal
     for _ in range(RELINEARISATIONS):
-        linear = Linearisation(
-            nominal.linear.data, _expansion_point(fit), nominal.linear.terms
-        )
-        evidence = likeliest_evidence(linear, fit.scored_mse, fit.terms)
-        model = Model(linear, evidence, evidence.fit_possible(fit.terms))
-        fit, terms = model.fit, fit.terms
+        theta, terms = _expansion_point(fit), fit.terms
+        linear = Linearisation(nominal.linear.data, theta, nominal.linear.terms)
+        # rows are weighed by what is left of them: first by the model before, then by this one
+        for _ in range(2):
+            evidence = likeliest_evidence(linear, fit.scored_mse, fit.terms)
+            fit = evidence.fit_possible(fit.terms)
+        model = Model(linear, evidence, fit)
         if fit.terms == terms and _nearly_linear(model):
             break
     return model

@@ -30,7 +30,6 @@ from gapscope.diagnosis.selection.fitted_model import (
 from gapscope.diagnosis.thresholds import (
     FRICTION_FORM,
     INERTIAL_ERROR,
-    INERTIAL_ERROR_FACTOR,
     VISIBLE_EFFECT,
     VISIBLE_TERM,
 )
@@ -57,6 +56,8 @@ from gapscope.model.terms import Candidate, Term
 
 ERRORS = (0.003, 0.01, 0.03, 0.1, 0.3)
 """Errors of the nominal inertials, over their own size [1]. (physical)"""
+WORSE = 2.0
+"""Factor by which they may be larger than a good data sheet's [1]. (hand)"""
 HEALTHY_TORQUE = VISIBLE_EFFECT / 3
 """What a healthy arm has of an effect, in RMS torque over the joint's scale [1]: three of these are worth a name."""
 HEALTHY_SHARE = 0.05
@@ -514,7 +515,7 @@ def _log_prior(error: float) -> float:
     A data sheet may be as good as any, and is the less likely the worse.
     """
     over = max(float(np.log(error / INERTIAL_ERROR)), 0.0)
-    return -((over / np.log(INERTIAL_ERROR_FACTOR)) ** 2) / 2
+    return -((over / np.log(WORSE)) ** 2) / 2
 
 
 class Scan:
