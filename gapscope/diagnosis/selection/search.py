@@ -33,11 +33,12 @@ from gapscope.diagnosis.thresholds import (
     VISIBLE_EFFECT,
     VISIBLE_TERM,
 )
-from gapscope.effects.effect import LinkChange, Transmission, Turn
+from gapscope.effects.effect import External, LinkChange, Transmission, Turn
 from gapscope.model.conditioning import Segment
 from gapscope.model.contrast import Contrast, Nuisance, OwnTerms
 from gapscope.model.design import (
     MIN_TORQUE,
+    WIDE,
     Design,
     FreeArm,
     bends,
@@ -237,8 +238,13 @@ class SheetSearch(Search):
 
     def _beside(self, known: Values, torque: np.ndarray | float) -> Fit:
         """The best hypothesis, with noise and form error beside what is known."""
+        first = self._wide is None
         self._prepared(torque)
         self._look(self._fit(list(known), known, {}))
+        if first and self._found and (self._taught.white2 > VISIBLE_EFFECT**2).any():
+            # what a law with a searched form does is no noise
+            self._wide = None
+            self._prepared(torque)
         fit = self._asked_again(self._fit(list(known), known, {}))
         return self._pruned(self._searched(fit))
 
@@ -252,19 +258,22 @@ class SheetSearch(Search):
     ) -> None:
         """Columns about the data sheet, noise and form error beside what is known."""
         if self._wide is None:
-            self._wide = Equations.of(design(self.rows, self.arm, {}))
+            made = design(self.rows, self.arm, self._shapes)
+            self._wide = Equations.of(replace(made, prior=_with_forms(made)))
         made, beside = self._wide.design, self._wide
         if np.any(known):
             gap = made.gap - known * (self.rows.measured > 0)
             beside = Equations.of(replace(made, gap=gap))
         self._about = self.arm
-        # what delays or bends on every joint at once predicts no other motion
-        rigid = made.prior.copy()
+        # what delays or bends on every joint at once, or has any form, predicts no other motion
+        rigid, plain = made.prior.copy(), made.prior.copy()
         for term, places in made.places.items():
             if isinstance(term.definition, Transmission) or term.definition.delays:
                 rigid[places] = 0.0
+            if term.parametrisation.nonlinear:
+                rigid[places] = plain[places] = 0.0
         sheet = np.minimum(rigid, self._believed(made, ERRORS[-1]).prior)
-        priors = [made.prior, rigid, sheet]
+        priors = [made.prior, plain, rigid, sheet]
         self._taught = learn(beside, self.taught_by, priors=priors)
         self._first = replace(self._wide, design=self._taught.primed(made))
 
@@ -494,6 +503,15 @@ class SheetSearch(Search):
                 best = gain, larger, dict(self.__dict__)
         self.__dict__.update(kept if best is None else best[2])
         return None if best is None else best[1]
+
+
+def _with_forms(made: Design) -> np.ndarray:
+    """Prior of what is shared with laws of a searched form as wide as friction, (P,), to learn noise beside them."""
+    prior = made.prior.copy()
+    for term, places in made.places.items():
+        if term.parametrisation.nonlinear and not isinstance(term.definition, External):
+            prior[places] = WIDE
+    return prior
 
 
 def _described(fit: Fit) -> str:
