@@ -509,7 +509,10 @@ def _with_forms(made: Design) -> np.ndarray:
     """Prior of what is shared with laws of a searched form as wide as friction, (P,), to learn noise beside them."""
     prior = made.prior.copy()
     for term, places in made.places.items():
-        if term.parametrisation.nonlinear and not isinstance(term.definition, External):
+        effect = term.definition
+        # a limit is made of the torque that it would predict, a push comes but once
+        predicts = not (effect.limits or isinstance(effect, External))
+        if term.parametrisation.nonlinear and predicts:
             prior[places] = WIDE
     return prior
 
