@@ -197,7 +197,8 @@ LOAD = {"mass": 1.5, "com": (0.1, 0.0, 0.05)}
 
 def draws(nominal: Model, *terms: Term) -> np.ndarray:
     """Draws of the values of some terms alone, (D, P)."""
-    fitted = fitted_about(nominal, {one: np.zeros(len(one.columns)) for one in terms})
+    theta = nominal.evidence.fit(frozenset(terms)).theta
+    fitted = fitted_about(nominal, {one: theta[list(one.columns)] for one in terms})
     return value_draws(fitted.evidence, fitted.fit.terms, np.random.default_rng(1))
 
 
