@@ -172,6 +172,15 @@ LEAST = 700.0
 """Log odds of what nobody has asked for: as good as none, and yet a number [nats]. (numerical)"""
 
 
+def nameable(found: Difference) -> Iterator[Detectable]:
+    """Sizes of further terms at which a search would name them.
+
+    What does not act in proportion to its size, elasticity and backlash, is left out.
+    """
+    every = detectable(found, *EVERYONE, VISIBLE_EFFECT)
+    return (one for one in every if one.term.definition.locally_linear)
+
+
 @dataclass(frozen=True)
 class Selection:
     """Result of a search.
@@ -219,15 +228,8 @@ class Selection:
 
     @property
     def further(self) -> Iterator[Detectable]:
-        """Sizes of further terms at which they would be named; of another arm than the nominal one none is known.
-
-        What does not act in proportion to its size, elasticity and backlash, is left out.
-        """
-        if self.difference is None:
-            return
-        for one in detectable(self.difference, *EVERYONE, VISIBLE_EFFECT):
-            if one.term.definition.locally_linear:
-                yield one
+        """Sizes of further terms at which they would be named; of another arm than the nominal one none is known."""
+        return iter(()) if self.difference is None else nameable(self.difference)
 
     @property
     def sheet_error(self) -> float:

@@ -1,9 +1,9 @@
 """The search of a case by the contrast of ``model/difference.py``: what an arm has that its data sheet does not say.
 
 All recordings are one group, and what is shared is the data sheet with errors as healthy arms have them. Of what size
-these are is not known: each hypothesis is asked at every one of ``ERRORS`` and counts at the likeliest. Noise and form
-error are what the most flexible model leaves that still predicts motions held out, beside what was found: the search is
-repeated with what it found until it finds nothing else.
+these are is not known: each hypothesis is summed over those of ``ERRORS`` that are likely. Noise and form error are
+what the most flexible model leaves that still predicts motions held out, beside what was found: the search is repeated
+with what it found until it finds nothing else.
 
 What bends or rattles shows in no column about a stiff joint: it is simulated, and fitted from where that explains most.
 """
@@ -25,6 +25,7 @@ from gapscope.diagnosis.selection.fitted_model import (
     EVERYONE,
     Selection,
     fitted_about,
+    nameable,
     nominal_model,
 )
 from gapscope.diagnosis.thresholds import (
@@ -48,7 +49,7 @@ from gapscope.model.design import (
 )
 from gapscope.model.difference import Difference, Fit, Place, Search
 from gapscope.model.equations import Equations
-from gapscope.model.expected import Detectable, detectable
+from gapscope.model.expected import Detectable
 from gapscope.model.form_error import learn
 from gapscope.model.gravity_direction import as_mounted, turn_of_base
 from gapscope.model.nonlinear_values import Scanner
@@ -156,8 +157,7 @@ def could_show(
         InputError: a recording has no stretch without gaps that is long enough.
     """
     used = [one for one in recordings if one.tau is not None]
-    every = detectable(_search_of(arm, used).unsearched(), *EVERYONE, VISIBLE_EFFECT)
-    return (one for one in every if one.term.definition.locally_linear)
+    return nameable(_search_of(arm, used).unsearched())
 
 
 def _search_of(arm: NominalArm, recordings: Sequence[Recording]) -> SheetSearch:
@@ -244,7 +244,8 @@ class SheetSearch(Search):
         if first and self._found and (self._taught.white2 > VISIBLE_EFFECT**2).any():
             # what a law with a searched form does is no noise
             self._wide = None
-            self._prepared(torque)
+            self._linearise(1, torque)
+            self._prepare()
         fit = self._asked_again(self._fit(list(known), known, {}))
         return self._pruned(self._searched(fit))
 
