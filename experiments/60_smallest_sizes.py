@@ -21,7 +21,8 @@ from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.diagnosis.study import Study, examine
+from gapscope.diagnosis.diagnose import SheetComparison, examine
+from gapscope.diagnosis.selection.search import nameable
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.model.conditioning import condition
@@ -67,26 +68,27 @@ def places(effects: tuple[AppliedEffect, ...], name: str) -> set[int]:
 
 
 def tried(
-    study: Study, one: Detectable, multiples: list[float]
+    found: SheetComparison, one: Detectable, multiples: list[float]
 ) -> Iterator[dict[str, object]]:
     """A term at some sizes."""
-    terms, term = study.terms, one.term
+    terms, term = found.terms, one.term
     for multiple in multiples:
         theta = np.zeros(terms.size)
         theta[term.columns[0]] = multiple * one.half
         (effect,) = terms.effects(theta, [term])
         with threadpool_limits(1):
-            again = examine(with_effect(study.case, effect), lambda message: None)
+            again = examine(with_effect(found.case, effect))
+            possible = tuple(map(again.change, again.possible))
         yield {
-            "case": study.case.name,
+            "case": found.case.name,
             "effect": term.effect,
             "joint": term.joint,
             "multiple": multiple,
             "nine_of_ten": one.most / one.half,
             "named": term.joint in places(again.effects, term.effect),
-            "possible": term.joint in places(again.possible, term.effect),
+            "possible": term.joint in places(possible, term.effect),
             "instead": sorted(
-                {e.name for e in again.effects} - {e.name for e in study.effects}
+                {e.name for e in again.effects} - {e.name for e in found.effects}
             ),
         }
 
@@ -106,14 +108,14 @@ def main() -> None:
     for path in arguments.cases:
         case = load_case(path)
         with threadpool_limits(1):
-            study = examine(case, lambda message: None)
-        found = [
+            here = examine(case)
+        asked = [
             one
-            for one in study.selection.further
+            for one in nameable(here.difference)
             if one.term.effect in ASKED and np.isfinite(one.half)
         ]
-        for k in rng.permutation(len(found))[: arguments.terms]:
-            for row in tried(study, found[k], multiples):
+        for k in rng.permutation(len(asked))[: arguments.terms]:
+            for row in tried(here, asked[k], multiples):
                 rows.append(row)
                 with file.open("a", encoding="utf-8") as out:
                     print(json.dumps(row), file=out)

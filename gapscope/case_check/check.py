@@ -23,10 +23,10 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import CHANNELS, STILL, Recording, resting
 from gapscope.diagnosis.document.expected import expected_entries
+from gapscope.diagnosis.prepare import with_torque
 from gapscope.diagnosis.selection.search import could_show
 from gapscope.diagnosis.set_up import Remark, SetUp, look_at_set_up, numbers
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
-from gapscope.diagnosis.study import with_torque
 from gapscope.ident.model.base_parameters import random_states, structural_base
 from gapscope.ident.model.linear_problem import FrictionLaw, ModelColumns
 from gapscope.ident.model.regressor import Regressor

@@ -1,27 +1,580 @@
-"""The diagnosis of a case: conditioning, set-up, search, held-out gaps, findings."""
+"""The diagnosis of a case: what its arm has that its data sheet does not say."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case
-from gapscope.diagnosis.document.diagnosis_json import diagnosis_content
+from gapscope.arm.display import effect_name
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.recording import Recording
+from gapscope.arm.root_mean_square import rms
+from gapscope.diagnosis.assessment.excess_residual import (
+    ExcessResidual,
+    excess_residual,
+)
+from gapscope.diagnosis.assessment.instrumental_values import instrumented
+from gapscope.diagnosis.assessment.predictable_share import Predictable, predictable
+from gapscope.diagnosis.assessment.replay_gap import ReplayGap, replay_gap
+from gapscope.diagnosis.assessment.sensor_sides import find_sides, sides_entry
+from gapscope.diagnosis.comparison import Comparison
+from gapscope.diagnosis.document.content import Document, nominal_friction
+from gapscope.diagnosis.document.expected import expected_entries
+from gapscope.diagnosis.document.findings import (
+    GapStages,
+    at_middle_entry,
+    gravity_entry,
+    known_numbers,
+    numbers,
+)
 from gapscope.diagnosis.document.plotted_curves import (
     located,
     signatures,
     spectrum,
     traces,
 )
+from gapscope.diagnosis.document.wording import misread
+from gapscope.diagnosis.gap.noise_floor import noise_floor
+from gapscope.diagnosis.gap.repeatability import repeatability
+from gapscope.diagnosis.prepare import Prepared, Progress, prepare, silent
 from gapscope.diagnosis.result import Diagnosis
-from gapscope.diagnosis.study import Progress, Study, examine
-from gapscope.effects.applied import AppliedEffect
+from gapscope.diagnosis.selection.search import (
+    EVERYONE,
+    WORSE,
+    SheetSearch,
+    nameable,
+    search_of,
+    sheet_error,
+)
+from gapscope.diagnosis.selection.undeclared_coupling import (
+    UndeclaredCoupling,
+    undeclared_coupling,
+)
+from gapscope.diagnosis.setup_faults.detection import upright
+from gapscope.diagnosis.thresholds import (
+    INERTIAL_ERROR,
+    NO_TORQUE,
+    PREDICTABLE_SHARE,
+    PRESLIDING_GAIN,
+    SIGNIFICANT_RESIDUAL_RATIO,
+    VISIBLE_EFFECT,
+)
+from gapscope.effects.applied import AppliedEffect, State
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.effect import DryLaw, Turn
+from gapscope.effects.environment import tilt
+from gapscope.effects.friction import PRESLIDING_DISTANCES
+from gapscope.model.conditioning import Segment, condition
+from gapscope.model.explained import Explained, HeldOut, explained, held_out
+from gapscope.model.gravity_direction import turn_of_base
+from gapscope.model.terms import Candidate, Term
+from gapscope.model.torque_gap import TorqueGap, gap_on_rows, torque_gap
+from gapscope.model_audit.audit import odd_kinds
+
+# What the recordings of a case show beside the data sheet of its arm.
 
 
-def diagnose(case: Case, progress: Progress = lambda message: None) -> Diagnosis:
+@dataclass(frozen=True)
+class SheetComparison(Comparison):
+    """The contrast of a case with the data sheet of its arm, n joints.
+
+    Attributes:
+        searching: the search that found what the arm has.
+        turn: the base as it is mounted, if that is far from what the case says: roll and pitch [rad]; of it the search
+            found the rest.
+    """
+
+    searching: SheetSearch
+    turn: Mapping[Candidate, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def case(self) -> Case:
+        """The case as it was compared."""
+        return self.prepared.case
+
+    @cached_property
+    def body(self) -> RigidBody:
+        """Dynamics of the nominal arm."""
+        return RigidBody(self.case.arm)
+
+    @cached_property
+    def named(self) -> tuple[str, ...]:
+        """Findings that are more likely than not and close enough of held-out data to be seen."""
+        names = self.likely
+        while names:
+            known = self._explained(names)
+            closed = {name: self._closed(known, name) for name in names}
+            least = min(names, key=lambda name: closed[name])
+            if closed[least] >= VISIBLE_EFFECT:
+                break
+            names = tuple(name for name in names if name != least)
+        return names
+
+    @cached_property
+    def unseen(self) -> dict[str, float]:
+        """Findings that are likely, and close too little of held-out data, with the most that they close [1]."""
+        known = self._explained(self.likely)
+        unseen = [name for name in self.likely if name not in self.named]
+        return {name: self._closed(known, name) for name in unseen}
+
+    def _closed(self, known: Explained, name: str) -> float:
+        """Most that a finding closes of a joint's held-out gap, errors of the bodies taken out or not [1]."""
+        own = sum(known.torque[one] for one in self.findings[name])
+        gaps = (known.after, known.after - known.errors)
+        closed = [known.nrmse(left + own) - known.nrmse(left) for left in gaps]
+        return float(np.max(closed))
+
+    @cached_property
+    def explained(self) -> Explained:
+        """What the findings that are named explain, each part predicted from all others."""
+        return self._explained(self.named)
+
+    def _explained(self, names: Collection[str]) -> Explained:
+        known = explained(self.fit, self.group, self.of(names), beside_sheet=True)
+        if not self.turn:
+            return known
+        # the search is about the arm as it is mounted
+        nominal = gap_on_rows(self.rows, CorrectedArm(self.case.arm), self.body)
+        mounted = self.fit.contrast.design.gap * self.rows.scale / self.rows.trust
+        turned = (nominal - mounted)[known.rows]
+        more = {one: known.torque.get(one, 0.0) + turned for one in self.turn}
+        return replace(known, torque={**known.torque, **more})
+
+    @cached_property
+    def values(self) -> Mapping[Candidate, np.ndarray]:
+        """Values of what is named."""
+        return {**self._fitted_values(), **self.turn}
+
+    @cached_property
+    def effects(self) -> tuple[AppliedEffect, ...]:
+        """What is named, with values fitted to all recordings that may be fitted."""
+        return tuple(self.change(name) for name in self.named)
+
+    def effects_without(self, part: HeldOut) -> dict[str, AppliedEffect]:
+        """What is named, with values that were not fitted to a part of the recordings."""
+        values = {**part.answer.values, **self.turn}
+        out = {}
+        for name in self.named:
+            theta, mine = np.zeros(self.terms.size), self.findings[name]
+            for one in mine:
+                theta[list(one.term.columns)] = values[one]
+            terms = [one.term for one in mine]
+            (out[name],) = self.terms.effects(self.terms.clipped(theta), terms)
+        return out
+
+    @cached_property
+    def nominal(self) -> CorrectedArm:
+        """The arm of the data sheet."""
+        return CorrectedArm(self.case.arm)
+
+    @cached_property
+    def corrected(self) -> CorrectedArm:
+        """The same with what is named."""
+        arm = replace(self.case.arm, presliding=self.presliding)
+        return CorrectedArm(arm, self.effects)
+
+    @cached_property
+    def presliding(self) -> np.ndarray:
+        """Distance over which the dry friction that is named builds up [rad], (n,); 0 where none narrows the gap.
+
+        It is no cause of a gap but part of how dry friction acts: sgn v says nothing of a joint that rests or turns
+        round slowly, where most of what dry friction leaves lies. It comes from a grid, with the values as fitted. It
+        has to narrow the gap of all rows, and those decide that are trusted: a distance that suits rests alone does
+        harm on motions without any.
+        """
+        arm, rows = self.case.arm, self.rows
+        dry = has_dry_friction(
+            (t for name in self.named for t in self._terms(name)), arm.n_joints
+        )
+        if not dry.any():
+            return np.zeros(arm.n_joints)
+        distances = [
+            np.where(dry, d * arm.per_radian, 0.0) for d in (0.0, *PRESLIDING_DISTANCES)
+        ]
+        every, trusted = [], []
+        for distance in distances:
+            bent = CorrectedArm(replace(arm, presliding=distance), self.effects)
+            gap = gap_on_rows(rows, bent, self.body)[~rows.set_aside]
+            every.append(((gap * rows.measured[~rows.set_aside]) ** 2).sum(axis=0))
+            trusted.append(((gap * rows.trust[~rows.set_aside]) ** 2).sum(axis=0))
+        wider = np.array(every) > every[0]
+        squares = np.where(wider, np.inf, trusted)
+        gain = self.samples / 2 * np.log(squares[0] / squares.min(axis=0))
+        best = np.array(distances)[np.argmin(squares, axis=0), np.arange(len(dry))]
+        return np.where(gain > PRESLIDING_GAIN, best, 0.0)
+
+    def _terms(self, name: str) -> list[Term]:
+        return [one.term for one in self.findings[name]]
+
+    @property
+    def samples(self) -> np.ndarray:
+        """Independent samples of each joint, (n,)."""
+        error, rows = self.fit.contrast.error, self.rows
+        count = (rows.trust[~rows.set_aside] ** 2).sum(axis=0)
+        return np.asarray(count * error.white2 / error.noise2)
+
+    @property
+    def compliant(self) -> bool:
+        """Whether a compliant joint is among what is named."""
+        terms = (t for name in self.named for t in self._terms(name))
+        return any(not term.definition.locally_linear for term in terms)
+
+    # What a healthy arm would leave, and what is left beyond it.
+
+    @cached_property
+    def segments(self) -> list[Segment]:
+        """What gaps are measured on, at the rate of the recordings."""
+        every = self.case.judged if self.rows.set_aside.any() else self.case.recordings
+        used = [recording for recording in every if recording.tau is not None]
+        return [segment for recording in used for segment in condition(recording)]
+
+    @cached_property
+    def error2(self) -> np.ndarray:
+        """Mean square that likely errors of the bodies explain [N^2 m^2], (n,).
+
+        Errors that are larger than a good data sheet's explain what those of its size would.
+        """
+        known = self.explained
+        off = max(sheet_error(self.difference), 1e-9)
+        share = min(1.0, WORSE * INERTIAL_ERROR / off)
+        before = (known.after**2).mean(axis=0)
+        after = ((known.after - share * known.errors) ** 2).mean(axis=0)
+        return np.clip(before - after, 0.0, None)
+
+    @cached_property
+    def floor(self) -> np.ndarray:
+        """RMS that a healthy arm of this kind would leave, errors of its bodies among it [N m], (n,)."""
+        return np.sqrt(self._noise2 + self.error2)
+
+    @cached_property
+    def _noise2(self) -> np.ndarray:
+        floors = [
+            noise_floor(self.corrected, self.body, s).floor for s in self.segments
+        ]
+        lengths = [len(s.motion.t[s.inner]) for s in self.segments]
+        return np.asarray(np.average(np.square(floors), axis=0, weights=lengths))
+
+    @cached_property
+    def residual(self) -> ExcessResidual:
+        """What exceeds the floor, before and after."""
+        known = self.explained
+        after2 = (known.after**2).mean(axis=0) - self.error2
+        return excess_residual(
+            np.sqrt((known.before**2).mean(axis=0)),
+            np.sqrt(after2),
+            np.sqrt(self._noise2),
+            known.scale,
+            self.samples,
+            compliant=self.compliant,
+        )
+
+    def gap(self, error: np.ndarray) -> TorqueGap:
+        """A gap on the rows that are judged, (M, n), as that of an arm."""
+        rows = self.rows
+        mine = self.explained.rows
+        measured = rows.torque[mine]
+        starts = np.flatnonzero(np.diff(rows.segment[mine])) + 1
+        edges = (0, *starts.tolist(), len(measured))
+        return TorqueGap(measured, measured - error, edges)
+
+    # Its replay in the simulator, and its joint torque sensors.
+
+    @cached_property
+    def replayed(self) -> ReplayGap:
+        """Replay gap before and after, on a recording to which values were not fitted."""
+        recording, part = self._last_part()
+        return replay_gap(self.case, recording, self.effects_without(part))
+
+    def _last_part(self) -> tuple[Recording, HeldOut]:
+        """The first recording that is set aside, else the last one, or the last part of a single one."""
+        *_, part = held_out(self.fit, self.group, self.of(self.named))
+        if self.rows.set_aside.any():
+            return next(r for r in self.case.judged if r.tau is not None), part
+        fitted = [r for r in self.case.recordings if r.tau is not None]
+        last = self.rows.segments[self.rows.segment[part.rows][-1]].recording
+        recording = next(r for r in fitted if r.name == last)
+        if len({s.recording for s in self.rows.segments}) > 1:
+            return recording, part
+        t = self.rows.t[part.rows] + recording.t[0]
+        inside = (recording.t >= t.min()) & (recording.t <= t.max())
+        return recording.part(inside), part
+
+    @cached_property
+    def coupling(self) -> UndeclaredCoupling | None:
+        """Two joints that seem to be turned by one motor of which the case says nothing."""
+        above = (np.flatnonzero(self.residual.above) + 1).tolist()
+        return undeclared_coupling(self.searching, self.fit, above)
+
+    @cached_property
+    def by_commands(self) -> Mapping[str, AppliedEffect]:
+        """Findings with values by the commands as instruments; none if the commands are not known."""
+        if self.case.controller is None or self.turn:
+            return {}
+        fitted = [r for r in self.case.recordings if r.tau is not None]
+        values = instrumented(self.searching, self.fit, fitted)
+        out = {}
+        for name, mine in self.findings.items():
+            if all(one in values for one in mine):
+                theta = np.zeros(self.terms.size)
+                for one in mine:
+                    theta[list(one.term.columns)] = values[one]
+                terms = [one.term for one in mine]
+                (out[name],) = self.terms.effects(self.terms.clipped(theta), terms)
+        return out
+
+    @cached_property
+    def states(self) -> tuple[State, ...]:
+        """All effects in each recording and span; none if all share a state."""
+        return self.prepared.states.effects(self.terms, self.own_theta)
+
+
+def has_dry_friction(terms: Iterator[Term], n_joints: int) -> np.ndarray:
+    """Which joints have a term of dry friction of their own, shape (n,)."""
+    dry = np.zeros(n_joints, dtype=bool)
+    for term in terms:
+        if isinstance(term.definition, DryLaw) and term.definition.reach == "joint":
+            dry[term.joint - 1] = True
+    return dry
+
+
+# Its document.
+
+
+class _Document(Document):
+    """``diagnosis.json`` of a comparison with the data sheet."""
+
+    floor_from = "the gap's power density above the band, timing and form of friction"
+
+    def __init__(self, comparison: SheetComparison) -> None:
+        super().__init__(comparison)
+        self._sheet = comparison
+
+    def load(self) -> np.ndarray:
+        mine = self._known.rows
+        return np.asarray(self._sheet.rows.torque[mine] - self._known.before)
+
+    def floor(self) -> np.ndarray:
+        return self._sheet.floor
+
+    def open_joints(self) -> list[int]:
+        return [int(j) + 1 for j in np.flatnonzero(self._sheet.residual.above)]
+
+    def times_floor(self) -> np.ndarray:
+        return self._sheet.residual.ratio
+
+    def leaves_little(self, gap: GapStages) -> bool:
+        residual = self._sheet.residual
+        if not residual.open:
+            return True
+        # A repaired fault explains all that it took away: the residual is small beside the gap of the case as given.
+        widened = any(f.gap_before is not None for f in self._prepared.faults)
+        return widened and not residual.exceeds_explained_share_of(gap.recorded)
+
+    @cached_property
+    def _predictable(self) -> list[Predictable]:
+        after = self._sheet.gap(self._known.after)
+        return predictable(after, self._rows, self._sheet.floor, self.open_joints())
+
+    def is_significant(self) -> bool:
+        """Whether the residual of some joint is far above the floor, or can be predicted."""
+        ratio = self._sheet.residual.ratio
+        return self._prepared.another_arm or any(
+            p.share >= PREDICTABLE_SHARE
+            or ratio[p.joint - 1] >= SIGNIFICANT_RESIDUAL_RATIO
+            for p in self._predictable
+        )
+
+    @property
+    def rejected(self) -> bool:
+        return bool(self._sheet.unseen)
+
+    def replay(self) -> dict[str, Any]:
+        known = self._sheet.replayed
+        elsewhere: list[dict[str, Any]] = [{}, {}]
+        for engine, gaps in known.elsewhere.items():
+            for out, gap in zip(elsewhere, gaps, strict=True):
+                out[engine] = known_numbers(gap)
+        before, after = (
+            {"replay_rmse": known_numbers(gap), "replay_elsewhere": others}
+            for gap, others in zip((known.before, known.after), elsewhere, strict=True)
+        )
+        whole = {
+            "replayed": known.by,
+            "engine": known.engine,
+            "repeatability": self._repeatability(),
+        }
+        return {"gap": whole, "before": before, "after": after}
+
+    def _repeatability(self) -> dict[str, Any] | None:
+        """What the arm's own repeats differ by, and how many times that the gap is; ``None`` without repeats."""
+        gap = self._sheet.gap(self._known.after)
+        found = repeatability(gap, self._rows.rates, self._sheet.floor)
+        if found is None:
+            return None
+        nrmse = found.rms / self._known.scale
+        return {
+            "torque_nrmse": numbers(nrmse),
+            "seconds": found.seconds,
+            "times": float(rms(gap.nrmse) / rms(nrmse)),
+        }
+
+    def effect_entry(self, name: str) -> dict[str, Any]:
+        sheet, applied = self._sheet, self._sheet.change(name)
+        only, without = (
+            known_numbers(gaps.get(name))
+            for gaps in (sheet.replayed.only, sheet.replayed.without)
+        )
+        parameters = sheet.parameters(name)
+        by_commands = sheet.by_commands.get(name)
+        nonlinear = self._sheet.findings[name][0].term.parametrisation.nonlinear
+        for parameter, value in by_commands.parameters.items() if by_commands else ():
+            if parameter not in (*nonlinear, "link"):
+                parameters[parameter]["by_commands"] = value.tolist()
+        return {
+            **gravity_entry(applied, sheet.case.arm),
+            **at_middle_entry(applied, self._rows.q),
+            "parameters": parameters,
+            "gap_with_only_this": {"replay_rmse": only},
+            "gap_without_this": {"replay_rmse": without},
+        }
+
+    def unknown_entry(self, joints: list[int]) -> dict[str, Any]:
+        found = self.coupling()
+        pair = None
+        if found is not None:
+            pair = {
+                "joints": [found.joint, found.motor],
+                "declare": found.declaration,
+                "log_evidence": found.gain,
+            }
+        return {
+            "predictable": [p.document() for p in self._predictable],
+            "coupling": pair,
+        }
+
+    def coupling(self) -> UndeclaredCoupling | None:
+        return self._sheet.coupling
+
+    def doubt(self, reached: str) -> tuple[str, str]:
+        if reached != "unexplained":
+            return "", ""
+        off = rms(self.stages.repaired, None)
+        case = self._sheet.case
+        mounted = upright(case).arm
+        return misread(
+            float(off),
+            mounted.gravity,
+            case.arm.gravity,
+            another=self._prepared.another_arm,
+        )
+
+    def further(self) -> dict[str, Any]:
+        sheet = self._sheet
+        out: dict[str, Any] = {}
+        # of another arm than the nominal one no size is known
+        found = () if self._prepared.another_arm else nameable(sheet.difference)
+        out["expected"] = expected_entries(found)
+        sides = find_sides(
+            sheet.nominal,
+            sheet.corrected,
+            sheet.body,
+            sheet.segments,
+            np.sqrt(sheet.error2),
+        )
+        if sides is not None:
+            named = [{"effect": effect.name} for effect in sheet.effects]
+            out["sides"] = sides_entry(sides, named)
+        return out
+
+    def _context(self, reached: str) -> dict[str, Any]:
+        sheet, out = self._sheet, super()._context(reached)
+        out["nominal"] = {"friction": nominal_friction(sheet.case.arm)}
+        out["presliding"] = sheet.presliding.tolist()
+        out["conditioning"] |= {
+            "rate": sheet.segments[0].motion.rate,
+            "nominal_inertials_std": sheet_error(sheet.difference),
+        }
+        return out
+
+    def warnings(self, reached: str) -> list[str]:
+        sheet = self._sheet
+        out = list(sheet.replayed.warnings)
+        odd = odd_kinds(sheet.case.arm.urdf) if reached == "unexplained" else ""
+        if odd:
+            # what is wrong in the file need not be looked for in the recordings
+            file = sheet.case.arm.urdf.resolve()
+            out.insert(0, f"in the robot file: {odd}; see gapscope audit {file}")
+        off = sheet_error(sheet.difference)
+        if reached != "no_gap" and off > WORSE * INERTIAL_ERROR:
+            out.append(
+                f"the bodies of the robot file seem to be off by about {off:.0%} of their size, which hides loads and "
+                "changed links: identify them (gapscope identify), or compare with a reference (diagnose --against)"
+            )
+        return out
+
+    def considered(self) -> list[dict[str, Any]]:
+        """Findings that close too little, and what was weighed beside what was found, each in its likeliest set."""
+        sheet, out = self._sheet, []
+        for name, closed in sheet.unseen.items():
+            terms = sheet._terms(name)
+            reason = (
+                "it closes too little of the gap of unseen data for a person to see"
+            )
+            out.append(_considered(terms, None, closed, reason))
+        return [*out, *self._runners_up()]
+
+    def _runners_up(self) -> Iterator[dict[str, Any]]:
+        sheet = self._sheet
+        seen: set[str] = set()
+        fit, sets = sheet.fit, sheet.difference.sets
+        mine = frozenset(fit.mine)
+        here = sets.get(mine, 0.0)
+        for some, value in sorted(sets.items(), key=lambda e: -e[1]):
+            more, less = some - mine, mine - some
+            names = {one.effect for one in more}
+            places = {one.term.finding for one in less}
+            if len(names) != 1 or names & seen or len(places) > 1:
+                continue
+            seen |= names
+            if places:
+                reason = f"{effect_name(next(iter(less)).effect)} explains more"
+            elif value > here:
+                reason = "it closes too little of the gap for a person to see"
+            else:
+                reason = "what it explains is not worth one more effect"
+            kept = [one for one in fit.mine if one in some]
+            values = fit.own.answer([*kept, *more]).values
+            gaps = (fit.torque, fit.own.torque(values))
+            closed = np.subtract(
+                *(sheet.searching.torque_nrmse(fit.contrast.gap - x) for x in gaps)
+            )
+            terms = [one.term for one in more]
+            yield _considered(terms, value - here, float(closed.sum()), reason)
+
+
+def _considered(
+    terms: list[Term], evidence: float | None, closed: float, reason: str
+) -> dict[str, Any]:
+    on_joints = [t.joint for t in terms if t.definition.scope == "joint"]
+    return {
+        "effect": terms[0].effect,
+        "joints": sorted(on_joints),
+        "log_evidence": evidence,
+        "gap_closed": closed,
+        "reason": reason,
+    }
+
+
+# The diagnosis.
+
+
+def diagnose(case: Case, progress: Progress = silent) -> Diagnosis:
     """Find where the gap of a case lies, which effects cause it, and how far it shrinks with them.
 
     Args:
@@ -35,36 +588,85 @@ def diagnose(case: Case, progress: Progress = lambda message: None) -> Diagnosis
     """
     # Many small matrices: threads would only wait for each other.
     with threadpool_limits(1):
-        study = examine(case, progress)
-        return build_diagnosis(study, progress)
+        return diagnosis_of(examine(case, progress), progress)
 
 
-def build_diagnosis(
-    study: Study, progress: Progress = lambda message: None
-) -> Diagnosis:
-    """The diagnosis of a study: its findings, and the curves that a report draws."""
+def examine(case: Case, progress: Progress = silent) -> SheetComparison:
+    """Compare a case with its data sheet.
+
+    Args:
+        case: the nominal arm and its recordings.
+        progress: called with a few words at each step.
+
+    Raises:
+        GapscopeError: no recording carries a torque that can be trusted, nor is there a known controller with its
+            reference that determines it.
+        InputError: a recording has no stretch without gaps that is long enough, or holds what no arm can have.
+    """
+    prepared = prepare(case, progress)
+    found = _compared(prepared, progress)
+    likelier = prepared.by_likelier_rule(found.effects, progress)
+    if likelier is not None:
+        prepared, found = likelier, _compared(likelier, progress)
+    left = found.explained.nrmse(found.explained.after)
+    if not prepared.another_arm and rms(left, None) > NO_TORQUE:
+        # with all that was found it still predicts worse than no torque at all
+        return _compared(prepared.of_another_arm(), progress)
+    return found
+
+
+def _compared(prepared: Prepared, progress: Progress) -> SheetComparison:
+    """The search for what the arm has; of another arm than the nominal one nothing is looked for."""
+    case = prepared.case
+    fitted = [r for r in case.recordings if r.tau is not None]
+    searching = search_of(case.arm, fitted, case.judged)
+    if prepared.another_arm:
+        found = searching.unsearched()
+        return SheetComparison(prepared, found, *EVERYONE, searching)
+    progress("searches for effects")
+    searching.progress = progress
+    found = searching.run()
+    turn = turn_of_base(case.arm.gravity, searching.arm.arm.gravity)
+    if turn is None:
+        return SheetComparison(prepared, found, *EVERYONE, searching)
+    places = found.fit.contrast.design.places
+    tilts = [Candidate(t, EVERYONE) for t in places if isinstance(t.definition, Turn)]
+    found = searching.with_also(found, tilts)
+    # what is left of a turn about the base as it seems to be mounted
+    rest = np.concatenate([found.fit.answer.values[one] for one in tilts])
+    gravity = tilt(*rest).T @ searching.arm.arm.gravity
+    whole = np.array(turn_of_base(case.arm.gravity, gravity) or turn)
+    turned = dict.fromkeys(tilts, whole)
+    return SheetComparison(prepared, found, *EVERYONE, searching, turned)
+
+
+def diagnosis_of(found: SheetComparison, progress: Progress = silent) -> Diagnosis:
+    """The diagnosis of a comparison: its findings, and the curves that a report draws."""
+    progress("replays a recording in the simulator")
+    document = _Document(found)
+    content = document.content()
     progress("writes the findings")
-    content = diagnosis_content(study)
-    segments = study.predictor.segments
-    presliding = study.selection.presliding_of(study.selection.fit.terms)
-    arm = replace(study.case.arm, presliding=presliding)
-    corrected = CorrectedArm(arm, study.effects)
+    segments, after = found.segments, found.corrected
     rates = tuple(segment.motion.rate for segment in segments)
-    gaps = {"before": study.gap_before, "after": study.gap_after}
+    gaps = {
+        "before": torque_gap(found.nominal, found.body, segments),
+        "after": torque_gap(after, found.body, segments),
+    }
+    possible = tuple(found.change(name) for name in found.possible)
     return Diagnosis(
         document=content,
-        effects=_in_order(study.effects, content["effects"]),
-        traces=traces(CorrectedArm(study.case.arm), corrected, study.body, segments),
-        signatures=signatures(corrected, study.body, segments),
-        spectrum=spectrum(study.gap_before, study.gap_after, rates),
-        located=located(content, gaps, study.floor, segments),
-        possible=_in_order(study.possible, content["possible"]),
-        presliding=tuple(presliding.tolist()),
-        faults=study.faults,
-        arm=study.case.arm,
-        replayed=study.replay_gap.motion,
-        states=study.states.effects(study.terms, study.theta),
-        case_file=study.case.file,
+        effects=_in_order(found.effects, content["effects"]),
+        traces=traces(found.nominal, after, found.body, segments),
+        signatures=signatures(after, found.body, segments),
+        spectrum=spectrum(gaps["before"], gaps["after"], rates),
+        located=located(content, gaps, found.floor, segments),
+        possible=_in_order(possible, content["possible"]),
+        presliding=tuple(found.presliding.tolist()),
+        faults=found.prepared.faults,
+        arm=found.case.arm,
+        replayed=found.replayed.motion,
+        states=found.states,
+        case_file=found.case.file,
     )
 
 

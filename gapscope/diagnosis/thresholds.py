@@ -198,33 +198,18 @@ EXACT_LAW = 1e-3
 UNMEASURED_MISFIT = 0.7
 OTHER_GAINS_MISFIT = 0.25
 
-# --- model: discrepancy, what a healthy arm leaves of every model
-RICHEST_TERM = 1.0  # Torque of each term, over the deviation of the joint's torque, when all are fitted [1]. (hand)
-RICHEST_INERTIALS = 0.3  # Relative errors of the inertials then [1]. (physical)
-RICHEST_ROUNDS = 3  # Rounds in which joints are weighed by what is left. (budget)
-
-# --- model: linearisation
-PIECE_LENGTH = 1.5  # Length of the pieces of the normal equations, every other of which is a half [s]. (hand)
-MAX_PIECES = 40  # Pieces over all folds; on long logs they grow instead. (budget)
+# --- assessment: joint torque sensors
 SENSOR_ZERO = 0.1  # Prior of a sensor's zero, over the normalisation of its joint's torque gap [1]. (hand)
 SENSOR_SCALE = 0.01  # Prior of the error of a sensor's scale [1]. (data sheets of joint torque sensors)
 SENSOR_LAG = 2e-3  # Prior of a sensor's lag [s]. (hand)
 
-# --- selection: the evidence of values
-# Relative errors of the nominal inertials that are tried [1], each with its charge [nats]: larger inertial errors
-# cost more evidence. (hand)
-NOMINAL_ERROR = {0.003: 0.0, 0.01: 2.0, 0.03: 8.0, 0.06: 15.0}
-SKEWS = (0.0, 2.5e-4, 5e-4)  # Skews of sampling that are tried [s]; half a tick is 0.5 ms at 1 kHz. (physical)
-SKEW_CHARGE = 3.0  # Charge for a skew [nats]. (hand)
+# --- selection: search
 MIN_DELAY = 1e-3  # Delays shorter than this count as a skew of sampling and are not named [s]. (hand)
 MIN_LINK_MASS = 0.05  # Share of its nominal mass that a changed link keeps at least [1]. (physical)
 
-# --- selection: search
-SEARCH_RATE = 100.0  # The search works on segments decimated to no less than this [Hz]. (budget)
+# Segments are decimated to no less than this to see how an arm is mounted [Hz]. (budget)
+SEARCH_RATE = 100.0
 PRESLIDING_GAIN = 5.0  # A joint's presliding must narrow the gap of trusted rows by so much [nats]. (hand)
-RELINEARISATIONS = 3  # Linearisations around the values of one set of terms. (budget)
-# A linearisation holds where the torque departs from it by this share of what a healthy arm leaves [1]. (hand)
-LINEAR_ENOUGH = 0.05
 # An effect must lower the held-out torque NRMSE of some joint by this much to be named [1]. (definition)
 VISIBLE_EFFECT = 0.01
 VISIBLE_TERM = 0.004  # A joint must gain this much in it to be named with an effect that is named anyway [1]. (hand)
@@ -233,8 +218,6 @@ VISIBLE_TERM = 0.004  # A joint must gain this much in it to be named with an ef
 # reaches 0.57, pairs of joints without one 0.05. (hand)
 COUPLING_CLOSES = 0.2
 # --- assessment: excess residual, what exceeds the floor
-# Errors of the nominal inertials that are less likely than this explain no gap as a whole [1]. (statistics)
-UNLIKELY_ERRORS = 1e-6
 # A healthy arm's residual is called above the floor on any joint in no more than this share of cases [1]. (statistics)
 FALSE_ALARM_RATE = 0.01
 ABOVE_FLOOR_RATIO = 1.6  # Without effects a gap is above the floor if it exceeds it by this factor [1]... (hand)
@@ -252,9 +235,6 @@ SIGNIFICANT_RESIDUAL_RATIO = 2.2  # The residual is significant above this many 
 # ...below, a flexible model must predict this share of it on held-out data [1]: louder noise looks alike but cannot
 # be predicted. (hand)
 PREDICTABLE_SHARE = 0.1
-# An effect on the arm or a link acts on the joints on which it closes this share of what it closes at most [1].
-# (hand)
-CLOSING_JOINTS = 0.25
 
 # --- assessment: share of a residual that a flexible model predicts
 PREDICTABLE_MIN_RATIO = 1.1  # Skip residuals below this many times the floor [1]. (hand)
@@ -273,41 +253,19 @@ MAX_OSCILLATION = TORQUE_CUTOFF  # Highest frequency of an oscillation [Hz]: the
 OSCILLATION_GRID = 8
 
 # --- assessment: probabilities, replay
-# Evidence counts this much in probabilities [1]: folds of the same few motions say less than their nats. (hand)
-TEMPER = 1.0
-# Odds of a changed last link against a load that is the same body [1]: what an arm carries changes often. (hand)
-LAST_LINK_ODDS = 0.1
-# Odds of a load against a changed last link whose form fits far better [1]: a load is no point mass. (hand)
-LOAD_FORM_ODDS = 0.8
 OPEN_ALTERNATIVE = 0.05  # An alternative with this probability leaves the question open [1]. (hand)
 NAMED_PROBABILITY = 0.5  # An effect less probable than this is not named [1]. (definition)
 FALSE_DISCOVERY_RATE = 0.05  # Share of the effects confirmed that may be there by chance [1]. (statistics)
-LISTED_PROBABILITY = 0.01  # Names less probable than this are not listed in a set [1]. (hand)
-# No calibrated probability lies below this [1]: it was seen a few hundred times at most... (statistics)
-MIN_PROBABILITY = 0.02
-MAX_PROBABILITY = 0.995  # ...nor above this [1]. (statistics)
 # Ticks of the controller that are replayed, from the start of a recording: 5 s at 1 kHz, which take a fifth of a
 # second for each arm... (budget)
 REPLAYED_TICKS = 5_000
 # ...and of an arm with compliant joints, which takes steps as small as its resonance asks for. (budget)
 REPLAYED_TICKS_COMPLIANT = 4_000
 
-# --- document: intervals of values
-VALUE_DRAWS = 400  # Draws of the values behind their intervals. (budget)
-# Relative errors of the nominal inertials that the data may show [1]... (physical)
-INERTIAL_ERRORS = np.geomspace(1e-3, 0.3, 18)
-# ...what they are before the data are looked at [1]: masses by CAD leave out cables, screws and lubricant... (physical)
+# --- selection: bodies of the data sheet
+# Errors of bodies before the data are looked at, over their size [1]: masses by CAD leave out cables, screws and
+# lubricant. (physical)
 INERTIAL_ERROR = 0.03
-INERTIAL_ERROR_FACTOR = 2.5  # ...and the factor by which that is uncertain either way [1]. (hand)
-# Factor by which the errors of one link differ in size from those of another [1]: a published URDF of the Kinova Gen3
-# has masses that are off by 0 to 46 % (docs/real_arms.md). (physical, the value by choice)
-LINK_TO_LINK = 2.0
-# Error of the shape of a body's inertia about its centre, over the error of its mass [1]. (hand)
-SHAPE_ERROR = 0.3
-# Error of the gain by which a joint's torque is recorded, beside an arm of a data sheet [1]: constants of motors are
-# known to some per cent. (physical, the value by choice)
-GAIN_ERROR = 0.03
-LINK_CHANGE = 0.3  # Relative change of a link that is named, before the data are looked at [1]. (hand)
 
 # --- localisation: regions and rules
 REGION_SHARE = 0.25  # A region must hold this share of a joint's squared gap to be named [1]... (hand)

@@ -433,12 +433,15 @@ def _waves(rows: Rows) -> tuple[list[np.ndarray], np.ndarray]:
 
     with wave numbers w_k drawn from the spectral density of its covariance [rahimi2007].
     """
-    state = np.hstack([rows.position, rows.velocity])
+    # joints that are counted the other way round, or in another order, have the same functions
+    skewness = ((rows.position - rows.position.mean(axis=0)) ** 3).sum(axis=0)
+    sense, order = np.where(skewness < 0, -1.0, 1.0), np.argsort(np.abs(skewness))
+    state = np.hstack([rows.position * sense, rows.velocity * sense])
     state = state / np.maximum(state.std(axis=0), 1e-9)
     n = rows.position.shape[1]
     of_joint, of_arm = WAVES if rows.group.max() < 2 else FEWER_WAVES
     own = [drawn_waves(state[:, [j, n + j]], of_joint) for j in range(n)]
-    return own, drawn_waves(state, of_arm)
+    return own, drawn_waves(state[:, [*order, *(n + order)]], of_arm)
 
 
 def drawn_waves(state: np.ndarray, count: int) -> np.ndarray:
@@ -462,7 +465,7 @@ def fitted_arm(rows: Rows, arm: NominalArm, groups: Collection[int]) -> FreeArm:
     free = [e for e in terms.definitions if _is_free(e)]
     names = {e.name for e in free}
     places = np.concatenate([terms.block(e.name).ravel() for e in free])
-    told = np.isin(rows.group, list(groups))
+    told = np.isin(rows.group, list(groups)) & ~rows.set_aside
     matrices, gaps = [], []
     rows.bodies = []
     for k, segment in enumerate(rows.segments):

@@ -67,6 +67,8 @@ LOOKED_AT = 14
 """Candidates that count among the hypotheses that compete. (budget)"""
 SETTLED = 0.02
 """Values that change by less from one linearisation to the next stay [1]."""
+LEAST = 700.0
+"""Log odds of what nobody has asked for: as good as none, and yet a number [nats]. (numerical)"""
 BEYOND_SATURATION = 1.4
 """Share of what a limit cuts off that was lost, at most [1]: all of it is 1."""
 
@@ -170,9 +172,12 @@ class Difference:
         sides: dict[bool, list[float]] = {True: [], False: []}
         for some, value in self.sets.items():
             sides[any(holds(one) for one in some)].append(value)
-        return float(
-            np.logaddexp.reduce(sides[True]) - np.logaddexp.reduce(sides[False])
+        likeliest = max(self.sets.values())
+        there, none = (
+            np.logaddexp.reduce([*sides[side], likeliest - LEAST])
+            for side in (True, False)
         )
+        return float(there - none)
 
     @property
     def shapes(self) -> dict[Term, tuple[float, ...]]:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from gapscope.model.contrast import Answer, OwnTerms
 from gapscope.model.difference import Fit
 from gapscope.model.terms import Candidate
 from gapscope.model.torque_gap import torque_scale
@@ -20,6 +22,8 @@ class Explained:
         rows: which rows of all they are, mask.
         after: gap that is left with the terms [N m], (M, n).
         torque: what each term of the group does [N m], (M, n).
+        errors: what likely errors of a data sheet do [N m], (M, n): a part of ``after``. Of an arm that was identified
+            on a reference they are taken out.
         floor: RMS that noise, form error and what is not known of the shared arm leave [N m], (n,); no more than what
             is left with the terms.
         scale: normalisation of the torque gap [N m], (n,).
@@ -28,6 +32,7 @@ class Explained:
     rows: np.ndarray
     after: np.ndarray
     torque: Mapping[Candidate, np.ndarray]
+    errors: np.ndarray
     floor: np.ndarray
     scale: np.ndarray
 
@@ -46,31 +51,59 @@ class Explained:
         return np.asarray(np.sqrt((gap**2).mean(axis=0)) / self.scale)
 
 
-def explained(fit: Fit, group: int, terms: Sequence[Candidate]) -> Explained:
-    """What some candidates of a hypothesis explain of a group: on what is set aside, or on each part in turn.
+class HeldOut(NamedTuple):
+    """A motion of a group, and what all others say.
 
-    A part is a recording, or a motion of the only one; it is predicted with what all others say of the terms and of all
-    that is shared.
+    Attributes:
+        rows: the part, mask (M,).
+        own: information on the terms, without the part.
+        answer: values of the terms, without the part.
+    """
+
+    rows: np.ndarray
+    own: OwnTerms
+    answer: Answer
+
+
+def held_out(fit: Fit, group: int, terms: Sequence[Candidate]) -> Iterator[HeldOut]:
+    """Motions of a group in turn, or what is set aside, with what all others say of some terms of a hypothesis."""
+    rows = fit.contrast.design.rows
+    mine = rows.set_aside if rows.set_aside.any() else rows.of(group)
+    sizes = dict(zip(fit.chosen, fit.answer.sizes, strict=True))
+    # what is set aside has taught nothing
+    motions = [None] if rows.set_aside.any() else np.unique(rows.motion[mine]).tolist()
+    for motion in motions:
+        own, where = fit.own, mine
+        if motion is not None:
+            own = fit.own.within(fit.contrast.without(group, [motion]))
+            where = mine & (rows.motion == motion)
+        yield HeldOut(where, own, own.answer(terms, [sizes[one] for one in terms]))
+
+
+def explained(
+    fit: Fit, group: int, terms: Sequence[Candidate], *, beside_sheet: bool = False
+) -> Explained:
+    """What some candidates of a hypothesis explain of a group, on parts that are held out.
 
     Args:
         fit: the hypothesis.
         group: whose terms they are.
         terms: of the hypothesis.
+        beside_sheet: whether all that is shared is errors of a data sheet, and unknown functions, which predict too.
     """
     design, rows = fit.contrast.design, fit.contrast.design.rows
     mine = rows.set_aside if rows.set_aside.any() else rows.of(group)
-    after = np.zeros_like(design.gap)
+    after, errors = np.zeros_like(design.gap), np.zeros_like(design.gap)
     torque = {one: np.zeros_like(after) for one in terms if not one.everybody}
-    sizes = dict(zip(fit.chosen, fit.answer.sizes, strict=True))
-    for part in _parts(fit, group):
-        own, where = fit.own, mine
-        if part:
-            own = fit.own.within(fit.contrast.without(group, part))
-            where = mine & np.isin(rows.motion, part)
-        answer = own.answer(terms, [sizes[one] for one in terms])
+    every_wave = [place for some in design.waves for place in np.concatenate(some)]
+    for where, own, answer in held_out(fit, group, terms):
         shared, days = own.nuisances(answer.values)
         left = fit.contrast.gap - own.torque(answer.values)
-        left -= design.shared_torque(shared + days[group])
+        if beside_sheet:
+            shared[every_wave] = 0.0
+            errors[where] = design.shared_torque(shared + days[group])[where]
+        else:
+            left -= design.shared_torque(shared + days[group])
         after[where] = left[where]
         each = {one: own.torque({one: answer.values[one]}) for one in torque}
         if each:
@@ -85,19 +118,7 @@ def explained(fit: Fit, group: int, terms: Sequence[Candidate]) -> Explained:
     left = np.sqrt((after**2).mean(axis=0))
     floor = np.minimum(_floor(fit, mine) * rows.scale, left)
     torque = {one: x[mine] * size for one, x in torque.items()}
-    return Explained(mine, after, torque, floor, scale)
-
-
-def _parts(fit: Fit, group: int) -> list[list[int]]:
-    """Motions of each part that is held out together; one empty part if others are set aside."""
-    rows = fit.contrast.design.rows
-    if rows.set_aside.any():
-        return [[]]
-    motions, first = np.unique(rows.motion[rows.of(group)], return_index=True)
-    recording = rows.recording[rows.of(group)][first]
-    if len(np.unique(recording)) == 1:
-        return [[motion] for motion in motions.tolist()]
-    return [motions[recording == r].tolist() for r in np.unique(recording)]
+    return Explained(mine, after, torque, errors[mine] * size, floor, scale)
 
 
 def _floor(fit: Fit, mine: np.ndarray) -> np.ndarray:

@@ -122,10 +122,8 @@ class Rows(DecimatedSegments):
         self.sticking = np.zeros_like(self.trust)
         self.scale = torque_scale(self.torque[self.group == 0])
         self.t = np.concatenate([self.time(s) for s in segments])
-        kept = [slice(s.inner.start, s.inner.stop, self.step(s)) for s in segments]
-        pairs = list(zip(segments, kept, strict=True))
-        self.position = np.vstack([s.motion.q[rows] for s, rows in pairs])
-        self.velocity = np.vstack([s.motion.dq[rows] for s, rows in pairs])
+        self.position = np.vstack([self._kept(s.motion.q, s) for s in segments])
+        self.velocity = np.vstack([self._kept(s.motion.dq, s) for s in segments])
         self.motion = self._motions()
 
     @classmethod
@@ -164,6 +162,25 @@ class Rows(DecimatedSegments):
         other.measured = np.where(left_out[:, None], 0.0, self.measured)
         other.trust = np.where(left_out[:, None], 0.0, self.trust)
         return other
+
+    def moved_as(self, recordings: Sequence[Recording]) -> Rows | None:
+        """The same rows with the motions of others in the place of those that teach; ``None`` if lengths differ."""
+        segments = [s for recording in recordings for s in _segments(recording)]
+        segments += self.segments[len(segments) :]
+        lengths = [len(self.time(s)) for s in segments]
+        if lengths != [len(self.time(s)) for s in self.segments]:
+            return None
+        other = copy(self)
+        other.segments, other.bodies, other.kept = segments, [], None
+        other._candidates = []
+        other.position = np.vstack([self._kept(s.motion.q, s) for s in segments])
+        other.velocity = np.vstack([self._kept(s.motion.dq, s) for s in segments])
+        return other
+
+    def _kept(self, series: np.ndarray, segment: Segment) -> np.ndarray:
+        """Series of a segment at its rows, as it is."""
+        inner = segment.inner
+        return series[inner.start : inner.stop : self.step(segment)]
 
     def follow_temperature(self) -> None:
         """Let friction follow the temperature of its joint, if all recordings have it."""
@@ -226,8 +243,8 @@ class Rows(DecimatedSegments):
 
     def _motions(self, least: int = MIN_MOTIONS) -> np.ndarray:
         """Numbers of the motions, (M,): parts of what a group passes for the first time, and all that repeats them."""
-        kept = [s.motion.ddq[s.inner][:: self.step(s)] for s in self.segments]
-        every = (self.position, self.velocity, np.vstack(kept))
+        faster = np.vstack([self._kept(s.motion.ddq, s) for s in self.segments])
+        every = (self.position, self.velocity, faster)
         state = np.hstack([x / np.maximum(x.std(axis=0), 1e-9) for x in every])
         motion, count = np.empty(len(state), dtype=int), 0
         kinds = np.column_stack([self.group, self.set_aside])

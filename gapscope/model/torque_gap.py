@@ -10,6 +10,7 @@ import numpy as np
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.model.conditioning import TORQUE_CUTOFF, Segment, low_pass
+from gapscope.model.decimated_segments import DecimatedSegments
 
 MIN_SCALE_SHARE = 0.05
 """A joint's normalisation, over the largest joint's deviation, at least [1]: part of what ``torque_nrmse`` is."""
@@ -77,6 +78,18 @@ def torque_gap(
         measured.append(prediction_rows + gap)
     edges = (0, *itertools.accumulate(len(rows) for rows in measured))
     return TorqueGap(np.vstack(measured), np.vstack(predicted), edges)
+
+
+def gap_on_rows(
+    rows: DecimatedSegments, corrected: CorrectedArm, body: RigidBody
+) -> np.ndarray:
+    """Torque gap of an arm on decimated rows, as it is [N m], (M, n)."""
+    gaps = []
+    for segment in rows.segments:
+        assert segment.torque is not None
+        predicted = corrected.predict(segment.bodies(body), segment.motion)
+        gaps.append(segment.bridged(corrected.delivered(segment.torque) - predicted))
+    return rows.rows(gaps)
 
 
 def filtered_torque(segment: Segment) -> np.ndarray:

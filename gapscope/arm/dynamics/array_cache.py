@@ -38,6 +38,8 @@ class ArrayCache:
         """
         digest = blake2b(name.encode())
         for argument in arguments:
+            # the same numbers in another shape are another argument
+            digest.update(repr(np.shape(argument)).encode())
             digest.update(np.ascontiguousarray(argument).data)
         key = digest.digest()
         if key in self._kept:

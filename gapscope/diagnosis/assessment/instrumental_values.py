@@ -11,93 +11,93 @@ is free of that bias, however noisy the encoders are, as long as the arm tracks.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from gapscope.arm.case import Case
-from gapscope.diagnosis.model.fit_data import FitData
-from gapscope.diagnosis.selection.fitted_model import Selection, searched_folds
-from gapscope.effects.applied import AppliedEffect
-from gapscope.model.conditioning import Segment
+from gapscope.arm.recording import Recording
+from gapscope.diagnosis.selection.search import SheetSearch
+from gapscope.model.design import Design, about
+from gapscope.model.difference import Fit
+from gapscope.model.terms import Candidate
 
 
 def instrumented(
-    case: Case, selection: Selection, folds: list[list[Segment]]
-) -> tuple[AppliedEffect, ...] | None:
-    """The effects found with values by the commands as instruments.
+    searching: SheetSearch, fit: Fit, recordings: Sequence[Recording]
+) -> Mapping[Candidate, np.ndarray]:
+    """Coordinates of the terms of a hypothesis by the commands as instruments, (linear,) each.
 
     Args:
-        case: the nominal arm and its controller.
-        selection: result of the search.
-        folds: the commanded motions in the places of the measured ones, segment by segment; see ``commanded``.
+        searching: the search that found it.
+        fit: the hypothesis.
+        recordings: of the search, as it took them.
 
     Returns:
-        The effects, or ``None`` if an equation has no solution.
+        Values of all terms; none if the commands are not known, or an equation has no solution.
     """
-    evidence, terms = selection.evidence, selection.fit.terms
-    columns = np.array(sorted(c for t in terms for c in t.columns), dtype=int)
-    left, right = _equations(case, selection, folds, columns)
-
-    # Errors of the nominal inertials follow the columns of the terms; their prior keeps them small.
-    inertials = len(right) - len(columns)
-    left[len(columns) :, len(columns) :] += evidence.prior[:inertials, :inertials]
-
-    # Columns differ by orders of magnitude: scaled to a unit diagonal, the system is better conditioned.
-    scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(left)), 1e-12))
-    try:
-        scaled = np.linalg.solve(left * np.outer(scale, scale), scale * right)
-    except np.linalg.LinAlgError:
-        return None
-
-    solution = scale * scaled
-    theta = selection.fit.theta.copy()
-    theta[columns] = solution[: len(columns)]
-    clipped = evidence.terms.clipped(theta)
-    return evidence.terms.effects(clipped, terms)
-
-
-def _equations(
-    case: Case, selection: Selection, folds: list[list[Segment]], columns: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Z^T W X and Z^T W y over the terms in ``columns`` and errors of the nominal inertials, (C, C) and (C,)."""
-    linear, evidence = selection.evidence.linear, selection.evidence
-    looked_at = searched_folds(folds)
-    commanded_data = FitData(case.arm, linear.body, looked_at, linear.data.cutoff)
-
-    # Weights of the evidence, the mean over the folds: what is fitted here is all of them at once.
-    rows = evidence.torque
-    independent = rows.independent / np.maximum(rows.count, 1e-9)
-    variance = selection.fit.held_out_mse + rows.expected2
-    weight = (independent / variance).mean(axis=0)
-
-    size = len(columns) + len(linear.data.units)
+    made, values = fit.contrast.design, fit.values
+    commanded = _commanded(recordings)
+    rows = None if commanded is None else made.rows.moved_as(commanded)
+    if rows is None or not values:
+        return {}
+    by_commands = searching.design_on(rows)
+    bodies = 10 * searching.arm.arm.n_joints
+    measured = _columns(searching, made, values, bodies)
+    instruments = _columns(searching, by_commands, values, bodies)
+    gap = about(made, searching.arm, values).gap
+    size = measured[0].shape[1]
     left, right = np.zeros((size, size)), np.zeros(size)
-    for k in range(len(commanded_data.segments)):
-        x, y, trust = linear.rows(k, columns)
-        z = linear.columns_on(commanded_data, k, selection.fit.terms)
+    # errors of the bodies follow the columns of the terms; their prior keeps them small
+    prior = made.prior[:bodies]
+    told = np.flatnonzero(prior > 0)
+    left[size - bodies + told, size - bodies + told] = prior[told] ** -2.0
+    for j, (x, z) in enumerate(zip(measured, instruments, strict=True)):
+        noise2 = fit.contrast.error.noise2[j]
+        left += z.T @ x / noise2
+        right += z.T @ gap[:, j] / noise2
+    some = np.r_[0 : size - bodies, size - bodies + told]
+    # columns differ by orders of magnitude: scaled to a unit diagonal, the system is better conditioned
+    scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(left))[some], 1e-12))
+    try:
+        scaled = np.linalg.solve(
+            left[np.ix_(some, some)] * np.outer(scale, scale), scale * right[some]
+        )
+    except np.linalg.LinAlgError:
+        return {}
+    ends = np.cumsum([len(x) for x in values.values()])
+    parts = np.split((scale * scaled)[: ends[-1]], ends[:-1])
+    return {
+        one: part / made.units[one.term]
+        for one, part in zip(values, parts, strict=True)
+    }
 
-        # Rows on which dry friction is not determined count less.
-        w = weight * trust**2
-        # one product of matrices of all rows of all joints
-        weighted = (z * w[..., None]).reshape(-1, size)
-        left += weighted.T @ x.reshape(-1, size)
-        right += weighted.T @ y.ravel()
-    return left, right
+
+def _columns(
+    searching: SheetSearch,
+    made: Design,
+    values: Mapping[Candidate, np.ndarray],
+    bodies: int,
+) -> list[np.ndarray]:
+    """Columns of terms about their values, then of errors of the bodies, per joint over its scale, (M, K)."""
+    moved = about(made, searching.arm, values).columns
+    out = []
+    for j, (x, active) in enumerate(zip(made.columns, made.active, strict=True)):
+        whole = np.zeros((len(x), made.size))
+        whole[:, active] = x
+        own = [
+            moved[one][j] if one in moved else whole[:, made.places[one.term]]
+            for one in values
+        ]
+        out.append(np.hstack([*own, whole[:, :bodies]]))
+    return out
 
 
-def commanded(case: Case) -> Case | None:
-    """The case with the commanded motion instead of the measured one; ``None`` if it is not known."""
-    if case.controller is None:
-        return None
-
-    recordings = []
-    for recording in case.recordings:
-        # Recordings without torque are not fitted: their references do not matter.
-        if recording.tau is None:
-            continue
+def _commanded(recordings: Sequence[Recording]) -> list[Recording] | None:
+    """The recordings with the commanded motion instead of the measured one; ``None`` if it is not known."""
+    out = []
+    for recording in recordings:
         if recording.q_ref is None:
             return None
-        as_commanded = replace(recording, q=recording.q_ref, dq=recording.dq_ref)
-        recordings.append(as_commanded)
-    return replace(case, recordings=tuple(recordings))
+        out.append(replace(recording, q=recording.q_ref, dq=recording.dq_ref))
+    return out

@@ -12,14 +12,11 @@ from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rollout import LONGEST_STEP
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.recording import Recording
-from gapscope.diagnosis.assessment.held_out_prediction import HeldOutPredictor
-from gapscope.diagnosis.selection.fitted_model import by_finding
 from gapscope.diagnosis.thresholds import REPLAYED_TICKS, REPLAYED_TICKS_COMPLIANT
 from gapscope.effects.applied import AppliedEffect, State
 from gapscope.effects.residual import ResidualNetwork
 from gapscope.envs.engines import default_engine, installed
 from gapscope.envs.replay import replay
-from gapscope.model.terms import Term
 
 SECOND_OPINION = "mujoco"
 """The engine that replays as well, if another is the default."""
@@ -68,32 +65,32 @@ class ReplayGap(NamedTuple):
     motion: ReplayedMotion | None = None
 
 
-def replay_gap(case: Case, predictor: HeldOutPredictor) -> ReplayGap:
+def replay_gap(
+    case: Case, recording: Recording, effects: Mapping[str, AppliedEffect]
+) -> ReplayGap:
     """Replay gap before and after, on one recording with values that were not fitted to it.
-
-    That is the first recording that is set aside, else the last one, or the last block of a single one, with values
-    fitted to the others.
 
     Args:
         case: the nominal arm, its recordings with torque, and its controller if known.
-        predictor: what was found, and its folds.
+        recording: the recording, or a part of one.
+        effects: the effects found, by their names in findings, with values from elsewhere.
     """
-    nothing, everything = frozenset[Term](), predictor.selection.fit.terms
-    compliant = any(not t.definition.locally_linear for t in everything)
-    recording, by = _recording(case, predictor, compliant)
+    compliant = any(not e.effect.locally_linear for e in effects.values())
+    recording, by = _shortened(case, recording, compliant)
+    nothing, everything = (), tuple(effects)
 
     @cache
-    def attempted(terms: frozenset[Term], engine: str | None = None) -> Attempt:
-        return attempt(case, _effects(predictor, terms), recording, engine)
+    def attempted(names: tuple[str, ...], engine: str | None = None) -> Attempt:
+        some = tuple(effects[name] for name in names)
+        return attempt(case, some, recording, engine)
 
     warnings = []
-    for arm, terms in (("nominal", nothing), ("corrected", everything)):
-        why = attempted(terms).why
+    for arm, names in (("nominal", nothing), ("corrected", everything)):
+        why = attempted(names).why
         if why:
             warnings.append(f"{recording.name}: no replay of the {arm} arm: {why}")
     # With one effect found, the sets of only and without are those of after and before: the cache replays each once.
-    parts = [] if compliant else by_finding(everything)
-    named = {next(iter(part)).finding: part for part in parts}
+    each = () if compliant else everything
     differs = default_engine() != SECOND_OPINION and installed(SECOND_OPINION)
     others = [SECOND_OPINION] if differs else []
     before, after = attempted(nothing).rmse, attempted(everything).rmse
@@ -104,9 +101,10 @@ def replay_gap(case: Case, predictor: HeldOutPredictor) -> ReplayGap:
         by=by if replayed else None,
         engine=default_engine() if replayed else None,
         warnings=tuple(warnings),
-        only={name: attempted(part).rmse for name, part in named.items()},
+        only={name: attempted((name,)).rmse for name in each},
         without={
-            name: attempted(everything - part).rmse for name, part in named.items()
+            name: attempted(tuple(n for n in everything if n != name)).rmse
+            for name in each
         },
         elsewhere={
             engine: (
@@ -158,11 +156,10 @@ def attempt(
     return Attempt(replayed.rmse, None, replayed.q)
 
 
-def _recording(
-    case: Case, predictor: HeldOutPredictor, compliant: bool
+def _shortened(
+    case: Case, recording: Recording, compliant: bool
 ) -> tuple[Recording, str]:
-    """The recording that is replayed, shortened to what computing time allows, and what moves the arm."""
-    recording = _held_out(case, predictor)
+    """A recording shortened to what computing time allows, and what moves the arm in its replay."""
     if case.controller is not None and recording.q_ref is not None:
         by, rate = "controller", case.controller.rate
     else:
@@ -170,28 +167,3 @@ def _recording(
     ticks = REPLAYED_TICKS_COMPLIANT if compliant else REPLAYED_TICKS
     end = recording.t[0] + ticks / rate
     return recording.part(recording.t <= end), by
-
-
-def _held_out(case: Case, predictor: HeldOutPredictor) -> Recording:
-    """A recording, or the last part of a single one, to which values were not fitted."""
-    if predictor.set_aside:
-        return next(r for r in case.judged if r.tau is not None)
-
-    # Of several recordings the last fold holds all of the last one; of a single one its last block.
-    with_torque = [r for r in case.recordings if r.tau is not None]
-    recording = with_torque[-1]
-    of_it = [s for s in predictor.folds[-1] if s.recording == recording.name]
-    start = of_it[0].motion.t[0]
-    end = of_it[-1].motion.t[-1]
-    inside = (recording.t >= start) & (recording.t <= end)
-    return recording.part(inside)
-
-
-def _effects(
-    predictor: HeldOutPredictor, terms: frozenset[Term]
-) -> tuple[AppliedEffect, ...]:
-    """Some of the effects found, with values that were not fitted to the recording that is replayed."""
-    evidence = predictor.selection.evidence
-    all_fitted = predictor.set_aside
-    theta = evidence.fit(terms).theta if all_fitted else evidence.without_last(terms)
-    return evidence.terms.effects(evidence.terms.clipped(theta), terms)

@@ -9,29 +9,114 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.diagnosis.assessment.held_out_prediction import HeldOutPredictor
-from gapscope.diagnosis.gap.noise_floor import noise_floor
-from gapscope.diagnosis.model.linearisation import (
-    actuator_floor,
-    link_floor,
-    link_torque,
-    sensor_errors,
+from gapscope.arm.motions.motion import Motion
+from gapscope.diagnosis.gap.noise_floor import (
+    dry_friction,
+    noise_floor,
+    simplified_effect_rms,
+    steady_floor,
 )
 from gapscope.diagnosis.thresholds import (
     ABOVE_FLOOR_NRMSE,
     ABOVE_FLOOR_RATIO,
+    EFFECT_FORM,
+    FRICTION_FORM,
+    MIN_FLOOR,
     SENSOR_LAG,
     SENSOR_SCALE,
     SENSOR_ZERO,
 )
+from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import known_effect
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.effect import Signals, TorqueLaw
 from gapscope.model.conditioning import TORQUE_CUTOFF, Segment, low_pass
-from gapscope.model.torque_gap import (
-    TorqueGap,
-    filtered_torque,
-    torque_scale,
-)
+from gapscope.model.effective_samples import variance_inflation
+from gapscope.model.prediction import without
+from gapscope.model.torque_gap import TorqueGap, filtered_torque, torque_scale
+
+# A sensor behind the gear reads what reaches the link,
+#
+#     tau_sensor = (1 + e) tau_link(t - T) + z + noise,    tau_link = M(q) ddq + ... + k (q - q0) - J^T f,
+#
+# with its own zero z, scale e and lag T, all unknown. The residual, tau - tau_sensor, is the actuator's: rotor,
+# friction, and all between the recorded torque and the gear.
+
+
+def link_torque(corrected: CorrectedArm, body: RigidBody, motion: Motion) -> np.ndarray:
+    """Torque behind the gear that an arm predicts [N m], (N, n): bodies, forces from outside, springs."""
+    torque = corrected.rigid_torque(body, motion)
+    true = corrected.true_position(motion.q)
+    for law, values in corrected.of_kind(TorqueLaw):
+        if law.side == "link":
+            torque = torque + law.law(
+                Signals(motion.t[:, None], true, motion.dq, torque), *values
+            )
+    return torque
+
+
+def sensor_errors(link: np.ndarray, t: np.ndarray, spread: np.ndarray) -> np.ndarray:
+    """Derivatives of the readings by each sensor's zero, scale and lag, over their spread, shape (N, n, 3 n).
+
+    Args:
+        link: predicted link torque [N m], (N, n).
+        t: time [s], (N,).
+        spread: of the zeros [N m], (n,).
+    """
+    n = link.shape[1]
+    out = np.zeros((*link.shape, 3, n))
+    for j in range(n):
+        out[:, j, 0, j] = spread[j]
+        out[:, j, 1, j] = SENSOR_SCALE * link[:, j]
+        out[:, j, 2, j] = -SENSOR_LAG * np.gradient(link[:, j], t)
+    return out.reshape(len(link), n, 3 * n)
+
+
+def link_floor(
+    corrected: CorrectedArm, body: RigidBody, segment: Segment
+) -> np.ndarray:
+    """RMS that a healthy arm and its sensors leave on the link side [N m], (n,)."""
+    assert segment.torque_sensor is not None
+    body = segment.bodies(body)
+
+    def link(arm: CorrectedArm) -> np.ndarray:
+        return link_torque(arm, body, segment.motion)
+
+    form = simplified_effect_rms(corrected, segment, _share(link, corrected))
+    gap = segment.torque_sensor - link(corrected)
+    return steady_floor(gap, segment.torque_sensor, segment, EFFECT_FORM * form)
+
+
+def actuator_floor(
+    corrected: CorrectedArm, body: RigidBody, segment: Segment
+) -> np.ndarray:
+    """RMS that a healthy arm leaves on the actuator side where its friction is known [N m], (n,)."""
+    assert segment.torque is not None and segment.torque_sensor is not None
+    motion, body = segment.motion, segment.bodies(body)
+
+    def actuator(arm: CorrectedArm) -> np.ndarray:
+        return arm.unlimited.predict(body, motion) - link_torque(arm, body, motion)
+
+    share = _share(actuator, corrected)
+    dry_rms = np.sqrt((dry_friction(corrected, segment) ** 2).mean(axis=0))
+    form = np.hypot(
+        EFFECT_FORM * simplified_effect_rms(corrected, segment, share),
+        FRICTION_FORM * dry_rms,
+    )
+    gap = (
+        corrected.delivered(segment.torque)
+        - segment.torque_sensor
+        - actuator(corrected)
+    )
+    return steady_floor(gap, segment.torque, segment, form)
+
+
+def _share(
+    predicted: Callable[[CorrectedArm], np.ndarray], corrected: CorrectedArm
+) -> Callable[[AppliedEffect], np.ndarray]:
+    """What one of an arm's effects does to the torque that ``predicted`` gives for an arm [N m], (N, n)."""
+    whole = predicted(corrected)
+    return lambda applied: whole - predicted(without(corrected, applied))
 
 
 @dataclass(frozen=True)
@@ -98,52 +183,86 @@ class SensorSides:
 
 
 def find_sides(
-    predictor: HeldOutPredictor, inertial_error: np.ndarray
+    nominal: CorrectedArm,
+    corrected: CorrectedArm,
+    body: RigidBody,
+    segments: list[Segment],
+    inertial_error: np.ndarray,
 ) -> SensorSides | None:
-    """The gap on both sides on held-out data; ``None`` if what is fitted or what is held out has no sensors.
+    """The gap on both sides; ``None`` if no segment has sensors.
 
-    The sensors' own errors are fitted to all that may be fitted.
+    The sensors' own errors are fitted to what the corrected arm leaves on the link side.
 
     Args:
-        predictor: predicts held-out data with what was found.
+        nominal, corrected: the arm of the data sheet, and with the effects found.
+        body: dynamics of the nominal arm.
+        segments: on which gaps are measured.
         inertial_error: RMS of what errors of the nominal inertials explain, which show on the link side [N m], (n,).
     """
-    terms, evidence = predictor.selection.fit.terms, predictor.selection.evidence
-    errors = evidence.sensor_errors(terms)
-    with_sensor = [s for s in predictor.segments if s.torque_sensor is not None]
-    if errors is None or not with_sensor:
+    with_sensor = [s for s in segments if s.torque_sensor is not None]
+    if not with_sensor:
         return None
-
-    body = predictor.body
-    fitted_arm = predictor.selection.corrected(predictor.selection.fit.theta, terms)
-    zero_unit = SENSOR_ZERO * evidence.linear.data.torque_deviation
+    # Both sides have the norm of the recorded torque, so that they can be compared.
+    scale = torque_scale(np.vstack([filtered_torque(s) for s in with_sensor]))
+    zero_unit = SENSOR_ZERO * scale
+    errors = _fitted_errors(corrected, body, with_sensor, zero_unit)
 
     def reading_errors(segment: Segment) -> np.ndarray:
         """What zero, scale and lag of the sensors add to their readings [N m], (N, n)."""
-        torque = link_torque(fitted_arm, segment.bodies(body), segment.motion)
+        torque = link_torque(corrected, segment.bodies(body), segment.motion)
         return sensor_errors(torque, segment.motion.t, zero_unit) @ errors
 
-    def side_gaps(arm: CorrectedArm, segments: list[Segment]) -> TorqueGap:
-        return _side_gaps(arm, body, segments, reading_errors)
-
-    # Both sides have the norm of the recorded torque, so that they can be compared.
-    scale = torque_scale(np.vstack([filtered_torque(s) for s in with_sensor]))
-    gap_before = predictor.measured(frozenset(), side_gaps)
-    gap_after = predictor.measured(terms, side_gaps)
-    before = gap_before.rmse.reshape(2, -1) / scale
-    after = gap_after.rmse.reshape(2, -1) / scale
-
-    actuator_floors, link_floors = _floors(fitted_arm, body, with_sensor)
+    gaps = [
+        _side_gaps(arm, body, with_sensor, reading_errors).rmse.reshape(2, -1) / scale
+        for arm in (nominal, corrected)
+    ]
+    actuator_floors, link_floors = _floors(corrected, body, with_sensor)
     link_floors = np.hypot(link_floors, inertial_error)
     zero, gain, lag = errors.reshape(3, -1)
     return SensorSides(
-        actuator=SideGap(before[0], after[0], actuator_floors / scale),
-        link=SideGap(before[1], after[1], link_floors / scale),
+        actuator=SideGap(gaps[0][0], gaps[1][0], actuator_floors / scale),
+        link=SideGap(gaps[0][1], gaps[1][1], link_floors / scale),
         zero=zero_unit * zero,
         scale=SENSOR_SCALE * gain,
         lag=SENSOR_LAG * lag,
         recordings=tuple(dict.fromkeys(s.recording for s in with_sensor)),
     )
+
+
+def _fitted_errors(
+    arm: CorrectedArm, body: RigidBody, segments: list[Segment], zero: np.ndarray
+) -> np.ndarray:
+    """Zero, scale and lag of each sensor over their spread, (3 n,), by what an arm leaves of the link side."""
+    n = arm.arm.n_joints
+    columns, gaps = [], []
+    for s in segments:
+        link = link_torque(arm, s.bodies(body), s.motion)
+        rate, kept = s.motion.rate, slice(s.inner.start, s.inner.stop, _step(s))
+        x = sensor_errors(link, s.motion.t, zero).reshape(len(link), -1)
+        columns.append(low_pass(x, rate, TORQUE_CUTOFF)[kept].reshape(-1, n, 3 * n))
+        assert s.torque_sensor is not None
+        gaps.append(low_pass(s.torque_sensor - link, rate, TORQUE_CUTOFF)[kept])
+    x, gap = np.concatenate(columns), np.vstack(gaps)
+    segment = np.repeat(np.arange(len(gaps)), [len(g) for g in gaps])
+    out = np.zeros((3, n))
+    for j in range(n):
+        own = x[:, j, j::n]
+        left, noise2 = gap[:, j], float((gap[:, j] ** 2).mean())
+        # rows count as the noise that is left about what they tell
+        for _ in range(2):
+            value = np.linalg.solve(
+                own.T @ own / noise2 + np.eye(3), own.T @ left / noise2
+            )
+            rest = left - own @ value
+            inflation = float(variance_inflation(rest[:, None], segment)[0])
+            noise2 = max(float((rest**2).mean()) * inflation, MIN_FLOOR**2)
+        out[:, j] = value
+    return out.ravel()
+
+
+def _step(segment: Segment) -> int:
+    """Every how many samples a segment is read for the errors of its sensors: twice the filter's cut-off."""
+    return max(1, int(segment.motion.rate // (2.5 * TORQUE_CUTOFF)))
 
 
 def _side_gaps(

@@ -11,40 +11,23 @@ import numpy as np
 from gapscope.arm.display import effect_name, percent
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.agreement import DIFFERS, Agreement, states
-from gapscope.diagnosis.assessment.confidence import (
+from gapscope.diagnosis.comparison import (
     LONGER_RECORDING,
     NONE,
     Alternative,
-    conformal_set,
     separated_by,
-    terms_of,
-)
-from gapscope.diagnosis.assessment.held_out_prediction import (
-    HeldOutPredictor,
-    Share,
-    false_discovery_rates,
-    log_e_values,
 )
 from gapscope.diagnosis.document.wording import Verdict, coupling_text
-from gapscope.diagnosis.locate import MotionRows, Region, regions
-from gapscope.diagnosis.selection.evidence import value_draws
-from gapscope.diagnosis.selection.fitted_model import Selection
+from gapscope.diagnosis.locate import Region
 from gapscope.diagnosis.selection.undeclared_coupling import UndeclaredCoupling
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault
 from gapscope.diagnosis.states import OtherState, States
-from gapscope.diagnosis.study import Study
-from gapscope.diagnosis.thresholds import (
-    FALSE_DISCOVERY_RATE,
-    MIN_PROBABILITY,
-    OPEN_ALTERNATIVE,
-    SKEWS,
-)
+from gapscope.diagnosis.thresholds import OPEN_ALTERNATIVE
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import CATALOGUE, known_effect, of_quantity
 from gapscope.effects.effect import Turn
-from gapscope.effects.parameter import Parameter
-from gapscope.model.terms import Term, Terms
-from gapscope.model.torque_gap import TorqueGap, torque_scale
+from gapscope.model.terms import Terms
+from gapscope.model.torque_gap import torque_scale
 
 # Small parts of ``diagnosis.json`` that several sections share.
 
@@ -77,151 +60,14 @@ def states_entry(found: Agreement | None) -> dict[str, Any]:
     return {} if found is None else {"states": states(found)}
 
 
-# The parameters of an effect found, with their standard deviations.
-
-
-INTERVAL = 1.96
-"""Standard deviations to either side of a value in a 95 % interval [1]."""
-
-
-def finding_of(applied: AppliedEffect) -> str:
-    """Name of an effect's finding: all joints of an effect together, each link on its own."""
-    if "link" in applied.parameters:
-        return f"{applied.name} {int(applied.parameters['link'])}"
-    return applied.name
-
-
-def parameters(
-    selection: Selection,
-    applied: AppliedEffect,
-    draws: np.ndarray,
-    instrumented: AppliedEffect | None = None,
-) -> dict[str, Any]:
-    """Values with standard deviations, by the names of the parameters.
-
-    Args:
-        selection: result of the search.
-        applied: the effect with its values.
-        draws: values of all terms as likely as the data make them, (draws, P).
-        instrumented: the effect with values by the commands as instruments, if these are known; they are added for
-            parameters that act linearly.
-    """
-    known, finding = selection.evidence.terms, finding_of(applied)
-    terms = [t for t in known.all if t in selection.fit.terms and t.finding == finding]
-    nonlinear = terms[0].parametrisation.nonlinear
-    samples = _samples(selection, terms, draws)
-
-    out: dict[str, Any] = {}
-    for parameter in applied.effect.parameters:
-        name, value = parameter.name, applied.parameters[parameter.name]
-        if name in nonlinear:
-            std = _scan_std(selection, terms, nonlinear.index(name))
-        elif name == "link":
-            std = np.zeros(1)
-        else:
-            std = std_of_draws(parameter, value, samples)
-
-        # A skew of sampling acts as a delay: delays and lags are not known better than it.
-        skew = SKEWS[1] if applied.effect.delays else 0.0
-        std = np.hypot(std, skew).reshape(value.shape)
-        entry = {
-            "unit": parameter.unit,
-            "value": value.tolist(),
-            "std": std.tolist(),
-        }
-        fitted_linearly = name not in (*nonlinear, "link")
-        if instrumented is not None and fitted_linearly:
-            entry["by_commands"] = instrumented.parameters[name].tolist()
-        out[name] = entry
-    return out
-
-
-def _scan_std(selection: Selection, terms: list[Term], place: int) -> np.ndarray:
-    """Standard deviation of a parameter that acts nonlinearly, from its scan, (m,) for m terms."""
-    difference = selection.difference
-    # what is searched comes from a search
-    assert difference is not None
-    return np.array([difference.found[term].deviations[place] for term in terms])
-
-
-def _samples(
-    selection: Selection, terms: list[Term], draws: np.ndarray
-) -> list[dict[str, np.ndarray]]:
-    """Parameters of an effect on each draw of the linear coordinates, others at their values."""
-    shapes = selection.evidence.terms.shapes
-    nonlinear = np.array([shapes.get(term, ()) for term in terms]).T
-
-    # Places of the linear coordinates in theta, (linear, m).
-    columns = np.array([term.columns for term in terms], dtype=int).T
-    to_values = terms[0].parametrisation.values
-    return [dict(to_values(draw[columns], nonlinear)) for draw in draws]
-
-
-def std_of_draws(
-    parameter: Parameter, value: np.ndarray, samples: list[dict[str, np.ndarray]]
-) -> np.ndarray:
-    """The deviation whose 1.96-fold holds 95 % of the draws to either side of a value.
-
-    Not that of the draws: they are no Gaussian, a quotient of coordinates has some without bound, and what is likely
-    under other errors of the nominal arm may lie to one side of the value.
-    """
-    drawn = np.array([sample[parameter.name] for sample in samples])
-    inside = np.clip(drawn.reshape(len(drawn), *value.shape), *parameter.bounds)
-    return np.asarray(np.quantile(np.abs(inside - value), 0.95, axis=0) / INTERVAL)
-
-
-# Findings on the effects of a study: evidence, parameters, share, places and alternatives of each.
+# What a finding on an effect says beside its values.
 
 
 LISTED_ALTERNATIVE = 1e-3
 """Alternatives less probable than this are not listed."""
 
 
-def effect_findings(study: Study, rows: MotionRows) -> list[dict[str, Any]]:
-    """Findings on the effects named, those with the largest share first."""
-    return _findings(study, study.predictor, study.effects, rows)
-
-
-def possible_findings(study: Study, rows: MotionRows) -> list[dict[str, Any]]:
-    """Findings on the effects that are possible only, beside all others, each with what would settle it."""
-    findings = _findings(study, study.found, study.possible, rows)
-    return [{**finding, "settled_by": _settled_by(finding)} for finding in findings]
-
-
-def _findings(
-    study: Study,
-    predictor: HeldOutPredictor,
-    effects: tuple[AppliedEffect, ...],
-    rows: MotionRows,
-) -> list[dict[str, Any]]:
-    """Findings on some of the effects of a predictor's selection, those with the largest share first."""
-    if not effects:
-        return []
-    selection = predictor.selection
-    shares = predictor.shares()
-    log_e = log_e_values(selection)
-    rates = false_discovery_rates(log_e)
-    rng = np.random.default_rng(0)
-    draws = value_draws(selection.evidence, selection.fit.terms, rng)
-    instrumented = {finding_of(e): e for e in study.instrumented_effects}
-    by_share = sorted(effects, key=lambda e: shares[finding_of(e)].value, reverse=True)
-    findings = []
-    for applied in by_share:
-        name = finding_of(applied)
-        findings.append(
-            {
-                **_finding(study, predictor, applied, rows),
-                "parameters": parameters(
-                    selection, applied, draws, instrumented.get(name)
-                ),
-                **_share_entry(shares[name]),
-                **_significance_entry(log_e.get(name), rates.get(name)),
-            }
-        )
-    return findings
-
-
-def _settled_by(finding: dict[str, Any]) -> str:
+def settled_by(finding: dict[str, Any]) -> str:
     """The recording that separates a possible effect from its likeliest alternative."""
     others = [o for o in finding["alternatives"] if not o.get("equivalent")]
     if others:
@@ -229,56 +75,7 @@ def _settled_by(finding: dict[str, Any]) -> str:
     return LONGER_RECORDING
 
 
-def _share_entry(share: Share) -> dict[str, Any]:
-    return {"share": share.value, "share_interval": [share.low, share.high]}
-
-
-def _significance_entry(log_e: float | None, rate: float | None) -> dict[str, Any]:
-    """Significance of an effect; all unknown for a compliant joint, which is not tested."""
-    return {
-        "log_e": log_e,
-        "false_discovery_rate": rate,
-        "confirmed": None if rate is None else rate <= FALSE_DISCOVERY_RATE,
-    }
-
-
-def _finding(
-    study: Study,
-    predictor: HeldOutPredictor,
-    applied: AppliedEffect,
-    rows: MotionRows,
-) -> dict[str, Any]:
-    """Probability, gaps, places and alternatives of an effect found."""
-    name, terms = finding_of(applied), predictor.selection.fit.terms
-    mine = terms_of(predictor.selection, name)
-    only, without = predictor.gap(mine), predictor.gap(terms - mine)
-    sure = study.confidences[name]
-    return {
-        "effect": applied.name,
-        "joints": list(applied.joints),
-        **_gravity(applied, study.case.arm),
-        **_at_middle(applied, rows.q),
-        "probability": sure.probability,
-        "set": conformal_set(applied.name, sure.probability, sure.alternatives),
-        "support": sure.support.plain(),
-        "gap_with_only_this": {
-            "torque_nrmse": numbers(only.nrmse),
-            "replay_rmse": known_numbers(study.replay_gap.only.get(name)),
-        },
-        "gap_without_this": {
-            "torque_nrmse": numbers(without.nrmse),
-            "replay_rmse": known_numbers(study.replay_gap.without.get(name)),
-        },
-        "where": _where(applied, predictor, without, rows),
-        "alternatives": [
-            alternative_entry(applied.name, other)
-            for other in sure.alternatives
-            if other.probability > LISTED_ALTERNATIVE
-        ],
-    }
-
-
-def _gravity(applied: AppliedEffect, arm: NominalArm) -> dict[str, Any]:
+def gravity_entry(applied: AppliedEffect, arm: NominalArm) -> dict[str, Any]:
     """Gravity in the frame of a base that is turned, R^T g [m/s^2]: what a case file says it as."""
     effect = CATALOGUE.get(applied.name)
     if not isinstance(effect, Turn):
@@ -287,7 +84,7 @@ def _gravity(applied: AppliedEffect, arm: NominalArm) -> dict[str, Any]:
     return {"gravity": numbers(effect.rotation(*angles).T @ arm.gravity)}
 
 
-def _at_middle(applied: AppliedEffect, q: np.ndarray) -> dict[str, Any]:
+def at_middle_entry(applied: AppliedEffect, q: np.ndarray) -> dict[str, Any]:
     """Torque of springs at the middle of recorded positions (M, n), if they rest beyond them [N m]."""
     effect = CATALOGUE.get(applied.name)
     if effect is None or "rest" not in effect.quantities.values():
@@ -301,24 +98,6 @@ def _at_middle(applied: AppliedEffect, q: np.ndarray) -> dict[str, Any]:
         return {}
     pairs = zip(torque.tolist(), beyond.tolist(), strict=True)
     return {"torque_at_middle": [value if far else None for value, far in pairs]}
-
-
-def _where(
-    applied: AppliedEffect,
-    predictor: HeldOutPredictor,
-    without: TorqueGap,
-    rows: MotionRows,
-) -> list[dict[str, Any]]:
-    """The region of each joint where an effect closes most; of an effect on many joints on the two it closes most."""
-    with_all = predictor.gap(predictor.selection.fit.terms)
-    closed2 = np.clip(without.error**2 - with_all.error**2, 0.0, None)
-    closed = np.sqrt(closed2)
-    joints = list(applied.joints)
-    if not joints:
-        most_closed = np.argsort(-(closed**2).sum(axis=0))[:2]
-        joints = [int(j) + 1 for j in most_closed]
-    load = predictor.gap(frozenset()).predicted
-    return [region_entry(r) for r in regions(closed, rows, load, joints, most=1)]
 
 
 def alternative_entry(effect: str, other: Alternative) -> dict[str, Any]:
@@ -336,6 +115,8 @@ def alternative_entry(effect: str, other: Alternative) -> dict[str, Any]:
 # Faults of the set-up among the findings, with the shares of faults and effects in one whole.
 
 
+TURNED_TORQUES = 0.02
+"""Probability that the torques of an arm that seems to hang are turned instead [1]. (hand)"""
 HANGING = -0.5
 """Gravity along the upright axis of the base, over the whole, of an arm that hangs, at most [1]."""
 
@@ -451,7 +232,7 @@ def _with_its_equivalent(effect: dict[str, Any], n_joints: int) -> dict[str, Any
     if turn.rotation(*angles)[2, 2] > HANGING:
         return effect
     joints = list(range(1, n_joints + 1))
-    other = _other_sign("sign_flip", joints, MIN_PROBABILITY)
+    other = _other_sign("sign_flip", joints, TURNED_TORQUES)
     return {**effect, "alternatives": [*effect["alternatives"], other]}
 
 

@@ -16,26 +16,17 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.optimize import minimize
 
-from gapscope.arm.dynamics.inertial_scale import inertial_scale
-from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.dynamics.inertial_scale import inertial_errors, inertial_scale
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
-from gapscope.diagnosis.model.fit_data import CompliantBodies, inertial_errors
-from gapscope.diagnosis.selection.fitted_model import (
-    EVERYONE,
-    Selection,
-    fitted_about,
-    nameable,
-    nominal_model,
-)
 from gapscope.diagnosis.thresholds import (
     FRICTION_FORM,
     INERTIAL_ERROR,
     VISIBLE_EFFECT,
     VISIBLE_TERM,
 )
-from gapscope.effects.effect import External, LinkChange, Transmission, Turn
-from gapscope.model.conditioning import Segment
+from gapscope.effects.effect import External, LinkChange, Transmission
+from gapscope.model.compliant_bodies import CompliantBodies
 from gapscope.model.contrast import Contrast, Nuisance, OwnTerms
 from gapscope.model.design import (
     MIN_TORQUE,
@@ -49,13 +40,15 @@ from gapscope.model.design import (
 )
 from gapscope.model.difference import Difference, Fit, Place, Search
 from gapscope.model.equations import Equations
-from gapscope.model.expected import Detectable
+from gapscope.model.expected import Detectable, detectable
 from gapscope.model.form_error import learn
-from gapscope.model.gravity_direction import as_mounted, turn_of_base
+from gapscope.model.gravity_direction import as_mounted
 from gapscope.model.nonlinear_values import Scanner
 from gapscope.model.rows import Rows
-from gapscope.model.terms import Candidate, Term
+from gapscope.model.terms import Candidate, Term, Terms
 
+EVERYONE = (0,)
+"""The group of all recordings."""
 ERRORS = (0.003, 0.01, 0.03, 0.1, 0.3)
 """Errors of the nominal inertials, over their own size [1]. (physical)"""
 WORSE = 2.0
@@ -75,73 +68,25 @@ Values = Mapping[Candidate, np.ndarray]
 Progress = Callable[[str], None]
 
 
-def search(
-    arm: NominalArm,
-    recordings: Sequence[Recording],
-    folds: list[list[Segment]],
-    cutoff: float,
-    progress: Progress = lambda message: None,
-) -> Selection:
-    """Find the terms that explain the gap of recordings, and fit them to folds.
+def search_of(
+    arm: NominalArm, recordings: Sequence[Recording], judged: Sequence[Recording] = ()
+) -> SheetSearch:
+    """The search of recordings for what an arm has beside its data sheet; of one that is mounted turned, as it is.
 
     Args:
         arm: the nominal arm.
-        recordings: those with a torque.
-        folds: segments of them per fold.
-        cutoff: cut-off of the fit's filter [Hz].
-        progress: called with a few words at each round.
+        recordings: with a torque; others are left out.
+        judged: recordings that are predicted and teach nothing.
 
     Raises:
         InputError: a recording has no stretch without gaps that is long enough.
     """
-    mounted = as_mounted(arm, [s for fold in folds for s in fold])
-    difference = difference_of(mounted, recordings, progress)
-    values = {one.term: value for one, value in difference.fit.values.items()}
-    body = RigidBody(arm)
-    nominal = nominal_model(arm, body, folds, cutoff, difference.shapes)
-    # too far from the nominal arm's gravity for a column of it
-    turn = turn_of_base(arm.gravity, mounted.gravity)
-    if turn is not None:
-        tilts = (t for t in nominal.linear.terms.all if isinstance(t.definition, Turn))
-        values |= {term: np.array(turn) for term in tilts}
-    model = fitted_about(nominal, values) if values else nominal
-    competing = _competing(difference) if turn is None else {}
-    return Selection.of(model, nominal, competing, difference)
-
-
-def without_search(
-    arm: NominalArm, folds: list[list[Segment]], cutoff: float
-) -> Selection:
-    """The nominal arm as it is, for recordings of which it explains nothing."""
-    nominal = nominal_model(arm, RigidBody(arm), folds, cutoff, {})
-    return Selection.of(nominal, nominal, {}, None)
-
-
-def _competing(difference: Difference) -> dict[frozenset[Term], float]:
-    """Log probability of sets of terms over that of the set found [nats]."""
-    found = frozenset(one.term for one in difference.fit.mine)
-    sets = {
-        frozenset(one.term for one in some): total
-        for some, total in difference.sets.items()
-        if np.isfinite(total)
-    }
-    best = sets.pop(found, difference.fit.total)
-    return {some: total - best for some, total in sets.items()}
-
-
-def difference_of(
-    arm: NominalArm,
-    recordings: Sequence[Recording],
-    progress: Progress = lambda message: None,
-) -> Difference:
-    """What recordings of an arm show beside its data sheet.
-
-    Raises:
-        InputError: a recording has no stretch without gaps that is long enough.
-    """
-    searching = _search_of(arm, recordings)
-    searching.progress = progress
-    return searching.run()
+    rows = Rows.recorded([recordings], judged)
+    taught = np.unique(rows.segment[~rows.set_aside]).tolist()
+    mounted = as_mounted(arm, [rows.segments[k] for k in taught])
+    # rows are trusted less where the arm's dry friction may hold a joint
+    fitted_arm(rows, mounted, EVERYONE)
+    return SheetSearch(rows, FreeArm.nominal(mounted), [EVERYONE], EVERYONE, 0.0)
 
 
 def could_show(
@@ -156,15 +101,22 @@ def could_show(
     Raises:
         InputError: a recording has no stretch without gaps that is long enough.
     """
-    used = [one for one in recordings if one.tau is not None]
-    return nameable(_search_of(arm, used).unsearched())
+    return nameable(search_of(arm, recordings).unsearched())
 
 
-def _search_of(arm: NominalArm, recordings: Sequence[Recording]) -> SheetSearch:
-    rows = Rows.recorded([recordings])
-    # rows are trusted less where the arm's dry friction may hold a joint
-    fitted_arm(rows, arm, EVERYONE)
-    return SheetSearch(rows, FreeArm.nominal(arm), [EVERYONE], EVERYONE, 0.0)
+def nameable(found: Difference) -> Iterator[Detectable]:
+    """Sizes of further terms at which a search would name them.
+
+    What does not act in proportion to its size, elasticity and backlash, is left out.
+    """
+    every = detectable(found, *EVERYONE, VISIBLE_EFFECT)
+    return (one for one in every if one.term.definition.locally_linear)
+
+
+def sheet_error(found: Difference) -> float:
+    """Likeliest error of the bodies of the data sheet, over their own size [1]."""
+    levels = found.fit.levels
+    return max(levels, key=lambda error: levels[error].total, default=0.0)
 
 
 @dataclass
@@ -211,12 +163,16 @@ class SheetSearch(Search):
             fit = bent or fit
             known, torque = fit.values, self._torque(fit)
         # rounds may go in circles: what each of them found competes beside the noise of the last one
-        every = [self._fit(list(values), values, {}) for values in [*visited, known]]
+        every = [self.with_some(list(values), values) for values in [*visited, known]]
         fit = self._pruned(max(every, key=lambda one: one.total))
         self._fit((), {}, {})
         best = self._with_growth(fit)
         least = self._totals[frozenset()]
-        sets = {some: total - least for some, total in self._totals.items()}
+        sets = {
+            some: total - least
+            for some, total in self._totals.items()
+            if np.isfinite(total)
+        }
         odds = {one: self._weigher(best.own).odds([one]) for one in best.mine}
         return Difference(best, sets, dict(self._found), self.arm, odds, self.likely)
 
@@ -227,6 +183,49 @@ class SheetSearch(Search):
         fit = self._fit((), {}, {})
         sets = {frozenset[Candidate](): fit.total}
         return Difference(fit, sets, self._found, self.arm, {}, self.likely)
+
+    def with_also(self, found: Difference, some: Sequence[Candidate]) -> Difference:
+        """The same with candidates that are known to be there."""
+        further = [one for one in some if one not in found.fit.chosen]
+        fit = found.fit
+        if further:
+            fit = self._fit([*fit.chosen, *further], fit.values, fit.grown)
+        sets: dict[frozenset[Candidate], float] = {}
+        for others, total in found.sets.items():
+            both = others | frozenset(some)
+            sets[both] = max(total, sets.get(both, -np.inf))
+        return replace(found, fit=fit, sets=sets)
+
+    def design_on(self, rows: Rows) -> Design:
+        """The same columns of other motions."""
+        units = self._first.design.units
+        return self._believed(design(rows, self.arm, self._shapes, units))
+
+    def with_motors(self, coupling: np.ndarray) -> SheetSearch:
+        """The same search of an arm with coupled motors, (n, n)."""
+        bare = replace(self.arm.arm, coupling=coupling)
+        # the terms of motors come last
+        theta = np.zeros(Terms(bare.n_joints, {}, bare.coupled_motors).size)
+        theta[: len(self.arm.theta)] = self.arm.theta
+        arm = replace(self.arm, arm=bare, theta=theta)
+        other = SheetSearch(self.rows, arm, self.sets, self.taught_by, self.days)
+        other._found = dict(self._found)
+        return other
+
+    def beside_known(self, fit: Fit) -> Fit:
+        """What another search found, with noise and form error of this one beside it."""
+        self._prepared(fit.torque)
+        return self._fit(fit.mine, fit.values, {})
+
+    def with_some(self, chosen: Sequence[Candidate], values: Values) -> Fit:
+        """The hypothesis with some candidates, less those whose values cannot be, about known values."""
+        while True:
+            found = self._fit(chosen, values, {})
+            weigh = self._weigher(found.own)
+            kept = [one for one in found.mine if weigh.can_be(one, found.answer)]
+            if len(kept) == len(found.mine):
+                return found
+            chosen = kept
 
     def _prepared(self, torque: np.ndarray | float) -> None:
         """Noise, form error and columns beside what is known."""

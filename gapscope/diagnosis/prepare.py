@@ -1,29 +1,13 @@
-"""A case examined: what was searched, found, rejected and measured, from which the findings are written."""
+"""A case made ready: a torque, its set-up put right, recordings that share a state."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from gapscope.arm.case import Case
-from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.recording import Recording
-from gapscope.arm.root_mean_square import rms
 from gapscope.diagnosis.agreement import Agreement, alike, compared
-from gapscope.diagnosis.assessment.confidence import Confidence, divide
-from gapscope.diagnosis.assessment.held_out_prediction import (
-    ExcessResidual,
-    HeldOutPredictor,
-    Rejection,
-    measured_gap,
-    reject,
-)
-from gapscope.diagnosis.assessment.instrumental_values import commanded, instrumented
-from gapscope.diagnosis.assessment.replay_gap import ReplayGap, replay_gap
-from gapscope.diagnosis.assessment.sensor_sides import SensorSides, find_sides
 from gapscope.diagnosis.gap.commanded_torque import (
     WARNING,
     with_commanded_torque,
@@ -33,15 +17,8 @@ from gapscope.diagnosis.gap.plausible_data import (
     check_moving,
     check_stamps,
     check_torque,
-    folds_of,
     select_windows,
     up_to_changes,
-)
-from gapscope.diagnosis.selection.fitted_model import Selection
-from gapscope.diagnosis.selection.search import search, without_search
-from gapscope.diagnosis.selection.undeclared_coupling import (
-    UndeclaredCoupling,
-    undeclared_coupling,
 )
 from gapscope.diagnosis.setup_faults.clocks import find_quantization
 from gapscope.diagnosis.setup_faults.detection import (
@@ -54,90 +31,21 @@ from gapscope.diagnosis.setup_faults.detection import (
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
 from gapscope.diagnosis.setup_faults.references import find_reference_faults
 from gapscope.diagnosis.states import States, states_of
-from gapscope.diagnosis.thresholds import NO_TORQUE
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.setup_faults import TimeStamps
 from gapscope.model.changes import Change, changes_of
 from gapscope.model.conditioning import (
-    TORQUE_CUTOFF,
-    Segment,
-    condition,
     position_cutoff,
 )
 from gapscope.model.difference import Difference
 from gapscope.model.rows import comparable
-from gapscope.model.terms import Term, Terms
-from gapscope.model.torque_gap import TorqueGap
 
 Progress = Callable[[str], None]
 """Called with a few words at each step."""
 
 
-@dataclass(frozen=True)
-class Study:
-    """Everything from which the findings on one case are written; n joints.
-
-    Attributes:
-        case: the case, with the set-up faults repaired, a torque in its recordings, these cut where they change, and
-            of long ones the windows that are looked at.
-        body: dynamics of its nominal arm.
-        position_cutoff: cut-off of the positions [Hz].
-        another_arm: whether the recordings are of another arm than the nominal one; no effect was looked for then.
-        selection: result of the search, less what was rejected and what is possible only.
-        rejections: terms that the search found and held-out data does not bear out.
-        effects: the effects named, with values fitted to all recordings that may be fitted.
-        predictor: predicts held-out data with what is named.
-        found: the same with what is possible as well.
-        possible: the effects that are possible only, with values beside all others.
-        confidences: how sure each finding is, named or possible, by its name.
-        gap_before, gap_after: gap on held-out data of the nominal arm, and with the effects named.
-        floor: RMS that a healthy arm of this kind would leave [N m], (n,).
-        excess_residual: what exceeds the floor, before and after.
-        replay_gap: replay gap, before and after.
-        faults: set-up faults, which are repaired in ``case``, and what shows in the recordings themselves.
-        changes: what changed during a recording.
-        states: the states of all recordings; the arm was diagnosed in the first.
-        sensor_sides: the gap on either side of the joint torque sensors; ``None`` without sensors.
-        undeclared_coupling: two joints that seem to be turned by one motor of which the case says nothing, or ``None``.
-        instrumented_effects: all effects found with values by the commands as instruments; empty if not known.
-    """
-
-    case: Case
-    body: RigidBody
-    position_cutoff: float
-    another_arm: bool
-    selection: Selection
-    rejections: list[Rejection]
-    effects: tuple[AppliedEffect, ...]
-    predictor: HeldOutPredictor
-    found: HeldOutPredictor
-    possible: tuple[AppliedEffect, ...]
-    confidences: Mapping[str, Confidence]
-    gap_before: TorqueGap
-    gap_after: TorqueGap
-    floor: np.ndarray
-    excess_residual: ExcessResidual
-    replay_gap: ReplayGap
-    faults: tuple[FoundFault, ...]
-    changes: tuple[Change, ...]
-    states: States
-    sensor_sides: SensorSides | None
-    undeclared_coupling: UndeclaredCoupling | None
-    instrumented_effects: tuple[AppliedEffect, ...]
-
-    @property
-    def terms(self) -> Terms:
-        """All terms, with the nonlinear parameters of those that have some."""
-        return self.selection.evidence.terms
-
-    @property
-    def theta(self) -> np.ndarray:
-        """Coordinates of the effects that are named, (P,)."""
-        theta = np.zeros(self.terms.size)
-        for term in self.selection.fit.terms:
-            places = list(term.columns)
-            theta[places] = self.selection.fit.theta[places]
-        return theta
+def silent(message: str) -> None:
+    """Progress that nobody sees."""
 
 
 @dataclass(frozen=True)
@@ -344,116 +252,3 @@ def _agreement(
         return alike(case, recordings)
     # beside what changes during them, they were compared as they are
     return compared(case, recordings, progress, None if changes else between)
-
-
-def examine(case: Case, progress: Progress) -> Study:
-    """Search a case for effects and measure what they close.
-
-    Args:
-        case: the nominal arm and its recordings.
-        progress: called with a few words at each step.
-
-    Raises:
-        GapscopeError: no recording carries a torque that can be trusted, nor is there a known controller with its
-            reference that determines it.
-        InputError: a recording has no stretch without gaps that is long enough, or holds what no arm can have.
-    """
-    prepared = prepare(case, progress)
-    study = _study(prepared, progress)
-    likelier = prepared.by_likelier_rule(study.effects, progress)
-    if likelier is not None:
-        prepared, study = likelier, _study(likelier, progress)
-    if not study.another_arm and rms(study.gap_after.nrmse, None) > NO_TORQUE:
-        # with all that was found it still predicts worse than no torque at all
-        return _study(prepared.of_another_arm(), progress)
-    return study
-
-
-def _study(prepared: Prepared, progress: Progress) -> Study:
-    """The study of a case that can be fitted."""
-    case = prepared.case
-    found, rejections = _select(prepared, progress)
-    measured = measured_gap(found)
-    naming = divide(found, measured.residual)
-    selection, predictor = naming.selection, found.of(naming.selection)
-    terms = found.selection.fit.terms
-    possible = frozenset(t for t in terms if t.finding in naming.possible)
-    if naming.possible:
-        measured = measured_gap(predictor)
-
-    above = np.flatnonzero(measured.residual.above) + 1
-    progress("replays a recording in the simulator")
-    replay = replay_gap(case, predictor)
-    return Study(
-        case=case,
-        body=predictor.body,
-        position_cutoff=prepared.position_cutoff,
-        another_arm=prepared.another_arm,
-        selection=selection,
-        rejections=rejections,
-        effects=_effects(selection, selection.fit.terms),
-        predictor=predictor,
-        found=found,
-        possible=_effects(found.selection, possible),
-        confidences={**naming.named, **naming.possible},
-        gap_before=predictor.gap(frozenset()),
-        gap_after=measured.gap_after,
-        floor=measured.floor,
-        excess_residual=measured.residual,
-        replay_gap=replay,
-        faults=prepared.faults,
-        changes=prepared.changes,
-        states=prepared.states,
-        sensor_sides=find_sides(predictor, np.sqrt(measured.inertial_mse)),
-        undeclared_coupling=undeclared_coupling(found.selection, above.tolist()),
-        instrumented_effects=_instrumented_effects(case, found.selection),
-    )
-
-
-def _effects(selection: Selection, terms: frozenset[Term]) -> tuple[AppliedEffect, ...]:
-    """Some of a selection's terms as effects with values."""
-    return selection.evidence.terms.effects(selection.fit.theta, terms)
-
-
-def _select(
-    prepared: Prepared, progress: Progress
-) -> tuple[HeldOutPredictor, list[Rejection]]:
-    """Search for effects and reject those that held-out data does not bear out; another arm has none."""
-    case = prepared.case
-    body = RigidBody(case.arm)
-    set_aside = [
-        segment
-        for recording in case.judged
-        if recording.tau is not None
-        for segment in condition(recording)
-    ]
-    folds = _folds(case)
-    cutoff = min(TORQUE_CUTOFF, prepared.position_cutoff)
-    if prepared.another_arm:
-        found = without_search(case.arm, folds, cutoff)
-    else:
-        progress("searches for effects")
-        found = search(case.arm, _with_torque(case), folds, cutoff, progress)
-    progress("predicts held-out data")
-    predictor = HeldOutPredictor(case.arm, body, found, folds, set_aside)
-    selection, rejections = reject(predictor)
-    return predictor.of(selection), rejections
-
-
-def _folds(case: Case) -> list[list[Segment]]:
-    """Folds of the segments of all recordings with a torque."""
-    return folds_of([condition(recording) for recording in _with_torque(case)])
-
-
-def _with_torque(case: Case) -> list[Recording]:
-    return [r for r in case.recordings if r.tau is not None]
-
-
-def _instrumented_effects(
-    case: Case, selection: Selection
-) -> tuple[AppliedEffect, ...]:
-    """The effects found with values by the commands as instruments; empty if the commands are not known."""
-    commanded_case = commanded(case)
-    if commanded_case is None or not selection.fit.terms:
-        return ()
-    return instrumented(case, selection, _folds(commanded_case)) or ()

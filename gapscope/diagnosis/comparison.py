@@ -1,0 +1,375 @@
+"""What a contrast says of a case: findings with values, what they close, what may be in their place."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from gapscope.diagnosis.prepare import Prepared
+from gapscope.diagnosis.thresholds import NAMED_PROBABILITY
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.catalogue import effect as by_name
+from gapscope.effects.parameter import Parameter
+from gapscope.model.contrast import Answer
+from gapscope.model.difference import Difference, Fit
+from gapscope.model.explained import Explained, explained
+from gapscope.model.rows import Rows
+from gapscope.model.terms import Candidate, Term, Terms
+
+NONE = "none"
+"""Name of the alternative that nothing takes the effect's place."""
+UNKNOWN_CAUSE = "unknown"
+"""Name of what is not among the alternatives."""
+LONGER_RECORDING = "a longer recording with more of the motion on which the effect acts"
+"""What separates an effect from none."""
+IN_TEN = 0.9
+"""A finding's names together hold the true one in nine of ten cases. (definition)"""
+DRAWS = 400
+"""Draws of the values. (budget)"""
+GROWTHS = tuple(4.0**k for k in range(1, 7))
+"""Growths of form error [1] that are tried in place of a finding: of its torque 2 to 64 times. (budget)"""
+SAMPLING_SKEW = 2.5e-4
+"""Standard deviation of a skew that sampling leaves between torque and motion [s]: a torque that is held from one tick of
+a controller to the next acts half a tick late, which at 1 kHz is twice that. (physical)"""
+INTERVAL = 1.96
+"""Standard deviations to either side of a value in a 95 % interval [1]."""
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """An effect in the place of another.
+
+    Attributes:
+        effect: its name; ``none`` if nothing takes the place.
+        joints: its joints.
+        probability: probability that it, and not the effect named, is the cause.
+        evidence: log odds against the effect named [nats].
+        equivalent: whether it is the same body by another name.
+    """
+
+    effect: str
+    joints: tuple[int, ...]
+    probability: float
+    evidence: float
+    equivalent: bool = False
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The contrast of a case, n joints.
+
+    Attributes:
+        prepared: the case as it is compared.
+        difference: what the case has of its own.
+        group: its number among the groups of the contrast.
+    """
+
+    prepared: Prepared
+    difference: Difference
+    group: int
+
+    @property
+    def fit(self) -> Fit:
+        """The best hypothesis."""
+        return self.difference.fit
+
+    @property
+    def rows(self) -> Rows:
+        """All rows."""
+        return self.fit.contrast.design.rows
+
+    @property
+    def terms(self) -> Terms:
+        """All terms, with the nonlinear parameters of those that have some."""
+        return self.fit.contrast.design.terms
+
+    @cached_property
+    def findings(self) -> dict[str, list[Candidate]]:
+        """What the case has of its own: the candidates of each finding."""
+        found: dict[str, list[Candidate]] = {}
+        # in the order in which effects list their joints
+        for one in sorted(self.fit.mine, key=lambda one: one.term.joint):
+            found.setdefault(one.term.finding, []).append(one)
+        return found
+
+    @cached_property
+    def probabilities(self) -> dict[str, float]:
+        """Probability of each finding, on whatever joints, summed over the sets that compete."""
+        return self.difference.probabilities_of(lambda one: one.term.finding)
+
+    @property
+    def likely(self) -> tuple[str, ...]:
+        """Findings that are more likely than not."""
+        return tuple(
+            f for f in self.findings if self.probabilities[f] >= NAMED_PROBABILITY
+        )
+
+    @cached_property
+    def named(self) -> tuple[str, ...]:
+        """Findings that are named."""
+        return self.likely
+
+    @property
+    def possible(self) -> tuple[str, ...]:
+        """The other findings of the best hypothesis."""
+        return tuple(f for f in self.findings if f not in self.named)
+
+    def of(self, names: Collection[str]) -> list[Candidate]:
+        """The candidates of some findings, and those that everybody has."""
+        return [
+            one for one in self.fit.chosen if one.everybody or one.term.finding in names
+        ]
+
+    @cached_property
+    def explained(self) -> Explained:
+        """What the findings that are named explain of the case, each part predicted from all others."""
+        return explained(self.fit, self.group, self.of(self.named))
+
+    @cached_property
+    def values(self) -> Mapping[Candidate, np.ndarray]:
+        """Values of what is named, and of what everybody has."""
+        return self._fitted_values()
+
+    def _fitted_values(self) -> Mapping[Candidate, np.ndarray]:
+        sizes = dict(zip(self.fit.chosen, self.fit.answer.sizes, strict=True))
+        some = self.of(self.named)
+        return self.fit.own.answer(some, [sizes[one] for one in some]).values
+
+    @property
+    def own_theta(self) -> np.ndarray:
+        """Coordinates of what is named, on top of what the arm was, (P,)."""
+        named = [one for name in self.named for one in self.findings[name]]
+        return self._theta(named, np.zeros(self.terms.size))
+
+    def change(self, name: str) -> AppliedEffect:
+        """A finding as an effect on top of what the arm was."""
+        terms = [one.term for one in self.findings[name]]
+        theta = self._theta(self.findings[name], np.zeros(self.terms.size))
+        (applied,) = self.terms.effects(self.terms.clipped(theta), terms)
+        return applied
+
+    def _theta(self, some: Sequence[Candidate], theta: np.ndarray) -> np.ndarray:
+        """Coordinates of effects with the values of some candidates added, (P,)."""
+        theta = theta.copy()
+        values = {**self.fit.answer.values, **self.values}
+        for one in some:
+            theta[list(one.term.columns)] += values[one]
+        return theta
+
+    # How sure a finding is.
+
+    def log_odds(self, name: str) -> float:
+        """Log probability of the sets with a finding over that of those without [nats]."""
+        return self.difference.log_odds(lambda one: one.term.finding == name)
+
+    def support(self, name: str) -> dict[str, float]:
+        """What it takes to overturn a finding: log odds [nats], and how much larger form error would explain it."""
+        out = {"log_odds": self.log_odds(name)}
+        values = {
+            one: value
+            for one, value in self.fit.answer.values.items()
+            if one.term.finding != name
+        }
+        left = self.fit.contrast.gap - self.fit.own.torque(values)
+        gains = self.fit.contrast.for_gap(left).growth_gains(self.group, GROWTHS)
+        for growth in GROWTHS:
+            by_joint: dict[int, float] = {}
+            for (j, _, tried), gain in gains.items():
+                if tried == growth:
+                    by_joint[j] = by_joint.get(j, 0.0) + gain
+            if sum(max(gain, 0.0) for gain in by_joint.values()) >= out["log_odds"]:
+                out["form_error_instead"] = float(np.sqrt(growth))
+                break
+        return out
+
+    def alternatives(self, name: str) -> list[Alternative]:
+        """Other causes in the place of a finding, the likeliest first."""
+        mine = frozenset(one.term for one in self.findings[name])
+        evidence = self._in_its_place(mine)
+        odds = {other: float(np.exp(min(e, 0.0))) for other, e in evidence.items()}
+        joints = tuple(sorted({term.joint for term in mine} - {0}))
+        last = self.difference.arm.body.last_link + 1
+        is_last = any(t.is_load or t.changes_link(last) for t in mine)
+        found = []
+        for other, value in evidence.items():
+            on_joints = other != NONE and by_name(other).scope == "joint"
+            # what the last link carries and that link are one body
+            same_body = is_last and any(
+                t.is_load or t.changes_link(last) for t in self.terms.of(other)
+            )
+            found.append(
+                Alternative(
+                    effect=other,
+                    joints=joints if on_joints else (),
+                    probability=odds[other] / (1.0 + sum(odds.values())),
+                    evidence=value,
+                    equivalent=same_body,
+                )
+            )
+        return sorted(found, key=lambda other: -other.probability)
+
+    def _in_its_place(self, mine: frozenset[Term]) -> dict[str, float]:
+        """Log odds of the sets with other terms in the place of a finding's, by their effect [nats].
+
+        A search exchanges the terms of a finding one by one: what its joints lose by that adds up.
+        """
+        sets: dict[frozenset[Term], float] = {}
+        for candidates, total in self.difference.sets.items():
+            sets[frozenset(one.term for one in candidates)] = total
+        found = frozenset(one.term for one in self.fit.mine)
+        here, named = sets.get(found, 0.0), {t.effect for t in found}
+        out: dict[str, float] = {}
+        one_by_one: dict[str, dict[Term, float]] = {NONE: {}}
+        for some, value in sets.items():
+            lost, put = found - some, some - found
+            names = {t.effect for t in put} or {NONE}
+            if not lost or not lost <= mine or len(names) > 1:
+                continue
+            (name,) = names
+            if not all(self._stands_for(t, lost, named) for t in put):
+                continue
+            if lost == mine:
+                out[name] = max(value - here, out.get(name, -np.inf))
+            elif len(lost) == 1:
+                (term,) = lost
+                by_term = one_by_one.setdefault(name, {})
+                by_term[term] = max(value - here, by_term.get(term, -np.inf))
+        without = one_by_one[NONE]
+        for name, by_term in one_by_one.items():
+            each = [by_term.get(t, without.get(t, -np.inf)) for t in mine]
+            if by_term and name not in out and np.isfinite(each).all():
+                out[name] = float(sum(each))
+        return out
+
+    def _stands_for(
+        self, term: Term, lost: frozenset[Term], named: Collection[str]
+    ) -> bool:
+        """Whether a term may take the place of others: it acts on a joint of theirs or on all, and has no name yet."""
+        # an effect that is named already explains its part
+        if term.effect in named:
+            return False
+        # the joints do not say which link, but for that which the load would be
+        if term.definition.scope == "link":
+            last = self.difference.arm.body.last_link + 1
+            return term.changes_link(last) and any(t.is_load for t in lost)
+        joints = {t.joint for t in lost} - {0}
+        return not (term.joint and joints) or term.joint in joints
+
+    # How well its values are known.
+
+    @cached_property
+    def draws(self) -> list[dict[Term, np.ndarray]]:
+        """Coordinates of the terms of the case as likely as the data make them, (linear,) each.
+
+        Where errors of several sizes are believed of what is shared, each size has its part of the draws.
+        """
+        levels = list(self.fit.levels.values()) or [self.fit]
+        mine = set(self.fit.mine)
+        levels = [level for level in levels if set(level.mine) == mine]
+        weight = np.exp([level.total - self.fit.total for level in levels])
+        rng = np.random.default_rng(0)
+        counts = rng.multinomial(DRAWS, weight / weight.sum())
+        out: list[dict[Term, np.ndarray]] = []
+        for level, count in zip(levels, counts, strict=True):
+            out += _drawn(level.answer, rng, count)
+        return out
+
+    def parameters(self, name: str) -> dict[str, dict[str, object]]:
+        """Values of a finding with their standard deviations, by the names of the parameters."""
+        applied = self.change(name)
+        terms = [one.term for one in self.findings[name]]
+        found = [self.difference.found.get(term) for term in terms]
+        fitted = terms[0].parametrisation
+        shape = np.array([f.values for f in found if f]).T
+        # beside fewer effects values are others, and as uncertain
+        values = {**self.fit.answer.values, **self.values}
+        moved = [
+            values[one] - self.fit.answer.values[one] for one in self.findings[name]
+        ]
+        samples = []
+        for draw in self.draws:
+            each = [draw[t] + by for t, by in zip(terms, moved, strict=True)]
+            samples.append(dict(fitted.values(np.stack(each, axis=1), shape)))
+        out: dict[str, dict[str, object]] = {}
+        for parameter in applied.effect.parameters:
+            value = applied.parameters[parameter.name]
+            if parameter.name in fitted.nonlinear:
+                place = fitted.nonlinear.index(parameter.name)
+                std = np.array([f.deviations[place] for f in found if f])
+            elif parameter.name == "link":
+                std = np.zeros(1)
+            else:
+                std = std_of_draws(parameter, value, samples)
+            if applied.effect.delays:
+                std = np.hypot(std, SAMPLING_SKEW)
+            out[parameter.name] = {
+                "unit": parameter.unit,
+                "value": value.tolist(),
+                "std": std.reshape(value.shape).tolist(),
+            }
+        return out
+
+
+def _drawn(
+    answer: Answer, rng: np.random.Generator, count: int
+) -> list[dict[Term, np.ndarray]]:
+    """Draws of coordinates from their posterior."""
+    if not answer.values:
+        return []
+    mean = np.concatenate(list(answer.values.values()))
+    power, axes = np.linalg.eigh(answer.covariance)
+    root = axes * np.sqrt(np.maximum(power, 0.0))
+    draws = mean + rng.standard_normal((count, len(mean))) @ root.T
+    ends = np.cumsum([len(value) for value in answer.values.values()])[:-1]
+    out = []
+    for draw in draws:
+        parts = zip(answer.values, np.split(draw, ends), strict=True)
+        out.append({one.term: x for one, x in parts if not one.everybody})
+    return out
+
+
+def std_of_draws(
+    parameter: Parameter, value: np.ndarray, samples: Sequence[Mapping[str, np.ndarray]]
+) -> np.ndarray:
+    """The deviation whose 1.96-fold holds 95 % of the draws to either side of a value.
+
+    Not that of the draws: they are no Gaussian, a quotient of coordinates has some without bound, and what is likely
+    under other errors of the nominal arm may lie to one side of the value.
+    """
+    drawn = np.array([sample[parameter.name] for sample in samples])
+    inside = np.clip(drawn.reshape(len(drawn), *value.shape), *parameter.bounds)
+    return np.asarray(np.quantile(np.abs(inside - value), 0.95, axis=0) / INTERVAL)
+
+
+def separated_by(effect: str, alternative: Alternative) -> str:
+    """What separates an effect found from an alternative, in words."""
+    other = alternative.effect
+    if alternative.equivalent:
+        return (
+            "no motion, as both are the same body: by looking at what the arm carries"
+        )
+    if other == NONE:
+        return LONGER_RECORDING
+    for one, another in ((effect, other), (other, effect)):
+        for name, recording in by_name(one).confused_with:
+            if name == another:
+                return recording
+    return "the same path at half and at double speed, and with a known payload"
+
+
+def names_of(
+    effect: str, probability: float, others: Sequence[Alternative]
+) -> list[str]:
+    """Names that hold the true one in nine of ten cases, in falling order; ``unknown`` takes the rest."""
+    names, total = [effect], probability
+    for other in others:
+        if total >= IN_TEN:
+            break
+        names.append(other.effect)
+        total += other.probability
+    if total < IN_TEN:
+        names.append(UNKNOWN_CAUSE)
+    return names

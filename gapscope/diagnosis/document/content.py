@@ -1,0 +1,390 @@
+"""The content of ``diagnosis.json``, written from the comparison of a case with a data sheet or a reference."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+
+from gapscope.arm.nominal import NominalArm, arm_entry
+from gapscope.arm.recording import Recording
+from gapscope.diagnosis.comparison import Comparison, names_of
+from gapscope.diagnosis.document.findings import (
+    LISTED_ALTERNATIVE,
+    GapStages,
+    alternative_entry,
+    numbers,
+    region_entry,
+    settled_by,
+    states_entry,
+    suggested_recording,
+    with_faults,
+    with_states,
+    with_torques_turned,
+)
+from gapscope.diagnosis.document.wording import verdict, with_slide_units
+from gapscope.diagnosis.gap.commanded_torque import WARNING
+from gapscope.diagnosis.gap.plausible_data import short_note, still_note
+from gapscope.diagnosis.locate import MotionRows, regions
+from gapscope.diagnosis.selection.undeclared_coupling import UndeclaredCoupling
+from gapscope.diagnosis.thresholds import FALSE_DISCOVERY_RATE
+from gapscope.model.change_findings import change_findings
+from gapscope.model.conditioning import TORQUE_CUTOFF
+from gapscope.model.terms import Candidate
+
+
+def recording_entry(recording: Recording, role: str) -> dict[str, Any]:
+    """A recording, and whether effects are fitted to it or judged on it."""
+    entry = {
+        "name": recording.name,
+        "duration": recording.duration,
+        "rate": recording.rate,
+        "role": role,
+    }
+    if recording.payload is not None:
+        entry["payload"] = recording.payload.entry()
+    return entry
+
+
+def nominal_friction(arm: NominalArm) -> dict[str, Any]:
+    """The friction that the nominal arm has, and where it comes from."""
+    return {
+        "source": arm.friction_source or None,
+        "coulomb": arm.coulomb.tolist(),
+        "viscous": arm.viscous.tolist(),
+    }
+
+
+class Document:
+    """Parts of the document of a comparison; what a comparison with something says beside, it says in its own way.
+
+    Args:
+        comparison: of which all is written.
+    """
+
+    floor_from: str
+    """Where the floor comes from, in words."""
+    fitted_to = ""
+    """What values are fitted to beside the case, in words."""
+
+    def __init__(self, comparison: Comparison) -> None:
+        self._comparison, self._known = comparison, comparison.explained
+        self._prepared, self._rows = comparison.prepared, motion_rows(comparison)
+
+    # What a comparison says in its own way.
+
+    def arm(self) -> NominalArm:
+        """The nominal arm as it was declared."""
+        return self._prepared.case.arm
+
+    def load(self) -> np.ndarray:
+        """Torque by which regions tell much load from little [N m], (M, n)."""
+        raise NotImplementedError
+
+    def open_joints(self) -> list[int]:
+        """Joints, from 1, with something unknown."""
+        raise NotImplementedError
+
+    def leaves_little(self, gap: GapStages) -> bool:
+        """Whether what is left above the floor is a small part of what there was."""
+        raise NotImplementedError
+
+    def is_significant(self) -> bool:
+        """Whether what is left is more than noise that is louder than estimated."""
+        raise NotImplementedError
+
+    def times_floor(self) -> np.ndarray:
+        """What is left over the floor, (n,)."""
+        raise NotImplementedError
+
+    def replay(self) -> dict[str, Any]:
+        """Entries on the replay, of the gap before and after the findings, by ``gap``, ``before`` and ``after``."""
+        nothing: dict[str, Any] = {"replay_rmse": None, "replay_elsewhere": {}}
+        unknown: dict[str, Any] = {"replayed": None, "engine": None}
+        return {"gap": unknown, "before": nothing, "after": nothing}
+
+    def effect_entry(self, name: str) -> dict[str, Any]:
+        """What a finding says beside what all say."""
+        return {}
+
+    def unknown_entry(self, joints: list[int]) -> dict[str, Any]:
+        """What is said of what is left."""
+        return {"predictable": [], "coupling": None}
+
+    def coupling(self) -> UndeclaredCoupling | None:
+        """Two joints that seem to be turned by one motor."""
+        return None
+
+    def doubt(self, reached: str) -> tuple[str, str]:
+        """What makes the nominal arm another one than was recorded, and what to do first; empty if nothing does."""
+        return "", ""
+
+    def further(self) -> dict[str, Any]:
+        """Further entries of the document."""
+        return {}
+
+    def warnings(self, reached: str) -> list[str]:
+        """What was noticed beside what all notice."""
+        return []
+
+    def considered(self) -> list[dict[str, Any]]:
+        """Effects that the search weighed and did not name."""
+        return []
+
+    # What all say.
+
+    @property
+    def rejected(self) -> bool:
+        """Whether an effect explains recordings and does not predict others."""
+        return False
+
+    @cached_property
+    def stages(self) -> GapStages:
+        """The gap at the stages of the diagnosis."""
+        known = self._known
+        repaired = known.nrmse(known.before)
+        faults = self._prepared.faults
+        recorded = [f.gap_before for f in faults if f.gap_before is not None]
+        return GapStages(
+            recorded=recorded[0] if recorded else repaired,
+            repaired=repaired,
+            corrected=known.nrmse(known.after),
+            floor=self.floor() / known.scale,
+        )
+
+    def floor(self) -> np.ndarray:
+        """RMS that a healthy arm leaves [N m], (n,)."""
+        return self._known.floor
+
+    def content(self) -> dict[str, Any]:
+        """The whole document."""
+        comparison, prepared = self._comparison, self._prepared
+        gap, joints = self.stages, self.open_joints()
+        found = [self._finding(name) for name in comparison.named]
+        found = with_torques_turned(_by_share(found), self.arm().n_joints)
+        here = with_faults(found, prepared.faults, gap)
+        effects = with_states(
+            here, prepared.states, comparison.terms, comparison.own_theta
+        )
+        possible = _by_share([self._finding(name) for name in comparison.possible])
+        possible = [{**f, "settled_by": settled_by(f)} for f in possible]
+        reach = partial(
+            verdict,
+            explained=self.leaves_little(gap),
+            significant=self.is_significant(),
+            rejected=self.rejected,
+        )
+        reached = reach(found=bool(effects or prepared.changes))
+        # where the arm was compared nothing need have changed
+        closed = gap.closed if reach(found=bool(here)) == reached else None
+        # what stays on a joint is worth a recording only where the verdict says that it is unexplained
+        unexplained = joints if reached == "unexplained" else []
+        doubt, first = self.doubt(reached)
+        content = {
+            "schema": 1,
+            "case": prepared.case.name,
+            "verdict": reached,
+            **({"misread": doubt} if prepared.another_arm else {}),
+            "gap": self._gap(),
+            "effects": effects,
+            "possible": possible,
+            "changes": change_findings(prepared.changes),
+            **states_entry(prepared.states.found),
+            "closed": closed,
+            "unexplained": {
+                "share": 0.0 if closed is None else 1.0 - closed,
+                "above_floor": bool(unexplained),
+                "joints": joints,
+                "times_floor": numbers(self.times_floor()),
+                "where": self._where(self._known.after, joints),
+                **self.unknown_entry(joints),
+            },
+            "next_recording": suggested_recording(
+                reached, effects, possible, unexplained, self.coupling(), first
+            ),
+            "where": self._where(self._known.before, self._widest_first()),
+            **self.further(),
+        }
+        content |= self._context(reached)
+        if first and not prepared.another_arm:
+            content["warnings"].insert(0, f"{doubt}; {first}")
+        return with_slide_units(content, self.arm().sliding)
+
+    def _gap(self) -> dict[str, Any]:
+        gap, replay = self.stages, self.replay()
+        before = {"torque_nrmse": numbers(gap.recorded), **replay["before"]}
+        return {
+            **replay["gap"],
+            "before": {**before, "floor": numbers(gap.floor)},
+            "after": {"torque_nrmse": numbers(gap.corrected), **replay["after"]},
+        }
+
+    def _finding(self, name: str) -> dict[str, Any]:
+        """Evidence, values, gaps and places of a finding."""
+        comparison, known = self._comparison, self._known
+        mine, applied = comparison.findings[name], comparison.change(name)
+        own = np.asarray(sum(self._torque(one) for one in mine))
+        in_model = name in comparison.named
+        only = known.before - own
+        without = known.after + own if in_model else known.after
+        left = known.after if in_model else known.after - own
+        probability = comparison.probabilities[name]
+        alternatives = comparison.alternatives(name)
+        closed = np.sqrt(np.clip(without**2 - left**2, 0.0, None))
+        joints = list(applied.joints) or _most_closed(closed)
+        places = regions(closed, self._rows, self.load(), joints, most=1)
+        entry = {
+            "effect": applied.name,
+            "joints": list(applied.joints),
+            "probability": probability,
+            "set": names_of(applied.name, probability, alternatives),
+            "support": comparison.support(name),
+            "gap_with_only_this": {"torque_nrmse": numbers(known.nrmse(only))},
+            "gap_without_this": {"torque_nrmse": numbers(known.nrmse(without))},
+            "where": [region_entry(region) for region in places],
+            "alternatives": [
+                alternative_entry(applied.name, other)
+                for other in alternatives
+                if other.probability > LISTED_ALTERNATIVE
+            ],
+            "carried_by": self._carried_by(closed),
+            "parameters": comparison.parameters(name),
+            **self._share(only, without, left),
+            **self._significance(name),
+        }
+        further = self.effect_entry(name)
+        for gap in ("gap_with_only_this", "gap_without_this"):
+            entry[gap] |= further.pop(gap, {})
+        return entry | further
+
+    def _torque(self, one: Candidate) -> np.ndarray:
+        """What a candidate does to the torque [N m], (M, n); of one that is not named, as it was fitted to all."""
+        if one in self._known.torque:
+            return self._known.torque[one]
+        fit, rows = self._comparison.fit, self._comparison.rows
+        torque = fit.own.torque({one: fit.answer.values[one]})
+        mine = self._known.rows
+        return (torque * rows.measured / rows.trust)[mine] * rows.scale
+
+    def _share(
+        self, only: np.ndarray, without: np.ndarray, left: np.ndarray
+    ) -> dict[str, Any]:
+        """Share of the gap that a finding closes: the mean of what it does first and last (Shapley of two orders)."""
+        known = self._known
+        first = known.nrmse(known.before) - known.nrmse(only)
+        last = known.nrmse(without) - known.nrmse(left)
+        whole = max(self.stages.whole, 1e-9)
+        ends = np.clip(np.sort([first.sum(), last.sum()]) / whole, 0.0, 1.0)
+        return {"share": float(ends.mean()), "share_interval": ends.tolist()}
+
+    def _significance(self, name: str) -> dict[str, Any]:
+        """Evidence for a finding, and the share of false ones among those as sure."""
+        comparison, probabilities = self._comparison, self._comparison.probabilities
+        as_sure = [
+            1.0 - probabilities[other]
+            for other in comparison.findings
+            if probabilities[other] >= probabilities[name]
+        ]
+        rate = float(np.mean(as_sure))
+        return {
+            "log_e": comparison.log_odds(name),
+            "false_discovery_rate": rate,
+            "confirmed": rate <= FALSE_DISCOVERY_RATE,
+        }
+
+    def _carried_by(self, closed: np.ndarray) -> dict[str, Any]:
+        """Shares of the squares that a finding closes, over the noise: by joint, and by recording."""
+        comparison = self._comparison
+        noise2 = comparison.fit.contrast.error.noise2 * comparison.rows.scale**2
+        nats = closed**2 / noise2
+        total = max(float(nats.sum()), 1e-300)
+        segments = self._rows.segment
+        recordings: dict[str, float] = {}
+        for k, name in enumerate(self._rows.names):
+            share = float(nats[segments == k].sum()) / total
+            recordings[name] = recordings.get(name, 0.0) + share
+        return {
+            "joints": numbers(nats.sum(axis=0) / total),
+            "recordings": recordings,
+        }
+
+    def _where(self, error: np.ndarray, joints: list[int]) -> list[dict[str, Any]]:
+        """Regions in which a gap is concentrated."""
+        places = regions(error, self._rows, self.load(), joints)
+        return [region_entry(region) for region in places]
+
+    def _widest_first(self) -> list[int]:
+        """Joints, from 1, whose gap is above the floor."""
+        nrmse, floor = self.stages.repaired, self.stages.floor
+        return [int(j) + 1 for j in np.argsort(-nrmse) if nrmse[j] > floor[j]]
+
+    def _context(self, reached: str) -> dict[str, Any]:
+        """The arm, the recordings, how they were conditioned, and what was noticed."""
+        comparison, prepared = self._comparison, self._prepared
+        case, inferred = prepared.case, WARNING in prepared.case.warnings
+        every = (*case.recordings, *case.judged)
+        notes = [f"{r.name}: {note}" for r in every for note in r.notes]
+        return {
+            "arm": arm_entry(self.arm()),
+            "recordings": [
+                *(recording_entry(r, "fit") for r in case.recordings),
+                *(recording_entry(r, "judge") for r in case.judged),
+            ],
+            "conditioning": {
+                "rate": comparison.rows.segments[0].motion.rate,
+                "position_cutoff": prepared.position_cutoff,
+                "torque_cutoff": TORQUE_CUTOFF,
+                "how": "zero-phase Butterworth, order 4, on both sides; positions cut where their spectrum meets its "
+                f"noise; floor from {self.floor_from}",
+            },
+            "judged_on": self._judged_on(inferred),
+            "torque_from": "controller" if inferred else "recorded",
+            "warnings": [
+                *case.warnings,
+                *still_note(case),
+                *short_note(case),
+                *notes,
+                *self.warnings(reached),
+            ],
+            "considered": self.considered(),
+        }
+
+    def _judged_on(self, inferred: bool) -> str:
+        """On which data the gaps are measured, in words."""
+        text = f"each motion, with the values fitted to {self.fitted_to}all others"
+        if self._comparison.rows.set_aside.any():
+            text = "recordings set aside for judging"
+        if inferred:
+            text += "; the torque there is the one that the known controller must have commanded"
+        return text
+
+
+def motion_rows(comparison: Comparison) -> MotionRows:
+    """The rows on which the gap is measured, as what locates a gap takes them."""
+    rows, mine = comparison.rows, comparison.explained.rows
+    ddq = np.concatenate([rows.thin(s.motion.ddq, s) for s in rows.segments])
+    numbers_of, segment = np.unique(rows.segment[mine], return_inverse=True)
+    own = [rows.segments[k] for k in numbers_of]
+    first = [rows.t[mine][segment == k][0] for k in range(len(own))]
+    return MotionRows(
+        t=rows.t[mine] - np.array(first)[segment],
+        q=rows.position[mine],
+        dq=rows.velocity[mine],
+        ddq=ddq[mine],
+        segment=segment,
+        rates=tuple(s.motion.rate / rows.step(s) for s in own),
+        names=tuple(s.recording for s in own),
+        starts=tuple(float(t) for t in first),
+    )
+
+
+def _most_closed(closed: np.ndarray) -> list[int]:
+    """The two joints, from 1, on which most is closed."""
+    most = np.argsort(-(closed**2).sum(axis=0))[:2]
+    return [int(j) + 1 for j in most]
+
+
+def _by_share(findings: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    return sorted(findings, key=lambda finding: -finding["share"])

@@ -1,1 +1,0 @@
-"""The model that is fitted: terms, their linearisation, and the normal equations."""
