@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from gapscope.diagnosis.prepare import Prepared
-from gapscope.diagnosis.thresholds import NAMED_PROBABILITY
+from gapscope.diagnosis.thresholds import EFFECT_FORM, NAMED_PROBABILITY
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import effect as by_name
 from gapscope.effects.parameter import Parameter
@@ -32,8 +32,8 @@ DRAWS = 400
 GROWTHS = tuple(4.0**k for k in range(1, 7))
 """Growths of form error [1] that are tried in place of a finding: of its torque 2 to 64 times. (budget)"""
 SAMPLING_SKEW = 2.5e-4
-"""Standard deviation of a skew that sampling leaves between torque and motion [s]: a torque that is held from one tick of
-a controller to the next acts half a tick late, which at 1 kHz is twice that. (physical)"""
+"""Standard deviation of a skew that sampling leaves between torque and motion [s]: a torque that is held from one tick
+of a controller to the next acts half a tick late, which at 1 kHz is twice that. (physical)"""
 INTERVAL = 1.96
 """Standard deviations to either side of a value in a 95 % interval [1]."""
 
@@ -75,6 +75,11 @@ class Comparison:
     def fit(self) -> Fit:
         """The best hypothesis."""
         return self.difference.fit
+
+    @property
+    def fitted(self) -> Fit:
+        """The hypothesis with which values are fitted."""
+        return self.fit
 
     @property
     def rows(self) -> Rows:
@@ -134,9 +139,9 @@ class Comparison:
         return self._fitted_values()
 
     def _fitted_values(self) -> Mapping[Candidate, np.ndarray]:
-        sizes = dict(zip(self.fit.chosen, self.fit.answer.sizes, strict=True))
-        some = self.of(self.named)
-        return self.fit.own.answer(some, [sizes[one] for one in some]).values
+        fit, some = self.fitted, self.of(self.named)
+        sizes = dict(zip(fit.chosen, fit.answer.sizes, strict=True))
+        return fit.own.answer(some, [sizes[one] for one in some]).values
 
     @property
     def own_theta(self) -> np.ndarray:
@@ -154,7 +159,7 @@ class Comparison:
     def _theta(self, some: Sequence[Candidate], theta: np.ndarray) -> np.ndarray:
         """Coordinates of effects with the values of some candidates added, (P,)."""
         theta = theta.copy()
-        values = {**self.fit.answer.values, **self.values}
+        values = {**self.fitted.answer.values, **self.values}
         for one in some:
             theta[list(one.term.columns)] += values[one]
         return theta
@@ -244,6 +249,11 @@ class Comparison:
                 out[name] = float(sum(each))
         return out
 
+    def _form_of_law(self, applied: AppliedEffect) -> np.ndarray:
+        """Factor of the values of each draw, (D,): laws whose form in nature differs are off by half of that."""
+        spread = EFFECT_FORM / 2 if applied.effect.simplified else 0.0
+        return np.random.default_rng(1).normal(1.0, spread, len(self.draws))
+
     def _stands_for(
         self, term: Term, lost: frozenset[Term], named: Collection[str]
     ) -> bool:
@@ -285,13 +295,14 @@ class Comparison:
         fitted = terms[0].parametrisation
         shape = np.array([f.values for f in found if f]).T
         # beside fewer effects values are others, and as uncertain
-        values = {**self.fit.answer.values, **self.values}
+        values = {**self.fitted.answer.values, **self.values}
         moved = [
             values[one] - self.fit.answer.values[one] for one in self.findings[name]
         ]
         samples = []
-        for draw in self.draws:
-            each = [draw[t] + by for t, by in zip(terms, moved, strict=True)]
+        form = self._form_of_law(applied)
+        for draw, factor in zip(self.draws, form, strict=True):
+            each = [(draw[t] + by) * factor for t, by in zip(terms, moved, strict=True)]
             samples.append(dict(fitted.values(np.stack(each, axis=1), shape)))
         out: dict[str, dict[str, object]] = {}
         for parameter in applied.effect.parameters:
@@ -340,8 +351,13 @@ def std_of_draws(
     under other errors of the nominal arm may lie to one side of the value.
     """
     drawn = np.array([sample[parameter.name] for sample in samples])
-    inside = np.clip(drawn.reshape(len(drawn), *value.shape), *parameter.bounds)
-    return np.asarray(np.quantile(np.abs(inside - value), 0.95, axis=0) / INTERVAL)
+    low, high = parameter.bounds
+    inside = np.clip(drawn.reshape(len(drawn), *value.shape), low, high)
+    off = np.abs(inside - value)
+    if parameter.unit == "rad" and high - low >= 2 * np.pi:
+        # an angle that goes all the way round
+        off = np.minimum(off, 2 * np.pi - off)
+    return np.asarray(np.quantile(off, 0.95, axis=0) / INTERVAL)
 
 
 def separated_by(effect: str, alternative: Alternative) -> str:

@@ -50,7 +50,6 @@ from gapscope.diagnosis.selection.search import (
     SheetSearch,
     nameable,
     search_of,
-    sheet_error,
 )
 from gapscope.diagnosis.selection.undeclared_coupling import (
     UndeclaredCoupling,
@@ -71,6 +70,7 @@ from gapscope.effects.effect import DryLaw, Turn
 from gapscope.effects.environment import tilt
 from gapscope.effects.friction import PRESLIDING_DISTANCES
 from gapscope.model.conditioning import Segment, condition
+from gapscope.model.difference import Fit
 from gapscope.model.explained import Explained, HeldOut, explained, held_out
 from gapscope.model.gravity_direction import turn_of_base
 from gapscope.model.terms import Candidate, Term
@@ -102,6 +102,16 @@ class SheetComparison(Comparison):
     def body(self) -> RigidBody:
         """Dynamics of the nominal arm."""
         return RigidBody(self.case.arm)
+
+    @cached_property
+    def fitted(self) -> Fit:
+        """The hypothesis with values by least squares."""
+        return self.searching.least_squares(self.fit)
+
+    @property
+    def sheet_error(self) -> float:
+        """Likeliest error of the bodies of the data sheet, over their own size [1]."""
+        return float(self.fitted.contrast.design.prior[0])
 
     @cached_property
     def named(self) -> tuple[str, ...]:
@@ -136,7 +146,7 @@ class SheetComparison(Comparison):
         return self._explained(self.named)
 
     def _explained(self, names: Collection[str]) -> Explained:
-        known = explained(self.fit, self.group, self.of(names), beside_sheet=True)
+        known = explained(self.fit, self.group, self.of(names), self.fitted)
         if not self.turn:
             return known
         # the search is about the arm as it is mounted
@@ -236,12 +246,12 @@ class SheetComparison(Comparison):
 
     @cached_property
     def error2(self) -> np.ndarray:
-        """Mean square that likely errors of the bodies explain [N^2 m^2], (n,).
+        """Mean square that likely errors of a healthy arm explain [N^2 m^2], (n,).
 
         Errors that are larger than a good data sheet's explain what those of its size would.
         """
         known = self.explained
-        off = max(sheet_error(self.difference), 1e-9)
+        off = self.sheet_error
         share = min(1.0, WORSE * INERTIAL_ERROR / off)
         before = (known.after**2).mean(axis=0)
         after = ((known.after - share * known.errors) ** 2).mean(axis=0)
@@ -293,7 +303,7 @@ class SheetComparison(Comparison):
 
     def _last_part(self) -> tuple[Recording, HeldOut]:
         """The first recording that is set aside, else the last one, or the last part of a single one."""
-        *_, part = held_out(self.fit, self.group, self.of(self.named))
+        *_, part = held_out(self.fitted, self.group, self.of(self.named))
         if self.rows.set_aside.any():
             return next(r for r in self.case.judged if r.tau is not None), part
         fitted = [r for r in self.case.recordings if r.tau is not None]
@@ -317,7 +327,7 @@ class SheetComparison(Comparison):
         if self.case.controller is None or self.turn:
             return {}
         fitted = [r for r in self.case.recordings if r.tau is not None]
-        values = instrumented(self.searching, self.fit, fitted)
+        values = instrumented(self.searching, self.fitted, fitted)
         out = {}
         for name, mine in self.findings.items():
             if all(one in values for one in mine):
@@ -488,7 +498,10 @@ class _Document(Document):
             np.sqrt(sheet.error2),
         )
         if sides is not None:
-            named = [{"effect": effect.name} for effect in sheet.effects]
+            named = [
+                {"effect": effect.name, "joints": list(effect.joints)}
+                for effect in sheet.effects
+            ]
             out["sides"] = sides_entry(sides, named)
         return out
 
@@ -498,7 +511,7 @@ class _Document(Document):
         out["presliding"] = sheet.presliding.tolist()
         out["conditioning"] |= {
             "rate": sheet.segments[0].motion.rate,
-            "nominal_inertials_std": sheet_error(sheet.difference),
+            "nominal_inertials_std": sheet.sheet_error,
         }
         return out
 
@@ -510,7 +523,7 @@ class _Document(Document):
             # what is wrong in the file need not be looked for in the recordings
             file = sheet.case.arm.urdf.resolve()
             out.insert(0, f"in the robot file: {odd}; see gapscope audit {file}")
-        off = sheet_error(sheet.difference)
+        off = sheet.sheet_error
         if reached != "no_gap" and off > WORSE * INERTIAL_ERROR:
             out.append(
                 f"the bodies of the robot file seem to be off by about {off:.0%} of their size, which hides loads and "

@@ -125,11 +125,6 @@ class Parametrisation:
     grid: Tries | None = None
     possible: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray] | None = None
 
-    @property
-    def cost(self) -> int:
-        """Number of parameters that it spends."""
-        return self.linear + len(self.nonlinear)
-
 
 def linear_in(
     parameter: Parameter,

@@ -360,6 +360,19 @@ class Contrast:
         other._eliminate_nuisances()
         return other
 
+    def without_form(self, noise2: np.ndarray, prior: np.ndarray) -> Contrast:
+        """The same question of rows of noise alone, without form error.
+
+        Args:
+            noise2: variance of the noise of each joint, (n,).
+            prior: deviations of what is shared, (P,).
+        """
+        none = [np.zeros_like(own2) for own2 in self.error.own2]
+        error = replace(self.error, own2=none, noise2=noise2)
+        design = replace(self.design, prior=prior)
+        other = Contrast(replace(self.equations, design=design), error, self._nuisances)
+        return other.for_gap(self.gap)
+
     def _with_gap(self, j: int, one: Eliminated, gap: np.ndarray) -> Eliminated:
         """One motion of a joint with another gap, (M,)."""
         rows = one.cell.rows

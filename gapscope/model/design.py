@@ -31,6 +31,7 @@ from gapscope.effects.effect import (
     Transmission,
 )
 from gapscope.model.body_point import Bodies
+from gapscope.model.conditioning import Segment
 from gapscope.model.jacobian import as_recorded, columns
 from gapscope.model.prediction import Prediction
 from gapscope.model.rows import Kept, PartOfDesign, Rows
@@ -227,7 +228,11 @@ def about(made: Design, arm: FreeArm, values: Mapping[Candidate, np.ndarray]) ->
             matrix = columns(at, rows, k, terms, theta, names) / rows.scale[:, None]
             for one in some:
                 unit, places = made.units[one.term], list(one.term.columns)
-                own = matrix[there][:, :, places] / unit * trust[:, :, None]
+                whole = matrix[:, :, places]
+                if is_link_change(one.term):
+                    x = _of_link(rows, segment, at, one.term, theta[places])
+                    whole = x / rows.scale[:, None]
+                own = whole[there] / unit * trust[:, :, None]
                 for j, x in enumerate(columns_of[one]):
                     x[mine] = own[:, j]
     for one, value in moved.items():
@@ -236,9 +241,21 @@ def about(made: Design, arm: FreeArm, values: Mapping[Candidate, np.ndarray]) ->
     return About(gap, columns_of)
 
 
+def _of_link(
+    rows: Rows, segment: Segment, at: Prediction, term: Term, value: np.ndarray
+) -> np.ndarray:
+    """Columns of a changed link about its value on the rows of a segment [N m] per unit, (M, n, linear)."""
+    effect, j, motion = term.definition, term.joint - 1, segment.motion
+    assert isinstance(effect, LinkChange)
+    regressor = at.body.regressor(motion.q, motion.dq, motion.ddq)
+    own = at.body.unladen.inertial_parameters().reshape(-1, 10)[j]
+    of_link = as_recorded(at, regressor[:, :, 10 * j : 10 * j + 10])
+    return rows.thin(of_link @ effect.tangent(own, j, value), segment)
+
+
 def moves_columns(term: Term) -> bool:
-    """Whether the columns of a term change with its values: not those of a link, nor of a limit."""
-    return not (is_link_change(term) or term.definition.limits)
+    """Whether the columns of a term change with its values: not those of a limit."""
+    return not term.definition.limits
 
 
 def bends(term: Term) -> bool:

@@ -243,6 +243,11 @@ class Search:
         return ANY
 
     @property
+    def least_load(self) -> float:
+        """Least mass of a load that groups may have of their own [kg], if an arm can do with it."""
+        return -np.inf
+
+    @property
     def groups(self) -> list[int]:
         """All groups that may have some of their own."""
         return sorted({group for some in self.sets for group in some})
@@ -383,7 +388,13 @@ class Search:
     def _weigher(self, own: OwnTerms) -> Weigher:
         asked = self.asked or len(self.sets)
         return Weigher(
-            own, self.arm, self._charges, asked, self.may_be_exchanged, self.likely
+            own,
+            self.arm,
+            self._charges,
+            asked,
+            self.may_be_exchanged,
+            self.likely,
+            self.least_load,
         )
 
     def _linearise(
@@ -784,6 +795,7 @@ class Weigher:
         sets: number of sets of groups that may have some of their own.
         exchanged: whether a load for another is one of the differences there may be, and not bodies alone.
         likely: probability that there is an effect of some name, and that one that is acts on one more joint [1].
+        least_load: least mass of a load [kg].
     """
 
     def __init__(
@@ -794,9 +806,10 @@ class Weigher:
         sets: float,
         exchanged: bool,
         likely: float = ANY,
+        least_load: float = -np.inf,
     ) -> None:
         self._own, self._arm, self._charges = own, arm, charges
-        self._any = likely
+        self._any, self._least_load = likely, least_load
         self._sets, self._exchanged = sets, exchanged
         self._places: dict[str, int] = {}
         for term in own.design.places:
@@ -839,7 +852,10 @@ class Weigher:
         """Whether coordinates of a term can be, to a standard deviation."""
         if term.is_load and self._exchanged:
             return True
-        if value[0] < self._lowest(term) - std[0]:
+        lowest = self._lowest(term)
+        if term.is_load:
+            lowest = max(lowest, self._least_load)
+        if value[0] < lowest - std[0]:
             return False
         if term.definition.limits and value[0] > BEYOND_SATURATION + std[0]:
             return False

@@ -1,9 +1,9 @@
-"""Effective number of independent samples: M / (1 + 2 sum_k rho_k), from what a model leaves.
+"""Effective number of independent samples: M / (1 + 2 sum_k rho_k), from what a model leaves [bayley1946].
 
 Samples of a filtered recording resemble their neighbours, so that M of them hold less information than M independent
 ones; the residual of a real arm is smooth, and few of its samples are independent. The autocorrelation rho_k at lag k
-says how few (``independent_samples``, and ``variance_inflation``, its reciprocal per sample), wherever there is a
-residual: in the evidence of the diagnosis, its reference, error bars of parameters, tests of the residual network.
+says how few (``variance_inflation``, its reciprocal per sample), wherever there is a residual: in contrasts, error bars
+of parameters, tests of the residual network.
 
 Before a recording exists, or where its content does not matter, the band says how many there can be at most:
 ``band_samples``, 2 B T over T seconds with bandwidth B, in the advice, the least length of a recording, and the sample
@@ -15,26 +15,6 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-
-FEWEST_SAMPLES = 4.0
-"""Least result of ``independent_samples`` [1]."""
-
-
-def independent_samples(
-    series: np.ndarray, group: np.ndarray | None = None
-) -> np.ndarray:
-    """M / (1 + 2 sum_k rho_k) independent samples of each column, at least ``FEWEST_SAMPLES``; shape (n,).
-
-    Args:
-        series: shape (M, n); its mean is subtracted.
-        group: shape (M,), integers in non-decreasing order; one group if ``None``.
-
-    Source: bayley1946.
-    """
-    group = np.zeros(len(series), dtype=int) if group is None else group
-    centred = series - series.mean(axis=0)
-    count = len(series) / variance_inflation(centred, group)
-    return np.maximum(count, FEWEST_SAMPLES)
 
 
 def motion_samples(seconds: float, rate: float) -> float:

@@ -22,8 +22,8 @@ class Explained:
         rows: which rows of all they are, mask.
         after: gap that is left with the terms [N m], (M, n).
         torque: what each term of the group does [N m], (M, n).
-        errors: what likely errors of a data sheet do [N m], (M, n): a part of ``after``. Of an arm that was identified
-            on a reference they are taken out.
+        errors: what a healthy arm has beside its data sheet [N m], (M, n): a part of ``after``. Of an arm that was
+            identified on a reference it is taken out.
         floor: RMS that noise, form error and what is not known of the shared arm leave [N m], (n,); no more than what
             is left with the terms.
         scale: normalisation of the torque gap [N m], (n,).
@@ -81,7 +81,7 @@ def held_out(fit: Fit, group: int, terms: Sequence[Candidate]) -> Iterator[HeldO
 
 
 def explained(
-    fit: Fit, group: int, terms: Sequence[Candidate], *, beside_sheet: bool = False
+    fit: Fit, group: int, terms: Sequence[Candidate], by_values: Fit | None = None
 ) -> Explained:
     """What some candidates of a hypothesis explain of a group, on parts that are held out.
 
@@ -89,18 +89,21 @@ def explained(
         fit: the hypothesis.
         group: whose terms they are.
         terms: of the hypothesis.
-        beside_sheet: whether all that is shared is errors of a data sheet, and unknown functions, which predict too.
+        by_values: the hypothesis as its values are fitted beside a data sheet: what is shared is errors then, which an
+            arm that is corrected has still.
     """
     design, rows = fit.contrast.design, fit.contrast.design.rows
     mine = rows.set_aside if rows.set_aside.any() else rows.of(group)
     after, errors = np.zeros_like(design.gap), np.zeros_like(design.gap)
     torque = {one: np.zeros_like(after) for one in terms if not one.everybody}
-    every_wave = [place for some in design.waves for place in np.concatenate(some)]
-    for where, own, answer in held_out(fit, group, terms):
+    waves = [place for some in design.waves for place in np.concatenate(some)]
+    parts = list(held_out(fit, group, terms))
+    valued = parts if by_values is None else held_out(by_values, group, terms)
+    for (where, own, _), (_, _, answer) in zip(parts, valued, strict=True):
         shared, days = own.nuisances(answer.values)
         left = fit.contrast.gap - own.torque(answer.values)
-        if beside_sheet:
-            shared[every_wave] = 0.0
+        if by_values is not None:
+            shared[waves] = 0.0
             errors[where] = design.shared_torque(shared + days[group])[where]
         else:
             left -= design.shared_torque(shared + days[group])

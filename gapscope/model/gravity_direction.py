@@ -87,9 +87,9 @@ def turn_of_base(nominal: np.ndarray, found: np.ndarray) -> tuple[float, float] 
 
     starts = itertools.product(np.arange(-3, 4) * np.pi / 3, (-1.0, 0.0, 1.0))
     nearest = min(starts, key=lambda turn: float(np.sum(miss(np.array(turn)) ** 2)))
-    bounds = np.array([np.pi, LARGEST_PITCH])
+    largest, bounds = (np.array([np.pi, p]) for p in (LARGEST_PITCH, np.pi / 2))
     best = least_squares(
-        miss, np.clip(nearest, -bounds, bounds), bounds=(-bounds, bounds)
+        miss, np.clip(nearest, -largest, largest), bounds=(-bounds, bounds)
     )
     if np.linalg.norm(best.fun) > LARGEST_MISS:
         return None

@@ -61,11 +61,6 @@ class Prediction:
         out -= self.torque[:, None]
         return out
 
-    def under(self, arm: CorrectedArm) -> Prediction:
-        """The prediction of an arm whose bodies move as this one's."""
-        arm = arm.unlimited
-        return replace(self, arm=arm, torque=self.by(arm))
-
     def share_of(self, applied: AppliedEffect) -> np.ndarray:
         """What one of the arm's effects does to the torque [N m], (N, n)."""
         arm = without(self.arm, applied)

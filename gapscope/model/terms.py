@@ -238,13 +238,3 @@ class Terms:
         moved = np.abs(theta - inside) > 1e-8 + 1e-9 * np.abs(inside)
         wrong = moved | (theta < lowest)
         return frozenset(t for t in terms if wrong[list(t.columns)].any())
-
-
-def count_findings(terms: Iterable[Term]) -> int:
-    """Number of different findings among terms."""
-    return len({term.finding for term in terms})
-
-
-def cost(terms: Iterable[Term]) -> int:
-    """Number of parameters that terms spend."""
-    return sum(term.parametrisation.cost for term in terms)

@@ -49,10 +49,3 @@ def case(
         sensor = (1.0 + SCALE) * link + ZERO + NOISE * rng.standard_normal(link.shape)
         told.append(replace(recording, tau_sensor=sensor))
     return replace(plain, recordings=tuple(told))
-
-
-def without_sensors(case: Case) -> Case:
-    """The same case with the sensors left out."""
-    return replace(
-        case, recordings=tuple(replace(r, tau_sensor=None) for r in case.recordings)
-    )

@@ -57,7 +57,6 @@ def test_the_corrected_arm_predicts_it(found: Diagnosis) -> None:
     assert max(after) < 0.1
 
 
-@pytest.mark.nightly
 def test_undeclared_it_is_asked_for() -> None:
     document = diagnose(case()).document
     validate(document)

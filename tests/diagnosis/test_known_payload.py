@@ -19,13 +19,12 @@ from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.reading import Reading
+from gapscope.diagnosis.assessment.sensor_sides import link_torque
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.diagnose_change import Change, diagnose_change
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.gap.predict import predict_torque
 from gapscope.diagnosis.hypotheses import RecordedData
-from gapscope.diagnosis.model.fit_data import CompliantBodies, FitData
-from gapscope.diagnosis.model.linearisation import link_torque
 from gapscope.diagnosis.reference_file import identify_reference
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
@@ -34,7 +33,10 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.transmission import BACKLASH, ELASTICITY
 from gapscope.ident.identification import IdentificationSettings, identify
+from gapscope.model.body_point import Bodies
+from gapscope.model.compliant_bodies import CompliantBodies
 from gapscope.model.conditioning import Segment, blocks, condition, thinned
+from gapscope.model.decimated_segments import DecimatedSegments
 from gapscope.model.jacobian import columns
 from gapscope.model.prediction import Prediction
 from gapscope.model.terms import Terms
@@ -188,7 +190,7 @@ class TestSegment:
         self, found: bool, tmp_path: Path
     ) -> None:
         """All but those of a force, which acts where it did; around no effects and around some."""
-        body, s, terms = synthetic.body(), segment(), Terms(3)
+        s, terms = segment(), Terms(3)
         theta = np.zeros(terms.size)
         if found:
             theta[terms.block("payload")[:, 0]] = [1.0, 0.1, 0.0, 0.02]
@@ -199,11 +201,11 @@ class TestSegment:
         arm = urdf_with_load(tmp_path)
         results = []
         for nominal, piece in ((synthetic.arm(), s), (arm, replace(s, payload=None))):
-            of = body if nominal is synthetic.arm() else RigidBody(nominal)
-            data = FitData(nominal, of, [[piece]], CUTOFF)
-            effects = terms.effects(theta)
-            corrected = CorrectedArm(nominal, effects)
-            at = Prediction.of(corrected, piece.bodies(of), piece.motion)
+            laden = piece.bodies(RigidBody(nominal))
+            data = DecimatedSegments([piece], CUTOFF)
+            data.bodies = [Bodies(laden, piece.motion)]
+            corrected = CorrectedArm(nominal, terms.effects(theta))
+            at = Prediction.of(corrected, laden, piece.motion)
             results.append((at.torque, columns(at, data, 0, terms, theta)))
         (base, x), (expected, y) = results
         np.testing.assert_allclose(base, expected, atol=1e-6)
@@ -216,9 +218,8 @@ class TestSegment:
     ) -> None:
         arm, s, found = urdf_with_load(tmp_path), segment(), []
         for nominal, piece in ((synthetic.arm(), s), (arm, replace(s, payload=None))):
-            folds = [[b] for b in blocks(thinned(piece, 100.0), 2)]
-            body = RigidBody(nominal)
-            data = FitData(nominal, body, folds, CUTOFF)
+            parts = blocks(thinned(piece, 100.0), 2)
+            data, body = DecimatedSegments(parts, CUTOFF), RigidBody(nominal)
             bodies = CompliantBodies(data, body, CorrectedArm(nominal))
             found.append([bodies.mass, *_behind(bodies)])
         for one, other in zip(*found, strict=True):

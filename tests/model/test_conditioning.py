@@ -27,7 +27,6 @@ from gapscope.model.effective_samples import (
     autocovariance,
     band_samples,
     group_slices,
-    independent_samples,
     low_pass_inflation,
     motion_samples,
     variance_inflation,
@@ -480,11 +479,8 @@ def test_effective_samples_of_an_autoregressive_series(
     x = np.zeros((20000, 1))
     for i in range(1, len(x)):
         x[i] = rho * x[i - 1] + rng.standard_normal()
-    assert independent_samples(x)[0] == pytest.approx(share * len(x), rel=0.15)
-
-
-def test_a_series_that_hardly_changes_counts_as_four_samples() -> None:
-    assert independent_samples(np.linspace(0, 1, 100)[:, None])[0] == 4.0
+    group = np.zeros(len(x), dtype=int)
+    assert variance_inflation(x, group)[0] == pytest.approx(1 / share, rel=0.15)
 
 
 def test_samples_of_a_band_and_of_a_motion() -> None:

@@ -21,11 +21,12 @@ from sweeps import daily, nightly
 from gapscope.arm.recording import Recording
 from gapscope.model.changes import Change, changes_of
 from gapscope.model.design import design, fitted_arm
-from gapscope.model.difference import Difference, Search, in_a_row
+from gapscope.model.difference import Difference, Search, in_a_row, is_within
 from gapscope.model.equations import Equations
 from gapscope.model.form_error import learn
 from gapscope.model.ramps import best_ramp
 from gapscope.model.rows import MIN_MOTIONS, Rows
+from gapscope.model.terms import Terms
 
 HEALTHY = Truth(offset=(0.6, -0.5, 0.2))
 """Torque offsets that the arm has on both days [N m]."""
@@ -391,3 +392,16 @@ def test_what_changes_at_once_is_likelier_at_once() -> None:
 def test_a_recording_shorter_than_a_ramp_has_none() -> None:
     short = T[:8]
     assert best_ramp(short, short, short, 0.3, 0.95) is None
+
+
+# Values that cannot be.
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "torque", "can_be"),
+    [(5.0, 2.0, True), (-5.0, 2.0, True), (0.1, 1.0, False), (0.0, 1.0, False)],
+)
+def test_a_spring_that_rests_where_no_joint_can_be_cannot_be(stiffness, torque, can_be):
+    """It would stand for a constant torque."""
+    spring, value = Terms(3).of("parallel_spring")[1], np.array([stiffness, torque])
+    assert is_within(spring, value, 0.0) == can_be

@@ -113,12 +113,6 @@ def nameable(found: Difference) -> Iterator[Detectable]:
     return (one for one in every if one.term.definition.locally_linear)
 
 
-def sheet_error(found: Difference) -> float:
-    """Likeliest error of the bodies of the data sheet, over their own size [1]."""
-    levels = found.fit.levels
-    return max(levels, key=lambda error: levels[error].total, default=0.0)
-
-
 @dataclass
 class SheetSearch(Search):
     """What all recordings show beside the data sheet."""
@@ -126,6 +120,7 @@ class SheetSearch(Search):
     progress: Progress = lambda message: None
     _wide: Equations | None = None
     _likeliest: int = ERRORS.index(INERTIAL_ERROR)
+    _most: int = len(ERRORS) - 1
     _stiff: set[frozenset[Candidate]] = field(default_factory=set)
     _by_error: dict[tuple[int, float], tuple[Contrast, Contrast]] = field(
         default_factory=dict
@@ -135,6 +130,12 @@ class SheetSearch(Search):
     def may_be_exchanged(self) -> bool:
         """Never: the arm of the data sheet carries nothing."""
         return False
+
+    @property
+    def least_load(self) -> float:
+        """A lighter last link is no load, but where the recordings are said to have one."""
+        known = any(segment.payload is not None for segment in self.rows.segments)
+        return -np.inf if known else 0.0
 
     @property
     def likely(self) -> float:
@@ -183,6 +184,32 @@ class SheetSearch(Search):
         fit = self._fit((), {}, {})
         sets = {frozenset[Candidate](): fit.total}
         return Difference(fit, sets, self._found, self.arm, {}, self.likely)
+
+    def least_squares(self, fit: Fit) -> Fit:
+        """A hypothesis as an arm of the catalogue is fitted: beside errors of the bodies, rows by what it leaves.
+
+        Unknown functions and form error are told apart from what the effects leave, and say how sure values are.
+        """
+        contrast, error = fit.contrast, fit.contrast.error
+        bodies = 10 * self.arm.arm.n_joints
+        left2 = self.torque_nrmse(contrast.gap - fit.torque) ** 2
+        # neighbours resemble each other as those of the noise do
+        noise2 = left2 * error.noise2 / error.white2
+        found: list[Fit] = []
+        for size in ERRORS:
+            prior = np.zeros_like(contrast.design.prior)
+            prior[:bodies] = np.where(contrast.design.prior[:bodies] > 0, size, 0.0)
+            asked = (
+                found[0].contrast.with_prior(prior)
+                if found
+                else contrast.without_form(noise2, prior)
+            )
+            own = (found[0] if found else fit).own.within(asked)
+            answer = own.answer(fit.chosen, fit.answer.sizes)
+            total = asked.evidence + answer.evidence + _log_prior(size)
+            one = replace(fit, contrast=asked, own=own, answer=answer, total=total)
+            found.append(one)
+        return max(found, key=lambda one: one.total)
 
     def with_also(self, found: Difference, some: Sequence[Candidate]) -> Difference:
         """The same with candidates that are known to be there."""
@@ -245,6 +272,21 @@ class SheetSearch(Search):
             self._wide = None
             self._linearise(1, torque)
             self._prepare()
+        fit = self._searched_about(known)
+        likeliest = max(fit.levels, key=lambda error: fit.levels[error].total)
+        if likeliest <= WORSE * INERTIAL_ERROR:
+            return fit
+        # as long as nothing is named, effects may pass for errors of all bodies
+        kept = dict(self.__dict__)
+        self._most = self._likeliest = ERRORS.index(INERTIAL_ERROR)
+        self._fits, self._totals, self._top = {}, {}, None
+        good = self._searched_about(known)
+        self.__dict__.update(kept)
+        other = self._searched_about(good.values) if good.mine else fit
+        return max(fit, other, key=lambda one: one.total)
+
+    def _searched_about(self, known: Values) -> Fit:
+        """The best hypothesis, from what is known on."""
         fit = self._asked_again(self._fit(list(known), known, {}))
         return self._pruned(self._searched(fit))
 
@@ -386,7 +428,7 @@ class SheetSearch(Search):
                 levels[error] = replace(fit, total=both, sharp=both)
             return levels[error].total
 
-        numbers = range(len(ERRORS))
+        numbers = range(self._most + 1)
         near = [k for k in numbers if abs(k - self._likeliest) < 2]
         while True:
             best = max(near if chosen else numbers, key=total)
@@ -493,7 +535,7 @@ class SheetSearch(Search):
             for _ in range(2):
                 self._linearise(1, torque)
                 self._prepare()
-                larger = self._fit(list(known), known, {})
+                larger = self.with_some(list(known), known)
                 known, torque = larger.values, self._torque(larger)
             odds = self._weigher(larger.own).odds
             gain += odds(larger.chosen) - odds(fit.chosen)

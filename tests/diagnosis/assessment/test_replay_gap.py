@@ -1,21 +1,20 @@
 """The replay gap of a diagnosis: it shrinks with the effects found, and is null with a warning where it fails."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import synthetic
 
 from gapscope.arm.case import Case
-from gapscope.diagnosis.assessment.replay_gap import attempt, replay_gap
+from gapscope.diagnosis.assessment.replay_gap import ReplayGap, attempt, replay_gap
+from gapscope.diagnosis.diagnose import examine
 from gapscope.diagnosis.thresholds import REPLAYED_TICKS
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.recorder import Plan, record_case
-from gapscope.model.terms import Terms
 
 PAYLOAD = AppliedEffect("payload", (), {"mass": 3.0, "com": [0.0, 0.02, 0.06]})
-WRONG = AppliedEffect("payload", (), {"mass": 30.0, "com": [0.0, 0.02, 0.06]})
 
 
 @pytest.fixture(scope="module")
@@ -29,32 +28,13 @@ def case() -> Case:
     )
 
 
-def _predictor(
-    case: Case, set_aside: bool = False, start: float = 0.0
-) -> SimpleNamespace:
-    """What ``replay_gap`` asks of a predictor: the right values are those fitted to what it must not replay."""
-    evidence = SimpleNamespace(
-        fit=lambda terms: SimpleNamespace(theta=PAYLOAD if set_aside else WRONG),
-        without_last=lambda terms: WRONG if set_aside else PAYLOAD,
-        terms=SimpleNamespace(
-            clipped=lambda theta: theta,
-            effects=lambda theta, terms: (theta,) if terms else (),
-        ),
-    )
-    folds = [
-        [SimpleNamespace(recording=r.name, motion=SimpleNamespace(t=r.t[r.t >= start]))]
-        for r in case.recordings
-    ]
-    found = SimpleNamespace(
-        evidence=evidence, fit=SimpleNamespace(terms=frozenset(Terms(7).of("payload")))
-    )
-    return SimpleNamespace(
-        set_aside=["some"] if set_aside else [], folds=folds, selection=found
-    )
+def replayed(case: Case) -> ReplayGap:
+    """Of the last recording, with what is there."""
+    return replay_gap(case, case.recordings[-1], {"payload": PAYLOAD})
 
 
 def test_the_effects_found_close_it(case: Case) -> None:
-    found = replay_gap(case, _predictor(case))
+    found = replayed(case)
     assert found.warnings == () and found.before.shape == (7,)
     assert found.after.max() < 1e-3 and found.after.mean() < 0.05 * found.before.mean()
 
@@ -62,7 +42,7 @@ def test_the_effects_found_close_it(case: Case) -> None:
 def test_the_only_effect_alone_closes_what_all_do_and_without_it_nothing_is_closed(
     case: Case,
 ) -> None:
-    found = replay_gap(case, _predictor(case))
+    found = replayed(case)
     assert list(found.only) == list(found.without) == ["payload"]
     np.testing.assert_array_equal(found.only["payload"], found.after)
     np.testing.assert_array_equal(found.without["payload"], found.before)
@@ -70,26 +50,17 @@ def test_the_only_effect_alone_closes_what_all_do_and_without_it_nothing_is_clos
 
 def test_another_engine_says_the_same(case: Case) -> None:
     pytest.importorskip("mujoco")
-    found = replay_gap(case, _predictor(case))
+    found = replayed(case)
     before, after = found.elsewhere["mujoco"]
     np.testing.assert_allclose(before, found.before, rtol=0.02, atol=2e-5)
     assert after.mean() < 0.05 * before.mean()
 
 
-def test_a_recording_set_aside_is_replayed_with_values_fitted_to_all_others(
-    case: Case,
-) -> None:
-    apart = replace(case, judged=case.recordings[:1])
-    found = replay_gap(apart, _predictor(apart, set_aside=True))
-    assert found.after.mean() < 0.05 * found.before.mean()
-
-
-def test_a_block_of_a_recording_is_replayed_alone(case: Case) -> None:
-    whole, block = (
-        replay_gap(case, _predictor(case, start=start)) for start in (0.0, 1.0)
-    )
-    assert not np.allclose(whole.before, block.before)
-    assert block.after.mean() < 0.05 * block.before.mean()
+def test_a_part_of_a_recording_is_replayed_alone(case: Case) -> None:
+    whole, last = replayed(case), case.recordings[-1]
+    part = replay_gap(case, last.part(last.t >= 1.0), {"payload": PAYLOAD})
+    assert not np.allclose(whole.before, part.before)
+    assert part.after.mean() < 0.05 * part.before.mean()
 
 
 @pytest.mark.parametrize("unknown", ["controller", "reference"])
@@ -102,10 +73,7 @@ def test_without_controller_or_reference_the_recorded_torque_moves_the_arm(
         if unknown == "controller"
         else replace(case, recordings=bare)
     )
-    through, driven = (
-        replay_gap(case, _predictor(case)),
-        replay_gap(less, _predictor(case)),
-    )
+    through, driven = replayed(case), replayed(less)
     assert (through.by, driven.by) == ("controller", "torque")
     assert not driven.warnings and driven.after.mean() < 0.5 * driven.before.mean()
 
@@ -113,10 +81,8 @@ def test_without_controller_or_reference_the_recorded_torque_moves_the_arm(
 def test_an_arm_that_runs_away_is_null_with_a_warning(case: Case) -> None:
     assert case.controller is not None
     gains = replace(case.controller, kp=np.full(7, 1e8))
-    found = replay_gap(
-        replace(case, arm=replace(case.arm, torque_limit=None), controller=gains),
-        _predictor(case),
-    )
+    unlimited = replace(case.arm, torque_limit=None)
+    found = replayed(replace(case, arm=unlimited, controller=gains))
     assert found.before is None and found.after is None
     assert [
         "nominal arm" in found.warnings[0],
@@ -135,4 +101,20 @@ def test_time_is_bounded(case: Case) -> None:
     """Only so many ticks of the controller are replayed: a fast controller sees a shorter part."""
     assert case.controller is not None
     fast = replace(case, controller=replace(case.controller, rate=REPLAYED_TICKS / 0.5))
-    assert "0.5 s" in replay_gap(fast, _predictor(case)).warnings[0]
+    assert "0.5 s" in replayed(fast).warnings[0]
+
+
+def test_what_values_were_not_fitted_to_is_replayed() -> None:
+    aside, last = (
+        examine(synthetic.case(judged=judged, duration=6.0)).replayed.motion
+        for judged in (True, False)
+    )
+    assert (aside.recording, last.recording) == ("judged.csv", "recording_2.csv")
+
+
+def test_of_one_recording_its_last_part_is_replayed() -> None:
+    several = synthetic.case()
+    whole = several.recordings[0]
+    part = examine(replace(several, recordings=(whole,))).replayed.motion
+    assert part.t[0] > 0.7 * whole.duration
+    assert part.t[-1] == pytest.approx(whole.t[-1], abs=0.5)

@@ -9,10 +9,9 @@ from arms import iiwa_of_three
 from cases import changed_during
 
 from gapscope.arm.case import Case
-from gapscope.diagnosis.diagnose import build_diagnosis
+from gapscope.diagnosis.diagnose import SheetComparison, diagnosis_of, examine
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.gap.plausible_data import up_to_changes
-from gapscope.diagnosis.study import Study, examine
 from gapscope.effects.applied import AppliedEffect
 from gapscope.model.change_findings import change_findings, change_text
 from gapscope.model.changes import Change
@@ -34,13 +33,13 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
 
 
 @pytest.fixture(scope="module")
-def study(case: Case) -> Study:
-    return examine(case, lambda message: None)
+def examined(case: Case) -> SheetComparison:
+    return examine(case)
 
 
 @pytest.fixture(scope="module")
-def changes(study: Study) -> tuple[Change, ...]:
-    return study.changes
+def changes(examined: SheetComparison) -> tuple[Change, ...]:
+    return examined.prepared.changes
 
 
 def test_what_changed_is_found_with_its_moment_and_size(
@@ -82,8 +81,10 @@ def test_the_longest_part_remains_if_all_change_at_once(
     assert kept.t[0] > 1.5 and kept.t[-1] == case.recordings[1].t[-1]
 
 
-def test_a_diagnosis_names_the_changes_and_no_effect(study: Study) -> None:
-    found = build_diagnosis(study)
+def test_a_diagnosis_names_the_changes_and_no_effect(
+    examined: SheetComparison,
+) -> None:
+    found = diagnosis_of(examined)
     document = found.document
     validate(document)
     changes = {change["recording"]: change for change in document["changes"]}

@@ -1,0 +1,237 @@
+"""What a flexible model predicts of what is left: noise not at all, a curve by its variable, a hum by its frequency."""
+
+from __future__ import annotations
+
+import documents
+import numpy as np
+import pytest
+
+from gapscope.diagnosis.assessment.curves import Variable, curve_of
+from gapscope.diagnosis.assessment.predictable_share import (
+    Folds,
+    Predictable,
+    amplitudes,
+    predict_held_out,
+    predict_oscillation,
+    predictable,
+)
+from gapscope.diagnosis.document.diagnosis_json import validate
+from gapscope.diagnosis.locate import MotionRows
+from gapscope.model.conditioning import low_pass
+from gapscope.model.torque_gap import TorqueGap
+from gapscope.reports.diagnosis import render
+
+RATE, SECONDS, N = 250.0, 20.0, 6
+FLOOR = np.full(N, 0.1)
+
+
+def rows(recordings: int = 3, seconds: float = SECONDS) -> MotionRows:
+    """Sums of sines, other ones in each recording."""
+    count, parts = int(seconds * RATE), []
+    for seed in range(recordings):
+        rng = np.random.default_rng(seed)
+        t = np.arange(count) / RATE
+        w, a, p = (
+            rng.uniform(0.5, 3.0, (4, N)),
+            rng.uniform(0.2, 0.5, (4, N)),
+            rng.uniform(0.0, 6.0, (4, N)),
+        )
+        angle = w * t[:, None, None] + p
+        parts.append(
+            [
+                (a * f * g(angle)).sum(axis=1)
+                for f, g in ((1, np.sin), (w, np.cos), (-(w**2), np.sin))
+            ]
+        )
+    q, dq, ddq = (np.vstack(x) for x in zip(*parts, strict=True))
+    segment = np.repeat(np.arange(recordings), count)
+    return MotionRows(
+        np.tile(np.arange(count) / RATE, recordings),
+        q,
+        dq,
+        ddq,
+        segment,
+        (RATE,) * recordings,
+    )
+
+
+def found(
+    left: np.ndarray, at: MotionRows, joint: int = 1, floor: np.ndarray = FLOOR
+) -> Predictable:
+    """What is predicted of a torque that is left on joint 1, with noise at the floor on top."""
+    noise = np.random.default_rng(9).standard_normal((len(at.t), N))
+    error = low_pass(np.sqrt(RATE / 24.0) * floor[0] * noise, RATE, 12.0)
+    error[:, 0] += left
+    load = 20.0 * np.cos(at.q)
+    gap = TorqueGap(load + error, load, (0, len(at.t)))
+    return predictable(gap, at, floor, [joint])[0]
+
+
+def test_noise_is_white_and_cannot_be_predicted() -> None:
+    at = rows()
+    said = found(np.zeros(len(at.t)), at, floor=0.6 * FLOOR)
+    loud = found(np.zeros(len(at.t)), at)
+    assert loud.share == 0.0 and said.share < 0.05 and max(said.by.values()) < 0.05
+    noise = found(np.zeros(len(at.t)), at, joint=2)
+    assert noise.whiteness_p > 1e-3
+
+
+CAUSES = {
+    "position": lambda at: 0.6 * np.sin(6.0 * at.q[:, 0]),
+    "velocity": lambda at: 0.5 * np.tanh(at.dq[:, 0] / 0.7) - 0.5 * at.dq[:, 0] ** 2,
+    "direction": lambda at: 0.5 * np.sign(at.dq[:, 0]),
+    "acceleration": lambda at: 0.1 * at.ddq[:, 0] * np.abs(at.ddq[:, 0]),
+    "load": lambda at: 0.5 * np.cos(at.q[:, 0]) ** 3,
+    "time": lambda at: np.exp(-at.t / 3.0),
+    "frequency": lambda at: 0.5 * np.sin(2 * np.pi * 6.385 * at.t + at.segment),
+}
+
+
+@pytest.mark.parametrize("name", CAUSES)
+def test_each_variable_is_told_by_its_gap(name: str) -> None:
+    at = rows()
+    left = CAUSES[name](at)
+    said = found(left, at)
+    assert said.share > 0.75, said
+    assert said.by[name] > 0.75
+    assert said.by[name] >= max(said.by.values()) - 0.05
+    assert said.whiteness_p < 1e-6
+    if name in ("position", "velocity"):
+        x = {"position": at.q, "velocity": at.dq}[name][:, 0]
+        assert said.curve.variable == name
+        error = left - np.interp(x, said.curve.x, said.curve.y)
+        assert np.std(error) < 0.4 * np.std(left)
+    if name == "frequency":
+        assert abs(said.curve.x[np.argmax(said.curve.y)] - 6.385) < 0.1
+        assert said.curve.y.max() == pytest.approx(0.5, rel=0.2)
+
+
+def test_several_variables_together_predict_what_none_does_alone() -> None:
+    at = rows()
+    said = found(np.sin(3.0 * at.q[:, 0]) * np.tanh(at.dq[:, 0] / 0.5), at)
+    assert said.share > 0.6 > max(said.by.values()) + 0.2
+
+
+def test_one_recording_is_judged_on_its_halves() -> None:
+    at = rows(1, 40.0)
+    assert found(0.6 * np.sin(3.0 * at.q[:, 0]), at).by["position"] > 0.7
+
+
+def test_it_is_the_same_every_time() -> None:
+    at = rows()
+    gap = TorqueGap(
+        np.random.default_rng(0).standard_normal((len(at.t), N)),
+        20.0 * np.cos(at.q),
+        (0, len(at.t)),
+    )
+    first, again = (predictable(gap, at, FLOOR, [1, 2, 3]) for _ in range(2))
+    assert [p.document() for p in first] == [p.document() for p in again]
+    assert predictable(gap, at, FLOOR, []) == []
+
+
+def test_it_is_in_the_document_and_in_the_report(tmp_path) -> None:
+    at, document = rows(), documents.unexplained()
+    entry = found(CAUSES["position"](at), at).document()
+    document["unexplained"]["predictable"] = [{**entry, "joint": 4}]
+    validate(document)
+    render(documents.diagnosis(document), tmp_path / "report.html")
+    html = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert (
+        "J4: " in html
+        and "can be predicted" in html
+        and 'data-guess="0"' in html
+        and "Its position alone" in html
+    )
+
+
+# Ridge regression over folds: what holds on all folds is predicted, what holds on one alone is not.
+
+
+X = np.tile(np.linspace(-1.0, 1.0, 50), 3)[:, None]
+FOLD = np.repeat([0, 1, 2], 50)
+ALL = np.ones(150, dtype=bool)
+
+
+def test_a_line_is_predicted_from_the_other_folds() -> None:
+    y = 2.0 * X[:, 0]
+    predicted = predict_held_out(X, y, Folds(FOLD, ALL))
+    np.testing.assert_allclose(predicted, y, atol=2e-3)
+
+
+def test_a_slope_that_differs_on_every_fold_is_not() -> None:
+    """Slopes 1, -1 and 0: whatever two folds say, the third knows nothing of it."""
+    y = X[:, 0] * np.array([1.0, -1.0, 0.0])[FOLD]
+    assert not predict_held_out(X, y, Folds(FOLD, ALL)).any()
+
+
+def test_rows_that_may_not_be_fitted_are_predicted_but_teach_nothing() -> None:
+    wrong = np.arange(150) % 2 == 0
+    y = np.where(wrong, 2.0 * X[:, 0] + 0.1, 2.0 * X[:, 0])
+    fitted = predict_held_out(X, y, Folds(FOLD, ~wrong))
+    np.testing.assert_allclose(fitted, 2.0 * X[:, 0], atol=2e-3)
+
+
+# Curves of a gap over one variable: hat functions, knots and smoothness.
+
+
+SPREAD = Variable("velocity", "rad/s", np.linspace(-1.0, 1.0, 400) ** 3)
+
+
+def test_hats_interpolate_and_add_up_to_one() -> None:
+    hats = SPREAD.hats()
+    np.testing.assert_allclose(hats.sum(axis=1), 1.0)
+    np.testing.assert_allclose(hats @ SPREAD.knots, SPREAD.values, atol=1e-12)
+
+
+def test_a_straight_gap_gives_a_straight_curve() -> None:
+    """Second differences are held small, and those of a line over even knots are zero."""
+    even = Variable("load", "N m", np.linspace(0.0, 8.0, 400))
+    curve = curve_of(even, 3.0 * even.values + 1.0)
+    np.testing.assert_allclose(curve.y, 3.0 * curve.x + 1.0, rtol=1e-4)
+    assert (curve.variable, curve.unit) == ("load", "N m")
+
+
+def test_a_direction_has_three_knots() -> None:
+    direction = Variable("direction", "1", np.repeat([-1.0, 1.0], 50))
+    curve = curve_of(direction, 0.5 * direction.values)
+    assert curve.x.tolist() == [-1.0, 0.0, 1.0]
+    assert curve.y == pytest.approx([-0.5, 0.0, 0.5], abs=0.02)
+
+
+def test_a_variable_that_stands_still_has_a_curve() -> None:
+    still = Variable("position", "rad", np.full(30, 2.0))
+    assert still.knots.tolist() == [1.0, 3.0]
+    assert np.isfinite(curve_of(still, np.ones(30)).y).all()
+
+
+# An oscillation at one frequency: predicted on the other half of its recording, with its amplitude.
+
+
+T = np.arange(0.0, 20.0, 0.02)
+SEGMENT = np.zeros(len(T), dtype=int)
+HALF = (T >= 10.0).astype(int)
+
+
+def test_each_half_is_predicted_from_the_other() -> None:
+    gap = 0.5 * np.sin(2 * np.pi * 3.0 * T + 0.7)
+    predicted = predict_oscillation(T, gap, SEGMENT, HALF)
+    assert np.std(gap - predicted) < 0.2 * np.std(gap)  # frequencies are tried in steps
+
+
+def test_a_phase_that_jumps_between_the_halves_is_not() -> None:
+    gap = np.sin(2 * np.pi * 3.0 * T + np.pi * HALF)
+    predicted = predict_oscillation(T, gap, SEGMENT, HALF)
+    assert np.std(gap - predicted) > np.std(gap)
+
+
+def test_a_recording_without_a_rest_is_predicted_as_zero() -> None:
+    gap = np.sin(2 * np.pi * 3.0 * T)
+    assert not predict_oscillation(T, gap, SEGMENT, SEGMENT).any()
+
+
+def test_amplitudes_are_root_mean_squares_over_recordings() -> None:
+    """3 and 1 on two recordings alike in length: sqrt((9 + 1) / 2)."""
+    segment = HALF
+    gap = np.where(segment == 0, 3.0, 1.0) * np.sin(2 * np.pi * 3.0 * T)
+    (on, off) = amplitudes(T, gap, segment, np.array([3.0, 6.0]))
+    assert on == pytest.approx(np.sqrt(5.0), rel=1e-3) and off < 1e-3

@@ -1,0 +1,64 @@
+"""What terms explain of motions that are held out: values of all others, and where the gap falls."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import synthetic
+from synthetic import Truth
+
+from gapscope.arm.recording import Recording
+from gapscope.diagnosis.selection.search import EVERYONE, search_of
+from gapscope.model.difference import Fit
+from gapscope.model.explained import explained, held_out
+from gapscope.model.terms import Candidate, Terms
+
+RUBBING = Candidate(Terms(synthetic.N).of("coulomb_friction")[1], EVERYONE)
+
+
+def rubbing(torque: float) -> list[Recording]:
+    """More Coulomb friction on joint 2 [N m]."""
+    truth = Truth(coulomb=(0.0, torque, 0.0))
+    return list(synthetic.recordings(truth, duration=6.0))
+
+
+def fitted(recordings: list[Recording], *judged: Recording) -> Fit:
+    searching = search_of(synthetic.arm(), recordings, judged)
+    searching.unsearched()
+    return searching.with_some([RUBBING], {})
+
+
+def test_the_gap_falls_on_the_joint_of_the_term_alone() -> None:
+    known = explained(fitted(rubbing(2.0)), 0, [RUBBING], beside_sheet=True)
+    before, after = known.nrmse(known.before), known.nrmse(known.after)
+    assert after[1] < 0.1 * before[1]
+    assert after[[0, 2]] == pytest.approx(before[[0, 2]], rel=0.2)
+    np.testing.assert_allclose(known.with_only([RUBBING]), known.after)
+
+
+def test_each_motion_is_predicted_by_all_others_once() -> None:
+    """Of three recordings one has more friction: without its own motions less is expected of it."""
+    fit = fitted([*rubbing(1.0)[:2], rubbing(1.6)[2]])
+    parts = list(held_out(fit, 0, [RUBBING]))
+    rows = fit.contrast.design.rows
+    assert (sum(part.rows.astype(int) for part in parts) == 1).all()
+    value = {
+        int(rows.recording[part.rows][0]): float(part.answer.values[RUBBING][0])
+        for part in parts
+    }
+    whole = float(fit.answer.values[RUBBING][0])
+    assert value[2] < whole < value[0]
+
+
+def test_what_is_set_aside_is_predicted_by_all_that_teaches() -> None:
+    first, second, last = rubbing(2.0)
+    apart, alone = fitted([first, second], last), fitted([first, second])
+    (part,) = held_out(apart, 0, [RUBBING])
+    rows = apart.contrast.design.rows
+    np.testing.assert_array_equal(part.rows, rows.recording == 2)
+    np.testing.assert_allclose(
+        part.answer.values[RUBBING], alone.answer.values[RUBBING], rtol=0.01
+    )
+    known = explained(apart, 0, [RUBBING], beside_sheet=True)
+    assert len(known.after) == part.rows.sum()
+    assert known.nrmse(known.after)[1] < 0.1 * known.nrmse(known.before)[1]
