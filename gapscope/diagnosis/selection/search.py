@@ -191,25 +191,14 @@ class SheetSearch(Search):
         Unknown functions and form error are told apart from what the effects leave, and say how sure values are.
         """
         contrast, error = fit.contrast, fit.contrast.error
-        bodies = 10 * self.arm.arm.n_joints
         left2 = self.torque_nrmse(contrast.gap - fit.torque) ** 2
+        prior = contrast.design.prior.copy()
+        prior[10 * self.arm.arm.n_joints :] = 0.0
         # neighbours resemble each other as those of the noise do
-        noise2 = left2 * error.noise2 / error.white2
-        found: list[Fit] = []
-        for size in ERRORS:
-            prior = np.zeros_like(contrast.design.prior)
-            prior[:bodies] = np.where(contrast.design.prior[:bodies] > 0, size, 0.0)
-            asked = (
-                found[0].contrast.with_prior(prior)
-                if found
-                else contrast.without_form(noise2, prior)
-            )
-            own = (found[0] if found else fit).own.within(asked)
-            answer = own.answer(fit.chosen, fit.answer.sizes)
-            total = asked.evidence + answer.evidence + _log_prior(size)
-            one = replace(fit, contrast=asked, own=own, answer=answer, total=total)
-            found.append(one)
-        return max(found, key=lambda one: one.total)
+        asked = contrast.without_form(left2 * error.noise2 / error.white2, prior)
+        own = fit.own.within(asked)
+        answer = own.answer(fit.chosen, fit.answer.sizes)
+        return replace(fit, contrast=asked, own=own, answer=answer)
 
     def with_also(self, found: Difference, some: Sequence[Candidate]) -> Difference:
         """The same with candidates that are known to be there."""
@@ -282,8 +271,11 @@ class SheetSearch(Search):
         self._fits, self._totals, self._top = {}, {}, None
         good = self._searched_about(known)
         self.__dict__.update(kept)
-        other = self._searched_about(good.values) if good.mine else fit
-        return max(fit, other, key=lambda one: one.total)
+        if not good.mine:
+            return fit
+        again = self._pruned(self.with_some(list(good.values), good.values))
+        other = self._searched_about(again.values)
+        return max(fit, again, other, key=lambda one: one.total)
 
     def _searched_about(self, known: Values) -> Fit:
         """The best hypothesis, from what is known on."""
