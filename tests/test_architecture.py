@@ -52,11 +52,11 @@ APART = ({"envs", "ident"}, {"agents", "blind_check"})
 DIAGNOSIS_LAYERS: tuple[set[str], ...] = (
     {"thresholds"},
     {"gap", "setup_faults"},
-    {"model", "locate"},
-    {"selection"},
-    {"assessment", "agreement", "states"},
+    {"locate", "selection"},
+    {"agreement", "states"},
+    {"prepare"},
+    {"assessment", "comparison"},
     {"result"},
-    {"study"},
     {"document"},
     {"diagnose", "set_up"},
     {"reference_file", "diagnose_change", "hypotheses", "next_recording"},
@@ -98,9 +98,7 @@ NAMES_EFFECTS: dict[str, str] = {
             *("model_audit.checks", "model_audit.description"),
             "diagnosis.reference_file",
         ),
-        "payload is the case's key of a known load": (
-            "diagnosis.document.diagnosis_json",
-        ),
+        "payload is the case's key of a known load": ("diagnosis.document.content",),
         "payload is a column of RTDE": ("arm.io.layouts",),
         "the blind check keeps what hides what, and plain methods, apart": (
             *("blind_check.baselines", "blind_check.check", "blind_check.scoring"),

@@ -119,8 +119,8 @@ class Comparison:
 
     @property
     def possible(self) -> tuple[str, ...]:
-        """The other findings of the best hypothesis."""
-        return tuple(f for f in self.findings if f not in self.named)
+        """Findings of the best hypothesis that are not more likely than not."""
+        return tuple(f for f in self.findings if f not in self.likely)
 
     def of(self, names: Collection[str]) -> list[Candidate]:
         """The candidates of some findings, and those that everybody has."""
@@ -151,8 +151,21 @@ class Comparison:
 
     def change(self, name: str) -> AppliedEffect:
         """A finding as an effect on top of what the arm was."""
-        terms = [one.term for one in self.findings[name]]
-        theta = self._theta(self.findings[name], np.zeros(self.terms.size))
+        return self.with_values(name, {**self.fitted.answer.values, **self.values})
+
+    def with_values(
+        self, name: str, values: Mapping[Candidate, np.ndarray]
+    ) -> AppliedEffect:
+        """A finding as an effect with some values of its coordinates."""
+        theta, mine = np.zeros(self.terms.size), self.findings[name]
+        for one in mine:
+            theta[list(one.term.columns)] = values[one]
+            if one.term.parametrisation.data_sheet is not None:
+                # what the arm has may be gone altogether, and no more
+                place = one.term.columns[0]
+                stated = self.difference.arm.theta[place]
+                theta[place] = max(theta[place], -stated)
+        terms = [one.term for one in mine]
         (applied,) = self.terms.effects(self.terms.clipped(theta), terms)
         return applied
 

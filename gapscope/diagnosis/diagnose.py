@@ -116,7 +116,7 @@ class SheetComparison(Comparison):
     @cached_property
     def named(self) -> tuple[str, ...]:
         """Findings that are more likely than not and close enough of held-out data to be seen."""
-        names = self.likely
+        names = tuple(name for name in self.likely if not self._feeds_energy(name))
         while names:
             known = self._explained(names)
             closed = {name: self._closed(known, name) for name in names}
@@ -125,6 +125,11 @@ class SheetComparison(Comparison):
                 break
             names = tuple(name for name in names if name != least)
         return names
+
+    def _feeds_energy(self, name: str) -> bool:
+        """Whether bodies with a finding have a negative energy."""
+        found = self.with_values(name, {**self.fitted.answer.values, **self.turn})
+        return CorrectedArm(self.case.arm, (found,)).feeds_energy(self.body)
 
     @cached_property
     def unseen(self) -> dict[str, float]:
@@ -169,14 +174,7 @@ class SheetComparison(Comparison):
     def effects_without(self, part: HeldOut) -> dict[str, AppliedEffect]:
         """What is named, with values that were not fitted to a part of the recordings."""
         values = {**part.answer.values, **self.turn}
-        out = {}
-        for name in self.named:
-            theta, mine = np.zeros(self.terms.size), self.findings[name]
-            for one in mine:
-                theta[list(one.term.columns)] = values[one]
-            terms = [one.term for one in mine]
-            (out[name],) = self.terms.effects(self.terms.clipped(theta), terms)
-        return out
+        return {name: self.with_values(name, values) for name in self.named}
 
     @cached_property
     def nominal(self) -> CorrectedArm:
@@ -328,15 +326,11 @@ class SheetComparison(Comparison):
             return {}
         fitted = [r for r in self.case.recordings if r.tau is not None]
         values = instrumented(self.searching, self.fitted, fitted)
-        out = {}
-        for name, mine in self.findings.items():
-            if all(one in values for one in mine):
-                theta = np.zeros(self.terms.size)
-                for one in mine:
-                    theta[list(one.term.columns)] = values[one]
-                terms = [one.term for one in mine]
-                (out[name],) = self.terms.effects(self.terms.clipped(theta), terms)
-        return out
+        return {
+            name: self.with_values(name, values)
+            for name, mine in self.findings.items()
+            if all(one in values for one in mine)
+        }
 
     @cached_property
     def states(self) -> tuple[State, ...]:

@@ -13,6 +13,9 @@ from gapscope.model.difference import Fit
 from gapscope.model.terms import Candidate
 from gapscope.model.torque_gap import torque_scale
 
+LIKELY = 3.0
+"""Standard deviations within which what a healthy arm has lies, but for one coordinate in 400 [1]. (statistics)"""
+
 
 @dataclass(frozen=True)
 class Explained:
@@ -103,7 +106,10 @@ def explained(
         shared, days = own.nuisances(answer.values)
         left = fit.contrast.gap - own.torque(answer.values)
         if by_values is not None:
-            shared[waves] = 0.0
+            # what is far beyond what healthy arms have is none of theirs
+            likely = LIKELY * design.prior
+            likely[waves] = 0.0
+            shared = np.clip(shared, -likely, likely)
             errors[where] = design.shared_torque(shared + days[group])[where]
         else:
             left -= design.shared_torque(shared + days[group])

@@ -112,7 +112,6 @@ class Terms:
         motors: numbers of the motors that turn several joints.
         all: all terms, effect by effect.
         size: length of theta.
-        selectable: the terms that can be chosen.
     """
 
     n_joints: int
@@ -132,8 +131,6 @@ class Terms:
             start += places * linear
         object.__setattr__(self, "all", tuple(terms))
         object.__setattr__(self, "size", start)
-        choosable = tuple(t for t in terms if self.can_choose(t))
-        object.__setattr__(self, "selectable", choosable)
         by_effect: dict[str, list[Term]] = {e.name: [] for e in self.definitions}
         for term in terms:
             by_effect[term.effect].append(term)
@@ -147,7 +144,6 @@ class Terms:
 
     all: tuple[Term, ...] = field(init=False, compare=False)
     size: int = field(init=False, compare=False)
-    selectable: tuple[Term, ...] = field(init=False, compare=False)
     _blocks: dict[str, np.ndarray] = field(init=False, compare=False, repr=False)
     _by_effect: dict[str, tuple[Term, ...]] = field(
         init=False, compare=False, repr=False
@@ -228,13 +224,3 @@ class Terms:
                 block = self.block(effect.name)
                 out[block] = clip(out[block])
         return out
-
-    def impossible(
-        self, theta: np.ndarray, terms: frozenset[Term], lowest: np.ndarray
-    ) -> frozenset[Term]:
-        """Those of the terms whose values cannot be: outside their bounds, or below ``lowest``."""
-        inside = self.clipped(theta, (t.effect for t in terms))
-        # as numpy.isclose, which takes ten times as long
-        moved = np.abs(theta - inside) > 1e-8 + 1e-9 * np.abs(inside)
-        wrong = moved | (theta < lowest)
-        return frozenset(t for t in terms if wrong[list(t.columns)].any())

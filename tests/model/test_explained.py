@@ -22,14 +22,17 @@ def rubbing(torque: float) -> list[Recording]:
     return list(synthetic.recordings(truth, duration=6.0))
 
 
-def fitted(recordings: list[Recording], *judged: Recording) -> Fit:
+def fitted(recordings: list[Recording], *judged: Recording) -> tuple[Fit, Fit]:
+    """The hypothesis, and as its values are fitted."""
     searching = search_of(synthetic.arm(), recordings, judged)
     searching.unsearched()
-    return searching.with_some([RUBBING], {})
+    fit = searching.with_some([RUBBING], {})
+    return fit, searching.least_squares(fit)
 
 
 def test_the_gap_falls_on_the_joint_of_the_term_alone() -> None:
-    known = explained(fitted(rubbing(2.0)), 0, [RUBBING], beside_sheet=True)
+    fit, by_values = fitted(rubbing(2.0))
+    known = explained(fit, 0, [RUBBING], by_values)
     before, after = known.nrmse(known.before), known.nrmse(known.after)
     assert after[1] < 0.1 * before[1]
     assert after[[0, 2]] == pytest.approx(before[[0, 2]], rel=0.2)
@@ -38,7 +41,7 @@ def test_the_gap_falls_on_the_joint_of_the_term_alone() -> None:
 
 def test_each_motion_is_predicted_by_all_others_once() -> None:
     """Of three recordings one has more friction: without its own motions less is expected of it."""
-    fit = fitted([*rubbing(1.0)[:2], rubbing(1.6)[2]])
+    fit, _ = fitted([*rubbing(1.0)[:2], rubbing(1.6)[2]])
     parts = list(held_out(fit, 0, [RUBBING]))
     rows = fit.contrast.design.rows
     assert (sum(part.rows.astype(int) for part in parts) == 1).all()
@@ -52,13 +55,14 @@ def test_each_motion_is_predicted_by_all_others_once() -> None:
 
 def test_what_is_set_aside_is_predicted_by_all_that_teaches() -> None:
     first, second, last = rubbing(2.0)
-    apart, alone = fitted([first, second], last), fitted([first, second])
+    apart, by_values = fitted([first, second], last)
+    alone, _ = fitted([first, second])
     (part,) = held_out(apart, 0, [RUBBING])
     rows = apart.contrast.design.rows
     np.testing.assert_array_equal(part.rows, rows.recording == 2)
     np.testing.assert_allclose(
         part.answer.values[RUBBING], alone.answer.values[RUBBING], rtol=0.01
     )
-    known = explained(apart, 0, [RUBBING], beside_sheet=True)
+    known = explained(apart, 0, [RUBBING], by_values)
     assert len(known.after) == part.rows.sum()
     assert known.nrmse(known.after)[1] < 0.1 * known.nrmse(known.before)[1]
