@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from gapscope.arm.recording import Recording
 from gapscope.diagnosis.prepare import Prepared
 from gapscope.diagnosis.thresholds import EFFECT_FORM, NAMED_PROBABILITY
 from gapscope.effects.applied import AppliedEffect
@@ -87,6 +88,16 @@ class Comparison:
         return self.fit.contrast.design.rows
 
     @property
+    def set_aside(self) -> list[Recording]:
+        """Recordings that are judged and not fitted."""
+        return [r for r in self.prepared.case.judged if r.tau is not None]
+
+    @property
+    def judged_on(self) -> Rows:
+        """The rows on which gaps are measured."""
+        return self.rows
+
+    @property
     def terms(self) -> Terms:
         """All terms, with the nonlinear parameters of those that have some."""
         return self.fit.contrast.design.terms
@@ -142,6 +153,12 @@ class Comparison:
         fit, some = self.fitted, self.of(self.named)
         sizes = dict(zip(fit.chosen, fit.answer.sizes, strict=True))
         return fit.own.answer(some, [sizes[one] for one in some]).values
+
+    def torque_of(self, one: Candidate) -> np.ndarray:
+        """What a candidate does to the torque, as it was fitted to all [N m], (M, n)."""
+        mine, rows = self.explained.rows, self.rows
+        torque = self.fit.own.torque({one: self.fit.answer.values[one]})
+        return (torque * rows.measured / rows.trust)[mine] * rows.scale
 
     @property
     def own_theta(self) -> np.ndarray:

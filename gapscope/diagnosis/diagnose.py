@@ -32,6 +32,7 @@ from gapscope.diagnosis.document.findings import (
     gravity_entry,
     known_numbers,
     numbers,
+    region_entry,
 )
 from gapscope.diagnosis.document.plotted_curves import (
     located,
@@ -42,6 +43,8 @@ from gapscope.diagnosis.document.plotted_curves import (
 from gapscope.diagnosis.document.wording import misread
 from gapscope.diagnosis.gap.noise_floor import noise_floor
 from gapscope.diagnosis.gap.repeatability import repeatability
+from gapscope.diagnosis.locate import located as regions_of
+from gapscope.diagnosis.locate import stack
 from gapscope.diagnosis.prepare import Prepared, Progress, prepare, silent
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.diagnosis.selection.search import (
@@ -71,10 +74,22 @@ from gapscope.effects.environment import tilt
 from gapscope.effects.friction import PRESLIDING_DISTANCES
 from gapscope.model.conditioning import Segment, condition
 from gapscope.model.difference import Fit
-from gapscope.model.explained import Explained, HeldOut, explained, held_out
+from gapscope.model.explained import (
+    Explained,
+    HeldOut,
+    explained,
+    held_out,
+    likely_errors,
+)
 from gapscope.model.gravity_direction import turn_of_base
+from gapscope.model.rows import Rows
 from gapscope.model.terms import Candidate, Term
-from gapscope.model.torque_gap import TorqueGap, gap_on_rows, torque_gap
+from gapscope.model.torque_gap import (
+    TorqueGap,
+    gap_on_rows,
+    torque_gap,
+    torque_scale,
+)
 from gapscope.model_audit.audit import odd_kinds
 
 # What the recordings of a case show beside the data sheet of its arm.
@@ -150,7 +165,62 @@ class SheetComparison(Comparison):
         """What the findings that are named explain, each part predicted from all others."""
         return self._explained(self.named)
 
+    @cached_property
+    def judged_on(self) -> Rows:
+        """Rows of what is set aside, over the same scale as all others; without any those that are fitted."""
+        if not self.set_aside:
+            return self.rows
+        rows = Rows.recorded([self.set_aside])
+        rows.scale = self.rows.scale
+        return rows
+
+    def _on_set_aside(self, names: Collection[str]) -> Explained:
+        """What some findings explain of recordings that are judged, with values fitted to all others."""
+        rows, arm = self.judged_on, self.case.arm
+        fit, some = self.fitted, self.of(names)
+        sizes = dict(zip(fit.chosen, fit.answer.sizes, strict=True))
+        found = fit.own.answer(some, [sizes[one] for one in some]).values
+        effects = {n: self.with_values(n, {**found, **self.turn}) for n in names}
+
+        def left(some: Collection[str]) -> np.ndarray:
+            arm_with = CorrectedArm(arm, tuple(effects[name] for name in some))
+            return gap_on_rows(rows, arm_with, self.body)
+
+        after = left(names)
+        torque = {one: np.zeros_like(after) for one in some}
+        for name in names:
+            without = left([other for other in names if other != name])
+            torque[self.findings[name][0]] = without - after
+        # what a healthy arm has is told by what was fitted
+        shared = likely_errors(self.fit, found, self.group)
+        made, fitted = self.searching.design_on(rows), self.fit.contrast.design
+        there = np.zeros(made.size)
+        bodies = 10 * arm.n_joints
+        there[:bodies] = shared[:bodies]
+        for term, places in made.places.items():
+            if term in fitted.places:
+                there[places] = shared[fitted.places[term]]
+        errors = made.shared_torque(there) * rows.scale / rows.trust
+        scale = torque_scale(rows.torque)
+        every = np.ones(len(after), dtype=bool)
+        return Explained(every, after, torque, errors, np.zeros(len(scale)), scale)
+
+    def torque_of(self, one: Candidate) -> np.ndarray:
+        """What a candidate does to the torque, as it was fitted to all [N m], (M, n)."""
+        if not self.set_aside:
+            return super().torque_of(one)
+        name = one.term.finding
+        if one != self.findings[name][0]:
+            # on what is set aside all joints of a finding are one
+            return np.zeros_like(self.explained.after)
+        found = self.with_values(name, self.fitted.answer.values)
+        arm = CorrectedArm(self.case.arm, (found,))
+        both = (gap_on_rows(self.judged_on, a, self.body) for a in (self.nominal, arm))
+        return np.subtract(*both)
+
     def _explained(self, names: Collection[str]) -> Explained:
+        if self.set_aside:
+            return self._on_set_aside(names)
         known = explained(self.fit, self.group, self.of(names), self.fitted)
         if not self.turn:
             return known
@@ -208,9 +278,9 @@ class SheetComparison(Comparison):
         every, trusted = [], []
         for distance in distances:
             bent = CorrectedArm(replace(arm, presliding=distance), self.effects)
-            gap = gap_on_rows(rows, bent, self.body)[~rows.set_aside]
-            every.append(((gap * rows.measured[~rows.set_aside]) ** 2).sum(axis=0))
-            trusted.append(((gap * rows.trust[~rows.set_aside]) ** 2).sum(axis=0))
+            gap = gap_on_rows(rows, bent, self.body)
+            every.append(((gap * rows.measured) ** 2).sum(axis=0))
+            trusted.append(((gap * rows.trust) ** 2).sum(axis=0))
         wider = np.array(every) > every[0]
         squares = np.where(wider, np.inf, trusted)
         gain = self.samples / 2 * np.log(squares[0] / squares.min(axis=0))
@@ -223,8 +293,8 @@ class SheetComparison(Comparison):
     @property
     def samples(self) -> np.ndarray:
         """Independent samples of each joint, (n,)."""
-        error, rows = self.fit.contrast.error, self.rows
-        count = (rows.trust[~rows.set_aside] ** 2).sum(axis=0)
+        error = self.fit.contrast.error
+        count = (self.rows.trust**2).sum(axis=0)
         return np.asarray(count * error.white2 / error.noise2)
 
     @property
@@ -238,8 +308,8 @@ class SheetComparison(Comparison):
     @cached_property
     def segments(self) -> list[Segment]:
         """What gaps are measured on, at the rate of the recordings."""
-        every = self.case.judged if self.rows.set_aside.any() else self.case.recordings
-        used = [recording for recording in every if recording.tau is not None]
+        fitted = (r for r in self.case.recordings if r.tau is not None)
+        used = self.set_aside or fitted
         return [segment for recording in used for segment in condition(recording)]
 
     @cached_property
@@ -282,10 +352,18 @@ class SheetComparison(Comparison):
             compliant=self.compliant,
         )
 
+    @cached_property
+    def gaps(self) -> dict[str, TorqueGap]:
+        """Gap before and after at the rate of the recordings, with the values fitted to all."""
+        arms = {"before": self.nominal, "after": self.corrected}
+        return {
+            stage: torque_gap(arm, self.body, self.segments)
+            for stage, arm in arms.items()
+        }
+
     def gap(self, error: np.ndarray) -> TorqueGap:
         """A gap on the rows that are judged, (M, n), as that of an arm."""
-        rows = self.rows
-        mine = self.explained.rows
+        rows, mine = self.judged_on, self.explained.rows
         measured = rows.torque[mine]
         starts = np.flatnonzero(np.diff(rows.segment[mine])) + 1
         edges = (0, *starts.tolist(), len(measured))
@@ -302,8 +380,9 @@ class SheetComparison(Comparison):
     def _last_part(self) -> tuple[Recording, HeldOut]:
         """The first recording that is set aside, else the last one, or the last part of a single one."""
         *_, part = held_out(self.fitted, self.group, self.of(self.named))
-        if self.rows.set_aside.any():
-            return next(r for r in self.case.judged if r.tau is not None), part
+        if self.set_aside:
+            whole = part._replace(answer=self.fitted.answer)
+            return self.set_aside[0], whole
         fitted = [r for r in self.case.recordings if r.tau is not None]
         last = self.rows.segments[self.rows.segment[part.rows][-1]].recording
         recording = next(r for r in fitted if r.name == last)
@@ -361,10 +440,16 @@ class _Document(Document):
 
     def load(self) -> np.ndarray:
         mine = self._known.rows
-        return np.asarray(self._sheet.rows.torque[mine] - self._known.before)
+        return np.asarray(self._sheet.judged_on.torque[mine] - self._known.before)
 
     def floor(self) -> np.ndarray:
         return self._sheet.floor
+
+    def where(self, stage: str, joints: list[int]) -> list[dict[str, Any]]:
+        gaps, rows = self._sheet.gaps, stack(self._sheet.segments)
+        load, floor = gaps["before"].predicted, self._sheet.floor
+        places = regions_of(gaps[stage].error, rows, load, floor, joints)
+        return [region_entry(region) for region in places]
 
     def open_joints(self) -> list[int]:
         return [int(j) + 1 for j in np.flatnonzero(self._sheet.residual.above)]
@@ -626,7 +711,7 @@ def _compared(prepared: Prepared, progress: Progress) -> SheetComparison:
     """The search for what the arm has; of another arm than the nominal one nothing is looked for."""
     case = prepared.case
     fitted = [r for r in case.recordings if r.tau is not None]
-    searching = search_of(case.arm, fitted, case.judged)
+    searching = search_of(case.arm, fitted)
     if prepared.another_arm:
         found = searching.unsearched()
         return SheetComparison(prepared, found, *EVERYONE, searching)
@@ -655,10 +740,7 @@ def diagnosis_of(found: SheetComparison, progress: Progress = silent) -> Diagnos
     progress("writes the findings")
     segments, after = found.segments, found.corrected
     rates = tuple(segment.motion.rate for segment in segments)
-    gaps = {
-        "before": torque_gap(found.nominal, found.body, segments),
-        "after": torque_gap(after, found.body, segments),
-    }
+    gaps = found.gaps
     possible = tuple(found.change(name) for name in found.possible)
     return Diagnosis(
         document=content,

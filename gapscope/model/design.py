@@ -482,7 +482,7 @@ def fitted_arm(rows: Rows, arm: NominalArm, groups: Collection[int]) -> FreeArm:
     free = [e for e in terms.definitions if _is_free(e)]
     names = {e.name for e in free}
     places = np.concatenate([terms.block(e.name).ravel() for e in free])
-    told = np.isin(rows.group, list(groups)) & ~rows.set_aside
+    told = np.isin(rows.group, list(groups))
     matrices, gaps = [], []
     rows.bodies = []
     for k, segment in enumerate(rows.segments):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -99,19 +99,15 @@ def explained(
     mine = rows.set_aside if rows.set_aside.any() else rows.of(group)
     after, errors = np.zeros_like(design.gap), np.zeros_like(design.gap)
     torque = {one: np.zeros_like(after) for one in terms if not one.everybody}
-    waves = [place for some in design.waves for place in np.concatenate(some)]
     parts = list(held_out(fit, group, terms))
     valued = parts if by_values is None else held_out(by_values, group, terms)
     for (where, own, _), (_, _, answer) in zip(parts, valued, strict=True):
-        shared, days = own.nuisances(answer.values)
         left = fit.contrast.gap - own.torque(answer.values)
         if by_values is not None:
-            # what is far beyond what healthy arms have is none of theirs
-            likely = LIKELY * design.prior
-            likely[waves] = 0.0
-            shared = np.clip(shared, -likely, likely)
-            errors[where] = design.shared_torque(shared + days[group])[where]
+            likely = likely_errors(replace(fit, own=own), answer.values, group)
+            errors[where] = design.shared_torque(likely)[where]
         else:
+            shared, days = own.nuisances(answer.values)
             left -= design.shared_torque(shared + days[group])
         after[where] = left[where]
         each = {one: own.torque({one: answer.values[one]}) for one in torque}
@@ -128,6 +124,20 @@ def explained(
     floor = np.minimum(_floor(fit, mine) * rows.scale, left)
     torque = {one: x[mine] * size for one, x in torque.items()}
     return Explained(mine, after, torque, errors[mine] * size, floor, scale)
+
+
+def likely_errors(
+    fit: Fit, values: Mapping[Candidate, np.ndarray], group: int
+) -> np.ndarray:
+    """What a healthy arm has beside its data sheet, in units of the columns, (P,), beside values of candidates.
+
+    What is far beyond what healthy arms have is none of theirs, nor are unknown functions.
+    """
+    shared, days = fit.own.nuisances(values)
+    likely = LIKELY * fit.contrast.design.prior
+    for some in fit.contrast.design.waves:
+        likely[np.concatenate(some)] = 0.0
+    return np.clip(shared, -likely, likely) + days[group]
 
 
 def _floor(fit: Fit, mine: np.ndarray) -> np.ndarray:

@@ -27,7 +27,7 @@ from gapscope.diagnosis.document.findings import (
 from gapscope.diagnosis.document.wording import verdict, with_slide_units
 from gapscope.diagnosis.gap.commanded_torque import WARNING
 from gapscope.diagnosis.gap.plausible_data import short_note, still_note
-from gapscope.diagnosis.locate import MotionRows, regions
+from gapscope.diagnosis.locate import MotionRows, located, regions
 from gapscope.diagnosis.selection.undeclared_coupling import UndeclaredCoupling
 from gapscope.diagnosis.thresholds import FALSE_DISCOVERY_RATE
 from gapscope.model.change_findings import change_findings
@@ -198,13 +198,13 @@ class Document:
                 "above_floor": bool(unexplained),
                 "joints": joints,
                 "times_floor": numbers(self.times_floor()),
-                "where": self._where(self._known.after, joints),
+                "where": self.where("after", joints),
                 **self.unknown_entry(joints),
             },
             "next_recording": suggested_recording(
                 reached, effects, possible, unexplained, self.coupling(), first
             ),
-            "where": self._where(self._known.before, self._widest_first()),
+            "where": self.where("before", self._widest_first()),
             **self.further(),
         }
         content |= self._context(reached)
@@ -263,10 +263,7 @@ class Document:
         """What a candidate does to the torque [N m], (M, n); of one that is not named, as it was fitted to all."""
         if one in self._known.torque:
             return self._known.torque[one]
-        fit, rows = self._comparison.fit, self._comparison.rows
-        torque = fit.own.torque({one: fit.answer.values[one]})
-        mine = self._known.rows
-        return (torque * rows.measured / rows.trust)[mine] * rows.scale
+        return self._comparison.torque_of(one)
 
     def _share(
         self, only: np.ndarray, without: np.ndarray, left: np.ndarray
@@ -310,9 +307,10 @@ class Document:
             "recordings": recordings,
         }
 
-    def _where(self, error: np.ndarray, joints: list[int]) -> list[dict[str, Any]]:
-        """Regions in which a gap is concentrated."""
-        places = regions(error, self._rows, self.load(), joints)
+    def where(self, stage: str, joints: list[int]) -> list[dict[str, Any]]:
+        """Regions in which the gap ``before`` or ``after`` the findings is concentrated."""
+        error = self._known.before if stage == "before" else self._known.after
+        places = located(error, self._rows, self.load(), self.floor(), joints)
         return [region_entry(region) for region in places]
 
     def _widest_first(self) -> list[int]:
@@ -354,7 +352,7 @@ class Document:
     def _judged_on(self, inferred: bool) -> str:
         """On which data the gaps are measured, in words."""
         text = f"each motion, with the values fitted to {self.fitted_to}all others"
-        if self._comparison.rows.set_aside.any():
+        if self._comparison.set_aside:
             text = "recordings set aside for judging"
         if inferred:
             text += "; the torque there is the one that the known controller must have commanded"
@@ -363,7 +361,7 @@ class Document:
 
 def motion_rows(comparison: Comparison) -> MotionRows:
     """The rows on which the gap is measured, as what locates a gap takes them."""
-    rows, mine = comparison.rows, comparison.explained.rows
+    rows, mine = comparison.judged_on, comparison.explained.rows
     ddq = np.concatenate([rows.thin(s.motion.ddq, s) for s in rows.segments])
     numbers_of, segment = np.unique(rows.segment[mine], return_inverse=True)
     own = [rows.segments[k] for k in numbers_of]

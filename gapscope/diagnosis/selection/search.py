@@ -68,22 +68,18 @@ Values = Mapping[Candidate, np.ndarray]
 Progress = Callable[[str], None]
 
 
-def search_of(
-    arm: NominalArm, recordings: Sequence[Recording], judged: Sequence[Recording] = ()
-) -> SheetSearch:
+def search_of(arm: NominalArm, recordings: Sequence[Recording]) -> SheetSearch:
     """The search of recordings for what an arm has beside its data sheet; of one that is mounted turned, as it is.
 
     Args:
         arm: the nominal arm.
         recordings: with a torque; others are left out.
-        judged: recordings that are predicted and teach nothing.
 
     Raises:
         InputError: a recording has no stretch without gaps that is long enough.
     """
-    rows = Rows.recorded([recordings], judged)
-    taught = np.unique(rows.segment[~rows.set_aside]).tolist()
-    mounted = as_mounted(arm, [rows.segments[k] for k in taught])
+    rows = Rows.recorded([recordings])
+    mounted = as_mounted(arm, rows.segments)
     # rows are trusted less where the arm's dry friction may hold a joint
     fitted_arm(rows, mounted, EVERYONE)
     return SheetSearch(rows, FreeArm.nominal(mounted), [EVERYONE], EVERYONE, 0.0)
