@@ -32,11 +32,9 @@ from gapscope.model.equations import (
 from gapscope.model.form_error import FUNCTIONS, FormError, function_gains
 from gapscope.model.terms import Candidate, Term
 
-SIZES = np.array([0.01, 0.03, 0.1, 0.3, 1.0])
-"""Prior deviations of an effect, in RMS torque over the joint's scale [1]: from what is not worth a name to all of it.
-"""
-
-
+SIZES = np.array([0.01, 0.03, 0.1, 0.3, 1.0, 3.0])
+"""Prior deviations of an effect, in RMS torque over the joint's scale [1]: from what is not worth a name to several
+times what the arm itself needs, as a load does."""
 MANY = 20
 """Columns of terms of which what is shared is eliminated for all at once. (budget)"""
 RESIZED = 6

@@ -450,15 +450,15 @@ def _waves(rows: Rows) -> tuple[list[np.ndarray], np.ndarray]:
 
     with wave numbers w_k drawn from the spectral density of its covariance [rahimi2007].
     """
-    # joints that are counted the other way round, or in another order, have the same functions
+    # a joint that is counted the other way round has the same functions
     skewness = ((rows.position - rows.position.mean(axis=0)) ** 3).sum(axis=0)
-    sense, order = np.where(skewness < 0, -1.0, 1.0), np.argsort(np.abs(skewness))
+    sense = np.where(skewness < 0, -1.0, 1.0)
     state = np.hstack([rows.position * sense, rows.velocity * sense])
     state = state / np.maximum(state.std(axis=0), 1e-9)
     n = rows.position.shape[1]
     of_joint, of_arm = WAVES if rows.group.max() < 2 else FEWER_WAVES
     own = [drawn_waves(state[:, [j, n + j]], of_joint) for j in range(n)]
-    return own, drawn_waves(state[:, [*order, *(n + order)]], of_arm)
+    return own, drawn_waves(state, of_arm)
 
 
 def drawn_waves(state: np.ndarray, count: int) -> np.ndarray:

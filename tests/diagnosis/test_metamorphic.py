@@ -81,9 +81,10 @@ def test_a_twin_has_the_same_diagnosis(
         "torque_offset",
     }
     assert found.same_names, found.words
-    # stamps of the Unix clock are rounded to 0.2 microseconds
-    assert found.value < (0.1 if name == "unix" else 1e-6)
-    assert max(found.closed, found.share) < 1e-3
+    # stamps of the Unix clock are rounded to 0.2 microseconds; of joints in another order other waves make up the
+    # unknown functions of the arm
+    assert found.value < (1e-6 if name == "mirrored" else 0.1)
+    assert max(found.closed, found.share) < (1e-3 if name == "mirrored" else 1e-2)
 
 
 def test_another_process_gives_the_same_bits(

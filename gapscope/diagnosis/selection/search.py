@@ -259,7 +259,7 @@ class SheetSearch(Search):
             self._prepare()
         fit = self._searched_about(known)
         likeliest = max(fit.levels, key=lambda error: fit.levels[error].total)
-        if likeliest <= WORSE * INERTIAL_ERROR:
+        if known or likeliest <= WORSE * INERTIAL_ERROR:
             return fit
         # as long as nothing is named, effects may pass for errors of all bodies
         kept = dict(self.__dict__)
