@@ -472,7 +472,7 @@ def _values(found: Difference, one: Quantity) -> tuple[RecordingValues, np.ndarr
     others = [other for other in fit.mine if other.term != term]
     known = dict(zip(fit.chosen, fit.answer.sizes, strict=True))
     sizes = [known[other] for other in others]
-    sizes += [known[mine[g]] if g in mine else float(SIZES[-1]) for g in own.tolist()]
+    sizes += [known[mine[g]] if g in mine else SIZES[-1] for g in own.tolist()]
     answer = fit.own.within(contrast).answer([*others, *each], sizes)
     linear, count = len(design.places[term]), len(groups)
     values, covariance = np.zeros((count, linear)), np.zeros((count, count))

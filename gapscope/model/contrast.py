@@ -8,7 +8,7 @@ columns that are a group's own, with prior deviations u, beside all that is shar
     log evidence = 1/2 b^T (S_SS + U^-2)^-1 b - 1/2 log det(I + U S_SS U)
 
 where S_SS and b are the information on the own columns when everything shared is eliminated: what explains all groups
-is no difference. The size of an effect is not known beforehand: u is one of ``SIZES``, each as likely.
+is no difference. The size of an effect is not known beforehand: u is one of some ``sizes``, each as likely.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ from gapscope.model.equations import (
 from gapscope.model.form_error import FUNCTIONS, FormError, function_gains
 from gapscope.model.terms import Candidate, Term
 
-SIZES = np.array([0.01, 0.03, 0.1, 0.3, 1.0, 3.0])
-"""Prior deviations of an effect, in RMS torque over the joint's scale [1]: from what is not worth a name to several
-times what the arm itself needs, as a load does."""
+SIZES = (0.01, 0.03, 0.1, 0.3, 1.0)
+"""Prior deviations of an effect, in RMS torque over the joint's scale [1]: from what is not worth a name to all of it.
+"""
 MANY = 20
 """Columns of terms of which what is shared is eliminated for all at once. (budget)"""
 RESIZED = 6
@@ -512,7 +512,7 @@ class Answer:
         evidence: of the set over that of none [nats].
         values: of each candidate, (linear,), in its own units.
         covariance: of all of them, in the order of the candidates.
-        sizes: prior deviation of each, one of ``SIZES``.
+        sizes: prior deviation of each.
     """
 
     evidence: float
@@ -540,6 +540,7 @@ class OwnTerms:
         contrast: of all groups.
         sets: groups that may have a term of their own, each set of them with one value.
         about: columns of candidates about their own values, over the joints' scale, per joint (M, linear).
+        sizes: prior deviations of an effect, in RMS torque over the joint's scale, each as likely.
 
     Attributes:
         places: of the coordinates of each candidate.
@@ -551,8 +552,10 @@ class OwnTerms:
         contrast: Contrast,
         sets: Sequence[tuple[int, ...]],
         about: Mapping[Candidate, list[np.ndarray]] | None = None,
+        sizes: Sequence[float] = SIZES,
     ) -> None:
         made = self.design = contrast.design
+        self.sizes = tuple(sizes)
         self._contrast, self._sets, self._about = contrast, sets, about or {}
         every = tuple(range(contrast.groups))
         # the groups of each block of coordinates, one for each column
@@ -692,7 +695,7 @@ class OwnTerms:
         self, some: Sequence[Candidate], sizes: Sequence[float]
     ) -> np.ndarray:
         """Prior deviations of the coordinates of some candidates, of a size each."""
-        number = {float(size): k for k, size in enumerate(SIZES)}
+        number = {size: k for k, size in enumerate(self.sizes)}
         own = [
             self._widths(one.term)[number[size]]
             for one, size in zip(some, sizes, strict=True)
@@ -700,7 +703,7 @@ class OwnTerms:
         return np.concatenate(own) if own else np.zeros(0)
 
     def _widths(self, term: Term) -> np.ndarray:
-        """Prior deviations of a term's coordinates of each of the Z ``SIZES``, in torque, (Z, linear)."""
+        """Prior deviations of a term's coordinates of each of the Z ``sizes``, in torque, (Z, linear)."""
         if term not in self._width_of:
             self._width_of[term] = self._width(term)
         return self._width_of[term]
@@ -712,15 +715,14 @@ class OwnTerms:
             torque = unit * np.array(fitted.proportions)
             shares = torque / torque.max()
         # no arm has much more of an effect than is usual where it is one
-        return np.minimum(
-            SIZES[:, None] * shares, LARGEST * self.design.usual[term] * unit
-        )
+        sizes = np.array(self.sizes)[:, None]
+        return np.minimum(sizes * shares, LARGEST * self.design.usual[term] * unit)
 
     def within(self, contrast: Contrast) -> OwnTerms:
         """The same columns in another contrast of the same groups, such as one without some motions."""
         mine = self._contrast
         if contrast.motions is not mine.motions:
-            return OwnTerms(contrast, self._sets, self._about)
+            return OwnTerms(contrast, self._sets, self._about, self.sizes)
         # what motions say of the columns is the same, whatever is believed of what is shared
         other = copy(self)
         other._contrast = contrast
@@ -784,20 +786,21 @@ class OwnTerms:
             solved = forward(factor, unit * right)
             return _half_log(factor, solved), solved, factor
 
-        found = list(sizes) if sizes is not None else [float(SIZES[2])] * len(terms)
+        found = list(sizes) if sizes is not None else [self.sizes[2]] * len(terms)
         for _ in range(3 if sizes is None else 0):
             before = list(found)
             for k in range(len(terms)):
                 tried = [
-                    fitted([*found[:k], size, *found[k + 1 :]])[0] for size in SIZES
+                    fitted([*found[:k], size, *found[k + 1 :]])[0]
+                    for size in self.sizes
                 ]
-                found[k] = float(SIZES[int(np.argmax(tried))])
+                found[k] = self.sizes[int(np.argmax(tried))]
             if found == before:
                 break
         evidence, solved, factor = fitted(found)
         unit = self.deviations(terms, found)
         # prior of the sizes
-        evidence -= len(terms) * float(np.log(len(SIZES)))
+        evidence -= len(terms) * float(np.log(len(self.sizes)))
         back = solve_triangular(factor.T, np.eye(len(unit)), check_finite=False)
         scale = unit / np.concatenate([self.design.units[t.term] for t in terms])
         value = scale * (back @ solved)
@@ -820,7 +823,7 @@ class OwnTerms:
         factor = lower(self.products(places, places) * unit[:, None] * unit)
         solved = forward(factor, unit * self.right[places])
         known = _half_log(factor, solved)
-        known -= (len(terms) + 1) * float(np.log(len(SIZES)))
+        known -= (len(terms) + 1) * float(np.log(len(self.sizes)))
         by_width: dict[int, list[Candidate]] = {}
         for one in others:
             by_width.setdefault(len(one.term.columns), []).append(one)

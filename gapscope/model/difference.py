@@ -23,7 +23,7 @@ from typing import TypeVar
 import numpy as np
 
 from gapscope.arm.dynamics.inertial_scale import inertial_scale
-from gapscope.model.contrast import Answer, Contrast, Nuisance, OwnTerms
+from gapscope.model.contrast import SIZES, Answer, Contrast, Nuisance, OwnTerms
 from gapscope.model.design import (
     MIN_TORQUE,
     Design,
@@ -61,7 +61,7 @@ REFITTED = 2
 """Candidates of those that promise most that are fitted about their own values. (budget)"""
 KEPT = 10_000_000
 """Numbers of hypotheses, and of questions with more form error, that are kept, about; no fewer than two. (budget)"""
-MAX_TERMS = 12
+MAX_TERMS = 18
 """Terms of a set. (budget)"""
 LOOKED_AT = 14
 """Candidates that count among the hypotheses that compete. (budget)"""
@@ -241,6 +241,11 @@ class Search:
     def likely(self) -> float:
         """Probability that an effect of some name changed, and that one that did acts on one more joint [1]."""
         return ANY
+
+    @property
+    def sizes(self) -> tuple[float, ...]:
+        """Prior deviations of an effect, in RMS torque over the joint's scale [1]."""
+        return SIZES
 
     @property
     def least_load(self) -> float:
@@ -488,7 +493,7 @@ class Search:
 
     def _look(self, fit: Fit) -> None:
         """Look for nonlinear parameters beside what was found, and take the columns anew."""
-        own = OwnTerms(fit.contrast, self.sets)
+        own = OwnTerms(fit.contrast, self.sets, sizes=self.sizes)
         found = self._scanner.scan(fit.contrast, own, fit.chosen, self._shapes)
         for term, best in found.items():
             self._found[term] = best
@@ -573,7 +578,7 @@ class Search:
                 }
                 there = about(made, self.arm, bodies)
                 asked, columns_of = asked.for_gap(there.gap), there.columns
-            own = OwnTerms(asked, self.sets, columns_of)
+            own = OwnTerms(asked, self.sets, columns_of, self.sizes)
             fit = self._weighed(asked, own, chosen, grown)
             before, values = start, fit.values
             if asked is contrast or _settled(values, before):

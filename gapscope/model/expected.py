@@ -20,7 +20,6 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import norm
 
-from gapscope.model.contrast import SIZES
 from gapscope.model.design import MIN_TORQUE, Design
 from gapscope.model.difference import Difference, Weigher
 from gapscope.model.terms import Term
@@ -77,8 +76,8 @@ def detectable(
             continue
         cross = own.products(places, mine)
         information = own.products(mine, mine) - cross.T @ back @ cross
-        odds = weigher.odds([*fit.chosen, one]) - known - float(np.log(len(SIZES)))
-        widths = [own.deviations([one], [size]) for size in SIZES]
+        odds = weigher.odds([*fit.chosen, one]) - known - float(np.log(len(own.sizes)))
+        widths = [own.deviations([one], [size]) for size in own.sizes]
         sizes = [
             min(_size(information, width, odds, p) for width in widths)
             for p in (HALF, MOST)

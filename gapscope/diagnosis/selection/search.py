@@ -27,7 +27,7 @@ from gapscope.diagnosis.thresholds import (
 )
 from gapscope.effects.effect import External, LinkChange, Transmission
 from gapscope.model.compliant_bodies import CompliantBodies
-from gapscope.model.contrast import Contrast, Nuisance, OwnTerms
+from gapscope.model.contrast import SIZES, Contrast, Nuisance, OwnTerms
 from gapscope.model.design import (
     MIN_TORQUE,
     WIDE,
@@ -59,6 +59,8 @@ HEALTHY_SHARE = 0.05
 """The same over the size that is usual where it is an effect, at most [1]. (hand)"""
 LOAD_RADIUS = 0.1
 """Radius within which the mass of a load or of a changed link may lie about its centre [m]. (physical)"""
+LOAD_SIZE = 3.0
+"""Largest prior deviation of an effect, in RMS torque over the joint's scale [1]. (physical)"""
 ROUNDS = 4
 """Searches, each with noise and form error beside what the last one found. (budget)"""
 STARTS_FITTED, STARTS_TRIED = 2, 60
@@ -126,6 +128,11 @@ class SheetSearch(Search):
     def may_be_exchanged(self) -> bool:
         """Never: the arm of the data sheet carries nothing."""
         return False
+
+    @property
+    def sizes(self) -> tuple[float, ...]:
+        """As of all differences; and a load may need several times what the arm itself needs."""
+        return (*SIZES, LOAD_SIZE)
 
     @property
     def least_load(self) -> float:
