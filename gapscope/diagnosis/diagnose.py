@@ -319,8 +319,8 @@ class SheetComparison(Comparison):
         Errors that are larger than a good data sheet's explain what those of its size would.
         """
         known = self.explained
-        off = self.sheet_error
-        share = min(1.0, WORSE * INERTIAL_ERROR / off)
+        largest = WORSE * INERTIAL_ERROR
+        share = largest / max(self.sheet_error, largest)
         before = (known.after**2).mean(axis=0)
         after = ((known.after - share * known.errors) ** 2).mean(axis=0)
         return np.clip(before - after, 0.0, None)

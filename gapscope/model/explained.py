@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gapscope.effects.effect import External
 from gapscope.model.contrast import Answer, OwnTerms
 from gapscope.model.difference import Fit
-from gapscope.model.terms import Candidate
+from gapscope.model.terms import Candidate, Term
 from gapscope.model.torque_gap import torque_scale
 
 LIKELY = 3.0
@@ -80,7 +81,19 @@ def held_out(fit: Fit, group: int, terms: Sequence[Candidate]) -> Iterator[HeldO
         if motion is not None:
             own = fit.own.within(fit.contrast.without(group, [motion]))
             where = mine & (rows.motion == motion)
-        yield HeldOut(where, own, own.answer(terms, [sizes[one] for one in terms]))
+        answer = own.answer(terms, [sizes[one] for one in terms])
+        # what comes but once, or is there or not, is judged as it was fitted
+        once = {
+            one: value
+            for one, value in fit.answer.values.items()
+            if one in answer.values and _is_once(one.term)
+        }
+        yield HeldOut(where, own, replace(answer, values={**answer.values, **once}))
+
+
+def _is_once(term: Term) -> bool:
+    """Whether a term is a push, or a limit, whose values no other motion tells."""
+    return isinstance(term.definition, External) or term.definition.limits
 
 
 def explained(

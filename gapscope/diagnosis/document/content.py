@@ -301,7 +301,7 @@ class Document:
         recordings: dict[str, float] = {}
         for k, name in enumerate(self._rows.names):
             share = float(nats[segments == k].sum()) / total
-            recordings[name] = recordings.get(name, 0.0) + share
+            recordings[name] = min(recordings.get(name, 0.0) + share, 1.0)
         return {
             "joints": numbers(nats.sum(axis=0) / total),
             "recordings": recordings,
