@@ -39,6 +39,8 @@ BY_CHANCE = 0.01
 """Probability that noise has as much power at some frequency as what is taken for motion, or for a vibration [1]."""
 CUTOFFS = 40
 """Cut-offs between them that are tried. (budget)"""
+FEWEST_ROWS = 8
+"""Samples of a window of which a spectrum is made, at least [1]. (definition)"""
 MIN_STEP = 1e-6
 """Stamps closer than this share of a period are one stamp [1]."""
 GAP_STEPS = 4.0
@@ -167,7 +169,8 @@ def position_cutoffs(recording: Recording) -> np.ndarray:
 def _acceleration_error(q: np.ndarray, rate: float, tried: np.ndarray) -> np.ndarray:
     """E of cut-offs that are tried, (K,), on positions (N, n): (K, n), but for what is the same for all of them."""
     second = np.diff(q, 2, axis=0)
-    window = min(len(second), int(4 * rate))
+    # of a time in another unit the rate may be next to nothing
+    window = min(len(second), max(int(4 * rate), FEWEST_ROWS))
     frequency, density = welch(second, rate, nperseg=window, axis=0, detrend=False)
     frequency, density = frequency[1:], density[1:]
     density = density / (2 * np.sin(np.pi * frequency / rate)[:, None]) ** 4

@@ -525,3 +525,10 @@ def test_inflation_of_a_low_pass() -> None:
         500 * blocks.var() / series.var(), rel=0.15
     )
     assert low_pass_inflation(25.0, INTERVAL) == 1.0
+
+
+def test_a_rate_that_is_next_to_nothing_has_a_cutoff() -> None:
+    """As of a time in milliseconds that is read in seconds."""
+    t = np.arange(0.0, 4000.0, 4.0)
+    recording = Recording("slow", t, np.sin(0.01 * t)[:, None])
+    assert 0.0 < position_cutoffs(recording)[0] <= 0.1
