@@ -316,10 +316,10 @@ class SheetComparison(Comparison):
     def error2(self) -> np.ndarray:
         """Mean square that likely errors of a healthy arm explain [N^2 m^2], (n,).
 
-        Errors that are larger than a good data sheet's explain what those of its size would.
+        Errors larger than two deviations beyond a good data sheet's explain what those of that size would.
         """
         known = self.explained
-        largest = WORSE * INERTIAL_ERROR
+        largest = WORSE**2 * INERTIAL_ERROR
         share = largest / max(self.sheet_error, largest)
         before = (known.after**2).mean(axis=0)
         after = ((known.after - share * known.errors) ** 2).mean(axis=0)
