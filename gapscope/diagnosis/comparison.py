@@ -147,10 +147,11 @@ class Comparison:
     @cached_property
     def values(self) -> Mapping[Candidate, np.ndarray]:
         """Values of what is named, and of what everybody has."""
-        return self._fitted_values()
+        return self.values_of(self.named)
 
-    def _fitted_values(self) -> Mapping[Candidate, np.ndarray]:
-        fit, some = self.fitted, self.of(self.named)
+    def values_of(self, names: Collection[str]) -> Mapping[Candidate, np.ndarray]:
+        """Values of some findings, fitted without the others, and of what everybody has."""
+        fit, some = self.fitted, self.of(names)
         sizes = dict(zip(fit.chosen, fit.answer.sizes, strict=True))
         return fit.own.answer(some, [sizes[one] for one in some]).values
 

@@ -131,7 +131,7 @@ class SheetComparison(Comparison):
     @cached_property
     def named(self) -> tuple[str, ...]:
         """Findings that are more likely than not and close enough of held-out data to be seen."""
-        names = tuple(name for name in self.likely if not self._feeds_energy(name))
+        names = tuple(name for name in self.likely if not self.feeds_energy(name))
         while names:
             known = self._explained(names)
             closed = {name: self._closed(known, name) for name in names}
@@ -141,7 +141,7 @@ class SheetComparison(Comparison):
             names = tuple(name for name in names if name != least)
         return names
 
-    def _feeds_energy(self, name: str) -> bool:
+    def feeds_energy(self, name: str) -> bool:
         """Whether bodies with a finding have a negative energy."""
         found = self.with_values(name, {**self.fitted.answer.values, **self.turn})
         return CorrectedArm(self.case.arm, (found,)).feeds_energy(self.body)
@@ -177,9 +177,7 @@ class SheetComparison(Comparison):
     def _on_set_aside(self, names: Collection[str]) -> Explained:
         """What some findings explain of recordings that are judged, with values fitted to all others."""
         rows, arm = self.judged_on, self.case.arm
-        fit, some = self.fitted, self.of(names)
-        sizes = dict(zip(fit.chosen, fit.answer.sizes, strict=True))
-        found = fit.own.answer(some, [sizes[one] for one in some]).values
+        found = self.values_of(names)
         effects = {n: self.with_values(n, {**found, **self.turn}) for n in names}
 
         def left(some: Collection[str]) -> np.ndarray:
@@ -187,7 +185,7 @@ class SheetComparison(Comparison):
             return gap_on_rows(rows, arm_with, self.body)
 
         after = left(names)
-        torque = {one: np.zeros_like(after) for one in some}
+        torque = {one: np.zeros_like(after) for one in found}
         for name in names:
             without = left([other for other in names if other != name])
             torque[self.findings[name][0]] = without - after
@@ -234,7 +232,7 @@ class SheetComparison(Comparison):
     @cached_property
     def values(self) -> Mapping[Candidate, np.ndarray]:
         """Values of what is named."""
-        return {**self._fitted_values(), **self.turn}
+        return {**self.values_of(self.named), **self.turn}
 
     @cached_property
     def effects(self) -> tuple[AppliedEffect, ...]:
@@ -374,15 +372,15 @@ class SheetComparison(Comparison):
     @cached_property
     def replayed(self) -> ReplayGap:
         """Replay gap before and after, on a recording to which values were not fitted."""
+        if self.set_aside:
+            named = {name: self.change(name) for name in self.named}
+            return replay_gap(self.case, self.set_aside[0], named)
         recording, part = self._last_part()
         return replay_gap(self.case, recording, self.effects_without(part))
 
     def _last_part(self) -> tuple[Recording, HeldOut]:
-        """The first recording that is set aside, else the last one, or the last part of a single one."""
+        """The last recording, or the last part of a single one."""
         *_, part = held_out(self.fitted, self.group, self.of(self.named))
-        if self.set_aside:
-            whole = part._replace(answer=self.fitted.answer)
-            return self.set_aside[0], whole
         fitted = [r for r in self.case.recordings if r.tau is not None]
         last = self.rows.segments[self.rows.segment[part.rows][-1]].recording
         recording = next(r for r in fitted if r.name == last)
@@ -410,6 +408,15 @@ class SheetComparison(Comparison):
             for name, mine in self.findings.items()
             if all(one in values for one in mine)
         }
+
+    def parameters(self, name: str) -> dict[str, dict[str, object]]:
+        """Values with their standard deviations, and those by the commands of what acts linearly."""
+        out, by_commands = super().parameters(name), self.by_commands.get(name)
+        nonlinear = self._terms(name)[0].parametrisation.nonlinear
+        for parameter, value in by_commands.parameters.items() if by_commands else ():
+            if parameter not in (*nonlinear, "link"):
+                out[parameter]["by_commands"] = value.tolist()
+        return out
 
     @cached_property
     def states(self) -> tuple[State, ...]:
@@ -519,16 +526,9 @@ class _Document(Document):
             known_numbers(gaps.get(name))
             for gaps in (sheet.replayed.only, sheet.replayed.without)
         )
-        parameters = sheet.parameters(name)
-        by_commands = sheet.by_commands.get(name)
-        nonlinear = self._sheet.findings[name][0].term.parametrisation.nonlinear
-        for parameter, value in by_commands.parameters.items() if by_commands else ():
-            if parameter not in (*nonlinear, "link"):
-                parameters[parameter]["by_commands"] = value.tolist()
         return {
             **gravity_entry(applied, sheet.case.arm),
             **at_middle_entry(applied, self._rows.q),
-            "parameters": parameters,
             "gap_with_only_this": {"replay_rmse": only},
             "gap_without_this": {"replay_rmse": without},
         }
@@ -616,7 +616,9 @@ class _Document(Document):
         for name, closed in sheet.unseen.items():
             terms = sheet._terms(name)
             reason = (
-                "it closes too little of the gap of unseen data for a person to see"
+                "bodies with it would have a negative energy"
+                if sheet.feeds_energy(name)
+                else "it closes too little of the gap of unseen data for a person to see"
             )
             out.append(_considered(terms, None, closed, reason))
         return [*out, *self._runners_up()]
@@ -684,17 +686,7 @@ def diagnose(case: Case, progress: Progress = silent) -> Diagnosis:
 
 
 def examine(case: Case, progress: Progress = silent) -> SheetComparison:
-    """Compare a case with its data sheet.
-
-    Args:
-        case: the nominal arm and its recordings.
-        progress: called with a few words at each step.
-
-    Raises:
-        GapscopeError: no recording carries a torque that can be trusted, nor is there a known controller with its
-            reference that determines it.
-        InputError: a recording has no stretch without gaps that is long enough, or holds what no arm can have.
-    """
+    """Compare a case with its data sheet; arguments and errors are those of ``diagnose``."""
     prepared = prepare(case, progress)
     found = _compared(prepared, progress)
     likelier = prepared.by_likelier_rule(found.effects, progress)
