@@ -157,7 +157,7 @@ class SheetComparison(Comparison):
         """Most that a finding closes of a joint's held-out gap, errors of the bodies taken out or not [1]."""
         own = sum(known.torque[one] for one in self.findings[name])
         gaps = (known.after, known.after - known.errors)
-        closed = [known.nrmse(left + own) - known.nrmse(left) for left in gaps]
+        closed = [known.visible(left + own) - known.visible(left) for left in gaps]
         return float(np.max(closed))
 
     @cached_property
@@ -201,7 +201,8 @@ class SheetComparison(Comparison):
         errors = made.shared_torque(there) * rows.scale / rows.trust
         scale = torque_scale(rows.torque)
         every = np.ones(len(after), dtype=bool)
-        return Explained(every, after, torque, errors, np.zeros(len(scale)), scale)
+        floor = np.zeros(len(scale))
+        return Explained(every, after, torque, errors, floor, scale, rows.trust)
 
     def torque_of(self, one: Candidate) -> np.ndarray:
         """What a candidate does to the torque, as it was fitted to all [N m], (M, n)."""

@@ -31,6 +31,7 @@ class Explained:
         floor: RMS that noise, form error and what is not known of the shared arm leave [N m], (n,); no more than what
             is left with the terms.
         scale: normalisation of the torque gap [N m], (n,).
+        trust: how far friction is known on each row [1], (M, n).
     """
 
     rows: np.ndarray
@@ -39,6 +40,7 @@ class Explained:
     errors: np.ndarray
     floor: np.ndarray
     scale: np.ndarray
+    trust: np.ndarray
 
     @property
     def before(self) -> np.ndarray:
@@ -53,6 +55,10 @@ class Explained:
     def nrmse(self, gap: np.ndarray) -> np.ndarray:
         """``torque_nrmse`` of a gap [N m], (n,)."""
         return np.asarray(np.sqrt((gap**2).mean(axis=0)) / self.scale)
+
+    def visible(self, gap: np.ndarray) -> np.ndarray:
+        """The same by trust, (n,): where a joint may stick, static friction hides what is there."""
+        return self.nrmse(gap * self.trust) / np.sqrt((self.trust**2).mean(axis=0))
 
 
 class HeldOut(NamedTuple):
@@ -136,7 +142,8 @@ def explained(
     left = np.sqrt((after**2).mean(axis=0))
     floor = np.minimum(_floor(fit, mine) * rows.scale, left)
     torque = {one: x[mine] * size for one, x in torque.items()}
-    return Explained(mine, after, torque, errors[mine] * size, floor, scale)
+    trust = rows.trust[mine]
+    return Explained(mine, after, torque, errors[mine] * size, floor, scale, trust)
 
 
 def likely_errors(

@@ -309,8 +309,8 @@ class SheetSearch(Search):
                 rigid[places] = 0.0
             if term.parametrisation.nonlinear:
                 rigid[places] = plain[places] = 0.0
-        sheet = np.minimum(rigid, self._believed(made, ERRORS[-1]).prior)
-        priors = [made.prior, plain, rigid, sheet]
+        sheets = [np.minimum(rigid, self._believed(made, e).prior) for e in ERRORS]
+        priors = [made.prior, plain, rigid, *sheets]
         self._taught = learn(beside, self.taught_by, priors=priors)
         self._first = replace(self._wide, design=self._taught.primed(made))
 
@@ -466,14 +466,16 @@ class SheetSearch(Search):
         rows = left / np.maximum(self.rows.trust, MIN_TORQUE)
         return np.asarray(np.sqrt((rows**2).mean(axis=0)))
 
+    def _visible(self, left: np.ndarray) -> np.ndarray:
+        """The same where the joints surely move, (n,): where they may stick, static friction hides what is there."""
+        return np.asarray(
+            np.sqrt((left**2).sum(axis=0) / (self.rows.trust**2).sum(axis=0))
+        )
+
     def _closed(self, few: Fit, many: Fit) -> float:
         """How much of the gap of some joint more terms close, with errors of the data sheet taken out or not."""
-        plain = float(
-            (self.torque_nrmse(_left(few)) - self.torque_nrmse(_left(many))).max()
-        )
-        beside = float(
-            (self.torque_nrmse(few.left) - self.torque_nrmse(many.left)).max()
-        )
+        plain = float((self._visible(_left(few)) - self._visible(_left(many))).max())
+        beside = float((self._visible(few.left) - self._visible(many.left)).max())
         return max(plain, beside) if plain > 0 else plain
 
     def _pruned(self, fit: Fit) -> Fit:
@@ -613,17 +615,33 @@ class Scan:
 
     def gains(self, torques: np.ndarray) -> np.ndarray:
         """What each of K torques, (K, M, n), explains of what is left [nats], (K,)."""
-        before = self._squares(self._left[None])
-        after = self._squares(self._left - torques)
+        before = self._squares(self._beside_shared(self._left[None]))
+        after = self._squares(self._beside_shared(self._left - torques))
         return np.asarray(np.log(before / after) @ self._count / 2)
 
-    def _squares(self, series: np.ndarray) -> np.ndarray:
-        """Sum of squares beside all that is shared, of K series, (K, M, n): (K, n)."""
-        out = np.empty((len(series), series.shape[2]))
+    def scaled_gains(self, torques: np.ndarray) -> np.ndarray:
+        """The same of each torque at the share of it that explains most: values nearby explain that, about."""
+        left = self._beside_shared(self._left[None])
+        own = self._beside_shared(torques)
+        before = self._squares(left)
+        weight = self._count / before[0]
+        along = np.einsum("kmn,kmn,n->k", left, own, weight, optimize=True)
+        power = self._squares(own) @ weight
+        share = np.clip(along / power, 0.0, 1.0)
+        after = self._squares(left - share[:, None, None] * own)
+        return np.asarray(np.log(before / after) @ self._count / 2)
+
+    def _beside_shared(self, series: np.ndarray) -> np.ndarray:
+        """What is left of K series, (K, M, n), beside all that is shared."""
+        out = np.empty(series.shape)
         for j, basis in enumerate(self._bases):
             y = series[:, :, j].T
-            out[:, j] = ((y - basis @ (basis.T @ y)) ** 2).sum(axis=0)
-        return out + MIN_TORQUE
+            out[:, :, j] = (y - basis @ (basis.T @ y)).T
+        return out
+
+    def _squares(self, series: np.ndarray) -> np.ndarray:
+        """Sum of squares of K series, (K, M, n): (K, n)."""
+        return np.asarray((series**2).sum(axis=1)) + MIN_TORQUE
 
     def starts(self) -> list[tuple[Term, np.ndarray]]:
         """Compliant joints that explain most, with the values of each that explain most of those of its law."""
@@ -634,7 +652,8 @@ class Scan:
             assert isinstance(term.definition, Transmission)
             every = list(term.definition.starts(mass, needed))
             if every:
-                gains = self.gains(np.stack([self.added(term, x) for x in every]))
+                torques = np.stack([self.added(term, x) for x in every])
+                gains = self.scaled_gains(torques)
                 best = int(np.argmax(gains))
                 found.append((float(gains[best]), term, every[best]))
         found.sort(key=lambda start: -start[0])
@@ -643,25 +662,25 @@ class Scan:
 
     def refined(self, term: Term, start: np.ndarray) -> tuple[np.ndarray, float]:
         """Values that explain most, from a start, and how much, less what their number makes of chance [nats]."""
-
-        def lost(logs: np.ndarray) -> float:
-            return -float(self.gains(self.added(term, np.exp(logs))[None])[0])
-
-        first = np.log(np.maximum(start, 1e-12))
-        simplex = np.vstack([first, first + 0.3 * np.eye(len(first))])
-        found = minimize(
-            lost,
-            first,
-            method="Nelder-Mead",
-            options={
-                "maxfev": STARTS_TRIED,
-                "initial_simplex": simplex,
-                "fatol": 0.1,
-                "xatol": 0.01,
-            },
-        )
-        chance = len(first) * float(np.log(self._count.max())) / 2
-        return np.exp(found.x), -float(found.fun) - chance
+        logs, lost = np.log(np.maximum(start, 1e-12)), 0.0
+        # a resonance that is not quite right explains little at its full size
+        for gains, step in ((self.scaled_gains, 0.3), (self.gains, 0.1)):
+            found = minimize(
+                lambda x, of: -float(of(self.added(term, np.exp(x))[None])[0]),
+                logs,
+                args=(gains,),
+                method="Nelder-Mead",
+                options={
+                    "maxfev": STARTS_TRIED,
+                    "initial_simplex": logs
+                    + step * np.eye(len(logs) + 1, len(logs), -1),
+                    "fatol": 0.1,
+                    "xatol": 0.01,
+                },
+            )
+            logs, lost = found.x, float(found.fun)
+        chance = len(logs) * float(np.log(self._count.max())) / 2
+        return np.exp(logs), -lost - chance
 
 
 def _basis(columns: np.ndarray, prior: np.ndarray, noise2: float) -> np.ndarray:
