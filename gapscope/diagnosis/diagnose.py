@@ -387,7 +387,7 @@ class SheetComparison(Comparison):
         recording = next(r for r in fitted if r.name == last)
         if len({s.recording for s in self.rows.segments}) > 1:
             return recording, part
-        t = self.rows.t[part.rows] + recording.t[0]
+        t = self.rows.t[part.rows]
         inside = (recording.t >= t.min()) & (recording.t <= t.max())
         return recording.part(inside), part
 

@@ -67,6 +67,7 @@ STARTS_FITTED, STARTS_TRIED = 2, 60
 """Compliant joints that are fitted, and values that are simulated of each. (budget)"""
 
 Values = Mapping[Candidate, np.ndarray]
+Sets = dict[frozenset[Candidate], float]
 Progress = Callable[[str], None]
 
 
@@ -165,7 +166,7 @@ class SheetSearch(Search):
             if bent is None and set(fit.mine) == set(known):
                 break
             fit = bent or fit
-            known, torque = fit.values, self._torque(fit)
+            known, torque = fit.values, self._torque(self.least_squares(fit))
         # rounds may go in circles: what each of them found competes beside the noise of the last one
         every = [self.with_some(list(values), values) for values in [*visited, known]]
         fit = self._pruned(max(every, key=lambda one: one.total))
@@ -177,6 +178,8 @@ class SheetSearch(Search):
             for some, total in self._totals.items()
             if np.isfinite(total)
         }
+        for name, other in self._equivalents:
+            best, sets = self._told_apart(best, sets, name, other)
         odds = {one: self._weigher(best.own).odds([one]) for one in best.mine}
         return Difference(best, sets, dict(self._found), self.arm, odds, self.likely)
 
@@ -193,15 +196,65 @@ class SheetSearch(Search):
 
         Unknown functions and form error are told apart from what the effects leave, and say how sure values are.
         """
+        left2 = self.torque_nrmse(fit.contrast.gap - fit.torque) ** 2
+        return self._least_squares(fit, left2)
+
+    def _least_squares(self, fit: Fit, left2: np.ndarray) -> Fit:
+        """The same, each joint's rows by the mean square that is left there, (n,)."""
         contrast, error = fit.contrast, fit.contrast.error
-        left2 = self.torque_nrmse(contrast.gap - fit.torque) ** 2
         prior = contrast.design.prior.copy()
         prior[10 * self.arm.arm.n_joints :] = 0.0
         # neighbours resemble each other as those of the noise do
         asked = contrast.without_form(left2 * error.noise2 / error.white2, prior)
         own = fit.own.within(asked)
         answer = own.answer(fit.chosen, fit.answer.sizes)
-        return replace(fit, contrast=asked, own=own, answer=answer)
+        total = asked.evidence + answer.evidence + self._weigher(own).odds(fit.chosen)
+        return replace(fit, contrast=asked, own=own, answer=answer, total=total)
+
+    @property
+    def _equivalents(self) -> set[tuple[str, str]]:
+        """Pairs of effects that are equal to first order, and have no further parameters."""
+        effects = {term.effect: term for term in self._equations.design.places}
+        return {
+            (name, other)
+            for name, term in effects.items()
+            if (other := term.definition.near_equivalent) in effects
+            and not term.parametrisation.nonlinear
+        }
+
+    def _told_apart(
+        self, fit: Fit, sets: Sets, name: str, other: str
+    ) -> tuple[Fit, Sets]:
+        """A hypothesis with one of two effects, as least squares tell them, and the sets that compete with it.
+
+        Both are equal to first order, and form error hides what they differ by.
+        """
+        by_name = {(one.effect, one.term.joint): one for one in fit.own.candidates}
+
+        def renamed(one: Candidate, to: str) -> Candidate:
+            twin = by_name.get((to, one.term.joint), one)
+            return twin if one.effect in (name, other) else one
+
+        left2 = self.torque_nrmse(fit.contrast.gap - fit.torque) ** 2
+        found = {frozenset(fit.mine): fit}
+        for to in (name, other):
+            values = {renamed(one, to): x for one, x in fit.values.items()}
+            found[frozenset(values)] = self._fit(list(values), values, fit.grown)
+        likely = {
+            some: self._least_squares(one, left2).total for some, one in found.items()
+        }
+        best = max(likely, key=lambda some: likely[some])
+        if best == frozenset(fit.mine):
+            return fit, sets
+        lost = likely[best] - likely[frozenset(fit.mine)]
+        to = next(one.effect for one in best if one.effect in (name, other))
+        out: Sets = {}
+        for some, total in sets.items():
+            same = frozenset(renamed(one, to) for one in some)
+            out[same] = max(total, out.get(same, -np.inf))
+            if same != some:
+                out[some] = max(total - lost, out.get(some, -np.inf))
+        return found[best], out
 
     def with_also(self, found: Difference, some: Sequence[Candidate]) -> Difference:
         """The same with candidates that are known to be there."""
