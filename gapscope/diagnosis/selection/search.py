@@ -61,6 +61,8 @@ LOAD_RADIUS = 0.1
 """Radius within which the mass of a load or of a changed link may lie about its centre [m]. (physical)"""
 LOAD_SIZE = 3.0
 """Largest prior deviation of an effect, in RMS torque over the joint's scale [1]. (physical)"""
+FORM_OF_FOUND = 0.1
+"""Share of its torque by which what is found differs from the catalogue's form [1]. (hand)"""
 ROUNDS = 4
 """Searches, each with noise and form error beside what the last one found. (budget)"""
 STARTS_FITTED, STARTS_TRIED = 2, 60
@@ -118,6 +120,7 @@ class SheetSearch(Search):
 
     progress: Progress = lambda message: None
     _wide: Equations | None = None
+    _sized: dict[Term, float] = field(default_factory=dict)
     _likeliest: int = ERRORS.index(INERTIAL_ERROR)
     _most: int = len(ERRORS) - 1
     _stiff: set[frozenset[Candidate]] = field(default_factory=set)
@@ -167,6 +170,7 @@ class SheetSearch(Search):
                 break
             fit = bent or fit
             known, torque = fit.values, self._torque(self.least_squares(fit))
+            self._sized = {one.term: self._size(fit, one) for one in fit.mine}
         # rounds may go in circles: what each of them found competes beside the noise of the last one
         every = [self.with_some(list(values), values) for values in [*visited, known]]
         fit = self._pruned(max(every, key=lambda one: one.total))
@@ -182,6 +186,13 @@ class SheetSearch(Search):
             best, sets = self._told_apart(best, sets, name, other)
         odds = {one: self._weigher(best.own).odds([one]) for one in best.mine}
         return Difference(best, sets, dict(self._found), self.arm, odds, self.likely)
+
+    def _size(self, fit: Fit, one: Candidate) -> float:
+        """RMS torque of what one joint has of a hypothesis, over the joint's scale [1]; 0 of what the arm has."""
+        if not one.term.joint:
+            return 0.0
+        torque = fit.own.torque({one: fit.values[one]})[:, one.term.joint - 1]
+        return float(np.sqrt((torque**2).mean()))
 
     def unsearched(self) -> Difference:
         """The arm as its data sheet says, with what could be left of it."""
@@ -401,10 +412,19 @@ class SheetSearch(Search):
         # the bodies have errors already, and a searched form is there or not
         if is_link_change(term) or fitted.nonlinear:
             return np.zeros(len(unit))
+        # what is found on a joint differs from the catalogue's form: something smaller may be that
+        least = self._sized.get(term, 0.0)
+        beside = [
+            size
+            for other, size in self._sized.items()
+            if other.joint == term.joint and size > least
+        ]
+        form = FORM_OF_FOUND * float(np.linalg.norm(beside))
         if fitted.data_sheet is not None:
             stated = np.abs(self.arm.theta[list(term.columns)])
-            return FRICTION_FORM * stated * unit + MIN_TORQUE
-        return np.minimum(HEALTHY_TORQUE, HEALTHY_SHARE * made.usual[term] * unit)
+            return FRICTION_FORM * stated * unit + MIN_TORQUE + form
+        own = np.minimum(HEALTHY_TORQUE, HEALTHY_SHARE * made.usual[term] * unit)
+        return own + form
 
     def _may_differ(self, term: Term) -> bool:
         return True
