@@ -65,6 +65,8 @@ MAX_TERMS = 18
 """Terms of a set. (budget)"""
 LOOKED_AT = 14
 """Candidates that count among the hypotheses that compete. (budget)"""
+FAR = 10.0
+"""A hypothesis that promises to be worse by more is not fitted [nats]. (budget)"""
 SETTLED = 0.02
 """Values that change by less from one linearisation to the next stay [1]."""
 LEAST = 700.0
@@ -739,6 +741,8 @@ class Search:
             for one in fit.mine:
                 twins = one, Candidate(one.term, None)
                 rest = [other for other in fit.chosen if other not in twins]
+                if not self._may_do_without(fit, one, rest):
+                    continue
                 values = {other: x for other, x in fit.values.items() if other != one}
                 without = self._with_everybody(self._fit(rest, values, fit.grown))
                 other = self._larger(without)
@@ -747,6 +751,16 @@ class Search:
                     fit, settled = better, False
                     break
         return fit
+
+    def _may_do_without(
+        self, fit: Fit, one: Candidate, rest: Sequence[Candidate]
+    ) -> bool:
+        """Whether a hypothesis may be as good without a candidate, or with another in its place, to first order."""
+        without = self._weighed(fit.contrast, fit.own, rest, fit.grown)
+        if without.total > fit.total - FAR:
+            return True
+        promised = (total for total, other in self._proposals(without) if other != one)
+        return next(promised, -np.inf) > fit.total - FAR
 
     def _with_growth(self, fit: Fit) -> Fit:
         """The hypothesis with more form error, on a joint or in a motion, where that explains more than it costs."""

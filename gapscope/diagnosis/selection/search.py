@@ -373,12 +373,12 @@ class SheetSearch(Search):
                 rigid[places] = 0.0
             if term.parametrisation.nonlinear:
                 rigid[places] = plain[places] = 0.0
-        sheets = [np.minimum(rigid, self._believed(made, e).prior) for e in ERRORS]
+        sheets = [np.minimum(rigid, self._of_sheet(made, error)) for error in ERRORS]
         priors = [made.prior, plain, rigid, *sheets]
         self._taught = learn(beside, self.taught_by, priors=priors)
         self._first = replace(self._wide, design=self._taught.primed(made))
 
-    def _believed(self, made: Design, error: float = INERTIAL_ERROR) -> Design:
+    def _believed(self, made: Design) -> Design:
         """The columns with what a healthy arm of the data sheet may have, bodies in units of their errors."""
         n = self.arm.arm.n_joints
         columns, active, noisy = [], [], {}
@@ -394,11 +394,16 @@ class SheetSearch(Search):
             for (joint, at), passed in made.noisy.items():
                 if joint == j:
                     noisy[j, int(np.searchsorted(own, every[at]))] = passed
+        prior = self._of_sheet(made, INERTIAL_ERROR)
+        return replace(made, columns=columns, active=active, noisy=noisy, prior=prior)
+
+    def _of_sheet(self, made: Design, error: float) -> np.ndarray:
+        """Prior of what is shared with a data sheet whose bodies have errors of some size, (P,)."""
         prior = made.prior.copy()
-        prior[: 10 * n] = error
+        prior[: 10 * self.arm.arm.n_joints] = error
         for term, places in made.places.items():
             prior[places] = self._healthy(term, made)
-        return replace(made, columns=columns, active=active, noisy=noisy, prior=prior)
+        return prior
 
     @property
     def _of_errors(self) -> np.ndarray:
@@ -409,8 +414,9 @@ class SheetSearch(Search):
     def _healthy(self, term: Term, made: Design) -> np.ndarray:
         """What a healthy arm has of a term, in units of its columns, (linear,)."""
         fitted, unit = term.parametrisation, made.units[term]
-        # the bodies have errors already, and a searched form is there or not
-        if is_link_change(term) or fitted.nonlinear:
+        # the bodies have errors already, so has what equals another effect; a searched form is there or not
+        twin = term.definition.near_equivalent is not None
+        if is_link_change(term) or fitted.nonlinear or twin:
             return np.zeros(len(unit))
         # what is found on a joint differs from the catalogue's form: something smaller may be that
         least = self._sized.get(term, 0.0)
