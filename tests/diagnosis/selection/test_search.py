@@ -215,3 +215,26 @@ def test_nine_of_ten_need_more_than_half_of_them():
 def test_what_is_there_already_is_not_asked_again():
     assert ("coulomb_friction", 2) not in shown()
     assert ("coulomb_friction", 1) in shown()
+
+
+# What form error, and the form of what was found, may hide or pass for.
+
+
+@pytest.mark.parametrize("late", ["delay", "lag"])
+def test_delays_and_lags_of_all_joints_are_told_apart(late: str):
+    found = named(difference(Truth(**{late: (0.006, 0.008, 0.012)})))
+    assert set(found) == {(f"actuator_{late}", joint) for joint in (1, 2, 3)}
+    values = [found[f"actuator_{late}", joint][0] for joint in (1, 2, 3)]
+    assert values == pytest.approx([0.006, 0.008, 0.012], rel=0.15)
+
+
+def power_law(t: np.ndarray, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
+    """8 |dq|^1.3 sgn dq [N m] on joint 2: no law of the catalogue."""
+    out = np.zeros_like(q)
+    out[:, 1] = 8.0 * np.sign(dq[:, 1]) * np.abs(dq[:, 1]) ** 1.3
+    return out
+
+
+def test_what_the_form_of_a_law_leaves_is_no_second_effect():
+    found = named(difference(Truth(extra=power_law)))
+    assert set(found) == {("viscous_friction", 2)}
