@@ -757,10 +757,15 @@ class Search:
     ) -> bool:
         """Whether a hypothesis may be as good without a candidate, or with another in its place, to first order."""
         without = self._weighed(fit.contrast, fit.own, rest, fit.grown)
-        if without.total > fit.total - FAR:
+        competing = {frozenset(without.mine): without.total}
+        for total, other in itertools.islice(self._proposals(without), LOOKED_AT):
+            if other != one:
+                competing[frozenset([*without.mine, other])] = total
+        if max(competing.values()) > fit.total - FAR:
             return True
-        promised = (total for total, other in self._proposals(without) if other != one)
-        return next(promised, -np.inf) > fit.total - FAR
+        for some, total in competing.items():
+            self._totals[some] = max(total, self._totals.get(some, -np.inf))
+        return False
 
     def _with_growth(self, fit: Fit) -> Fit:
         """The hypothesis with more form error, on a joint or in a motion, where that explains more than it costs."""
