@@ -79,6 +79,25 @@ Place = tuple[int, int, int | None]
 
 
 @dataclass(frozen=True)
+class Belief:
+    """What a question makes likely.
+
+    Attributes:
+        any: probability that there is an effect of some name, and that one that is acts on one more joint [1].
+        sets: number of sets of groups that may have some of their own [1].
+        exchanged: whether a load for another is one of the differences there may be, and not bodies alone.
+        least_load: least mass of a load [kg], if an arm can do with it.
+        built: odds of what belongs to how an arm was built over those of all else [1].
+    """
+
+    any: float = ANY
+    sets: float = 1.0
+    exchanged: bool = False
+    least_load: float = -np.inf
+    built: float = UNUSUAL
+
+
+@dataclass(frozen=True)
 class Fit:
     """One hypothesis, fitted about its own values: what a group has, what everybody has, where form error is larger.
 
@@ -145,7 +164,7 @@ class Difference:
         found: nonlinear parameters of the terms that were searched.
         arm: what all groups share.
         odds: prior odds of each candidate of the best hypothesis, alone [nats].
-        likely: probability that there is an effect of some name, and that one that is acts on one more joint [1].
+        belief: what was likely beforehand.
     """
 
     fit: Fit
@@ -153,7 +172,7 @@ class Difference:
     found: Mapping[Term, Found]
     arm: FreeArm
     odds: Mapping[Candidate, float]
-    likely: float = ANY
+    belief: Belief = Belief()
 
     @property
     def probabilities(self) -> dict[Candidate, float]:
@@ -240,19 +259,15 @@ class Search:
         return not self.days or self.together is not None
 
     @property
-    def likely(self) -> float:
-        """Probability that an effect of some name changed, and that one that did acts on one more joint [1]."""
-        return ANY
+    def belief(self) -> Belief:
+        """What the question makes likely."""
+        sets = self.asked or len(self.sets)
+        return Belief(sets=sets, exchanged=self.may_be_exchanged)
 
     @property
     def sizes(self) -> tuple[float, ...]:
         """Prior deviations of an effect, in RMS torque over the joint's scale [1]."""
         return SIZES
-
-    @property
-    def least_load(self) -> float:
-        """Least mass of a load that groups may have of their own [kg], if an arm can do with it."""
-        return -np.inf
 
     @property
     def groups(self) -> list[int]:
@@ -393,16 +408,7 @@ class Search:
         return Difference(best, sets, dict(self._found), self.arm, odds)
 
     def _weigher(self, own: OwnTerms) -> Weigher:
-        asked = self.asked or len(self.sets)
-        return Weigher(
-            own,
-            self.arm,
-            self._charges,
-            asked,
-            self.may_be_exchanged,
-            self.likely,
-            self.least_load,
-        )
+        return Weigher(own, self.arm, self._charges, self.belief)
 
     def _linearise(
         self, times: int, known: np.ndarray | float = 0.0, *, alike: bool = False
@@ -816,10 +822,7 @@ class Weigher:
         own: the information on what the group has of its own.
         arm: what all groups share.
         charges: what it takes to say which nonlinear parameters a term has [nats].
-        sets: number of sets of groups that may have some of their own.
-        exchanged: whether a load for another is one of the differences there may be, and not bodies alone.
-        likely: probability that there is an effect of some name, and that one that is acts on one more joint [1].
-        least_load: least mass of a load [kg].
+        belief: what is likely beforehand.
     """
 
     def __init__(
@@ -827,14 +830,9 @@ class Weigher:
         own: OwnTerms,
         arm: FreeArm,
         charges: Mapping[Term, float],
-        sets: float,
-        exchanged: bool,
-        likely: float = ANY,
-        least_load: float = -np.inf,
+        belief: Belief,
     ) -> None:
-        self._own, self._arm, self._charges = own, arm, charges
-        self._any, self._least_load = likely, least_load
-        self._sets, self._exchanged = sets, exchanged
+        self._own, self._arm, self._charges, self._belief = own, arm, charges, belief
         self._places: dict[str, int] = {}
         for term in own.design.places:
             self._places[term.effect] = self._places.get(term.effect, 0) + 1
@@ -854,11 +852,11 @@ class Weigher:
             term = one.term
             # as likely by any name, and then on any joint
             names = 1 if term.effect in seen else len(self._places)
-            total += np.log(self._any / names / self._places[term.effect])
+            total += np.log(self._belief.any / names / self._places[term.effect])
             if not one.everybody:
-                total -= np.log(self._sets)
+                total -= np.log(self._belief.sets)
             if term.definition.built_in and not one.everybody:
-                total += np.log(UNUSUAL)
+                total += np.log(self._belief.built)
             if term.parametrisation.nonlinear:
                 total += np.log(UNUSUAL)
             if term.definition.near_equivalent:
@@ -874,11 +872,11 @@ class Weigher:
 
     def within(self, term: Term, value: np.ndarray, std: np.ndarray) -> bool:
         """Whether coordinates of a term can be, to a standard deviation."""
-        if term.is_load and self._exchanged:
+        if term.is_load and self._belief.exchanged:
             return True
         lowest = self._lowest(term)
         if term.is_load:
-            lowest = max(lowest, self._least_load)
+            lowest = max(lowest, self._belief.least_load)
         if value[0] < lowest - std[0]:
             return False
         if term.definition.limits and value[0] > BEYOND_SATURATION + std[0]:

@@ -61,7 +61,7 @@ def detectable(
     """
     fit, own = found.fit, found.fit.own
     charges = {term: searched.charge for term, searched in found.found.items()}
-    weigher = Weigher(own, found.arm, charges, 1, False, found.likely)
+    weigher = Weigher(own, found.arm, charges, found.belief)
     places = own.joined(fit.chosen)
     unit = own.deviations(fit.chosen, fit.answer.sizes)
     inner = own.products(places, places) * unit[:, None] * unit

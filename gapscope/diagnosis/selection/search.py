@@ -38,7 +38,7 @@ from gapscope.model.design import (
     fitted_arm,
     is_link_change,
 )
-from gapscope.model.difference import Difference, Fit, Place, Search
+from gapscope.model.difference import Belief, Difference, Fit, Place, Search
 from gapscope.model.equations import Equations
 from gapscope.model.expected import Detectable, detectable
 from gapscope.model.form_error import learn
@@ -134,20 +134,19 @@ class SheetSearch(Search):
         return False
 
     @property
+    def belief(self) -> Belief:
+        """An arm is diagnosed as it is thought to have something, or to have nothing: as likely.
+
+        A lighter last link is no load, but where the recordings are said to have one. Bodies and rotors are as often
+        off as anything else: what is asked is not whether they changed.
+        """
+        laden = any(segment.payload is not None for segment in self.rows.segments)
+        return Belief(any=0.5, least_load=-np.inf if laden else 0.0, built=1.0)
+
+    @property
     def sizes(self) -> tuple[float, ...]:
         """As of all differences; and a load may need several times what the arm itself needs."""
         return (*SIZES, LOAD_SIZE)
-
-    @property
-    def least_load(self) -> float:
-        """A lighter last link is no load, but where the recordings are said to have one."""
-        known = any(segment.payload is not None for segment in self.rows.segments)
-        return -np.inf if known else 0.0
-
-    @property
-    def likely(self) -> float:
-        """An arm is diagnosed as it is thought to have something, or to have nothing: as likely."""
-        return 0.5
 
     def run(
         self, known: Values | None = None, torque: np.ndarray | float = 0.0
@@ -185,7 +184,7 @@ class SheetSearch(Search):
         for name, other in self._equivalents:
             best, sets = self._told_apart(best, sets, name, other)
         odds = {one: self._weigher(best.own).odds([one]) for one in best.mine}
-        return Difference(best, sets, dict(self._found), self.arm, odds, self.likely)
+        return Difference(best, sets, dict(self._found), self.arm, odds, self.belief)
 
     def _size(self, fit: Fit, one: Candidate) -> float:
         """RMS torque of what one joint has of a hypothesis, over the joint's scale [1]; 0 of what the arm has."""
@@ -200,7 +199,7 @@ class SheetSearch(Search):
         self._look(self._fit((), {}, {}))
         fit = self._fit((), {}, {})
         sets = {frozenset[Candidate](): fit.total}
-        return Difference(fit, sets, self._found, self.arm, {}, self.likely)
+        return Difference(fit, sets, self._found, self.arm, {}, self.belief)
 
     def least_squares(self, fit: Fit) -> Fit:
         """A hypothesis as an arm of the catalogue is fitted: beside errors of the bodies, rows by what it leaves.
@@ -414,10 +413,6 @@ class SheetSearch(Search):
     def _healthy(self, term: Term, made: Design) -> np.ndarray:
         """What a healthy arm has of a term, in units of its columns, (linear,)."""
         fitted, unit = term.parametrisation, made.units[term]
-        # the bodies have errors already, so has what equals another effect; a searched form is there or not
-        twin = term.definition.near_equivalent is not None
-        if is_link_change(term) or fitted.nonlinear or twin:
-            return np.zeros(len(unit))
         # what is found on a joint differs from the catalogue's form: something smaller may be that
         least = self._sized.get(term, 0.0)
         beside = [
@@ -426,6 +421,10 @@ class SheetSearch(Search):
             if other.joint == term.joint and size > least
         ]
         form = FORM_OF_FOUND * float(np.linalg.norm(beside))
+        # the bodies have errors already, so has what equals another effect; a searched form is there or not
+        twin = term.definition.near_equivalent is not None
+        if is_link_change(term) or fitted.nonlinear or twin:
+            return np.full(len(unit), form if fitted.nonlinear else 0.0)
         if fitted.data_sheet is not None:
             stated = np.abs(self.arm.theta[list(term.columns)])
             return FRICTION_FORM * stated * unit + MIN_TORQUE + form
