@@ -691,23 +691,19 @@ class Scan:
         torque = self._bodies.added(effect, term.joint - 1, values)
         return np.asarray(torque / self._rows.scale * self._rows.trust)
 
-    def gains(self, torques: np.ndarray) -> np.ndarray:
-        """What each of K torques, (K, M, n), explains of what is left [nats], (K,)."""
-        before = self._squares(self._beside_shared(self._left[None]))
-        after = self._squares(self._beside_shared(self._left - torques))
-        return np.asarray(np.log(before / after) @ self._count / 2)
+    def gains(self, torques: np.ndarray, *, scaled: bool = False) -> np.ndarray:
+        """What each of K torques, (K, M, n), explains of what is left [nats], (K,).
 
-    def scaled_gains(self, torques: np.ndarray) -> np.ndarray:
-        """The same of each torque at the share of it that explains most: values nearby explain that, about."""
-        left = self._beside_shared(self._left[None])
-        own = self._beside_shared(torques)
+        Scaled, it is the share of each torque that explains most: values nearby explain that, about.
+        """
+        left, own = map(self._beside_shared, (self._left[None], torques))
         before = self._squares(left)
-        weight = self._count / before[0]
-        along = np.einsum("kmn,kmn,n->k", left, own, weight, optimize=True)
-        power = self._squares(own) @ weight
-        share = np.clip(along / power, 0.0, 1.0)
-        after = self._squares(left - share[:, None, None] * own)
-        return np.asarray(np.log(before / after) @ self._count / 2)
+        if scaled:
+            weight = self._count / before[0]
+            along = np.einsum("kmn,kmn,n->k", left, own, weight, optimize=True)
+            share = np.clip(along / (self._squares(own) @ weight), 0.0, 1.0)
+            own = share[:, None, None] * own
+        return np.asarray(np.log(before / self._squares(left - own)) @ self._count / 2)
 
     def _beside_shared(self, series: np.ndarray) -> np.ndarray:
         """What is left of K series, (K, M, n), beside all that is shared."""
@@ -731,22 +727,26 @@ class Scan:
             every = list(term.definition.starts(mass, needed))
             if every:
                 torques = np.stack([self.added(term, x) for x in every])
-                gains = self.scaled_gains(torques)
+                gains = self.gains(torques, scaled=True)
                 best = int(np.argmax(gains))
                 found.append((float(gains[best]), term, every[best]))
         found.sort(key=lambda start: -start[0])
         least = max(found[0][0] / 2, 0.0) if found else 0.0
         return [(t, x) for gain, t, x in found[:STARTS_FITTED] if gain >= least]
 
+    def _lost(self, logs: np.ndarray, term: Term, scaled: bool) -> float:
+        torque = self.added(term, np.exp(logs))
+        return -float(self.gains(torque[None], scaled=scaled)[0])
+
     def refined(self, term: Term, start: np.ndarray) -> tuple[np.ndarray, float]:
         """Values that explain most, from a start, and how much, less what their number makes of chance [nats]."""
         logs, lost = np.log(np.maximum(start, 1e-12)), 0.0
         # a resonance that is not quite right explains little at its full size
-        for gains, step in ((self.scaled_gains, 0.3), (self.gains, 0.1)):
+        for scaled, step in ((True, 0.3), (False, 0.1)):
             found = minimize(
-                lambda x, of: -float(of(self.added(term, np.exp(x))[None])[0]),
+                self._lost,
                 logs,
-                args=(gains,),
+                args=(term, scaled),
                 method="Nelder-Mead",
                 options={
                     "maxfev": STARTS_TRIED,
