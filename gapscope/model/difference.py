@@ -88,6 +88,7 @@ class Belief:
         exchanged: whether a load for another is one of the differences there may be, and not bodies alone.
         least_load: least mass of a load [kg], if an arm can do with it.
         built: odds of what belongs to how an arm was built over those of all else [1].
+        least_link: least change of a link, over its own mass or lever [1]: healthy arms differ by less.
     """
 
     any: float = ANY
@@ -95,6 +96,7 @@ class Belief:
     exchanged: bool = False
     least_load: float = -np.inf
     built: float = UNUSUAL
+    least_link: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -881,7 +883,18 @@ class Weigher:
             return False
         if term.definition.limits and value[0] > BEYOND_SATURATION + std[0]:
             return False
-        return is_link_change(term) or is_within(term, value, std)
+        if is_link_change(term):
+            return self._changed(term.joint - 1, value) >= self._belief.least_link
+        return is_within(term, value, std)
+
+    def _changed(self, link: int, value: np.ndarray) -> float:
+        """Change of a link's mass [kg] and centre [m], over its mass and the lever of that [1], the larger one."""
+        mass, moment = inertial_scale(self._arm.body).reshape(-1, 10)[link, :2]
+        if not mass:
+            return np.inf
+        return float(
+            max(abs(value[0]), np.linalg.norm(value[1:]) * mass**2 / moment) / mass
+        )
 
     def _lowest(self, term: Term) -> float:
         """Least value of the first coordinate of a term."""

@@ -41,6 +41,7 @@ from gapscope.model.design import (
 from gapscope.model.difference import Belief, Difference, Fit, Place, Search
 from gapscope.model.equations import Equations
 from gapscope.model.expected import Detectable, detectable
+from gapscope.model.explained import LIKELY
 from gapscope.model.form_error import learn
 from gapscope.model.gravity_direction import as_mounted
 from gapscope.model.nonlinear_values import Scanner
@@ -141,7 +142,12 @@ class SheetSearch(Search):
         off as anything else: what is asked is not whether they changed.
         """
         laden = any(segment.payload is not None for segment in self.rows.segments)
-        return Belief(any=0.5, least_load=-np.inf if laden else 0.0, built=1.0)
+        return Belief(
+            any=0.5,
+            least_load=-np.inf if laden else 0.0,
+            built=1.0,
+            least_link=LIKELY * INERTIAL_ERROR,
+        )
 
     @property
     def sizes(self) -> tuple[float, ...]:
