@@ -66,7 +66,7 @@ MAX_TERMS = 18
 LOOKED_AT = 14
 """Candidates that count among the hypotheses that compete. (budget)"""
 FAR = 10.0
-"""A hypothesis that promises to be worse by more is not fitted [nats]. (budget)"""
+"""What promises to be worse by more, and not half as good as what it replaces, is not fitted [nats]. (budget)"""
 SETTLED = 0.02
 """Values that change by less from one linearisation to the next stay [1]."""
 LEAST = 700.0
@@ -769,7 +769,9 @@ class Search:
         for total, other in itertools.islice(self._proposals(without), LOOKED_AT):
             if other != one:
                 competing[frozenset([*without.mine, other])] = total
-        if max(competing.values()) > fit.total - FAR:
+        # what explains half of it to first order may explain all of it about its own values
+        lost = max(FAR, (fit.total - without.total) / 2)
+        if max(competing.values()) > fit.total - lost:
             return True
         for some, total in competing.items():
             self._totals[some] = max(total, self._totals.get(some, -np.inf))
@@ -884,7 +886,11 @@ class Weigher:
         if term.definition.limits and value[0] > BEYOND_SATURATION + std[0]:
             return False
         if is_link_change(term):
-            return self._changed(term.joint - 1, value) >= self._belief.least_link
+            # a last link that has become heavier carries something
+            last = term.joint - 1 == self._arm.body.last_link
+            laden = last and value[0] > std[0] and np.isfinite(self._belief.least_load)
+            changed = self._changed(term.joint - 1, value)
+            return not laden and changed >= self._belief.least_link
         return is_within(term, value, std)
 
     def _changed(self, link: int, value: np.ndarray) -> float:

@@ -25,7 +25,7 @@ from gapscope.diagnosis.thresholds import (
     VISIBLE_EFFECT,
     VISIBLE_TERM,
 )
-from gapscope.effects.effect import External, LinkChange, Transmission
+from gapscope.effects.effect import DryLaw, External, LinkChange, Transmission
 from gapscope.model.compliant_bodies import CompliantBodies
 from gapscope.model.contrast import SIZES, Contrast, Nuisance, OwnTerms
 from gapscope.model.design import (
@@ -63,7 +63,7 @@ LOAD_RADIUS = 0.1
 LOAD_SIZE = 3.0
 """Largest prior deviation of an effect, in RMS torque over the joint's scale [1]. (physical)"""
 FORM_OF_FOUND = 0.1
-"""Share of its torque by which what is found differs from the catalogue's form [1]. (hand)"""
+"""Share of its torque by which a law that is found differs from the catalogue's form [1]. (hand)"""
 ROUNDS = 4
 """Searches, each with noise and form error beside what the last one found. (budget)"""
 STARTS_FITTED, STARTS_TRIED = 2, 60
@@ -125,8 +125,8 @@ class SheetSearch(Search):
     _likeliest: int = ERRORS.index(INERTIAL_ERROR)
     _most: int = len(ERRORS) - 1
     _stiff: set[frozenset[Candidate]] = field(default_factory=set)
-    _by_error: dict[tuple[int, float], tuple[Contrast, Contrast]] = field(
-        default_factory=dict
+    _by_error: dict[tuple[int, float, frozenset[Term]], tuple[Contrast, Contrast]] = (
+        field(default_factory=dict)
     )
 
     @property
@@ -193,8 +193,9 @@ class SheetSearch(Search):
         return Difference(best, sets, dict(self._found), self.arm, odds, self.belief)
 
     def _size(self, fit: Fit, one: Candidate) -> float:
-        """RMS torque of what one joint has of a hypothesis, over the joint's scale [1]; 0 of what the arm has."""
-        if not one.term.joint:
+        """RMS torque of a law of a joint that nature may have in another form, over its scale [1]; 0 of all others."""
+        effect = one.term.definition
+        if not one.term.joint or not (effect.simplified or isinstance(effect, DryLaw)):
             return 0.0
         torque = fit.own.torque({one: fit.values[one]})[:, one.term.joint - 1]
         return float(np.sqrt((torque**2).mean()))
@@ -419,23 +420,37 @@ class SheetSearch(Search):
     def _healthy(self, term: Term, made: Design) -> np.ndarray:
         """What a healthy arm has of a term, in units of its columns, (linear,)."""
         fitted, unit = term.parametrisation, made.units[term]
-        # what is found on a joint differs from the catalogue's form: something smaller may be that
-        least = self._sized.get(term, 0.0)
-        beside = [
-            size
-            for other, size in self._sized.items()
-            if other.joint == term.joint and size > least
-        ]
-        form = FORM_OF_FOUND * float(np.linalg.norm(beside))
-        # the bodies have errors already, so has what equals another effect; a searched form is there or not
-        twin = term.definition.near_equivalent is not None
-        if is_link_change(term) or fitted.nonlinear or twin:
-            return np.full(len(unit), form if fitted.nonlinear else 0.0)
+        # the bodies have errors already, and so has what equals another effect
+        if is_link_change(term) or (_is_twin(term) and not fitted.nonlinear):
+            return np.zeros(len(unit))
+        if fitted.nonlinear:
+            # a searched form is there or not, but for what is like it
+            return np.full(len(unit), MIN_TORQUE)
         if fitted.data_sheet is not None:
             stated = np.abs(self.arm.theta[list(term.columns)])
-            return FRICTION_FORM * stated * unit + MIN_TORQUE + form
-        own = np.minimum(HEALTHY_TORQUE, HEALTHY_SHARE * made.usual[term] * unit)
-        return own + form
+            return FRICTION_FORM * stated * unit + MIN_TORQUE
+        return np.minimum(HEALTHY_TORQUE, HEALTHY_SHARE * made.usual[term] * unit)
+
+    def _forms(self, made: Design, known: Mapping[Term, float]) -> np.ndarray:
+        """What the form of known effects leaves of the columns of their joints, (P,): it differs from the catalogue's.
+
+        Something smaller than an effect may be that; what is larger is no part of it.
+
+        Args:
+            made: the columns.
+            known: effects of joints, with their RMS torque over the joint's scale [1].
+        """
+        out = np.zeros(made.size)
+        for term, places in made.places.items():
+            least = known.get(term, 0.0)
+            beside = [
+                size
+                for other, size in known.items()
+                if other.joint == term.joint and size > least
+            ]
+            if beside and not is_link_change(term):
+                out[places] = FORM_OF_FOUND * float(np.linalg.norm(beside))
+        return out
 
     def _may_differ(self, term: Term) -> bool:
         return True
@@ -475,15 +490,20 @@ class SheetSearch(Search):
         self._by_error = {}
         super()._prepare()
 
-    def _within(self, contrast: Contrast, error: float) -> Contrast:
-        """The contrast with errors of some size."""
-        kept = self._by_error.get((id(contrast), error))
+    def _within(
+        self, contrast: Contrast, error: float, known: Collection[Term]
+    ) -> Contrast:
+        """The contrast with errors of some size, and the form of what a hypothesis has of what was known before."""
+        sized = {term: self._sized[term] for term in known if term in self._sized}
+        key = id(contrast), error, frozenset(sized)
+        kept = self._by_error.get(key)
         if kept is None or kept[0] is not contrast:
             prior = contrast.design.prior.copy()
             prior[: 10 * self.arm.arm.n_joints] = error
+            prior += self._forms(contrast.design, sized) * (prior > 0)
             kept = contrast, contrast.with_prior(prior)
             last = dict(list(self._by_error.items())[-10 * len(ERRORS) :])
-            self._by_error = {**last, (id(contrast), error): kept}
+            self._by_error = {**last, key: kept}
         return kept[1]
 
     def _weighed(
@@ -499,7 +519,7 @@ class SheetSearch(Search):
             """Log probability with errors of a size."""
             error = ERRORS[number]
             if error not in levels:
-                asked = self._within(contrast, error)
+                asked = self._within(contrast, error, [one.term for one in chosen])
                 fit = super(SheetSearch, self)._weighed(
                     asked, own.within(asked), chosen, grown
                 )
@@ -638,6 +658,11 @@ def _with_forms(made: Design) -> np.ndarray:
         if term.parametrisation.nonlinear and predicts:
             prior[places] = WIDE
     return prior
+
+
+def _is_twin(term: Term) -> bool:
+    """Whether a term equals that of a more common effect to first order."""
+    return term.definition.near_equivalent is not None
 
 
 def _described(fit: Fit) -> str:
