@@ -380,7 +380,13 @@ class SheetSearch(Search):
             if term.parametrisation.nonlinear:
                 rigid[places] = plain[places] = 0.0
         sheets = [np.minimum(rigid, self._of_sheet(made, error)) for error in ERRORS]
-        priors = [made.prior, plain, rigid, *sheets]
+        good = sheets[ERRORS.index(INERTIAL_ERROR)]
+        # an arm that has something has seldom more than one family of effects on a joint
+        families: dict[str, np.ndarray] = {}
+        for term, places in made.places.items():
+            own = families.setdefault(term.definition.family, good.copy())
+            own[places] = made.prior[places]
+        priors = [made.prior, plain, rigid, *sheets, *families.values()]
         self._taught = learn(beside, self.taught_by, priors=priors)
         self._first = replace(self._wide, design=self._taught.primed(made))
 
