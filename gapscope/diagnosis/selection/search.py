@@ -380,13 +380,10 @@ class SheetSearch(Search):
             if term.parametrisation.nonlinear:
                 rigid[places] = plain[places] = 0.0
         sheets = [np.minimum(rigid, self._of_sheet(made, error)) for error in ERRORS]
-        good = sheets[ERRORS.index(INERTIAL_ERROR)]
-        # an arm that has something has seldom more than one family of effects on a joint
-        families: dict[str, np.ndarray] = {}
-        for term, places in made.places.items():
-            own = families.setdefault(term.definition.family, good.copy())
-            own[places] = made.prior[places]
-        priors = [made.prior, plain, rigid, *sheets, *families.values()]
+        priors = [made.prior, plain, rigid, *sheets]
+        if len(np.unique(self.rows.recording)) > 1:
+            good = sheets[ERRORS.index(INERTIAL_ERROR)]
+            priors += _by_family(made, good)
         self._taught = learn(beside, self.taught_by, priors=priors)
         self._first = replace(self._wide, design=self._taught.primed(made))
 
@@ -664,6 +661,19 @@ def _with_forms(made: Design) -> np.ndarray:
         if term.parametrisation.nonlinear and predicts:
             prior[places] = WIDE
     return prior
+
+
+def _by_family(made: Design, sheet: np.ndarray) -> list[np.ndarray]:
+    """Priors of what is shared, (P,) each, of a data sheet and of any effects of one family.
+
+    Few arms have more than that on a joint. Another recording has to bear it out: motions of a single one resemble each
+    other in much else.
+    """
+    families: dict[str, np.ndarray] = {}
+    for term, places in made.places.items():
+        own = families.setdefault(term.definition.family, sheet.copy())
+        own[places] = made.prior[places]
+    return list(families.values())
 
 
 def _is_twin(term: Term) -> bool:
