@@ -15,6 +15,7 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import effect as by_name
 from gapscope.effects.parameter import Parameter
 from gapscope.model.contrast import Answer
+from gapscope.model.design import MIN_TORQUE
 from gapscope.model.difference import Difference, Fit
 from gapscope.model.explained import Explained, explained
 from gapscope.model.rows import Rows
@@ -229,6 +230,10 @@ class Comparison:
         joints = tuple(sorted({term.joint for term in mine} - {0}))
         last = self.difference.arm.body.last_link + 1
         is_last = any(t.is_load or t.changes_link(last) for t in mine)
+        # together they are no likelier than that it is not the finding
+        total = sum(odds.values())
+        least = float(np.exp(-np.logaddexp(0.0, self.log_odds(name))))
+        share = min(1.0 / (1.0 + total), least / max(total, MIN_TORQUE))
         found = []
         for other, value in evidence.items():
             on_joints = other != NONE and by_name(other).scope == "joint"
@@ -240,7 +245,7 @@ class Comparison:
                 Alternative(
                     effect=other,
                     joints=joints if on_joints else (),
-                    probability=odds[other] / (1.0 + sum(odds.values())),
+                    probability=odds[other] * share,
                     evidence=value,
                     equivalent=same_body,
                 )

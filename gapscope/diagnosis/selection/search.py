@@ -444,15 +444,19 @@ class SheetSearch(Search):
             known: effects of joints, with their RMS torque over the joint's scale [1].
         """
         out = np.zeros(made.size)
-        for term, places in made.places.items():
-            least = known.get(term, 0.0)
-            beside = [
-                size
-                for other, size in known.items()
-                if other.joint == term.joint and size > least
+        for joint in {term.joint for term in known}:
+            on_joint = [
+                term
+                for term in made.places
+                if term.joint == joint and not is_link_change(term)
             ]
-            if beside and not is_link_change(term):
-                out[places] = FORM_OF_FOUND * float(np.linalg.norm(beside))
+            for term in on_joint:
+                least = known.get(term, 0.0)
+                beside = [size for size in map(known.get, on_joint) if size]
+                larger = np.array([size for size in beside if size > least])
+                # all of them together are no more than that
+                form = FORM_OF_FOUND / np.sqrt(len(on_joint))
+                out[made.places[term]] = form * float(np.linalg.norm(larger))
         return out
 
     def _may_differ(self, term: Term) -> bool:
