@@ -15,7 +15,6 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import effect as by_name
 from gapscope.effects.parameter import Parameter
 from gapscope.model.contrast import Answer
-from gapscope.model.design import MIN_TORQUE
 from gapscope.model.difference import Difference, Fit
 from gapscope.model.explained import Explained, explained
 from gapscope.model.rows import Rows
@@ -233,7 +232,7 @@ class Comparison:
         # together they are no likelier than that it is not the finding
         total = sum(odds.values())
         least = float(np.exp(-np.logaddexp(0.0, self.log_odds(name))))
-        share = min(1.0 / (1.0 + total), least / max(total, MIN_TORQUE))
+        share = min(1.0 / (1.0 + total), least / total) if total else 0.0
         found = []
         for other, value in evidence.items():
             on_joints = other != NONE and by_name(other).scope == "joint"

@@ -898,9 +898,8 @@ class Weigher:
         mass, moment = inertial_scale(self._arm.body).reshape(-1, 10)[link, :2]
         if not mass:
             return np.inf
-        return float(
-            max(abs(value[0]), np.linalg.norm(value[1:]) * mass**2 / moment) / mass
-        )
+        shift = float(np.linalg.norm(value[1:])) * mass / moment
+        return max(abs(float(value[0])) / mass, shift)
 
     def _lowest(self, term: Term) -> float:
         """Least value of the first coordinate of a term."""

@@ -257,8 +257,11 @@ class SheetSearch(Search):
         for to in (name, other):
             values = {renamed(one, to): x for one, x in fit.values.items()}
             found[frozenset(values)] = self._fit(list(values), values, fit.grown)
+        # values that cannot be are no answer, however well they fit
         likely = {
-            some: self._least_squares(one, left2).total for some, one in found.items()
+            some: self._least_squares(one, left2).total
+            for some, one in found.items()
+            if np.isfinite(one.total)
         }
         best = max(likely, key=lambda some: likely[some])
         if best == frozenset(fit.mine):
@@ -423,12 +426,12 @@ class SheetSearch(Search):
     def _healthy(self, term: Term, made: Design) -> np.ndarray:
         """What a healthy arm has of a term, in units of its columns, (linear,)."""
         fitted, unit = term.parametrisation, made.units[term]
-        # the bodies have errors already, and so has what equals another effect
-        if is_link_change(term) or (_is_twin(term) and not fitted.nonlinear):
-            return np.zeros(len(unit))
         if fitted.nonlinear:
             # a searched form is there or not, but for what is like it
             return np.full(len(unit), MIN_TORQUE)
+        # the bodies have errors already, and so has what equals another effect
+        if is_link_change(term) or term.definition.near_equivalent:
+            return np.zeros(len(unit))
         if fitted.data_sheet is not None:
             stated = np.abs(self.arm.theta[list(term.columns)])
             return FRICTION_FORM * stated * unit + MIN_TORQUE
@@ -450,13 +453,12 @@ class SheetSearch(Search):
                 for term in made.places
                 if term.joint == joint and not is_link_change(term)
             ]
-            for term in on_joint:
-                least = known.get(term, 0.0)
-                beside = [size for size in map(known.get, on_joint) if size]
-                larger = np.array([size for size in beside if size > least])
-                # all of them together are no more than that
-                form = FORM_OF_FOUND / np.sqrt(len(on_joint))
-                out[made.places[term]] = form * float(np.linalg.norm(larger))
+            sizes = np.array([known.get(term, 0.0) for term in on_joint])
+            # all of them together are no more than that
+            share = FORM_OF_FOUND / np.sqrt(len(on_joint))
+            for term, size in zip(on_joint, sizes, strict=True):
+                larger = np.linalg.norm(sizes[sizes > size])
+                out[made.places[term]] = share * float(larger)
         return out
 
     def _may_differ(self, term: Term) -> bool:
@@ -678,11 +680,6 @@ def _by_family(made: Design, sheet: np.ndarray) -> list[np.ndarray]:
         own = families.setdefault(term.definition.family, sheet.copy())
         own[places] = made.prior[places]
     return list(families.values())
-
-
-def _is_twin(term: Term) -> bool:
-    """Whether a term equals that of a more common effect to first order."""
-    return term.definition.near_equivalent is not None
 
 
 def _described(fit: Fit) -> str:
