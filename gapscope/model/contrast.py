@@ -17,6 +17,7 @@ import itertools
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -37,6 +38,10 @@ SIZES = (0.01, 0.03, 0.1, 0.3, 1.0)
 """
 MANY = 20
 """Columns of terms of which what is shared is eliminated for all at once. (budget)"""
+FACTORS = 16
+"""Factors of the information on what is shared, for as many priors of it, that are kept. (budget)"""
+SIZED = 3
+"""Times that the sizes of a set of effects are looked for, each beside the others. (budget)"""
 RESIZED = 6
 """Times that unknown functions are resized. (budget)"""
 LARGEST = 2.0
@@ -67,6 +72,19 @@ class Beside:
         gram = self.gram + self.back.T @ self.back - back.T @ back
         right = self.right + self.back.T @ before.solved - back.T @ after.solved
         return Beside(self.cross, gram, right, back)
+
+
+@dataclass
+class Factor:
+    """The information on nuisances of some prior deviations U, factorised.
+
+    Attributes:
+        lower: L with L L^T = I + U A U, A being the information, (N, N).
+        back: L^-1 U times their products with the columns of terms of each group, (N, G, T), once they are asked for.
+    """
+
+    lower: np.ndarray
+    back: np.ndarray | None = None
 
 
 class Contrast:
@@ -205,12 +223,19 @@ class Contrast:
         self._normal[:, count:], self._normal[count:] = own, own.T
         self._by_own = by_own[:, :, self.design.told]
         self._cross: np.ndarray | None = None
+        # of all questions to the same information, whatever their gap: copies hold the same one
+        self._factors: dict[bytes, Factor] = {}
         self._factorise()
 
     def _factorise(self) -> None:
-        unit = self._units
-        self._factor = lower(self._normal * unit[:, None] * unit)
-        self._back: np.ndarray | None = None
+        unit, kept = self._units, self._factors
+        prior = unit.tobytes()
+        if prior not in kept:
+            if len(kept) >= FACTORS:
+                del kept[next(iter(kept))]
+            kept[prior] = Factor(lower(self._normal * unit[:, None] * unit))
+        self._factorised = kept[prior]
+        self._factor = self._factorised.lower
         self._solved = self._solve()
 
     @property
@@ -239,14 +264,15 @@ class Contrast:
 
     def back(self, groups: Sequence[int], columns: np.ndarray) -> np.ndarray:
         """L^-1 U times the products of the nuisances with columns of terms of some groups, (N, K): once for many."""
-        if len(columns) < MANY and self._back is None:
+        known = self._factorised
+        if len(columns) < MANY and known.back is None:
             cross = self._crossed[:, groups][:, :, columns].sum(axis=1)
-            return forward(self._factor, self._units[:, None] * cross)
-        if self._back is None:
+            return forward(known.lower, self._units[:, None] * cross)
+        if known.back is None:
             cross = self._crossed
             scaled = self._units[:, None] * cross.reshape(len(cross), -1)
-            self._back = forward(self._factor, scaled).reshape(cross.shape)
-        return self._back[:, groups][:, :, columns].sum(axis=1)
+            known.back = forward(known.lower, scaled).reshape(cross.shape)
+        return known.back[:, groups][:, :, columns].sum(axis=1)
 
     def _of_nuisances(self, of_groups: np.ndarray) -> np.ndarray:
         """Products of the nuisances with something, from those of the columns of each group, (G, P, ...)."""
@@ -778,27 +804,11 @@ class OwnTerms:
             return Answer(0.0, {}, np.zeros((0, 0)), ())
         places = self.joined(terms)
         gram, right = self.products(places, places), self.right[places]
-
-        def fitted(sizes: Sequence[float]) -> tuple[float, np.ndarray, np.ndarray]:
-            """Evidence of terms of given sizes over none [nats], what solves for their values, and its factor."""
-            unit = self.deviations(terms, sizes)
-            factor = lower(gram * unit[:, None] * unit)
-            solved = forward(factor, unit * right)
-            return _half_log(factor, solved), solved, factor
-
-        found = list(sizes) if sizes is not None else [self.sizes[2]] * len(terms)
-        for _ in range(3 if sizes is None else 0):
-            before = list(found)
-            for k in range(len(terms)):
-                tried = [
-                    fitted([*found[:k], size, *found[k + 1 :]])[0]
-                    for size in self.sizes
-                ]
-                found[k] = self.sizes[int(np.argmax(tried))]
-            if found == before:
-                break
-        evidence, solved, factor = fitted(found)
+        found = tuple(sizes or self._likeliest(terms, gram, right))
         unit = self.deviations(terms, found)
+        factor = lower(gram * unit[:, None] * unit)
+        solved = forward(factor, unit * right)
+        evidence = _half_log(factor, solved)
         # prior of the sizes
         evidence -= len(terms) * float(np.log(len(self.sizes)))
         back = solve_triangular(factor.T, np.eye(len(unit)), check_finite=False)
@@ -807,9 +817,44 @@ class OwnTerms:
         covariance = (back @ back.T) * scale[:, None] * scale
         ends = np.cumsum([len(t.term.columns) for t in terms])
         parts = np.split(value, ends[:-1])
-        return Answer(
-            evidence, dict(zip(terms, parts, strict=True)), covariance, tuple(found)
-        )
+        return Answer(evidence, dict(zip(terms, parts, strict=True)), covariance, found)
+
+    def _likeliest(
+        self, terms: Sequence[Candidate], gram: np.ndarray, right: np.ndarray
+    ) -> list[float]:
+        """Size of each of some candidates that makes the data likeliest, one after the other beside the others.
+
+        With C = (I + U A U)^-1 and m = C U b of all, the information on the coordinates k of one beside the others is
+        U_k^-1 (C_kk^-1 - I) U_k^-1, and its right side U_k^-1 C_kk^-1 m_k.
+
+        Args:
+            terms: the candidates.
+            gram, right: A and b, information on their coordinates beside all that is shared.
+        """
+        widths = [self._widths(one.term) for one in terms]
+        ends = np.cumsum([0, *(each.shape[1] for each in widths)]).tolist()
+        found = [2] * len(terms)
+        unit = np.concatenate([each[2] for each in widths])
+        covariance, changed = np.empty(0), True
+        for _ in range(SIZED):
+            before = list(found)
+            for k, (start, end) in enumerate(pairwise(ends)):
+                if changed:
+                    covariance = np.linalg.inv(
+                        gram * unit[:, None] * unit + np.eye(len(unit))
+                    )
+                own = slice(start, end)
+                alone = np.linalg.inv(covariance[own, own])
+                mean = covariance[own] @ (unit * right)
+                within = (alone - np.eye(end - start)) / unit[own, None] / unit[own]
+                right_side = alone @ mean / unit[own]
+                gains, *_ = _of_widths(within, right_side, widths[k])
+                best = int(np.argmax(gains))
+                changed, found[k] = best != found[k], best
+                unit[own] = widths[k][best]
+            if found == before:
+                break
+        return [self.sizes[k] for k in found]
 
     def additions(
         self,
@@ -865,12 +910,25 @@ def _alone(
     Returns:
         Evidence [nats], (m,), values and their deviations, (m, k) each.
     """
-    normal = gram * widths[..., None] * widths[..., None, :] + np.eye(right.shape[1])
-    inverse = np.linalg.inv(normal)
-    scaled = right * widths
-    solved = np.einsum("zmkl,zml->zmk", inverse, scaled)
-    evidence = (scaled * solved).sum(axis=2) / 2 - np.linalg.slogdet(normal)[1] / 2
+    evidence, scaled, inverse = _of_widths(gram, right, widths)
     best = np.argmax(evidence, axis=0), np.arange(len(right))
     variance = np.diagonal(inverse, axis1=2, axis2=3)
     deviations = widths * np.sqrt(variance)
-    return evidence[best], (widths * solved)[best], deviations[best]
+    return evidence[best], (widths * scaled)[best], deviations[best]
+
+
+def _of_widths(
+    gram: np.ndarray, right: np.ndarray, widths: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Evidence of k coordinates of each size [nats], (Z, ...), their values over the widths, and their covariance.
+
+    Args:
+        gram, right: information on the coordinates, (..., k, k) and (..., k).
+        widths: prior deviations of each size, (Z, ..., k).
+    """
+    normal = gram * widths[..., None] * widths[..., None, :] + np.eye(right.shape[-1])
+    inverse = np.linalg.inv(normal)
+    scaled = right * widths
+    solved = (inverse @ scaled[..., None])[..., 0]
+    evidence = (scaled * solved).sum(axis=-1) - np.linalg.slogdet(normal)[1]
+    return evidence / 2, solved, inverse

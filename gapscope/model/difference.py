@@ -9,6 +9,7 @@ joined, each is asked again whether the others do without it, or with another in
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import (
     Callable,
     Collection,
@@ -681,7 +682,9 @@ class Search:
         fixed = fit.contrast.evidence + len(fit.grown) * np.log(UNKNOWN)
         # the same for all groups that may have a term
         each_term = {one.term: one for one in others}
-        odds = {t: weigh.odds([*fit.chosen, one]) for t, one in each_term.items()}
+        names = {one.effect for one in fit.chosen if one.groups is not None}
+        known = weigh.odds(fit.chosen)
+        odds = {t: known + weigh.further(o, names) for t, o in each_term.items()}
         each = [
             (fixed + evidence + odds[one.term], one, value, std)
             for one, evidence, value, std in fit.own.additions(
@@ -851,24 +854,30 @@ class Weigher:
 
     def odds(self, terms: Sequence[Candidate]) -> float:
         """Log prior odds of a set over none."""
-        total, seen = 0.0, set()
+        total = 0.0
+        names: set[str] = set()
         for one in terms:
-            term = one.term
-            # as likely by any name, and then on any joint
-            names = 1 if term.effect in seen else len(self._places)
-            total += np.log(self._belief.any / names / self._places[term.effect])
-            if not one.everybody:
-                total -= np.log(self._belief.sets)
-            if term.definition.built_in and not one.everybody:
-                total += np.log(self._belief.built)
-            if term.parametrisation.nonlinear:
-                total += np.log(UNUSUAL)
-            if term.definition.near_equivalent:
-                total += np.log(LESS_COMMON)
-            total -= self._charges.get(term, 0.0)
+            total += self.further(one, names)
             if one.groups is not None:
-                seen.add(term.effect)
-        return float(total)
+                names.add(one.effect)
+        return total
+
+    def further(self, one: Candidate, names: Collection[str]) -> float:
+        """Log prior odds of one more candidate, beside effects of some names."""
+        term, belief = one.term, self._belief
+        # as likely by any name, and then on any joint
+        odds = belief.any / self._places[term.effect]
+        if term.effect not in names:
+            odds /= len(self._places)
+        if not one.everybody:
+            odds /= belief.sets
+            if term.definition.built_in:
+                odds *= belief.built
+        if term.parametrisation.nonlinear:
+            odds *= UNUSUAL
+        if term.definition.near_equivalent:
+            odds *= LESS_COMMON
+        return math.log(odds) - self._charges.get(term, 0.0)
 
     def can_be(self, one: Candidate, answer: Answer) -> bool:
         """Whether the value of a candidate can be, to a standard deviation."""

@@ -125,9 +125,6 @@ class SheetSearch(Search):
     _likeliest: int = ERRORS.index(INERTIAL_ERROR)
     _most: int = len(ERRORS) - 1
     _stiff: set[frozenset[Candidate]] = field(default_factory=set)
-    _by_error: dict[tuple[int, float, frozenset[Term]], tuple[Contrast, Contrast]] = (
-        field(default_factory=dict)
-    )
 
     @property
     def may_be_exchanged(self) -> bool:
@@ -495,25 +492,15 @@ class SheetSearch(Search):
     def _suited(self, fit: Fit) -> Fit:
         return fit
 
-    def _prepare(self) -> None:
-        self._by_error = {}
-        super()._prepare()
-
     def _within(
         self, contrast: Contrast, error: float, known: Collection[Term]
     ) -> Contrast:
         """The contrast with errors of some size, and the form of what a hypothesis has of what was known before."""
         sized = {term: self._sized[term] for term in known if term in self._sized}
-        key = id(contrast), error, frozenset(sized)
-        kept = self._by_error.get(key)
-        if kept is None or kept[0] is not contrast:
-            prior = contrast.design.prior.copy()
-            prior[: 10 * self.arm.arm.n_joints] = error
-            prior += self._forms(contrast.design, sized) * (prior > 0)
-            kept = contrast, contrast.with_prior(prior)
-            last = dict(list(self._by_error.items())[-10 * len(ERRORS) :])
-            self._by_error = {**last, key: kept}
-        return kept[1]
+        prior = contrast.design.prior.copy()
+        prior[: 10 * self.arm.arm.n_joints] = error
+        prior += self._forms(contrast.design, sized) * (prior > 0)
+        return contrast.with_prior(prior)
 
     def _weighed(
         self,
