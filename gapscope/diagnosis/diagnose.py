@@ -128,6 +128,11 @@ class SheetComparison(Comparison):
         """Likeliest error of the bodies of the data sheet, over their own size [1]."""
         return float(self.fitted.contrast.design.prior[0])
 
+    @property
+    def has_good_sheet(self) -> bool:
+        """Whether the bodies are about what the data sheet says."""
+        return self.sheet_error <= WORSE * INERTIAL_ERROR
+
     @cached_property
     def named(self) -> tuple[str, ...]:
         """Findings that are more likely than not and close enough of held-out data to be seen."""
@@ -604,7 +609,7 @@ class _Document(Document):
             file = sheet.case.arm.urdf.resolve()
             out.insert(0, f"in the robot file: {odd}; see gapscope audit {file}")
         off = sheet.sheet_error
-        if reached != "no_gap" and off > WORSE * INERTIAL_ERROR:
+        if reached != "no_gap" and not sheet.has_good_sheet:
             out.append(
                 f"the bodies of the robot file seem to be off by about {off:.0%} of their size, which hides loads and "
                 "changed links: identify them (gapscope identify), or compare with a reference (diagnose --against)"
@@ -694,8 +699,9 @@ def examine(case: Case, progress: Progress = silent) -> SheetComparison:
     if likelier is not None:
         prepared, found = likelier, _compared(likelier, progress)
     left = found.explained.nrmse(found.explained.after)
-    if not prepared.another_arm and rms(left, None) > NO_TORQUE:
-        # with all that was found it still predicts worse than no torque at all
+    explained = found.has_good_sheet and _Document(found).reached == "effects_found"
+    # worse than no torque at all with all that was found, or not explained by that
+    if rms(left, None) > NO_TORQUE or (prepared.doubted and not explained):
         return _compared(prepared.of_another_arm(), progress)
     return found
 

@@ -62,7 +62,9 @@ class Prepared:
         given: the case with a torque, nothing but its references put right.
         references: faults of its references.
         setup_faults: those that were found beside these and put right.
-        another_arm: whether the recordings are of another arm than the nominal one: nothing can be found of it then.
+        doubted: whether no ordinary errors of the nominal arm make its torque: it is another one, unless
+            effects explain that.
+        another_arm: whether they are of another arm: nothing can be found of it then.
     """
 
     case: Case
@@ -73,7 +75,8 @@ class Prepared:
     given: Case
     references: tuple[FoundFault, ...]
     setup_faults: tuple[FoundFault, ...]
-    another_arm: bool
+    doubted: bool
+    another_arm: bool = False
 
     def by_likelier_rule(
         self,
@@ -180,7 +183,9 @@ def _repaired(
     if setup_faults is None:
         progress("tests the set-up")
         setup_faults = find_setup_faults(case)
-    setup_faults, another = as_nominal_arm(case, setup_faults)
+    kept, doubted = as_nominal_arm(case, setup_faults)
+    # what an arm seems to have that is another one may be what it has: the search tells
+    setup_faults = setup_faults if doubted else kept
     case = repaired(case, setup_faults)
     # A wrong unit scales the step of an encoder: quantisation is measured after the repair.
     every = (*references, *setup_faults, *find_quantization(select_windows(case)))
@@ -194,12 +199,7 @@ def _repaired(
     for fault in faults:
         progress(f"finds {fault}")
     cutoff = position_cutoff(case.recordings)
-    changes: tuple[Change, ...] = ()
-    states = States(None)
-    if another:
-        case = select_windows(case)
-    else:
-        case, changes, states = _in_one_state(case, progress)
+    case, changes, states = _in_one_state(case, progress)
     return Prepared(
         case=case,
         position_cutoff=cutoff,
@@ -209,7 +209,7 @@ def _repaired(
         given=given,
         references=references,
         setup_faults=setup_faults,
-        another_arm=another,
+        doubted=doubted,
     )
 
 

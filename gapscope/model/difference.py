@@ -255,6 +255,10 @@ class Search:
     _fits: dict[tuple[frozenset[Candidate], frozenset[tuple[Place, float]]], Fit] = (
         field(default_factory=dict)
     )
+    # by how much a candidate in the place of another was better than its columns promised, when it was fitted last
+    _beyond: dict[tuple[Candidate | None, Candidate], float] = field(
+        default_factory=dict
+    )
 
     @property
     def may_be_exchanged(self) -> bool:
@@ -535,7 +539,7 @@ class Search:
         together = self.together or [(group,) for group in self.groups]
         days = [(some, day) for some in together if self.days]
         self._plain = Contrast(self._equations, self._error, days)
-        self._contrasts, self._fits = {}, {}
+        self._contrasts, self._fits, self._beyond = {}, {}, {}
         self._totals, self._top = {}, None
         # what groups have in common with each other and with what is shared, about
         self._kept = max(2, KEPT // (4 * self._plain.groups * made.size**2))
@@ -717,13 +721,15 @@ class Search:
             return not (searched or term.definition.built_in)
         return bool(self.days) or not (lasts(term) or searched)
 
-    def _larger(self, fit: Fit) -> Fit | None:
-        """The best hypothesis with one more term of the group; ``None`` if none is better."""
+    def _larger(self, fit: Fit, instead_of: Candidate | None = None) -> Fit | None:
+        """The best hypothesis with one more term of the group, in the place of another; ``None`` if none is better."""
         proposed = list(itertools.islice(self._proposals(fit), LOOKED_AT))
         better = self._worth_fitting(fit, proposed[:REFITTED])
         fitted = [
             self._fit((*fit.chosen, one), fit.values, fit.grown) for _, one in better
         ]
+        for (promised, one), found in zip(better, fitted, strict=True):
+            self._beyond[instead_of, one] = found.total - promised
         best = max(fitted, key=lambda f: f.total, default=None)
         # what is not fitted would be as much more or less than it promises as the best one is
         shift = 0.0
@@ -756,7 +762,7 @@ class Search:
                     continue
                 values = {other: x for other, x in fit.values.items() if other != one}
                 without = self._with_everybody(self._fit(rest, values, fit.grown))
-                other = self._larger(without)
+                other = self._larger(without, one)
                 better = max((f for f in (without, other) if f), key=lambda f: f.total)
                 if better.total > fit.total + 1e-3:
                     fit, settled = better, False
@@ -768,15 +774,21 @@ class Search:
     ) -> bool:
         """Whether a hypothesis may be as good without a candidate, or with another in its place, to first order."""
         without = self._weighed(fit.contrast, fit.own, rest, fit.grown)
-        competing = {frozenset(without.mine): without.total}
-        for total, other in itertools.islice(self._proposals(without), LOOKED_AT):
-            if other != one:
-                competing[frozenset([*without.mine, other])] = total
+        proposed = list(itertools.islice(self._proposals(without), LOOKED_AT))
         # what explains half of it to first order may explain all of it about its own values
         lost = max(FAR, (fit.total - without.total) / 2)
-        if max(competing.values()) > fit.total - lost:
+        chances = [without.total + FAR]
+        for total, other in proposed[:REFITTED]:
+            beyond = self._beyond.get((one, other))
+            if other != one:
+                chances.append(total + (lost if beyond is None else beyond + FAR))
+        if max(chances) > fit.total:
             return True
-        for some, total in competing.items():
+        competing = {frozenset([*without.mine, other]): t for t, other in proposed}
+        for some, total in [
+            (frozenset(without.mine), without.total),
+            *competing.items(),
+        ]:
             self._totals[some] = max(total, self._totals.get(some, -np.inf))
         return False
 

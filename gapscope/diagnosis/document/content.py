@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,7 @@ from gapscope.diagnosis.document.findings import (
     with_states,
     with_torques_turned,
 )
-from gapscope.diagnosis.document.wording import verdict, with_slide_units
+from gapscope.diagnosis.document.wording import Verdict, verdict, with_slide_units
 from gapscope.diagnosis.gap.commanded_torque import WARNING
 from gapscope.diagnosis.gap.plausible_data import short_note, still_note
 from gapscope.diagnosis.locate import MotionRows, located, regions
@@ -170,15 +170,10 @@ class Document:
         )
         possible = _by_share([self._finding(name) for name in comparison.possible])
         possible = [{**f, "settled_by": settled_by(f)} for f in possible]
-        reach = partial(
-            verdict,
-            explained=self.leaves_little(gap),
-            significant=self.is_significant(),
-            rejected=self.rejected,
-        )
-        reached = reach(found=bool(effects or prepared.changes))
+        reached = self.reached
         # where the arm was compared nothing need have changed
-        closed = gap.closed if reach(found=bool(here)) == reached else None
+        unchanged = reached != self._verdict(found=bool(here))
+        closed = None if unchanged else gap.closed
         # what stays on a joint is worth a recording only where the verdict says that it is unexplained
         unexplained = joints if reached == "unexplained" else []
         doubt, first = self.doubt(reached)
@@ -211,6 +206,21 @@ class Document:
         if first and not prepared.another_arm:
             content["warnings"].insert(0, f"{doubt}; {first}")
         return with_slide_units(content, self.arm().sliding)
+
+    @cached_property
+    def reached(self) -> Verdict:
+        """The verdict."""
+        comparison, prepared = self._comparison, self._prepared
+        found = comparison.named or prepared.faults or prepared.changes
+        return self._verdict(found=bool(found or prepared.states.others))
+
+    def _verdict(self, *, found: bool) -> Verdict:
+        return verdict(
+            found=found,
+            explained=self.leaves_little(self.stages),
+            significant=self.is_significant(),
+            rejected=self.rejected,
+        )
 
     def _gap(self) -> dict[str, Any]:
         gap, replay = self.stages, self.replay()
