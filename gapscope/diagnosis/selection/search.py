@@ -38,7 +38,7 @@ from gapscope.model.design import (
     fitted_arm,
     is_link_change,
 )
-from gapscope.model.difference import Belief, Difference, Fit, Place, Search
+from gapscope.model.difference import REFITTED, Belief, Difference, Fit, Place, Search
 from gapscope.model.equations import Equations
 from gapscope.model.expected import Detectable, detectable
 from gapscope.model.explained import LIKELY
@@ -589,17 +589,31 @@ class SheetSearch(Search):
 
         for least, part in ((VISIBLE_EFFECT, finding), (VISIBLE_TERM, term)):
             while fit.mine:
-                without = []
-                for name in dict.fromkeys(map(part, fit.mine)):
-                    rest = [one for one in fit.mine if part(one) != name]
-                    values = {one: fit.values[one] for one in rest}
-                    without.append(self._fit(rest, values, fit.grown))
-                closed = [self._closed(one, fit) for one in without]
-                faintest = int(np.argmin(closed))
-                if closed[faintest] >= least:
+                without = {
+                    name: [one for one in fit.chosen if part(one) != name]
+                    for name in map(part, fit.mine)
+                }
+                # to first order most of them are seen to be needed
+                names = sorted(
+                    without, key=lambda name: self._closed_by(fit, without[name])
+                )
+                fewer = []
+                for name in names[:REFITTED]:
+                    values = {one: fit.values[one] for one in without[name]}
+                    fewer.append(self._fit(without[name], values, fit.grown))
+                closed, faintest = min(
+                    (self._closed(few, fit), k) for k, few in enumerate(fewer)
+                )
+                if closed >= least:
                     break
-                fit = without[faintest]
+                fit = fewer[faintest]
         return fit
+
+    def _closed_by(self, fit: Fit, rest: Sequence[Candidate]) -> float:
+        """How much of the gap of some joint a hypothesis closes that some of its terms do not, to first order."""
+        sizes = dict(zip(fit.chosen, fit.answer.sizes, strict=True))
+        answer = fit.own.answer(rest, [sizes[one] for one in rest])
+        return self._closed(replace(fit, chosen=tuple(rest), answer=answer), fit)
 
     # Compliant joints.
 
