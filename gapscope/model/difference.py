@@ -19,7 +19,7 @@ from collections.abc import (
     Sequence,
 )
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -155,6 +155,20 @@ class Fit:
         for j, active in enumerate(made.active):
             out[:, j] -= made.columns[j] @ shared[active]
         return out
+
+
+class Promise(NamedTuple):
+    """What a further candidate makes of a hypothesis, to first order.
+
+    Attributes:
+        total: log probability with it [nats].
+        one: the candidate.
+        value: its coordinates, (linear,).
+    """
+
+    total: float
+    one: Candidate
+    value: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -323,13 +337,18 @@ class Search:
 
     def _most_promising(self, fit: Fit) -> tuple[Candidate | None, float]:
         """The candidate of groups that promises most beside a hypothesis, if any does, and how much [nats]."""
-        value, one = next(self._proposals(fit), (-np.inf, None))
-        return (one if value > fit.sharp else None), value - fit.sharp
+        best = next(self._proposals(fit), None)
+        if best is None:
+            return None, -np.inf
+        gain = best.total - fit.sharp
+        return (best.one if gain > 0 else None), gain
 
     def promises(self, fit: Fit, sets: Collection[tuple[int, ...]]) -> bool:
         """Whether a candidate of one of some sets of groups promises to make a hypothesis better."""
-        promised = itertools.takewhile(lambda p: p[0] > fit.sharp, self._proposals(fit))
-        return any(one.groups in sets for _, one in promised)
+        promised = itertools.takewhile(
+            lambda p: p.total > fit.sharp, self._proposals(fit)
+        )
+        return any(promise.one.groups in sets for promise in promised)
 
     def _with_larger_error(self, fit: Fit) -> Fit:
         """The hypothesis with more form error wherever that promises to explain more than it costs."""
@@ -656,18 +675,17 @@ class Search:
     def _with_everybody(self, fit: Fit) -> Fit:
         """The hypothesis with what everybody has: it moves no linearisation."""
         while True:
-            value, one = next(self._proposals(fit, everybody=True), (-np.inf, None))
-            if one is None or value <= fit.sharp:
+            best = next(self._proposals(fit, everybody=True), None)
+            if best is None or best.total <= fit.sharp:
                 return fit
-            larger = self._weighed(fit.contrast, fit.own, (*fit.chosen, one), fit.grown)
+            chosen = *fit.chosen, best.one
+            larger = self._weighed(fit.contrast, fit.own, chosen, fit.grown)
             larger = self._counted(larger)
             if larger.total <= fit.total:
                 return fit
             fit = larger
 
-    def _proposals(
-        self, fit: Fit, *, everybody: bool = False
-    ) -> Iterator[tuple[float, Candidate]]:
+    def _proposals(self, fit: Fit, *, everybody: bool = False) -> Iterator[Promise]:
         """About the total of the hypothesis with each further candidate whose values can be, the best one first.
 
         Args:
@@ -697,7 +715,7 @@ class Search:
         ]
         for total, one, value, std in sorted(each, key=lambda e: -e[0]):
             if weigh.within(one.term, value, std):
-                yield total, one
+                yield Promise(total, one, value)
 
     def _is_said(self, one: Candidate, fit: Fit) -> bool:
         """Whether a hypothesis has the same body by another name: what the last link carries, or that link."""
@@ -725,30 +743,31 @@ class Search:
         """The best hypothesis with one more term of the group, in the place of another; ``None`` if none is better."""
         proposed = list(itertools.islice(self._proposals(fit), LOOKED_AT))
         better = self._worth_fitting(fit, proposed[:REFITTED])
-        fitted = [
-            self._fit((*fit.chosen, one), fit.values, fit.grown) for _, one in better
-        ]
-        for (promised, one), found in zip(better, fitted, strict=True):
+        fitted = []
+        for promised, one, value in better:
+            about = {**fit.values, one: value}
+            found = self._fit((*fit.chosen, one), about, fit.grown)
             self._beyond[instead_of, one] = found.total - promised
+            fitted.append(found)
         best = max(fitted, key=lambda f: f.total, default=None)
         # what is not fitted would be as much more or less than it promises as the best one is
         shift = 0.0
         if best is not None:
-            shift = max(best.total, fit.total) - proposed[0][0]
+            shift = max(best.total, fit.total) - proposed[0].total
             # a hypothesis whose values are out of bounds has no evidence of either kind
             if np.isfinite(best.sharp):
                 shift = min(shift, best.total - best.sharp)
-        for value, one in proposed[len(better) :]:
+        for promised, one, _ in proposed[len(better) :]:
             some = frozenset([*fit.mine, one])
             least = self._totals.get(some, -np.inf)
-            self._totals[some] = max(value + shift, least)
+            self._totals[some] = max(promised + shift, least)
         return best if best is not None and best.total > fit.total else None
 
     def _worth_fitting(
-        self, fit: Fit, proposed: Sequence[tuple[float, Candidate]]
-    ) -> Sequence[tuple[float, Candidate]]:
+        self, fit: Fit, proposed: Sequence[Promise]
+    ) -> Sequence[Promise]:
         """Those of the candidates that promise most which are fitted."""
-        return [p for p in proposed if p[0] > fit.sharp]
+        return [p for p in proposed if p.total > fit.sharp]
 
     def _asked_again(self, fit: Fit) -> Fit:
         """The hypothesis without terms that it does not need, or with better ones in their place."""
@@ -778,17 +797,16 @@ class Search:
         # what explains half of it to first order may explain all of it about its own values
         lost = max(FAR, (fit.total - without.total) / 2)
         chances = [without.total + FAR]
-        for total, other in proposed[:REFITTED]:
+        for total, other, _ in proposed[:REFITTED]:
             beyond = self._beyond.get((one, other))
             if other != one:
                 chances.append(total + (lost if beyond is None else beyond + FAR))
         if max(chances) > fit.total:
             return True
-        competing = {frozenset([*without.mine, other]): t for t, other in proposed}
-        for some, total in [
-            (frozenset(without.mine), without.total),
-            *competing.items(),
-        ]:
+        competing = {frozenset(without.mine): without.total}
+        for total, other, _ in proposed:
+            competing.setdefault(frozenset([*without.mine, other]), total)
+        for some, total in competing.items():
             self._totals[some] = max(total, self._totals.get(some, -np.inf))
         return False
 

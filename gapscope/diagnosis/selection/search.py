@@ -38,7 +38,15 @@ from gapscope.model.design import (
     fitted_arm,
     is_link_change,
 )
-from gapscope.model.difference import REFITTED, Belief, Difference, Fit, Place, Search
+from gapscope.model.difference import (
+    REFITTED,
+    Belief,
+    Difference,
+    Fit,
+    Place,
+    Promise,
+    Search,
+)
 from gapscope.model.equations import Equations
 from gapscope.model.expected import Detectable, detectable
 from gapscope.model.explained import LIKELY
@@ -536,28 +544,27 @@ class SheetSearch(Search):
         fit = levels[ERRORS[best]]
         return replace(fit, levels=levels, total=every, sharp=every)
 
-    def _proposals(
-        self, fit: Fit, *, everybody: bool = False
-    ) -> Iterator[tuple[float, Candidate]]:
+    def _proposals(self, fit: Fit, *, everybody: bool = False) -> Iterator[Promise]:
         if everybody:
             return
-        best: dict[Candidate, float] = {}
+        best: dict[Candidate, Promise] = {}
         # a term may be told only if the data sheet is better than it looks without it
-        for error, level in fit.levels.items():
+        for error, level in sorted(fit.levels.items(), key=lambda item: item[1].total):
             if not np.isfinite(level.total):
                 continue
-            for total, one in super()._proposals(level):
+            for total, one, value in super()._proposals(level):
                 here = total + _log_prior(error)
-                best[one] = float(np.logaddexp(here, best.get(one, -np.inf)))
-        for one in sorted(best, key=lambda one: -best[one]):
-            yield best[one], one
+                if one in best:
+                    here = float(np.logaddexp(here, best[one].total))
+                best[one] = Promise(here, one, value)
+        yield from sorted(best.values(), key=lambda promise: -promise.total)
 
     def _worth_fitting(
-        self, fit: Fit, proposed: Sequence[tuple[float, Candidate]]
-    ) -> Sequence[tuple[float, Candidate]]:
+        self, fit: Fit, proposed: Sequence[Promise]
+    ) -> Sequence[Promise]:
         """Those that promise to help, or the best one if it is far from what its columns promise."""
         better = super()._worth_fitting(fit, proposed)
-        return better or [p for p in proposed[:1] if bends(p[1].term)]
+        return better or [p for p in proposed[:1] if bends(p.one.term)]
 
     # What no person could see is no finding.
 
