@@ -628,10 +628,13 @@ class SheetSearch(Search):
         """Joints whose torque looks, to first order, more likely as that of a compliant joint than not."""
         if self.arm.arm.encoder != "motor":
             return set()
+        # where less is left than a person can see, nothing closes so much
+        left = np.maximum(self._visible(_left(fit)), self._visible(fit.left))
         compliant = [
             one
             for one in fit.own.candidates
             if isinstance(one.term.definition, Transmission)
+            and left[one.term.joint - 1] >= VISIBLE_EFFECT
         ]
         taken = {one.term.joint for one in compliant if one in fit.chosen}
         further = [one for one in compliant if one.term.joint not in taken]
