@@ -99,7 +99,7 @@ def elasticity_columns(
         deflections = slow_with_rates(unit, at.motion)
         pairs = zip(at.sensitivities, deflections, strict=True)
         out[:, :, i] = -sum(matrix * y[:, None] for matrix, y in pairs)
-    used = np.flatnonzero(x.any(axis=0))
+    used = np.flatnonzero(x[0])
     springs = _springs(effect, at, x) if used.size else None
     largest = np.abs(x[0]).max()
     for i, j in ((i, j) for j in used for i in range(len(x))):
