@@ -505,9 +505,11 @@ class SheetSearch(Search):
     ) -> Contrast:
         """The contrast with errors of some size, and the form of what a hypothesis has of what was known before."""
         sized = {term: self._sized[term] for term in known if term in self._sized}
-        prior = contrast.design.prior.copy()
+        # of a contrast that has such a form already, that is another hypothesis's
+        made = self._equations.design
+        prior = made.prior.copy()
         prior[: 10 * self.arm.arm.n_joints] = error
-        prior += self._forms(contrast.design, sized) * (prior > 0)
+        prior += self._forms(made, sized) * (prior > 0)
         return contrast.with_prior(prior)
 
     def _weighed(
