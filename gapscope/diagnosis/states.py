@@ -212,7 +212,7 @@ def _beside(found: Agreement, number: int, first: int) -> Increments:
             torque = [design.torque(one.term, x)[mine] * rows.scale for x in units]
             increment = Increment(
                 sign * fit.values[one],
-                fit.answer.deviation(one),
+                fit.answer.deviations[one],
                 np.stack(torque, axis=2),
                 scale,
             )

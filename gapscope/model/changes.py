@@ -680,7 +680,7 @@ def _changes(
                 interval=(low, high),
                 term=one.term,
                 value=found.fit.values[one] * (1.0 if comes else -1.0),
-                deviation=found.fit.answer.deviation(one),
+                deviation=found.fit.answer.deviations[one],
                 probability=found.probabilities_of(is_it)[True],
                 support=(found.log_odds(is_it) - odds) / -odds,
                 columns=columns,

@@ -17,6 +17,7 @@ import itertools
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -546,15 +547,12 @@ class Answer:
     covariance: np.ndarray
     sizes: tuple[float, ...]
 
-    def deviation(self, candidate: Candidate) -> np.ndarray:
-        """Standard deviations of the values of a candidate, (linear,)."""
-        at = 0
-        for one, value in self.values.items():
-            if one == candidate:
-                own = slice(at, at + len(value))
-                return np.asarray(np.sqrt(np.diag(self.covariance)[own]))
-            at += len(value)
-        raise KeyError(candidate)
+    @cached_property
+    def deviations(self) -> dict[Candidate, np.ndarray]:
+        """Standard deviations of the values of each candidate, (linear,)."""
+        ends = np.cumsum([len(value) for value in self.values.values()])
+        parts = np.split(np.sqrt(np.diag(self.covariance)), ends[:-1])
+        return dict(zip(self.values, parts, strict=True)) if self.values else {}
 
 
 class OwnTerms:

@@ -22,6 +22,7 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple, TypeVar
 
 import numpy as np
+from scipy.special import log_ndtr
 
 from gapscope.arm.dynamics.inertial_scale import inertial_scale
 from gapscope.model.contrast import SIZES, Answer, Contrast, Nuisance, OwnTerms
@@ -702,20 +703,22 @@ class Search:
             and not self._is_said(one, fit)
         ]
         fixed = fit.contrast.evidence + len(fit.grown) * np.log(UNKNOWN)
+        fixed += weigh.chances(fit.answer)
         # the same for all groups that may have a term
         each_term = {one.term: one for one in others}
         names = {one.effect for one in fit.chosen if one.groups is not None}
         known = weigh.odds(fit.chosen)
         odds = {t: known + weigh.further(o, names) for t, o in each_term.items()}
-        each = [
-            (fixed + evidence + odds[one.term], one, value, std)
-            for one, evidence, value, std in fit.own.additions(
-                fit.chosen, fit.answer.sizes, others
-            )
-        ]
-        for total, one, value, std in sorted(each, key=lambda e: -e[0]):
-            if weigh.within(one.term, value, std):
-                yield Promise(total, one, value)
+        each = []
+        for one, evidence, value, std in fit.own.additions(
+            fit.chosen, fit.answer.sizes, others
+        ):
+            total = fixed + evidence + odds[one.term]
+            total += weigh.chance(one.term, value, std)
+            if np.isfinite(total):
+                each.append((total, one, value))
+        for total, one, value in sorted(each, key=lambda e: -e[0]):
+            yield Promise(total, one, value)
 
     def _is_said(self, one: Candidate, fit: Fit) -> bool:
         """Whether a hypothesis has the same body by another name: what the last link carries, or that link."""
@@ -878,9 +881,15 @@ class Weigher:
     def __call__(self, terms: Sequence[Candidate]) -> tuple[float, Answer]:
         """Log evidence and odds of a set over none [nats], and its values; minus infinity for values that cannot be."""
         answer = self._own.answer(terms)
-        if not all(self.can_be(one, answer) for one in terms):
-            return -np.inf, answer
-        return answer.evidence + self.odds(terms), answer
+        return answer.evidence + self.odds(terms) + self.chances(answer), answer
+
+    def chances(self, answer: Answer) -> float:
+        """Log probability that the values of a set can be, each by itself."""
+        deviations = answer.deviations
+        return sum(
+            self.chance(one.term, value, deviations[one])
+            for one, value in answer.values.items()
+        )
 
     def odds(self, terms: Sequence[Candidate]) -> float:
         """Log prior odds of a set over none."""
@@ -910,18 +919,25 @@ class Weigher:
         return math.log(odds) - self._charges.get(term, 0.0)
 
     def can_be(self, one: Candidate, answer: Answer) -> bool:
-        """Whether the value of a candidate can be, to a standard deviation."""
-        return self.within(one.term, answer.values[one], answer.deviation(one))
+        """Whether the value of a candidate can be."""
+        own = answer.deviations[one]
+        return bool(np.isfinite(self.chance(one.term, answer.values[one], own)))
 
-    def within(self, term: Term, value: np.ndarray, std: np.ndarray) -> bool:
-        """Whether coordinates of a term can be, to a standard deviation."""
+    def chance(self, term: Term, value: np.ndarray, std: np.ndarray) -> float:
+        """Log probability that coordinates of a term can be; of what only a form forbids to a standard deviation.
+
+        A bound cuts off the part of the posterior that lies beyond: what is at it is half there.
+        """
         if term.is_load and self._belief.exchanged:
-            return True
+            return 0.0
         lowest = self._lowest(term)
         if term.is_load:
             lowest = max(lowest, self._belief.least_load)
-        if value[0] < lowest - std[0]:
-            return False
+        if not self._has_form(term, value, std):
+            return -np.inf
+        return float(log_ndtr((value[0] - lowest) / max(std[0], MIN_TORQUE)))
+
+    def _has_form(self, term: Term, value: np.ndarray, std: np.ndarray) -> bool:
         if term.definition.limits and value[0] > BEYOND_SATURATION + std[0]:
             return False
         if is_link_change(term):
