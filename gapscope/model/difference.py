@@ -68,7 +68,8 @@ MAX_TERMS = 18
 LOOKED_AT = 14
 """Candidates that count among the hypotheses that compete. (budget)"""
 FAR = 10.0
-"""What promises to be worse by more, and not half as good as what it replaces, is not fitted [nats]. (budget)"""
+"""What promises to be worse by more, and not half as good as what it replaces, is not fitted, and values that are that
+unlikely cannot be [nats]. (budget)"""
 SETTLED = 0.02
 """Values that change by less from one linearisation to the next stay [1]."""
 LEAST = 700.0
@@ -653,8 +654,8 @@ class Search:
         grown: Mapping[Place, float],
     ) -> Fit:
         weigh = self._weigher(own)
-        weight, answer = weigh(chosen)
-        while not np.isfinite(weight):
+        while True:
+            weight, answer = weigh(chosen)
             # what everybody has is there to help: without what cannot be beside the others
             kept = [
                 one for one in chosen if not one.everybody or weigh.can_be(one, answer)
@@ -662,7 +663,6 @@ class Search:
             if len(kept) == len(chosen):
                 break
             chosen = kept
-            weight, answer = weigh(chosen)
         total = contrast.evidence + weight + len(grown) * np.log(UNKNOWN)
         return Fit(tuple(chosen), dict(grown), answer, total, contrast, own, total)
 
@@ -919,23 +919,25 @@ class Weigher:
         return math.log(odds) - self._charges.get(term, 0.0)
 
     def can_be(self, one: Candidate, answer: Answer) -> bool:
-        """Whether the value of a candidate can be."""
+        """Whether the value of a candidate can be, in all likelihood."""
         own = answer.deviations[one]
-        return bool(np.isfinite(self.chance(one.term, answer.values[one], own)))
+        return self.chance(one.term, answer.values[one], own) > -FAR
 
     def chance(self, term: Term, value: np.ndarray, std: np.ndarray) -> float:
-        """Log probability that coordinates of a term can be; of what only a form forbids to a standard deviation.
+        """Log probability that coordinates of a term can be: of those that a form forbids, to a standard deviation.
 
-        A bound cuts off the part of the posterior that lies beyond: what is at it is half there.
+        That no more friction can go than there is cuts off the part of the posterior beyond: what is gone is as likely
+        as not to seem less than nothing.
         """
         if term.is_load and self._belief.exchanged:
             return 0.0
-        lowest = self._lowest(term)
+        lowest, gone = self._lowest(term), term.parametrisation.data_sheet is not None
         if term.is_load:
             lowest = max(lowest, self._belief.least_load)
-        if not self._has_form(term, value, std):
+        beyond = not gone and value[0] < lowest - std[0]
+        if beyond or not self._has_form(term, value, std):
             return -np.inf
-        return float(log_ndtr((value[0] - lowest) / max(std[0], MIN_TORQUE)))
+        return float(log_ndtr((value[0] - lowest) / std[0])) if gone else 0.0
 
     def _has_form(self, term: Term, value: np.ndarray, std: np.ndarray) -> bool:
         if term.definition.limits and value[0] > BEYOND_SATURATION + std[0]:
