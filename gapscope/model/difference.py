@@ -748,8 +748,10 @@ class Search:
         better = self._worth_fitting(fit, proposed[:REFITTED])
         fitted = []
         for promised, one, value in better:
-            about = {**fit.values, one: value}
-            found = self._fit((*fit.chosen, one), about, fit.grown)
+            # about a body that is promised its moment may lie beyond what the search can come back from
+            is_body = one.term.is_load or is_link_change(one.term)
+            start = fit.values if is_body else {**fit.values, one: value}
+            found = self._fit((*fit.chosen, one), start, fit.grown)
             self._beyond[instead_of, one] = found.total - promised
             fitted.append(found)
         best = max(fitted, key=lambda f: f.total, default=None)
