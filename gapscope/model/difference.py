@@ -942,6 +942,7 @@ class Weigher:
         return float(log_ndtr((value[0] - lowest) / std[0])) if gone else 0.0
 
     def _has_form(self, term: Term, value: np.ndarray, std: np.ndarray) -> bool:
+        """Whether coordinates of a term are those of its law or of a body, to a standard deviation."""
         if term.definition.limits and value[0] > BEYOND_SATURATION + std[0]:
             return False
         if is_link_change(term):

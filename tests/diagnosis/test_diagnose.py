@@ -354,6 +354,15 @@ def test_another_robot_is_said_and_nothing_is_found_of_it(foreign: Case) -> None
     assert not document["effects"] + document["possible"] + document["changes"]
 
 
+def test_an_arm_that_its_data_sheet_makes_unlikely_is_no_other_robot() -> None:
+    # eighteen times the deviation of what the joint has otherwise
+    unlikely = Truth(coulomb=(0.0, 2.0, 0.0), offset=(0.0, 0.0, 40.0))
+    document = diagnose(synthetic.case(unlikely, seed=7)).document
+    assert document["verdict"] == "effects_found" and "misread" not in document
+    named = {(e["effect"], *e["joints"]) for e in document["effects"]}
+    assert named == {("torque_offset", 3), ("coulomb_friction", 2)}
+
+
 def test_nothing_is_identified_of_another_robot(foreign: Case) -> None:
     with pytest.raises(InputError, match="probably another robot"):
         gapscope.identify(foreign)
