@@ -352,12 +352,16 @@ class UnitMismatch(Fault):
 
     @classmethod
     def candidates(cls, look: Look) -> list[Fault]:
-        """Degrees on each joint, all, and those that move too far; revolutions on all; motor side on those too far."""
+        """Of joints that move too far: degrees on each and on all, motor side; of every joint degrees, revolutions.
+
+        Every joint is in degrees only if most move too far: else the motion would be one of a few degrees.
+        """
         far = tuple(j + 1 for j in look.beyond)
         turning = tuple(j + 1 for j in look.turning)
-        in_degrees = {(j,) for j in turning} | {turning}
-        # joints that travel too far probably share one cause
-        in_degrees.add(tuple(j for j in far if j in turning))
+        turning_far = tuple(j for j in far if j in turning)
+        in_degrees = {(j,) for j in turning_far} | {turning_far}
+        if 2 * len(turning_far) > len(turning):
+            in_degrees.add(turning)
         on_motor_side = {far}
         if len(far) < FEW_FAR_JOINTS:
             on_motor_side |= {(j,) for j in far}

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import synthetic
+from gapscope.diagnosis.setup_faults.nuisance import fold_equations, sample
 from sensed import reading
 from sweeps import daily
 from synthetic import Truth
@@ -28,7 +29,6 @@ from gapscope.diagnosis.hypotheses import RecordedData
 from gapscope.diagnosis.reference_file import identify_reference
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
-from gapscope.diagnosis.setup_faults.nuisance import fold_equations, sample
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.transmission import BACKLASH, ELASTICITY

@@ -15,7 +15,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.velocity_filter import VelocityFilter
-from gapscope.diagnosis.setup_faults.nuisance import inertial_prior_std
+from gapscope.diagnosis.setup_faults.evidence import ordinary_errors
 from gapscope.diagnosis.thresholds import (
     FAULT_SIGN_WIDTH,
     INTEGRATOR_SAMPLES,
@@ -122,7 +122,7 @@ class _Rows:
         scale = torque_scale(nominal)
         sign = np.tanh(dq / FAULT_SIGN_WIDTH)
         speed = np.maximum(np.abs(dq).max(axis=0), 1e-3)
-        regressor = body.regressor(q, dq, ddq) * inertial_prior_std(body)
+        regressor = body.regressor(q, dq, ddq) * ordinary_errors(body)
         last = slice(10 * body.last_link, 10 * body.last_link + 10)
         self.missing = thinned(segment.torque - nominal)
         friction = [_diagonal(sign * scale), _diagonal(dq / speed * scale)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -20,19 +19,16 @@ from gapscope.diagnosis.thresholds import (
     LONE_POSITION,
     LONE_SAMPLES,
     LONG_RECORDINGS,
-    MAX_FOLDS,
     MIN_MOTION,
     MIN_TORQUE_CHANGE,
     MIN_UNCHANGED,
     MIN_WINDOW,
     MOVING_TORQUE,
     SHORT_MOTION,
-    SINGLE_RECORDING_FOLDS,
     STICKING_SPEED,
     WINDOW,
 )
 from gapscope.model.changes import Change
-from gapscope.model.conditioning import Segment, blocks
 
 # Whether positions are those of a motion: joints that never move, little motion, values that lie alone.
 
@@ -260,31 +256,6 @@ def select_windows(case: Case) -> Case:
     if fitted is case.recordings and judged is case.judged:
         return case
     return replace(case, recordings=fitted, judged=judged)
-
-
-def folds_of(recordings: Sequence[list[Segment]]) -> list[list[Segment]]:
-    """Folds of the segments of each recording: a recording each, or the blocks of a single one.
-
-    Their equations are kept one by one: of more than ``MAX_FOLDS`` neighbours are joined, and of a single recording
-    in many pieces those that make up ``SINGLE_RECORDING_FOLDS`` parts of it.
-    """
-    if len(recordings) > 1:
-        return _joined(recordings, MAX_FOLDS)
-    segments = recordings[0]
-    if len(segments) > SINGLE_RECORDING_FOLDS:
-        return _joined([[segment] for segment in segments], SINGLE_RECORDING_FOLDS)
-    parts = [blocks(segment, SINGLE_RECORDING_FOLDS) for segment in segments]
-    return _joined([[block] for cut in parts for block in cut], MAX_FOLDS)
-
-
-def _joined(folds: Sequence[list[Segment]], most: int) -> list[list[Segment]]:
-    """Folds, neighbours joined if there are more than so many."""
-    count = min(len(folds), most)
-    edges = np.linspace(0, len(folds), count + 1).astype(int)
-    return [
-        [segment for fold in folds[start:stop] for segment in fold]
-        for start, stop in itertools.pairwise(edges)
-    ]
 
 
 def _windows(recordings: tuple[Recording, ...]) -> tuple[Recording, ...]:

@@ -31,21 +31,13 @@ from gapscope.diagnosis.setup_faults.fault_search import (
 )
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, merged, repaired
 from gapscope.diagnosis.thresholds import (
-    FAULT_FALL,
-    FAULT_VISIBLE,
     NO_TORQUE,
-    NOMINAL_RIGHT_NRMSE,
-    NOMINAL_RIGHT_RATIO,
-    OBVIOUS_FAULT_PROBABILITY,
-    SEARCH_RATE,
-    SHIFTED_INERTIALS_FALL,
 )
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.setup_faults import ShiftedInertials, TimeStamps
+from gapscope.effects.setup_faults import TimeStamps
 from gapscope.model.conditioning import (
     Segment,
     condition,
-    thinned,
 )
 from gapscope.model.gravity_direction import as_mounted
 from gapscope.model.torque_gap import torque_gap
@@ -69,16 +61,8 @@ def find_setup_faults(case: Case) -> tuple[FoundFault, ...]:
     if clock is not None:
         stamps = (*stamps, clock)
         even = repaired(case, stamps)
-    alone = sum(r.tau is not None for r in case.recordings) == 1
-    # Shifted inertials are looked for by themselves only if the torque shows no fault.
-    for search in (faults_by_torque, _shifted_inertials):
-        found = _with_gaps(
-            select_windows(case), merged((*stamps, *search(select_windows(even))))
-        )
-        kept = tuple(fault for fault in found if _lowers_gap(fault, alone))
-        if len(kept) > len(stamps):
-            break
-    return found if len(kept) == len(found) else _with_gaps(select_windows(case), kept)
+    shown = faults_by_torque(select_windows(even))
+    return _with_gaps(select_windows(case), merged((*stamps, *shown)))
 
 
 def on_one_clock(case: Case) -> Case:
@@ -90,53 +74,6 @@ def on_one_clock(case: Case) -> Case:
     even = case if jitter is None else repaired(case, (jitter,))
     clock = find_torque_clock(select_windows(even))
     return even if clock is None else repaired(even, (clock,))
-
-
-def _shifted_inertials(case: Case) -> list[FoundFault]:
-    """Inertials on the wrong links, if moving them makes the nominal arm right without any fitted value.
-
-    A load and wrong inertials can replace the shift, so that held-out torque may not show it; but they leave a
-    gap.
-    """
-    # the gap is compared below 12 Hz: few samples of many tell it
-    segments = [thinned(s, SEARCH_RATE) for s in _segments(case)]
-    before = _nrmse_of(case.arm, segments)
-    if before is None or before.max() < NOMINAL_RIGHT_RATIO * NOMINAL_RIGHT_NRMSE:
-        return []
-    for fault in ShiftedInertials.one_link_off():
-        try:
-            after = _nrmse_of(fault.reading(case.arm.n_joints).arm(case.arm), segments)
-        except GapscopeError:
-            continue  # moved this way, the inertials leave no arm
-        if after is None or after.max() >= NOMINAL_RIGHT_NRMSE:
-            continue
-        if after.max() * NOMINAL_RIGHT_RATIO < before.max():
-            return [FoundFault(fault, OBVIOUS_FAULT_PROBABILITY)]
-    return []
-
-
-def _lowers_gap(fault: FoundFault, alone: bool) -> bool:
-    """Whether a fault that the torque shows, corrected, lowers the nominal arm's own gap; others do by definition.
-
-    Args:
-        fault: the fault.
-        alone: whether one recording shows it.
-    """
-    without, after = fault.gap_without_this, fault.gap_after
-    # what concerns some recordings shows in themselves; friction that the nominal arm lacks hides from its gap at what
-    # time the torque was recorded
-    if fault.recordings or without is None or fault.name == "late_torque":
-        return True
-    # read that way the recordings leave no gap to look at: too short, or no arm
-    if after is None:
-        return False
-    least_fall = 0.0
-    if fault.name == "shifted_inertials":
-        least_fall = SHIFTED_INERTIALS_FALL
-    elif alone:
-        least_fall = FAULT_FALL
-    fall = 1.0 - (after**2).sum() / max((without**2).sum(), 1e-12)
-    return bool((without - after).max() >= FAULT_VISIBLE and fall >= least_fall)
 
 
 def _with_gaps(case: Case, faults: tuple[FoundFault, ...]) -> tuple[FoundFault, ...]:
@@ -183,7 +120,7 @@ def is_another_arm(case: Case) -> bool:
     far_off = bool(rms(gap, None) > NO_TORQUE)
     if far_off and _beyond_its_drives(mounted):
         return True
-    return is_extraordinary(select_windows(mounted), far_off=far_off)
+    return is_extraordinary(select_windows(mounted))
 
 
 def _beyond_its_drives(case: Case) -> bool:

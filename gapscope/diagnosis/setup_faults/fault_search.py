@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.reading import Reading
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.setup_faults.clocks import rate_error
+from gapscope.diagnosis.setup_faults.evidence import ReadingScorer, sample
 from gapscope.diagnosis.setup_faults.found_fault import (
     TURN,
     TURNED_BASES,
@@ -23,41 +25,23 @@ from gapscope.diagnosis.setup_faults.found_fault import (
     joints_beyond_range,
     look_at,
 )
-from gapscope.diagnosis.setup_faults.nuisance import ReadingScore, ReadingScorer, sample
 from gapscope.diagnosis.thresholds import (
-    COMMON_DELAY_LOSS,
     DECIMAL_UNIT_ERROR,
     DECIMAL_UNITS,
     FAULT_COARSE_STEP,
-    FAULT_FAR_FACTOR,
     FAULT_FINALISTS,
-    FAULT_FOLD_GAIN,
-    FAULT_FOLD_LOSS,
-    FAULT_GAIN,
-    FAULT_JOINT_GAIN,
-    FAULT_LOSS,
     FAULT_PRIOR_ODDS,
-    FAULT_SHARPNESS,
-    FAULT_SINGLE_RECORDING_FACTOR,
-    FAULT_VALUE_CHARGE,
-    FAULT_VALUES_GAIN,
-    LATE_JOINT_LOSS,
-    LATE_REFERENCE_SHARE,
     MIN_ZERO_OFFSET,
-    NARROW_NUISANCE_FACTOR,
     OBVIOUS_FAULT_PROBABILITY,
-    OTHER_DELAYS,
     OWN_UNIT_FACTOR,
     REFINE_FIRST_STEP,
     REFINE_LAST_STEP,
     UNIT_LAST_STEP,
-    UNIT_NUISANCE_FACTOR,
 )
 from gapscope.effects.setup_faults import (
     FAULTS,
     TORQUE_DELAY_STARTS,
     Fault,
-    JointSwap,
     LateTorque,
     TimeStamps,
     TorqueUnit,
@@ -130,15 +114,12 @@ def _refined_by_joint(
         ratio = tuple(np.exp(np.broadcast_to(x, joints)).tolist())
         return replace(candidate, ratio=ratio)
 
-    wide = _PatternSearch(scorer, before, built)
-    narrow = _PatternSearch(scorer, before, built, NARROW_NUISANCE_FACTOR)
-    own = narrow.minimum(wide.minimum(np.log(start)))
-    common = narrow.minimum(np.array([np.median(own)]))
-    # Bayesian information criterion: half the logarithm of the samples for each value more
-    charge = 0.5 * (joints - 1) * np.log(narrow.independent)
-    if narrow.cost(common) > narrow.cost(own) + charge:
-        return narrow.in_logarithms(own)
-    found, std = narrow.in_logarithms(common)
+    search = _PatternSearch(scorer, before, built)
+    own = search.minimum(np.log(start))
+    common = search.minimum(np.array([np.median(own)]))
+    if search.cost(common) > search.cost(own) + (joints - 1) * scorer.charge:
+        return search.in_logarithms(own)
+    found, std = search.in_logarithms(common)
     return found, std * joints
 
 
@@ -154,18 +135,15 @@ def _refined_unit(
 
     def search(groups: np.ndarray) -> _PatternSearch:
         """Over the factor of each group of joints."""
-        return _PatternSearch(
-            scorer, before, lambda x: unit(x, groups), UNIT_NUISANCE_FACTOR
-        )
+        return _PatternSearch(scorer, before, lambda x: unit(x, groups))
 
     groups: np.ndarray = np.zeros(joints, dtype=int)
     x = search(groups).minimum(np.array([np.median(starts)]), UNIT_LAST_STEP)
     least = search(groups).cost(x)
     for j, start in enumerate(starts):
         alone = np.where(np.arange(joints) == j, len(x), groups)
-        # Bayesian information criterion, as above
-        cost = search(alone).cost(np.append(x, start))
-        if cost + 0.5 * np.log(search(groups).independent) < least:
+        cost = search(alone).cost(np.append(x, start)) + scorer.charge
+        if cost < least:
             groups, x, least = alone, np.append(x, start), cost
     found = search(groups)
     x = found.minimum(x, UNIT_LAST_STEP)
@@ -196,25 +174,15 @@ class _PatternSearch:
         scorer: of readings of the case.
         before: the reading on top of which the candidate comes.
         build: the candidate with values x.
-        spread: factor on what the arm may ordinarily have beyond its data sheet.
     """
 
-    def __init__(
-        self,
-        scorer: ReadingScorer,
-        before: Reading,
-        build: Build,
-        spread: float = 1.0,
-    ) -> None:
+    def __init__(self, scorer: ReadingScorer, before: Reading, build: Build) -> None:
         self.scorer, self.before, self.build = scorer, before, build
-        self.spread = spread
-        self.independent = scorer.samples.weight * len(scorer.samples.q)
 
     def cost(self, x: np.ndarray) -> float:
         """Negative logarithm of the probability, up to a constant [nats]."""
-        reading = self.before.then(self.build(x).reading(self.scorer.arm.n_joints))
-        score = self.scorer.score(reading, self.spread)
-        return self.independent * float(np.log(score.joint_rms).sum()) + score.penalty
+        reading = self.build(x).reading(self.scorer.arm.n_joints)
+        return -self.scorer.evidence(self.before.then(reading))
 
     def minimum(self, x: np.ndarray, last_step: float = REFINE_LAST_STEP) -> np.ndarray:
         """Values of least cost, by a coordinate-wise pattern search from x."""
@@ -253,17 +221,23 @@ class _PatternSearch:
 # Setup faults by the torque: candidates are screened on few samples, refined, and the best is accepted if decisive.
 
 
+UNUSUAL = -math.log(FAULT_PRIOR_ODDS)
+"""Evidence that a fault needs to be as probable as none [nats]."""
 _Kind = tuple[str, str, int]
 """Name and variant of a candidate, and the number of its joints."""
 
 
-@dataclass(frozen=True)
-class _Finalist:
-    """A refined candidate, compared on all samples with the reading without it."""
+class _Finalist(NamedTuple):
+    """A refined candidate, compared on all samples with the reading without it.
+
+    Attributes:
+        candidate: with its values.
+        std: standard deviations of these.
+        gain: evidence beyond that without it, less what its values and the choice of its joints owe [nats].
+    """
 
     candidate: Fault
     std: tuple[float, ...]
-    score: ReadingScore
     gain: float
 
 
@@ -274,7 +248,6 @@ def faults_by_torque(case: Case) -> list[FoundFault]:
     if fine is None:
         return []
     rate_is_known = all(rate_error(r) is not None for r in recordings)
-    strictness = FAULT_SINGLE_RECORDING_FACTOR if len(recordings) == 1 else 1.0
     thinned = fine.samples.thinned(FAULT_COARSE_STEP)
     coarse = ReadingScorer(case.arm, fine.body, thinned)
 
@@ -286,7 +259,7 @@ def faults_by_torque(case: Case) -> list[FoundFault]:
         screened = _screened(coarse, reading, candidates, charges)
         finalists = _finalists(coarse, fine, reading, screened, charges)
         best = max(finalists, key=lambda finalist: finalist.gain, default=None)
-        if best is None or not _is_accepted(best, fine, reading, strictness):
+        if best is None or best.gain < UNUSUAL:
             break
         probability = _probability(best, finalists)
         if not isinstance(best.candidate, TurnedBase):
@@ -301,20 +274,18 @@ def faults_by_torque(case: Case) -> list[FoundFault]:
 
 
 def looks_late(case: Case) -> bool:
-    """Whether the torque of a reference may be late, on less evidence than names a fault: then it is no change later.
+    """Whether the torque of a reference is likelier late than not, be a fault improbable: it is no change later then.
 
     Args:
         case: the reference, with the arm that was identified on it as the nominal one.
     """
-    recordings = tuple(r for r in case.recordings if r.tau is not None)
-    scorer = _scorer(case.arm, recordings)
+    scorer = _scorer(case.arm, tuple(r for r in case.recordings if r.tau is not None))
     if scorer is None:
         return False
     n = case.arm.n_joints
-    before = scorer.score(Reading.identity(n))
+    before = scorer.evidence(Reading.identity(n))
     read = (LateTorque("delay", delay).reading(n) for delay in TORQUE_DELAY_STARTS)
-    gain = max(scorer.score(reading).gain(before) for reading in read)
-    return gain > LATE_REFERENCE_SHARE * FAULT_GAIN
+    return max(map(scorer.evidence, read)) > before
 
 
 def common_factor(case: Case) -> tuple[float, float] | None:
@@ -330,32 +301,22 @@ def common_factor(case: Case) -> tuple[float, float] | None:
     def build(x: np.ndarray) -> TorqueUnit:
         return TorqueUnit.of(np.arange(n), np.full(n, np.exp(x[0])), n)
 
-    found = []
-    # friction that the data sheet lacks looks like a factor to an arm that may have little of it, a load to one that
-    # may have much: both have to say so
-    for spread in (1.0, UNIT_NUISANCE_FACTOR):
-        search = _PatternSearch(scorer, Reading.identity(n), build, spread)
-        x = search.minimum(np.zeros(1))
-        if search.cost(np.zeros(1)) - search.cost(x) < -np.log(FAULT_PRIOR_ODDS):
-            return None
-        found.append((float(np.exp(x[0])), float(search.deviation(x)[0])))
-    (factor, share), (other, _) = found
-    if (
-        min(factor, other) < OWN_UNIT_FACTOR
-        and 1 / max(factor, other) < OWN_UNIT_FACTOR
-    ):
+    search = _PatternSearch(scorer, Reading.identity(n), build)
+    x = search.minimum(np.zeros(1))
+    gain = search.cost(np.zeros(1)) - search.cost(x) - scorer.charge
+    if gain < UNUSUAL or abs(x[0]) < np.log(OWN_UNIT_FACTOR):
         return None
-    return factor, factor * share
+    factor = float(np.exp(x[0]))
+    return factor, factor * float(search.deviation(x)[0])
 
 
-def is_extraordinary(case: Case, *, far_off: bool) -> bool:
-    """Whether no arm with ordinary errors of the nominal one made the torque; ``far_off`` as in ``ReadingScorer``."""
+def is_extraordinary(case: Case) -> bool:
+    """Whether bodies of another kind made the torque rather than the nominal ones with ordinary errors."""
     scorer = _scorer(case.arm, tuple(r for r in case.recordings if r.tau is not None))
     if scorer is None:
         return False
-    return scorer.is_of_another_arm(
-        Reading.identity(case.arm.n_joints), far_off=far_off
-    )
+    identity = Reading.identity(case.arm.n_joints)
+    return scorer.odds_of_other_arm(identity) > UNUSUAL
 
 
 def unit_of_nominal_arm(case: Case) -> FoundFault | None:
@@ -384,7 +345,8 @@ def _scorer(arm: NominalArm, recordings: tuple[Recording, ...]) -> ReadingScorer
         segments = [condition(r) for r in recordings]
     except GapscopeError:
         return None
-    return ReadingScorer(arm, RigidBody(arm), sample(segments))
+    every = [segment for parts in segments for segment in parts]
+    return ReadingScorer(arm, RigidBody(arm), sample(every))
 
 
 def _candidates(
@@ -395,7 +357,9 @@ def _candidates(
     if equations is None:
         return []
     look = look_at(scorer.arm, scorer.samples, equations, reading, rate_is_known)
-    candidates = [c for fault in FAULTS.values() for c in fault.candidates(look)]
+    every = (c for fault in FAULTS.values() for c in fault.candidates(look))
+    # no joint that moves as far as it can moves farther in another unit
+    candidates = [c for c in every if _stays_in_range(c, scorer, reading, look.beyond)]
     # a turned base does not turn once more, nor is it right while torques are turned as well
     if any(reading.turn):
         return candidates
@@ -404,18 +368,26 @@ def _candidates(
     return [*candidates, *TURNED_BASES, *shown]
 
 
+def _stays_in_range(
+    candidate: Fault, scorer: ReadingScorer, reading: Reading, beyond: Sequence[int]
+) -> bool:
+    """Whether no more joints than before move farther than they can."""
+    own = candidate.reading(scorer.arm.n_joints)
+    if not own.differs("motion"):
+        return True
+    after = joints_beyond_range(scorer.arm, scorer.samples, reading.then(own))
+    return len(after) <= len(beyond)
+
+
 def _choice_charges(candidates: list[Fault]) -> dict[_Kind, float]:
-    """Gain that candidates owe to the choice of their joints, of as many as there are of their kind [1].
+    """What candidates owe to the choice of their joints, of as many as there are of their kind [nats].
 
     All torques turned is one convention; two of seven joints are one of 21 pairs.
     """
     joints: dict[_Kind, set[tuple[int, ...]]] = {}
     for candidate in candidates:
         joints.setdefault(_kind(candidate), set()).add(candidate.kind[2])
-    return {
-        kind: float(np.log(len(sets))) / FAULT_SHARPNESS
-        for kind, sets in joints.items()
-    }
+    return {kind: float(np.log(len(sets))) for kind, sets in joints.items()}
 
 
 def _kind(candidate: Fault) -> _Kind:
@@ -429,23 +401,17 @@ def _screened(
     candidates: list[Fault],
     charges: dict[_Kind, float],
 ) -> list[Fault]:
-    """The best few candidates that gain anything, one of each fault, variant and set of joints.
-
-    Most would gain nothing even if no fold were held out: these are not compared on held-out folds.
-    """
-    before, n = coarse.score(reading), coarse.arm.n_joints
-    gains = []
-    for candidate in candidates:
-        read, charge = reading.then(candidate.reading(n)), charges[_kind(candidate)]
-        gain = coarse.best_score(read).gain(before) - charge
-        if gain > 0:
-            gain = coarse.score(read).gain(before) - charge
-        gains.append(gain)
+    """The best few candidates that gain anything, one of each fault, variant and set of joints."""
+    before, n = coarse.evidence(reading), coarse.arm.n_joints
+    gains = [
+        coarse.evidence(reading.then(c.reading(n))) - before - charges[_kind(c)]
+        for c in candidates
+    ]
     kept: dict[tuple[str, str, tuple[int, ...]], Fault] = {}
     for index in np.argsort(gains)[::-1][:FAULT_FINALISTS]:
         candidate = candidates[index]
         if gains[index] > 0:
-            # Several start values of one fault lead to the same refined one: the best is enough.
+            # several start values of one fault lead to the same refined one: the best is enough
             kept.setdefault(candidate.kind, candidate)
     return list(kept.values())
 
@@ -457,92 +423,28 @@ def _finalists(
     candidates: list[Fault],
     charges: dict[_Kind, float],
 ) -> list[_Finalist]:
-    """The candidates refined, each with its gain less what its values and the choice of its joints owe."""
-    before = fine.score(reading)
+    """The candidates refined, each with its gain."""
+    before = fine.evidence(reading)
     finalists = []
     for start in candidates:
         # refined on few samples, compared on all
         candidate, std = refined(coarse, reading, start)
         if isinstance(candidate, TorqueUnit) and candidate.is_ordinary:
             continue
-        score = fine.score(reading.then(candidate.reading(fine.arm.n_joints)))
-        if not _is_of_all_joints(candidate, fine, reading, before, score):
+        read = reading.then(candidate.reading(fine.arm.n_joints))
+        # a log is late on all joints alike; friction turns round late, in a joint or two
+        if isinstance(candidate, LateTorque) and fine.late_by_joint(read).min() < 0:
             continue
-        fitted = bool(std)
-        charge = charges[_kind(start)] + (FAULT_VALUE_CHARGE if fitted else 0.0)
-        gain = score.gain(before) - charge
-        finalists.append(_Finalist(candidate, std, score, gain))
+        charge = charges[_kind(start)] + (fine.charge if std else 0.0)
+        gain = fine.evidence(read) - before - charge
+        finalists.append(_Finalist(candidate, std, gain))
     return finalists
-
-
-def _is_of_all_joints(
-    candidate: Fault,
-    scorer: ReadingScorer,
-    reading: Reading,
-    before: ReadingScore,
-    after: ReadingScore,
-) -> bool:
-    """Whether a late torque is late by the same time on all joints, as by a log; true of other faults.
-
-    Friction that turns round late, in a joint or two, looks late as well, each by a time of its own. Then some joint
-    loses, or joints gain much more by half or by one and a half of the delay.
-    """
-    if not isinstance(candidate, LateTorque):
-        return True
-    own = after.joint_gain(before)
-    if -own.min() > max(FAULT_FOLD_LOSS, LATE_JOINT_LOSS * own.sum()):
-        return False
-    gains = [own]
-    for share in OTHER_DELAYS:
-        late = replace(candidate, delay=share * candidate.delay)
-        other = reading.then(late.reading(scorer.arm.n_joints))
-        gains.append(scorer.score(other).joint_gain(before))
-    lost = np.max(gains, axis=0) - own
-    return bool(lost.sum() < COMMON_DELAY_LOSS * own.sum())
-
-
-def _is_accepted(
-    best: _Finalist, fine: ReadingScorer, reading: Reading, strictness: float
-) -> bool:
-    """Whether a finalist is decisive; less is needed of a unit with which its joints could not have moved so far."""
-    beyond = joints_beyond_range(fine.arm, fine.samples, reading)
-    named = [j - 1 for j in best.candidate.kind[2]]
-    if isinstance(best.candidate, UnitMismatch) and set(named) <= set(beyond):
-        strictness *= FAULT_FAR_FACTOR
-    # columns that were exchanged explain both joints, or they were not
-    exchanged = named if isinstance(best.candidate, JointSwap) else ()
-    return decisive(fine.score(reading), best.score, strictness, exchanged)
-
-
-def decisive(
-    before: ReadingScore,
-    after: ReadingScore,
-    share: float = 1.0,
-    exchanged: Sequence[int] = (),
-) -> bool:
-    """Whether a fault corrected gains, on all folds, at least a share of what only a fault does.
-
-    ``exchanged`` are joints, from 0, none of which it may leave worse.
-    """
-    joints, values = after.joint_gain(before), after.penalty_gain(before)
-    # a smaller penalty counts on every fold: the values are fitted to all of them
-    folds = after.fold_gain(before) + max(values, 0.0)
-    needed = max(min(2, len(folds)), len(folds) / 2)
-    gained = joints.sum() + values > share * FAULT_GAIN and joints.sum() > -FAULT_LOSS
-    is_large = (
-        joints.max() > share * FAULT_JOINT_GAIN or values > share * FAULT_VALUES_GAIN
-    )
-    on_enough_folds = (folds > share * FAULT_FOLD_GAIN).sum() >= needed
-    least = min(folds.min(), joints[list(exchanged)].min(initial=0.0))
-    lost_on_none = least > -FAULT_FOLD_LOSS
-    return bool(gained and is_large and on_enough_folds and lost_on_none)
 
 
 def _probability(best: _Finalist, finalists: Sequence[_Finalist]) -> float:
     """Probability of the best finalist against the others and against no fault."""
-    others = sum(np.exp(FAULT_SHARPNESS * (f.gain - best.gain)) for f in finalists)
-    no_fault = np.exp(-FAULT_SHARPNESS * best.gain) / FAULT_PRIOR_ODDS
-    return float(1.0 / (others + no_fault))
+    others = sum(np.exp(f.gain - best.gain) for f in finalists)
+    return float(1.0 / (others + np.exp(UNUSUAL - best.gain)))
 
 
 def _turned_base(
@@ -553,9 +455,6 @@ def _turned_base(
     _, variant, joints = best.candidate.kind
     if variant != "torque" or len(joints) < n:
         return None
-    before = fine.score(reading)
-    gains = [
-        fine.score(reading.then(base.reading(n))).gain(before) for base in TURNED_BASES
-    ]
-    odds = np.exp(FAULT_SHARPNESS * min(max(gains) - best.gain, 0.0))
-    return probability * float(odds)
+    before = fine.evidence(reading)
+    turned = max(fine.evidence(reading.then(base.reading(n))) for base in TURNED_BASES)
+    return probability * float(np.exp(min(turned - before - best.gain, 0.0)))

@@ -13,12 +13,12 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.reading import Reading
 from gapscope.arm.recording import Recording
-from gapscope.diagnosis.setup_faults.nuisance import (
+from gapscope.diagnosis.setup_faults.evidence import (
     COULOMB,
     OFFSET,
     VISCOUS,
     FaultSamples,
-    FoldEquations,
+    ReadingEquations,
 )
 from gapscope.diagnosis.thresholds import KNOWN_FACTOR_R2
 from gapscope.effects.catalogue import of_quantity
@@ -64,7 +64,7 @@ TURNED_BASES = (
 def look_at(
     arm: NominalArm,
     samples: FaultSamples,
-    equations: FoldEquations,
+    equations: ReadingEquations,
     reading: Reading,
     rate_is_known: bool,
 ) -> Look:
@@ -77,7 +77,7 @@ def look_at(
         joints_beyond_range(arm, samples, reading),
         factor,
         known,
-        bool(np.diag(equations.products.sum(axis=0))[n:].any()),
+        bool(np.diag(equations.products)[n:].any()),
         rate_is_known or reading.differs("time_factor"),
     )
 
@@ -95,11 +95,13 @@ def joints_beyond_range(
     return tuple(int(j) for j in np.flatnonzero(travel > allowed))
 
 
-def factor_starts(eq: FoldEquations, reading: Reading) -> tuple[np.ndarray, np.ndarray]:
+def factor_starts(
+    eq: ReadingEquations, reading: Reading
+) -> tuple[np.ndarray, np.ndarray]:
     """Nominal over read torque of each joint [1], (n,), and of which joints it is known, (n,)."""
     torque = eq.read(reading)
-    cross, square = torque.cross.sum(axis=0), torque.square.sum(axis=0)
-    gram, n, shared = eq.gram.sum(axis=0), len(square), eq.shared
+    cross, square, gram = torque.cross, torque.square, eq.gram
+    n, shared = len(square), eq.shared
     nuisances = shared + np.array([COULOMB, VISCOUS, OFFSET])
     factors, explained = np.ones(n), np.zeros(n)
     for j in range(n):

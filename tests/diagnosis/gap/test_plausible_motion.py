@@ -21,7 +21,6 @@ from gapscope.diagnosis.gap.plausible_data import (
     check_moving,
     check_rates,
     check_torque,
-    folds_of,
     select_windows,
     short_note,
     still_note,
@@ -30,7 +29,6 @@ from gapscope.diagnosis.gap.predict import predict_torque
 from gapscope.diagnosis.setup_faults.clocks import find_stamps
 from gapscope.diagnosis.thresholds import (
     EXAMINED,
-    MAX_FOLDS,
     MIN_WINDOW,
     STICKING_SPEED,
     TIMING_SKEW,
@@ -199,19 +197,6 @@ def test_of_too_many_recordings_some_are_looked_at_from_first_to_last() -> None:
     ).recordings
     assert len(seen) == EXAMINED / MIN_WINDOW
     assert (seen[0].name, seen[-1].name) == ("0.csv", "99.csv")
-
-
-@pytest.mark.parametrize("seconds", [[60.0], [3600.0], [10.0] * 5, [8.0] * 20])
-def test_folds_hold_every_segment_and_are_few(seconds: list[float]) -> None:
-    names = [lasting(s, f"{k}.csv") for k, s in enumerate(seconds)]
-    segments = [
-        condition(r, 10.0)
-        for r in select_windows(case_of("long", iiwa(), *names)).recordings
-    ]
-    folds = folds_of(segments)
-    assert 4 <= len(folds) <= MAX_FOLDS
-    rows = sum(len(s.motion.t[s.inner]) for fold in folds for s in fold)
-    assert rows == sum(len(s.motion.t[s.inner]) for some in segments for s in some)
 
 
 # Parts of the noise floor whose size is known.

@@ -9,6 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 import synthetic
+from gapscope.diagnosis.setup_faults.nuisance import (
+    FoldEquations,
+    ReadingScore,
+    ReadingScorer,
+    bounded_minimum,
+    fitted_gap,
+    fold_equations,
+    held_out_gap,
+    sample,
+    weight_penalty,
+    weight_share,
+)
 from synthetic import arm
 
 from gapscope.arm.case import Case, load_case
@@ -26,18 +38,6 @@ from gapscope.diagnosis.setup_faults.clocks import (
 )
 from gapscope.diagnosis.setup_faults.fault_search import decisive
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, merged
-from gapscope.diagnosis.setup_faults.nuisance import (
-    FoldEquations,
-    ReadingScore,
-    ReadingScorer,
-    bounded_minimum,
-    fitted_gap,
-    fold_equations,
-    held_out_gap,
-    sample,
-    weight_penalty,
-    weight_share,
-)
 from gapscope.diagnosis.thresholds import ORDINARY_PENALTY
 from gapscope.effects.setup_faults import (
     GravityCompensatedTorque,

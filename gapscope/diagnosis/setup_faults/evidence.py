@@ -1,0 +1,570 @@
+"""How probable a reading of recordings is: the evidence of their torque for an ordinary arm of the data sheet.
+
+The torque of joint j, as it is read, is taken as
+
+    tau_j = p_j + f_j + Y_j delta + G_j theta
+          + k_j p_j + a_j ddq_j + c_j sgn dq_j + b_j dq_j + s_j q_j + o_j + l_j sgn(dq_j - T ddq_j) + e_j
+
+with p the torque of the nominal arm's bodies and rotors, known payload included, f its friction, Y the inertial
+regressor and delta errors of the inertials, a load on the last link among them, G the regressor of gravity and theta
+the change of gravity by a tilted base, common to all joints, and e what an arm leaves, of unknown size. All values have
+a normal prior around zero, which physics cuts off, and are integrated over: a reading that asks for an extraordinary
+arm is improbable, and one that is right only because values were fitted gains nothing.
+
+Of a column x read as k x, N samples have the density |k|^N p(k x), Jacobian included. The deviation of what is read is
+|k| times that of x: what is left counts over it, and a torque divided by a thousand is not explained any better.
+Motions, on which the prediction rests, are given: none is due to them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+from scipy.special import logsumexp
+
+from gapscope.arm.dynamics.inertial_scale import inertial_scale
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import InputError
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.reading import Reading
+from gapscope.arm.robots import shifted_body
+from gapscope.diagnosis.thresholds import (
+    FAULT_SAMPLES,
+    FAULT_SIGN_WIDTH,
+    LOWEST_TORQUE_SCALE,
+    MIN_TORQUE_DEVIATION,
+    MOTION_INDEPENDENT_RATE,
+    ORDINARY_GAP,
+    ORDINARY_SHEETS,
+    PRIOR_STD_FRICTION,
+    PRIOR_STD_LEVER,
+    PRIOR_STD_LOAD,
+    PRIOR_STD_OFFSET,
+    PRIOR_STD_ROTOR,
+    PRIOR_STD_SPRING,
+    PRIOR_STD_TILT,
+    PRIOR_STD_TORQUE_SCALE,
+    TORQUE_SHIFT_STEP,
+    TORQUE_SHIFTS,
+    TURNING_LATE,
+)
+from gapscope.effects.environment import tilt
+from gapscope.model.conditioning import TORQUE_CUTOFF, Segment, low_pass
+from gapscope.model.effective_samples import motion_samples
+from gapscope.model.gravity_direction import gravity_by_torque, turn_of_base
+
+# What is looked at: few samples of each recording, spread over its length.
+
+
+@dataclass(frozen=True)
+class FaultSamples:
+    """Samples of a case, M in all, of n joints.
+
+    Attributes:
+        q, dq, ddq: recorded motion [rad], [rad/s], [rad/s^2], shape (M, n).
+        later_tau: recorded torque after the 12 Hz filter [N m], at the time of the sample plus each of
+            ``TORQUE_SHIFTS``, (S, M, n).
+        independent: samples among them that are independent [1].
+        load: inertial parameters of the known body on the last link, (M, 10); zeros if there was none.
+    """
+
+    q: np.ndarray
+    dq: np.ndarray
+    ddq: np.ndarray
+    later_tau: np.ndarray
+    independent: float
+    load: np.ndarray
+
+    def torque(self, delay: float | np.ndarray = 0.0) -> np.ndarray:
+        """Recorded torque [N m] at the time of the samples plus a delay [s], of all joints or (n,); (M, n)."""
+        last = len(self.later_tau) - 1
+        joints = np.arange(self.q.shape[1])
+        place = np.broadcast_to(
+            np.minimum(delay / TORQUE_SHIFT_STEP, last), (len(joints),)
+        )
+        before = place.astype(int)
+        share = place - before
+        after = np.minimum(before + 1, last)
+        rows = np.arange(len(self.q))[:, None]
+        early, late = (self.later_tau[k, rows, joints] for k in (before, after))
+        return np.asarray((1 - share) * early + share * late)
+
+    def thinned(self, step: int) -> FaultSamples:
+        """Every ``step``-th sample."""
+        kept = slice(step // 2, None, step)
+        q, dq, ddq = self.q[kept], self.dq[kept], self.ddq[kept]
+        independent = min(self.independent, float(len(q)))
+        return FaultSamples(
+            q, dq, ddq, self.later_tau[:, kept], independent, self.load[kept]
+        )
+
+
+def sample(segments: Sequence[Segment]) -> FaultSamples:
+    """Samples of segments with a torque."""
+    counts = [len(s.motion.t[s.inner]) for s in segments]
+    seconds = sum(n / s.motion.rate for n, s in zip(counts, segments, strict=True))
+    step = max(1, math.ceil(sum(counts) / FAULT_SAMPLES))
+    parts = [_of_segment(s, step) for s in segments]
+    motion, later_tau, load = (
+        np.concatenate(part, axis=axis)
+        for part, axis in zip(zip(*parts, strict=True), (1, 1, 0), strict=True)
+    )
+    independent = motion_samples(seconds, MOTION_INDEPENDENT_RATE)
+    q, dq, ddq = motion
+    return FaultSamples(q, dq, ddq, later_tau, min(independent, float(len(q))), load)
+
+
+def _of_segment(segment: Segment, step: int) -> tuple[np.ndarray, ...]:
+    """Motion, (3, M, n), torque at the times of its rows plus ``TORQUE_SHIFTS``, (S, M, n), and load, (M, 10).
+
+    What is trimmed from the end of a segment is longer than the largest shift.
+    """
+    assert segment.torque is not None
+    motion, kept = segment.motion, slice(step // 2, None, step)
+    moved = np.stack([motion.q, motion.dq, motion.ddq])[:, segment.inner][:, kept]
+    tau = make_interp_spline(
+        motion.t, low_pass(segment.torque, motion.rate, TORQUE_CUTOFF), k=3
+    )
+    t = motion.t[segment.inner][kept]
+    later = np.stack([tau(t + shift) for shift in TORQUE_SHIFTS])
+    load = np.zeros(10) if segment.payload is None else segment.payload.parameters
+    return moved, later, np.tile(load, (len(t), 1))
+
+
+# The sums that all readings of the torque share.
+
+OWN = 7
+"""Values of each joint of its own: scale, rotor, Coulomb, viscous, spring, offset, friction that turns round late."""
+ROTOR, COULOMB, VISCOUS, OFFSET = 1, 2, 3, 5
+"""Places of the rotor, the friction coefficients and the offset among them."""
+
+
+@dataclass(frozen=True)
+class MappedTorque:
+    """The torque as a reading reads it, against the columns of ``ReadingEquations``; n joints.
+
+    Attributes:
+        cross: X_j^T tau_j, (n, D).
+        square: tau_j^2 summed, (n,).
+        deviation: standard deviation of each joint's torque [N m], (n,); of the recorded one, whether gravity was left
+            out of it or not: what is left with and without it compares as it is.
+    """
+
+    cross: np.ndarray
+    square: np.ndarray
+    deviation: np.ndarray
+
+
+@dataclass(frozen=True)
+class ReadingEquations:
+    """Normal equations of each joint under one reading of the motion, n joints.
+
+    X_j = [Y_j, G_j, p_j, ddq_j, sgn dq_j, dq_j, q_j, 1, sgn(dq_j - T ddq_j)] has D = 10 n + 9 columns: those of the
+    inertial errors and of the base's tilt, in units of their size, which all joints share, and those of the joint's own
+    values.
+
+    Attributes:
+        gram: X^T X, (n, D, D).
+        cross: X^T b for every torque b, the recorded columns and then each joint's gravity torque, (n, D, 2 n).
+        products: b_i b_j summed, (2 n, 2 n).
+        rows, independent: number of samples, and of independent ones among them.
+        deviation: standard deviation of each recorded torque column [N m], (n,).
+        bodies, load: prior deviations of inertials that are off by their own size, and of a load, (10 n,), in the
+            columns' units.
+        lowest: lower bounds of rotor [kg m^2], Coulomb [N m], viscous [N m s/rad] increments, (3, n).
+        lowest_mass: lower bounds of the errors of the links' masses, in the columns' units, (n,).
+        travel: range of each joint [rad], (n,).
+        inertia: what a rotor's inertia is measured against [kg m^2], (n,).
+    """
+
+    gram: np.ndarray
+    cross: np.ndarray
+    products: np.ndarray
+    rows: int
+    independent: float
+    deviation: np.ndarray
+    bodies: np.ndarray
+    load: np.ndarray
+    lowest: np.ndarray
+    lowest_mass: np.ndarray
+    travel: np.ndarray
+    inertia: np.ndarray
+
+    @property
+    def shared(self) -> int:
+        """Number of columns that all joints share, 10 n + 2; the joint's own follow."""
+        return int(self.gram.shape[1]) - OWN
+
+    def nominal(self, bodies: bool = True) -> np.ndarray:
+        """Values of the columns that give the nominal arm's torque, (n, D): p_j once, and its friction."""
+        out = np.zeros(self.gram.shape[:2])
+        out[:, self.shared] = float(bodies)
+        out[:, self.shared + COULOMB] = -self.lowest[1]
+        out[:, self.shared + VISCOUS] = -self.lowest[2]
+        return out
+
+    def read(self, reading: Reading) -> MappedTorque:
+        """The torque as a reading reads it."""
+        torque = reading.torque
+        source, factor = list(torque.source), np.array(torque.factor)
+        joints = np.arange(len(source))
+        gravity = len(joints) + joints
+        cross = self.cross[joints, :, source] * factor[:, None]
+        square = self.products[source, source] * factor**2
+        if reading.gravity:
+            cross = cross + self.cross[joints, :, gravity]
+            pull = self.products[source, gravity] * factor
+            square = square + 2 * pull + self.products[gravity, gravity]
+        return MappedTorque(cross, square, self.deviation[source] * np.abs(factor))
+
+
+def reading_equations(
+    arm: NominalArm,
+    body: RigidBody,
+    samples: FaultSamples,
+    reading: Reading,
+    delay: np.ndarray | None = None,
+) -> ReadingEquations:
+    """Normal equations under a reading of the motion and the torque's delay.
+
+    Sources and factors of the torque, and whether gravity was left out of it, do not matter.
+
+    Args:
+        arm, body: the nominal arm and its dynamics.
+        samples: what is looked at.
+        reading: how to read it.
+        delay: of each joint's column, (n,) [s], in place of the reading's, which is one for all.
+    """
+    q, dq, ddq = reading.true_motion(samples.q, samples.dq, samples.ddq)
+    regressor = body.regressor(q, dq, ddq)
+    sign = np.tanh(dq / (FAULT_SIGN_WIDTH * arm.per_radian))
+    nominal = regressor @ body.inertial_parameters() + arm.armature * ddq
+    pull = body.gravity_regressor(q)
+    gravity = pull @ body.gravity
+    if samples.load.any():
+        still = np.zeros_like(q)
+        nominal += _load_torque(body, regressor, samples.load)
+        gravity += _load_torque(body, body.regressor(q, still, still), samples.load)
+    centred = q - q.mean(axis=0)
+    # of the same rows, however fast they are said to be
+    late = TURNING_LATE * reading.time_factor
+    turned = np.tanh((dq - late * ddq) / (FAULT_SIGN_WIDTH * arm.per_radian))
+    own = np.stack([nominal, ddq, sign, dq, centred, np.ones_like(q), turned], axis=2)
+    bodies, load = inertial_scale(body), _load_std(body)
+    unit = np.maximum(np.hypot(bodies, load), 1e-9)
+    level = pull @ _tilts(body)
+    x = np.concatenate([regressor * unit, level, own], axis=2).transpose(1, 0, 2)
+    recorded = samples.torque(reading.recorded_delay if delay is None else delay)
+    torques = np.concatenate([recorded, gravity], axis=1)
+    return ReadingEquations(
+        gram=x.transpose(0, 2, 1) @ x,
+        cross=x.transpose(0, 2, 1) @ torques,
+        products=torques.T @ torques,
+        rows=len(q),
+        independent=samples.independent,
+        deviation=torque_deviation(recorded),
+        bodies=bodies / unit,
+        load=load / unit,
+        lowest=-np.array([arm.armature, arm.coulomb, arm.viscous]),
+        lowest_mass=-np.maximum(body.inertial_parameters()[::10], 0.0) / unit[::10],
+        travel=np.ptp(q, axis=0),
+        inertia=_joint_inertia(arm, body),
+    )
+
+
+def _tilts(body: RigidBody) -> np.ndarray:
+    """Changes of gravity by a base tilted by ``PRIOR_STD_TILT`` about either axis across it [m/s^2], (3, 2)."""
+    gravity = body.gravity
+    size = float(np.linalg.norm(gravity))
+    if size == 0:
+        return np.zeros((3, 2))
+    across = np.linalg.svd(gravity[None] / size)[2][1:]
+    return np.asarray(PRIOR_STD_TILT * size * across.T)
+
+
+def _load_torque(
+    body: RigidBody, regressor: np.ndarray, load: np.ndarray
+) -> np.ndarray:
+    """Torque of a known body on the last link [N m], (M, n), from the regressor of a motion."""
+    last = regressor[:, :, 10 * body.last_link : 10 * body.last_link + 10]
+    return np.einsum("mjp,mp->mj", last, load)
+
+
+def _load_std(body: RigidBody) -> np.ndarray:
+    """Prior standard deviations of a load on the last link, (10 n,), in kg, kg m, kg m^2."""
+    link_lengths = [
+        float(np.linalg.norm(body.model.jointPlacements[int(link)].translation))
+        for link in body.links
+    ]
+    mass = PRIOR_STD_LOAD * float(body.inertial_parameters()[::10].sum())
+    lever = PRIOR_STD_LEVER * max(sum(link_lengths), 0.1)
+    std = np.zeros((body.n_joints, 10))
+    std[body.last_link] = [mass, *[mass * lever] * 3, *[mass * lever**2] * 6]
+    return std.ravel()
+
+
+def ordinary_errors(body: RigidBody) -> np.ndarray:
+    """Deviations of the inertials of an arm with a bad data sheet and a load, (10 n,), in kg, kg m, kg m^2."""
+    return np.hypot(max(ORDINARY_SHEETS) * inertial_scale(body), _load_std(body))
+
+
+def torque_deviation(tau: np.ndarray) -> np.ndarray:
+    """Standard deviation of each recorded torque [N m], (n,), kept from zero."""
+    deviation = tau.std(axis=0)
+    return np.maximum(
+        deviation, max(MIN_TORQUE_DEVIATION * float(deviation.max()), 1e-9)
+    )
+
+
+def _joint_inertia(arm: NominalArm, body: RigidBody) -> np.ndarray:
+    """Inertia about each joint with the arm at zero, or its armature if that is more [kg m^2], (n,)."""
+    inertia = np.diag(body.mass_matrix(np.zeros(body.n_joints)))
+    least = 1e-3 * max(float(inertia.max()), 1e-3)
+    return np.maximum(np.maximum(inertia, arm.armature), least)
+
+
+# The evidence of a reading.
+
+NOISE_ROUNDS = 4
+"""Times that the size of what is left is estimated, and values beside it. (budget)"""
+
+
+def evidence(eq: ReadingEquations, reading: Reading) -> float:
+    """Logarithm of the probability of the torque under a reading, but for a constant of the columns [nats].
+
+    Over errors of the data sheet of each of ``ORDINARY_SHEETS``, as probable as each other.
+    """
+    torque = eq.read(reading)
+    levels = [_evidence(eq, torque, sheet) for sheet in ORDINARY_SHEETS]
+    return float(logsumexp(levels)) - math.log(len(levels))
+
+
+def evidence_of_other(eq: ReadingEquations, reading: Reading) -> float:
+    """The same for another arm: bodies of any kind on the joints of this one, as large as those of its data sheet."""
+    return _evidence(eq, eq.read(reading), 1.0, bodies=False)
+
+
+def _evidence(
+    eq: ReadingEquations, torque: MappedTorque, sheet: float, *, bodies: bool = True
+) -> float:
+    """Log evidence [nats] with errors of the inertials of a share ``sheet`` of the bodies' size.
+
+    About the values of greatest probability within their bounds (Laplace), what an arm leaves at its likeliest size.
+    """
+    nominal = eq.nominal(bodies)
+    predicted = (eq.gram @ nominal[..., None])[..., 0]
+    missing = torque.square - ((2 * torque.cross - predicted) * nominal).sum(axis=1)
+    # all over the deviation of the torque read, per sample
+    unit = eq.rows * torque.deviation**2
+    missing = missing / unit
+    target = (torque.cross - predicted) / unit[:, None]
+    gram = eq.gram / unit[:, None, None]
+    errors = np.maximum(np.hypot(sheet * eq.bodies, eq.load), 1e-9)
+    own = _own_prior_std(eq, torque.deviation)
+    prior = np.concatenate([errors, np.ones(eq.shared - len(errors)), own.ravel()])
+    lowest = _lowest(eq)
+    # no more than all of it, and no less than an arm leaves in any case
+    left = np.minimum(np.maximum(missing, 0.0), 1.0)
+    for _ in range(NOISE_ROUNDS):
+        noise = left + ORDINARY_GAP**2
+        weight = eq.independent / noise
+        information = _information(eq, gram * weight[:, None, None])
+        information[np.diag_indices_from(information)] += prior**-2
+        weighted = target * weight[:, None]
+        own_side = weighted[:, eq.shared :].ravel()
+        right = np.concatenate([weighted[:, : eq.shared].sum(axis=0), own_side])
+        found = bounded_minimum(information, right, lowest)
+        values = np.hstack(
+            [
+                np.tile(found[: eq.shared], (len(own), 1)),
+                found[eq.shared :].reshape(-1, OWN),
+            ]
+        )
+        explained = 2 * target - (gram @ values[..., None])[..., 0]
+        left = np.maximum(missing - (explained * values).sum(axis=1), 0.0)
+    fit = np.log(noise) + (left + ORDINARY_GAP**2) / noise
+    spread = np.linalg.slogdet(information * np.outer(prior, prior))[1]
+    size = ((found / prior) ** 2).sum()
+    return -0.5 * float(eq.independent * fit.sum() + spread + size)
+
+
+def _information(eq: ReadingEquations, gram: np.ndarray) -> np.ndarray:
+    """What the torque tells of all unknowns, (P, P), P = 10 n + 2 + 7 n, from what it tells of each joint's columns.
+
+    All joints share the inertial errors and the tilt; their own values meet only through these.
+    """
+    shared = eq.shared
+    size = shared + len(gram) * OWN
+    out = np.zeros((size, size))
+    out[:shared, :shared] = gram[:, :shared, :shared].sum(axis=0)
+    for j, of_joint in enumerate(gram):
+        own = slice(shared + j * OWN, shared + (j + 1) * OWN)
+        out[:shared, own] = of_joint[:shared, shared:]
+        out[own, :shared] = of_joint[shared:, :shared]
+        out[own, own] = of_joint[shared:, shared:]
+    return out
+
+
+def _lowest(eq: ReadingEquations) -> np.ndarray:
+    """Lower bounds of the unknowns: the shared ones, then each joint's own values."""
+    # scale, rotor, Coulomb and viscous friction have lower bounds; spring and offset have none
+    own = np.full((len(eq.deviation), OWN), -np.inf)
+    own[:, 0] = LOWEST_TORQUE_SCALE
+    own[:, 1:4] = eq.lowest.T
+    # and no link weighs less than nothing
+    shared = np.full(eq.shared, -np.inf)
+    shared[: len(eq.load) : 10] = eq.lowest_mass
+    return np.concatenate([shared, own.ravel()])
+
+
+def _own_prior_std(eq: ReadingEquations, deviation: np.ndarray) -> np.ndarray:
+    """Prior standard deviations of each joint's own values, (n, 7), given the deviation of its torque [N m], (n,)."""
+    speed, acceleration = (
+        np.sqrt(eq.gram[:, column, column] / eq.rows)
+        for column in (eq.shared + VISCOUS, eq.shared + ROTOR)
+    )
+    coulomb, viscous = -eq.lowest[1:]
+    # behind a high gear a rotor takes most of the torque, however light the links are
+    rotor = PRIOR_STD_ROTOR * deviation / np.maximum(acceleration, 1e-3)
+    return np.column_stack(
+        [
+            np.full(len(deviation), PRIOR_STD_TORQUE_SCALE),
+            np.hypot(rotor, eq.inertia),
+            # nominal friction may be a placeholder: an arm without any of it is ordinary
+            np.hypot(PRIOR_STD_FRICTION * deviation, coulomb),
+            np.hypot(PRIOR_STD_FRICTION * deviation / np.maximum(speed, 1e-3), viscous),
+            PRIOR_STD_SPRING * deviation / np.maximum(eq.travel, 1e-2),
+            PRIOR_STD_OFFSET * deviation,
+            PRIOR_STD_FRICTION * deviation,
+        ]
+    )
+
+
+MAX_ROUNDS = 5
+"""Times at most that values below their bounds are fixed there."""
+
+
+def bounded_minimum(a: np.ndarray, b: np.ndarray, lowest: np.ndarray) -> np.ndarray:
+    """Minimum of x^T A x / 2 - b^T x for x >= lowest, by fixing what falls below, at most ``MAX_ROUNDS`` times; (P,).
+
+    A value that was fixed is not freed again, so that the result may lie beside the exact optimum
+    (``scipy.optimize.lsq_linear``): it is eight times as fast and called some thousand times per case.
+
+    Args:
+        a: A, (P, P).
+        b: (P,).
+        lowest: (P,).
+    """
+    x = np.linalg.solve(a, b)
+    fixed = np.zeros(len(b), dtype=bool)
+    for _ in range(MAX_ROUNDS):
+        below = x < lowest - 1e-12
+        if not below.any():
+            break
+        fixed |= below
+        free = ~fixed
+        x = np.where(fixed, lowest, 0.0)
+        held = a[np.ix_(free, fixed)] @ lowest[fixed]
+        x[free] = np.linalg.solve(a[np.ix_(free, free)], b[free] - held)
+    return np.maximum(x, lowest)
+
+
+# Readings of a case compared.
+
+KEPT_EQUATIONS = 8
+"""Motions beyond the present one of which equations are kept. (budget)"""
+
+
+@dataclass
+class ReadingScorer:
+    """Evidence of readings of one case on its samples; equations of the last few motions are kept.
+
+    Attributes:
+        arm, body: the nominal arm and its dynamics.
+        samples: what is looked at.
+    """
+
+    arm: NominalArm
+    body: RigidBody
+    samples: FaultSamples
+    _equations: dict[tuple[object, ...], ReadingEquations] = field(default_factory=dict)
+    _bodies: dict[tuple[object, ...], RigidBody | None] = field(default_factory=dict)
+
+    @property
+    def charge(self) -> float:
+        """What a value that was fitted owes [nats], by the Bayesian information criterion."""
+        return 0.5 * math.log(self.samples.independent)
+
+    def evidence(self, reading: Reading) -> float:
+        """Evidence of a reading [nats]; that of an arm that cannot be is minus infinity."""
+        eq = self.equations_of(reading)
+        return -math.inf if eq is None else evidence(eq, reading)
+
+    def late_by_joint(self, reading: Reading) -> np.ndarray:
+        """By how much a torque that is late on all joints is likelier than one that is on all but each [nats], (n,)."""
+        body = self._body(reading)
+        assert body is not None
+        late = np.full(self.arm.n_joints, reading.recorded_delay)
+        every = self.evidence(reading)
+        out = np.empty(len(late))
+        for j in range(len(late)):
+            delay = np.where(np.arange(len(late)) == j, 0.0, late)
+            eq = reading_equations(self.arm, body, self.samples, reading, delay)
+            out[j] = every - evidence(eq, reading)
+        return out
+
+    def odds_of_other_arm(self, reading: Reading) -> float:
+        """Log odds that bodies of another kind made the torque and not the nominal ones with their errors [nats]."""
+        eq = self.equations_of(reading)
+        if eq is None:
+            return math.inf
+        return evidence_of_other(eq, reading) - evidence(eq, reading)
+
+    def gravity_turn(self, reading: Reading) -> tuple[float, float] | None:
+        """Roll and pitch [rad] of the base that the torque shows under a reading which does not turn it yet."""
+        body = self._body(reading)
+        if body is None or not body.gravity.any() or reading.gravity:
+            return None
+        q, dq, ddq = reading.true_motion(
+            self.samples.q, self.samples.dq, self.samples.ddq
+        )
+        tau = reading.torque(self.samples.torque(reading.recorded_delay))
+        regressor = body.gravity_regressor(q)
+        needed = body.inverse_dynamics(q, dq, ddq) + self.arm.armature * ddq
+        without_gravity = tau - needed + regressor @ body.gravity
+        found = gravity_by_torque(without_gravity, regressor, dq, torque_deviation(tau))
+        return turn_of_base(body.gravity, found)
+
+    def equations_of(self, reading: Reading) -> ReadingEquations | None:
+        """Equations under a reading; ``None`` if its inertials leave no arm."""
+        key = reading.equation_key
+        if key not in self._equations:
+            body = self._body(reading)
+            if body is None:
+                return None
+            if len(self._equations) > KEPT_EQUATIONS:
+                oldest = next(iter(self._equations))
+                del self._equations[oldest]
+            self._equations[key] = reading_equations(
+                self.arm, body, self.samples, reading
+            )
+        return self._equations[key]
+
+    def _body(self, reading: Reading) -> RigidBody | None:
+        """Dynamics with the inertials moved and the base turned; ``None`` if a joint is then without a body."""
+        key = (reading.link_shift, reading.moved_only, reading.turn)
+        if key not in self._bodies:
+            try:
+                shifted = shifted_body(self.arm, reading.link_shift, reading.moved_only)
+                body = self.body if shifted is None else shifted
+                if any(reading.turn):
+                    gravity = tilt(*reading.turn).T @ body.gravity
+                    body = body.changed(np.zeros((self.arm.n_joints, 10)), gravity)
+                self._bodies[key] = body
+            except InputError:
+                self._bodies[key] = None
+        return self._bodies[key]
