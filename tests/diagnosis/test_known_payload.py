@@ -9,7 +9,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import synthetic
-from gapscope.diagnosis.setup_faults.nuisance import fold_equations, sample
 from sensed import reading
 from sweeps import daily
 from synthetic import Truth
@@ -29,6 +28,7 @@ from gapscope.diagnosis.hypotheses import RecordedData
 from gapscope.diagnosis.reference_file import identify_reference
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
+from gapscope.diagnosis.setup_faults.evidence import OFFSET, reading_equations, sample
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.transmission import BACKLASH, ELASTICITY
@@ -230,26 +230,17 @@ class TestSegment:
     def test_setup_faults_are_told_by_the_torque_with_the_load(self) -> None:
         """The nominal column is the prediction of the arm with the load, where there was one."""
         arm, body = synthetic.arm(), synthetic.body()
-        told = sample([[segment(0)], [segment(1)]])
-        eq = fold_equations(arm, body, told, Reading.identity(3))
-        none = fold_equations(
-            arm,
-            body,
-            replace(told, load=np.zeros_like(told.load)),
-            Reading.identity(3),
+        without, told = sample([segment(0)]), sample([segment(1)])
+        none = replace(told, load=np.zeros_like(told.load))
+        assert not without.load.any()
+        eq, bare = (
+            reading_equations(arm, body, samples, Reading.identity(3))
+            for samples in (told, none)
         )
-        np.testing.assert_array_equal(eq.gram[0], none.gram[0])
-        rows = told.folds[1]
-        of = Motion(
-            np.arange(rows.stop - rows.start) / 50,
-            told.q[rows],
-            told.dq[rows],
-            told.ddq[rows],
-        )
+        of = Motion(np.arange(len(told.q)) / 50, told.q, told.dq, told.ddq)
         more = Segment("b", of, None, None, LOAD).known_torque(body)
-        change = (
-            eq.gram[1, :, -6, -1] - none.gram[1, :, -6, -1]
-        )  # sum of the nominal column, of every joint
+        # sum of the nominal column, of every joint
+        change = (eq.gram - bare.gram)[:, eq.shared, eq.shared + OFFSET]
         np.testing.assert_allclose(change, more.sum(axis=0), rtol=1e-6)
         assert find_setup_faults(case()) == ()
 

@@ -24,7 +24,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
-from scipy.special import logsumexp
 
 from gapscope.arm.dynamics.inertial_scale import inertial_scale
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -33,13 +32,13 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.reading import Reading
 from gapscope.arm.robots import shifted_body
 from gapscope.diagnosis.thresholds import (
+    BAD_SHEET,
     FAULT_SAMPLES,
     FAULT_SIGN_WIDTH,
     LOWEST_TORQUE_SCALE,
     MIN_TORQUE_DEVIATION,
     MOTION_INDEPENDENT_RATE,
     ORDINARY_GAP,
-    ORDINARY_SHEETS,
     PRIOR_STD_FRICTION,
     PRIOR_STD_LEVER,
     PRIOR_STD_LOAD,
@@ -48,6 +47,8 @@ from gapscope.diagnosis.thresholds import (
     PRIOR_STD_SPRING,
     PRIOR_STD_TILT,
     PRIOR_STD_TORQUE_SCALE,
+    PRIOR_STD_ZERO,
+    ROTOR_RATIO,
     TORQUE_SHIFT_STEP,
     TORQUE_SHIFTS,
     TURNING_LATE,
@@ -125,14 +126,17 @@ def _of_segment(segment: Segment, step: int) -> tuple[np.ndarray, ...]:
     """
     assert segment.torque is not None
     motion, kept = segment.motion, slice(step // 2, None, step)
-    moved = np.stack([motion.q, motion.dq, motion.ddq])[:, segment.inner][:, kept]
-    tau = make_interp_spline(
-        motion.t, low_pass(segment.torque, motion.rate, TORQUE_CUTOFF), k=3
+    # in the same band: what noise adds to accelerations is in no torque
+    *moved, torque = (
+        low_pass(x, motion.rate, TORQUE_CUTOFF)
+        for x in (motion.q, motion.dq, motion.ddq, segment.torque)
     )
+    tau = make_interp_spline(motion.t, torque, k=3)
     t = motion.t[segment.inner][kept]
     later = np.stack([tau(t + shift) for shift in TORQUE_SHIFTS])
     load = np.zeros(10) if segment.payload is None else segment.payload.parameters
-    return moved, later, np.tile(load, (len(t), 1))
+    inner = np.stack(moved)[:, segment.inner][:, kept]
+    return inner, later, np.tile(load, (len(t), 1))
 
 
 # The sums that all readings of the torque share.
@@ -257,7 +261,8 @@ def reading_equations(
     bodies, load = inertial_scale(body), _load_std(body)
     unit = np.maximum(np.hypot(bodies, load), 1e-9)
     level = pull @ _tilts(body)
-    x = np.concatenate([regressor * unit, level, own], axis=2).transpose(1, 0, 2)
+    zeros = _by_zeros(body, q)
+    x = np.concatenate([regressor * unit, level, zeros, own], axis=2).transpose(1, 0, 2)
     recorded = samples.torque(reading.recorded_delay if delay is None else delay)
     torques = np.concatenate([recorded, gravity], axis=1)
     return ReadingEquations(
@@ -286,6 +291,17 @@ def _tilts(body: RigidBody) -> np.ndarray:
     return np.asarray(PRIOR_STD_TILT * size * across.T)
 
 
+def _by_zeros(body: RigidBody, q: np.ndarray) -> np.ndarray:
+    """What a zero off by ``PRIOR_STD_ZERO`` adds to the torque of gravity [N m], (M, n, n): joints, zeros."""
+    still, out = np.zeros_like(q), []
+    for step in PRIOR_STD_ZERO * np.eye(q.shape[1]):
+        after, before = (
+            body.inverse_dynamics(q + s * step, still, still) for s in (0.5, -0.5)
+        )
+        out.append(after - before)
+    return np.stack(out, axis=2)
+
+
 def _load_torque(
     body: RigidBody, regressor: np.ndarray, load: np.ndarray
 ) -> np.ndarray:
@@ -309,7 +325,7 @@ def _load_std(body: RigidBody) -> np.ndarray:
 
 def ordinary_errors(body: RigidBody) -> np.ndarray:
     """Deviations of the inertials of an arm with a bad data sheet and a load, (10 n,), in kg, kg m, kg m^2."""
-    return np.hypot(max(ORDINARY_SHEETS) * inertial_scale(body), _load_std(body))
+    return np.hypot(BAD_SHEET * inertial_scale(body), _load_std(body))
 
 
 def torque_deviation(tau: np.ndarray) -> np.ndarray:
@@ -329,18 +345,19 @@ def _joint_inertia(arm: NominalArm, body: RigidBody) -> np.ndarray:
 
 # The evidence of a reading.
 
-NOISE_ROUNDS = 4
-"""Times that the size of what is left is estimated, and values beside it. (budget)"""
+ROUNDS = 6
+"""Times that sizes of what is left, and of what an arm has beyond its data sheet, are estimated. (budget)"""
+LEAST_SIZE = 0.01
+"""Least size of what an arm has beyond its data sheet, over the largest [1]: as good as none. (numerical)"""
 
 
 def evidence(eq: ReadingEquations, reading: Reading) -> float:
     """Logarithm of the probability of the torque under a reading, but for a constant of the columns [nats].
 
-    Over errors of the data sheet of each of ``ORDINARY_SHEETS``, as probable as each other.
+    At the likeliest sizes of what an arm has beyond its data sheet, no larger than an ordinary arm's, of errors of each
+    link's inertials, tilt, zeros, and each value of a joint, and of what is left.
     """
-    torque = eq.read(reading)
-    levels = [_evidence(eq, torque, sheet) for sheet in ORDINARY_SHEETS]
-    return float(logsumexp(levels)) - math.log(len(levels))
+    return _evidence(eq, eq.read(reading), BAD_SHEET)
 
 
 def evidence_of_other(eq: ReadingEquations, reading: Reading) -> float:
@@ -351,49 +368,58 @@ def evidence_of_other(eq: ReadingEquations, reading: Reading) -> float:
 def _evidence(
     eq: ReadingEquations, torque: MappedTorque, sheet: float, *, bodies: bool = True
 ) -> float:
-    """Log evidence [nats] with errors of the inertials of a share ``sheet`` of the bodies' size.
+    """Log evidence [nats] with errors of the inertials of up to a share ``sheet`` of the bodies' size.
 
-    About the values of greatest probability within their bounds (Laplace), what an arm leaves at its likeliest size.
+    About the values of greatest probability within their bounds (Laplace); sizes by [mackay1992].
     """
     nominal = eq.nominal(bodies)
     predicted = (eq.gram @ nominal[..., None])[..., 0]
     missing = torque.square - ((2 * torque.cross - predicted) * nominal).sum(axis=1)
-    # all over the deviation of the torque read, per sample
+    # all over the deviation of the torque read, per sample, and values over their largest deviations
     unit = eq.rows * torque.deviation**2
+    largest = _largest(eq, torque.deviation, sheet)
     missing = missing / unit
-    target = (torque.cross - predicted) / unit[:, None]
-    gram = eq.gram / unit[:, None, None]
-    errors = np.maximum(np.hypot(sheet * eq.bodies, eq.load), 1e-9)
-    own = _own_prior_std(eq, torque.deviation)
-    prior = np.concatenate([errors, np.ones(eq.shared - len(errors)), own.ravel()])
-    lowest = _lowest(eq)
+    target = (torque.cross - predicted) / unit[:, None] * largest
+    gram = eq.gram / unit[:, None, None] * largest[:, :, None] * largest[:, None]
+    lowest, group = _lowest(eq, largest), _groups(eq)
+    size = np.ones(len(group))
     # no more than all of it, and no less than an arm leaves in any case
     left = np.minimum(np.maximum(missing, 0.0), 1.0)
-    for _ in range(NOISE_ROUNDS):
+    for _ in range(ROUNDS):
         noise = left + ORDINARY_GAP**2
         weight = eq.independent / noise
         information = _information(eq, gram * weight[:, None, None])
-        information[np.diag_indices_from(information)] += prior**-2
+        information[np.diag_indices_from(information)] += size**-2
         weighted = target * weight[:, None]
         own_side = weighted[:, eq.shared :].ravel()
         right = np.concatenate([weighted[:, : eq.shared].sum(axis=0), own_side])
         found = bounded_minimum(information, right, lowest)
-        values = np.hstack(
-            [
-                np.tile(found[: eq.shared], (len(own), 1)),
-                found[eq.shared :].reshape(-1, OWN),
-            ]
-        )
+        shared = np.tile(found[: eq.shared], (len(gram), 1))
+        values = np.hstack([shared, found[eq.shared :].reshape(-1, OWN)])
         explained = 2 * target - (gram @ values[..., None])[..., 0]
         left = np.maximum(missing - (explained * values).sum(axis=1), 0.0)
+        before = size
+        told = 1.0 - np.diag(np.linalg.inv(information)) / size**2
+        square = np.bincount(group, found**2) / np.bincount(
+            group, np.maximum(told, 1e-9)
+        )
+        size = np.sqrt(np.clip(square, LEAST_SIZE**2, 1.0))[group]
     fit = np.log(noise) + (left + ORDINARY_GAP**2) / noise
-    spread = np.linalg.slogdet(information * np.outer(prior, prior))[1]
-    size = ((found / prior) ** 2).sum()
-    return -0.5 * float(eq.independent * fit.sum() + spread + size)
+    spread = np.linalg.slogdet(information * np.outer(before, before))[1]
+    return -0.5 * float(
+        eq.independent * fit.sum() + spread + ((found / before) ** 2).sum()
+    )
+
+
+def _groups(eq: ReadingEquations) -> np.ndarray:
+    """Number of the size that each unknown has, (P,): of a link's inertials, the tilt, the zeros, and its own."""
+    n = len(eq.deviation)
+    shared = np.repeat(np.arange(n + 2), [*[10] * n, 2, n])
+    return np.concatenate([shared, n + 2 + np.arange(n * OWN)])
 
 
 def _information(eq: ReadingEquations, gram: np.ndarray) -> np.ndarray:
-    """What the torque tells of all unknowns, (P, P), P = 10 n + 2 + 7 n, from what it tells of each joint's columns.
+    """What the torque tells of all unknowns, (P, P), P = 18 n + 2, from what it tells of each joint's columns.
 
     All joints share the inertial errors and the tilt; their own values meet only through these.
     """
@@ -409,20 +435,30 @@ def _information(eq: ReadingEquations, gram: np.ndarray) -> np.ndarray:
     return out
 
 
-def _lowest(eq: ReadingEquations) -> np.ndarray:
-    """Lower bounds of the unknowns: the shared ones, then each joint's own values."""
+def _lowest(eq: ReadingEquations, largest: np.ndarray) -> np.ndarray:
+    """Lower bounds of the unknowns over their largest deviations, (P,): the shared ones, then each joint's own."""
     # scale, rotor, Coulomb and viscous friction have lower bounds; spring and offset have none
-    own = np.full((len(eq.deviation), OWN), -np.inf)
+    own = np.full((len(largest), OWN), -np.inf)
     own[:, 0] = LOWEST_TORQUE_SCALE
     own[:, 1:4] = eq.lowest.T
     # and no link weighs less than nothing
     shared = np.full(eq.shared, -np.inf)
     shared[: len(eq.load) : 10] = eq.lowest_mass
-    return np.concatenate([shared, own.ravel()])
+    below = np.concatenate([shared, own.ravel()])
+    return below / np.concatenate(
+        [largest[0, : eq.shared], largest[:, eq.shared :].ravel()]
+    )
 
 
-def _own_prior_std(eq: ReadingEquations, deviation: np.ndarray) -> np.ndarray:
-    """Prior standard deviations of each joint's own values, (n, 7), given the deviation of its torque [N m], (n,)."""
+def _largest(eq: ReadingEquations, deviation: np.ndarray, sheet: float) -> np.ndarray:
+    """Largest deviations of the columns' values of an ordinary arm, (n, D).
+
+    Args:
+        eq: normal equations under the reading.
+        deviation: of each joint's torque [N m], (n,).
+        sheet: error of the inertials [1].
+    """
+    n = len(deviation)
     speed, acceleration = (
         np.sqrt(eq.gram[:, column, column] / eq.rows)
         for column in (eq.shared + VISCOUS, eq.shared + ROTOR)
@@ -430,18 +466,19 @@ def _own_prior_std(eq: ReadingEquations, deviation: np.ndarray) -> np.ndarray:
     coulomb, viscous = -eq.lowest[1:]
     # behind a high gear a rotor takes most of the torque, however light the links are
     rotor = PRIOR_STD_ROTOR * deviation / np.maximum(acceleration, 1e-3)
-    return np.column_stack(
-        [
-            np.full(len(deviation), PRIOR_STD_TORQUE_SCALE),
-            np.hypot(rotor, eq.inertia),
-            # nominal friction may be a placeholder: an arm without any of it is ordinary
-            np.hypot(PRIOR_STD_FRICTION * deviation, coulomb),
-            np.hypot(PRIOR_STD_FRICTION * deviation / np.maximum(speed, 1e-3), viscous),
-            PRIOR_STD_SPRING * deviation / np.maximum(eq.travel, 1e-2),
-            PRIOR_STD_OFFSET * deviation,
-            PRIOR_STD_FRICTION * deviation,
-        ]
-    )
+    own = [
+        np.full(n, PRIOR_STD_TORQUE_SCALE),
+        np.hypot(np.minimum(rotor, ROTOR_RATIO * eq.inertia), eq.inertia),
+        # nominal friction may be a placeholder: an arm without any of it is ordinary
+        np.hypot(PRIOR_STD_FRICTION * deviation, coulomb),
+        np.hypot(PRIOR_STD_FRICTION * deviation / np.maximum(speed, 1e-3), viscous),
+        PRIOR_STD_SPRING * deviation / np.maximum(eq.travel, 1e-2),
+        PRIOR_STD_OFFSET * deviation,
+        PRIOR_STD_FRICTION * deviation,
+    ]
+    errors = np.maximum(np.hypot(sheet * eq.bodies, eq.load), 1e-9)
+    shared = np.concatenate([errors, np.ones(eq.shared - len(errors))])
+    return np.hstack([np.tile(shared, (n, 1)), np.column_stack(own)])
 
 
 MAX_ROUNDS = 5
