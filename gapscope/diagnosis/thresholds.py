@@ -80,7 +80,7 @@ REFINE_LAST_STEP = 0.003  # Step at which refining a fault's value ends [1]. (bu
 UNIT_LAST_STEP = 0.02  # The same for a torque's unit, which inertials leave open to a few per cent [1]. (budget)
 # What an arm leaves in any case, over the torque's deviation [1]: complete models of real arms leave 0.04 to 0.23.
 # (physical)
-ORDINARY_GAP = 0.05
+ORDINARY_GAP = 0.1
 
 # --- setup_faults: what an ordinary arm may have beyond its data sheet (standard deviations at most)
 BAD_SHEET = 0.3  # Errors of the nominal inertials [1]. (physical)
