@@ -34,7 +34,7 @@ from gapscope.diagnosis.thresholds import (
     NO_TORQUE,
 )
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.setup_faults import ShiftedInertials, TimeStamps
+from gapscope.effects.setup_faults import TimeStamps
 from gapscope.model.conditioning import (
     Segment,
     condition,
@@ -62,9 +62,7 @@ def find_setup_faults(case: Case) -> tuple[FoundFault, ...]:
         stamps = (*stamps, clock)
         even = repaired(case, stamps)
     shown = faults_by_torque(select_windows(even))
-    found = _with_gaps(select_windows(case), merged((*stamps, *shown)))
-    kept = tuple(fault for fault in found if _lowers_gap(fault))
-    return found if len(kept) == len(found) else _with_gaps(select_windows(case), kept)
+    return _with_gaps(select_windows(case), merged((*stamps, *shown)))
 
 
 def on_one_clock(case: Case) -> Case:
@@ -76,14 +74,6 @@ def on_one_clock(case: Case) -> Case:
     even = case if jitter is None else repaired(case, (jitter,))
     clock = find_torque_clock(select_windows(even))
     return even if clock is None else repaired(even, (clock,))
-
-
-def _lowers_gap(fault: FoundFault) -> bool:
-    """Whether inertials on their links make the nominal arm itself better, loads and errors aside; true of others."""
-    without, after = fault.gap_without_this, fault.gap_after
-    if fault.name != ShiftedInertials.name or without is None:
-        return True
-    return after is not None and bool(rms(after, None) < rms(without, None))
 
 
 def _with_gaps(case: Case, faults: tuple[FoundFault, ...]) -> tuple[FoundFault, ...]:

@@ -382,22 +382,25 @@ def _evidence(
     target = (torque.cross - predicted) / unit[:, None] * largest
     gram = eq.gram / unit[:, None, None] * largest[:, :, None] * largest[:, None]
     lowest, group = _lowest(eq, largest), _groups(eq)
-    size = np.ones(len(group))
+    size, mix = np.ones(len(group)), np.eye(gram.shape[2])
     # no more than all of it, and no less than an arm leaves in any case
     left = np.minimum(np.maximum(missing, 0.0), 1.0)
     for _ in range(ROUNDS):
         noise = left + ORDINARY_GAP**2
         weight = eq.independent / noise
-        information = _information(eq, gram * weight[:, None, None])
+        about, told_of = mix.T @ gram @ mix, target @ mix
+        information = _information(eq, about * weight[:, None, None])
         information[np.diag_indices_from(information)] += size**-2
-        weighted = target * weight[:, None]
+        weighted = told_of * weight[:, None]
         own_side = weighted[:, eq.shared :].ravel()
         right = np.concatenate([weighted[:, : eq.shared].sum(axis=0), own_side])
         found = bounded_minimum(information, right, lowest)
         shared = np.tile(found[: eq.shared], (len(gram), 1))
         values = np.hstack([shared, found[eq.shared :].reshape(-1, OWN)])
-        explained = 2 * target - (gram @ values[..., None])[..., 0]
+        explained = 2 * told_of - (about @ values[..., None])[..., 0]
         left = np.maximum(missing - (explained * values).sum(axis=1), 0.0)
+        # a joint's scale is that of a load as well
+        mix[: eq.shared, eq.shared] = PRIOR_STD_TORQUE_SCALE * found[: eq.shared]
         before = size
         told = 1.0 - np.diag(np.linalg.inv(information)) / size**2
         square = np.bincount(group, found**2) / np.bincount(

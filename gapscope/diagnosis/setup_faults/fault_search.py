@@ -433,7 +433,10 @@ def _finalists(
             continue
         read = reading.then(candidate.reading(fine.arm.n_joints))
         # a log is late on all joints alike; friction turns round late, in a joint or two
-        if isinstance(candidate, LateTorque) and fine.late_by_joint(read).min() < -fine.charge:
+        if (
+            isinstance(candidate, LateTorque)
+            and fine.late_by_joint(read).min() < -fine.charge
+        ):
             continue
         charge = charges[_kind(start)] + (fine.charge if std else 0.0)
         gain = fine.evidence(read) - before - charge
