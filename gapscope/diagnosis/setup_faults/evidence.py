@@ -345,7 +345,7 @@ def _joint_inertia(arm: NominalArm, body: RigidBody) -> np.ndarray:
 
 # The evidence of a reading.
 
-ROUNDS = 6
+ROUNDS = 4
 """Times that sizes of what is left, and of what an arm has beyond its data sheet, are estimated. (budget)"""
 LEAST_SIZE = 0.01
 """Least size of what an arm has beyond its data sheet, over the largest [1]: as good as none. (numerical)"""
@@ -381,28 +381,34 @@ def _evidence(
     missing = missing / unit
     target = (torque.cross - predicted) / unit[:, None] * largest
     gram = eq.gram / unit[:, None, None] * largest[:, :, None] * largest[:, None]
+    nominal_gram, first = gram.copy(), target.copy()
     lowest, group = _lowest(eq, largest), _groups(eq)
-    size, mix = np.ones(len(group)), np.eye(gram.shape[2])
+    size, scale = np.ones(len(group)), eq.shared
+    moved = np.eye(gram.shape[2])[scale]
     # no more than all of it, and no less than an arm leaves in any case
     left = np.minimum(np.maximum(missing, 0.0), 1.0)
     for _ in range(ROUNDS):
         noise = left + ORDINARY_GAP**2
         weight = eq.independent / noise
-        about, told_of = mix.T @ gram @ mix, target @ mix
-        information = _information(eq, about * weight[:, None, None])
+        # a joint's scale is that of a load as well: its column is the torque of the bodies as they were found
+        target[:, scale] = first @ moved
+        column = nominal_gram @ moved
+        gram[:, :, scale] = gram[:, scale] = column
+        gram[:, scale, scale] = column @ moved
+        information = _information(eq, gram * weight[:, None, None])
         information[np.diag_indices_from(information)] += size**-2
-        weighted = told_of * weight[:, None]
-        own_side = weighted[:, eq.shared :].ravel()
-        right = np.concatenate([weighted[:, : eq.shared].sum(axis=0), own_side])
-        found = bounded_minimum(information, right, lowest)
-        shared = np.tile(found[: eq.shared], (len(gram), 1))
-        values = np.hstack([shared, found[eq.shared :].reshape(-1, OWN)])
-        explained = 2 * told_of - (about @ values[..., None])[..., 0]
+        covariance = np.linalg.inv(information)
+        weighted = target * weight[:, None]
+        own_side = weighted[:, scale:].ravel()
+        right = np.concatenate([weighted[:, :scale].sum(axis=0), own_side])
+        found = bounded_minimum(information, right, lowest, covariance @ right)
+        shared = np.tile(found[:scale], (len(gram), 1))
+        values = np.hstack([shared, found[scale:].reshape(-1, OWN)])
+        explained = 2 * target - (gram @ values[..., None])[..., 0]
         left = np.maximum(missing - (explained * values).sum(axis=1), 0.0)
-        # a joint's scale is that of a load as well
-        mix[: eq.shared, eq.shared] = PRIOR_STD_TORQUE_SCALE * found[: eq.shared]
+        moved[:scale] = PRIOR_STD_TORQUE_SCALE * found[:scale]
         before = size
-        told = 1.0 - np.diag(np.linalg.inv(information)) / size**2
+        told = 1.0 - np.diag(covariance) / size**2
         square = np.bincount(group, found**2) / np.bincount(
             group, np.maximum(told, 1e-9)
         )
@@ -488,7 +494,9 @@ MAX_ROUNDS = 5
 """Times at most that values below their bounds are fixed there."""
 
 
-def bounded_minimum(a: np.ndarray, b: np.ndarray, lowest: np.ndarray) -> np.ndarray:
+def bounded_minimum(
+    a: np.ndarray, b: np.ndarray, lowest: np.ndarray, x: np.ndarray
+) -> np.ndarray:
     """Minimum of x^T A x / 2 - b^T x for x >= lowest, by fixing what falls below, at most ``MAX_ROUNDS`` times; (P,).
 
     A value that was fixed is not freed again, so that the result may lie beside the exact optimum
@@ -498,8 +506,8 @@ def bounded_minimum(a: np.ndarray, b: np.ndarray, lowest: np.ndarray) -> np.ndar
         a: A, (P, P).
         b: (P,).
         lowest: (P,).
+        x: the minimum without bounds, (P,).
     """
-    x = np.linalg.solve(a, b)
     fixed = np.zeros(len(b), dtype=bool)
     for _ in range(MAX_ROUNDS):
         below = x < lowest - 1e-12

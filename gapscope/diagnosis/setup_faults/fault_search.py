@@ -327,7 +327,7 @@ def unit_of_nominal_arm(case: Case) -> FoundFault | None:
     n, none = case.arm.n_joints, Reading.identity(case.arm.n_joints)
     equations = scorer.equations_of(none)
     assert equations is not None
-    look = look_at(scorer.arm, scorer.samples, equations, none, rate_is_known=True)
+    look = look_at(scorer, equations, none, rate_is_known=True)
     for start in TorqueUnit.candidates(look):
         if len(start.kind[2]) == n:
             unit, std = refined(scorer, none, start)
@@ -356,7 +356,7 @@ def _candidates(
     equations = scorer.equations_of(reading)
     if equations is None:
         return []
-    look = look_at(scorer.arm, scorer.samples, equations, reading, rate_is_known)
+    look = look_at(scorer, equations, reading, rate_is_known)
     every = (c for fault in FAULTS.values() for c in fault.candidates(look))
     # no joint that moves as far as it can moves farther in another unit
     candidates = [c for c in every if _stays_in_range(c, scorer, reading, look.beyond)]
@@ -375,7 +375,7 @@ def _stays_in_range(
     own = candidate.reading(scorer.arm.n_joints)
     if not own.differs("motion"):
         return True
-    after = joints_beyond_range(scorer.arm, scorer.samples, reading.then(own))
+    after = joints_beyond_range(scorer, reading.then(own))
     return len(after) <= len(beyond)
 
 

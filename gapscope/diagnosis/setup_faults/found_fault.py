@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.case import Case
-from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.reading import Reading
 from gapscope.arm.recording import Recording
@@ -17,8 +16,8 @@ from gapscope.diagnosis.setup_faults.evidence import (
     COULOMB,
     OFFSET,
     VISCOUS,
-    FaultSamples,
     ReadingEquations,
+    ReadingScorer,
 )
 from gapscope.diagnosis.thresholds import KNOWN_FACTOR_R2
 from gapscope.effects.catalogue import of_quantity
@@ -62,19 +61,19 @@ TURNED_BASES = (
 
 
 def look_at(
-    arm: NominalArm,
-    samples: FaultSamples,
+    scorer: ReadingScorer,
     equations: ReadingEquations,
     reading: Reading,
     rate_is_known: bool,
 ) -> Look:
     """What samples of a case show under a reading, given the equations under it."""
+    arm = scorer.arm
     factor, known = factor_starts(equations, reading)
     n = arm.n_joints
     return Look(
         reading,
         tuple(np.flatnonzero(~np.array(arm.sliding)).tolist()),
-        joints_beyond_range(arm, samples, reading),
+        joints_beyond_range(scorer, reading),
         factor,
         known,
         bool(np.diag(equations.products)[n:].any()),
@@ -82,15 +81,14 @@ def look_at(
     )
 
 
-def joints_beyond_range(
-    arm: NominalArm, samples: FaultSamples, reading: Reading
-) -> tuple[int, ...]:
+def joints_beyond_range(scorer: ReadingScorer, reading: Reading) -> tuple[int, ...]:
     """Joints, from 0, that travel more than a turn, or farther than their limits in the URDF are apart."""
+    samples = scorer.samples
     q, _, _ = reading.true_motion(samples.q, samples.dq, samples.ddq)
     travel = np.ptp(q, axis=0)
-    lower, upper = RigidBody(arm).position_limits()
+    lower, upper = scorer.body.position_limits()
     # a slide may travel as far as its limits allow
-    most = np.where(arm.sliding, np.inf, 1.05 * TURN)
+    most = np.where(scorer.arm.sliding, np.inf, 1.05 * TURN)
     allowed = np.minimum(upper - lower, most)
     return tuple(int(j) for j in np.flatnonzero(travel > allowed))
 
