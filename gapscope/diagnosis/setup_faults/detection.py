@@ -26,7 +26,7 @@ from gapscope.diagnosis.setup_faults.clocks import (
 )
 from gapscope.diagnosis.setup_faults.fault_search import (
     faults_by_torque,
-    is_extraordinary,
+    is_of_other_bodies,
     unit_of_nominal_arm,
 )
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, merged, repaired
@@ -34,7 +34,7 @@ from gapscope.diagnosis.thresholds import (
     NO_TORQUE,
 )
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.setup_faults import TimeStamps
+from gapscope.effects.setup_faults import LateTorque, TimeStamps
 from gapscope.model.conditioning import (
     Segment,
     condition,
@@ -104,23 +104,27 @@ def upright(case: Case) -> Case:
     return replace(case, arm=as_mounted(case.arm, _segments(select_windows(case))))
 
 
-def is_another_arm(case: Case) -> bool:
+def is_another_arm(case: Case, faults: Sequence[FoundFault] = ()) -> bool:
     """Whether the recordings are of another arm than the nominal one, or their torque is in another unit.
 
-    Then no ordinary load, friction or error of its bodies makes the torque of these right; or it is far off and beyond
-    what the drives can give.
+    Then its bodies explain less of the torque than as many faults ask for; or it is far off and beyond what the drives
+    can give.
 
     Args:
         case: the case, faults of its set-up put right.
+        faults: these.
     """
     mounted = upright(case)
     gap = nominal_gap(mounted)
     if gap is None:
         return False
-    far_off = bool(rms(gap, None) > NO_TORQUE)
-    if far_off and _beyond_its_drives(mounted):
+    if rms(gap, None) > NO_TORQUE and _beyond_its_drives(mounted):
         return True
-    return is_extraordinary(select_windows(mounted))
+    # when the torque was recorded says nothing of bodies
+    count = sum(
+        fault.name not in (TimeStamps.name, LateTorque.name) for fault in faults
+    )
+    return is_of_other_bodies(select_windows(mounted), count)
 
 
 def _beyond_its_drives(case: Case) -> bool:
@@ -142,7 +146,7 @@ def as_nominal_arm(
         case: the case as it was read.
         faults: that its torque shows.
     """
-    if not is_another_arm(repaired(case, tuple(faults))):
+    if not is_another_arm(repaired(case, tuple(faults)), faults):
         return tuple(faults), False
     of_time = only_of_time(faults)
     right = select_windows(repaired(case, of_time))

@@ -357,27 +357,30 @@ def evidence(eq: ReadingEquations, reading: Reading) -> float:
     At the likeliest sizes of what an arm has beyond its data sheet, no larger than an ordinary arm's, of errors of each
     link's inertials, tilt, zeros, and each value of a joint, and of what is left.
     """
-    return _evidence(eq, eq.read(reading), BAD_SHEET)
+    return _evidence(eq, reading, np.hypot(BAD_SHEET * eq.bodies, eq.load))
 
 
-def evidence_of_other(eq: ReadingEquations, reading: Reading) -> float:
-    """The same for another arm: bodies of any kind on the joints of this one, as large as those of its data sheet."""
-    return _evidence(eq, eq.read(reading), 1.0, bodies=False)
+def support_of_bodies(eq: ReadingEquations, reading: Reading) -> float:
+    """By how much the nominal bodies as they are explain the torque better than none, joints' values free [nats]."""
+    right = np.zeros(len(eq.bodies))
+    return _evidence(eq, reading, right) - _evidence(eq, reading, right, bodies=False)
 
 
 def _evidence(
-    eq: ReadingEquations, torque: MappedTorque, sheet: float, *, bodies: bool = True
+    eq: ReadingEquations, reading: Reading, errors: np.ndarray, *, bodies: bool = True
 ) -> float:
-    """Log evidence [nats] with errors of the inertials of up to a share ``sheet`` of the bodies' size.
+    """Log evidence [nats], given the largest deviations of the inertials in the columns' units, (10 n,).
 
-    About the values of greatest probability within their bounds (Laplace); sizes by [mackay1992].
+    About the values of greatest probability within their bounds (Laplace); sizes by [mackay1992]. Without ``bodies`` no
+    body is there but what its errors are.
     """
+    torque = eq.read(reading)
     nominal = eq.nominal(bodies)
     predicted = (eq.gram @ nominal[..., None])[..., 0]
     missing = torque.square - ((2 * torque.cross - predicted) * nominal).sum(axis=1)
     # all over the deviation of the torque read, per sample, and values over their largest deviations
     unit = eq.rows * torque.deviation**2
-    largest = _largest(eq, torque.deviation, sheet)
+    largest = _largest(eq, torque.deviation, errors)
     missing = missing / unit
     target = (torque.cross - predicted) / unit[:, None] * largest
     gram = eq.gram / unit[:, None, None] * largest[:, :, None] * largest[:, None]
@@ -459,13 +462,15 @@ def _lowest(eq: ReadingEquations, largest: np.ndarray) -> np.ndarray:
     )
 
 
-def _largest(eq: ReadingEquations, deviation: np.ndarray, sheet: float) -> np.ndarray:
+def _largest(
+    eq: ReadingEquations, deviation: np.ndarray, errors: np.ndarray
+) -> np.ndarray:
     """Largest deviations of the columns' values of an ordinary arm, (n, D).
 
     Args:
         eq: normal equations under the reading.
         deviation: of each joint's torque [N m], (n,).
-        sheet: error of the inertials [1].
+        errors: of the inertials, in the columns' units, (10 n,).
     """
     n = len(deviation)
     speed, acceleration = (
@@ -485,8 +490,8 @@ def _largest(eq: ReadingEquations, deviation: np.ndarray, sheet: float) -> np.nd
         PRIOR_STD_OFFSET * deviation,
         PRIOR_STD_FRICTION * deviation,
     ]
-    errors = np.maximum(np.hypot(sheet * eq.bodies, eq.load), 1e-9)
-    shared = np.concatenate([errors, np.ones(eq.shared - len(errors))])
+    others = np.ones(eq.shared - len(errors))
+    shared = np.concatenate([np.maximum(errors, 1e-9), others])
     return np.hstack([np.tile(shared, (n, 1)), np.column_stack(own)])
 
 
@@ -565,12 +570,10 @@ class ReadingScorer:
             out[j] = every - evidence(eq, reading)
         return out
 
-    def odds_of_other_arm(self, reading: Reading) -> float:
-        """Log odds that bodies of another kind made the torque and not the nominal ones with their errors [nats]."""
+    def support_of_bodies(self, reading: Reading) -> float:
+        """By how much the nominal bodies as they are explain the torque better than none [nats]."""
         eq = self.equations_of(reading)
-        if eq is None:
-            return math.inf
-        return evidence_of_other(eq, reading) - evidence(eq, reading)
+        return -math.inf if eq is None else support_of_bodies(eq, reading)
 
     def gravity_turn(self, reading: Reading) -> tuple[float, float] | None:
         """Roll and pitch [rad] of the base that the torque shows under a reading which does not turn it yet."""

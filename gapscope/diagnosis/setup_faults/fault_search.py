@@ -310,13 +310,16 @@ def common_factor(case: Case) -> tuple[float, float] | None:
     return factor, factor * float(search.deviation(x)[0])
 
 
-def is_extraordinary(case: Case) -> bool:
-    """Whether bodies of another kind made the torque rather than the nominal ones with ordinary errors."""
+def is_of_other_bodies(case: Case, faults: int) -> bool:
+    """Whether the nominal bodies explain the torque too little for an arm that is read right by so many faults.
+
+    Each fault beyond the first, which another robot is as probable as, they have to earn back.
+    """
     scorer = _scorer(case.arm, tuple(r for r in case.recordings if r.tau is not None))
     if scorer is None:
         return False
-    identity = Reading.identity(case.arm.n_joints)
-    return scorer.odds_of_other_arm(identity) > UNUSUAL
+    support = scorer.support_of_bodies(Reading.identity(case.arm.n_joints))
+    return support < (faults - 1) * UNUSUAL
 
 
 def unit_of_nominal_arm(case: Case) -> FoundFault | None:

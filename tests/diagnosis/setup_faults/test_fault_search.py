@@ -34,6 +34,7 @@ from gapscope.diagnosis.setup_faults.found_fault import FoundFault, merged
 from gapscope.effects.setup_faults import (
     GravityCompensatedTorque,
     JointSwap,
+    ShiftedInertials,
     SignFlip,
     TorqueUnit,
     UnitMismatch,
@@ -88,7 +89,7 @@ def test_a_torque_without_gravity_is_improbable_until_it_is_read_as_such() -> No
     assert scorer(case).evidence(AS_READ) == pytest.approx(read, abs=UNUSUAL)
 
 
-# The same search over arms of ordinary kinds names nothing; over bodies of no arm like it, another robot.
+# Bodies that are those of the arm explain its torque, whatever its joints have; others are in the way.
 
 
 ORDINARY = {
@@ -98,11 +99,21 @@ ORDINARY = {
 
 
 @pytest.mark.parametrize("label", ORDINARY)
-def test_ordinary_arms_are_no_other_robot(label: str) -> None:
+def test_the_bodies_of_an_ordinary_arm_show(label: str) -> None:
     """A rotor behind a high gear may be 25 times as heavy as what it turns."""
     assert (
-        scorer(synthetic.case(ORDINARY[label], seed=3)).odds_of_other_arm(AS_READ) < 0
+        scorer(synthetic.case(ORDINARY[label], seed=3)).support_of_bodies(AS_READ)
+        > UNUSUAL
     )
+
+
+def test_bodies_of_the_neighbouring_links_are_in_the_way() -> None:
+    case = synthetic.case(seed=3)
+    moved = ShiftedInertials(1).in_case(case, np.random.default_rng(0), case.arm)
+    right = scorer(case).support_of_bodies(AS_READ)
+    segments = [s for r in moved.recordings for s in condition(r, TORQUE_CUTOFF)]
+    wrong = ReadingScorer(moved.arm, RigidBody(moved.arm), sample(segments))
+    assert wrong.support_of_bodies(AS_READ) < right - UNUSUAL
 
 
 # The bounded fit of an arm's ordinary values, on problems small enough to solve by hand.
