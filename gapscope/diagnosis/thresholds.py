@@ -90,12 +90,10 @@ PRIOR_STD_LOAD = 0.6  # Mass of a load, in masses of the arm [1]. (hand)
 PRIOR_STD_LEVER = 0.3  # Lever of a load, in lengths of the arm [1]. (hand)
 PRIOR_STD_TORQUE_SCALE = 0.3  # Error of a torque's scale [1]... (hand)
 LOWEST_TORQUE_SCALE = -0.6  # ...and its lower bound [1]. (hand)
-PRIOR_STD_ROTOR = 0.7  # Torque of a rotor over the deviation of the joint's torque [1]. (hand)
+# Torque of a rotor, of friction, of a spring, of an offset, over the deviation of the joint's torque [1]. (hand)
+ORDINARY_TORQUE = 0.7
 ROTOR_RATIO = 30.0  # Inertia of a rotor at the joint, over that of the bodies about it, at most [1]. (physical)
-PRIOR_STD_FRICTION = 0.7  # Torque of friction, dry or viscous, over the deviation of the joint's torque [1]. (hand)
 TURNING_LATE = 0.05  # T, by which dry friction may turn round late: bristles bend first [s]. (hand)
-PRIOR_STD_SPRING = 0.5  # Torque of a spring, likewise [1]. (hand)
-PRIOR_STD_OFFSET = 0.5  # Offset of the torque, likewise [1]. (hand)
 FAULT_SIGN_WIDTH = 0.02  # Velocity scale of the smoothed sign in dry friction [rad/s]. (physical)
 # Least misfit of an arm from whose torque an integrator's start is estimated, over the torque's deviation [1]. (hand)
 MIN_INTEGRATOR_MISFIT = 3e-3
@@ -175,8 +173,6 @@ SENSOR_LAG = 2e-3  # Prior of a sensor's lag [s]. (hand)
 MIN_DELAY = 1e-3  # Delays shorter than this count as a skew of sampling and are not named [s]. (hand)
 MIN_LINK_MASS = 0.05  # Share of its nominal mass that a changed link keeps at least [1]. (physical)
 
-# Segments are decimated to no less than this to see how an arm is mounted [Hz]. (budget)
-SEARCH_RATE = 100.0
 PRESLIDING_GAIN = 5.0  # A joint's presliding must narrow the gap of trusted rows by so much [nats]. (hand)
 # An effect must lower the held-out torque NRMSE of some joint by this much to be named [1]. (definition)
 VISIBLE_EFFECT = 0.01

@@ -39,12 +39,9 @@ from gapscope.diagnosis.thresholds import (
     MIN_TORQUE_DEVIATION,
     MOTION_INDEPENDENT_RATE,
     ORDINARY_GAP,
-    PRIOR_STD_FRICTION,
+    ORDINARY_TORQUE,
     PRIOR_STD_LEVER,
     PRIOR_STD_LOAD,
-    PRIOR_STD_OFFSET,
-    PRIOR_STD_ROTOR,
-    PRIOR_STD_SPRING,
     PRIOR_STD_TILT,
     PRIOR_STD_TORQUE_SCALE,
     PRIOR_STD_ZERO,
@@ -371,8 +368,8 @@ def _evidence(
 ) -> float:
     """Log evidence [nats], given the largest deviations of the inertials in the columns' units, (10 n,).
 
-    About the values of greatest probability within their bounds (Laplace); sizes by [mackay1992]. Without ``bodies`` no
-    body is there but what its errors are.
+    About the values of greatest probability within their bounds (Laplace); sizes by [mackay1992b]. Without ``bodies``
+    there are those of the errors alone.
     """
     torque = eq.read(reading)
     nominal = eq.nominal(bodies)
@@ -380,7 +377,7 @@ def _evidence(
     missing = torque.square - ((2 * torque.cross - predicted) * nominal).sum(axis=1)
     # all over the deviation of the torque read, per sample, and values over their largest deviations
     unit = eq.rows * torque.deviation**2
-    largest = _largest(eq, torque.deviation, errors)
+    largest = _largest(eq, torque, errors)
     missing = missing / unit
     target = (torque.cross - predicted) / unit[:, None] * largest
     gram = eq.gram / unit[:, None, None] * largest[:, :, None] * largest[:, None]
@@ -463,32 +460,33 @@ def _lowest(eq: ReadingEquations, largest: np.ndarray) -> np.ndarray:
 
 
 def _largest(
-    eq: ReadingEquations, deviation: np.ndarray, errors: np.ndarray
+    eq: ReadingEquations, torque: MappedTorque, errors: np.ndarray
 ) -> np.ndarray:
     """Largest deviations of the columns' values of an ordinary arm, (n, D).
 
     Args:
         eq: normal equations under the reading.
-        deviation: of each joint's torque [N m], (n,).
+        torque: as it is read.
         errors: of the inertials, in the columns' units, (10 n,).
     """
-    n = len(deviation)
+    deviation, n = torque.deviation, len(torque.deviation)
     speed, acceleration = (
         np.sqrt(eq.gram[:, column, column] / eq.rows)
         for column in (eq.shared + VISCOUS, eq.shared + ROTOR)
     )
     coulomb, viscous = -eq.lowest[1:]
     # behind a high gear a rotor takes most of the torque, however light the links are
-    rotor = PRIOR_STD_ROTOR * deviation / np.maximum(acceleration, 1e-3)
+    rotor = ORDINARY_TORQUE * deviation / np.maximum(acceleration, 1e-3)
     own = [
         np.full(n, PRIOR_STD_TORQUE_SCALE),
         np.hypot(np.minimum(rotor, ROTOR_RATIO * eq.inertia), eq.inertia),
         # nominal friction may be a placeholder: an arm without any of it is ordinary
-        np.hypot(PRIOR_STD_FRICTION * deviation, coulomb),
-        np.hypot(PRIOR_STD_FRICTION * deviation / np.maximum(speed, 1e-3), viscous),
-        PRIOR_STD_SPRING * deviation / np.maximum(eq.travel, 1e-2),
-        PRIOR_STD_OFFSET * deviation,
-        PRIOR_STD_FRICTION * deviation,
+        np.hypot(ORDINARY_TORQUE * deviation, coulomb),
+        np.hypot(ORDINARY_TORQUE * deviation / np.maximum(speed, 1e-3), viscous),
+        ORDINARY_TORQUE * deviation / np.maximum(eq.travel, 1e-2),
+        # of the torque and not of what it varies by: a constant tells nothing of bodies
+        ORDINARY_TORQUE * np.maximum(np.sqrt(torque.square / eq.rows), deviation),
+        ORDINARY_TORQUE * deviation,
     ]
     others = np.ones(eq.shared - len(errors))
     shared = np.concatenate([np.maximum(errors, 1e-9), others])
