@@ -598,6 +598,7 @@ class Search:
         key = frozenset(chosen), frozenset(grown.items())
         if key in self._fits:
             return self._fits[key]
+        can_be = True
         for _ in range(REFITS):
             start = {
                 one: values.get(one, np.zeros(len(made.places[one.term])))
@@ -613,13 +614,19 @@ class Search:
                     if not one.term.is_load or is_within(one.term, x, 0.0)
                 }
                 there = about(made, self.arm, bodies)
-                asked, columns_of = asked.for_gap(there.gap), there.columns
+                # a compliant joint can be made to swing beyond all numbers: nothing is linear about that
+                with np.errstate(over="ignore"):
+                    can_be = bool(np.isfinite(np.square(there.gap)).all())
+                if can_be:
+                    asked, columns_of = asked.for_gap(there.gap), there.columns
             own = OwnTerms(asked, self.sets, columns_of, self.sizes)
             fit = self._weighed(asked, own, chosen, grown)
             before, values = start, fit.values
-            if asked is contrast or _settled(values, before):
+            if not can_be or asked is contrast or _settled(values, before):
                 break
         fit = self._counted(fit)
+        if not can_be:
+            fit = replace(fit, total=-np.inf, sharp=-np.inf)
         self._fits = {**dict(list(self._fits.items())[-self._kept :]), key: fit}
         self._top = fit if self._top is None else max(self._top, fit, key=_total)
         return fit
