@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -16,6 +17,7 @@ from gapscope.diagnosis.selection.search import (
     nameable,
     search_of,
 )
+from gapscope.model.design import about
 from gapscope.model.difference import Difference
 from gapscope.model.expected import Detectable
 from gapscope.model.terms import Candidate, Terms
@@ -116,6 +118,23 @@ def test_a_load_is_not_lighter_than_nothing(mass, possible):
     searching.unsearched()
     (load,) = (Candidate(t, EVERYONE) for t in Terms(3).of("payload"))
     assert (searching.with_some([load], {}).mine == [load]) == possible
+
+
+def test_what_makes_an_arm_swing_beyond_all_numbers_is_no_hypothesis(monkeypatch):
+    """As the values of a compliant joint did beside much else: they were not a number in the end."""
+    searching = search_of(arm(), recordings(Truth(), duration=6.0))
+    searching.unsearched()
+    (bent, *_) = (Candidate(t, EVERYONE) for t in Terms(3).of("joint_elasticity"))
+
+    def swinging(*given):
+        there = about(*given)
+        return replace(there, gap=1e200 + there.gap)
+
+    monkeypatch.setattr("gapscope.model.difference.about", swinging)
+    fit = searching.with_some([bent], {})
+    assert fit.total == -np.inf and all(
+        np.isfinite(x).all() for x in fit.values.values()
+    )
 
 
 def test_all_friction_may_be_gone():
