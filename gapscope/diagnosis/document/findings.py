@@ -20,12 +20,13 @@ from gapscope.diagnosis.comparison import (
 from gapscope.diagnosis.document.wording import Verdict, coupling_text
 from gapscope.diagnosis.locate import Region
 from gapscope.diagnosis.selection.undeclared_coupling import UndeclaredCoupling
-from gapscope.diagnosis.setup_faults.found_fault import FoundFault
+from gapscope.diagnosis.setup_faults.found_fault import FoundFault, TurnedBase
 from gapscope.diagnosis.states import OtherState, States
 from gapscope.diagnosis.thresholds import OPEN_ALTERNATIVE
 from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.catalogue import CATALOGUE, known_effect, of_quantity
+from gapscope.effects.catalogue import CATALOGUE, known_effect
 from gapscope.effects.effect import Turn
+from gapscope.effects.setup_faults import Fault
 from gapscope.model.terms import Terms
 from gapscope.model.torque_gap import torque_scale
 
@@ -200,6 +201,7 @@ def _fault_finding(fault: FoundFault, gap: GapStages) -> dict[str, Any]:
         "effect": fault.name,
         "joints": list(fault.joints),
         "probability": fault.probability,
+        **({} if fault.log_odds is None else {"support": {"log_odds": fault.log_odds}}),
         **fault.document(),
         "share": float(np.clip(share, 0.0, 1.0)),
         "gap_with_only_this": {"torque_nrmse": numbers(only)},
@@ -210,10 +212,26 @@ def _fault_finding(fault: FoundFault, gap: GapStages) -> dict[str, Any]:
 
 
 def _alternatives(fault: FoundFault) -> list[dict[str, Any]]:
-    """All torques turned are gravity turned, but for what does not turn with gravity."""
-    if fault.turned_base is None:
-        return []
-    return [_other_sign(of_quantity("gravity")[0].name, [], fault.turned_base)]
+    """What the fault may be instead; turned torques are turned gravity, but for what does not turn with gravity."""
+    return [
+        _other_reading(other, probability)
+        for other, probability in fault.others
+        if probability >= LISTED_ALTERNATIVE
+    ]
+
+
+def _other_reading(fault: Fault, probability: float) -> dict[str, Any]:
+    name, variant, joints = fault.kind
+    if isinstance(fault, TurnedBase):
+        return _other_sign(name, [], probability)
+    return {
+        "effect": name,
+        **({"variant": variant} if variant else {}),
+        "joints": list(joints),
+        "probability": probability,
+        "separated_by": "each of these joints moved slowly by itself while one watches which way it turns: its column "
+        "rises with it, and its torque has the sign of the motion",
+    }
 
 
 def with_torques_turned(
@@ -406,7 +424,7 @@ def suggested_recording(
         )
     for findings in (effects, possible):
         rivals = [
-            (rival["probability"], finding["effect"], rival)
+            (rival["probability"], _kind(finding), rival)
             for finding in findings
             for rival in finding["alternatives"]
             # no recording tells two names of one cause apart
@@ -418,15 +436,22 @@ def suggested_recording(
     return None
 
 
-def _to_tell_apart(effect: str, rival: dict[str, Any]) -> str:
-    name, likely = effect_name(effect), percent(rival["probability"])
-    recording = rival["separated_by"]
+def _to_tell_apart(name: str, rival: dict[str, Any]) -> str:
+    likely, recording = percent(rival["probability"]), rival["separated_by"]
     if rival["effect"] == NONE:
         return (
             f"to tell {name} from nothing, which has a probability of {likely}: {recording}; an effect is found again "
             "there, chance is not"
         )
+    asks = f"to tell {name} from {_kind(rival)}, which has a probability of {likely}: {recording}"
     return (
-        f"to tell {name} from {effect_name(rival['effect'])}, which has a probability of {likely}: {recording}; the "
-        "one that predicts it keeps its name"
+        asks
+        if "variant" in rival
+        else f"{asks}; the one that predicts it keeps its name"
     )
+
+
+def _kind(entry: dict[str, Any]) -> str:
+    """Readable name of an effect, or of a fault with its variant."""
+    name = effect_name(entry["effect"])
+    return f"{name} ({entry['variant']})" if "variant" in entry else name

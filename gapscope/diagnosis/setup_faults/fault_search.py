@@ -261,13 +261,12 @@ def faults_by_torque(case: Case) -> list[FoundFault]:
         best = max(finalists, key=lambda finalist: finalist.gain, default=None)
         if best is None or best.gain < UNUSUAL:
             break
-        probability = _probability(best, finalists)
         if not isinstance(best.candidate, TurnedBase):
-            turned = _turned_base(best, fine, reading, probability)
             # each has one continuous value at most
             std = {name: best.std for name in best.candidate.values() if best.std}
-            fault = FoundFault(best.candidate, probability, std, turned_base=turned)
-            found.append(fault)
+            odds = best.gain - UNUSUAL
+            probability, others = _probabilities(best, finalists)
+            found.append(FoundFault(best.candidate, probability, std, (), odds, others))
         reading = reading.then(best.candidate.reading(n))
     # gravity is added to a torque that is right otherwise
     return sorted(found, key=lambda fault: fault.name == "gravity_compensated_torque")
@@ -447,20 +446,15 @@ def _finalists(
     return finalists
 
 
-def _probability(best: _Finalist, finalists: Sequence[_Finalist]) -> float:
-    """Probability of the best finalist against the others and against no fault."""
-    others = sum(np.exp(f.gain - best.gain) for f in finalists)
-    return float(1.0 / (others + np.exp(UNUSUAL - best.gain)))
-
-
-def _turned_base(
-    best: _Finalist, fine: ReadingScorer, reading: Reading, probability: float
-) -> float | None:
-    """Probability of a turned base in the place of all torques turned; ``None`` for other faults."""
-    n = fine.arm.n_joints
-    _, variant, joints = best.candidate.kind
-    if variant != "torque" or len(joints) < n:
-        return None
-    before = fine.evidence(reading)
-    turned = max(fine.evidence(reading.then(base.reading(n))) for base in TURNED_BASES)
-    return probability * float(np.exp(min(turned - before - best.gain, 0.0)))
+def _probabilities(
+    best: _Finalist, finalists: Sequence[_Finalist]
+) -> tuple[float, tuple[tuple[Fault, float], ...]]:
+    """Probability of the best finalist, against no fault as well, and of the others, the most probable first."""
+    ratios = {f.candidate: float(np.exp(f.gain - best.gain)) for f in finalists}
+    probability = 1.0 / (sum(ratios.values()) + float(np.exp(UNUSUAL - best.gain)))
+    others = sorted(finalists, key=lambda f: -f.gain)
+    return probability, tuple(
+        (f.candidate, probability * ratios[f.candidate])
+        for f in others
+        if f is not best
+    )

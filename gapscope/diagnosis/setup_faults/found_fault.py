@@ -128,7 +128,8 @@ class FoundFault:
         probability: that it is this fault.
         std: standard deviation of each value of a parameter, by its name; without it the value is a choice among few.
         recordings: names of the recordings that have it; empty: all.
-        turned_base: probability that the base is turned instead, ``base_tilt``; ``None`` if that looks different.
+        log_odds: of the fault against none [nats]; ``None`` if it shows in the recordings themselves.
+        others: what it may be instead, and how probable that is, the most probable first.
         gap_with_only_this, gap_without_this: torque NRMSE, (n,), with this fault alone corrected, and with all others
             but this; ``None`` if it cannot be computed.
         gap_before, gap_after: torque NRMSE, (n,), of the case as it is, and with all faults corrected.
@@ -138,7 +139,8 @@ class FoundFault:
     probability: float
     std: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     recordings: tuple[str, ...] = ()
-    turned_base: float | None = None
+    log_odds: float | None = None
+    others: tuple[tuple[Fault, float], ...] = ()
     gap_with_only_this: np.ndarray | None = field(default=None, repr=False)
     gap_without_this: np.ndarray | None = field(default=None, repr=False)
     gap_before: np.ndarray | None = field(default=None, repr=False)

@@ -24,7 +24,7 @@ from gapscope.diagnosis.document.findings import (
     with_torques_turned,
 )
 from gapscope.diagnosis.document.wording import pulled_texts, verdict
-from gapscope.diagnosis.setup_faults.found_fault import FoundFault
+from gapscope.diagnosis.setup_faults.found_fault import FoundFault, TurnedBase
 from gapscope.effects.setup_faults import SignFlip
 
 Change = Callable[[dict[str, Any]], Any]
@@ -308,7 +308,8 @@ def test_the_whole_is_what_is_closed_if_the_floor_is_estimated_too_high() -> Non
 
 
 def test_all_torques_turned_and_a_base_that_hangs_are_each_others_alternative() -> None:
-    turned = FoundFault(SignFlip((1, 2)), 0.9, turned_base=0.1)
+    base = TurnedBase(np.pi, 0.0)
+    turned = FoundFault(SignFlip((1, 2)), 0.9, others=((base, 0.1),))
     gap = stages(recorded=0.6, repaired=0.1, corrected=0.1)
     (flip,) = with_faults([], (turned,), gap)
     (other,) = flip["alternatives"]
