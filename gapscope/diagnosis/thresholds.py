@@ -59,6 +59,8 @@ MOTION_INDEPENDENT_RATE = 3.0  # Independent samples per second of an arm's moti
 
 # --- setup_faults: when a fault is named
 FAULT_PRIOR_ODDS = 1e-3  # Prior odds of a fault of one kind against none, and of another robot [1]. (hand)
+# A torque is late on all joints: none is likelier without, by more than this share of what all gain [1]. (hand)
+LATE_JOINT_LOSS = 0.05
 # Gap over the torque's deviation beyond which no torque at all would be a better prediction [1]. (definition)
 NO_TORQUE = 1.0
 

@@ -31,6 +31,7 @@ from gapscope.diagnosis.thresholds import (
     FAULT_COARSE_STEP,
     FAULT_FINALISTS,
     FAULT_PRIOR_ODDS,
+    LATE_JOINT_LOSS,
     MIN_ZERO_OFFSET,
     OBVIOUS_FAULT_PROBABILITY,
     OWN_UNIT_FACTOR,
@@ -434,14 +435,14 @@ def _finalists(
         if isinstance(candidate, TorqueUnit) and candidate.is_ordinary:
             continue
         read = reading.then(candidate.reading(fine.arm.n_joints))
-        # a log is late on all joints alike; friction turns round late, in a joint or two
-        if (
-            isinstance(candidate, LateTorque)
-            and fine.late_by_joint(read).min() < -fine.charge
-        ):
-            continue
         charge = charges[_kind(start)] + (fine.charge if std else 0.0)
         gain = fine.evidence(read) - before - charge
+        if isinstance(candidate, LateTorque):
+            # by less than a log is it is a matter of sampling; on all joints alike: friction turns round late in few
+            shortest, _ = candidate.parameters[0].typical
+            alike = fine.late_by_joint(read).min() > -LATE_JOINT_LOSS * gain
+            if candidate.delay + std[0] < shortest or not alike:
+                continue
         finalists.append(_Finalist(candidate, std, gain))
     return finalists
 
