@@ -86,7 +86,6 @@ ORDINARY_GAP = 0.1
 
 # --- setup_faults: what an ordinary arm may have beyond its data sheet (standard deviations at most)
 BAD_SHEET = 0.3  # Errors of the nominal inertials [1]. (physical)
-PRIOR_STD_ZERO = 0.03  # Zero of a joint [rad]. (hand)
 PRIOR_STD_TILT = 0.1  # Tilt of the base [rad]. (hand)
 PRIOR_STD_LOAD = 0.6  # Mass of a load, in masses of the arm [1]. (hand)
 PRIOR_STD_LEVER = 0.3  # Lever of a load, in lengths of the arm [1]. (hand)

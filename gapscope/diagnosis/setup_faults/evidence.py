@@ -44,7 +44,6 @@ from gapscope.diagnosis.thresholds import (
     PRIOR_STD_LOAD,
     PRIOR_STD_TILT,
     PRIOR_STD_TORQUE_SCALE,
-    PRIOR_STD_ZERO,
     ROTOR_RATIO,
     TORQUE_SHIFT_STEP,
     TORQUE_SHIFTS,
@@ -258,8 +257,7 @@ def reading_equations(
     bodies, load = inertial_scale(body), _load_std(body)
     unit = np.maximum(np.hypot(bodies, load), 1e-9)
     level = pull @ _tilts(body)
-    zeros = _by_zeros(body, q)
-    x = np.concatenate([regressor * unit, level, zeros, own], axis=2).transpose(1, 0, 2)
+    x = np.concatenate([regressor * unit, level, own], axis=2).transpose(1, 0, 2)
     recorded = samples.torque(reading.recorded_delay if delay is None else delay)
     torques = np.concatenate([recorded, gravity], axis=1)
     return ReadingEquations(
@@ -286,17 +284,6 @@ def _tilts(body: RigidBody) -> np.ndarray:
         return np.zeros((3, 2))
     across = np.linalg.svd(gravity[None] / size)[2][1:]
     return np.asarray(PRIOR_STD_TILT * size * across.T)
-
-
-def _by_zeros(body: RigidBody, q: np.ndarray) -> np.ndarray:
-    """What a zero off by ``PRIOR_STD_ZERO`` adds to the torque of gravity [N m], (M, n, n): joints, zeros."""
-    still, out = np.zeros_like(q), []
-    for step in PRIOR_STD_ZERO * np.eye(q.shape[1]):
-        after, before = (
-            body.inverse_dynamics(q + s * step, still, still) for s in (0.5, -0.5)
-        )
-        out.append(after - before)
-    return np.stack(out, axis=2)
 
 
 def _load_torque(
@@ -352,7 +339,7 @@ def evidence(eq: ReadingEquations, reading: Reading) -> float:
     """Logarithm of the probability of the torque under a reading, but for a constant of the columns [nats].
 
     At the likeliest sizes of what an arm has beyond its data sheet, no larger than an ordinary arm's, of errors of each
-    link's inertials, tilt, zeros, and each value of a joint, and of what is left.
+    link's inertials, tilt, and each value of a joint, and of what is left.
     """
     return _evidence(eq, reading, np.hypot(BAD_SHEET * eq.bodies, eq.load))
 
@@ -421,14 +408,14 @@ def _evidence(
 
 
 def _groups(eq: ReadingEquations) -> np.ndarray:
-    """Number of the size that each unknown has, (P,): of a link's inertials, the tilt, the zeros, and its own."""
+    """Number of the size that each unknown has, (P,): of a link's inertials, of the tilt, and its own."""
     n = len(eq.deviation)
-    shared = np.repeat(np.arange(n + 2), [*[10] * n, 2, n])
-    return np.concatenate([shared, n + 2 + np.arange(n * OWN)])
+    shared = np.repeat(np.arange(n + 1), [*[10] * n, 2])
+    return np.concatenate([shared, n + 1 + np.arange(n * OWN)])
 
 
 def _information(eq: ReadingEquations, gram: np.ndarray) -> np.ndarray:
-    """What the torque tells of all unknowns, (P, P), P = 18 n + 2, from what it tells of each joint's columns.
+    """What the torque tells of all unknowns, (P, P), P = 17 n + 2, from what it tells of each joint's columns.
 
     All joints share the inertial errors and the tilt; their own values meet only through these.
     """
