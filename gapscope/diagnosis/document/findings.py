@@ -220,6 +220,17 @@ def _alternatives(fault: FoundFault) -> list[dict[str, Any]]:
     ]
 
 
+WATCHED = (
+    "each of these joints moved slowly by itself while one watches which way it turns: its column rises with it, and "
+    "its torque has the sign of the motion"
+)
+"""What tells faults of single joints apart."""
+WRITTEN = (
+    "what the driver says of its columns and its rate, and the robot file of its links"
+)
+"""What tells faults of the whole arm from others."""
+
+
 def _other_reading(fault: Fault, probability: float) -> dict[str, Any]:
     name, variant, joints = fault.kind
     if isinstance(fault, TurnedBase):
@@ -229,8 +240,7 @@ def _other_reading(fault: Fault, probability: float) -> dict[str, Any]:
         **({"variant": variant} if variant else {}),
         "joints": list(joints),
         "probability": probability,
-        "separated_by": "each of these joints moved slowly by itself while one watches which way it turns: its column "
-        "rises with it, and its torque has the sign of the motion",
+        "separated_by": WATCHED if joints else WRITTEN,
     }
 
 
@@ -444,11 +454,9 @@ def _to_tell_apart(name: str, rival: dict[str, Any]) -> str:
             "there, chance is not"
         )
     asks = f"to tell {name} from {_kind(rival)}, which has a probability of {likely}: {recording}"
-    return (
-        asks
-        if "variant" in rival
-        else f"{asks}; the one that predicts it keeps its name"
-    )
+    if rival["separated_by"] in (WATCHED, WRITTEN):
+        return asks
+    return f"{asks}; the one that predicts it keeps its name"
 
 
 def _kind(entry: dict[str, Any]) -> str:

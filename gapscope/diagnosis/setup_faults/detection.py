@@ -30,9 +30,7 @@ from gapscope.diagnosis.setup_faults.fault_search import (
     unit_of_nominal_arm,
 )
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, merged, repaired
-from gapscope.diagnosis.thresholds import (
-    NO_TORQUE,
-)
+from gapscope.diagnosis.thresholds import NO_TORQUE
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.setup_faults import LateTorque, TimeStamps
 from gapscope.model.conditioning import (
@@ -104,7 +102,7 @@ def upright(case: Case) -> Case:
     return replace(case, arm=as_mounted(case.arm, _segments(select_windows(case))))
 
 
-def is_another_arm(case: Case, faults: Sequence[FoundFault] = ()) -> bool:
+def is_another_arm(case: Case, faults: Sequence[FoundFault]) -> bool:
     """Whether the recordings are of another arm than the nominal one, or their torque is in another unit.
 
     Then its bodies explain less of the torque than as many faults ask for; or it is far off and beyond what the drives

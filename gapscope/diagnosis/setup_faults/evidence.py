@@ -344,12 +344,6 @@ def evidence(eq: ReadingEquations, reading: Reading) -> float:
     return _evidence(eq, reading, np.hypot(BAD_SHEET * eq.bodies, eq.load))
 
 
-def support_of_bodies(eq: ReadingEquations, reading: Reading) -> float:
-    """By how much the nominal bodies as they are explain the torque better than none, joints' values free [nats]."""
-    right = np.zeros(len(eq.bodies))
-    return _evidence(eq, reading, right) - _evidence(eq, reading, right, bodies=False)
-
-
 def _evidence(
     eq: ReadingEquations, reading: Reading, errors: np.ndarray, *, bodies: bool = True
 ) -> float:
@@ -556,9 +550,13 @@ class ReadingScorer:
         return out
 
     def support_of_bodies(self, reading: Reading) -> float:
-        """By how much the nominal bodies as they are explain the torque better than none [nats]."""
+        """By how much the nominal bodies as they are explain the torque better than none beside free joints [nats]."""
         eq = self.equations_of(reading)
-        return -math.inf if eq is None else support_of_bodies(eq, reading)
+        if eq is None:
+            return -math.inf
+        right = np.zeros(len(eq.bodies))
+        none = _evidence(eq, reading, right, bodies=False)
+        return _evidence(eq, reading, right) - none
 
     def gravity_turn(self, reading: Reading) -> tuple[float, float] | None:
         """Roll and pitch [rad] of the base that the torque shows under a reading which does not turn it yet."""

@@ -438,7 +438,7 @@ def _finalists(
         charge = charges[_kind(start)] + (fine.charge if std else 0.0)
         gain = fine.evidence(read) - before - charge
         if isinstance(candidate, LateTorque):
-            # by less than a log is it is a matter of sampling; on all joints alike: friction turns round late in few
+            # logs are late by more than sampling makes them, and on all joints alike: friction turns late on few
             shortest, _ = candidate.parameters[0].typical
             alike = fine.late_by_joint(read).min() > -LATE_JOINT_LOSS * gain
             if candidate.delay + std[0] < shortest or not alike:
