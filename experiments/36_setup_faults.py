@@ -12,6 +12,9 @@ with other laws than the diagnosis has, nominal inertials off by a tenth; health
 some with a strong ordinary effect. The gravity that a vendor's driver leaves out is that of a model whose links are
 each off by a fifth. Each answer is appended to ``answers.jsonl``; the tables are ``tables.md``.
 
+``drawn``: faults of each kind that the torque tells, two drawn for each of the real carriers, put into it. Printed: for
+each carrier and fault what was found, and how many are named, and named alone with the right joints.
+
 ``references [--part references|zeros|gravity]``: faults of references, velocities and gains in simulated arms (the
 project's simulator, with and without feedforward and ordinary effects; arms of the blind check's generator, another
 simulator, each with two effects of its own) and in real recordings with references, all as they are and with noise
@@ -345,6 +348,39 @@ def torque_column() -> None:
     (out / "tables.md").write_text(tables(known))
     print(tables(known))
 
+
+def drawn() -> None:
+    """Faults of the catalogue drawn and put into real recordings."""
+    argparse.ArgumentParser(description=drawn.__doc__).parse_args()
+    counts: Counter[str] = Counter()
+    with TemporaryDirectory() as folder:
+        for name in REAL:
+            case = load_carrier(name, Path(folder) / name)
+            counts["false"] += bool(find_setup_faults(case))
+            for fault, seed in itertools.product(TOLD_BY_TORQUE, range(2)):
+                rng = np.random.default_rng([seed, crc32((name + fault).encode())])
+                put_in = FAULTS[fault].draw(rng, case.arm.n_joints)
+                found = find_setup_faults(put_in.in_case(case, rng, case.arm))
+                joints = {one.name: one.joints for one in found}
+                counts["faults"] += 1
+                counts["named"] += fault in joints
+                wanted = put_in.kind[2] or joints.get(fault)
+                counts["alone and exact"] += joints == {fault: wanted}
+                print(name, put_in, "->", *found, flush=True)
+    print(dict(counts))
+
+
+TOLD_BY_TORQUE = (
+    "sign_flip",
+    "joint_swap",
+    "unit_mismatch",
+    "zero_offset",
+    "gravity_compensated_torque",
+    "torque_unit",
+    "late_torque",
+    "shifted_inertials",
+)
+"""Faults that are drawn: those that the torque tells."""
 
 # References, gains, zeros and gravity
 
@@ -782,6 +818,7 @@ def mended() -> None:
 
 PARTS = {
     "torque_column": torque_column,
+    "drawn": drawn,
     "references": references,
     "controllers": controllers,
     "mended": mended,
