@@ -16,6 +16,7 @@ from gapscope.diagnosis.locate import MotionRows
 from gapscope.diagnosis.thresholds import (
     FOLD_GUARD,
     FOURIER_FEATURES,
+    HEALTHY_REAL,
     MAX_OSCILLATION,
     MIN_OSCILLATION,
     OSCILLATION_GRID,
@@ -364,25 +365,23 @@ class Unknown:
     scale: np.ndarray
 
     @cached_property
-    def named(self) -> np.ndarray:
-        """Joints on which there is an unknown cause: likelier than not, and of a size that is worth a search, (n,)."""
+    def torque2(self) -> np.ndarray:
+        """Mean square of the torque that has an unknown cause [N^2 m^2], (n,); 0 on joints without one.
+
+        There is one if it is likelier than not and of a size that is worth a search, or if more is left than any
+        complete model of a healthy arm leaves.
+        """
+        share = np.array([p.share for p in self.predictable])
         evidence = np.array([p.evidence for p in self.predictable])
         likely = evidence > np.log(len(self.scale) / ANY)
-        return np.asarray(likely & (self._torque2 > (UNKNOWN_TORQUE * self.scale) ** 2))
-
-    @property
-    def _torque2(self) -> np.ndarray:
-        return np.array([p.share for p in self.predictable]) * self.left
+        seen = share * self.left > (UNKNOWN_TORQUE * self.scale) ** 2
+        beyond = self.left - (HEALTHY_REAL * self.scale) ** 2
+        return np.maximum(np.where(likely & seen, share * self.left, 0.0), beyond)
 
     @property
     def joints(self) -> list[int]:
-        """The same, from 1."""
-        return [int(j) + 1 for j in np.flatnonzero(self.named)]
-
-    @property
-    def torque2(self) -> np.ndarray:
-        """Mean square of the torque that has an unknown cause [N^2 m^2], (n,); 0 on joints without one."""
-        return np.where(self.named, self._torque2, 0.0)
+        """Joints on which there is an unknown cause, from 1."""
+        return [int(j) + 1 for j in np.flatnonzero(self.torque2)]
 
 
 def unknown(

@@ -131,6 +131,15 @@ class Document:
         """Joints, from 1, with something unknown."""
         return [int(j) + 1 for j in np.flatnonzero(self.unknown2())]
 
+    def knows_most(self) -> bool:
+        """Whether what is named explains more of the gap, and of that of each joint, than what is unknown."""
+        gap, unknown2 = self.stages, self.unknown2()
+        # a repaired fault explains all that it took away
+        before2 = np.maximum(gap.recorded, gap.repaired) ** 2
+        closed2 = np.clip(before2 - gap.corrected**2, 0.0, None)
+        most = unknown2.sum() <= closed2.sum()
+        return bool(most and (unknown2 <= closed2).all())
+
     @property
     def rejected(self) -> bool:
         """Whether an effect explains recordings and does not predict others."""
@@ -213,7 +222,7 @@ class Document:
     def _verdict(self, *, found: bool) -> Verdict:
         return verdict(
             found=found,
-            unknown=self._prepared.another_arm or bool(self.open_joints()),
+            unknown=self._prepared.another_arm or not self.knows_most(),
             rejected=self.rejected,
         )
 

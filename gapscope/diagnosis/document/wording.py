@@ -17,7 +17,7 @@ from gapscope.arm.display import (
     uncertain,
 )
 from gapscope.arm.joint_units import SLIDING_UNITS, common_unit, joint_unit, units_of
-from gapscope.diagnosis.thresholds import NO_TORQUE
+from gapscope.diagnosis.thresholds import HEALTHY_REAL, NO_TORQUE
 from gapscope.effects.catalogue import known_effect
 from gapscope.effects.coupled_motors import COUPLED_MOTORS
 from gapscope.model.change_findings import change_text
@@ -88,7 +88,7 @@ def verdict(*, found: bool, unknown: bool, rejected: bool) -> Verdict:
 
     Args:
         found: an effect, a fault of the set-up or a change during a recording is named.
-        unknown: something that is left has a cause that is not named.
+        unknown: what is not named explains more of the gap than what is.
         rejected: an effect was found and rejected on held-out data.
     """
     # A rejected effect explained a gap in the recordings to which it was fitted: the gap exists, its cause is open.
@@ -393,8 +393,6 @@ MAX_CHANGES = 2
 """Changes during recordings that a sentence names."""
 MAX_CAUSES = 3
 """Effects that a sentence names."""
-HEALTHY_REAL = 0.23
-"""Torque NRMSE that a complete model of a healthy real arm may leave on a joint: 0.04 to 0.23 on six public arms."""
 
 
 def verdict_sentence(document: Document) -> str:
