@@ -237,7 +237,7 @@ def test_frozen_covers_the_diagnosis_and_not_the_scorer() -> None:
 def test_frozen_holds_every_threshold_as_json() -> None:
     values = json.loads(to_json(frozen()))["thresholds"]
     assert values["OPEN_ALTERNATIVE"] == 0.05
-    assert values["KERNEL_LENGTHS"] == [0.5, 1.25]
+    assert values["PACE_LAGS"] == [0.0, 0.1, 0.3]
     written = json.loads(json.dumps(values))
     assert written.keys() == {name for name in vars(thresholds) if name.isupper()}
 

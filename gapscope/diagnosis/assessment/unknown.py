@@ -400,7 +400,7 @@ def unknown(
     thinned = _thinned(rows)
     kept, folds = thinned.kept, thinned.folds
     # what all joints share is computed once
-    posture = _posture_features(rows.q[kept])
+    of_arm = _arm_features(rows.q[kept], rows.dq[kept], gap.predicted[kept])
     p_values = _whiteness(gap, rows)
     weight = trust[kept] / np.sqrt((trust[kept] ** 2).mean(axis=0))
     left, t = gap.error[kept] * weight, rows.t[kept]
@@ -409,7 +409,7 @@ def unknown(
     for j, p_value in enumerate(p_values.tolist()):
         known = variables(rows, kept, j, gap.predicted[kept, j])
         residual = _Residual(j + 1, left[:, j], weight[:, j], known, t, thinned)
-        every.append(_of_joint(residual, waves[:, j], posture, p_value))
+        every.append(_of_joint(residual, waves[:, j], of_arm, p_value))
     return Unknown((left**2).mean(axis=0), every, scale)
 
 
@@ -454,14 +454,14 @@ class _Residual:
 
 
 def _of_joint(
-    residual: _Residual, wave: np.ndarray, posture: np.ndarray, p_value: float
+    residual: _Residual, wave: np.ndarray, of_arm: np.ndarray, p_value: float
 ) -> Predictable:
     """The predictable share of one joint.
 
     Args:
         residual: its gap.
         wave: what an oscillation predicts of it [N m], (K,).
-        posture: features of the arm's posture, (K, F).
+        of_arm: features of all joints together, (K, F).
         p_value: of its whiteness.
     """
     gap, rows = residual.gap, residual.rows
@@ -476,7 +476,7 @@ def _of_joint(
         wave = np.zeros_like(gap)
 
     # The oscillation is taken out first: features of the motion cannot predict it.
-    features = np.hstack([_signal_features(residual.variables), posture])
+    features = np.hstack([_signal_features(residual.variables), of_arm])
     together = wave + residual.predicted(features, gap - wave)
 
     best = max(by, key=lambda name: by[name])
@@ -536,12 +536,20 @@ def _signal_features(known: list[Variable]) -> np.ndarray:
     return np.column_stack([np.ones(len(signals)), normalised, waves])
 
 
-def _posture_features(q: np.ndarray) -> np.ndarray:
-    """Waves of the arm's posture, (K, FOURIER_FEATURES), of positions [rad], (K, n)."""
+def _arm_features(q: np.ndarray, dq: np.ndarray, load: np.ndarray) -> np.ndarray:
+    """Velocities and loads of all joints, which act on others by couplings, and waves of the arm's posture, (K, F).
+
+    Args:
+        q, dq: motion [rad], [rad/s], (K, n).
+        load: torque that the corrected arm predicts [N m], (K, n).
+    """
+    signals = np.hstack([dq, load])
+    deviation = np.maximum(signals.std(axis=0), 1e-9)
     angles = np.hstack([np.sin(q), np.cos(q)])
     # A joint that hardly moves gives no information: its deviation counts as 0.05 at least.
-    deviation = np.maximum(angles.std(axis=0), 0.05)
-    return _unit_waves((angles - angles.mean(axis=0)) / deviation, FOURIER_FEATURES)
+    spread = np.maximum(angles.std(axis=0), 0.05)
+    waves = _unit_waves((angles - angles.mean(axis=0)) / spread, FOURIER_FEATURES)
+    return np.hstack([(signals - signals.mean(axis=0)) / deviation, waves])
 
 
 def _unit_waves(state: np.ndarray, count: int) -> np.ndarray:
