@@ -1,10 +1,10 @@
-"""Faults of the set-up put into recordings: found or not, told apart or not, false alarms, and what mending leaves.
+"""Faults of the set-up put into recordings: found or not, told apart or not, and false alarms.
 
     GAPSCOPE_DATA=.../data .venv/bin/python experiments/36_setup_faults.py PART [--out out/PART]
 
 Faults are made by the formulas with which they are put right: finding them is a recovery check. What is measured is
-whether they are told apart, from each other, from the effects of an arm, and from nothing. Runs that were interrupted
-go on.
+whether they are told apart, from each other, from the effects of an arm, and from nothing. An interrupted run
+of ``torque_column`` goes on.
 
 ``torque_column [--only real|generated]``: faults of the torque column. Real recordings are carriers as in
 ``26_real_benchmark.py``: healthy as they are, and with a fault put in. The generator's arms are simulated by MuJoCo
@@ -15,22 +15,14 @@ each off by a fifth. Each answer is appended to ``answers.jsonl``; the tables ar
 ``drawn``: faults of each kind that the torque tells, two drawn for each of the real carriers, put into it. Printed: for
 each carrier and fault what was found, and how many are named, and named alone with the right joints.
 
-``references [--part references|zeros|gravity]``: faults of references, velocities and gains in simulated arms (the
+``references [--part references|zeros]``: faults of references, velocities and gains in simulated arms (the
 project's simulator, with and without feedforward and ordinary effects; arms of the blind check's generator, another
 simulator, each with two effects of its own) and in real recordings with references, all as they are and with noise
-added, with the torque and by the commands alone; each joint of simulated and real arms counted from another zero; and
-a gravity that the case states turned against the true one, which the whole diagnosis has to name.
+added, with the torque and by the commands alone; and each joint of simulated and real arms counted from another zero.
 
 ``controllers``: a KUKA iiwa of PyBullet follows three motions under each control law with gains of the same bandwidth
 (4 Hz), healthy and with one effect. The torque column is dropped, so that the diagnosis works with the torque that the
-law must have commanded. Printed for each law: what was found with its value, the replay gap before and after, and the
-gain margin of the loop, the smallest factor on its gains at which a mode is unstable at a posture of the motions, with
-torque one period late.
-
-``mended``: a KUKA iiwa without an effect is recorded by PyBullet with 1 % of noise on the torque. Each fault of the
-catalogue, in each of its variants, is made in the recordings, the case is written, diagnosed, and its mended case
-measured and looked through for faults. Printed: what the diagnosis finds, the largest torque NRMSE before, of the
-mended case and of the sound one, and the faults that the mended case still has.
+law must have commanded. Printed for each law: what was found with its value.
 """
 
 from __future__ import annotations
@@ -54,49 +46,35 @@ import yaml
 from common import run_part
 from generator_arms import ARMS, GeneratorArm
 from real_carriers import load_carrier
-from scipy.optimize import brentq
 
 import gapscope
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.control import LAWS
-from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.errors import GapscopeError, InputError
-from gapscope.arm.io.json_file import read_json, write_json
-from gapscope.arm.io.write_case import write_case
+from gapscope.arm.errors import InputError
 from gapscope.arm.motions.named_motions import workspace
 from gapscope.arm.recording import Recording
-from gapscope.arm.velocity_filter import filter_gains
 from gapscope.blind_check.generator.case import make_case
 from gapscope.blind_check.generator.case import write_case as write_made_case
 from gapscope.blind_check.generator.simulate import CaseSpec, Conditions
-from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.references import find_reference_faults
 from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.catalogue import CATALOGUE
-from gapscope.effects.environment import tilt
 from gapscope.effects.setup_faults import (
     FAULTS,
     CoarseReference,
     Fault,
     GainMismatch,
-    GravityCompensatedTorque,
     IgnoredVelocityReference,
-    JointSwap,
     LateTorque,
-    ShiftedInertials,
-    SignFlip,
     SpeedScaling,
-    TimeStamps,
     TorqueUnit,
-    UnitMismatch,
     UnmeasuredTorque,
     VelocityOfReference,
     ZeroOffset,
 )
 from gapscope.envs.mystery_arm import iiwa
-from gapscope.envs.position_controller import SampledLoop, position_controller
+from gapscope.envs.position_controller import position_controller
 from gapscope.envs.recorder import Plan, record_case
 
 # Faults of the torque column
@@ -401,8 +379,6 @@ NOISE = {"as it is": (0.0, 0.0), "noise": (0.05, 2e-4)}
 """Added to the torque, over its deviation [1], and to positions [rad]."""
 ANGLES = (-90.0, 60.0, 180.0)
 """Zeros are off by so much [deg]."""
-TURNS = ((180.0, 0.0), (135.0, 0.0), (-50.0, 35.0))
-"""Roll and pitch of the gravity that a case states [deg]."""
 ORDINARY = (
     AppliedEffect("coulomb_friction", (2, 4), {"torque": [6.0, 4.0]}),
     AppliedEffect("payload", (), {"mass": 2.0, "com": [0.0, 0.0, 0.1]}),
@@ -533,32 +509,9 @@ def _zeros(case: Case) -> str:
     return "; ".join(words) or "none"
 
 
-def gravity_part(
-    data: Path | None, folder: Path
-) -> Iterator[tuple[str, str, str, str]]:
-    """Gravity that the case states turned against the true one."""
-    cases = [simulated("nominal", ORDINARY, "iiwa, effects")]
-    if data is not None:
-        cases += [real(name, data) for name in ("ur10", "panda")]
-    for case in cases:
-        for roll, pitch in TURNS:
-            turn = tilt(np.deg2rad(roll), np.deg2rad(pitch))
-            arm = replace(case.arm, gravity=turn @ case.arm.gravity)
-            document = diagnose(replace(case, arm=arm)).document
-            found = {e["effect"]: e["parameters"] for e in document["effects"]}
-            words = [name for name in found if name != "base_tilt"]
-            if "base_tilt" in found:
-                angles = (found["base_tilt"][k]["value"] for k in ("roll", "pitch"))
-                degrees = " ".join(f"{np.rad2deg(a):.1f}" for a in angles)
-                words.insert(0, f"base_tilt {degrees}")
-            label = f"base_tilt {roll:g} {pitch:g}"
-            yield case.name, "", label, "; ".join(words) or "none"
-
-
 REFERENCE_PARTS: dict[str, Callable[..., Iterator[tuple[str, str, str, str]]]] = {
     "references": references_part,
     "zeros": zeros_part,
-    "gravity": gravity_part,
 }
 
 
@@ -567,9 +520,8 @@ def outcome(fault: str, found: str) -> str:
     if fault == "none":
         return "healthy" if found == "none" else "false alarm"
     names = {words.split()[0] for words in found.split("; ")}
-    others = names - {fault.split()[0]} - set(CATALOGUE)
     if fault.split()[0] in names:
-        return "found with another" if others else "found"
+        return "found" if len(names) == 1 else "found with another"
     return "not found" if found == "none" else "wrong name"
 
 
@@ -612,208 +564,32 @@ LAW_EFFECTS: dict[str, tuple[AppliedEffect, ...]] = {
 }
 """What the arm has beyond its data sheet."""
 LAW_PLAN = Plan(recordings=3, duration=8.0, engine="pybullet")
-POSTURES = 40
-"""Postures of the motions at which the margin is taken, evenly spread."""
 
 
-def gain_margin(controller: Controller, postures: np.ndarray) -> float:
-    """Smallest factor on all gains at which a mode of the loop is unstable, torque one period late [1]."""
-    arm = iiwa()
-    body = RigidBody(arm)
-    masses = [body.mass_matrix(q) + np.diag(arm.armature) for q in postures]
-    estimate = filter_gains(
-        controller.rate, controller.velocity_cutoff, controller.velocity_damping
-    )
-
-    def growth(log_factor: float) -> float:
-        scaled = {
-            gain.name: np.exp(log_factor) * getattr(controller, gain.name)
-            for gain in controller.gains
-        }
-        # a cascade's torque is the product of two of its gains
-        if controller.kind == "cascade":
-            scaled["kp"] = controller.kp  # type: ignore[attr-defined]
-        law = replace(controller, **scaled)
-        loop = SampledLoop(law, 1.0 / law.rate, estimate, late=1)
-        return max(loop.spectral_radius(m, arm.viscous) for m in masses) - 1.0
-
-    return float(np.exp(brentq(growth, 0.0, np.log(100.0), rtol=1e-3)))
-
-
-def diagnosed(kind: str, label: str, file: Path) -> None:
-    """Record and diagnose one arm under one law, unless that was done."""
-    if file.exists():
-        return
+def diagnosed(kind: str, label: str) -> dict[str, Any]:
+    """What is found on one arm under one law, by the commands alone."""
     rng = np.random.default_rng(38)
     case = record_case(
         label, iiwa(), LAW_EFFECTS[label], LAW_PLAN, rng, controller=kind
     )
-    assert isinstance(case.controller, Controller)
-    references = np.vstack([r.q_ref for r in case.recordings if r.q_ref is not None])
-    chosen = np.linspace(0, len(references) - 1, POSTURES).astype(int)
     bare = tuple(replace(r, tau=None) for r in case.recordings)
-    document = gapscope.diagnose(replace(case, recordings=bare)).document
-    content = {
-        "law": kind,
-        "case": label,
-        "margin": gain_margin(case.controller, references[chosen]),
-        "verdict": document["verdict"],
-        "effects": document["effects"],
-        "possible": [e["effect"] for e in document["possible"]],
-        "replay": [
-            document["gap"][stage]["replay_rmse"] for stage in ("before", "after")
-        ],
-    }
-    write_json(content, file)
-    print(controller_line(content), flush=True)
-
-
-def controller_line(content: dict[str, Any]) -> str:
-    """One row of the table."""
-    found = []
-    for effect in content["effects"]:
-        joints = "".join(f" J{j}" for j in effect["joints"])
-        first = next(iter(effect["parameters"].values()))
-        value = np.round(np.atleast_1d(first["value"]), 3).tolist()
-        found.append(f"{effect['effect']}{joints} {value} {first['unit']}")
-    before, after = (np.mean(gap) * 1e3 if gap else np.nan for gap in content["replay"])
-    words = "; ".join(found) or content["verdict"]
-    return (
-        f"| {content['law']} | {content['case']} | {words} | {before:.3f} | {after:.3f} "
-        f"| {content['margin']:.1f} |"
-    )
+    return dict(gapscope.diagnose(replace(case, recordings=bare)).document)
 
 
 def controllers() -> None:
     """Diagnose all cases and print the table."""
-    parser = argparse.ArgumentParser(description=controllers.__doc__)
-    parser.add_argument("--out", type=Path, default=Path("out/controllers"))
-    args = parser.parse_args()
-    args.out.mkdir(parents=True, exist_ok=True)
-    files = {
-        (kind, label): args.out / f"{kind}_{label}.json"
-        for kind in LAWS
-        for label in LAW_EFFECTS
-    }
-    for (kind, label), file in files.items():
-        diagnosed(kind, label, file)
-    print("| law | arm | found | replay before [mrad] | after [mrad] | gain margin |")
-    print("|---|---|---|---|---|---|")
-    for file in files.values():
-        print(controller_line(read_json(file, "remove it")))
-
-
-# Cases that a diagnosis mends
-
-MADE_FAULTS: dict[str, Fault] = {
-    "torque turned": SignFlip((4,)),
-    "position turned": SignFlip((4,), "position"),
-    "joint turned": SignFlip((2,), "joint"),
-    "torques exchanged": JointSwap((3, 4)),
-    "joints exchanged": JointSwap((2, 3), "joint"),
-    "degrees": UnitMismatch("degrees"),
-    "milliseconds": UnitMismatch("milliseconds"),
-    "motor side": UnitMismatch("motor_side", ratio=100.0),
-    "inertials shifted": ShiftedInertials(1),
-    "zero off": ZeroOffset((2,), np.pi / 2),
-    "gravity left out": GravityCompensatedTorque(),
-    "currents": TorqueUnit("current", factor=(12.0,) * 4 + (8.0,) * 3),
-    "command scaled": TorqueUnit("command_scale", (1, 2), (0.25,)),
-    "torque late": LateTorque("delay", 0.06),
-    "torque filtered": LateTorque("filter", 0.06),
-    "wrong rate": TimeStamps("wrong_rate", 2.0),
-    "jitter": TimeStamps("jitter", 0.2),
-    "repeats": TimeStamps("repeats", 0.05),
-    "gaps": TimeStamps("gaps", 0.05),
-}
-"""Each fault of the catalogue in each of its variants, with values as real set-ups have them."""
-
-
-def sound(file: Path) -> Case:
-    """The case without a fault, recorded once."""
-    if not file.exists():
-        case = record_case("sound", iiwa(), (), Plan(), np.random.default_rng(39))
-        write_case(case, file.parent)
-    return load_case(file)
-
-
-def spoilt(case: Case, fault: Fault) -> Case:
-    """The case as a set-up with the fault would have written it."""
-    return fault.in_case(case, np.random.default_rng(0), case.arm)
-
-
-def largest_gap(case: Case | Path) -> float | None:
-    """Largest torque NRMSE of a joint in a recording [1]; ``None`` if it cannot be measured."""
-    try:
-        return float(gapscope.gap(case).to_frame()["torque_nrmse"].max())
-    except GapscopeError:
-        return None
-
-
-def found(document: Any) -> tuple[list[str], list[str]]:
-    """The faults and the effects that a diagnosis found, in words."""
-    words: tuple[list[str], list[str]] = ([], [])
-    for effect in document["effects"]:
-        variant = f" ({effect['variant']})" if effect.get("variant") else ""
-        joints = "".join(f" J{j}" for j in effect["joints"])
-        words[effect["effect"] not in FAULTS].append(
-            effect["effect"] + variant + joints
-        )
-    return words
-
-
-def tried(label: str, folder: Path, case: Case) -> None:
-    """Make, diagnose, mend and diagnose one fault, unless that was done."""
-    file = folder / f"{label.replace(' ', '_')}.json"
-    if file.exists():
-        return
-    place = folder / label.replace(" ", "_")
-    bad = write_case(spoilt(case, MADE_FAULTS[label]), place, overwrite=True)
-    first = gapscope.diagnose(bad)
-    first.save(place / "results")
-    mended = place / "results" / "mended_case.yaml"
-    content: dict[str, Any] = {"fault": label, "first": found(first.document)}
-    content["before"] = largest_gap(bad)
-    if mended.exists():
-        content["after"] = largest_gap(mended)
-        content["second"] = [str(f) for f in find_setup_faults(load_case(mended))]
-    write_json(content, file)
-    print(mended_line(content), flush=True)
-
-
-def mended_line(content: dict[str, Any]) -> str:
-    """One row of the table."""
-
-    def number(key: str) -> str:
-        value = content.get(key)
-        return "-" if value is None else f"{value:.3g}"
-
-    faults, effects = content["first"]
-    first = "; ".join([*faults, *effects]) or "nothing"
-    second = "no mended case"
-    if "second" in content:
-        second = "; ".join(content["second"]) or "nothing"
-    gaps = f"{number('before')} | {number('after')}"
-    return f"| {content['fault']} | {first} | {gaps} | {second} |"
-
-
-def mended() -> None:
-    """Try all faults and print the table."""
-    parser = argparse.ArgumentParser(description=mended.__doc__)
-    parser.add_argument("--out", type=Path, default=Path("out/mended"))
-    parser.add_argument(
-        "--only", nargs="*", choices=list(MADE_FAULTS), default=list(MADE_FAULTS)
-    )
-    args = parser.parse_args()
-    args.out.mkdir(parents=True, exist_ok=True)
-    case = sound(args.out / "sound" / "case.yaml")
-    for label in args.only:
-        tried(label, args.out, case)
-    print(f"largest NRMSE of the sound case: {largest_gap(case):.3g}")
-    print("| fault | found | NRMSE before | mended | faults left |")
-    print("|---|---|---|---|---|")
-    for file in sorted(args.out.glob("*.json")):
-        print(mended_line(read_json(file, "remove it")))
+    argparse.ArgumentParser(description=controllers.__doc__).parse_args()
+    print("| law | arm | found |\n|---|---|---|")
+    for kind, label in itertools.product(LAWS, LAW_EFFECTS):
+        document = diagnosed(kind, label)
+        found = []
+        for effect in document["effects"]:
+            joints = "".join(f" J{j}" for j in effect["joints"])
+            first = next(iter(effect["parameters"].values()))
+            value = np.round(np.atleast_1d(first["value"]), 3).tolist()
+            found.append(f"{effect['effect']}{joints} {value} {first['unit']}")
+        words = "; ".join(found) or document["verdict"]
+        print(f"| {kind} | {label} | {words} |", flush=True)
 
 
 PARTS = {
@@ -821,7 +597,6 @@ PARTS = {
     "drawn": drawn,
     "references": references,
     "controllers": controllers,
-    "mended": mended,
 }
 """What the first word of the command line may be."""
 
