@@ -52,8 +52,6 @@ def loops(rate: float, seconds: float) -> Iterator[dict[str, Callable[[], object
         yield {WATCH: watch, READ: read}
 
 
-
-
 def _columns(rate: float, seconds: float) -> dict[str, np.ndarray]:
     """Time, positions and torque of sums of sines, with friction and noise."""
     rng = np.random.default_rng(46)

@@ -8,12 +8,9 @@ import pytest
 from experiments.benchmarks import __main__ as benchmarks
 from experiments.benchmarks import joint as one_joint
 from experiments.benchmarks.measure import (
-    MEMORY,
     Point,
     Row,
-    along,
     compared,
-    exponents,
     in_turns,
 )
 
@@ -33,23 +30,6 @@ def test_ratio_is_the_median_of_the_rounds_ratios():
     assert ours.spread == pytest.approx(1e6)  # quartiles 1.5 and 3.5 s
     assert ours.ratio_spread == pytest.approx(0.75)  # ratios 2, 1, 4
     assert (bare.ratio, bare.ratio_spread) == (1.0, 0.0)
-
-
-def sized(n: int, stopped: bool = False) -> Row:
-    details = {MEMORY: 100.0 * n**0.5} | ({"stopped after [s]": 1.0} if stopped else {})
-    sizes = {"length": n, "rate": 500}
-    return Row(f"{n}", 3.0 * n**1.5, "s", details=details, sizes=sizes)
-
-
-def test_exponents_of_a_power_law():
-    rows = [sized(8), sized(2), sized(4), sized(64, stopped=True)]
-    rows.append(Row("other rate", 1.0, "s", sizes={"length": 16, "rate": 100}))
-    curve = along(rows, "length", {"rate": 500})
-    assert [row.name for row in curve] == ["2", "4", "8"]
-    time, memory = exponents(curve, "length")
-    assert (time.figure, memory.figure) == pytest.approx((1.5, 0.5))
-    assert time.details["between the last two"] == pytest.approx(1.5)
-    assert exponents(curve[:2], "length") == []
 
 
 @pytest.fixture
