@@ -56,7 +56,6 @@ from gapscope.blind_check.scoring import (
     Named,
     brier,
     compare,
-    matched,
     named,
     reliability,
     same,
@@ -175,16 +174,6 @@ class Scored:
         """The diagnosis, empty if there is none."""
         return dict(self.result.get("document") or {})
 
-    @property
-    def links(self) -> tuple[bool, ...]:
-        """Per link inertia that is named rightly whether it is on the right link."""
-        found = self.compared.found
-        pairs = matched(self.compared.truth, found, len(self.truth["gap"]), ["slow"])
-        both = [(self.compared.truth[i], found[j]) for i, j in pairs]
-        return tuple(
-            a.link == b.link for a, b in both if a.effect == b.effect and a.link
-        )
-
 
 def scored(plan: Planned, truth: dict[str, Any], result: dict[str, Any]) -> Scored:
     """Set a result beside its truth."""
@@ -213,24 +202,14 @@ def score_tables(cases: Sequence[Scored]) -> list[Table]:
         _overview("By arm", cases, lambda c: c.plan.arm),
         _overview("By kind", cases, lambda c: c.plan.kind),
         _overview("By size (times what a full model leaves)", faulty, _size),
-        _overview("By effect (singles)", _singles(cases), _effect),
         _verdicts(cases),
         _calibration(cases),
-        _possible(cases),
         _wrong(cases),
     ]
 
 
-def _singles(cases: Sequence[Scored]) -> list[Scored]:
-    return [c for c in cases if c.plan.kind == "single"]
-
-
 def _size(case: Scored) -> str:
     return "fault" if case.truth["measure"] == "none" else f"{case.plan.size:g}"
-
-
-def _effect(case: Scored) -> str:
-    return str(case.truth["effects"][0]["effect"])
 
 
 def _share(values: Sequence[bool]) -> str:
@@ -258,7 +237,6 @@ def _figures(cases: Sequence[Scored]) -> tuple[str, ...]:
     healthy = [c for c in cases if c.plan.kind == "healthy"]
     faulty = [c.compared for c in cases if c.plan.kind != "healthy"]
     joints = [right for c in faulty for right in c.joints]
-    joints += [right for c in cases for right in c.links]
     errors = [e for c in faulty for e in c.errors]
     seconds = [float(c.result["cpu_seconds"]) for c in cases]
     failed = sum(c.result["status"] != "done" for c in cases)
@@ -323,20 +301,6 @@ def _stated(case: Scored) -> list[dict[str, Any]]:
 def _is_right(case: Scored, one: Named) -> bool:
     n = len(case.truth["gap"])
     return any(same(true, one, n, ["slow"]) for true in case.compared.truth)
-
-
-def _possible(cases: Sequence[Scored]) -> Table:
-    """Effects that are only possible: how many, and how often right."""
-    rows = []
-    for kind in ("healthy", "single", "pair"):
-        entries = [
-            _is_right(c, named(e))
-            for c in cases
-            if c.plan.kind == kind
-            for e in c.document.get("possible", [])
-        ]
-        rows.append((kind, str(len(entries)), str(sum(entries))))
-    return Table("Possible effects", ("", "listed", "right"), tuple(rows))
 
 
 def _wrong(cases: Sequence[Scored]) -> Table:

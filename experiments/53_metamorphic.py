@@ -418,8 +418,7 @@ def examine(number: int, relation: Relation, out: Path) -> Difference:
 def table(found: dict[str, list[Difference]]) -> str:
     """A line for each relation."""
     head = ["changed", "pairs", "same verdict", "same effects", "same possible ones"]
-    head += ["within tolerance", "value [std]", "closed", "share", "probability"]
-    head.append("NRMSE")
+    head += ["within tolerance", "value [std]", "closed", "share"]
     lines = [f"| {' | '.join(head)} |", "|---|" + "---:|" * (len(head) - 1)]
     for relation in RELATIONS:
         rows = found.get(relation.name)
@@ -433,7 +432,7 @@ def table(found: dict[str, list[Difference]]) -> str:
         cells.append(str(sum(_holds(row, relation) for row in rows)))
         # what other effects say about the values is no difference of values
         same = [row for row in rows if row.same_names]
-        for key in ("value", "closed", "share", "probability", "nrmse"):
+        for key in ("value", "closed", "share"):
             largest = max((getattr(row, key) for row in same), default=0.0)
             cells.append(f"{largest:.1e}" if largest < 0.01 else f"{largest:.2f}")
         lines.append(f"| {' | '.join(cells)} |")
@@ -466,8 +465,7 @@ def _holds(difference: Difference, relation: Relation) -> bool:
 def _said(difference: Difference) -> str:
     """A line on one pair."""
     return (
-        f"value {difference.value:.1e} std, closed {difference.closed:.1e}, share {difference.share:.1e}, "
-        f"probability {difference.probability:.1e}, NRMSE {difference.nrmse:.1e}, floor {difference.floor:.1e} "
+        f"value {difference.value:.1e} std, closed {difference.closed:.1e}, share {difference.share:.1e} "
         f"{difference.words}"
     )
 

@@ -120,6 +120,10 @@ class Named:
     link: int = 0
 
 
+FAST = "fast"
+"""The kind of motion that moves above 3 Hz."""
+
+
 @dataclass(frozen=True)
 class Declared:
     """A pair of effects that count as the same under a condition.
@@ -128,12 +132,14 @@ class Declared:
         first, second: names.
         when: the condition, in words.
         why: the reason.
+        holds: the condition, of both effects, the number of joints and the kinds of the recordings.
     """
 
     first: str
     second: str
     when: str
     why: str
+    holds: Callable[[Named, Named, int, Sequence[str]], bool]
 
 
 CLASSES = (
@@ -142,21 +148,24 @@ CLASSES = (
         "actuator_lag",
         "no recording that was given moves above 3 Hz",
         "both delay the torque by the same time there; cosine of the signatures 1.00",
+        lambda delay, lag, n, motions: FAST not in motions,
     ),
     Declared(
         "armature",
         "link_inertia",
         "the armature acts on joints 1 or 2 only",
         "the same base parameters, exactly",
+        lambda rotor, link, n, motions: max(rotor.joints, default=9) <= 2,
     ),
     Declared(
-        "payload", "link_inertia", "the link is the last one", "the same body, exactly"
+        "payload",
+        "link_inertia",
+        "the link is the last one",
+        "the same body, exactly",
+        lambda load, link, n, motions: link.link == n,
     ),
 )
 """The classes."""
-
-FAST = "fast"
-"""The kind of motion that moves above 3 Hz."""
 
 
 def named(entry: dict[str, Any]) -> Named:
@@ -180,13 +189,11 @@ def same(one: Named, other: Named, n_joints: int, motions: Sequence[str]) -> boo
     if one.effect == other.effect:
         return True
     pair = {one.effect: one, other.effect: other}
-    if set(pair) == {"actuator_delay", "actuator_lag"}:
-        return FAST not in motions
-    if set(pair) == {"armature", "link_inertia"}:
-        return max(pair["armature"].joints, default=9) <= 2
-    if set(pair) == {"payload", "link_inertia"}:
-        return pair["link_inertia"].link == n_joints
-    return False
+    return any(
+        c.holds(pair[c.first], pair[c.second], n_joints, motions)
+        for c in CLASSES
+        if {c.first, c.second} == set(pair)
+    )
 
 
 def matched(

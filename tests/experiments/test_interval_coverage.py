@@ -70,7 +70,7 @@ def test_values_are_those_of_joints_that_have_the_effect() -> None:
     ]
     assert [v.held for v in found] == [True, False, True, True, True]
     assert found[0].half == pytest.approx(0.196)
-    table = coverage_table("All", found, lambda v: v.parameter)
+    table = coverage_table("All", found)
     assert table.rows[-1][:3] == ("all", "5", "80 %")
 
 

@@ -173,13 +173,6 @@ def test_scores_of_right_wrong_and_healthy_cases():
     assert bin_[1:4] == ("3", "0.90", "0.33")
 
 
-def test_possible_effects_are_listed_and_not_counted_as_named():
-    maybe = found("torque_offset", [1], [1.0], probability=0.3)
-    rows = [one("healthy", [], [], possible=[maybe])]
-    assert table(rows, "Total").rows[0][2] == "0/1 (0 %)"
-    assert table(rows, "Possible effects").rows[0] == ("healthy", "1", "0")
-
-
 def test_failed_case_counts_as_wrong_and_failed():
     case = plan.Planned("ur10", "plain", "single", 0, 4.0)
     result = {"status": "failed", "error": "LinAlgError", "cpu_seconds": 3.0}
