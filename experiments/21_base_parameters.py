@@ -13,7 +13,6 @@ chains with oblique placements and axes.
 from __future__ import annotations
 
 import argparse
-import inspect
 import os
 import time
 import xml.etree.ElementTree as ET
@@ -86,23 +85,6 @@ class SymbolicRegressor:
         return sp.lambdify(
             [*self.q, *self.dq, *self.ddq], entries, modules="numpy", cse=True
         )
-
-    @property
-    def source(self) -> str:
-        """Python source of ``function``."""
-        return inspect.getsource(self.function)
-
-    def text(self) -> str:
-        """Entries of Y in simplified form, a line each: ``Y[1, Izz1] = ddq1``."""
-        simple = {
-            place: sp.trigsimp(sp.expand(self.matrix[place])) for place in self._filled
-        }
-        lines = [
-            f"Y[{i + 1}, {self.names[j]}] = {value}"
-            for (i, j), value in simple.items()
-            if value != 0
-        ]
-        return "\n".join(lines)
 
     @property
     def _filled(self) -> list[tuple[int, int]]:
