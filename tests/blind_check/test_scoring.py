@@ -188,16 +188,6 @@ def test_the_error_of_a_tilt_is_that_of_the_vector() -> None:
     assert first_parameter_error(true, found) == pytest.approx(0.2)
 
 
-def test_an_effect_on_other_joints_has_no_parameter_error() -> None:
-    assert (
-        first_parameter_error(
-            effect("armature", [1], inertia=[1.0]),
-            effect("armature", [2], inertia=[1.0]),
-        )
-        is None
-    )
-
-
 def test_the_summary_counts_alarms_unknowns_and_failures() -> None:
     beyond = {
         "effect": "unknown",
@@ -264,16 +254,6 @@ def test_a_plain_method_sees_no_gap(method: Any) -> None:
 def test_forward_selection_finds_a_pair() -> None:
     found = forward_bic(plain_case([1.0, 0.0, 0.7]))
     assert [e["effect"] for e in found["effects"]] == ["payload", "armature"]
-
-
-def test_the_classifier_learns_what_can_be_told_apart() -> None:
-    pytest.importorskip("sklearn", reason="gapscope[learn] is not installed")
-    rng = np.random.default_rng(0)
-    x = np.vstack([rng.standard_normal((40, 4)) + 3.0 * np.eye(4)[k] for k in range(3)])
-    names = np.repeat(["a", "b", "c"], 40)
-    p = train(x, list(names)).network.predict_proba(x)
-    assert p.sum(axis=1) == pytest.approx(1.0)
-    assert (np.array(["a", "b", "c"])[p.argmax(axis=1)] == names).mean() > 0.9
 
 
 def test_the_classifier_learns_what_no_line_divides() -> None:

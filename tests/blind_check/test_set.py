@@ -19,7 +19,6 @@ from gapscope.blind_check.check import (
     make,
     open_labels,
     read_plan,
-    readable_labels,
     run,
 )
 from gapscope.blind_check.scoring import score
@@ -151,14 +150,6 @@ def test_the_run_refuses_where_the_labels_can_be_read(
     assert stopped.value.code == 2
     assert "would not be blind" in capsys.readouterr().err
     assert not (tmp_path / "results").exists()
-
-
-def test_labels_of_another_set_beside_do_not_matter(
-    copied: tuple[Path, Path], tmp_path: Path
-) -> None:
-    (tmp_path / "other").mkdir()
-    (tmp_path / "other" / "labels.json").write_text("{}")
-    assert readable_labels(copied[0]) is None
 
 
 @pytest.mark.parametrize("what", ["label", "recording"])

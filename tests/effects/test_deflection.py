@@ -80,16 +80,6 @@ def phasor(series: np.ndarray, motion: Motion, frequency: float) -> complex:
     return complex(a, b).conjugate()
 
 
-def test_the_motion_is_consistent() -> None:
-    """What is written out above: the derivatives belong to each other."""
-    motion = sine(3.0)
-    for below, above in ((motion.q, motion.dq), (motion.dq, motion.ddq)):
-        slope = np.gradient(below, 1 / RATE, axis=0)
-        np.testing.assert_allclose(
-            slope[1:-1], above[1:-1], atol=2e-4 * np.abs(above).max()
-        )
-
-
 class TestElasticity:
     NATURAL = 8.0
     """Frequency of the link on its spring [Hz]."""
@@ -118,22 +108,6 @@ class TestElasticity:
         )
         assert abs(gain - expected) < 0.03 * abs(expected)
 
-    @pytest.mark.parametrize("ratio", [0.25, 0.75])
-    def test_without_damping_the_link_keeps_phase(
-        self, turntable: RigidBody, ratio: float
-    ) -> None:
-        """1 / (1 - (w / wn)^2), real; not less damped by the first instants than it should be."""
-        motion = sine(ratio * self.NATURAL)
-        torque = rigid(turntable, motion)
-        found = behind_elasticity(
-            turntable, motion, torque, np.array([self.spring()]), NONE
-        )
-        gain = phasor(found[:, 0], motion, ratio * self.NATURAL) / phasor(
-            torque[:, 0], motion, ratio * self.NATURAL
-        )
-        assert gain.real == pytest.approx(1 / (1 - ratio**2), rel=0.02)
-        assert abs(gain.imag) < 0.02
-
     def test_without_damping_the_link_rings_on(self, turntable: RigidBody) -> None:
         """After a jerk the motor rests; the link swings on at its natural frequency, its energy kept."""
         t = np.arange(int(4 * RATE)) / RATE
@@ -151,21 +125,6 @@ class TestElasticity:
         ringing = found[t > 1.1]
         crossings = np.flatnonzero(np.diff(np.sign(ringing))) / RATE
         assert 0.5 / np.diff(crossings).mean() == pytest.approx(self.NATURAL, rel=0.01)
-
-    def test_a_damper_makes_it_die_away(self, turntable: RigidBody) -> None:
-        """By exp(-zeta wn t): the logarithmic decrement."""
-        zeta, k = 0.02, self.spring()
-        t = np.arange(int(4 * RATE)) / RATE
-        jerk = 5.0 * ((t > 1.0) & (t < 1.03))[:, None]
-        still = Motion(t, 0 * jerk, 0 * jerk, 0 * jerk)
-        d = 2 * zeta * np.sqrt(k * INERTIA)
-        found = behind_elasticity(turntable, still, jerk, np.array([k]), np.array([d]))[
-            :, 0
-        ]
-        early, late = (found[(t > a) & (t < a + 0.5)].std() for a in (1.1, 2.1))
-        assert np.log(early / late) == pytest.approx(
-            zeta * 2 * np.pi * self.NATURAL, rel=0.03
-        )
 
     @pytest.mark.parametrize("angle", [0.8, -0.8])
     def test_static_deflection(self, swing: RigidBody, angle: float) -> None:
