@@ -11,16 +11,7 @@ from experiments.benchmarks.measure import (
     Point,
     Row,
     compared,
-    in_turns,
 )
-
-
-def test_loops_take_turns():
-    order = []
-    loops = {"a": lambda: order.append("a"), "b": lambda: order.append("b")}
-    times = in_turns(loops, 3)
-    assert order == ["a", "b"] * 3
-    assert {name: len(values) for name, values in times.items()} == {"a": 3, "b": 3}
 
 
 def test_ratio_is_the_median_of_the_rounds_ratios():
@@ -68,17 +59,6 @@ def test_a_run_goes_on_where_it_was_and_writes_into_the_page(part, tmp_path, cap
     assert "| row of good | 0.25 s | 2 to other |  |" in text and "old" not in text
     benchmarks.main(["fake", *out, "--again", "--only", "good"])
     assert part == ["good", "bad", "bad", "good"]
-
-
-def test_a_page_without_a_place_gets_a_section(part, tmp_path):
-    page = tmp_path / "page.md"
-    page.write_text("# Page\n")
-    words = ["fake", "--only", "good", "--out", str(tmp_path), "--into", str(page)]
-    for _ in range(2):  # the second time there is a place
-        benchmarks.main(words)
-    text = page.read_text()
-    assert text.startswith("# Page\n\n## A part\n\n<!-- fake: written by a script -->")
-    assert text.count("| row of good |") == text.count("## A part") == 1
 
 
 def test_the_pendulum_obeys_its_equation_and_sticks():
