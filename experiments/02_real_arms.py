@@ -7,11 +7,11 @@ Reference friction and rotor inertia of the Stäubli TX40 come from the file pub
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 import numpy as np
 import yaml
+from common import command_line
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import GapscopeError
@@ -41,8 +41,7 @@ def tx40_parameters(case: Case, found: Diagnosis) -> None:
 
 def main() -> None:
     """Diagnose each real arm and print what was found."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--out", type=Path, default=Path("out/real_arms"))
+    parser = command_line(__doc__, out=Path("out/real_arms"))
     out = parser.parse_args().out
     for path in sorted(CASES.glob("*.yaml")):
         try:

@@ -20,7 +20,6 @@ other motions, by least squares in the law that was chosen; of sharp Coulomb fri
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from itertools import product
@@ -28,6 +27,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from common import command_line, markdown
 from pinocchio_arms import FORM_ARMS, FORMS, RATE, FormArm, noised
 from rich.console import Console
 from rich.progress import track
@@ -283,7 +283,7 @@ def form_coverage(draws: int, path: Path | None) -> None:
     everything = np.hstack([row for found in hits.values() for row in found])
     rows.append(_form_row("all", None, everything))
     head = ["friction", "noise", "bodies", "friction", "all", "wider by"]
-    text = f"coverage without form error, with it\n\n{table(head, rows)}"
+    text = f"coverage without form error, with it\n\n{markdown(head, rows)}"
     print(text)
     if path is not None:
         path.write_text(text + "\n", encoding="utf-8")
@@ -421,7 +421,7 @@ class Comparison:
                 tally.row(self._world.truth, self._rms) for tally in levels.values()
             )
             rows.append([name, runs, *figures])
-        return f"{self.label}: bias / standard deviation / RMSE of judged torque [mN m]\n\n{table(HEAD, rows)}"
+        return f"{self.label}: bias / standard deviation / RMSE of judged torque [mN m]\n\n{markdown(HEAD, rows)}"
 
 
 def coverage(
@@ -454,12 +454,6 @@ def coverage(
     return {name: float(np.mean(values)) for name, values in hits.items()}
 
 
-def table(head: list[str], rows: list[list[str]]) -> str:
-    """A table in Markdown."""
-    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    return "\n".join(lines + ["| " + " | ".join(row) + " |" for row in rows])
-
-
 Shares = list[tuple[str, dict[str, float]]]
 """Coverage by arm and kind."""
 
@@ -482,13 +476,9 @@ def measure(
 
 def main() -> None:
     """Run, print and write the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--runs", type=int, default=100)
-    parser.add_argument("--consistent", type=int, default=20)
-    parser.add_argument("--simulating", type=int, default=0)
+    parser = command_line(__doc__, runs=100, consistent=20, simulating=0, seed=1)
     parser.add_argument("--arms", nargs="+", choices=ARMS, default=ARMS)
     parser.add_argument("--forms", type=int, default=0, help="draws of each arm")
-    parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=None)
     options = parser.parse_args()
     if options.forms:
@@ -513,7 +503,7 @@ def main() -> None:
             kinds = list(shares[0][1])
             rows = [[k, *(f"{one[x]:.1%}" for x in kinds)] for k, one in shares]
             title = "coverage of 95 % intervals, weighted least squares"
-            shown.append(f"{title}\n\n{table(['arm', *kinds], rows)}")
+            shown.append(f"{title}\n\n{markdown(['arm', *kinds], rows)}")
         if options.out:
             with atomic_write(options.out) as aside:
                 aside.write_text("\n\n".join(shown) + "\n", encoding="utf-8")

@@ -11,13 +11,13 @@ is called. *Plain* is least squares of minimum norm on all columns, with the smo
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 from time import perf_counter, process_time
 
 import numpy as np
 from benchmarks.child import FIGAROH, figaroh_fit, install
+from common import command_line
 
 from gapscope.arm.case import load_case
 from gapscope.ident.examination import MOVING
@@ -78,8 +78,7 @@ def table(
 
 def main() -> None:
     """Run both and print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--out", type=Path, default=Path("out/tx40"))
+    parser = command_line(__doc__, out=Path("out/tx40"))
     out = parser.parse_args().out
     out.mkdir(parents=True, exist_ok=True)
     python = install(out / "figaroh")

@@ -34,7 +34,6 @@ round acts there.
 
 from __future__ import annotations
 
-import argparse
 import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -45,7 +44,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common import run_part
+from common import command_line, run_part
 from generator_arms import ARMS, MOTIONS, Fed, GeneratorArm
 
 from gapscope.agents.evaluation import EvaluationPlan, TrackingBench
@@ -250,12 +249,14 @@ def with_interval(values: list[float], motions: list[str]) -> str:
 
 def models() -> None:
     """Work through the cells, then print the tables."""
-    parser = argparse.ArgumentParser(description=models.__doc__)
-    parser.add_argument("--robots", default="iiwa,panda")
-    parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--severity", type=float, default=1.5)
-    parser.add_argument("--out", type=Path, default=Path("out/feedforward"))
-    parser.add_argument("--table", action="store_true")
+    parser = command_line(
+        models.__doc__,
+        robots="iiwa,panda",
+        seeds=3,
+        severity=1.5,
+        out=Path("out/feedforward"),
+        table=False,
+    )
     arguments = parser.parse_args()
     warnings.simplefilter("ignore")
     cells: ModelCells = {}
@@ -385,16 +386,18 @@ def spread(found: Sequence[Any], state: str) -> str:
 
 def on_top_of_models() -> None:
     """Work through the cells, then print the tables."""
-    parser = argparse.ArgumentParser(description=on_top_of_models.__doc__)
-    parser.add_argument("--seeds", type=int, default=5)
-    parser.add_argument("--first", type=int, default=1)
-    parser.add_argument("--agents", default="ppo,sac")
-    parser.add_argument("--models", default=",".join(TRIED))
+    parser = command_line(
+        on_top_of_models.__doc__,
+        seeds=5,
+        first=1,
+        agents="ppo,sac",
+        models=",".join(TRIED),
+        jobs=1,
+        arms=Path("out/feedforward"),
+        out=Path("out/agents"),
+        table=False,
+    )
     parser.add_argument("--steps", type=int)
-    parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--arms", type=Path, default=Path("out/feedforward"))
-    parser.add_argument("--out", type=Path, default=Path("out/agents"))
-    parser.add_argument("--table", action="store_true")
     arguments = parser.parse_args()
     agents, models = arguments.agents.split(","), arguments.models.split(",")
     if unknown := set(models) - set(TRIED):
@@ -593,12 +596,14 @@ def draw_bandwidths(cells: dict[tuple[int, str], Any], path: Path) -> None:
 
 def other_simulator() -> None:
     """Work through the cells, then print the tables and draw the picture."""
-    parser = argparse.ArgumentParser(description=other_simulator.__doc__)
-    parser.add_argument("--arms", default="0,1,2")
-    parser.add_argument("--steps", type=int, default=20480)
-    parser.add_argument("--out", type=Path, default=Path("out/other_simulator"))
+    parser = command_line(
+        other_simulator.__doc__,
+        arms="0,1,2",
+        steps=20480,
+        out=Path("out/other_simulator"),
+        table=False,
+    )
     parser.add_argument("--picture", type=Path)
-    parser.add_argument("--table", action="store_true")
     arguments = parser.parse_args()
     warnings.simplefilter("ignore")
     numbers = [int(number) for number in arguments.arms.split(",")]

@@ -12,7 +12,6 @@ chains with oblique placements and axes.
 
 from __future__ import annotations
 
-import argparse
 import os
 import time
 import xml.etree.ElementTree as ET
@@ -24,6 +23,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import sympy as sp
+from common import command_line
 
 from gapscope.arm.dynamics.rigid_body import INERTIAL_PARAMETERS, RigidBody
 from gapscope.arm.errors import InputError
@@ -372,9 +372,7 @@ def symbolic(states: int) -> None:
 
 def main() -> None:
     """Print both tables."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line(__doc__)
     parser.add_argument(
         "--states", type=int, default=300, help="random states of each arm"
     )

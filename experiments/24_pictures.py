@@ -16,7 +16,6 @@ arm. Saturation shows the torque lost, rounding of the encoder the error of the 
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import shutil
@@ -32,7 +31,7 @@ import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-from common import run_part
+from common import command_line, run_part
 from PIL import Image
 
 from gapscope.arm.case import load_case
@@ -63,9 +62,9 @@ POINTS = 240
 
 def readme() -> None:
     """Diagnose the recording unless that is done, draw the pictures."""
-    options = argparse.ArgumentParser(description=readme.__doc__)
-    options.add_argument("--out", type=Path, default=Path("docs/pictures"))
-    options.add_argument("--work", type=Path, default=Path("out/pictures"))
+    options = command_line(
+        readme.__doc__, out=Path("docs/pictures"), work=Path("out/pictures")
+    )
     chosen = options.parse_args()
     chosen.out.mkdir(parents=True, exist_ok=True)
     chosen.work.mkdir(parents=True, exist_ok=True)
@@ -394,8 +393,7 @@ AXES = {
 
 def signatures() -> None:
     """Draw one picture for each family."""
-    options = argparse.ArgumentParser(description=signatures.__doc__)
-    options.add_argument("--out", type=Path, default=Path("docs/pictures/signatures"))
+    options = command_line(signatures.__doc__, out=Path("docs/pictures/signatures"))
     out = options.parse_args().out
     out.mkdir(parents=True, exist_ok=True)
     arm = iiwa()

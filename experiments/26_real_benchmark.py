@@ -27,10 +27,9 @@ import numpy as np
 from common import (
     Progress,
     Wanted,
-    add_run_options,
-    diagnose_missing,
-    publish,
     run_tasks,
+    study,
+    study_options,
 )
 from real_carriers import ARMS, load_prepared, prepare_arm, prepare_cut
 from real_cases import (
@@ -375,47 +374,26 @@ def make(cases: list[Planned], seed: int, out: Path, jobs: int) -> None:
     )
 
 
-def wanted(cases: list[Planned], out: Path, results: Path) -> list[Wanted]:
-    """The diagnoses of all cases that were made."""
-    return [
-        Wanted(
-            out / "cases" / plan.name,
-            reference_of(plan, out) if plan.mode == "against" else None,
-            results / f"{plan.name}.json",
-        )
-        for plan in cases
-        if (out / "truth" / f"{plan.name}.json").is_file()
-    ]
-
-
-def score(cases: list[Planned], out: Path, results: Path) -> None:
-    """Print the tables of all cases that have a result, and write them beside the results."""
-    rows: list[Scored] = []
-    for plan in cases:
-        file = results / f"{plan.name}.json"
-        if file.is_file():
-            rows.append(scored(plan, read_truth(plan, out), read_json(file, "")))
-    if not rows:
-        print("no results yet: --step run")
-        return
-    publish(score_tables(rows), len(cases) - len(rows), len(cases), results)
+def score(rows: Sequence[tuple[Planned, dict[str, Any]]], out: Path) -> Sequence[Table]:
+    """The tables of all cases that have a result."""
+    done = [scored(plan, read_truth(plan, out), result) for plan, result in rows]
+    return score_tables(done) if done else ()
 
 
 def parsed() -> argparse.Namespace:
     """The arguments."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    parser = study_options(
+        __doc__,
+        "check",
+        jobs=2,
+        out=Path("out/real_benchmark"),
+        arms=",".join(ARMS),
+        modes=",".join(MODES),
+        sizes=",".join(f"{s:g}" for s in SIZES),
+        seed=1,
     )
-    parser.add_argument("--out", type=Path, default=Path("out/real_benchmark"))
-    parser.add_argument("--arms", default=",".join(ARMS), help="default: %(default)s")
-    parser.add_argument("--modes", default=",".join(MODES), help="default: %(default)s")
-    parser.add_argument("--sizes", default=",".join(f"{s:g}" for s in SIZES))
     parser.add_argument("--per-arm", type=int, help="cases per arm and mode")
     parser.add_argument("--full", action="store_true", help="36 per arm and mode")
-    parser.add_argument("--seed", type=int, default=1)
-    add_run_options(parser, jobs=2)
-    steps = ("make", "check", "run", "score", "all")
-    parser.add_argument("--step", choices=steps, default="all")
     return parser.parse_args()
 
 
@@ -433,14 +411,22 @@ def main() -> None:
     out, results = arguments.out, arguments.out / arguments.results
     # a process for each task, each with one thread
     threadpool_limits(1)
-    if arguments.step in ("make", "all"):
-        make(cases, arguments.seed, out, arguments.jobs)
     if arguments.step == "check":
         print(check_table(cases, out, arguments.jobs).markdown())
-    if arguments.step in ("run", "all"):
-        diagnose_missing(wanted(cases, out, results), arguments)
-    if arguments.step in ("score", "all"):
-        score(cases, out, results)
+        return
+
+    def wanted(plan: Planned) -> Wanted:
+        reference = reference_of(plan, out) if plan.mode == "against" else None
+        case, file = out / "cases" / plan.name, results / f"{plan.name}.json"
+        return Wanted(case, reference, file)
+
+    study(
+        arguments,
+        make=lambda: make(cases, arguments.seed, out, arguments.jobs),
+        plans=lambda: cases,
+        wanted=wanted,
+        tables=lambda rows: score(rows, out),
+    )
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from common import Progress, run_tasks
+from common import Progress, command_line, markdown, run_tasks, share_text
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import ModelWarning
@@ -37,7 +37,6 @@ from gapscope.blind_check.generator.law import Cause
 from gapscope.blind_check.generator.laws import LAWS
 from gapscope.blind_check.generator.simulate import Conditions
 from gapscope.blind_check.generator.true_arm import Columns, TrueArm
-from gapscope.blind_check.scoring import wilson
 from gapscope.model.change_findings import (
     PAYLOAD,
     PLAIN_FRICTION,
@@ -299,40 +298,45 @@ def table(outcomes: Sequence[Outcome]) -> str:
     """A row per kind, and per label: what was put in, what of it was told, what was false, and how far off."""
     heads = ("change", "cases", "named", "and where", "and when", "false", "moment")
     heads = (*heads, "off by (median, s)", "value", "off by (median)")
-    lines = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
     kinds = {o.kind: [x for x in outcomes if x.kind == o.kind] for o in outcomes}
+    rows = []
     for kind, own in kinds.items():
-        lines.append(row(kind, own))
+        rows.append(row(kind, own))
         labels = sorted({o.label for o in own} - {kind})
-        lines += [row(f"- {x}", [o for o in own if o.label == x]) for x in labels]
-    return "\n".join(lines)
+        rows += [row(f"- {x}", [o for o in own if o.label == x]) for x in labels]
+    return markdown(heads, rows)
 
 
-def row(name: str, own: Sequence[Outcome]) -> str:
+def row(name: str, own: Sequence[Outcome]) -> list[object]:
     """Cells of some outcomes; shares with Wilson's interval, moment and value those that lie in their intervals."""
     given = [o for o in own if o.truth is not None]
     hits = [o for o in given if o.hit is not None]
-    cells = [name, len(own), "", "", "", sum(o.false for o in own), "", "", "", ""]
+    cells: list[object] = [
+        name,
+        len(own),
+        "",
+        "",
+        "",
+        sum(o.false for o in own),
+        "",
+        "",
+        "",
+        "",
+    ]
     if given:
         by = ({}, {"where": True}, {"where": True, "when": True})
         told = [sum(o.like(**how) is not None for o in given) for how in by]
-        cells[2:5] = [share(n, len(given)) for n in told]
+        cells[2:5] = [share_text(n, len(given)) for n in told]
     if hits:
         off = [abs(o.hit["time"] - o.truth.moment) for o in hits if o.hit and o.truth]
         errors, deviations = np.array([o.value for o in hits]).T
         cells[6:8] = [
-            share(sum(o.inside for o in hits), len(hits)),
+            share_text(sum(o.inside for o in hits), len(hits)),
             f"{np.median(off):.3f}",
         ]
         inside = int((deviations <= HALF_WIDTH).sum())
-        cells[8:] = [share(inside, len(hits)), f"{np.median(errors):.1%}"]
-    return "| " + " | ".join(map(str, cells)) + " |"
-
-
-def share(hits: int, count: int) -> str:
-    """``19/21 (71 to 97 %)``."""
-    low, high = wilson(hits, count)
-    return f"{hits}/{count} ({100 * low:.0f} to {100 * high:.0f} %)"
+        cells[8:] = [share_text(inside, len(hits)), f"{np.median(errors):.1%}"]
+    return cells
 
 
 def read(file: Path) -> Outcome | None:
@@ -346,14 +350,11 @@ def read(file: Path) -> Outcome | None:
 
 def main() -> None:
     """Run what is not there yet, and print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = command_line(__doc__, no_real=False, out=Path("out/changes"), jobs=1)
     parser.add_argument("--arms", type=int, default=14, help="of the generator")
     parser.add_argument("--first", type=int, default=0, help="number of the first arm")
     parser.add_argument("--healthy", action="store_true", help="without change alone")
-    parser.add_argument("--no-real", action="store_true")
     parser.add_argument("--table", action="store_true", help="of what is there")
-    parser.add_argument("--out", type=Path, default=Path("out/changes"))
-    parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument(
         "--limit", type=float, default=600.0, help="processor time of a case [s]"
     )

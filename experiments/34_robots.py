@@ -27,7 +27,6 @@ Results that are there are kept; ``OUT/results.jsonl`` has one line per diagnosi
 
 from __future__ import annotations
 
-import argparse
 import json
 import warnings
 import zlib
@@ -39,7 +38,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from common import run_part, run_tasks
+from common import command_line, markdown, run_part, run_tasks
 
 import gapscope
 from gapscope.arm.case import Case
@@ -158,8 +157,8 @@ def _short(error: GapscopeError, file: Path) -> str:
 def as_table(rows: list[dict[str, Any]]) -> str:
     """The table as Markdown; messages stand below it."""
     head = ("robot", "joints", "slides", *STEPS)
-    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
     messages: dict[str, list[str]] = {}
+    table = []
     for each in rows:
         cells = []
         for name in head:
@@ -168,8 +167,8 @@ def as_table(rows: list[dict[str, Any]]) -> str:
                 messages.setdefault(text, []).append(each["robot"])
                 text = f"({list(messages).index(text) + 1})"
             cells.append(text)
-        lines.append("| " + " | ".join(cells) + " |")
-    lines.append("")
+        table.append(cells)
+    lines = [markdown(head, table), ""]
     for number, text in enumerate(messages, 1):
         lines.append(f"{number}. {' '.join(text.split())}")
     return "\n".join(lines) + "\n"
@@ -177,9 +176,8 @@ def as_table(rows: list[dict[str, Any]]) -> str:
 
 def files_part() -> None:
     """Compute the missing rows and print the table."""
-    parser = argparse.ArgumentParser(description=files_part.__doc__)
+    parser = command_line(files_part.__doc__, out=Path("out/robots"))
     parser.add_argument("--folder", type=Path, required=True)
-    parser.add_argument("--out", type=Path, default=Path("out/robots"))
     parser.add_argument("--only")
     args = parser.parse_args()
     warnings.simplefilter("ignore", ModelWarning)
@@ -308,22 +306,17 @@ def answer(row: dict[str, Any]) -> str:
 def table(rows: list[dict[str, Any]]) -> str:
     """Answers to each effect, as Markdown."""
     counts = Counter((row["effect"], answer(row)) for row in rows)
-    lines = ["| effect | cases | " + " | ".join(ANSWERS) + " |"]
-    lines.append("|---" * (len(ANSWERS) + 2) + "|")
+    lines = []
     for effect in sorted({row["effect"] for row in rows}):
         of_it = [counts[effect, each] for each in ANSWERS]
-        lines.append(
-            f"| {effect} | {sum(of_it)} | " + " | ".join(map(str, of_it)) + " |"
-        )
-    return "\n".join(lines)
+        lines.append([effect, sum(of_it), *of_it])
+    return markdown(("effect", "cases", *ANSWERS), lines)
 
 
 def effects_part() -> None:
     """Do what is missing, list what is not exact, and print the table."""
-    parser = argparse.ArgumentParser(description=effects_part.__doc__)
+    parser = command_line(effects_part.__doc__, out=Path("out/many_arms"), per_arm=4)
     parser.add_argument("--folder", type=Path, required=True)
-    parser.add_argument("--out", type=Path, default=Path("out/many_arms"))
-    parser.add_argument("--per-arm", type=int, default=4)
     parser.add_argument("--only", help="files whose name has this")
     args = parser.parse_args()
     warnings.simplefilter("ignore", ModelWarning)

@@ -27,7 +27,6 @@ law must have commanded. Printed for each law: what was found with its value.
 
 from __future__ import annotations
 
-import argparse
 import csv
 import itertools
 import json
@@ -43,7 +42,7 @@ from zlib import crc32
 
 import numpy as np
 import yaml
-from common import run_part
+from common import command_line, markdown, run_part
 from generator_arms import ARMS, GeneratorArm
 from real_carriers import load_carrier
 
@@ -244,18 +243,16 @@ def tables(answers: list[dict[str, Any]]) -> str:
     """The tables: kinds of answers by fault and group, and values found."""
     groups = list(dict.fromkeys(one["group"] for one in answers))
     labels = [AS_IT_IS, *TORQUE_FAULTS]
-    lines = [
-        "found, found beside another fault, other name, nothing; of so many cases",
-        "",
-        f"| fault | {' | '.join(groups)} | value found over value put in |",
-        "|---" * (len(groups) + 2) + "|",
-    ]
+    rows = []
     for label in labels:
         of_label = [one for one in answers if one["label"] == label]
         cells = [
             _counted(label, [x for x in of_label if x["group"] == g]) for g in groups
         ]
-        lines.append(f"| {label} | {' | '.join(cells)} | {_ratio(label, of_label)} |")
+        rows.append([label, *cells, _ratio(label, of_label)])
+    head = ("fault", *groups, "value found over value put in")
+    lines = ["found, found beside another fault, other name, nothing; of so many cases"]
+    lines += ["", markdown(head, rows)]
     lines += ["", "wrong names:", ""]
     for one in answers:
         what = kind(one["label"], one["found"])
@@ -294,8 +291,7 @@ def _ratio(label: str, answers: list[dict[str, Any]]) -> str:
 
 def torque_column() -> None:
     """Ask each question that has no answer yet, and write the tables."""
-    parser = argparse.ArgumentParser(description=torque_column.__doc__)
-    parser.add_argument("--out", type=Path, default=Path("out/torque_column"))
+    parser = command_line(torque_column.__doc__, out=Path("out/torque_column"))
     parser.add_argument("--only", choices=("real", "generated"))
     options = parser.parse_args()
     out = options.out
@@ -329,7 +325,7 @@ def torque_column() -> None:
 
 def drawn() -> None:
     """Faults of the catalogue drawn and put into real recordings."""
-    argparse.ArgumentParser(description=drawn.__doc__).parse_args()
+    command_line(drawn.__doc__).parse_args()
     counts: Counter[str] = Counter()
     with TemporaryDirectory() as folder:
         for name in REAL:
@@ -527,9 +523,8 @@ def outcome(fault: str, found: str) -> str:
 
 def references() -> None:
     """Print each result and the counts by fault; write them as a table."""
-    parser = argparse.ArgumentParser(description=references.__doc__)
+    parser = command_line(references.__doc__, out=Path("out/reference_faults"))
     parser.add_argument("--part", choices=REFERENCE_PARTS, action="append")
-    parser.add_argument("--out", type=Path, default=Path("out/reference_faults"))
     options = parser.parse_args()
     data = Path(os.environ["GAPSCOPE_DATA"]) if "GAPSCOPE_DATA" in os.environ else None
     options.out.mkdir(parents=True, exist_ok=True)
@@ -578,7 +573,7 @@ def diagnosed(kind: str, label: str) -> dict[str, Any]:
 
 def controllers() -> None:
     """Diagnose all cases and print the table."""
-    argparse.ArgumentParser(description=controllers.__doc__).parse_args()
+    command_line(controllers.__doc__).parse_args()
     print("| law | arm | found |\n|---|---|---|")
     for kind, label in itertools.product(LAWS, LAW_EFFECTS):
         document = diagnosed(kind, label)

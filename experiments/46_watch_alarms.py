@@ -20,7 +20,6 @@ noise has the colour of its kind of arm. Nothing of this is shared with ``gapsco
 
 from __future__ import annotations
 
-import argparse
 import copy
 import tempfile
 import time
@@ -30,6 +29,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from common import command_line, kept, markdown
 from joblib import Parallel, delayed
 from scipy.signal import lfilter
 from scipy.stats import chi2
@@ -37,7 +37,6 @@ from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.io.json_file import read_json, write_json
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
@@ -392,12 +391,10 @@ def per_day(count: int, hours: float) -> str:
     return f"{count * scale:.2g} ({low * scale:.2g} .. {high * scale:.2g})"
 
 
-def rows_of_alarms(found: list[dict[str, Any]]) -> list[str]:
+def table_of_alarms(found: list[dict[str, Any]]) -> str:
     """Table of false alarms."""
-    lines = [
-        "| arms | hours | alarms | per 24 h (95 %) | as | misfits | per 24 h | drifts noted |",
-        "|" + "---|" * 8,
-    ]
+    head = ("arms", "hours", "alarms", "per 24 h (95 %)", "as", "misfits", "per 24 h")
+    rows = []
     colours = {name: [f for f in found if f.get("noise") == name] for name in NOISES}
     robots = {f["robot"]: [g for g in found if g["robot"] == f["robot"]] for f in found}
     groups = {
@@ -416,26 +413,25 @@ def rows_of_alarms(found: list[dict[str, Any]]) -> list[str]:
         drifts = sum(len(f.get("drifts", ())) for f in own)
         rate = per_day(len(effects), hours)
         misfits = sum(f["misfits"] for f in own)
-        cells = [
-            f"{label}, {len(own)}",
-            f"{hours:g}",
-            len(effects),
-            rate,
-            names,
-            misfits,
-            per_day(misfits, hours),
-            drifts,
-        ]
-        lines.append("| " + " | ".join(map(str, cells)) + " |")
-    return lines
+        rows.append(
+            (
+                f"{label}, {len(own)}",
+                f"{hours:g}",
+                len(effects),
+                rate,
+                names,
+                misfits,
+                per_day(misfits, hours),
+                drifts,
+            )
+        )
+    return markdown((*head, "drifts noted"), rows)
 
 
-def rows_of_changes(rows: list[dict[str, Any]]) -> list[str]:
+def table_of_changes(rows: list[dict[str, Any]]) -> str:
     """Table of what became of changes."""
-    lines = [
-        "| change | cases | named right | called otherwise | missed | size off by (median) |",
-        "|" + "---|" * 6,
-    ]
+    head = ("change", "cases", "named right", "called otherwise", "missed")
+    lines = []
     for label in dict.fromkeys(row["label"] for row in rows):
         own = [row for row in rows if row["label"] == label]
         right = [row for row in own if row["outcome"] == "right"]
@@ -448,29 +444,23 @@ def rows_of_changes(rows: list[dict[str, Any]]) -> list[str]:
         errors = [abs(row["error"]) for row in right if "error" in row]
         off = f"{np.median(errors):.0%}" if errors else ""
         missed = sum(row["outcome"] == "missed" for row in own)
-        lines.append(
-            f"| {label} | {len(own)} | {len(right)} | {names or 0} | {missed} | {off} |"
-        )
-    return lines
+        cells = [label, len(own), len(right), names or 0, missed, off]
+        lines.append(cells)
+    return markdown((*head, "size off by (median)"), lines)
 
 
-def kept(file: Path, make: Any, *arguments: Any) -> Any:
-    """A result from its file, or made and written."""
-    if not file.is_file():
-        with threadpool_limits(1):
-            write_json(make(*arguments), file)
-        print(f"  {file.name}", flush=True)
-    return read_json(file, "delete it")
+def single_thread(watch: Any, member: Any, hours: float) -> dict[str, Any]:
+    """What a watch says of an arm, by one thread."""
+    with threadpool_limits(1):
+        return dict(watch(member, hours))
 
 
 def main() -> None:
     """Run the parts that are asked for, and print their tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("out/watch"))
-    parser.add_argument("--parts", default="healthy,real")
-    parser.add_argument("--arms", type=int, default=12)
+    parser = command_line(
+        __doc__, out=Path("out/watch"), parts="healthy,real", arms=12, jobs=1
+    )
     parser.add_argument("--hours", type=float, default=4.0, help="of each arm")
-    parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--seed", type=int, default=0, help="of the first arm")
     options = parser.parse_args()
     out, hours, parts = options.out, options.hours, options.parts.split(",")
@@ -483,14 +473,16 @@ def main() -> None:
             continue
         jobs = [(out / f"{part}_{x}_{hours:g}h.json", x) for x in members[part]]
         run = Parallel(n_jobs=options.jobs)
-        found = run(delayed(kept)(file, watch, one, hours) for file, one in jobs)
-        print("\n".join(["", f"{part.capitalize()} arms", "", *rows_of_alarms(found)]))
+        found = run(
+            delayed(kept)(file, single_thread, watch, one, hours) for file, one in jobs
+        )
+        print("\n".join(["", f"{part.capitalize()} arms", "", table_of_alarms(found)]))
         for entry in found:
             print(*(f"  {entry['robot']}: {s}" for s in entry["alarms"][:10]), sep="\n")
         print(f"processor time per second: {np.median([f['cpu'] for f in found]):.1%}")
         rows = [row for entry in found for row in entry.get("changes", ())]
         if rows:
-            print("\n".join(["", *rows_of_changes(rows)]))
+            print("\n".join(["", table_of_changes(rows)]))
 
 
 if __name__ == "__main__":

@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 from zlib import crc32
 
 import numpy as np
-from common import run_tasks
+from common import command_line, run_tasks
 from real_carriers import (
     ARMS,
     cut,
@@ -470,13 +470,8 @@ def report(plans: list[Plan], out: Path, results: Path) -> None:
 
 def parsed() -> argparse.Namespace:
     """The arguments."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--out", type=Path, default=Path("out/coverage"))
+    parser = command_line(__doc__, out=Path("out/coverage"), seed=1, jobs=1)
     parser.add_argument("--rounds", type=int, default=1, help="of simulated cases")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--results", default="results", help="folder in OUT")
     parser.add_argument(
         "--step", choices=("make", "run", "score", "all"), default="all"

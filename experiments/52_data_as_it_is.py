@@ -16,7 +16,6 @@ cases.
 
 from __future__ import annotations
 
-import argparse
 import shutil
 import tempfile
 import time
@@ -30,6 +29,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 import yaml
+from common import command_line
 from scipy.interpolate import make_interp_spline
 
 from gapscope.arm.case import load_case
@@ -467,10 +467,9 @@ def line(damage: Damage, count: int, own: dict[str, float]) -> str:
 
 def main() -> None:
     """Make, damage, diagnose, score."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = command_line(__doc__, cases=30)
     parser.add_argument("out", type=Path)
     parser.add_argument("--only", nargs="*", choices=[d.name for d in DAMAGES])
-    parser.add_argument("--cases", type=int, default=30)
     parser.add_argument("--robots", nargs="*", choices=ROBOTS, default=ROBOTS)
     options = parser.parse_args()
     print(HEAD, "|---" * 8 + "|", sep="\n")

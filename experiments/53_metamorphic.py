@@ -16,7 +16,6 @@ folder or the time of a run is left out.
 
 from __future__ import annotations
 
-import argparse
 import io
 import json
 import os
@@ -31,6 +30,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from common import command_line
 from metamorphic import RELATIONS, CaseFiles, Difference, Relation, Twin, compare
 
 from gapscope.arm.case import load_case
@@ -472,7 +472,7 @@ def _said(difference: Difference) -> str:
 
 if __name__ == "__main__":
     names = [relation.name for relation in RELATIONS]
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = command_line(__doc__)
     parser.add_argument("out", type=Path)
     parser.add_argument("--relation", action="append", choices=names)
     parser.add_argument("--case", action="append", type=int, choices=range(len(CASES)))

@@ -14,7 +14,6 @@ versions side by side, ``--sketch PROGRAM`` lets an outside program answer (``co
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import os
 import warnings
@@ -29,10 +28,9 @@ import numpy as np
 import yaml
 from common import (
     Wanted,
-    add_run_options,
-    diagnose_missing,
     names_of,
-    publish,
+    study,
+    study_options,
     verdict_of,
 )
 from real_carriers import load_carrier
@@ -243,13 +241,10 @@ def read_plans(groups: Sequence[str], out: Path) -> list[Comparison]:
     return found
 
 
-def wanted(plans: Sequence[Comparison], out: Path, results: Path) -> list[Wanted]:
-    """All comparisons."""
-    found = []
-    for plan in plans:
-        folder, file = out / "cases" / plan.name, results / f"{plan.name}.json"
-        found.append(Wanted(folder / "case", folder / "reference", file))
-    return found
+def wanted(plan: Comparison, out: Path, results: Path) -> Wanted:
+    """The diagnosis of a comparison."""
+    folder, file = out / "cases" / plan.name, results / f"{plan.name}.json"
+    return Wanted(folder / "case", folder / "reference", file)
 
 
 def changes_of(result: dict[str, Any]) -> list[str]:
@@ -306,13 +301,6 @@ def _figures(results: Sequence[dict[str, Any]]) -> tuple[str, ...]:
     )
 
 
-def score(plans: Sequence[Comparison], results: Path) -> None:
-    """Print the tables of all that have a result, and write them beside the results."""
-    files = [(plan, results / f"{plan.name}.json") for plan in plans]
-    rows = [(plan, read_json(file, "")) for plan, file in files if file.is_file()]
-    publish(tables(rows), len(plans) - len(rows), len(plans), results)
-
-
 def agree(out: Path, data: Path) -> None:
     """Print whether the six repeats of each leg agree, and how far values scatter from repeat to repeat."""
     rows = []
@@ -345,14 +333,8 @@ def scatter(found: Agreement, quantity: str) -> str:
 
 def main() -> None:
     """Make, run and score."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--out", type=Path, default=Path("out/nothing_changed"))
+    parser = study_options(__doc__, "agree", out=Path("out/nothing_changed"))
     parser.add_argument("--groups", default=",".join(GROUPS), help="default: all")
-    add_run_options(parser)
-    steps = ("make", "run", "score", "all", "agree")
-    parser.add_argument("--step", choices=steps, default="all")
     arguments = parser.parse_args()
     warnings.simplefilter("ignore", ModelWarning)
     groups, out = arguments.groups.split(","), arguments.out
@@ -361,13 +343,13 @@ def main() -> None:
     if arguments.step == "agree":
         agree(out, Path(os.environ["GAPSCOPE_DATA"]))
         return
-    if arguments.step in ("make", "all"):
-        make(groups, out, Path(os.environ["GAPSCOPE_DATA"]))
-    plans = read_plans(groups, out)
-    if arguments.step in ("run", "all"):
-        diagnose_missing(wanted(plans, out, results), arguments)
-    if arguments.step in ("score", "all"):
-        score(plans, results)
+    study(
+        arguments,
+        make=lambda: make(groups, out, Path(os.environ["GAPSCOPE_DATA"])),
+        plans=lambda: read_plans(groups, out),
+        wanted=lambda plan: wanted(plan, out, results),
+        tables=tables,
+    )
 
 
 if __name__ == "__main__":

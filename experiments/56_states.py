@@ -15,7 +15,6 @@ answer (``common.py``), in comparisons with a reference.
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import warnings
 from collections.abc import Sequence
@@ -27,11 +26,10 @@ import numpy as np
 import yaml
 from common import (
     Wanted,
-    add_run_options,
-    diagnose_missing,
     names_of,
-    publish,
     run_tasks,
+    study,
+    study_options,
     verdict_of,
 )
 from threadpoolctl import threadpool_limits
@@ -283,15 +281,11 @@ def make(cases: Sequence[tuple[str, int]], seed: int, out: Path, jobs: int) -> N
     run_tasks(made, left, jobs, 600.0, ended)
 
 
-def wanted(tasks: Sequence[Task], out: Path, results: Path) -> list[Wanted]:
-    """All diagnoses."""
-    found = []
-    for task in tasks:
-        folder = out / "cases" / task.case
-        reference = folder / "reference" if task.mode == "against" else None
-        file = results / f"{task.name}.json"
-        found.append(Wanted(folder / "case", reference, file))
-    return found
+def wanted(task: Task, out: Path, results: Path) -> Wanted:
+    """The diagnosis of a task."""
+    folder = out / "cases" / task.case
+    reference = folder / "reference" if task.mode == "against" else None
+    return Wanted(folder / "case", reference, results / f"{task.name}.json")
 
 
 @dataclass(frozen=True)
@@ -336,16 +330,12 @@ def _joints(true: Named, found: Named) -> bool:
     return set(true.joints) == set(found.joints) or true.effect != found.effect
 
 
-def score(tasks: Sequence[Task], out: Path, results: Path) -> None:
-    """Print the tables of all that has a result, and write them beside the results."""
+def tables(rows: Sequence[tuple[Task, dict[str, Any]]], out: Path) -> list[Table]:
+    """The tables of all tasks that have a result."""
     groups: dict[tuple[str, str], list[Judged]] = {}
     said = []
-    for task in tasks:
-        file = results / f"{task.name}.json"
-        if not file.is_file():
-            continue
+    for task, result in rows:
         truth: Truth = read_json(out / "truth" / f"{task.case}.json", "--step make")
-        result = read_json(file, "")
         answer = "; ".join([*names_of(result), verdict_of(result)])
         if task.mode == "plain" and result.get("document"):
             # friction that differs from the data sheet by a day's change may be said
@@ -360,13 +350,12 @@ def score(tasks: Sequence[Task], out: Path, results: Path) -> None:
         said.append((task.name, true, answer))
     head = ("", "question", "cases", "first right", "exact", "false names")
     head = (*head, "unexplained", "failed", "seconds: median, worst")
-    rows = [
+    figures = [
         (ROWS[row].text, mode, *_figures(several))
         for (row, mode), several in groups.items()
     ]
     answers = Table("Answers", ("case", "truth", "answer"), tuple(said))
-    tables = [Table("States", head, tuple(rows)), answers]
-    publish(tables, len(tasks) - len(said), len(tasks), results)
+    return [Table("States", head, tuple(figures)), answers]
 
 
 def _figures(several: Sequence[Judged]) -> tuple[str, ...]:
@@ -390,16 +379,9 @@ def _figures(several: Sequence[Judged]) -> tuple[str, ...]:
 
 def main() -> None:
     """Make, run and score."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    parser = study_options(
+        __doc__, out=Path("out/states"), rows=",".join(ROWS), draws=6, seed=1
     )
-    parser.add_argument("--out", type=Path, default=Path("out/states"))
-    parser.add_argument("--rows", default=",".join(ROWS), help="default: %(default)s")
-    parser.add_argument("--draws", type=int, default=6)
-    parser.add_argument("--seed", type=int, default=1)
-    add_run_options(parser)
-    steps = ("make", "run", "score", "all")
-    parser.add_argument("--step", choices=steps, default="all")
     arguments = parser.parse_args()
     warnings.simplefilter("ignore", ModelWarning)
     out, results = arguments.out, arguments.out / arguments.results
@@ -411,12 +393,13 @@ def main() -> None:
         if mode == "against" or arguments.sketch is None
     ]
     threadpool_limits(1)
-    if arguments.step in ("make", "all"):
-        make(cases, arguments.seed, out, arguments.jobs)
-    if arguments.step in ("run", "all"):
-        diagnose_missing(wanted(tasks, out, results), arguments)
-    if arguments.step in ("score", "all"):
-        score(tasks, out, results)
+    study(
+        arguments,
+        make=lambda: make(cases, arguments.seed, out, arguments.jobs),
+        plans=lambda: tasks,
+        wanted=lambda task: wanted(task, out, results),
+        tables=lambda rows: tables(rows, out),
+    )
 
 
 if __name__ == "__main__":
