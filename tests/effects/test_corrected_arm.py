@@ -28,7 +28,7 @@ from gapscope.effects.corrected_file import (
     write_corrected,
 )
 from gapscope.effects.coupled_motors import COUPLED_MOTORS
-from gapscope.effects.deflection import behind_elasticity, behind_play
+from gapscope.effects.deflection import through_play, through_springs
 from gapscope.effects.severity import draw
 
 COULOMB = AppliedEffect("coulomb_friction", (2,), {"torque": [3.0]})
@@ -156,12 +156,13 @@ def test_links_behind_the_motors_carry_the_payload(
     spring, damper = ELASTIC.per_joint("stiffness", 2), ELASTIC.per_joint("damping", 2)
     none, width = np.zeros(2), PLAY.per_joint("width", 2)
     loaded = CorrectedArm(two, (PAYLOAD,)).body(body)
-    torque = loaded.inverse_dynamics(motion.q, motion.dq, motion.ddq)
+    state = motion.q, motion.dq, motion.ddq
+    torque, matrices = loaded.inverse_dynamics(*state), loaded.sensitivities(*state)
     if PLAY not in effects:
-        expected = behind_elasticity(loaded, motion, torque, spring, damper)
+        expected = through_springs(matrices, motion.rate, torque, spring, damper)
     else:
         stiff = (spring, damper) if ELASTIC in effects else (none, none)
-        expected = behind_play(loaded, motion, torque, width, *stiff)
+        expected = through_play(matrices, motion.rate, torque, width, *stiff)
     for order in itertools.permutations((*effects, PAYLOAD)):
         np.testing.assert_allclose(
             CorrectedArm(two, order).rigid_torque(body, motion), expected, atol=1e-8

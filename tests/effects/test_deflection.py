@@ -15,9 +15,8 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.effects.deflection import (
     CALM,
     Springs,
-    behind_elasticity,
-    behind_play,
     play_columns,
+    through_play,
     through_springs,
 )
 from gapscope.model.conditioning import low_pass
@@ -64,6 +63,20 @@ def sine(
 
 def rigid(body: RigidBody, motion: Motion) -> np.ndarray:
     return body.inverse_dynamics(motion.q, motion.dq, motion.ddq)
+
+
+def behind_elasticity(
+    body: RigidBody, motion: Motion, torque: np.ndarray, *spring: np.ndarray
+) -> np.ndarray:
+    matrices = body.sensitivities(motion.q, motion.dq, motion.ddq)
+    return through_springs(matrices, motion.rate, torque, *spring)
+
+
+def behind_play(
+    body: RigidBody, motion: Motion, torque: np.ndarray, *gear: np.ndarray
+) -> np.ndarray:
+    matrices = body.sensitivities(motion.q, motion.dq, motion.ddq)
+    return through_play(matrices, motion.rate, torque, *gear)
 
 
 def at_rest(angle: float, duration: float = 1.0, n: int = 1) -> Motion:
@@ -370,9 +383,7 @@ def test_links_that_run_away_from_a_soft_spring_leave_a_finite_torque(
     upright = np.full((len(t), 1), np.sign(_stiffness(swing, 1.0)) * -np.pi / 2)
     motion = Motion(t, upright, 0.0 * upright, 0.0 * upright)
     torque = np.full((len(t), 1), 0.1)
-    found = behind_elasticity(
-        body=swing, motion=motion, torque=torque, stiffness=np.ones(1), damping=NONE
-    )
+    found = behind_elasticity(swing, motion, torque, np.ones(1), NONE)
     assert np.isfinite(found).all()
     assert np.abs(found).max() < 1e4
 
