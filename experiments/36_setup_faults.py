@@ -64,6 +64,7 @@ from gapscope.effects.setup_faults import (
     CoarseReference,
     Fault,
     GainMismatch,
+    GravityCompensatedTorque,
     IgnoredVelocityReference,
     LateTorque,
     SpeedScaling,
@@ -99,17 +100,6 @@ VENDOR_OFF = 0.2
 NOTHING, RIGHT, OTHER, BESIDE = "nothing", "found", "other", "found beside another"
 """Kinds of answers."""
 
-Spoil = Callable[[Case, np.random.Generator], Case]
-
-
-def _of(fault: Callable[[int], Fault]) -> Spoil:
-    """All recordings of a case with a fault, given the number of joints."""
-
-    def spoil(case: Case, rng: np.random.Generator) -> Case:
-        return fault(case.arm.n_joints).in_case(case, rng, case.arm)
-
-    return spoil
-
 
 def without_gravity(case: Case, rng: np.random.Generator) -> Case:
     """Gravity left out, that of a vendor's model whose links differ from the nominal arm's."""
@@ -132,41 +122,23 @@ def _two_sizes(n: int) -> tuple[float, ...]:
     return tuple(13.0 if 2 * j < n else 8.0 for j in range(n))
 
 
-TORQUE_FAULTS: dict[str, tuple[Spoil, str, str, float]] = {
-    "gravity left out": (without_gravity, "gravity_compensated_torque", "", 0.0),
-    "amperes, one constant": (
-        _of(lambda n: TorqueUnit("current", factor=(10.0,))),
-        "torque_unit",
-        "current",
-        10.0,
-    ),
-    "amperes, two sizes": (
-        _of(lambda n: TorqueUnit("current", factor=_two_sizes(n))),
-        "torque_unit",
-        "current",
-        0.0,
-    ),
-    "milliamperes": (
-        _of(lambda n: TorqueUnit("current", factor=(0.01,))),
-        "torque_unit",
-        "current",
-        0.01,
-    ),
-    "three commands times four": (
-        _of(lambda n: TorqueUnit("command_scale", (1, 2, 3), (0.25,))),
-        "torque_unit",
-        "command_scale",
-        0.25,
-    ),
-    "late by 20 ms": (_of(lambda n: LateTorque("delay", 0.02)), "late_torque", "delay", 0.02),
-    "late by 50 ms": (_of(lambda n: LateTorque("delay", 0.05)), "late_torque", "delay", 0.05),
-    "late by 100 ms": (_of(lambda n: LateTorque("delay", 0.1)), "late_torque", "delay", 0.1),
-    "filtered, 50 ms": (_of(lambda n: LateTorque("filter", 0.05)), "late_torque", "delay", 0.05),
+TORQUE_FAULTS: dict[str, Callable[[int], Fault]] = {
+    "gravity left out": lambda n: GravityCompensatedTorque(),
+    "amperes, one constant": lambda n: TorqueUnit("current", factor=(10.0,)),
+    "amperes, two sizes": lambda n: TorqueUnit("current", factor=_two_sizes(n)),
+    "milliamperes": lambda n: TorqueUnit("current", factor=(0.01,)),
+    "three commands times four": lambda n: TorqueUnit("command_scale", (1, 2, 3), (0.25,)),
+    "late by 20 ms": lambda n: LateTorque("delay", 0.02),
+    "late by 50 ms": lambda n: LateTorque("delay", 0.05),
+    "late by 100 ms": lambda n: LateTorque("delay", 0.1),
+    "filtered, 50 ms": lambda n: LateTorque("filter", 0.05),
 }  # fmt: skip
-"""Faults put in: how, the name and variant to be found, and its value where one stands for all."""
+"""Faults put in, on an arm with n joints."""
 BESIDE_ORDINARY = ("gravity left out", "amperes, one constant")
 """Faults that are put in beside ordinary effects."""
 AS_IT_IS = "as it is"
+MOST_JOINTS = 7
+"""Joints of the largest arm."""
 
 
 def real_cases(out: Path) -> Iterator[tuple[str, str, Case]]:
@@ -206,9 +178,16 @@ def _made(folder: Path, robot: str, laws: tuple[str, ...], noise: float) -> Case
 
 def answer(case: Case, label: str) -> dict[str, Any]:
     """What is found in a case with a fault put in."""
-    spoil = TORQUE_FAULTS[label][0] if label in TORQUE_FAULTS else None
     rng = np.random.default_rng(crc32(f"{case.name} {label}".encode()))
-    spoilt = case if spoil is None else spoil(case, rng)
+    spoilt = case
+    if label in TORQUE_FAULTS:
+        fault = TORQUE_FAULTS[label](case.arm.n_joints)
+        of_gravity = isinstance(fault, GravityCompensatedTorque)
+        spoilt = (
+            without_gravity(case, rng)
+            if of_gravity
+            else fault.in_case(case, rng, case.arm)
+        )
     start = time.process_time()
     found = find_setup_faults(spoilt)
     return {
@@ -231,10 +210,13 @@ def kind(label: str, found: list[dict[str, Any]]) -> str:
     names = [(fault["name"], fault["variant"]) for fault in found]
     # what a carrier's stamps show is no matter of the torque
     names = [name for name in names if name[0] != "time_stamps"]
-    wanted = TORQUE_FAULTS[label][1:3] if label in TORQUE_FAULTS else None
     if not names:
         return NOTHING
-    if wanted not in names:
+    if label not in TORQUE_FAULTS:
+        return OTHER
+    name, variant, _ = TORQUE_FAULTS[label](MOST_JOINTS).kind
+    # a filter is found as the delay that it comes near
+    if (name, "delay" if variant == "filter" else variant) not in names:
         return OTHER
     return RIGHT if len(names) == 1 else BESIDE
 
@@ -274,14 +256,18 @@ def _counted(label: str, answers: list[dict[str, Any]]) -> str:
 
 def _ratio(label: str, answers: list[dict[str, Any]]) -> str:
     """Quartiles of the value found over the true one."""
-    if label not in TORQUE_FAULTS or not TORQUE_FAULTS[label][3]:
+    if label not in TORQUE_FAULTS:
         return "-"
-    _, name, _, value = TORQUE_FAULTS[label]
+    put_in = TORQUE_FAULTS[label](MOST_JOINTS)
+    values = {value for own in put_in.values().values() for value in own}
+    if len(values) != 1:
+        return "-"
+    (value,) = values
     ratios = [
         float(np.median(next(iter(fault["values"].values())))) / value
         for one in answers
         for fault in one["found"]
-        if fault["name"] == name
+        if fault["name"] == put_in.name
     ]
     if not ratios:
         return "-"
