@@ -14,7 +14,6 @@ one ended. ``--table`` only prints what is there, as Markdown.
 
 from __future__ import annotations
 
-import json
 import os
 import time
 from collections.abc import Callable, Sequence
@@ -23,11 +22,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common import command_line, markdown
+from common import command_line, kept, markdown
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.io.json_file import write_json
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
@@ -317,12 +315,9 @@ def main() -> None:
     for name, make in problems(arguments.out).items():
         path = arguments.out / f"{name}.json"
         wanted = not arguments.table and arguments.only in (None, name)
-        if wanted and not path.is_file():
-            print(name, flush=True)
-            result = study(make(), arguments.out / f"{name}.npz")
-            write_json(result, path)
-        if path.is_file():
-            found[name] = json.loads(path.read_text(encoding="utf-8"))
+        if wanted or path.is_file():
+            network = arguments.out / f"{name}.npz"
+            found[name] = kept(path, lambda m=make, n=network: study(m(), n))
     if found:
         print(table(found))
         print(summary(found))

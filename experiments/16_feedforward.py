@@ -44,7 +44,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common import command_line, run_part
+from common import command_line, kept, markdown, run_part
 from generator_arms import ARMS, MOTIONS, Fed, GeneratorArm
 
 from gapscope.agents.evaluation import EvaluationPlan, TrackingBench
@@ -192,22 +192,23 @@ def source(model: str, folder: Path) -> str:
     return str(folder / MODELS[model]) if "." in MODELS[model] else MODELS[model]
 
 
-ModelCells = dict[tuple[str, str, int], Any]
-"""What is known of a robot, a model and a seed."""
+Cells = dict[tuple[str, str, int], Any]
+"""What is known of a robot, a model and a seed; or of a model, an agent and a seed."""
 
 
-def show_models(cells: ModelCells) -> None:
+def show_models(cells: Cells) -> None:
     """Print Markdown tables, one per robot."""
     for robot in dict.fromkeys(key[0] for key in cells):
         seeds = sorted({seed for name, _, seed in cells if name == robot})
         print(f"\n{robot}, {len(seeds)} arms\n")
-        print("| model | joints [mrad] | pushed [mrad] | stable to [Hz], feedforward | computed |")  # fmt: skip
-        print("|---|---|---|---|---|")
+        rows = []
         for model in MODELS:
             keys = [(robot, model, seed) for seed in seeds]
             found = [cells[key] for key in keys if key in cells]
             if found:
-                print(model_row(model, found))
+                rows.append(model_row(model, found))
+        head = ("model", "joints [mrad]", "pushed [mrad]")
+        print(markdown((*head, "stable to [Hz], feedforward", "computed"), rows))
         falls = []
         for seed in seeds:
             pair = [cells.get((robot, name, seed)) for name in ("nominal", "corrected")]
@@ -226,9 +227,9 @@ def joint_errors(cell: Any, disturbance: str) -> list[float]:
     return [inf if e["joint_error"] is None else e["joint_error"] for e in own]
 
 
-def model_row(model: str, found: list[Any]) -> str:
+def model_row(model: str, found: list[Any]) -> list[str]:
     """A row of the table."""
-    texts = []
+    texts = [model]
     for kind in ("none", "push"):
         errors = [1e3 * x for cell in found for x in joint_errors(cell, kind)]
         episodes = [e for cell in found for e in cell["episodes"]]
@@ -238,7 +239,7 @@ def model_row(model: str, found: list[Any]) -> str:
         margins = [cell["margin"][law] for cell in found if law in cell["margin"]]
         text = f"{np.mean(margins):.1f} ({min(margins):.1f}–{max(margins):.1f})"
         texts.append(text if margins else "–")
-    return f"| {model} | {' | '.join(texts)} |"
+    return texts
 
 
 def with_interval(values: list[float], motions: list[str]) -> str:
@@ -259,7 +260,7 @@ def models() -> None:
     )
     arguments = parser.parse_args()
     warnings.simplefilter("ignore")
-    cells: ModelCells = {}
+    cells: Cells = {}
     for robot, seed in product(arguments.robots.split(","), range(arguments.seeds)):
         folder = arguments.out / robot / str(seed)
         if not arguments.table:
@@ -270,11 +271,9 @@ def models() -> None:
                 continue
         for model in MODELS:
             file = folder / f"{model.replace(' + ', '_')}_{ENGINE}.json"
-            if not file.is_file() and not arguments.table:
-                write_json(model_cell(robot, model, seed, folder), file)
-                print(f"{robot} {seed} {model}", flush=True)
-            if file.is_file():
-                cells[robot, model, seed] = read_json(file, "remove it")
+            if file.is_file() or not arguments.table:
+                cell = kept(file, model_cell, robot, model, seed, folder)
+                cells[robot, model, seed] = cell
     show_models(cells)
 
 
@@ -291,7 +290,6 @@ AS_THEN: dict[str, Any] = {"randomise": (), "count": (1, 3), "severity": (0.5, 1
 """Of the table's agents nothing was drawn around the model unless said."""
 UNSEEN = 1000
 """Seed of the first motion on which the agents are told of."""
-Cells = dict[tuple[str, str, int], Any]
 
 
 def agent_cell(
@@ -352,23 +350,24 @@ def show_agents(cells: Cells) -> None:
         print(
             f"\n{agent.upper()}, {steps} actions, {arms} arms; joint errors in mrad\n"
         )
-        print("| model | untrained | agent kept | kept after | last round |")
-        print("|---|---|---|---|---|")
+        rows = []
         for model in TRIED:
             found = [value for key, value in own.items() if key[0] == model]
             if found:
-                print(agent_row(model, found))
+                rows.append(agent_row(model, found))
+        head = ("model", "untrained", "agent kept", "kept after", "last round")
+        print(markdown(head, rows))
 
 
-def agent_row(model: str, found: Sequence[Any]) -> str:
+def agent_row(model: str, found: Sequence[Any]) -> list[str]:
     """A row of the table."""
     last = [value["curve"][-1]["hidden"]["joint_error"] for value in found]
-    texts = [
+    return [
+        model,
         *(spread(found, state) for state in ("untrained", "trained")),
         ", ".join(str(value["kept"]) for value in found),
         ", ".join("lost" if one is None else f"{1e3 * one:.3g}" for one in last),
     ]
-    return f"| {model} | {' | '.join(texts)} |"
 
 
 def spread(found: Sequence[Any], state: str) -> str:
@@ -523,11 +522,10 @@ def show_bandwidths(cells: dict[tuple[int, str], Any]) -> None:
     for number in sorted({key[0] for key in cells}):
         robot, laws = ARMS[number]
         print(f"\n{robot}, {' and '.join(laws)}\n")
-        print(
-            f"| fed forward | joint error at 1 Hz [mrad] | at 2 Hz | at {USUAL:g} Hz | at 8 Hz | reward at 1 Hz "
-            f"| at {USUAL:g} Hz | bandwidth for {1e3 * WANTED:g} mrad [Hz] | stable to [Hz] |"
-        )
-        print("|" + "---|" * 9)
+        head = ["fed forward", "joint error at 1 Hz [mrad]", "at 2 Hz"]
+        head += [f"at {USUAL:g} Hz", "at 8 Hz", "reward at 1 Hz", f"at {USUAL:g} Hz"]
+        head += [f"bandwidth for {1e3 * WANTED:g} mrad [Hz]", "stable to [Hz]"]
+        rows = []
         for name in all_fed():
             found = cells.get((number, name))
             if found is None:
@@ -541,7 +539,8 @@ def show_bandwidths(cells: dict[tuple[int, str], Any]) -> None:
             texts += [f"{reward:.2f}" for reward in rewards]
             stable = found["stable_to"]
             texts += [needed(found), "–" if stable is None else f"{stable:.3g}"]
-            print(f"| {name} | {' | '.join(texts)} |")
+            rows.append([name, *texts])
+        print(markdown(head, rows))
 
 
 def all_fed() -> list[str]:
