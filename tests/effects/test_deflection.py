@@ -169,17 +169,6 @@ class TestElasticity:
         assert added[1] < 0.15 * added[0] and added[2] < 0.3 * added[1]
         assert added[3] < 1e-5 * np.abs(torque).max()
 
-    def test_joints_without_a_spring_are_rigid(
-        self, two: NominalArm, motion: Motion
-    ) -> None:
-        """A spring on the last joint alone; on the first, with no gravity about it, the links' motion still shows."""
-        body = RigidBody(two)
-        torque = rigid(body, motion)
-        none = behind_elasticity(
-            body, motion, torque, np.array([0.0, 1e9]), np.zeros(2)
-        )
-        np.testing.assert_allclose(none, torque, atol=1e-4)
-
     def test_torque_of_all_joints_follows_the_links(self, two: NominalArm) -> None:
         """Two joints, the second elastic, against the full equations of motion integrated by ``solve_ivp``."""
         body, k, d = RigidBody(two), 1500.0, 12.0
@@ -287,11 +276,6 @@ class TestPlay:
         k: float = 0.0,
     ) -> np.ndarray:
         return behind_play(body, motion, torque, np.array([width]), np.array([k]), NONE)
-
-    def test_without_width_it_is_rigid(self, swing: RigidBody) -> None:
-        motion = sine(1.0, 0.5)
-        torque = rigid(swing, motion)
-        np.testing.assert_array_equal(self.behind(swing, motion, torque, 0.0), torque)
 
     def test_narrower_and_narrower_it_is_rigid(self, turntable: RigidBody) -> None:
         """What the contact's own flexibility adds is left: little below 2 Hz on a contact of 40 Hz."""

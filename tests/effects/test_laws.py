@@ -8,8 +8,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from arms import ROD, chain
-from hypothesis import given
-from hypothesis import strategies as st
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
@@ -298,39 +296,9 @@ def test_torque_of_a_pendulum(
     )
 
 
-def test_delay_moves_a_sine_forward_by_its_delay(pendulum: NominalArm) -> None:
-    """Recorded(t) = needed(t + T): sin(2 pi t) comes as sin(2 pi t + 0.1 pi) with T = 50 ms."""
-    t = np.arange(501) / 250
-    zero = np.zeros((501, 1))
-    needed = np.sin(2 * np.pi * t)[:, None]
-    delayed = CorrectedArm(
-        pendulum, (applied("actuator_delay", delay=0.05),)
-    ).recorded_torque(needed, Motion(t, zero, zero, zero))
-    np.testing.assert_allclose(
-        delayed[:480, 0], np.sin(2 * np.pi * t + 0.1 * np.pi)[:480], atol=1e-6
-    )
-    np.testing.assert_allclose(
-        delayed[-1], needed[-1], atol=1e-9
-    )  # nothing is known beyond the end
-
-
 def signals(velocity: float, load: float) -> Signals:
     """One sample of one joint at the origin."""
     return Signals(0.0, np.zeros(1), np.array([velocity]), np.array([load]))
-
-
-@pytest.mark.parametrize("mu", [0.05, 0.3, 0.7])
-@pytest.mark.parametrize("load", [-30.0, -1.0, 0.0, 12.0])
-@pytest.mark.parametrize("direction", [-1.0, 0.0, 1.0])
-def test_load_friction_solves_its_own_equation(
-    mu: float, load: float, direction: float
-) -> None:
-    """tau = load + mu |tau| sgn v, found here by iterating, which converges as mu < 1."""
-    tau = load
-    for _ in range(300):
-        tau = load + mu * abs(tau) * direction
-    law = effect("load_friction").law(signals(direction, load), np.array([mu]))
-    np.testing.assert_allclose(law, tau - load, atol=1e-9)
 
 
 def test_point_mass_parameters() -> None:
@@ -339,13 +307,6 @@ def test_point_mass_parameters() -> None:
     np.testing.assert_allclose(
         point_mass_parameters(2.0, np.array([1.0, 2.0, 3.0])), expected
     )
-
-
-def test_payload_of_a_pendulum(pendulum: NominalArm) -> None:
-    """1 kg at 0.4 m: gravity torque -1 * 9.81 * 0.4, inertia 0.16 kg m^2."""
-    load = AppliedEffect("payload", (), {"mass": 1.0, "com": [0.4, 0.0, 0.0]})
-    assert torque(pendulum, one(0.0), load) == pytest.approx(-9.81 - 3.924)
-    assert torque(pendulum, one(UPRIGHT, ddq=10.0), load) == pytest.approx(5.5 + 1.6)
 
 
 @pytest.mark.parametrize("order", [("yaw", "pitch"), ("pitch", "yaw")])
@@ -370,25 +331,6 @@ def test_payload_equals_a_welded_body(
     np.testing.assert_allclose(
         CorrectedArm(arm, (load,)).predict(RigidBody(arm), seen), welded, atol=1e-9
     )
-
-
-@given(
-    velocity=st.floats(-10, 10),
-    load=st.floats(-100, 100),
-    name=st.sampled_from(["coulomb_friction", "viscous_friction", "load_friction"]),
-    part=st.floats(0, 1),
-)
-def test_friction_takes_energy_and_is_odd(
-    velocity: float, load: float, name: str, part: float
-) -> None:
-    """law(v) v >= 0 with the load, and turning the world round turns the torque round."""
-    definition = effect(name)
-    value = part * definition.parameters[0].bounds[1]
-    forth, back = (
-        definition.law(signals(s * velocity, s * load), value)[0] for s in (1, -1)
-    )
-    assert forth * velocity >= 0
-    assert forth == pytest.approx(-back)
 
 
 # Presliding: dry friction that builds up over a distance after each reversal.
