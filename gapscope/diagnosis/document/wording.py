@@ -606,7 +606,7 @@ def unexplained_sentence(document: Document) -> str:
         return f"{capital(left)}: something is missing."
     if document["unexplained"]["share"] == 0.0:
         return f"{capital(left)}."
-    return f"{capital(left)}, within the accuracy of named effects: nothing is missing."
+    return f"{capital(left)}, less than what is named explains."
 
 
 def sides_sentence(document: Document) -> str:
