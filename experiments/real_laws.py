@@ -325,7 +325,7 @@ def draw_payload(scene: Scene, rng: np.random.Generator, joints: np.ndarray) -> 
 
 def payload(put: Put) -> tuple[Recording, Values]:
     """A body on the last link, with rotational inertia of its own."""
-    mass, c, scene = float(put.x), put.drawn["com"], put.scene
+    mass, c, scene = np.ravel(put.x)[0], put.drawn["com"], put.scene
     own = np.diag(mass * put.drawn["gyration"] ** 2)
     increments = np.zeros((scene.n, 10))
     increments[scene.nominal_body.last_link] = ten_parameters(mass, c, own)
@@ -356,12 +356,12 @@ def link_inertia(put: Put) -> tuple[Recording, Values]:
     """A link of another size at the same density: its inertia grows with the power 5/3 of its mass."""
     scene, place, com = put.scene, put.drawn["link"], put.drawn["com"]
     own = scene.nominal_body.model.inertias[int(scene.nominal_body.links[place])]
-    mass = own.mass + float(put.x)
+    mass = own.mass + np.ravel(put.x)[0]
     growth = (max(mass, 1e-3) / max(own.mass, 1e-3)) ** (5 / 3)
     new = ten_parameters(mass, own.lever + com, np.asarray(own.inertia) * growth)
     increments = np.zeros((scene.n, 10))
     increments[place] = new - own.toDynamicParameters()
-    truth = {"link": place + 1, "mass": float(put.x), "com": com}
+    truth = {"link": place + 1, "mass": np.ravel(put.x)[0], "com": com}
     return with_bodies(put, increments), truth
 
 
@@ -414,7 +414,7 @@ def draw_direction(
 def base_tilt(put: Put) -> tuple[Recording, Values]:
     """Gravity turned, on the bodies that were identified on the whole carrier."""
     scene, direction = put.scene, put.drawn["direction"]
-    roll, pitch = float(put.x) * np.cos(direction), float(put.x) * np.sin(direction)
+    roll, pitch = np.ravel(put.x)[0] * np.cos(direction), float(put.x) * np.sin(direction)
     gravity = turned_gravity(scene.truth.gravity, roll, pitch)
     body = scene.true_body
     turned = body.changed(np.zeros((scene.n, 10)), gravity)
@@ -459,7 +459,7 @@ def external_force(put: Put) -> tuple[Recording, Values]:
     rise = np.clip((t - start) / edge, 0, 1) * np.clip((end - t) / edge, 0, 1)
     shape = 0.5 - 0.5 * np.cos(np.pi * rise)
     inside = (t >= start) & (t <= end)
-    force = float(put.x) * put.drawn["direction"]
+    force = np.ravel(put.x)[0] * put.drawn["direction"]
     position = np.asarray(put.scene.recording.q)
     torque = put.scene.nominal_body.force_torque(position, force)
     power = (torque[inside] ** 2).sum(axis=1)
