@@ -414,7 +414,8 @@ def draw_direction(
 def base_tilt(put: Put) -> tuple[Recording, Values]:
     """Gravity turned, on the bodies that were identified on the whole carrier."""
     scene, direction = put.scene, put.drawn["direction"]
-    roll, pitch = np.ravel(put.x)[0] * np.cos(direction), float(put.x) * np.sin(direction)
+    angle = np.ravel(put.x)[0]
+    roll, pitch = angle * np.cos(direction), angle * np.sin(direction)
     gravity = turned_gravity(scene.truth.gravity, roll, pitch)
     body = scene.true_body
     turned = body.changed(np.zeros((scene.n, 10)), gravity)
