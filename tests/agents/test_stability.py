@@ -16,7 +16,7 @@ from gapscope.agents.tracking import (
     settles,
     track,
 )
-from gapscope.arm.motions.named_motions import PointToPoint
+from gapscope.arm.motions.trajectory import PointToPoint
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect, carried
 from gapscope.effects.corrected import CorrectedArm

@@ -17,10 +17,8 @@ from episodes import NAME, SHORT, rollout  # noqa: E402
 
 import gapscope  # noqa: E402, F401 (registers the environment)
 from gapscope.arm.errors import InputError  # noqa: E402
-from gapscope.arm.motions.named_motions import (  # noqa: E402
-    MOTIONS,
-    PointToPoint,
-)
+from gapscope.arm.motions.named_motions import MOTIONS  # noqa: E402
+from gapscope.arm.motions.trajectory import PointToPoint  # noqa: E402
 from gapscope.arm.robots import KNOWN_ROBOTS  # noqa: E402
 from gapscope.effects.applied import AppliedEffect  # noqa: E402
 from gapscope.effects.corrected_file import write_corrected  # noqa: E402

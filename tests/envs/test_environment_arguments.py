@@ -12,8 +12,7 @@ gym = pytest.importorskip(
 
 import gapscope  # noqa: E402, F401 (registers the environment)
 from gapscope.arm.errors import InputError, ModelWarning  # noqa: E402
-from gapscope.arm.motions.named_motions import PointToPoint  # noqa: E402
-from gapscope.arm.motions.trajectory import Limits  # noqa: E402
+from gapscope.arm.motions.trajectory import Limits, PointToPoint  # noqa: E402
 from gapscope.effects.applied import AppliedEffect  # noqa: E402
 from gapscope.envs.environment import ArmTracking  # noqa: E402
 from gapscope.envs.reward import Reward  # noqa: E402

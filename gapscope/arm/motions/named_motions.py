@@ -4,23 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import cycle
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import BSpline, make_interp_spline
+from scipy.interpolate import BPoly, BSpline, make_interp_spline
 
 from gapscope.arm.dynamics.kinematics import Kinematics, Pose, inverse_kinematics
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.motions.trajectory import (
+    SHORTEST,
     Chain,
     Fourier,
     Limits,
+    PointToPoint,
     ReferenceMotion,
     Reversed,
     Timed,
+    shortest,
     urdf_limits,
 )
 from gapscope.arm.nearest_name import check_known
@@ -67,141 +69,6 @@ def _score(kinematics: Kinematics, q: np.ndarray) -> float:
     return float(in_front - upwards - height_error + 2 * dexterity)
 
 
-# A smooth motion through way points: a quintic spline, at rest at both ends.
-
-
-def clamped_quintic(times: np.ndarray, values: np.ndarray) -> BSpline:
-    """The quintic spline through values, (M, n), at times [s], (M,), at rest and without acceleration at both ends.
-
-    It has four continuous derivatives [biagiotti2008].
-    """
-    rest = [(1, np.zeros(values.shape[1])), (2, np.zeros(values.shape[1]))]
-    return make_interp_spline(times, values, k=5, bc_type=(rest, rest))
-
-
-@dataclass(frozen=True)
-class WayPoints:
-    """A quintic spline through way points; outside its time it rests at the first and the last of them.
-
-    Attributes:
-        times: when the way points are passed [s], from 0 on, shape (M,).
-        points: way points [rad], shape (M, n).
-
-    Raises:
-        InputError: times that do not start at 0 or do not rise, fewer than two way points, or another number of them.
-    """
-
-    times: np.ndarray
-    points: np.ndarray
-
-    def __post_init__(self) -> None:
-        """Check the shapes."""
-        if len(self.times) != len(self.points) or len(self.times) < 2:
-            raise InputError(
-                f"{len(self.points)} way points at {len(self.times)} times",
-                "give two or more, each with its time",
-                where="points",
-            )
-        if self.times[0] != 0 or (np.diff(self.times) <= 0).any():
-            raise InputError("times have to start at 0 and to rise", where="times")
-
-    @property
-    def duration(self) -> float:
-        """Time of the last way point [s]."""
-        return float(self.times[-1])
-
-    @cached_property
-    def _spline(self) -> BSpline:
-        return clamped_quintic(self.times, self.points)
-
-    def position(self, t: np.ndarray) -> np.ndarray:
-        """Position [rad] at times t [s] of shape (N,); shape (N, n)."""
-        return self._spline(np.clip(t, 0.0, self.duration))
-
-    def velocity(self, t: np.ndarray) -> np.ndarray:
-        """Velocity [rad/s] at times t [s] of shape (N,); shape (N, n)."""
-        return self._spline(np.clip(t, 0.0, self.duration), 1)
-
-    def acceleration(self, t: np.ndarray) -> np.ndarray:
-        """Acceleration [rad/s^2] at times t [s] of shape (N,); shape (N, n)."""
-        return self._spline(np.clip(t, 0.0, self.duration), 2)
-
-
-# Point to point: from one posture to another, at rest at both ends.
-
-
-_QUINTIC = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
-_DERIVATIVES = tuple(_QUINTIC.deriv(k) for k in range(3))
-PEAK_SPEED = 15 / 8
-"""Largest s' of the quintic s(x) = 10 x^3 - 15 x^4 + 6 x^5."""
-PEAK_ACCELERATION = 10 / np.sqrt(3)
-"""Largest s'' of it."""
-
-
-@dataclass(frozen=True)
-class PointToPoint:
-    """A straight line in joint space, q(t) = a + s(t / T) (b - a) with s(x) = 10 x^3 - 15 x^4 + 6 x^5 [biagiotti2008].
-
-    Velocity and acceleration vanish at both ends; outside [0, T] the arm rests.
-
-    Attributes:
-        start, end: postures a and b [rad], shape (n,).
-        duration: T [s].
-
-    Raises:
-        InputError: a duration that is not positive.
-    """
-
-    start: np.ndarray
-    end: np.ndarray
-    duration: float
-
-    def __post_init__(self) -> None:
-        """Check the duration."""
-        if not self.duration > 0:
-            raise InputError(
-                f"{self.duration} s is not a positive duration", where="duration"
-            )
-
-    @classmethod
-    def within(cls, start: np.ndarray, end: np.ndarray, limits: Limits) -> PointToPoint:
-        """The fastest such motion within limits of velocity and acceleration; at least 0.1 s.
-
-        Raises:
-            InputError: an end lies outside the position limits.
-        """
-        for label, q in (("start", start), ("end", end)):
-            outside = (q < limits.lower) | (q > limits.upper)
-            if outside.any():
-                joint = int(outside.argmax())
-                low, high = limits.lower[joint], limits.upper[joint]
-                raise InputError(
-                    f"{q[joint]:.4g} rad lies outside {low:.4g} .. {high:.4g} rad",
-                    where=f"{label}, joint {joint + 1}",
-                )
-        way = np.abs(end - start)
-        by_speed = PEAK_SPEED * way / limits.velocity
-        by_acceleration = np.sqrt(PEAK_ACCELERATION * way / limits.acceleration)
-        fastest = np.maximum(by_speed, by_acceleration).max()
-        return cls(start, end, max(float(fastest), 0.1))
-
-    def position(self, t: np.ndarray) -> np.ndarray:
-        """Position [rad] at times t [s] of shape (N,); shape (N, n)."""
-        return self.start + self._progress(t, 0) * (self.end - self.start)
-
-    def velocity(self, t: np.ndarray) -> np.ndarray:
-        """Velocity [rad/s] at times t [s] of shape (N,); shape (N, n)."""
-        return self._progress(t, 1) * (self.end - self.start)
-
-    def acceleration(self, t: np.ndarray) -> np.ndarray:
-        """Acceleration [rad/s^2] at times t [s] of shape (N,); shape (N, n)."""
-        return self._progress(t, 2) * (self.end - self.start)
-
-    def _progress(self, t: np.ndarray, derivative: int) -> np.ndarray:
-        x = np.clip(np.asarray(t, dtype=float) / self.duration, 0.0, 1.0)
-        return (_DERIVATIVES[derivative](x) / self.duration**derivative)[:, None]
-
-
 # A weld seam: the tool follows a straight line at constant speed and keeps its orientation.
 
 
@@ -211,12 +78,14 @@ KNOTS = 41
 """Points of the line at which the inverse kinematics is solved."""
 CHECKS = 401
 """Points at which the limits are checked."""
-_RISE = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6]).integ()
-_RISE_RATE, _RISE_CURVE = _RISE.deriv(), _RISE.deriv(2)
+_PROGRESS = BPoly(
+    np.repeat([[0, 1, 1], [1, 1, 0]], 3, axis=0) / (1 - RAMP), [0, RAMP, 1 - RAMP, 1]
+).antiderivative()
+"""Share of the line over the share of the time: its rate rises and falls as 10 x^3 - 15 x^4 + 6 x^5."""
 
 
 @dataclass(frozen=True)
-class WeldSeam:
+class WeldSeam(Timed):
     """Joint motion q(t) = path(s(t / T)) along a straight line of the tool, at rest at both ends.
 
     s'(x) rises as 10 x^3 - 15 x^4 + 6 x^5 within ``RAMP`` of the time, stays constant and falls back; path is a quintic
@@ -270,24 +139,24 @@ class WeldSeam:
                 f"joint {int(outside.argmax()) + 1} would leave its limits along the seam",
                 "choose a shorter seam, or another posture to start from",
             )
+        once, t = cls(path, 1.0, length), np.linspace(0.0, 1.0, CHECKS)
+        speed_once, bend = np.abs([once.velocity(t), once.acceleration(t)]).max(axis=1)
+        # a little longer, for what happens between the points
+        by_joints = 1.001 * shortest(speed_once, bend, limits)
         by_tool_speed = length / speed / (1 - RAMP)
-        duration = max(_shortest(path, limits), by_tool_speed, 0.1)
-        return cls(path, duration, length)
+        return cls(path, max(by_joints, by_tool_speed, SHORTEST), length)
 
-    def position(self, t: np.ndarray) -> np.ndarray:
-        """Position [rad] at times t [s] of shape (N,); shape (N, n)."""
-        return self.path(_progress(t / self.duration, 0))
-
-    def velocity(self, t: np.ndarray) -> np.ndarray:
-        """Velocity [rad/s] at times t [s] of shape (N,); shape (N, n)."""
+    def derivative(self, t: np.ndarray, order: int) -> np.ndarray:
+        """By the chain rule: q'' = path'' s'^2 + path' s''."""
         x = t / self.duration
-        rate = _progress(x, 1) / self.duration
-        return self.path(_progress(x, 0), 1) * rate[:, None]
-
-    def acceleration(self, t: np.ndarray) -> np.ndarray:
-        """Acceleration [rad/s^2] at times t [s] of shape (N,); shape (N, n)."""
-        x = t / self.duration
-        return _second_derivative(self.path, x) / self.duration**2
+        inside = (x > 0) & (x < 1)
+        s, ds, dds = (_PROGRESS(np.clip(x, 0.0, 1.0), k) for k in range(3))
+        if not order:
+            return self.path(s)
+        bend = 0.0 if order == 1 else self.path(s, 1) * (inside * dds)[:, None]
+        return (
+            self.path(s, order) * ds[:, None] ** order + bend
+        ) / self.duration**order
 
 
 def _joint_path(kinematics: Kinematics, start: np.ndarray, way: np.ndarray) -> BSpline:
@@ -307,45 +176,6 @@ def _joint_path(kinematics: Kinematics, start: np.ndarray, way: np.ndarray) -> B
             )
         )
     return make_interp_spline(shares, np.array(knots), k=5)
-
-
-def _flank(x: np.ndarray) -> np.ndarray:
-    """Place on the rising or falling flank of the speed at the share x of the time, 1 in between; shape (N,)."""
-    to_end = np.minimum(x, 1 - x)
-    return np.minimum(to_end / RAMP, 1.0)
-
-
-def _progress(x: np.ndarray, derivative: int) -> np.ndarray:
-    """Share s of the line at the share x of the time, or its first derivative; shape (N,)."""
-    x = np.clip(np.asarray(x, dtype=float), 0.0, 1.0)
-    flank = _flank(x)
-    if derivative == 1:
-        return _RISE_RATE(flank) / (1 - RAMP)
-    at_constant_speed = np.maximum(np.minimum(x, 1 - x) - RAMP, 0.0)
-    half = (RAMP * _RISE(flank) + at_constant_speed) / (1 - RAMP)
-    return np.where(x <= 0.5, half, 1.0 - half)
-
-
-def _second_derivative(path: BSpline, x: np.ndarray) -> np.ndarray:
-    """d2 q / d x2 of path(s(x)) [rad], shape (N, n)."""
-    x = np.asarray(x, dtype=float)
-    inside = (x > 0) & (x < 1)
-    curve = _RISE_CURVE(_flank(x)) * np.sign(0.5 - x) / (RAMP * (1 - RAMP))
-    dds = np.where(inside, curve, 0.0)
-    s, ds = _progress(x, 0), _progress(x, 1)
-    return path(s, 2) * (ds**2)[:, None] + path(s, 1) * dds[:, None]
-
-
-def _shortest(path: BSpline, limits: Limits) -> float:
-    """Shortest duration [s] within the limits of velocity and acceleration; both only fall as it grows."""
-    x = np.linspace(0.0, 1.0, CHECKS)
-    velocity = path(_progress(x, 0), 1) * _progress(x, 1)[:, None]
-    speed = np.abs(velocity).max(axis=0)
-    acceleration = np.abs(_second_derivative(path, x)).max(axis=0)
-    by_speed = speed / limits.velocity
-    by_acceleration = np.sqrt(acceleration / limits.acceleration)
-    # a little longer, for what happens between the points
-    return 1.001 * float(np.maximum(by_speed, by_acceleration).max())
 
 
 # Named motions, drawn at random within limits: what a tracked arm is asked to do.

@@ -1,17 +1,20 @@
-"""Trajectories: Fourier and other series over time, sampled ones, and how many samples they take."""
+"""Trajectories: Fourier series, samples of a file, quintics, chains of them; and how many samples they take."""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
+from math import comb
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from scipy.interpolate import BPoly
+from scipy.interpolate import BPoly, BSpline, make_interp_spline
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
+from gapscope.arm.io.log import open_log
 from gapscope.arm.io.plausibility import PLAUSIBLE_RATES
 from gapscope.arm.motions.motion import Motion
 
@@ -47,9 +50,6 @@ def check_sample_count(duration: float, rate: float, recordings: int = 1) -> Non
 # Reference motions: smooth joint trajectories within limits.
 
 
-_STEP = np.polynomial.Polynomial([0, 0, 0, 0, 35, -84, 70, -20])
-
-
 class ReferenceMotion(Protocol):
     """A reference motion of n joints; each method takes times [s] of shape (N,) and returns shape (N, n)."""
 
@@ -61,6 +61,32 @@ class ReferenceMotion(Protocol):
 
     def acceleration(self, t: np.ndarray) -> np.ndarray:
         """Acceleration [rad/s^2]."""
+
+
+class Timed(ReferenceMotion):
+    """A reference motion that rests outside [0, duration].
+
+    Attributes:
+        duration: [s].
+    """
+
+    duration: float
+
+    @abstractmethod
+    def derivative(self, t: np.ndarray, order: int) -> np.ndarray:
+        """d^k q / dt^k [rad/s^k], k = 0, 1 or 2, at times t [s] of shape (N,); shape (N, n)."""
+
+    def position(self, t: np.ndarray) -> np.ndarray:
+        """Position [rad] at times t [s] of shape (N,); shape (N, n)."""
+        return self.derivative(np.asarray(t), 0)
+
+    def velocity(self, t: np.ndarray) -> np.ndarray:
+        """Velocity [rad/s] at times t [s] of shape (N,); shape (N, n)."""
+        return self.derivative(np.asarray(t), 1)
+
+    def acceleration(self, t: np.ndarray) -> np.ndarray:
+        """Acceleration [rad/s^2] at times t [s] of shape (N,); shape (N, n)."""
+        return self.derivative(np.asarray(t), 2)
 
 
 class Limits(NamedTuple):
@@ -99,8 +125,12 @@ def urdf_limits(
     )
 
 
+_WINDOW = BPoly(np.repeat([0.0, 1.0], 4)[:, None], [0, 1])
+"""35 x^4 - 84 x^5 + 70 x^6 - 20 x^7 by its Bernstein coefficients."""
+
+
 @dataclass(frozen=True)
-class Fourier:
+class Fourier(Timed):
     """A windowed Fourier series, q(t) = q0 + w(t) sum_k (a_k sin(2 pi k f t) + b_k cos(2 pi k f t)).
 
     The window w rises from 0 to 1 within ``ramp`` seconds and falls back before the end, by the polynomial
@@ -173,23 +203,12 @@ class Fourier:
         scale = np.min([by_position, by_velocity, by_acceleration], axis=0)
         return cls(centre, scale * sine, scale * cosine, frequency, duration, ramp)
 
-    def position(self, t: np.ndarray) -> np.ndarray:
-        """Position [rad] at times t [s] of shape (N,); shape (N, n)."""
-        return self.centre + self._window(t, 0) * self._series(t, 0)
-
-    def velocity(self, t: np.ndarray) -> np.ndarray:
-        """Velocity [rad/s] at times t [s] of shape (N,); shape (N, n)."""
-        window, series = self._window, self._series
-        return window(t, 1) * series(t, 0) + window(t, 0) * series(t, 1)
-
-    def acceleration(self, t: np.ndarray) -> np.ndarray:
-        """Acceleration [rad/s^2] at times t [s] of shape (N,); shape (N, n)."""
-        window, series = self._window, self._series
-        return (
-            window(t, 2) * series(t, 0)
-            + 2 * window(t, 1) * series(t, 1)
-            + window(t, 0) * series(t, 2)
-        )
+    def derivative(self, t: np.ndarray, order: int) -> np.ndarray:
+        """By the product rule of window and series."""
+        out = np.zeros((len(t), len(self.centre)))
+        for k in range(order + 1):
+            out += comb(order, k) * self._window(t, order - k) * self._series(t, k)
+        return out if order else self.centre + out
 
     def _series(self, t: np.ndarray, derivative: int) -> np.ndarray:
         omega = 2 * np.pi * self.frequency * np.arange(1, len(self.sine) + 1)
@@ -198,22 +217,155 @@ class Fourier:
         return np.sin(phase) @ (gain * self.sine) + np.cos(phase) @ (gain * self.cosine)
 
     def _window(self, t: np.ndarray, derivative: int) -> np.ndarray:
-        t = np.asarray(t, dtype=float)
-        step = _STEP.deriv(derivative)
-        rise = t / self.ramp
-        fall = (self.duration - t) / self.ramp
-        rising = step(np.clip(rise, 0, 1))
         # time runs backwards along the falling flank
-        falling = (-1) ** derivative * step(np.clip(fall, 0, 1))
-        flank = np.where(rise < fall, rising, falling)
-        return (flank / self.ramp**derivative)[:, None]
+        rate = np.where(t < self.duration - t, 1, -1) / self.ramp
+        flank = np.minimum(t, self.duration - t) / self.ramp
+        step = _WINDOW(np.clip(flank, 0, 1), derivative)
+        return np.asarray(step * rate**derivative)[:, None]
+
+
+class Piecewise(Timed):
+    """A motion that a curve over time describes between its ends."""
+
+    @property
+    @abstractmethod
+    def curve(self) -> BPoly | BSpline:
+        """Positions [rad], (n,), over time from 0 to the duration [s]."""
+
+    def derivative(self, t: np.ndarray, order: int) -> np.ndarray:
+        """That of the curve; 0 outside."""
+        found = self.curve(np.clip(t, 0.0, self.duration), order)
+        return (
+            found if not order else found * ((t >= 0) & (t <= self.duration))[:, None]
+        )
+
+
+@dataclass(frozen=True)
+class PointToPoint(Piecewise):
+    """A straight line in joint space, q(t) = a + s(t / T) (b - a) with s(x) = 10 x^3 - 15 x^4 + 6 x^5 [biagiotti2008].
+
+    Velocity and acceleration vanish at both ends; outside [0, T] the arm rests.
+
+    Attributes:
+        start, end: postures a and b [rad], shape (n,).
+        duration: T [s].
+
+    Raises:
+        InputError: a duration that is not positive.
+    """
+
+    start: np.ndarray
+    end: np.ndarray
+    duration: float
+
+    def __post_init__(self) -> None:
+        """Check the duration."""
+        if not self.duration > 0:
+            raise InputError(
+                f"{self.duration} s is not a positive duration", where="duration"
+            )
+
+    @classmethod
+    def within(cls, start: np.ndarray, end: np.ndarray, limits: Limits) -> PointToPoint:
+        """The fastest such motion within limits of velocity and acceleration; at least ``SHORTEST``.
+
+        Raises:
+            InputError: an end lies outside the position limits.
+        """
+        for label, q in (("start", start), ("end", end)):
+            outside = (q < limits.lower) | (q > limits.upper)
+            if outside.any():
+                joint = int(outside.argmax())
+                low, high = limits.lower[joint], limits.upper[joint]
+                raise InputError(
+                    f"{q[joint]:.4g} rad lies outside {low:.4g} .. {high:.4g} rad",
+                    where=f"{label}, joint {joint + 1}",
+                )
+        way = np.abs(end - start)
+        fastest = shortest(PEAK_SPEED * way, PEAK_ACCELERATION * way, limits)
+        return cls(start, end, max(fastest, SHORTEST))
+
+    @cached_property
+    def curve(self) -> BPoly:
+        """The quintic by its Bernstein coefficients."""
+        ends = np.repeat([self.start, self.end], 3, axis=0)
+        return BPoly(ends[:, None], [0.0, self.duration])
+
+
+RISE = PointToPoint(np.zeros(1), np.ones(1), 1.0).curve
+"""s(x) = 10 x^3 - 15 x^4 + 6 x^5, (N, 1) of x (N,)."""
+PEAK_SPEED = float(RISE(1 / 2, 1)[0])
+"""Largest s'."""
+PEAK_ACCELERATION = 10 / np.sqrt(3)
+"""Largest s''."""
+SHORTEST = 0.1
+"""Duration of the shortest motion between two postures, or along a line [s]."""
+
+
+def shortest(speed: np.ndarray, acceleration: np.ndarray, limits: Limits) -> float:
+    """Shortest duration [s] within limits of a motion that has these peaks if it lasts for one second, (n,) each."""
+    by_acceleration = np.sqrt(acceleration / limits.acceleration)
+    return float(np.maximum(speed / limits.velocity, by_acceleration).max())
+
+
+def clamped_quintic(times: np.ndarray, values: np.ndarray) -> BSpline:
+    """The quintic spline through values, (M, n), at times [s], (M,), at rest and without acceleration at both ends.
+
+    It has four continuous derivatives [biagiotti2008].
+    """
+    rest = [(1, np.zeros(values.shape[1])), (2, np.zeros(values.shape[1]))]
+    return make_interp_spline(times, values, k=5, bc_type=(rest, rest))
+
+
+@dataclass(frozen=True)
+class WayPoints(Piecewise):
+    """A quintic spline through way points; outside its time it rests at the first and the last of them.
+
+    Attributes:
+        times: when the way points are passed [s], from 0 on, shape (M,).
+        points: way points [rad], shape (M, n).
+
+    Raises:
+        InputError: times that do not start at 0 or do not rise, fewer than two way points, or another number of them.
+    """
+
+    times: np.ndarray
+    points: np.ndarray
+
+    def __post_init__(self) -> None:
+        """Check the shapes."""
+        if len(self.times) != len(self.points):
+            raise InputError(
+                f"{len(self.points)} way points at {len(self.times)} times",
+                "give two or more, each with its time",
+                where="points",
+            )
+        _check_times(self.times, "way points")
+
+    @property
+    def duration(self) -> float:  # type: ignore[override]
+        """Time of the last way point [s]."""
+        return float(self.times[-1])
+
+    @cached_property
+    def curve(self) -> BSpline:
+        """The spline."""
+        return clamped_quintic(self.times, self.points)
+
+
+def _check_times(t: np.ndarray, what: str) -> None:
+    if len(t) < 2 or t[0] != 0 or not (np.diff(t) > 0).all():
+        raise InputError(
+            f"a motion needs two or more {what} whose time starts at 0 and rises",
+            where="t",
+        )
 
 
 # A reference motion from samples in a file, such as an exciting trajectory.
 
 
 @dataclass(frozen=True)
-class Sampled:
+class Sampled(Piecewise):
     """A motion through samples of position, velocity and acceleration, quintic in between; it rests before and after.
 
     Attributes:
@@ -227,12 +379,7 @@ class Sampled:
 
     def __post_init__(self) -> None:
         """Check the time."""
-        t = self.motion.t
-        if len(t) < 2 or t[0] != 0 or not (np.diff(t) > 0).all():
-            raise InputError(
-                "a motion needs two or more samples whose time starts at 0 and rises",
-                where="t",
-            )
+        _check_times(self.motion.t, "samples")
 
     def slower(self, speed: float) -> Sampled:
         """The same path at ``speed`` times the speed [1]."""
@@ -240,13 +387,13 @@ class Sampled:
         return Sampled(Motion(m.t / speed, m.q, speed * m.dq, speed**2 * m.ddq))
 
     @property
-    def duration(self) -> float:
+    def duration(self) -> float:  # type: ignore[override]
         """Time of the last sample [s]."""
         return float(self.motion.t[-1])
 
     @cached_property
-    def _curve(self) -> BPoly:
-        # Bernstein coefficients of all steps at once, from both ends inwards
+    def curve(self) -> BPoly:
+        """By the Bernstein coefficients of all steps at once, from both ends inwards."""
         m, h = self.motion, np.diff(self.motion.t)[:, None]
         speed, bend = m.dq / 5, m.ddq / 20
         start = [
@@ -261,21 +408,6 @@ class Sampled:
         ]
         return BPoly(np.stack(start + end), m.t)
 
-    def position(self, t: np.ndarray) -> np.ndarray:
-        """Position [rad] at times t [s] of shape (N,); shape (N, n)."""
-        return self._curve(np.clip(t, 0.0, self.duration))
-
-    def velocity(self, t: np.ndarray) -> np.ndarray:
-        """Velocity [rad/s] at times t [s] of shape (N,); shape (N, n)."""
-        return self._inside(t) * self._curve(np.clip(t, 0.0, self.duration), 1)
-
-    def acceleration(self, t: np.ndarray) -> np.ndarray:
-        """Acceleration [rad/s^2] at times t [s] of shape (N,); shape (N, n)."""
-        return self._inside(t) * self._curve(np.clip(t, 0.0, self.duration), 2)
-
-    def _inside(self, t: np.ndarray) -> np.ndarray:
-        return ((np.asarray(t) >= 0) & (np.asarray(t) <= self.duration))[:, None]
-
 
 def read_sampled(path: Path, n_joints: int) -> Sampled:
     """A reference motion from a CSV with columns ``t``, ``q_ref1..``, ``dq_ref1..`` and ``ddq_ref1..``.
@@ -283,51 +415,25 @@ def read_sampled(path: Path, n_joints: int) -> Sampled:
     Raises:
         InputError: the file or a column is missing, or a value is no finite number.
     """
-    # most commands read no reference, and would wait for it
-    import pandas as pd
-
-    remedy = "give a file as gapscope excite writes it"
-    try:
-        table = pd.read_csv(path)
-    except FileNotFoundError:
-        raise InputError("no such file", remedy, file=path) from None
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"cannot be read as CSV ({error})", remedy, file=path
-        ) from None
-    joints = range(1, n_joints + 1)
-    columns = [
-        "t",
-        *(f"{name}{j}" for name in ("q_ref", "dq_ref", "ddq_ref") for j in joints),
+    names = [
+        f"{x}{j + 1}" for x in ("q_ref", "dq_ref", "ddq_ref") for j in range(n_joints)
     ]
-    missing = [column for column in columns if column not in table]
-    if missing:
-        raise InputError(f"has no column {', '.join(missing[:4])}", remedy, file=path)
-    used = table[columns].apply(pd.to_numeric, errors="coerce").to_numpy(dtype=float)
-    if not np.isfinite(used).all():
-        row = int(np.flatnonzero(~np.isfinite(used).all(axis=1))[0])
+    try:
+        table = open_log(path).tables[0].table
+        used = np.column_stack([table.numbers(name) for name in ("t", *names)])
+    except InputError as error:
+        remedy = "give a file as gapscope excite writes it"
         raise InputError(
-            "holds a value that is no finite number",
-            remedy,
-            file=path,
-            where=f"line {row + 2}",
-        )
+            error.problem, remedy, file=error.file, where=error.where
+        ) from None
     return Sampled(Motion(used[:, 0], *np.split(used[:, 1:], 3, axis=1)))
 
 
 # Motions made of motions: one after the other, and backwards.
 
 
-class Timed(ReferenceMotion, Protocol):
-    """A reference motion that rests outside [0, duration]."""
-
-    @property
-    def duration(self) -> float:
-        """Duration [s]."""
-
-
 @dataclass(frozen=True)
-class Chain:
+class Chain(Timed):
     """Motions that follow each other, each beginning where the one before it rests.
 
     Attributes:
@@ -337,24 +443,12 @@ class Chain:
     parts: tuple[Timed, ...]
 
     @property
-    def duration(self) -> float:
+    def duration(self) -> float:  # type: ignore[override]
         """Sum of the parts' durations [s]."""
         return float(sum(part.duration for part in self.parts))
 
-    def position(self, t: np.ndarray) -> np.ndarray:
-        """Position [rad] at times t [s] of shape (N,); shape (N, n)."""
-        return self._evaluate("position", t)
-
-    def velocity(self, t: np.ndarray) -> np.ndarray:
-        """Velocity [rad/s] at times t [s] of shape (N,); shape (N, n)."""
-        return self._evaluate("velocity", t)
-
-    def acceleration(self, t: np.ndarray) -> np.ndarray:
-        """Acceleration [rad/s^2] at times t [s] of shape (N,); shape (N, n)."""
-        return self._evaluate("acceleration", t)
-
-    def _evaluate(self, quantity: str, t: np.ndarray) -> np.ndarray:
-        t = np.asarray(t, dtype=float)
+    def derivative(self, t: np.ndarray, order: int) -> np.ndarray:
+        """That of the part at each time."""
         durations = [part.duration for part in self.parts]
         ends = np.cumsum(durations)
         part_of = np.searchsorted(ends[:-1], t, side="right")
@@ -363,13 +457,12 @@ class Chain:
         for index in np.unique(part_of):
             rows = part_of == index
             begin = ends[index] - durations[index]
-            evaluate = getattr(self.parts[index], quantity)
-            out[rows] = evaluate(t[rows] - begin)
+            out[rows] = self.parts[index].derivative(t[rows] - begin, order)
         return out
 
 
 @dataclass(frozen=True)
-class Reversed:
+class Reversed(Timed):
     """A motion run backwards: q(T - t).
 
     Attributes:
@@ -379,18 +472,10 @@ class Reversed:
     forward: Timed
 
     @property
-    def duration(self) -> float:
+    def duration(self) -> float:  # type: ignore[override]
         """Duration T [s]."""
         return self.forward.duration
 
-    def position(self, t: np.ndarray) -> np.ndarray:
-        """Position [rad] at times t [s] of shape (N,); shape (N, n)."""
-        return self.forward.position(self.duration - t)
-
-    def velocity(self, t: np.ndarray) -> np.ndarray:
-        """Velocity [rad/s] at times t [s] of shape (N,); shape (N, n)."""
-        return -self.forward.velocity(self.duration - t)
-
-    def acceleration(self, t: np.ndarray) -> np.ndarray:
-        """Acceleration [rad/s^2] at times t [s] of shape (N,); shape (N, n)."""
-        return self.forward.acceleration(self.duration - t)
+    def derivative(self, t: np.ndarray, order: int) -> np.ndarray:
+        """That of the forward motion; each derivative changes the sign."""
+        return (-1) ** order * self.forward.derivative(self.duration - t, order)

@@ -20,8 +20,13 @@ from gapscope.arm.dynamics.feedforward import feedforward
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
-from gapscope.arm.motions.named_motions import WayPoints, clamped_quintic
-from gapscope.arm.motions.trajectory import Fourier, Limits, ReferenceMotion
+from gapscope.arm.motions.trajectory import (
+    Fourier,
+    Limits,
+    ReferenceMotion,
+    WayPoints,
+    clamped_quintic,
+)
 from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
@@ -130,7 +135,7 @@ class MultisineFamily(FourierFamily):
 
 @dataclass(frozen=True)
 class QuinticFamily:
-    """``gapscope.arm.motions.named_motions.WayPoints`` with free way points at equal times; it starts and ends at q0.
+    """``gapscope.arm.motions.trajectory.WayPoints`` with free way points at equal times; it starts and ends at q0.
 
     Attributes:
         n_joints: n.

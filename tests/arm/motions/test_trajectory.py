@@ -16,7 +16,6 @@ from gapscope.arm.io.write_case import write_columns
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.named_motions import (
     MOTIONS,
-    PointToPoint,
     WeldSeam,
     Workspace,
     draw_motion,
@@ -27,6 +26,7 @@ from gapscope.arm.motions.trajectory import (
     Chain,
     Fourier,
     Limits,
+    PointToPoint,
     Reversed,
     Sampled,
     read_sampled,

@@ -16,8 +16,7 @@ from sweeps import daily
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.motions.motion import Motion
-from gapscope.arm.motions.named_motions import WayPoints
-from gapscope.arm.motions.trajectory import Limits
+from gapscope.arm.motions.trajectory import Limits, WayPoints
 from gapscope.arm.nominal import NominalArm
 from gapscope.ident.excitation import design as module
 from gapscope.ident.excitation.design import (
