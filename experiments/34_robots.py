@@ -42,9 +42,8 @@ from common import command_line, markdown, run_part, run_tasks
 
 import gapscope
 from gapscope.arm.case import Case
-from gapscope.arm.dynamics.kinematic_tree import KinematicTree
+from gapscope.arm.dynamics.description import Description, read_description
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.dynamics.robot_file import tree_of
 from gapscope.arm.errors import GapscopeError, ModelWarning
 from gapscope.arm.io.json_file import read_json, write_json
 from gapscope.arm.nominal import NominalArm
@@ -68,7 +67,7 @@ STEPS = ("loads", "base", "recorded", "healthy", "found")
 ENDINGS = ("*.urdf", "*.xacro", "*.xml")
 
 
-def longest_chain(tree: KinematicTree) -> tuple[str, ...]:
+def longest_chain(tree: Description) -> tuple[str, ...]:
     """Movable joints on the way from the root to the leaf that has most of them above it."""
     parents = {joint.parent for joint in tree.joints}
     leaves = [joint.child for joint in tree.joints if joint.child not in parents]
@@ -81,7 +80,7 @@ def longest_chain(tree: KinematicTree) -> tuple[str, ...]:
 
 def arm_of(file: Path) -> NominalArm:
     """The arm of a file: the part of its longest chain that the page's head describes."""
-    chain = longest_chain(tree_of(file))
+    chain = longest_chain(read_description(file))
     arm = load_nominal_arm(file, joints=chain or None)
     mass = np.abs(RigidBody(arm).inertial_parameters().reshape(-1, 10)[:, 0])
     moved = mass[::-1].cumsum()[::-1]

@@ -20,16 +20,15 @@ from pathlib import Path
 import numpy as np
 from common import command_line
 
-from gapscope.arm.robots import KNOWN_ROBOTS
-from gapscope.model_audit.audit import check_description, read_description, total_mass
-from gapscope.model_audit.description import (
+from gapscope.arm.dynamics.description import (
     Description,
-    Geometry,
     Inertial,
     Link,
-    find_robot,
-    link_geometries,
+    read_description,
 )
+from gapscope.arm.robots import KNOWN_ROBOTS
+from gapscope.model_audit.audit import check_description, total_mass
+from gapscope.model_audit.description import Geometry, find_robot, link_geometries
 
 SHIFTS = ("shifted_inertials", "shifted_masses")
 SIZES = (
@@ -78,7 +77,7 @@ def heavier(description: Description) -> Iterator[tuple[str, Description]]:
         own = link.inertial
         if own is None or own.mass < HEAVY * total_mass(description):
             continue
-        worse = replace(own, moments=10 * own.moments, diagonal=10 * own.diagonal)
+        worse = replace(own, moments=10 * own.moments, own=10 * own.own)
         yield link.name, with_inertials(description, {link.name: worse})
 
 

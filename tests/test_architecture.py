@@ -94,8 +94,8 @@ NAMES_EFFECTS: dict[str, str] = {
     for reason, modules in {
         "armature is the data sheet's or a model file's own key": (
             *("arm.beyond_any_arm", "arm.nominal", "arm.robots"),
-            *("arm.dynamics.robot_file", "envs.mystery_arm"),
-            *("model_audit.checks", "model_audit.description"),
+            *("arm.dynamics.description", "envs.mystery_arm"),
+            *("model_audit.checks",),
             "diagnosis.reference_file",
         ),
         "payload is the case's key of a known load": ("diagnosis.document.content",),

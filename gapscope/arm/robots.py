@@ -17,22 +17,25 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.data_sheet import checked_sheet
-from gapscope.arm.dynamics.kinematic_tree import KinematicTree
+from gapscope.arm.dynamics import mjcf
+from gapscope.arm.dynamics.description import (
+    Description,
+    pybullet_data,
+    read_description,
+)
 from gapscope.arm.dynamics.locked_joints import lock
-from gapscope.arm.dynamics.mjcf import numbers
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.robot_file import (
     actuated_joints,
-    impossible_links,
-    mjcf_entries,
+    checked,
+    inertial_faults,
     placeholder,
     silent_limits,
-    tree_of,
 )
 from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.input_file import check_file, is_file
 from gapscope.arm.nearest_name import nearest
-from gapscope.arm.nominal import SHEET_UNITS, NominalArm
+from gapscope.arm.nominal import NominalArm
 
 # Files of robots that are given by path, by a known name, or by a name of the package ``robot_descriptions``.
 
@@ -112,14 +115,6 @@ def locate(robot: str | Path, folder: Path) -> tuple[Path, tuple[str, ...] | Non
         f"the model of {robot} comes with PyBullet",
         "pip install 'gapscope[pybullet]', or give a URDF file",
     )
-
-
-def pybullet_data() -> Path | None:
-    """Folder of the package of models that comes with PyBullet, or ``None``."""
-    package = find_spec("pybullet_data")
-    if package is None or not package.submodule_search_locations:
-        return None
-    return Path(package.submodule_search_locations[0])
 
 
 def described(name: str) -> Path:
@@ -235,8 +230,8 @@ def _folder(text: str, name: str) -> TemporaryDirectory[str]:
 # Nominal arms from a URDF file, or from a known name.
 
 
-PER_JOINT = tuple(SHEET_UNITS)
-"""Entries of the data sheet with one value per joint."""
+FROM_FILE = {"armature": "armature", "coulomb": "friction", "viscous": "damping"}
+"""Entries of the data sheet that the file of a robot may give, as its joints call them."""
 
 
 def load_nominal_arm(
@@ -274,9 +269,12 @@ def load_nominal_arm(
         InputError: no such robot, link or joint, or a data sheet that cannot be used.
     """
     urdf, default_joints = locate(robot, folder or Path())
-    tree = tree_of(urdf)
+    tree = read_description(urdf, shapes=False)
     names = tuple(joints or _default_joints(tree, chain, default_joints))
     _check_joints(names, tree, source)
+    if not (joints or chain or default_joints):
+        checked(tree)
+    checked(tree, names)
     try:
         given = checked_sheet(
             sheet, len(names), "sheet" if source is None else "field nominal"
@@ -284,96 +282,77 @@ def load_nominal_arm(
     except InputError as error:
         raise (error if source is None else error.at(source)) from None
     others = lock(tree, names, locked or {})
-    notes = [_left_out(fault) for fault in impossible_links(urdf, names)]
-    notes += others.notes if default_joints is None else ()
+    moved = tree.moved(names)
+    notes = [
+        f"{fault.file}, {fault.where}: {fault.problem}; it does not move with the arm and is left out"
+        for link, fault in inertial_faults(tree).items()
+        if link not in moved
+    ]
     if default_joints is None:
-        notes += filter(None, [placeholder(urdf, names)])
-        notes += [
-            f"{urdf}, joint {name}: <limit> does not say {' and '.join(lacking)}: none is known"
-            for name, lacking in silent_limits(urdf, names).items()
-        ]
+        notes += (*others.notes, *filter(None, [placeholder(tree, names)]))
+        notes += silent_limits(tree, names)
+    values: dict[str, Any] = {
+        key: np.array([getattr(tree.single[name], entry) or 0.0 for name in names])
+        for key, entry in FROM_FILE.items()
+    }
+    if tree.form == "MJCF":
+        mjcf.check_references(tree, names)
+        notes += (*mjcf.left_out(tree, names), *mjcf.position_gains(tree, names))
+        down = mjcf.gravity(tree)
+        values |= {} if down is None else {"gravity": down}
     for note in notes:
         warnings.warn(note, ModelWarning, stacklevel=2)
-    values = {**mjcf_entries(urdf, names), **given}
-    values.setdefault("viscous", _dynamics(urdf, names, "damping"))
-    values.setdefault("coulomb", _dynamics(urdf, names, "friction"))
+    values |= given
     if others.armature.any():
-        own = np.asarray(values.get("armature", np.zeros(len(names))), dtype=float)
-        values["armature"] = own + others.armature
+        values["armature"] = np.asarray(values["armature"], float) + others.armature
     if gravity is not None:
         values["gravity"] = np.asarray(gravity, dtype=float)
     return NominalArm(
-        name=_robot_name(urdf),
+        name=tree.name,
         urdf=urdf,
         joints=names,
         locked=others.positions,
         sliding=tuple(tree.single[name].kind == "prismatic" for name in names),
-        friction_source=_friction_source(urdf, given, values),
+        friction_source=_friction_source(tree, given, values),
         **values,
     )
 
 
 def _default_joints(
-    tree: KinematicTree, chain: Sequence[str] | None, known: Sequence[str] | None
+    tree: Description, chain: Sequence[str] | None, known: Sequence[str] | None
 ) -> Sequence[str]:
     """Joints of an arm of which they are not named: those of the chain, of the known robot, or all."""
     if chain:
         return tree.chain(*chain)
-    return known or actuated_joints(tree.path)
+    return known or actuated_joints(tree)
 
 
-def _check_joints(
-    names: Sequence[str], tree: KinematicTree, source: Path | None
-) -> None:
+def _check_joints(names: Sequence[str], tree: Description, source: Path | None) -> None:
     """Check that there are joints, and that the file has them."""
     if not names:
         raise InputError(
-            "has no joint that moves", "give the URDF of an arm", file=tree.path
+            "has no joint that moves", "give the URDF of an arm", file=tree.file
         )
     for name in names:
         if name not in tree.single:
             raise InputError(
-                f"{tree.path} has no movable joint {name!r}; it has {', '.join(tree.single)}",
+                f"{tree.file} has no movable joint {name!r}; it has {', '.join(tree.single)}",
                 "correct joints:, or give the URDF of the recorded arm",
-                file=source or tree.path,
+                file=source or tree.file,
                 where="field joints",
             )
 
 
-def _left_out(fault: InputError) -> str:
-    """A note on an inertial that no body can have, of a link that does not move with the arm."""
-    return f"{fault.file}, {fault.where}: {fault.problem}; it does not move with the arm and is left out"
-
-
 def _friction_source(
-    urdf: Path, sheet: Mapping[str, Any], values: Mapping[str, Any]
+    tree: Description, sheet: Mapping[str, Any], values: Mapping[str, Any]
 ) -> str:
     """Where the friction of an arm comes from, in words; empty if it has none."""
-    from_file = f"{urdf.name} <dynamics>"
-    if ET.parse(urdf).getroot().tag == "mujoco":
-        from_file = f"{urdf.name} frictionloss and damping"
+    words = "<dynamics>" if tree.form == "URDF" else "frictionloss and damping"
     sources = {
-        name: "data sheet" if name in sheet else from_file
+        name: "data sheet" if name in sheet else f"{tree.file.name} {words}"
         for name in ("coulomb", "viscous")
         if np.any(values[name])
     }
     if len(set(sources.values())) < 2:
         return "".join(set(sources.values()))
     return ", ".join(f"{name} from {source}" for name, source in sources.items())
-
-
-def _robot_name(urdf: Path) -> str:
-    root = ET.parse(urdf).getroot()
-    return root.get("name") or root.get("model") or urdf.stem
-
-
-def _dynamics(urdf: Path, joints: Sequence[str], attribute: str) -> np.ndarray:
-    """One attribute of ``<dynamics>`` per joint, zero if the URDF does not give it, shape (n,)."""
-    values = dict.fromkeys(joints, 0.0)
-    for joint in ET.parse(urdf).getroot().iter("joint"):
-        dynamics = joint.find("dynamics")
-        if dynamics is not None and joint.get("name") in values:
-            name, text = joint.get("name", ""), dynamics.get(attribute, "0")
-            place = f"joint {name}, <dynamics {attribute}>"
-            values[name] = float(numbers(text, 1, urdf, place)[0])
-    return np.array(list(values.values()))

@@ -15,8 +15,7 @@ from scipy.stats import chi2
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError
-from gapscope.arm.nominal import NominalArm
-from gapscope.arm.robots import PER_JOINT
+from gapscope.arm.nominal import SHEET_UNITS, NominalArm
 from gapscope.diagnosis.document.diagnosis_json import read_document
 from gapscope.diagnosis.thresholds import ALIKE_NRMSE, EFFECT_FORM, FLEET_LEVEL
 from gapscope.effects.applied import AppliedEffect
@@ -688,7 +687,7 @@ def _differ(units: Sequence[FleetUnit]) -> tuple[str, ...]:
     differ = []
     if any(arm.urdf.read_bytes() != urdf for arm in others):
         differ.append("urdf")
-    for key in PER_JOINT:
+    for key in SHEET_UNITS:
         if not all(_same(first, arm, key) for arm in others):
             differ.append(key)
     return tuple(differ)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from gapscope.arm.dynamics.description import read_description
 from gapscope.arm.dynamics.robot_file import actuated_joints
 from gapscope.arm.io.layouts import LEROBOT
 from gapscope.arm.nominal import SHEET_UNITS
@@ -65,7 +66,7 @@ def _robot(found: Inspection, robot: str | None) -> Iterator[str]:
     yield f"robot: {_scalar(robot)}"
     assert found.arm is not None
     listed = _flow(list(found.arm.joints))
-    if list(found.arm.joints) == actuated_joints(found.arm.urdf):
+    if list(found.arm.joints) == actuated_joints(read_description(found.arm.urdf)):
         yield f"# joints: {listed}  # the order of the columns, if it is another"
     else:
         yield f"joints: {listed}  # those of the robot that the log has; all others stay where they are"

@@ -12,8 +12,14 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.case import load_case
+from gapscope.arm.dynamics.description import (
+    Description,
+    Joint,
+    Link,
+    read_description,
+)
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.dynamics.robot_file import build
+from gapscope.arm.dynamics.robot_file import arm_model
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.input_file import is_file, is_folder
 from gapscope.arm.io.json_file import plain
@@ -41,17 +47,11 @@ from gapscope.model_audit.checks import (
 )
 from gapscope.model_audit.description import (
     SEVERITIES,
-    Description,
     Finding,
     Geometry,
-    Joint,
-    Link,
     RobotFile,
     find_robot,
     link_geometries,
-    read_mjcf,
-    read_urdf,
-    read_xml,
     worst_first,
 )
 
@@ -345,7 +345,19 @@ def audit_model(robot: str | Path, recording: Path | None = None) -> Audit:
     description = read_description(source.path)
     geometries = link_geometries(description)
     refused = _refused(description)
-    findings = [*description.unreadable]
+    findings = [
+        Finding(
+            "impossible",
+            "unreadable_number" if one.got is not None else "incomplete_inertial",
+            one.place.removeprefix("shape of ").replace("body ", "link "),
+            one.line,
+            f"{one.element}: {one.problem}",
+            one.wanted if one.got is not None else "mass and inertia",
+            one.remedy,
+            1e6,
+        )
+        for one in description.unreadable
+    ]
     findings += check_description(description, geometries)
     findings += _gravity(source)
     if refused:
@@ -366,25 +378,6 @@ def audit_model(robot: str | Path, recording: Path | None = None) -> Audit:
         static = static_poses(robot, recording)
         findings += check_static(static)
     return Audit(description, geometries, refused, worst_first(findings), static)
-
-
-def read_description(path: Path) -> Description:
-    """A URDF or MJCF file as it stands.
-
-    Raises:
-        InputError: it is neither.
-    """
-    root, lines = read_xml(path)
-    if root.tag == "robot":
-        return read_urdf(root, lines, path)
-    if root.tag == "mujoco":
-        return read_mjcf(root, lines, path)
-    raise InputError(
-        f"root element is <{root.tag}>, expected <robot> or <mujoco>",
-        "give a URDF or MJCF file",
-        file=path,
-        where=f"line {lines[root]}",
-    )
 
 
 def check_description(
@@ -414,7 +407,7 @@ def _weighed(finding: Finding, description: Description) -> Finding:
     names = {link.name for link in description.links}
     if tag != "link" or name not in names or finding.kind in ("loop", "no_mass"):
         return finding
-    inertial = description.link(name).inertial
+    inertial = description.by_name[name].inertial
     least = LIGHT_SHARE * total_mass(description)
     light = inertial is not None and 0 < inertial.mass < least
     if not description.is_moved(name):
@@ -437,7 +430,7 @@ def _refused(description: Description) -> str:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what is odd is found here
-            build(description.file, joints)
+            arm_model(description.file, joints, np.zeros(3))
     except GapscopeError as error:
         return str(error).split("\n")[0]
     return ""
@@ -512,7 +505,7 @@ def document(audit: Audit) -> dict[str, Any]:
 
 def _link(audit: Audit, link: Link) -> dict[str, Any]:
     inertial, geometry = link.inertial, audit.geometries.get(link.name)
-    above = audit.description.joint_above(link.name)
+    above = audit.description.above.get(link.name)
     content = {
         "name": link.name,
         "line": link.line,

@@ -11,15 +11,8 @@ from itertools import product
 import numpy as np
 from scipy.stats import f as fisher
 
-from gapscope.model_audit.description import (
-    Description,
-    Finding,
-    Geometry,
-    Inertial,
-    Joint,
-    Link,
-    distance_outside,
-)
+from gapscope.arm.dynamics.description import Description, Inertial, Joint, Link
+from gapscope.model_audit.description import Finding, Geometry, distance_outside
 
 # All thresholds of the audit, each with its meaning, its unit in brackets and where it comes from in parentheses.
 #
@@ -111,7 +104,7 @@ def check_products(
     opposite = [name for name, cosine in cosines.items() if cosine < OPPOSITE_PRODUCTS]
     if len(opposite) < max(OPPOSITE_LINKS, OPPOSITE_SHARE * len(cosines)):
         return
-    first = description.link(opposite[0])
+    first = description.by_name[opposite[0]]
     yield Finding(
         "implausible",
         "products_of_inertia",
@@ -275,8 +268,9 @@ def slipped_digit(inertial: Inertial) -> str:
 def _massless(description: Description) -> Iterator[Finding]:
     """Moving links that carry no mass, alone or by what is fixed to them."""
     for joint in description.moving:
-        known = {link.name for link in description.links}
-        if joint.child not in known:
+        child = description.by_name.get(joint.child)
+        # between several joints of one body there is nothing
+        if child is None or not child.line:
             continue
         parts = [link for link, _ in description.rigid_part(joint.child)]
         if any(part.inertial and part.inertial.mass > 0 for part in parts):
@@ -287,14 +281,13 @@ def _massless(description: Description) -> Iterator[Finding]:
         last = not any(
             below.kind != "fixed"
             for part in parts
-            for below in description.joints_below(part.name)
+            for below in description.below(part.name)
         )
-        line = description.link(joint.child).line
         yield Finding(
             "impossible" if last else "implausible",
             "no_mass",
             f"link {joint.child}",
-            line,
+            child.line,
             f"moved by {joint.name}, and has no mass",
             "each moved link with mass and inertia",
             "give it an <inertial>"
@@ -948,6 +941,6 @@ def _frames(description: Description, link: Link) -> np.ndarray:
     for part, place in description.rigid_part(link.name):
         points += [
             (place * joint.place).translation
-            for joint in description.joints_below(part.name)
+            for joint in description.below(part.name)
         ]
     return np.unique(np.round(points, 4), axis=0)

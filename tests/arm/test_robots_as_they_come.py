@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from gapscope.arm.case import Case, load_case
+from gapscope.arm.dynamics.description import read_description
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.robot_file import placeholder
 from gapscope.arm.errors import InputError, ModelWarning
@@ -371,7 +372,7 @@ def test_what_the_parser_says_is_part_of_the_error(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     path = robot(tmp_path, BASE, ARM, [link("adrift")])
-    with pytest.raises(InputError, match="Two root links found: .*adrift") as caught:
+    with pytest.raises(InputError, match="several bases: world, adrift") as caught:
         load_nominal_arm(path)
     assert "chain:" in caught.value.remedy
     assert capfd.readouterr() == ("", "")
@@ -381,7 +382,7 @@ def test_known_robots_have_inertials_of_their_own_and_say_their_source() -> None
     pytest.importorskip("pybullet_data", reason="the xarm6 comes with PyBullet")
     for name, known in KNOWN_ROBOTS.items():
         arm = load_nominal_arm(name)
-        assert known.source and not placeholder(arm.urdf, arm.joints)
+        assert known.source and not placeholder(read_description(arm.urdf), arm.joints)
     # Gaz and others 2019, table of the identified masses
     mass = RigidBody(load_nominal_arm("franka_panda")).inertial_parameters()[::10]
     expected = [4.970684, 0.646926, 3.228604, 3.587895, 1.225946, 1.666555]

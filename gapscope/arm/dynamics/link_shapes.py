@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import warnings
-import xml.etree.ElementTree as ET
+from collections import Counter
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import combinations, compress
 from pathlib import Path
 
@@ -15,24 +15,18 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
+from gapscope.arm.dynamics.description import Shape, read_description
 from gapscope.arm.dynamics.inertials import inertia_boxes
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.dynamics.robot_file import parser_output, with_collision_shapes
 from gapscope.arm.errors import InputError, ModelWarning
-from gapscope.arm.input_file import is_file
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.robots import pybullet_data
 
-# Shapes and named frames of a URDF, placed on the bodies that move them.
-
-
-SCHEMES = ("package://", "model://", "file://")
-"""How a URDF may begin the path of a mesh."""
+# Shapes and named frames of a robot file, placed on the bodies that move them.
 
 
 @dataclass(frozen=True)
 class Frame:
-    """A link of a URDF as a frame on a moving body.
+    """A link of a robot file as a frame on a moving body.
 
     Attributes:
         name: of the link.
@@ -48,28 +42,18 @@ class Frame:
 
 
 @dataclass(frozen=True)
-class Shape:
-    """A visual or collision shape.
+class PlacedShape(Shape):
+    """A visual or collision shape on a moving body.
 
     Attributes:
-        use: ``visual`` or ``collision``.
-        frame: its place on the moving body; ``name`` is that of its link.
-        kind: ``mesh``, ``box``, ``cylinder`` or ``sphere``.
-        size: edges of a box [m], radius and length of a cylinder [m], radius of a sphere [m], scale of a mesh [1].
-        mesh: file of a mesh, or ``None``.
-        colour: red, green, blue and opacity, 0 to 1, or ``None``.
+        frame: its place there; ``name`` is that of its link.
     """
 
-    use: str
-    frame: Frame
-    kind: str
-    size: tuple[float, ...]
-    mesh: Path | None = None
-    colour: tuple[float, ...] | None = None
+    frame: Frame = field(kw_only=True)
 
 
 def read_frames(body: RigidBody) -> dict[str, Frame]:
-    """Links of the URDF by name, those that are fixed to a moving body with their place on it."""
+    """Links of the file by name, those that are fixed to a moving body with their place on it."""
     model = body.model
     found = {}
     for frame in model.frames:
@@ -82,116 +66,32 @@ def read_frames(body: RigidBody) -> dict[str, Frame]:
     return found
 
 
-def read_shapes(body: RigidBody) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
+def read_shapes(
+    body: RigidBody,
+) -> tuple[tuple[PlacedShape, ...], tuple[str, ...]]:
     """Shapes of the URDF, and a sentence for each that cannot be used; nothing of an MJCF file."""
-    root = ET.parse(body.file).getroot()
-    if root.tag != "robot":
+    description = read_description(body.file)
+    if description.form != "URDF":
         return (), ("shapes: they are read from URDF files alone",)
-    frames, colours = read_frames(body), _colours(root)
+    frames = read_frames(body)
     shapes, notes = [], []
-    for link in root.findall("link"):
-        frame = frames.get(link.get("name", ""))
-        for element in (*link.findall("visual"), *link.findall("collision")):
-            shape = (
-                None if frame is None else _shape(element, frame, body.file, colours)
+    for link in description.links:
+        frame = frames.get(link.name)
+        for shape in link.drawn:
+            if frame is None or shape.lost or not shape.size:
+                said = "it has no known geometry"
+                if shape.kind == "mesh":
+                    said = f"the mesh {shape.named} is not found"
+                notes.append(f"a {shape.use} shape of link {link.name}: {said}")
+                continue
+            turn, shift = frame.rotation, frame.rotation @ shape.place.translation
+            own = replace(
+                frame,
+                position=frame.position + shift,
+                rotation=turn @ shape.place.rotation,
             )
-            if shape is None:
-                notes.append(
-                    f"a {element.tag} shape of link {link.get('name')}: {_said(element)}"
-                )
-            else:
-                shapes.append(shape)
+            shapes.append(PlacedShape(**vars(shape), frame=own))
     return tuple(shapes), tuple(dict.fromkeys(notes))
-
-
-def find_mesh(name: str, urdf: Path) -> Path | None:
-    """File of a mesh that a URDF names, or ``None`` if it is not found.
-
-    A path after ``package://`` starts from the folder of the URDF or one of the three above it, with the package's
-    name or without; that of ``pybullet_data`` from the installed package too.
-    """
-    scheme = next((s for s in SCHEMES if name.startswith(s)), "")
-    rest = Path(name[len(scheme) :])
-    in_package = scheme in SCHEMES[:2]
-    # the package's folder may have another name than the package
-    without_package = Path(*rest.parts[1:]) if len(rest.parts) > 1 else rest
-    parts = (rest, without_package) if in_package else (rest,)
-    folders = list(urdf.resolve().parents[: 4 if in_package else 1])
-    if in_package and rest.parts[:1] == ("pybullet_data",):
-        folders += filter(None, [pybullet_data()])
-    for part in parts:
-        for folder in folders:
-            if is_file(folder / part):
-                return (folder / part).resolve()
-    return None
-
-
-def _shape(
-    element: ET.Element, frame: Frame, urdf: Path, colours: dict[str, tuple[float, ...]]
-) -> Shape | None:
-    geometry = element.find("geometry")
-    if geometry is None or not len(geometry):
-        return None
-    form, origin = geometry[0], element.find("origin")
-    xyz, rpy = (
-        _numbers(None if origin is None else origin.get(key), "0 0 0")
-        for key in ("xyz", "rpy")
-    )
-    own = Frame(
-        frame.name,
-        frame.joint,
-        frame.position + frame.rotation @ xyz,
-        frame.rotation @ pin.rpy.rpyToMatrix(rpy),
-    )
-    colour = _colour(element.find("material"), colours)
-    if form.tag == "mesh":
-        mesh = find_mesh(form.get("filename", ""), urdf)
-        scale = tuple(_numbers(form.get("scale"), "1 1 1").tolist())
-        return (
-            None
-            if mesh is None
-            else Shape(element.tag, own, "mesh", scale, mesh, colour)
-        )
-    keys = {
-        "box": ("size",),
-        "cylinder": ("radius", "length"),
-        "sphere": ("radius",),
-    }.get(form.tag)
-    if keys is None:
-        return None
-    size = tuple(x for key in keys for x in _numbers(form.get(key), "0").tolist())
-    return Shape(element.tag, own, form.tag, size, None, colour)
-
-
-def _said(element: ET.Element) -> str:
-    """What cannot be used of a shape."""
-    mesh = element.find("geometry/mesh")
-    return (
-        "it has no known geometry"
-        if mesh is None
-        else f"the mesh {mesh.get('filename')} is not found"
-    )
-
-
-def _colours(root: ET.Element) -> dict[str, tuple[float, ...]]:
-    """Colours of the materials that have a name."""
-    named = {m.get("name", ""): _colour(m, {}) for m in root.iter("material")}
-    return {name: colour for name, colour in named.items() if name and colour}
-
-
-def _colour(
-    material: ET.Element | None, colours: dict[str, tuple[float, ...]]
-) -> tuple[float, ...] | None:
-    if material is None:
-        return None
-    colour = material.find("color")
-    if colour is None:
-        return colours.get(material.get("name", ""))
-    return tuple(_numbers(colour.get("rgba"), "1 1 1 1").tolist())
-
-
-def _numbers(text: str | None, otherwise: str) -> np.ndarray:
-    return np.array((text or otherwise).split(), dtype=float)
 
 
 # Convex hulls of an arm's moving bodies, few triangles each, for pictures.
@@ -227,10 +127,13 @@ def link_hulls(body: RigidBody) -> tuple[Hull, ...]:
     for use in ("visual", "collision"):
         drawn = {hull.body for hull in found}
         for shape in shapes:
-            joint = shape.frame.joint
-            number = body.model.getJointId(joint) if joint else 0
+            frame = shape.frame
+            number = body.model.getJointId(frame.joint) if frame.joint else 0
             if shape.use == use and number not in drawn:
-                found += _hull(number, _points_of_shape(shape))
+                # a picture can do without a mesh that cannot be read
+                points = shape_points(shape, DIRECTIONS, ROUND)
+                if points is not None:
+                    found += _hull(number, points @ frame.rotation.T + frame.position)
     drawn = {hull.body for hull in found}
     bare = [number for number in range(body.model.njoints) if number not in drawn]
     thickness = THICKNESS * reach(body)
@@ -256,23 +159,30 @@ def reach(body: RigidBody) -> float:
     return float(sum(np.linalg.norm(place.translation) for place in places))
 
 
-def _points_of_shape(shape: Shape) -> np.ndarray:
-    """Points whose hull is that of a shape, in the frame of the joint [m], (P, 3); none if its mesh is missing."""
-    local = _local_points(shape)
-    return local @ shape.frame.rotation.T + shape.frame.position
+def shape_points(shape: Shape, count: int, corners: int) -> np.ndarray | None:
+    """Points whose hull is that of a shape, in its frame [m], (P, 3).
 
+    Args:
+        shape: the shape.
+        count: of points on a ball.
+        corners: of a circle.
 
-def _local_points(shape: Shape) -> np.ndarray:
+    Returns:
+        The points; ``None`` of a shape without size, or a mesh that cannot be read.
+    """
+    size = np.array(shape.size)
+    if shape.kind == "mesh":
+        return None if shape.mesh is None else mesh_points(shape.mesh, shape.size)
+    if not (size > 0).all():
+        return None
     if shape.kind == "box":
-        return box_corners(np.array(shape.size))
-    if shape.kind == "sphere":
-        return shape.size[0] * directions(DIRECTIONS)
+        return box_corners(size)
     if shape.kind == "cylinder":
-        radius, length = shape.size
-        return cylinder_edges(radius, length, ROUND)
-    # a picture can do without a mesh: the body is drawn as a box
-    points = None if shape.mesh is None else mesh_points(shape.mesh, shape.size)
-    return np.empty((0, 3)) if points is None else points
+        return cylinder_edges(size[0], size[1], corners)
+    if shape.kind == "capsule":
+        caps, end = directions(count) * size[0], np.array([0.0, 0.0, size[1] / 2])
+        return np.vstack([caps + end, caps - end])
+    return directions(count) * size
 
 
 def box_corners(edges: np.ndarray) -> np.ndarray:
@@ -368,7 +278,7 @@ class CollisionModel:
         self, arm: NominalArm, body: RigidBody, height: float | None = 0.0
     ) -> None:
         self._model, self._order = body.model, body.order
-        self._shapes = _shapes(arm, self._model)
+        self._shapes = _collision_shapes(arm, body)
         bodies = self._shapes.ngeoms
         if height is not None:
             ground = coal.Halfspace(np.array([0.0, 0.0, 1.0]), float(height))
@@ -462,15 +372,25 @@ class CollisionModel:
         return out
 
 
-def _shapes(arm: NominalArm, model: pin.Model) -> pin.GeometryModel:
+def _collision_shapes(arm: NominalArm, body: RigidBody) -> pin.GeometryModel:
     """Collision shapes of a URDF, each convex, or boxes by the inertials if they are missing."""
-    missing = "collision shapes are read from URDF files alone"
-    if ET.parse(arm.urdf).getroot().tag == "robot":
-        root = with_collision_shapes(arm.urdf, arm.joints)
-        missing = _missing(root, arm.urdf)
-        if not missing:
-            return _urdf_shapes(arm, model, root)
-    boxes = inertia_boxes(model)
+    description = read_description(arm.urdf)
+    drawn = [
+        shape
+        for link in description.links
+        for shape in link.drawn
+        if shape.use == "collision" and link.name in read_frames(body)
+    ]
+    lost = [shape.named for shape in drawn if shape.lost]
+    missing = "" if drawn else "it has no collision shapes"
+    if description.form != "URDF":
+        missing = "collision shapes are read from URDF files alone"
+    elif lost:
+        missing = f"{len(lost)} collision meshes are not found, first {lost[0]}"
+    if not missing:
+        shapes = [x for x in read_shapes(body)[0] if x.use == "collision"]
+        return _convex(shapes, body, arm.urdf)
+    boxes = inertia_boxes(body.model)
     if boxes.ngeoms == 0:
         raise InputError(f"{missing}, and no body has a mass", REMEDY, file=arm.urdf)
     warnings.warn(
@@ -482,40 +402,31 @@ def _shapes(arm: NominalArm, model: pin.Model) -> pin.GeometryModel:
     return boxes
 
 
-def _missing(root: ET.Element, file: Path) -> str:
-    """Why a robot file gives no collision shapes, or an empty string if it does."""
-    shapes = root.findall("link/collision/geometry/*")
-    if not shapes:
-        return "it has no collision shapes"
-    names = [s.get("filename", "") for s in shapes if s.tag == "mesh"]
-    lost = [name for name in names if find_mesh(name, file) is None]
-    return (
-        f"{len(lost)} collision meshes are not found, first {lost[0]}" if lost else ""
-    )
-
-
-def _urdf_shapes(
-    arm: NominalArm, model: pin.Model, root: ET.Element
+def _convex(
+    shapes: Sequence[PlacedShape], body: RigidBody, file: Path
 ) -> pin.GeometryModel:
-    """Collision shapes of a URDF whose meshes are there, each convex."""
-    for mesh in root.findall("link/collision/geometry/mesh"):
-        file = find_mesh(mesh.get("filename", ""), arm.urdf)
-        mesh.set("filename", "" if file is None else str(file.resolve()))
-    text = ET.tostring(root, encoding="unicode")
-    try:
-        with parser_output(), warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore", UserWarning
-            )  # the binding warns of its own overload
-            shapes = pin.buildGeomFromUrdfString(
-                model, text, pin.GeometryType.COLLISION
-            )
-        for item in shapes.geometryObjects:
-            if isinstance(item.geometry, coal.BVHModelBase):
-                item.geometry.buildConvexHull(True, "Qt")
-                item.geometry = item.geometry.convex
-    except (ValueError, RuntimeError) as error:
-        raise InputError(
-            f"its collision shapes cannot be read ({error})", REMEDY, file=arm.urdf
-        ) from None
-    return shapes
+    """Shapes of a URDF, each convex, named after their links with a number."""
+    found = pin.GeometryModel()
+    count: Counter[str] = Counter()
+    kinds = {"box": coal.Box, "cylinder": coal.Cylinder, "sphere": coal.Sphere}
+    for shape in shapes:
+        frame = shape.frame
+        if shape.kind == "mesh":
+            try:
+                form = coal.MeshLoader().load(str(shape.mesh), np.array(shape.size))
+                form.buildConvexHull(True, "Qt")
+            except (ValueError, RuntimeError) as error:
+                raise InputError(
+                    f"its collision shapes cannot be read ({error})", REMEDY, file=file
+                ) from None
+            form = form.convex
+        else:
+            form = kinds[shape.kind](*shape.size)
+        parent = body.model.getJointId(frame.joint) if frame.joint else 0
+        name, place = (
+            f"{frame.name}_{count[frame.name]}",
+            pin.SE3(frame.rotation, frame.position),
+        )
+        found.addGeometryObject(pin.GeometryObject(name, parent, parent, place, form))
+        count[frame.name] += 1
+    return found

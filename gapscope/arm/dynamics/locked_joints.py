@@ -9,13 +9,8 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from gapscope.arm.dynamics.kinematic_tree import (
-    SEVERAL,
-    KinematicTree,
-    Mimic,
-    TreeJoint,
-)
-from gapscope.arm.dynamics.robot_file import build
+from gapscope.arm.dynamics.description import SEVERAL, Description, Joint, Mimic
+from gapscope.arm.dynamics.robot_file import arm_model
 from gapscope.arm.errors import InputError
 from gapscope.arm.nearest_name import nearest
 
@@ -39,7 +34,7 @@ class LockedJoints:
 
 
 def lock(
-    tree: KinematicTree, joints: Sequence[str], given: Mapping[str, float]
+    tree: Description, joints: Sequence[str], given: Mapping[str, float]
 ) -> LockedJoints:
     """Lock all joints of a file but the arm's.
 
@@ -57,7 +52,7 @@ def lock(
     """
     single = tree.single
     for name in given:
-        _check_name(name, single, joints, tree.path)
+        _check_name(name, single, joints, tree.file)
     positions = {
         name: float(given[name]) if name in given else _followed(name, single, given)
         for name in single
@@ -69,13 +64,13 @@ def lock(
         for name, value in positions.items()
         if value != 0 or name in followers
     }
-    armature = _reflected(tree.path, joints, positions, followers)
-    notes = (*_notes(tree, joints, given), *_follower_notes(followers, tree.path))
+    armature = _reflected(tree.file, joints, positions, followers)
+    notes = (*_notes(tree, joints, given), *_follower_notes(followers, tree.file))
     return LockedJoints(positions, armature, notes)
 
 
 def _check_name(
-    name: str, single: Mapping[str, TreeJoint], joints: Sequence[str], path: Path
+    name: str, single: Mapping[str, Joint], joints: Sequence[str], path: Path
 ) -> None:
     if name in joints:
         raise InputError(
@@ -93,7 +88,7 @@ def _check_name(
         )
 
 
-def _chain_of_masters(name: str, single: Mapping[str, TreeJoint]) -> Mimic:
+def _chain_of_masters(name: str, single: Mapping[str, Joint]) -> Mimic:
     """The joint that one follows at last, with the multiplier and the offset of all between; itself if it does not."""
     last, multiplier, offset = name, 1.0, 0.0
     for _ in single:
@@ -107,7 +102,7 @@ def _chain_of_masters(name: str, single: Mapping[str, TreeJoint]) -> Mimic:
 
 
 def _followed(
-    name: str, single: Mapping[str, TreeJoint], given: Mapping[str, float]
+    name: str, single: Mapping[str, Joint], given: Mapping[str, float]
 ) -> float:
     """Position [rad or m] of a joint that is not given: where its master puts it, which stands at zero if not given."""
     rule = _chain_of_masters(name, single)
@@ -115,7 +110,7 @@ def _followed(
 
 
 def _followers(
-    single: Mapping[str, TreeJoint], joints: Sequence[str], given: Mapping[str, float]
+    single: Mapping[str, Joint], joints: Sequence[str], given: Mapping[str, float]
 ) -> dict[str, Mimic]:
     """Joints that follow a joint of the arm, unless they are one, or a position is given of them."""
     free = [name for name in single if name not in joints and name not in given]
@@ -133,12 +128,10 @@ def _reflected(
     added = np.zeros(len(joints))
     if not followers:
         return added
-    model = build(path, joints)
+    model = arm_model(path, (*joints, *followers), np.zeros(3), positions)
     posture = pin.neutral(model)
-    for name, position in positions.items():
-        if not model.existJointName(name):
-            continue
-        posture[model.joints[model.getJointId(name)].idx_q] = position
+    for name in followers:
+        posture[model.joints[model.getJointId(name)].idx_q] = positions[name]
     mass = pin.crba(model, model.createData(), posture)
     mass = np.triu(mass) + np.triu(mass, 1).T
     column = {name: model.joints[model.getJointId(name)].idx_v for name in model.names}
@@ -152,7 +145,7 @@ def _reflected(
 
 
 def _notes(
-    tree: KinematicTree, joints: Sequence[str], given: Mapping[str, float]
+    tree: Description, joints: Sequence[str], given: Mapping[str, float]
 ) -> tuple[str, ...]:
     """Joints locked at zero that count: those that the arm carries, and those that carry the arm."""
     moved, carriers = tree.moved(joints), tree.carriers(joints)
@@ -169,11 +162,11 @@ def _notes(
     notes = []
     if silent:
         notes.append(
-            f"{tree.path}: locked at zero: {_listed(silent)}; if one stood elsewhere, say so in locked: of the case"
+            f"{tree.file}: locked at zero: {_listed(silent)}; if one stood elsewhere, say so in locked: of the case"
         )
     if fixed:
         notes.append(
-            f"{tree.path}: fixed as the file draws it, for it has several degrees of freedom: {_listed(fixed)}"
+            f"{tree.file}: fixed as the file draws it, for it has several degrees of freedom: {_listed(fixed)}"
         )
     return tuple(notes)
 

@@ -1,67 +1,26 @@
-"""MJCF files: read as a chain of bodies with actuators, and written plain."""
+"""What an MJCF file says beside bodies and joints: gravity, actuators, and what is left out."""
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
+from gapscope.arm.dynamics.description import Description, coefficients
 from gapscope.arm.errors import InputError
 
-# Content of an MJCF file beside bodies and joints, which pinocchio reads: gravity, and what is ignored.
-#
-# Without MuJoCo; attributes that a default class gives count as an element's own.
-
-
-Attributes = dict[str, str]
 UNREAD = {
     "tendon": "<tendon>",
     "compiler[@settotalmass]": "<compiler settotalmass>",
 }
-"""What pinocchio passes over, by its path in the file."""
+"""What is passed over, by its path in the file."""
 UNFOLDED = ("include", "replicate", "attach", "frame//body", "frame//joint")
 """Elements that contain or change bodies, and are not expanded here."""
 UNWEIGHED = ("mesh", "plane", "hfield", "sdf")
 """Shapes whose mass is not known here."""
-NAMELESS = "without_a_name"
-
-
-def joint_attributes(root: ET.Element) -> dict[str, Attributes]:
-    """Attributes of the joints that have a name."""
-    classes, found = default_classes(root), {}
-
-    def visit(element: ET.Element, inherited: str) -> None:
-        inherited = element.get("childclass", inherited)
-        for child in element:
-            if child.tag == "joint" and (name := child.get("name")):
-                found[name] = {
-                    **classes.get(child.get("class", inherited), {}).get("joint", {}),
-                    **child.attrib,
-                }
-            visit(child, inherited)
-
-    for world in root.findall("worldbody"):
-        visit(world, "main")
-    return found
-
-
-def default_classes(root: ET.Element) -> dict[str, dict[str, Attributes]]:
-    """What each default class gives to an element, by the class and the element's tag."""
-    found: dict[str, dict[str, Attributes]] = {}
-
-    def visit(default: ET.Element, above: dict[str, Attributes]) -> None:
-        own = {tag: dict(values) for tag, values in above.items()}
-        for child in default:
-            own.setdefault(child.tag, {}).update(child.attrib)
-        found[default.get("class", "main")] = own
-        for child in default.findall("default"):
-            visit(child, own)
-
-    for default in root.findall("default"):
-        visit(default, {})
-    return found
 
 
 def numbers(text: str, count: int | None, path: Path, where: str) -> np.ndarray:
@@ -75,15 +34,9 @@ def numbers(text: str, count: int | None, path: Path, where: str) -> np.ndarray:
     except ValueError:
         values = np.array([np.nan])
     if not (values.size and np.isfinite(values).all() and count in (None, len(values))):
-        wanted = (
-            "numbers"
-            if count is None
-            else "a number"
-            if count == 1
-            else f"{count} numbers"
-        )
+        wanted = "numbers" if count is None else f"{count} numbers"
         raise InputError(
-            f"expected {wanted}, got {text!r}",
+            f"expected {'a number' if count == 1 else wanted}, got {text!r}",
             "correct the attribute",
             file=path,
             where=where,
@@ -91,160 +44,136 @@ def numbers(text: str, count: int | None, path: Path, where: str) -> np.ndarray:
     return values
 
 
-def gravity(root: ET.Element, path: Path) -> np.ndarray | None:
+def gravity(description: Description) -> np.ndarray | None:
     """Gravity of ``<option>`` in the world's frame [m/s^2], shape (3,); ``None`` if the file does not say.
 
     Raises:
         InputError: it is not three numbers.
     """
+    root = description.root
     if root.find("option/flag[@gravity='disable']") is not None:
         return np.zeros(3)
-    given = root.findall("option[@gravity]")
-    return (
-        numbers(given[-1].get("gravity", ""), 3, path, "<option gravity>")
-        if given
-        else None
-    )
+    given = [option.get("gravity", "") for option in root.findall("option[@gravity]")]
+    if not given:
+        return None
+    return numbers(given[-1], 3, description.file, "<option gravity>")
 
 
-def check_mjcf(root: ET.Element, path: Path) -> None:
-    """Check that pinocchio reads all bodies of the file, with their inertia.
-
-    Raises:
-        InputError: bodies are in other files or generated, or a moving body has its mass from a mesh.
-    """
-    for element in UNFOLDED:
-        if root.find(f".//{element}") is not None:
-            raise InputError(
-                f"<{element.split('//')[0]}> is not read",
-                "expand it in the file",
-                file=path,
-            )
-    for body, geoms in _without_inertial(root):
-        if meshes := [
-            geom for geom in geoms if geom.get("mesh") or geom.get("type") in UNWEIGHED
-        ]:
-            what = meshes[0].get("mesh") or meshes[0].get("type")
-            raise InputError(
-                f"has no <inertial>, and its mass cannot be taken from the shape {what}",
-                'give it one; MuJoCo\'s mj_saveLastXML writes it after <compiler saveinertial="true"/>',
-                file=path,
-                where=f"body {body.get('name', NAMELESS)}",
-            )
-
-
-def _without_inertial(root: ET.Element) -> list[tuple[ET.Element, list[Attributes]]]:
-    """Moving bodies that are weighed by their shapes, and these."""
-    by_shape = root.find("compiler[@inertiafromgeom='true']") is not None
-    classes, found = default_classes(root), []
-
-    def visit(body: ET.Element, inherited: str, moves: bool) -> None:
-        inherited = body.get("childclass", inherited)
-        moves = moves or body.find("joint") is not None
-        geoms = [
-            {
-                **classes.get(geom.get("class", inherited), {}).get("geom", {}),
-                **geom.attrib,
-            }
-            for geom in body.findall("geom")
-        ]
-        if moves and geoms and (by_shape or body.find("inertial") is None):
-            found.append((body, geoms))
-        for child in body.findall("body"):
-            visit(child, inherited, moves)
-
-    for body in root.findall("worldbody/body"):
-        visit(body, "main", False)
-    return found
-
-
-def name_bodies(root: ET.Element) -> None:
-    """Give a name to the bodies that have none: pinocchio would pass over them."""
-    for number, body in enumerate(root.iter("body"), 1):
-        if not body.get("name"):
-            body.set("name", f"{NAMELESS}_{number}")
-
-
-def check_references(root: ET.Element, path: Path, joints: Sequence[str]) -> None:
+def check_references(description: Description, joints: Sequence[str]) -> None:
     """Check that the positions of these joints count from the pose that the file draws.
 
     Raises:
         InputError: the ``ref`` of a joint is not zero.
     """
-    attributes = joint_attributes(root)
-    for name in joints:
-        ref = attributes.get(name, {}).get("ref", "0")
-        if numbers(ref, 1, path, f"joint {name}, ref").any():
+    for name, joint in _joints(description, joints):
+        ref = joint.get("ref", "0")
+        if numbers(ref, 1, description.file, f"joint {name}, ref").any():
             raise InputError(
                 f"ref is {ref}, expected 0: positions count from the pose in which the file draws the arm",
                 "leave ref out and turn the body by it, or move the recorded positions",
-                file=path,
+                file=description.file,
                 where=f"joint {name}",
             )
 
 
-def left_out(root: ET.Element, path: Path, joints: Sequence[str]) -> tuple[str, ...]:
+def _joints(
+    description: Description, names: Sequence[str]
+) -> Iterator[tuple[str, ET.Element]]:
+    """Elements of some joints."""
+    for joint in description.root.iter("joint"):
+        name = joint.get("name", "")
+        if name in names and name in description.single:
+            yield name, joint
+
+
+def left_out(description: Description, joints: Sequence[str]) -> tuple[str, ...]:
     """What acts on an arm by its file and is not simulated, a sentence each."""
+    root, path = description.root, description.file
     notes = [
-        f"{path}: {what} is not read"
+        f"{what} is not read"
         for place, what in UNREAD.items()
         if root.find(place) is not None
     ]
-    notes += _unread_equality(root, path)
-    notes += [
-        f"{path}: body {body.get('name', NAMELESS)} has no <inertial> and is weighed by its shapes, but for what "
-        "default classes say of their mass; give it one"
-        for body, _ in _without_inertial(root)
-    ]
+    notes += _unread_equality(root)
+    for link in description.links:
+        if link.drawn and link.inertial is None and description.is_moved(link.name):
+            notes.append(
+                f"body {link.name} has no <inertial> and is weighed by its shapes; give it one"
+            )
     for body in root.iter("body"):
-        if numbers(
-            body.get("gravcomp", "0"), 1, path, f"body {body.get('name')}, gravcomp"
-        ).any():
+        name = body.get("name")
+        if numbers(body.get("gravcomp", "0"), 1, path, f"body {name}, gravcomp").any():
             notes.append(
-                f"{path}: gravcomp of body {body.get('name', NAMELESS)} is not read: its weight is not held up"
+                f"gravcomp of body {name} is not read: its weight is not held up"
             )
-    attributes = joint_attributes(root)
-    for name in joints:
-        own = attributes.get(name, {})
-        if numbers(
-            own.get("stiffness", "0"), None, path, f"joint {name}, stiffness"
-        ).any():
+    for name, joint in _joints(description, joints):
+        stiffness = joint.get("stiffness", "0")
+        if numbers(stiffness, None, path, f"joint {name}, stiffness").any():
             notes.append(
-                f"{path}: the spring of joint {name} (stiffness {own['stiffness']}, springref "
-                f"{own.get('springref', '0')}) is not read; give it as the effect parallel_spring"
+                f"the spring of joint {name} (stiffness {stiffness}, springref {joint.get('springref', '0')}) is not "
+                "read; give it as the effect parallel_spring"
             )
-    return tuple(notes)
+    return tuple(f"{path}: {note}" for note in notes)
 
 
-def _unread_equality(root: ET.Element, path: Path) -> list[str]:
+def _unread_equality(root: ET.Element) -> Iterator[str]:
     """Constraints other than joints that follow another one in proportion."""
-    notes = []
     for element in root.findall("equality/*"):
-        text = element.get("polycoef") or "0 1 0 0 0"
-        higher = numbers(text, None, path, f"<equality><{element.tag}>, polycoef")[2:]
-        straight = not higher.any()
-        follows = element.tag == "joint" and element.get("joint2") and straight
-        if not follows:
-            between = ", ".join(
-                element.get(key, "")
-                for key in ("joint1", "joint2", "body1", "body2")
-                if element.get(key)
-            )
-            notes.append(
-                f"{path}: <equality><{element.tag}> of {between or 'unnamed parts'} is not read: what it holds "
-                "together moves freely, or is locked if it is none of the arm's joints"
-            )
-    return notes
+        terms = coefficients(element)
+        straight = terms is not None and not terms[2:].any()
+        if element.tag == "joint" and element.get("joint2") and straight:
+            continue
+        ends = (element.get(key) for key in ("joint1", "joint2", "body1", "body2"))
+        between = ", ".join(filter(None, ends)) or "unnamed parts"
+        yield (
+            f"<equality><{element.tag}> of {between} is not read: what it holds together moves freely, or is locked if "
+            "it is none of the arm's joints"
+        )
 
 
-# Actuators of an MJCF file: what they allow at the joints, and the gains of those that hold a position.
+# --- actuators: what they allow at the joints, and the gains of those that hold a position
+
+
+class _Actuator(NamedTuple):
+    """An actuator of a joint: its element, the size of its gear [1], and its file and place for messages."""
+
+    element: ET.Element
+    joint: str
+    gear: float
+    path: Path
+
+    def first(self, name: str, default: str = "1") -> float:
+        """Size of the first number of an attribute."""
+        return float(abs(self.all(name, default)[0]))
+
+    def all(self, name: str, default: str) -> np.ndarray:
+        """Numbers of an attribute."""
+        text, place = self.element.get(name, default), f"actuator of joint {self.joint}"
+        return numbers(text, None, self.path, f"{place}, {name}")
+
+    def range(self, of: str) -> float:
+        """What a range allows to either side; infinite if there is none."""
+        return _range(self.element, of, self.path, f"actuator of joint {self.joint}")
+
+
+def _range(element: ET.Element, of: str, path: Path, place: str) -> float:
+    text = element.get(f"{of}range")
+    if text is None or element.get(f"{of}limited", "auto") == "false":
+        return np.inf
+    return float(np.abs(numbers(text, 2, path, f"{place}, {of}range")).min())
+
+
+def _actuators(description: Description) -> Iterator[_Actuator]:
+    for element in description.root.findall("actuator/*"):
+        one = _Actuator(element, element.get("joint", ""), 1.0, description.file)
+        yield one._replace(gear=one.first("gear"))
 
 
 DRIVES = ("general", "motor")
 """Actuators of which a limit of the control is one of the torque."""
 
 
-def torque_limits(root: ET.Element, path: Path) -> dict[str, float]:
+def torque_limits(description: Description) -> dict[str, float]:
     """Torque limit of each joint that has one [N m]: the least that the joint and its actuators allow, to either side.
 
     A joint's ``actuatorfrcrange``, an actuator's ``forcerange``, and of motors ``ctrlrange``, both times its gear.
@@ -252,90 +181,48 @@ def torque_limits(root: ET.Element, path: Path) -> dict[str, float]:
     Raises:
         InputError: a range is not two numbers.
     """
+    path = description.file
     limits = {
-        name: [_range(values, "actuatorfrc", path, f"joint {name}")]
-        for name, values in joint_attributes(root).items()
+        name: _range(joint, "actuatorfrc", path, f"joint {name}")
+        for name, joint in _joints(description, tuple(description.single))
     }
-    classes = default_classes(root)
-    for element in root.findall("actuator/*"):
-        joint = element.get("joint", "")
-        of_class = classes.get(element.get("class", "main"), {})
-        values = {**of_class.get(element.tag, {}), **element.attrib}
-        limits.setdefault(joint, []).extend(
-            _actuator_limits(element.tag, values, path, joint)
-        )
-    return {joint: min(found) for joint, found in limits.items() if min(found) < np.inf}
+    for one in _actuators(description):
+        limit = one.range("force")
+        # only of a plain motor the control is a torque
+        plain = one.element.get("biastype", "none") == "none"
+        if one.element.tag in DRIVES and plain:
+            limit = min(limit, one.first("gainprm") * one.range("ctrl"))
+        limits[one.joint] = min(limits.get(one.joint, np.inf), one.gear * limit)
+    return {joint: limit for joint, limit in limits.items() if limit < np.inf}
 
 
-def _actuator_limits(
-    tag: str, values: Attributes, path: Path, joint: str
-) -> list[float]:
-    """What an actuator allows at its joint to either side [N m]."""
-    place = f"actuator of joint {joint}"
-    gear = _first(values, "gear", path, place)
-    limits = [gear * _range(values, "force", path, place)]
-    # only of a plain motor the control is a torque
-    if tag in DRIVES and values.get("biastype", "none") == "none":
-        gain = _first(values, "gainprm", path, place)
-        limits.append(gear * gain * _range(values, "ctrl", path, place))
-    return limits
-
-
-def position_gains(
-    root: ET.Element, path: Path, joints: Sequence[str]
-) -> tuple[str, ...]:
+def position_gains(description: Description, joints: Sequence[str]) -> tuple[str, ...]:
     """A note with the gains of position actuators as the ``controller:`` of a case, if the arm's joints have any.
 
     A ``position`` actuator commands gear kp (u - gear q) - gear^2 kv dq: kp and kd about the joint are gear^2 times its
     own; a ``general`` one whose ``biastype`` is affine has kp and kd in ``biasprm`` [b0, -kp, -kd].
     """
     gains = {}
-    classes = default_classes(root)
-    for element in root.findall("actuator/*"):
-        of_class = classes.get(element.get("class", "main"), {}).get(element.tag, {})
-        values, joint = {**of_class, **element.attrib}, element.get("joint", "")
-        place = f"actuator of joint {joint}"
-        own = _own_gains(element.tag, values, path, place)
-        if joint in joints and own is not None:
-            gear = _first(values, "gear", path, place)
-            gains[joint] = gear**2 * np.array(own)
+    for one in _actuators(description):
+        if one.joint in joints and (own := _own_gains(one)) is not None:
+            gains[one.joint] = one.gear**2 * np.array(own)
     if not gains:
         return ()
     kp, kd = np.array([gains.get(name, np.zeros(2)) for name in joints]).T
     listed = [", ".join(f"{gain:g}" for gain in each) for each in (kp, kd)]
     return (
-        f"{path}: its actuators hold positions; as the controller: of a case, kp: [{listed[0]}], kd: [{listed[1]}] at "
-        "the rate of the simulation",
+        f"{description.file}: its actuators hold positions; as the controller: of a case, kp: [{listed[0]}], kd: "
+        f"[{listed[1]}] at the rate of the simulation",
     )
 
 
-def _own_gains(
-    tag: str, values: Attributes, path: Path, place: str
-) -> tuple[float, float] | None:
+def _own_gains(one: _Actuator) -> tuple[float, float] | None:
     """kp and kd of an actuator before its gear, ``None`` of one that holds neither position nor velocity."""
-    if tag == "position":
-        kv = values.get("kv", "0")
-        return _first(values, "kp", path, place), float(
-            numbers(kv, 1, path, f"{place}, kv")[0]
-        )
-    if tag == "velocity":
-        return 0.0, _first(values, "kv", path, place)
-    if tag == "general" and values.get("biastype") == "affine":
-        bias = numbers(values.get("biasprm", "0"), None, path, f"{place}, biasprm")
-        _, kp, kd = np.r_[-bias, 0.0, 0.0][:3]
+    if one.element.tag == "position":
+        return one.first("kp"), float(one.all("kv", "0")[0])
+    if one.element.tag == "velocity":
+        return 0.0, one.first("kv")
+    if one.element.tag == "general" and one.element.get("biastype") == "affine":
+        _, kp, kd = np.r_[-one.all("biasprm", "0"), 0.0, 0.0][:3]
         return float(kp), float(kd)
     return None
-
-
-def _first(values: Attributes, name: str, path: Path, place: str) -> float:
-    """Size of the first number of an attribute, 1 by default."""
-    text = values.get(name, "1")
-    return float(abs(numbers(text, None, path, f"{place}, {name}")[0]))
-
-
-def _range(values: Attributes, of: str, path: Path, place: str) -> float:
-    """What a range allows to either side; infinite if there is none."""
-    text = values.get(f"{of}range")
-    if text is None or values.get(f"{of}limited", "auto") == "false":
-        return np.inf
-    return float(np.abs(numbers(text, 2, path, f"{place}, {of}range")).min())

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gapscope.arm.dynamics.inertials import listed
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.dynamics.robot_file import listed
 
 EXCESS = 1e-3
 """Share by which the largest moment may exceed the sum of the others, for rounding."""

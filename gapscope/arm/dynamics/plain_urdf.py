@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from gapscope.arm.dynamics.rigid_body import UNLIMITED, RigidBody
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.dynamics.robot_file import UNLIMITED
 from gapscope.arm.errors import InputError
 
 POSTURES = 12

@@ -9,14 +9,12 @@ import numpy as np
 import pinocchio as pin
 
 from gapscope.arm.dynamics.array_cache import MAX_BYTES, ArrayCache
-from gapscope.arm.dynamics.robot_file import arm_model
+from gapscope.arm.dynamics.robot_file import UNLIMITED, arm_model
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
 
 INERTIAL_PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 """Order of the ten inertial parameters of a link, expressed in the frame of the joint that moves it (pinocchio)."""
-UNLIMITED = 1e6
-"""Position limits beyond this [rad or m] are none."""
 
 
 class RigidBody:

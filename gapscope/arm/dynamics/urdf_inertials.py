@@ -7,7 +7,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pinocchio as pin
 
-from gapscope.arm.dynamics.inertials import moments_matrix
+from gapscope.arm.dynamics.description import moments_matrix
 from gapscope.arm.dynamics.plain_urdf import numbers
 
 

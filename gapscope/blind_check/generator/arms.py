@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gapscope.arm.dynamics.inertials import moments_matrix
+from gapscope.arm.dynamics.description import moments_matrix
 from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm, pybullet_data
 
 # URDF text of the generator's arms: cleaned, read and changed link by link.

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gapscope.arm.dynamics.link_shapes import Shape
+from gapscope.arm.dynamics.link_shapes import PlacedShape
 from gapscope.arm.dynamics.plain_urdf import numbers, rotation
 from gapscope.envs.drive.two_mass import (
     TOOTH_DAMPING,
@@ -265,7 +265,7 @@ def _within(moments: np.ndarray) -> np.ndarray:
     )
 
 
-def _unreadable(shape: Shape) -> str:
+def _unreadable(shape: PlacedShape) -> str:
     """Why MuJoCo cannot read a shape's mesh, or an empty string."""
     if shape.mesh is None:
         return ""

@@ -13,7 +13,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gapscope.arm.dynamics.link_shapes import Frame, Shape, read_frames, read_shapes
+from gapscope.arm.dynamics.link_shapes import (
+    Frame,
+    PlacedShape,
+    read_frames,
+    read_shapes,
+)
 from gapscope.arm.dynamics.plain_urdf import (
     Link,
     check_inertia,
@@ -189,7 +194,7 @@ class PlainArm:
     mount: np.ndarray
     gravity: float
     frames: dict[str, Frame]
-    shapes: tuple[Shape, ...]
+    shapes: tuple[PlacedShape, ...]
     missing: tuple[str, ...]
 
     def body_name(self, joint: str) -> str:

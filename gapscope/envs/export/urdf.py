@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gapscope.arm.dynamics.link_shapes import SCHEMES, find_mesh
+from gapscope.arm.dynamics.description import SCHEMES, find_mesh
 from gapscope.arm.dynamics.plain_urdf import numbers, plain_urdf
 from gapscope.arm.dynamics.urdf_inertials import (
     own_parameters,

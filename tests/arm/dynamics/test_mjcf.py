@@ -200,7 +200,7 @@ REFUSED = {
     ),
     "mass that is no number": (
         {"inertial": INERTIAL.replace('"2"', '"two"')},
-        "mass: expected a number, got 'two'",
+        "body rod, <inertial mass>: expected a number, got 'two'",
     ),
     "no mass": (
         {"inertial": '<inertial pos="0 0 0" diaginertia="1 1 1"/>'},
@@ -212,7 +212,7 @@ REFUSED = {
     ),
     "two moments": (
         {"inertial": INERTIAL.replace("0.1 0.1", "0.1")},
-        "diaginertia: expected 3 numbers, got '0.1 0.02'",
+        "<inertial diaginertia>: expected 3 numbers, got '0.1 0.02'",
     ),
     "negative moment": (
         {"inertial": INERTIAL.replace("0.1 0.1", "-0.1 0.1")},
@@ -226,7 +226,7 @@ REFUSED = {
     ),
     "mass by a mesh": (
         {"inertial": '<geom type="mesh" mesh="hull"/>', "before": MESH},
-        "body rod: has no <inertial>, and its mass cannot be taken from the shape hull",
+        "body rod: has no <inertial>, and its mass cannot be taken from the shape mesh",
     ),
     "included file": (
         {"before": '<include file="more.xml"/>'},
@@ -243,7 +243,7 @@ REFUSED = {
     "other zero": ({"joint": 'ref="0.2"'}, "joint hinge: ref is 0.2, expected 0"),
     "unknown class": (
         {"joint": 'class="none"'},
-        "names a default class that it does not have",
+        "joint hinge, <joint class>: expected the name of a default class",
     ),
 }
 

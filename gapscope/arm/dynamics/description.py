@@ -1,0 +1,931 @@
+"""A robot's file as it is written, URDF or MJCF: links, joints and shapes with their lines; nothing is refused."""
+
+from __future__ import annotations
+
+import math
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import cached_property
+from importlib.util import find_spec
+from pathlib import Path
+from xml.parsers import expat
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gapscope.arm.errors import InputError
+from gapscope.arm.input_file import is_file, read_bytes
+from gapscope.arm.nearest_name import nearest
+
+# --- what a file holds
+
+
+@dataclass(frozen=True)
+class Place:
+    """Place of a frame in another: p = R p' + x.
+
+    Attributes:
+        rotation: R [1], shape (3, 3).
+        translation: x [m], shape (3,).
+    """
+
+    rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
+    translation: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+    def __mul__(self, inner: Place) -> Place:
+        """Place of a frame that is placed in this one."""
+        shift = self.rotation @ inner.translation
+        return Place(self.rotation @ inner.rotation, self.translation + shift)
+
+
+@dataclass(frozen=True)
+class Unreadable:
+    """Something that a file does not say as it should; its default stands in.
+
+    Attributes:
+        place: the link, body or joint, or ``shape of`` one.
+        line: of the element.
+        element: with its attribute, ``<mass value>``.
+        got: what stands there; ``None``: nothing.
+        wanted: what was expected.
+    """
+
+    place: str
+    line: int
+    element: str
+    got: str | None
+    wanted: str
+
+    @property
+    def remedy(self) -> str:
+        """What to do."""
+        if self.got is None:
+            return "give mass [kg] and inertia [kg m^2], or leave <inertial> out of a link that has no mass"
+        return "correct the attribute"
+
+    @property
+    def problem(self) -> str:
+        """What is wrong."""
+        if self.got is None:
+            return f"has no {self.wanted}"
+        return f"expected {self.wanted}, got {self.got!r}"
+
+    def error(self, path: Path) -> InputError:
+        """The error of what cannot do without."""
+        where = f"line {self.line}, {self.place}, {self.element}"
+        return InputError(self.problem, self.remedy, file=path, where=where)
+
+
+@dataclass(frozen=True)
+class Inertial:
+    """Mass and moments of a link alone.
+
+    Attributes:
+        line: in the file.
+        mass: [kg].
+        com: centre of mass in the link's frame [m], shape (3,).
+        moments: inertia about the centre of mass, in axes of the link's frame [kg m^2], shape (3, 3).
+        own: the same in the axes of the file's inertial frame [kg m^2], shape (3, 3).
+    """
+
+    line: int
+    mass: float
+    com: np.ndarray
+    moments: np.ndarray
+    own: np.ndarray
+
+    @property
+    def diagonal(self) -> np.ndarray:
+        """Moments of inertia ixx, iyy, izz as the file has them [kg m^2], shape (3,)."""
+        return np.diag(self.own)
+
+    @property
+    def is_body(self) -> bool:
+        """Whether mass and moments are those of a body that can be: finite, mass above zero, moments not below."""
+        finite = np.isfinite([self.mass, *self.com, *self.moments.flat]).all()
+        return bool(
+            finite and self.mass > 0 and np.linalg.eigvalsh(self.moments)[0] > 0
+        )
+
+    @property
+    def variance(self) -> np.ndarray:
+        """Second moment of the mass about its centre, per mass: (tr(I)/2 E - I) / m [m^2], shape (3, 3)."""
+        return (np.eye(3) * np.trace(self.moments) / 2 - self.moments) / self.mass
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A shape of a link.
+
+    Attributes:
+        use: ``visual`` or ``collision``.
+        kind: ``mesh``, ``box``, ``cylinder``, ``capsule``, ``sphere`` or ``ellipsoid``, or another word.
+        size: full edges [m]; radius and length of a cylinder [m] (of a capsule without its caps); radius, or half axes
+            [m]; scale of a mesh [1]; empty if it is not known.
+        place: of the shape in the link's frame.
+        named: the mesh as the file names it.
+        mesh: its file; ``None`` if it is no mesh, or was not found.
+        colour: red, green, blue and opacity, 0 to 1, or ``None``.
+        mass: that an MJCF file gives it [kg], else it has ``density`` [kg/m^3].
+    """
+
+    use: str
+    kind: str
+    size: tuple[float, ...]
+    place: Place
+    named: str = ""
+    mesh: Path | None = None
+    colour: tuple[float, ...] | None = None
+    mass: float | None = None
+    density: float = 1000.0
+
+    @property
+    def lost(self) -> bool:
+        """Whether it is a mesh that was not found."""
+        return self.kind == "mesh" and self.mesh is None
+
+
+@dataclass(frozen=True)
+class Link:
+    """A link of a URDF, a body of an MJCF file.
+
+    Attributes:
+        name, line: in the file; line 0 of the world, and between several joints of one body.
+        inertial: as the file has it, or ``None``.
+        drawn: its shapes, those of unknown size and lost meshes among them.
+    """
+
+    name: str
+    line: int
+    inertial: Inertial | None
+    drawn: tuple[Shape, ...] = ()
+
+    @property
+    def where(self) -> tuple[str, int]:
+        """Place and line of a finding about it: those of its inertial, if it has one."""
+        return f"link {self.name}", self.inertial.line if self.inertial else self.line
+
+    @property
+    def shapes(self) -> tuple[Shape, ...]:
+        """Shapes whose size is known."""
+        return tuple(shape for shape in self.drawn if shape.size and not shape.lost)
+
+    @property
+    def lost(self) -> tuple[str, ...]:
+        """Meshes that were not found, as the file names them, each once."""
+        return tuple(dict.fromkeys(shape.named for shape in self.drawn if shape.lost))
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """q = multiplier * q_master + offset, as ``<mimic>`` of a URDF has it.
+
+    Attributes:
+        master: name of the joint that is followed.
+        multiplier: [1], or [m/rad] if one of the joints slides.
+        offset: [rad or m].
+    """
+
+    master: str
+    multiplier: float = 1.0
+    offset: float = 0.0
+
+
+SINGLE = ("revolute", "prismatic")
+"""Kinds of joints with one degree of freedom."""
+SEVERAL = ("floating", "planar", "ball")
+"""Kinds of joints with more."""
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint between two links; numbers that the file does not give are ``None``.
+
+    Attributes:
+        name, line: in the file.
+        kind: ``revolute`` (continuous too), ``prismatic``, ``fixed`` or another word.
+        parent, child: names of links.
+        place: of the child in the parent's frame.
+        axis: as written, shape (3,).
+        anchor: a point on the axis in the child's frame [m], shape (3,).
+        turns_freely: whether it is declared to have no limits.
+        mimic: the joint that it follows, if any.
+        lower, upper: position limits [rad or m].
+        effort: [N m or N].
+        velocity: [rad/s or m/s].
+        damping: [N m s/rad], friction: [N m], armature: [kg m^2].
+    """
+
+    name: str
+    line: int
+    kind: str
+    parent: str
+    child: str
+    place: Place
+    axis: np.ndarray
+    anchor: np.ndarray
+    turns_freely: bool = False
+    mimic: Mimic | None = None
+    lower: float | None = None
+    upper: float | None = None
+    effort: float | None = None
+    velocity: float | None = None
+    damping: float | None = None
+    friction: float | None = None
+    armature: float | None = None
+
+    @property
+    def where(self) -> tuple[str, int]:
+        """Place and line of a finding about it."""
+        return f"joint {self.name}", self.line
+
+    @property
+    def moves(self) -> bool:
+        """Whether it has one degree of freedom of its own."""
+        return self.kind in SINGLE and self.mimic is None
+
+
+@dataclass(frozen=True)
+class Description:
+    """A robot file as it stands, and the tree of its joints.
+
+    Attributes:
+        file: where it is.
+        form: ``URDF`` or ``MJCF``.
+        name: of the robot.
+        root: of the file; elements of an MJCF file have what default classes give them.
+        links, joints: in the order of the file, fixed joints included.
+        unreadable: what it does not say as it should.
+    """
+
+    file: Path
+    form: str
+    name: str
+    root: ET.Element
+    links: tuple[Link, ...]
+    joints: tuple[Joint, ...]
+    unreadable: tuple[Unreadable, ...] = ()
+
+    @cached_property
+    def by_name(self) -> dict[str, Link]:
+        """Links by their names."""
+        return {link.name: link for link in self.links}
+
+    @cached_property
+    def above(self) -> dict[str, Joint]:
+        """Joints by the link that they hold."""
+        return {joint.child: joint for joint in self.joints}
+
+    @property
+    def moving(self) -> tuple[Joint, ...]:
+        """Joints with one degree of freedom, those that follow another included."""
+        return tuple(joint for joint in self.joints if joint.kind in SINGLE)
+
+    @property
+    def single(self) -> dict[str, Joint]:
+        """The same by their names."""
+        return {joint.name: joint for joint in self.moving}
+
+    def below(self, link: str) -> list[Joint]:
+        """Joints that a link holds, whose child is in the file; of a URDF in the order of their names."""
+        found = [j for j in self.joints if j.parent == link and j.child in self.by_name]
+        return sorted(found, key=lambda j: j.name if self.form == "URDF" else "")
+
+    def upwards(self, link: str) -> Iterator[Joint]:
+        """Joints from a link to the root, or once around a loop."""
+        passed: set[str] = set()
+        while (joint := self.above.get(link)) is not None and link not in passed:
+            passed.add(link)
+            yield joint
+            link = joint.parent
+
+    def is_moved(self, link: str) -> bool:
+        """Whether a joint that is not fixed lies between a link and the base."""
+        return any(joint.kind != "fixed" for joint in self.upwards(link))
+
+    def moved(self, joints: Collection[str]) -> frozenset[str]:
+        """Links that any of these joints moves."""
+        return frozenset(
+            link
+            for link in self.above
+            if any(joint.name in joints for joint in self.upwards(link))
+        )
+
+    def carriers(self, joints: Collection[str]) -> frozenset[str]:
+        """Joints between the root and these joints, which decide how the arm is mounted."""
+        parents = [joint.parent for joint in self.joints if joint.name in joints]
+        return frozenset(
+            joint.name for parent in parents for joint in self.upwards(parent)
+        )
+
+    def around(self, joints: Collection[str]) -> frozenset[str]:
+        """Links whose joints concern an arm: that it moves, that carry it, and those of joints that follow its own."""
+        own = set(joints)
+        for _ in self.joints:
+            own |= {j.name for j in self.joints if j.mimic and j.mimic.master in own}
+        names = own | self.carriers(own)
+        links = {joint.child for joint in self.joints if joint.name in names}
+        return self.moved(own) | links
+
+    def chain(self, base: str, tip: str) -> tuple[str, ...]:
+        """Joints that move the tip against the base, from the base on.
+
+        Raises:
+            InputError: no such link, the tip does not hang on the base, or nothing moves between them.
+        """
+        links = {end for joint in self.joints for end in (joint.parent, joint.child)}
+        for link in (base, tip):
+            if link not in links:
+                raise InputError(
+                    f"has no link {link!r}",
+                    f"{nearest(link, links)}name links of the file in chain: [base, tip]",
+                    file=self.file,
+                )
+        way = list(self.upwards(tip))
+        carriers = [joint.parent for joint in way]
+        if base not in carriers:
+            raise InputError(
+                f"the link {tip!r} does not hang on {base!r}, but on {' <- '.join(carriers) or 'nothing'}",
+                "give the base first, then the tip, in chain: [base, tip]",
+                file=self.file,
+            )
+        found = way[carriers.index(base) :: -1]
+        names = tuple(joint.name for joint in found if joint.moves)
+        if not names:
+            raise InputError(f"no joint moves {tip!r} against {base!r}", file=self.file)
+        return names
+
+    def rigid_part(self, link: str) -> list[tuple[Link, Place]]:
+        """A link and what fixed joints hold below it, with their places in its frame."""
+        found: dict[str, tuple[Link, Place]] = {}
+        waiting = [(link, Place())]
+        while waiting:
+            name, place = waiting.pop()
+            if name in found:  # a loop of fixed joints, which a broken file may have
+                continue
+            found[name] = self.by_name[name], place
+            for joint in self.below(name):
+                if joint.kind == "fixed":
+                    waiting.append((joint.child, place * joint.place))
+        return list(found.values())
+
+    def in_tree_order(self) -> list[Link]:
+        """Links from the roots on, each before those that it holds and branch by branch."""
+        order: dict[str, Link] = {}
+        waiting = [link.name for link in self.links if link.name not in self.above]
+        waiting.reverse()
+        while waiting:
+            name = waiting.pop()
+            if name not in order:
+                order[name] = self.by_name[name]
+                waiting += [joint.child for joint in self.below(name)][::-1]
+        return list(order.values())
+
+
+# --- the text of a file
+
+UNEXPANDED = re.compile(r"<xacro:|\$\((find|arg|eval|env|optenv)\b|\$\{")
+"""Marks of xacro in a file that was not expanded."""
+COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
+LARGEST = 1e50
+"""Beyond it products of the numbers overflow; what means *unlimited* is less. What is below 1 over it is zero."""
+ZERO = (0.0, 0.0, 0.0)
+Lines = dict[ET.Element, int]
+"""Line, counted from 1, on which an element begins."""
+
+
+def read_description(path: Path, *, shapes: bool = True) -> Description:
+    """A URDF or MJCF file as it stands.
+
+    Args:
+        path: the file.
+        shapes: whether shapes of a URDF are read as well.
+
+    Raises:
+        InputError: there is no such file, it is not XML, or no robot; a xacro file comes with the command that expands
+            it.
+    """
+    content = read_bytes(path, "check the robot: entry of the case")
+    text = COMMENT.sub("", content.decode("utf-8", "replace"))
+    if path.suffix == ".xacro" or UNEXPANDED.search(text):
+        raise InputError(
+            "is xacro, from which a URDF is made first",
+            f"xacro {path.name} > robot.urdf, with xacro of ROS or of pip install xacrodoc (xacrodoc {path.name} -o "
+            "robot.urdf)",
+            file=path,
+        )
+    root, lines = _read_xml(content, path)
+    if root.tag == "robot":
+        return _UrdfReader(root, lines, path).description(shapes)
+    if root.tag == "mujoco":
+        return _MjcfReader(root, lines, path).description()
+    raise InputError(
+        f"root element is <{root.tag}>, expected <robot> or <mujoco>",
+        "give a URDF or MJCF file",
+        file=path,
+        where=f"line {lines[root]}",
+    )
+
+
+def _read_xml(content: bytes, path: Path) -> tuple[ET.Element, Lines]:
+    """Root element, and the lines of all elements."""
+    builder, lines = ET.TreeBuilder(), Lines()
+    parser = expat.ParserCreate()
+    parser.buffer_text = True
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        lines[builder.start(tag, attributes)] = parser.CurrentLineNumber
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = builder.end
+    parser.CharacterDataHandler = builder.data
+    try:
+        parser.Parse(content, True)
+    except expat.ExpatError as error:
+        raise InputError(
+            f"is not valid XML ({expat.ErrorString(error.code)})",
+            "give a complete URDF or MJCF file; was it cut short?",
+            file=path,
+            where=f"line {error.lineno}",
+        ) from None
+    return builder.close(), lines
+
+
+def moments_matrix(moments: Iterable[float]) -> np.ndarray:
+    """The matrix of ixx, ixy, ixz, iyy, iyz, izz, shape (3, 3)."""
+    xx, xy, xz, yy, yz, zz = moments
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+class _Reader:
+    """Reads numbers of attributes; what is none is noted, and the default is used."""
+
+    def __init__(self, root: ET.Element, lines: Lines, path: Path) -> None:
+        self.root, self.path, self.lines = root, path, lines
+        self.unreadable: list[Unreadable] = []
+
+    def several(
+        self, element: ET.Element | None, key: str, default: Iterable[float], place: str
+    ) -> np.ndarray:
+        """As many numbers as the default has."""
+        usual = np.array(list(default), dtype=float)
+        text = None if element is None else element.get(key)
+        if element is None or text is None:
+            return usual
+        try:
+            found = np.array(text.split(), dtype=float)
+        except ValueError:
+            found = np.array([np.nan])
+        if len(found) == len(usual) and (np.abs(found) < LARGEST).all():
+            return np.where(np.abs(found) > 1 / LARGEST, found, 0.0)
+        count = len(usual)
+        wanted = "a number" if count == 1 else f"{count} numbers"
+        self.note(element, key, place, wanted)
+        return usual
+
+    def one(
+        self, element: ET.Element | None, key: str, place: str, limit: bool = False
+    ) -> float | None:
+        """A number, or ``None`` if it is not given or none; that of a limit may be infinite."""
+        text = None if element is None else element.get(key)
+        if text is None:
+            return None
+        with suppress(ValueError):
+            if limit and abs(float(text)) >= LARGEST:
+                return math.copysign(math.inf, float(text))
+        noted = len(self.unreadable)
+        value = float(self.several(element, key, (0.0,), place)[0])
+        return value if len(self.unreadable) == noted else None
+
+    def note(self, element: ET.Element, key: str, place: str, wanted: str) -> None:
+        """Note that an attribute is not what is wanted."""
+        name, line = f"<{element.tag} {key}>", self.lines[element]
+        self.unreadable.append(Unreadable(place, line, name, element.get(key), wanted))
+
+    def lacks(self, inertial: ET.Element, what: str, place: str) -> None:
+        """Note that an inertial is incomplete."""
+        line = self.lines[inertial]
+        self.unreadable.append(Unreadable(place, line, "<inertial>", None, what))
+
+    def inertial(
+        self, element: ET.Element, pose: Place, mass: float | None, own: np.ndarray
+    ) -> Inertial:
+        """Of moments in axes of an inertial frame, (3, 3), which is placed in the link's."""
+        turned = pose.rotation @ own @ pose.rotation.T
+        line = self.lines[element]
+        return Inertial(line, mass or 0.0, pose.translation, turned, own)
+
+    def described(
+        self, form: str, name: str | None, links: Iterable[Link], joints: list[Joint]
+    ) -> Description:
+        """What was read."""
+        return Description(
+            self.path,
+            form,
+            name or self.path.stem,
+            self.root,
+            tuple(links),
+            tuple(joints),
+            tuple(self.unreadable),
+        )
+
+
+# --- URDF
+
+MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+SIZES = {
+    "box": {"size": 3},
+    "cylinder": {"radius": 1, "length": 1},
+    "sphere": {"radius": 1},
+}
+"""Attributes of the primitives, with how many numbers they have."""
+SCHEMES = ("package://", "model://", "file://")
+"""How a URDF may begin the path of a mesh."""
+
+
+def pybullet_data() -> Path | None:
+    """Folder of the package of models that comes with PyBullet, or ``None``."""
+    package = find_spec("pybullet_data")
+    if package is None or not package.submodule_search_locations:
+        return None
+    return Path(package.submodule_search_locations[0])
+
+
+def find_mesh(name: str, urdf: Path) -> Path | None:
+    """File of a mesh that a URDF names, or ``None`` if it is not found.
+
+    A path after ``package://`` starts from the folder of the URDF or one of the three above it, with the package's
+    name or without; that of ``pybullet_data`` from the installed package too.
+    """
+    scheme = next((s for s in SCHEMES if name.startswith(s)), "")
+    rest = Path(name[len(scheme) :])
+    in_package = scheme in SCHEMES[:2]
+    # the package's folder may have another name than the package
+    without_package = Path(*rest.parts[1:]) if len(rest.parts) > 1 else rest
+    parts = (rest, without_package) if in_package else (rest,)
+    folders = list(urdf.resolve().parents[: 4 if in_package else 1])
+    if in_package and rest.parts[:1] == ("pybullet_data",):
+        folders += filter(None, [pybullet_data()])
+    files = (folder / part for part in parts for folder in folders)
+    return next((file.resolve() for file in files if is_file(file)), None)
+
+
+class _UrdfReader(_Reader):
+    """Reads links and joints of a URDF."""
+
+    def description(self, shapes: bool) -> Description:
+        """The whole file."""
+        named = {m.get("name", ""): self._rgba(m) for m in self.root.iter("material")}
+        self._colours = {name: rgba for name, rgba in named.items() if name and rgba}
+        links = [self._link(element, shapes) for element in self.root.findall("link")]
+        joints = [self._joint(element) for element in self.root.findall("joint")]
+        return self.described("URDF", self.root.get("name"), links, joints)
+
+    def _link(self, element: ET.Element, shapes: bool) -> Link:
+        name, inertial = element.get("name", "").strip(), element.find("inertial")
+        drawn = [*element.findall("visual"), *element.findall("collision")]
+        return Link(
+            name,
+            self.lines[element],
+            None if inertial is None else self._inertial(inertial, f"link {name}"),
+            tuple(self._shape(x, f"shape of link {name}") for x in drawn if shapes),
+        )
+
+    def _joint(self, element: ET.Element) -> Joint:
+        name = element.get("name", "").strip()
+        place, written = f"joint {name}", element.get("type", "")
+        limit, dynamics = element.find("limit"), element.find("dynamics")
+        ends = [element.find(tag) for tag in ("parent", "child")]
+        parent, child = (
+            "" if end is None else end.get("link", "").strip() for end in ends
+        )
+        follows = element.find("mimic")
+        mimic = None
+        if follows is not None:
+            factor, offset = (
+                self.one(follows, key, place) for key in ("multiplier", "offset")
+            )
+            factor = 1.0 if factor is None else factor
+            mimic = Mimic(follows.get("joint", ""), factor, offset or 0.0)
+        keys = ("lower", "upper", "effort", "velocity")
+        limits = [self.one(limit, key, place, limit=True) for key in keys]
+        drive = [self.one(dynamics, key, place) for key in ("damping", "friction")]
+        return Joint(
+            name,
+            self.lines[element],
+            "revolute" if written == "continuous" else written,
+            parent,
+            child,
+            self._place(element, place),
+            self.several(element.find("axis"), "xyz", (1.0, 0.0, 0.0), place),
+            np.zeros(3),
+            written == "continuous",
+            mimic,
+            *limits,
+            *drive,
+        )
+
+    def _inertial(self, element: ET.Element, place: str) -> Inertial:
+        values: dict[str, float] = {}
+        for tag, keys in (("mass", ("value",)), ("inertia", MOMENTS)):
+            part = element.find(tag)
+            lacking = [key for key in keys if part is None or part.get(key) is None]
+            if lacking:
+                self.lacks(element, f"<{tag} {lacking[0]}>", place)
+            values |= {key: self.one(part, key, place) or 0.0 for key in keys}
+        own = moments_matrix(values[name] for name in MOMENTS)
+        return self.inertial(element, self._place(element, place), values["value"], own)
+
+    def _place(self, element: ET.Element, place: str) -> Place:
+        """Place by the ``<origin>`` of an element."""
+        origin = element.find("origin")
+        xyz, rpy = (self.several(origin, key, ZERO, place) for key in ("xyz", "rpy"))
+        return Place(Rotation.from_euler("xyz", rpy).as_matrix(), xyz)
+
+    def _shape(self, element: ET.Element, place: str) -> Shape:
+        geometry, pose = element.find("geometry"), self._place(element, place)
+        material = element.find("material")
+        colour = None if material is None else self._rgba(material)
+        if material is not None and material.find("color") is None:
+            colour = self._colours.get(material.get("name", ""))
+        form = geometry[0] if geometry is not None and len(geometry) else element
+        named = form.get("filename", "")
+        counts = SIZES.get(form.tag, {})
+        mesh = None
+        if form.tag == "mesh":
+            mesh = find_mesh(named, self.path)
+            size = self.several(form, "scale", np.ones(3), place)
+        else:
+            parts = [
+                self.several(form, k, np.zeros(n), place) for k, n in counts.items()
+            ]
+            size = np.concatenate([*parts, []])
+        extent = tuple(size.tolist())
+        return Shape(element.tag, form.tag, extent, pose, named, mesh, colour)
+
+    def _rgba(self, material: ET.Element) -> tuple[float, ...] | None:
+        colour = material.find("color")
+        if colour is None:
+            return None
+        return tuple(self.several(colour, "rgba", np.ones(4), "shape").tolist())
+
+
+# --- MJCF
+
+KINDS = {"hinge": "revolute", "slide": "prismatic", "free": "floating"}
+NAMELESS = "without_a_name"
+
+
+def along(first: np.ndarray, second: np.ndarray) -> Place:
+    """Place in the middle of two points [m] with the z axis from the first to the second."""
+    return Place(_turn_of_z(second - first), (first + second) / 2)
+
+
+def _turn_of_z(direction: np.ndarray) -> np.ndarray:
+    """A rotation whose z axis has a direction; unity of none, shape (3, 3)."""
+    length = np.linalg.norm(direction)
+    z = direction / length if length else np.array([0.0, 0.0, 1.0])
+    # any axis that is not along z will do for the others
+    x = np.cross(z, np.eye(3)[np.abs(z).argmin()])
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+class _MjcfReader(_Reader):
+    """Reads bodies, joints and shapes of an MJCF file, with what default classes give them.
+
+    Bodies without a name get one. Several joints of one body are a chain of links.
+    """
+
+    def description(self) -> Description:
+        """The whole file; the world is the first link, bodies that MuJoCo weighs by their shapes have no inertial."""
+        self._links, self._joints = [Link("world", 0, None)], list[Joint]()
+        compiler = self.root.find("compiler")
+        settings = {} if compiler is None else compiler.attrib
+        degrees = settings.get("angle", "degree") == "degree"
+        self._angle = np.pi / 180 if degrees else 1.0
+        self._euler = settings.get("eulerseq", "xyz")
+        self._by_shape = settings.get("inertiafromgeom") == "true"
+        folder = settings.get("meshdir") or settings.get("assetdir") or ""
+        self._folder = self.path.parent / folder
+        self._meshes = {
+            mesh.get("name") or Path(mesh.get("file", "")).stem: mesh
+            for mesh in self.root.findall("asset/mesh")
+        }
+        self._give_defaults()
+        self._mimics = self._equalities()
+        for world in self.root.findall("worldbody"):
+            self._visit(world, "world")
+        return self.described("MJCF", self.root.get("model"), self._links, self._joints)
+
+    def _give_defaults(self) -> None:
+        """Give the elements of bodies and actuators the attributes that they have by their class."""
+        classes: dict[str, dict[str, dict[str, str]]] = {"main": {}}
+
+        def define(default: ET.Element, above: dict[str, dict[str, str]]) -> None:
+            own = {tag: dict(values) for tag, values in above.items()}
+            for child in default:
+                own.setdefault(child.tag, {}).update(child.attrib)
+            classes[default.get("class", "main")] = own
+            for child in default.findall("default"):
+                define(child, own)
+
+        def fill(element: ET.Element, inherited: str) -> None:
+            inherited = element.get("childclass", inherited)
+            for child in element:
+                name = child.get("class", inherited)
+                for key in ("class", "childclass"):
+                    if child.get(key, "main") not in classes:
+                        place = f"{child.tag} {child.get('name', '')}"
+                        self.note(child, key, place, "the name of a default class")
+                given = classes.get(name, {}).get(child.tag, {})
+                child.attrib.update({**given, **child.attrib})
+                fill(child, inherited)
+
+        for default in self.root.findall("default"):
+            define(default, {})
+        for part in self.root:
+            if part.tag in ("worldbody", "actuator", "asset"):
+                fill(part, "main")
+
+    def _equalities(self) -> dict[str, Mimic]:
+        """Joints that ``<equality>`` lets follow another one in proportion."""
+        found = {}
+        for element in self.root.findall("equality/joint"):
+            name, master = element.get("joint1", ""), element.get("joint2")
+            terms = coefficients(element)
+            if terms is None:
+                self.note(element, "polycoef", f"joint {name}", "numbers")
+            elif (
+                master is not None
+                and not terms[2:].any()
+                and element.get("active") != "false"
+            ):
+                found[name] = Mimic(master, float(terms[1]), float(terms[0]))
+        return found
+
+    def _visit(self, element: ET.Element, parent: str) -> None:
+        for body in element.findall("body"):
+            name = body.get("name") or f"{NAMELESS}_{len(self._links)}"
+            body.set("name", name)
+            self._body(body, name, parent)
+            self._visit(body, name)
+
+    def _body(self, body: ET.Element, name: str, parent: str) -> None:
+        place = self._place(body, f"body {name}")
+        own = [x for x in body if x.tag in ("joint", "freejoint")]
+        for number, element in enumerate(own, 1):
+            child = name
+            if number < len(own):
+                child = f"{name} after joint {number}"
+                self._links.append(Link(child, 0, None))
+            self._joints.append(self._joint(element, parent, child, place))
+            parent, place = child, Place()
+        if not own:
+            called, line = f"{name} (fixed)", self.lines[body]
+            fixed = Joint(
+                called, line, "fixed", parent, name, place, np.zeros(3), np.zeros(3)
+            )
+            self._joints.append(fixed)
+        inertial = None if self._by_shape else body.find("inertial")
+        self._links.append(
+            Link(
+                name,
+                self.lines[body],
+                None if inertial is None else self._inertial(inertial, f"body {name}"),
+                tuple(
+                    self._shape(x, f"shape of body {name}")
+                    for x in body.findall("geom")
+                ),
+            )
+        )
+
+    def _joint(
+        self, element: ET.Element, parent: str, child: str, pose: Place
+    ) -> Joint:
+        name = element.get("name", f"joint of {child}")
+        place, kind = f"joint {name}", element.get("type", "hinge")
+        kind = KINDS.get("free" if element.tag == "freejoint" else kind, kind)
+        limits = self.several(element, "range", (0.0, 0.0), place)
+        given = "range" in element.attrib and element.get("limited") != "false"
+        limits *= self._angle if kind == "revolute" else 1.0
+        force = self.several(element, "actuatorfrcrange", (0.0, 0.0), place)
+        return Joint(
+            name,
+            self.lines[element],
+            kind,
+            parent,
+            child,
+            pose,
+            self.several(element, "axis", (0.0, 0.0, 1.0), place),
+            self.several(element, "pos", ZERO, place),
+            not given,
+            self._mimics.get(name),
+            float(limits[0]) if given else None,
+            float(limits[1]) if given else None,
+            float(np.abs(force).min()) or None,
+            None,
+            self.one(element, "damping", place),
+            self.one(element, "frictionloss", place),
+            self.one(element, "armature", place),
+        )
+
+    def _inertial(self, element: ET.Element, place: str) -> Inertial:
+        pose, own = self._place(element, place), np.zeros((3, 3))
+        if element.get("mass") is None:
+            self.lacks(element, "mass", place)
+        if element.get("fullinertia") is not None:
+            six = self.several(element, "fullinertia", np.zeros(6), place)
+            own = moments_matrix(six[[0, 3, 4, 1, 5, 2]])
+        elif element.get("diaginertia") is not None:
+            own = np.diag(self.several(element, "diaginertia", ZERO, place))
+        else:
+            self.lacks(element, "diaginertia", place)
+        return self.inertial(element, pose, self.one(element, "mass", place), own)
+
+    def _shape(self, element: ET.Element, place: str) -> Shape:
+        named = element.get("mesh", "")
+        kind = element.get("type", "mesh" if named else "sphere")
+        # shapes that touch nothing are there to be seen
+        contacts = {element.get("contype"), element.get("conaffinity")}
+        use = "visual" if contacts == {"0"} else "collision"
+        pose, mesh = self._place(element, place), None
+        if kind == "mesh":
+            asset = self._meshes.get(named)
+            size = tuple(self.several(asset, "scale", np.ones(3), place))
+            if asset is not None:
+                named = asset.get("file", "")
+                file = self._folder / named
+                mesh = file.resolve() if is_file(file) else None
+        else:
+            count = max(len(element.get("size", "").split()), 1)
+            size = tuple(self.several(element, "size", np.zeros(count), place))
+            if "fromto" in element.attrib:
+                ends = self.several(element, "fromto", np.zeros(6), place).reshape(2, 3)
+                pose = along(*ends)
+                size = size[0], float(np.linalg.norm(ends[1] - ends[0])) / 2
+            size = _extent(kind, size)
+        mass, density = (self.one(element, key, place) for key in ("mass", "density"))
+        density = Shape.density if density is None else density
+        return Shape(use, kind, size, pose, named, mesh, None, mass, density)
+
+    def _place(self, element: ET.Element, place: str) -> Place:
+        position = self.several(element, "pos", ZERO, place)
+        turn = np.eye(3)
+        if "quat" in element.attrib:
+            w, x, y, z = self.several(element, "quat", (1.0, 0.0, 0.0, 0.0), place)
+            if any((w, x, y, z)):
+                turn = Rotation.from_quat([x, y, z, w]).as_matrix()
+            else:
+                self.note(element, "quat", place, "a quaternion other than zero")
+        elif "euler" in element.attrib:
+            turn = self._of_euler(self.several(element, "euler", ZERO, place), turn)
+        elif "axisangle" in element.attrib:
+            four = self.several(element, "axisangle", (0.0, 0.0, 1.0, 0.0), place)
+            unit = four[:3] / (np.linalg.norm(four[:3]) or 1.0)
+            turn = Rotation.from_rotvec(unit * four[3] * self._angle).as_matrix()
+        elif "xyaxes" in element.attrib:
+            both = self.several(element, "xyaxes", np.eye(3)[:2].ravel(), place)
+            x, y = both.reshape(2, 3)
+            x = x / (np.linalg.norm(x) or 1.0)
+            y = y - (x @ y) * x
+            y = y / (np.linalg.norm(y) or 1.0)
+            turn = np.column_stack([x, y, np.cross(x, y)])
+        elif "zaxis" in element.attrib:
+            z = self.several(element, "zaxis", (0.0, 0.0, 1.0), place)
+            # the shortest turn from z to there
+            axis = np.cross([0.0, 0.0, 1.0], z)
+            size = np.linalg.norm(axis)
+            turned = np.arctan2(size, z[2]) * axis / size if size else ZERO
+            turn = Rotation.from_rotvec(turned).as_matrix()
+        return Place(turn, position)
+
+    def _of_euler(self, angles: np.ndarray, turn: np.ndarray) -> np.ndarray:
+        """Rotation by three angles; axes in lower case turn with the body, in upper case they stay."""
+        for letter, angle in zip(self._euler, angles * self._angle, strict=True):
+            one = Rotation.from_euler(letter.lower(), angle).as_matrix()
+            turn = turn @ one if letter.islower() else one @ turn
+        return turn
+
+
+def _extent(kind: str, size: tuple[float, ...]) -> tuple[float, ...]:
+    """Full size of a primitive from the half lengths of MJCF; empty if it is of no known size."""
+    if kind in ("cylinder", "capsule") and len(size) >= 2:
+        return size[0], 2 * size[1]
+    if kind == "box" and len(size) == 3:
+        return tuple(2 * half for half in size)
+    count = {"sphere": 1, "ellipsoid": 3}.get(kind, 0)
+    return size[:count] if len(size) >= count else ()
+
+
+def coefficients(equality: ET.Element) -> np.ndarray | None:
+    """Polynomial of a constraint between joints, shape (5,), lowest power first; ``None`` if it is no numbers."""
+    try:
+        given = np.array((equality.get("polycoef") or "0 1").split(), dtype=float)[:5]
+    except ValueError:
+        return None
+    found = np.pad(given, (0, 5 - len(given)))
+    return found if np.isfinite(found).all() else None
