@@ -1,151 +1,32 @@
-"""Files of arrays: NPZ, HDF5, MATLAB with its tags."""
+"""Logs of HDF5 and MATLAB files: arrays under names, as columns."""
 
 from __future__ import annotations
 
-import math
-import struct
-import zlib
-from collections.abc import Iterator, Mapping, Sequence
+import atexit
+import json
+import subprocess
+import sys
+from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from threading import Lock
 from typing import Any
 
 import numpy as np
+from scipy.constants import giga
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.input_file import LARGEST_IN_MEMORY, LARGEST_UNPACKED, check_file
 from gapscope.arm.io.table import Log, LogTable, Table
 
-# Tags of a MATLAB file of version 5 to 7.2: SciPy's reader trusts the kinds that they name, and ends the process.
-#
-# After a header of 128 bytes a file is a sequence of elements: kind and size as two 32-bit numbers, then the content,
-# filled up to a multiple of eight bytes. Of up to four bytes size and kind share the first number, and the content is
-# the second. An array is an element whose content is a sequence of elements again: first its flags, whose lowest byte
-# is its class, then its dimensions. Source: MathWorks, MAT-File Format.
-
-
-HEADER = 128
-MATRIX, COMPRESSED = 14, 15
-KINDS = frozenset({1, 2, 3, 4, 5, 6, 7, 9, 12, 13, MATRIX, COMPRESSED, 16, 17, 18})
-DEEPEST = 100
-"""Arrays within arrays."""
-FLAGS, SIZES = 6, (5, 6)
-"""Kinds of the first two elements of an array; some programs write sizes without a sign."""
-MAX_DIMENSIONS = 32
-CELL, STRUCTURE, OBJECT, SPARSE, FUNCTION, OPAQUE = 1, 2, 3, 5, 16, 17
-"""Classes of arrays that are no plain numbers or characters; the last has no dimensions."""
-COMPLEX = 0x800
-"""Flag of numbers that have an imaginary part."""
-
-
-def byte_order(header: bytes) -> str | None:
-    """Order of the bytes as ``struct`` has it; ``None`` if the header is not that of version 5."""
-    return {b"IM": "<", b"MI": ">"}.get(header[126:HEADER])
-
-
-def check_tags(path: Path) -> None:
-    """Check the tags of all elements; of files of version 4, which have none, nothing.
-
-    Raises:
-        ValueError: one is of no kind that there is, or reaches beyond what it is part of, or an array has more entries
-            than bytes.
-        zlib.error: a compressed element is damaged.
-    """
-    with path.open("rb") as file:
-        order = byte_order(file.read(HEADER))
-        if order is None:
-            return
-        while len(tag := file.read(8)) == 8:
-            kind, size = struct.unpack(f"{order}II", tag)
-            packed = file.read(size)
-            whole = zlib.decompress(packed) if kind == COMPRESSED else tag + packed
-            _check(memoryview(whole), order, 0)
-
-
-def _check(content: memoryview, order: str, depth: int) -> None:
-    """Check a sequence of elements."""
-    if depth > DEEPEST:
-        raise ValueError("arrays are nested too deeply")
-    for kind, part in _elements(content, order):
-        if kind not in KINDS or (kind == COMPRESSED and depth):
-            raise ValueError(f"an element is of kind {kind}, which there is not")
-        if kind == MATRIX:
-            _check_array(part, order)
-            _check(part, order, depth + 1)
-
-
-def _check_array(array: memoryview, order: str) -> None:
-    """Check that an array has its dimensions and the parts that these and its class announce.
-
-    Memory is taken by the dimensions before the parts are read, and a part is taken for what should be there.
-    """
-    # MATLAB writes an empty cell with nothing in it
-    if not len(array):
-        return
-    kinds, parts = zip(*_elements(array, order), strict=True)
-    if kinds[0] != FLAGS or len(parts[0]) != 8:
-        raise ValueError("an array does not begin with its flags")
-    flags = struct.unpack_from(f"{order}I", parts[0])[0]
-    of_class = flags & 0xFF
-    if of_class == OPAQUE:
-        return
-    sizes = parts[1] if len(parts) > 1 and kinds[1] in SIZES else memoryview(b"")
-    count = len(sizes) // 4
-    if len(sizes) % 4 or not 2 <= count <= MAX_DIMENSIONS:
-        raise ValueError(f"an array has {count} dimensions")
-    numbers = struct.unpack(f"{order}{count}i", sizes)
-    entries = 1 if of_class in (SPARSE, FUNCTION) else math.prod(numbers)
-    if min(numbers) < 0 or entries > len(array):
-        named = " x ".join(map(str, numbers))
-        raise ValueError(f"an array of {named} in {len(array)} bytes")
-
-    head, within = 3, 0
-    if of_class in (STRUCTURE, OBJECT):
-        head += 2 + (of_class == OBJECT)
-        within = entries * _field_count(parts[head - 2 : head], order)
-    elif of_class in (CELL, FUNCTION):
-        within = entries
-    else:
-        head += (3 if of_class == SPARSE else 1) + bool(flags & COMPLEX)
-    arrays = [kind == MATRIX for kind in kinds]
-    if len(kinds) != head + within or any(arrays[:head]) or not all(arrays[head:]):
-        raise ValueError("an array has other parts than its class and size announce")
-
-
-def _field_count(parts: Sequence[memoryview], order: str) -> int:
-    """Number of fields of a structure, from the length of a name and all names one after the other."""
-    if len(parts) < 2 or len(parts[0]) != 4:
-        raise ValueError("a structure has no names")
-    (length,) = struct.unpack(f"{order}i", parts[0])
-    if length < 1:
-        raise ValueError(f"a structure has names of {length} bytes")
-    return len(parts[1]) // length
-
-
-def _elements(content: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
-    """Kind and content of each element of a sequence."""
-    place = 0
-    while place + 8 <= len(content):
-        kind, size = struct.unpack_from(f"{order}II", content, place)
-        start = place + 8
-        if kind >> 16:
-            kind, size, start = kind & 0xFFFF, kind >> 16, place + 4
-            if size > 4:
-                raise ValueError(f"an element of {size} bytes where four have room")
-        if start + size > len(content):
-            raise ValueError("an element reaches beyond what it is part of")
-        yield kind, content[start : start + size]
-        place = start + size
-        place += -place % 8
-
-
-# Logs of HDF5 and MATLAB files: arrays under names, as columns.
-
-
-LARGEST = 100_000_000
-"""Numbers in an array from which it is left unread [1]: 800 MB."""
+LARGEST = LARGEST_UNPACKED // 8 // 2
+"""Numbers in an array from which it is left unread [1]: half of what is read unpacked."""
+OF_PYTHON = 2 * giga
+"""Memory that a process takes with SciPy and nothing read [bytes]."""
 
 _MATLAB_HDF5 = b"MATLAB 7.3"
-_PIECE = 1_000_000
+_ONE_AT_A_TIME = Lock()
 
 
 def read_hdf5(path: Path) -> Log:
@@ -218,72 +99,42 @@ def _hdf5_arrays(path: Path, separator: str) -> tuple[dict[str, np.ndarray], lis
     return arrays, unread
 
 
+@cache
+def _unpacker() -> subprocess.Popen[str]:
+    """The process that reads MATLAB files, one after the other."""
+    script, largest = Path(__file__).with_name("unpack_mat.py"), LARGEST_UNPACKED
+    process = subprocess.Popen(
+        [sys.executable, str(script), str(largest + OF_PYTHON)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    atexit.register(process.communicate)
+    return process
+
+
 def _matlab_arrays(path: Path) -> dict[str, np.ndarray]:
-    """Numeric arrays of a MATLAB file up to version 7.2 by name."""
-    import scipy.io
-
+    """Numeric arrays of a MATLAB file up to version 7.2 by name, read in a process that a damaged file may end."""
     check_file(path, "is the file complete?", LARGEST_IN_MEMORY)
-    try:
-        _check_unpacked(path)
-        check_tags(path)
-        content = scipy.io.loadmat(path, simplify_cells=True)
-    except InputError:
-        raise
-    # the reader stumbles over damaged files in as many ways as it has lines
-    except Exception as error:
-        raise InputError(
-            f"cannot be read as a MATLAB file ({error})",
-            "is the file complete? save it again, with -v7",
-            file=path,
-        ) from None
-    arrays: dict[str, np.ndarray] = {}
-    _collect(content, "", arrays)
-    return arrays
-
-
-def _check_unpacked(path: Path) -> None:
-    """Check that the compressed variables of a file are not beyond ``LARGEST_UNPACKED``.
-
-    After a header of 128 bytes each variable has two numbers, its kind and size [bytes].
-
-    Raises:
-        InputError: they are.
-        zlib.error, struct.error: the file is damaged.
-    """
-    unpacked = 0
-    with path.open("rb") as file:
-        order = byte_order(file.read(HEADER)) or "<"
-        while len(tag := file.read(8)) == 8:
-            kind, size = struct.unpack(f"{order}II", tag)
-            left = size
-            if kind != COMPRESSED:
-                file.seek(size, 1)
-                continue
-            stream = zlib.decompressobj()
-            while left > 0 and (packed := file.read(min(left, _PIECE))):
-                left -= len(packed)
-                while packed and unpacked <= LARGEST_UNPACKED:
-                    unpacked += len(stream.decompress(packed, _PIECE))
-                    packed = stream.unconsumed_tail
-            if unpacked > LARGEST_UNPACKED:
-                raise InputError(
-                    f"holds more than {LARGEST_UNPACKED / 1e9:g} GB unpacked",
-                    "cut the motion to be examined out of it",
-                    file=path,
-                )
-
-
-def _collect(content: Any, name: str, arrays: dict[str, np.ndarray]) -> None:
-    """Adds the arrays of nested structures by their names; those of a list are counted from 1."""
-    if isinstance(content, Mapping):
-        for key, value in content.items():
-            if not str(key).startswith("__"):
-                _collect(value, f"{name}.{key}" if name else str(key), arrays)
-    elif isinstance(content, list):
-        for number, value in enumerate(content, start=1):
-            _collect(value, f"{name}.{number}", arrays)
-    elif isinstance(content, np.ndarray) and content.dtype.kind in "fiub":
-        arrays[name] = content
+    with _ONE_AT_A_TIME, TemporaryDirectory(prefix="gapscope-") as folder:
+        out, process = Path(folder) / "arrays.npz", _unpacker()
+        assert process.stdin is not None and process.stdout is not None
+        print(json.dumps([str(path), str(out)]), file=process.stdin, flush=True)
+        line = process.stdout.readline()
+        if not line:
+            _unpacker.cache_clear()
+        answer = json.loads(line or '"its reader broke down"')
+        if isinstance(answer, list):
+            with np.load(out) as content:
+                return dict(zip(answer, content.values(), strict=True))
+    if answer.startswith("MemoryError"):
+        answer = f"it claims more than {LARGEST_UNPACKED / giga:g} GB"
+    raise InputError(
+        f"cannot be read as a MATLAB file ({answer})",
+        "is the file complete? save it again, with -v7",
+        file=path,
+    )
 
 
 def log_of_arrays(
