@@ -93,13 +93,12 @@ NAMES_EFFECTS: dict[str, str] = {
     f"gapscope.{module}": reason
     for reason, modules in {
         "armature is the data sheet's or a model file's own key": (
-            *("arm.beyond_any_arm", "arm.nominal", "arm.robots"),
+            *("arm.nominal", "arm.robots"),
             *("arm.dynamics.description", "envs.mystery_arm"),
             *("model_audit.checks",),
             "diagnosis.reference_file",
         ),
         "payload is the case's key of a known load": ("diagnosis.document.content",),
-        "payload is a column of RTDE": ("arm.io.layouts",),
         "the blind check keeps what hides what, and plain methods, apart": (
             *("blind_check.baselines", "blind_check.check", "blind_check.scoring"),
         ),

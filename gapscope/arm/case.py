@@ -12,16 +12,20 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.controller import Controller
-from gapscope.arm.coupling import coupling_of_transmission
 from gapscope.arm.errors import InputError
 from gapscope.arm.input_file import is_folder, real_path
-from gapscope.arm.io.arrays import Samples, frames_of_arrays
-from gapscope.arm.io.case_file import parse_controller, read_case_file
-from gapscope.arm.io.case_paths import CasePaths, files_of, known_loads
+from gapscope.arm.io.case_file import (
+    CasePaths,
+    files_of,
+    known_loads,
+    parse_controller,
+    read_case_file,
+)
 from gapscope.arm.io.import_section import Import, parse_import
 from gapscope.arm.io.load_recording import (
     Part,
     fitted_parts,
+    joined_in_time,
     judged_parts,
     load_recording,
     recording_of_columns,
@@ -31,10 +35,61 @@ from gapscope.arm.io.locked_section import locked_positions
 from gapscope.arm.io.log import check_no_log
 from gapscope.arm.io.plausibility import UNSIGNED
 from gapscope.arm.known_load import KnownLoad
-from gapscope.arm.nominal import NominalArm
+from gapscope.arm.nominal import NominalArm, coupling_of_transmission
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.arm.split_logs import joined_in_time
+
+# Columns of the case format from arrays in memory.
+
+
+Samples = np.ndarray | Sequence[np.ndarray]
+"""A channel of one recording, shape (N,) or (N, n), or a list of them: one for each recording."""
+
+
+def frames_of_arrays(
+    t: Samples, channels: Mapping[str, Samples | None]
+) -> list[dict[str, np.ndarray]]:
+    """Columns ``t``, ``q1..qn`` and so on for each recording.
+
+    Args:
+        t: time [s], shape (N,).
+        channels: by name, shape (N, n); ``None`` for one that was not recorded.
+
+    Raises:
+        InputError: a channel has another number of recordings than ``t``, or another shape.
+    """
+    times = _listed(t)
+    given = {name: _listed(x) for name, x in channels.items() if x is not None}
+    for name, arrays in given.items():
+        if len(arrays) != len(times):
+            raise InputError(
+                f"has {len(arrays)} recordings, t has {len(times)}",
+                "give every channel an array for each recording",
+                where=name,
+            )
+    frames = []
+    for number, time in enumerate(times):
+        columns = {"t": np.asarray(time, dtype=float)}
+        for name, arrays in given.items():
+            columns |= _numbered(name, np.asarray(arrays[number], dtype=float))
+        frames.append(columns)
+    return frames
+
+
+def _listed(samples: Samples) -> Sequence[np.ndarray]:
+    """Arrays of a channel, one for each recording."""
+    return samples if isinstance(samples, (list, tuple)) else [np.asarray(samples)]
+
+
+def _numbered(name: str, values: np.ndarray) -> dict[str, np.ndarray]:
+    """Columns ``name1..namen`` of an array of shape (N, n)."""
+    if values.ndim != 2:
+        raise InputError(
+            f"has shape {values.shape}, expected (N, n): a row for each sample, a column for each joint",
+            where=name,
+        )
+    return {f"{name}{joint + 1}": column for joint, column in enumerate(values.T)}
+
 
 SHORTEST = 1.0
 """Duration of the shortest recording that a case may hold [s]; both ends are trimmed by 0.3 s for the gap."""

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from gapscope.arm.beyond_any_arm import check_size
 from gapscope.arm.errors import InputError
+from gapscope.arm.nominal import check_size
 
 _UPPER = ([0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2])
 """Rows and columns of Ixx, Ixy, Iyy, Ixz, Iyz, Izz, the order of ``rigid_body.INERTIAL_PARAMETERS``."""

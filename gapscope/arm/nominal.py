@@ -1,17 +1,63 @@
-"""The nominal arm: what the user believes, a URDF and a data sheet."""
+"""The nominal arm: what the user believes, a robot file and a data sheet, checked."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+import numbers
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gapscope.arm.beyond_any_arm import check_size
 from gapscope.arm.errors import InputError
 from gapscope.arm.joint_units import per_radian
+from gapscope.arm.nearest_name import check_known
+
+# The one check on numbers that no arm can have, whatever its unit: a description or data sheet is wrong there.
+
+
+LARGEST = {
+    "length": (1e4, "m"),
+    "mass": (1e6, "kg"),
+    "moment of inertia": (1e9, "kg m^2"),
+    "gravity": (1e3, "m/s^2"),
+    "armature": (1e7, "kg m^2"),
+    "friction": (1e7, "N m"),
+    "viscous friction": (1e8, "N m s/rad"),
+}
+"""Largest size of a quantity, and its unit; of sliding joints the unit with m, N and kg.
+
+The longest arms, on cranes and space stations, have 20 to 80 m; the heaviest industrial ones 12 t; dry friction and
+holding torque reach some 1e5 N m. The bounds lie a hundred times above, so that what exceeds them is no unusual arm.
+"""
+
+
+def check_size(
+    values: np.ndarray | float, quantity: str, file: Path | None, where: str
+) -> None:
+    """Check that no value of a quantity is beyond any arm's.
+
+    Args:
+        values: SI units, any shape.
+        quantity: key of ``LARGEST``.
+        file: that holds them.
+        where: the place in it.
+
+    Raises:
+        InputError: one is.
+    """
+    largest, unit = LARGEST[quantity]
+    sizes = np.abs(np.atleast_1d(np.asarray(values, dtype=float)))
+    if sizes.size and sizes.max() > largest:
+        raise InputError(
+            f"a {quantity} of {sizes.max():.3g} {unit} is beyond any arm's ({largest:g} {unit})",
+            "correct it; SI units are expected: kg, m, s, rad, N m",
+            file=file,
+            where=where,
+        )
+
 
 FRICTION_SMOOTHING = 0.005
 """Velocity scale v0 of the smoothed sign, sgn v = tanh(v / v0) [rad/s], as the case format fixes it; a slide's velocity
@@ -164,3 +210,161 @@ def arm_entry(arm: NominalArm) -> dict[str, Any]:
 def smooth_sign(velocity: np.ndarray, scale: float = FRICTION_SMOOTHING) -> np.ndarray:
     """Smoothed sign of a velocity, tanh(v / scale), any shape [1]; v and scale in rad/s."""
     return np.tanh(np.asarray(velocity) / scale)
+
+
+# Coupled motors: those that turn several joints, as in a wrist whose drives share their axes.
+
+
+COUPLING_KEYS = ("motor", "joint", "ratio")
+"""What an entry of ``nominal.coupling`` may say."""
+
+
+def coupling_of_entries(
+    entries: Sequence[Mapping[str, Any]], n_joints: int, where: str
+) -> np.ndarray:
+    """The matrix D of motor speeds w = D dq [1], (n, n), from the entries of a data sheet.
+
+    Each says which motor turns with a further joint, and by how many turns for one turn of that joint, counted on the
+    side of the joint of its own number; one turn by default.
+
+    Raises:
+        InputError: an entry names a joint that does not exist, or a motor's own joint, or holds no number.
+    """
+    matrix = np.eye(n_joints)
+    for number, entry in enumerate(entries, start=1):
+        place = f"{where}[{number}]"
+        remedy = "write for instance {motor: 6, joint: 5, ratio: 1}"
+        if not isinstance(entry, Mapping):
+            raise InputError(f"expected an entry, got {entry!r}", remedy, where=place)
+        for key in entry:
+            check_known("entry of a coupling", str(key), COUPLING_KEYS, where=place)
+        motor, joint = entry.get("motor", 0), entry.get("joint", 0)
+        places = range(1, n_joints + 1)
+        if motor not in places or joint not in places or motor == joint:
+            raise InputError(
+                f"expected motor and joint, two different numbers from 1 to {n_joints}",
+                remedy,
+                where=place,
+            )
+        ratio = entry.get("ratio", 1.0)
+        if isinstance(ratio, bool) or not isinstance(ratio, int | float) or not ratio:
+            raise InputError(
+                f"ratio {ratio!r} is no number other than 0", remedy, where=place
+            )
+        matrix[int(motor) - 1, int(joint) - 1] = float(ratio)
+    return matrix
+
+
+def coupling_of_transmission(
+    transmission: np.ndarray, signs: np.ndarray | float = 1.0
+) -> np.ndarray:
+    """The matrix D of motor speeds w = D dq [1], (n, n), from R of q_motor = R q_joint, (n, n), and the log's signs.
+
+    A motor's row is divided by its ratio to the joint of its own number; a motor that does not turn that joint has no
+    side to count on, and no row but that of the joint.
+    """
+    # the matrix has the log's directions, D those of the URDF
+    rows = transmission * signs
+    matrix = np.eye(len(rows))
+    for motor, row in enumerate(rows):
+        if row[motor] != 0:
+            matrix[motor] = row / row[motor]
+    return matrix
+
+
+def coupling_entries(matrix: np.ndarray) -> list[dict[str, Any]]:
+    """The entries of a data sheet that say the same as D, (n, n)."""
+    return [
+        {"motor": int(m) + 1, "joint": int(j) + 1, "ratio": float(matrix[m, j])}
+        for m, j in zip(*np.nonzero(matrix), strict=True)
+        if m != j
+    ]
+
+
+# The data sheet of an arm: what a user says about its joints, checked.
+
+
+SHEET_ENTRIES = (*SHEET_UNITS, "encoder", "encoder_step", "coupling")
+"""Entries that a data sheet may have; ``encoder`` is checked by the nominal arm."""
+
+
+def checked_sheet(
+    sheet: Mapping[str, Any] | None, n_joints: int, where: str
+) -> dict[str, Any]:
+    """The entries of a data sheet.
+
+    Args:
+        sheet: armature [kg m^2], coulomb [N m], viscous [N m s/rad] and torque_limit [N m], each of shape (n,);
+            encoder, encoder_step [rad]; coupling, a list of motors that turn with a further joint, returned as the
+            matrix D, (n, n). An entry that is ``None`` is absent.
+        n_joints: n.
+        where: the argument or field that holds the sheet.
+
+    Raises:
+        InputError: an unknown entry, a list without one number per joint, or a number that is out of bounds.
+    """
+    if sheet is None:
+        return {}
+    if not isinstance(sheet, Mapping):
+        raise InputError(
+            f"expected entries by name, got {sheet!r}",
+            f"known are {', '.join(SHEET_ENTRIES)}",
+            where=where,
+        )
+    sheet = {key: value for key, value in sheet.items() if value is not None}
+    for key, value in sheet.items():
+        check_known("entry of a data sheet", key, SHEET_ENTRIES, where=where)
+        if key in SHEET_UNITS:
+            _check_numbers(key, value, n_joints, f"{where}.{key}")
+    _check_step(sheet.get("encoder_step"), f"{where}.encoder_step")
+    if "coupling" in sheet:
+        entries, place = sheet["coupling"], f"{where}.coupling"
+        if not isinstance(entries, list | tuple):
+            raise InputError(f"expected a list, got {entries!r}", where=place)
+        sheet["coupling"] = coupling_of_entries(entries, n_joints, place)
+    return sheet
+
+
+def _check_numbers(key: str, value: Any, n_joints: int, where: str) -> None:
+    """Check that there is one number per joint, zero or above; a torque limit above zero, or infinite for none."""
+    unit = SHEET_UNITS[key]
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(
+            f"holds what is not a number, {value!r}",
+            f"give numbers in {unit}",
+            where=where,
+        ) from None
+    if array.shape != (n_joints,):
+        got = array.size if array.ndim == 1 else repr(value)
+        raise InputError(
+            f"expected {n_joints} numbers, one per joint, got {got}",
+            f"give a list of numbers in {unit}",
+            where=where,
+        )
+    limit = key == "torque_limit"
+    allowed = array > 0 if limit else (array >= 0) & np.isfinite(array)
+    if not allowed.all():
+        joint = int((~allowed).argmax())
+        raise InputError(
+            f"{array[joint]:g} {unit} at joint {joint + 1}",
+            f"give numbers {'above zero' if limit else 'from zero on'}, or leave {key} out",
+            where=where,
+        )
+
+
+def _check_step(step: object, where: str) -> None:
+    """Check a quantisation step [rad], ``None`` for none."""
+    if step is None:
+        return
+    if (
+        isinstance(step, bool)
+        or not isinstance(step, numbers.Real)
+        or not 0 <= float(step) < math.inf
+    ):
+        raise InputError(
+            f"expected a number from zero on [rad], got {step!r}",
+            "or leave it out",
+            where=where,
+        )

@@ -18,8 +18,7 @@ from gapscope.arm.control import PD
 from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
-from gapscope.arm.io.even_rows import even_stamps
-from gapscope.arm.io.plausibility import repeated_rows
+from gapscope.arm.io.plausibility import even_stamps, repeated_rows
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording, set_points
 from gapscope.arm.robots import shifted_arm

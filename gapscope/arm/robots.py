@@ -16,26 +16,25 @@ from typing import Any
 
 import numpy as np
 
-from gapscope.arm.data_sheet import checked_sheet
 from gapscope.arm.dynamics import mjcf
 from gapscope.arm.dynamics.description import (
     Description,
     pybullet_data,
     read_description,
 )
-from gapscope.arm.dynamics.locked_joints import lock
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.robot_file import (
     actuated_joints,
     checked,
     inertial_faults,
+    lock,
     placeholder,
     silent_limits,
 )
 from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.input_file import check_file, is_file
 from gapscope.arm.nearest_name import nearest
-from gapscope.arm.nominal import NominalArm
+from gapscope.arm.nominal import NominalArm, checked_sheet
 
 # Files of robots that are given by path, by a known name, or by a name of the package ``robot_descriptions``.
 

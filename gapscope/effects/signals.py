@@ -8,7 +8,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, lfilter, sosfiltfilt
 
-from gapscope.arm.dynamics.array_cache import ArrayCache
+from gapscope.arm.dynamics.rigid_body import ArrayCache
 from gapscope.arm.motions.motion import Motion
 
 # Series over time, shifted, differentiated and lagged, as the laws on the way to the joint need them.

@@ -16,8 +16,7 @@ from gapscope.arm.dynamics.plain_urdf import moving_links, numbers, plain_urdf
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.atomic_write import atomic_write
-from gapscope.arm.io.case_file import read_case_file
-from gapscope.arm.io.case_paths import moved
+from gapscope.arm.io.case_file import moved, read_case_file
 from gapscope.arm.io.json_file import field, plain, schema_fault, write_json
 from gapscope.arm.io.write_case import nominal_section
 from gapscope.arm.joint_units import common_unit

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gapscope.arm.io.channel_entry import UNITS
-from gapscope.arm.io.formats.lerobot_calibration import STEPS_PER_TURN
+from gapscope.arm.io.channel_entry import STEPS_PER_TURN, UNITS
 from gapscope.arm.io.plausibility import gap_notes, repeated_rows
 from gapscope.arm.recording import STILL
 from gapscope.inspection.channels import ChannelGuess

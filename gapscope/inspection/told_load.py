@@ -8,7 +8,7 @@ import numpy as np
 
 from gapscope.arm.dynamics.link_shapes import read_frames
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.io.column_pattern import name_of
+from gapscope.arm.io.channel_entry import name_of
 from gapscope.arm.io.layouts import LoadPlace, layout_of
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm

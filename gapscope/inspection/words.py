@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gapscope.arm.io.formats.lerobot_calibration import STEPS_PER_TURN
+from gapscope.arm.io.channel_entry import STEPS_PER_TURN
 from gapscope.arm.io.import_section import UNITS
 
 # What the name of a column says that it holds.

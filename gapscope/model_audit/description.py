@@ -12,8 +12,7 @@ from scipy.spatial import ConvexHull, QhullError
 from gapscope.arm.dynamics.description import Description, Shape
 from gapscope.arm.dynamics.link_shapes import mesh_points, shape_points
 from gapscope.arm.input_file import is_folder
-from gapscope.arm.io.case_file import read_case_file
-from gapscope.arm.io.case_paths import CasePaths
+from gapscope.arm.io.case_file import CasePaths, read_case_file
 from gapscope.arm.robots import locate
 
 # One odd thing about a model.

@@ -13,8 +13,7 @@ import yaml
 
 from gapscope.arm.case import Case
 from gapscope.arm.io.atomic_write import atomic_write
-from gapscope.arm.io.case_file import read_case_file
-from gapscope.arm.io.case_paths import moved
+from gapscope.arm.io.case_file import moved, read_case_file
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.reading import Reading
 from gapscope.arm.robots import shifted_text

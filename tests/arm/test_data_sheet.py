@@ -11,11 +11,10 @@ import pytest
 import yaml
 
 from gapscope.arm.case import case_files, load_case
-from gapscope.arm.coupling import coupling_entries
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.write_case import write_case, write_recording
 from gapscope.arm.known_load import KnownLoad
-from gapscope.arm.nominal import NominalArm
+from gapscope.arm.nominal import NominalArm, coupling_entries
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
 

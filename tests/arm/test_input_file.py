@@ -10,14 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gapscope.arm.beyond_any_arm import LARGEST
 from gapscope.arm.errors import InputError
 from gapscope.arm.input_file import check_file, file_beside
 from gapscope.arm.io.case_file import read_yaml
 from gapscope.arm.io.formats import array_files, table_files
 from gapscope.arm.io.json_file import read_json
 from gapscope.arm.io.log import open_log
-from gapscope.arm.nominal import NominalArm
+from gapscope.arm.nominal import LARGEST, NominalArm
 from gapscope.arm.npz_file import read_arrays
 from gapscope.arm.robots import load_nominal_arm
 
@@ -169,7 +168,7 @@ def test_parquet_and_matlab_files_of_runs_are_refused_before_they_are_unpacked(
     scipy.io.savemat(tmp_path / "a.mat", {"t": np.zeros(100_000)}, do_compression=True)
     open_log(tmp_path / "a.mat")
     monkeypatch.setattr(array_files, "LARGEST_UNPACKED", 500_000)
-    with pytest.raises(InputError, match="GB unpacked"):
+    with pytest.raises(InputError, match="8e.05 bytes unpacked"):
         open_log(tmp_path / "a.mat")
 
 
@@ -191,11 +190,15 @@ BAD_ARMS = [
     ('xyz="0 0 0.2"', 'xyz="0 0 1e9"', "a length of 1e"),
     ('ixx="0.1"', 'ixx="1e30"', "a moment of inertia of 1e"),
     ('<axis xyz="0 1 0"/>', '<axis xyz="0 0 0"/>', "joint shoulder: its axis has no"),
-    ('damping="0.5"', 'damping="soft"', "joint shoulder, damping: expected a number"),
+    (
+        'damping="0.5"',
+        'damping="soft"',
+        "line 4, joint shoulder, <dynamics damping>: expected a number",
+    ),
     (
         '<child link="upper"/><origin xyz="0 0 0"',
         '<child link="upper"/><origin xyz="0 nan 0"',
-        "joint shoulder, xyz: expected 3 numbers",
+        "joint shoulder, <origin xyz>: expected 3 numbers",
     ),
 ]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from gapscope.arm.io.load_recording import joined_in_time
 from gapscope.arm.recording import Recording
-from gapscope.arm.split_logs import joined_in_time
 
 
 def log(begun: float, rows: int = 100) -> Recording:

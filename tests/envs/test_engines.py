@@ -12,7 +12,7 @@ import pytest
 from guard import HANG
 
 from gapscope.arm.dynamics.feedforward import feedforward
-from gapscope.arm.dynamics.odd_inertials import odd_inertials
+from gapscope.arm.dynamics.inertials import odd_inertials
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.trajectory import Fourier, urdf_limits

@@ -1,8 +1,9 @@
-"""One channel in the import section of a case: its columns, unit and scale."""
+"""One channel in the import section of a case: its columns, unit, scale, calibration; and the transmission of all."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,9 +11,195 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.io.column_pattern import has_mark, name_of
-from gapscope.arm.io.formats.lerobot_calibration import STEPS_PER_TURN
-from gapscope.arm.io.transmission import per_joint
+from gapscope.arm.io.json_file import read_json
+
+# The calibration file of a LeRobot arm: what its normalised positions are in radians.
+
+
+STEPS_PER_TURN = 4096
+"""Encoder steps in a turn of the servos [1]: Feetech STS3215, Dynamixel X series."""
+GRIPPER = "gripper"
+"""The motor whose positions run from 0 to 100; all others from -100 to 100."""
+
+_RANGE_KEYS = ("drive_mode", "homing_offset", "range_min", "range_max")
+
+
+@dataclass(frozen=True)
+class MotorRange:
+    """Range of one motor, which its normalised positions span.
+
+    Attributes:
+        range_min, range_max: ends of the range, after the homing offset [encoder steps].
+        reversed: whether the normalised position falls while the encoder counts up.
+        from_zero: whether it runs from 0 to 100, not from -100 to 100.
+    """
+
+    range_min: float
+    range_max: float
+    reversed: bool = False
+    from_zero: bool = False
+
+    @property
+    def radians(self) -> tuple[float, float]:
+        """Factor [rad] and offset [rad] from the normalised position to the angle from the middle of the range.
+
+        That is the zero of LeRobot's degrees, q = (steps - (range_min + range_max) / 2) 2 pi / 4096.
+        """
+        span = (self.range_max - self.range_min) * 2 * np.pi / STEPS_PER_TURN
+        factor, offset = (span / 100, -span / 2) if self.from_zero else (span / 200, 0)
+        return (-factor, -offset) if self.reversed else (factor, offset)
+
+
+def read_calibration(path: Path) -> dict[str, MotorRange]:
+    """Ranges by the motors' names, from a calibration file of LeRobot.
+
+    Raises:
+        InputError: there is no such file, or it is not of this form.
+    """
+    content = read_json(
+        path,
+        "give the calibration of the arm, ~/.cache/huggingface/lerobot/calibration/robots/*/*.json",
+    )
+    if not isinstance(content, Mapping) or not content:
+        raise InputError("expected a mapping from motors to their ranges", file=path)
+    return {name: _range(name, entry, path) for name, entry in content.items()}
+
+
+def _range(name: str, entry: object, path: Path) -> MotorRange:
+    if not isinstance(entry, Mapping) or any(
+        not isinstance(entry.get(key), (int, float)) for key in _RANGE_KEYS
+    ):
+        raise InputError(
+            f"expected the numbers {', '.join(_RANGE_KEYS)}",
+            "give the calibration file that lerobot-calibrate wrote",
+            file=path,
+            where=f"motor {name}",
+        )
+    low, high = entry["range_min"], entry["range_max"]
+    if not low < high:
+        raise InputError(
+            f"range_min {low} is not below range_max {high}",
+            "calibrate the arm again",
+            file=path,
+            where=f"motor {name}",
+        )
+    return MotorRange(low, high, bool(entry["drive_mode"]), name.endswith(GRIPPER))
+
+
+# The transmission in the import section of a case: q_motor = R q_joint.
+
+
+def per_joint(
+    values: Any, n_joints: int, source: Path, key: str, kind: type = float
+) -> Any:
+    """Values of a list in the import section, one per joint: numbers as an array (n,), texts as a list; else raises."""
+    if len(values) != n_joints:
+        raise InputError(
+            f"expected {n_joints} entries, one per joint, got {len(values)}",
+            file=source,
+            where=f"field import.{key}",
+        )
+    return np.array(values, dtype=float) if kind is float else list(map(str, values))
+
+
+def parse_transmission(
+    entry: Mapping[str, Any], n_joints: int, source: Path
+) -> np.ndarray:
+    """The matrix R of q_motor = R q_joint, (n, n)."""
+    where = "field import.transmission"
+    has_matrix, has_ratios = "matrix" in entry, "ratios" in entry
+    if has_matrix == has_ratios or (has_matrix and "coupling" in entry):
+        raise InputError(
+            "expected either matrix, or ratios with or without coupling",
+            file=source,
+            where=where,
+        )
+    if has_matrix:
+        matrix = _full_matrix(entry["matrix"], n_joints, source, where)
+    else:
+        matrix = _coupled_ratios(entry, n_joints, source, where)
+    if np.linalg.matrix_rank(matrix) < n_joints:
+        raise InputError(
+            "cannot be inverted",
+            "each motor has to move a joint",
+            file=source,
+            where=where,
+        )
+    return matrix
+
+
+def _full_matrix(
+    rows: list[list[float]], n_joints: int, source: Path, where: str
+) -> np.ndarray:
+    """A transmission that is given entry by entry, (n, n)."""
+    if [len(row) for row in rows] != [n_joints] * n_joints:
+        raise InputError(
+            f"expected a matrix of {n_joints} by {n_joints} numbers",
+            file=source,
+            where=f"{where}.matrix",
+        )
+    return np.array(rows, dtype=float)
+
+
+def _coupled_ratios(
+    entry: Mapping[str, Any], n_joints: int, source: Path, where: str
+) -> np.ndarray:
+    """A transmission by gear ratios and the motors that move with another joint, (n, n)."""
+    ratios = per_joint(entry["ratios"], n_joints, source, "transmission.ratios")
+    matrix = np.diag(ratios)
+    for number, coupling in enumerate(entry.get("coupling", []), start=1):
+        motor, joint = coupling["motor"], coupling["joint"]
+        if max(motor, joint) > n_joints or motor == joint:
+            raise InputError(
+                f"expected two different numbers from 1 to {n_joints}",
+                file=source,
+                where=f"{where}.coupling[{number}]",
+            )
+        matrix[motor - 1, joint - 1] = coupling["ratio"]
+    return matrix
+
+
+# Patterns of column names: ``{j}`` is the joint's number from 1, ``{j0}`` that from 0, ``{joint}`` its name.
+
+
+_MARKS = {"{j}": r"(\d+)", "{j0}": r"(\d+)", "{joint}": r"(.+)"}
+
+
+def has_mark(pattern: str) -> bool:
+    """Whether a pattern names one column for each joint; else it names one whose cells hold lists."""
+    return any(mark in pattern for mark in _MARKS)
+
+
+def name_of(pattern: str, j: int, joint: str) -> str:
+    """Name of the column of joint ``j``, from 0."""
+    numbered = pattern.replace("{j}", str(j + 1)).replace("{j0}", str(j))
+    return numbered.replace("{joint}", joint)
+
+
+def joints_in(pattern: str, columns: Iterable[str]) -> list[str]:
+    """What stands for the joint in the columns that follow a pattern: names, or numbers that count without a gap.
+
+    >>> joints_in("q[{j0}]", ["q[0]", "q[1]", "q[3]"])
+    ['0', '1']
+    """
+    mark = next((mark for mark in _MARKS if mark in pattern), None)
+    if mark is None:
+        return []
+    before, after = pattern.split(mark, 1)
+    expression = re.compile(re.escape(before) + _MARKS[mark] + re.escape(after))
+    found = [m[1] for m in map(expression.fullmatch, columns) if m]
+    if mark == "{joint}":
+        return found
+    return _counted(found, first=1 if mark == "{j}" else 0)
+
+
+def _counted(numbers: Sequence[str], first: int) -> list[str]:
+    """The numbers from the first on, as far as they follow each other."""
+    counted: list[str] = []
+    while str(first + len(counted)) in numbers:
+        counted.append(str(first + len(counted)))
+    return counted
+
 
 UNITS = {
     "s": 1.0,

@@ -10,9 +10,15 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.io.channel_entry import UNITS, Channel, parse_channel
-from gapscope.arm.io.formats.lerobot_calibration import MotorRange, read_calibration
-from gapscope.arm.io.transmission import parse_transmission, per_joint
+from gapscope.arm.io.channel_entry import (
+    UNITS,
+    Channel,
+    MotorRange,
+    parse_channel,
+    parse_transmission,
+    per_joint,
+    read_calibration,
+)
 from gapscope.arm.reading import Columns, Reading
 from gapscope.arm.recording import CHANNELS
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from gapscope.arm.io.column_pattern import joints_in
+from gapscope.arm.io.channel_entry import joints_in
 from gapscope.arm.io.table import Table
 from gapscope.arm.recording import CHANNELS
 

@@ -16,7 +16,7 @@ import numpy as np
 from filelock import FileLock, Timeout
 
 from gapscope.arm.errors import GapscopeError, InputError
-from gapscope.arm.io.case_paths import CasePaths
+from gapscope.arm.io.case_file import CasePaths
 from gapscope.arm.io.log import open_log
 
 # One run at a time in a folder of results, by a lock that the system lets go of when its process ends.

@@ -1,8 +1,10 @@
-"""Checks that separate a recording that cannot be right from one that is merely unusual."""
+"""Checks that separate a recording that cannot be right from one that is merely unusual, and what is put right."""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
+from scipy.ndimage import median_filter
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
@@ -11,6 +13,109 @@ from gapscope.arm.io.table import Table
 from gapscope.arm.joint_units import joint_unit
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
+
+# The clock of a recording: how even its stamps are, and whether its rows were taken evenly though stamped unevenly.
+#
+# A logger that runs faster than the robot stores a measurement twice now and then, and stamps by its own clock. With
+# the repeated rows dropped, their stamps leave a step of two periods in which the robot has moved on by one.
+
+
+EVEN_RATIO = 0.5
+"""Rows are evenly taken if the motion over them is rougher than over the stamps by less than this factor [1]."""
+LOST_SAMPLE_STEP = (
+    2.5  # A step longer than this many periods has lost samples in it [1]. (hand)
+)
+CLOCK_WANDER_SAMPLES = (
+    25  # Samples over which the slow wander of a clock is taken out. (hand)
+)
+LONGEST_STEP = 2.5
+"""With a step longer than this many periods samples are lost as well, and the stamps are left as they are."""
+
+EVENLY_TAKEN = "rows stamped evenly: by their stamps the motion halts wherever a repeated row was dropped"
+"""Note of a recording whose rows were stamped anew."""
+
+
+def roughness(x: np.ndarray, q: np.ndarray) -> float:
+    """Squared distance of samples q [rad], (N, n), from the line through their neighbours over x, (N,), summed [1].
+
+    Relative to each joint's range. Samples that were taken at even times and stamped unevenly leave the line over the
+    stamps by speed times the error of the stamp; samples really taken unevenly do so over an even clock.
+    """
+    before, middle, after = x[:-2], x[1:-1], x[2:]
+    share = (middle - before) / (after - before)
+    step = q[2:] - q[:-2]
+    on_line = q[:-2] + share[:, None] * step
+    distance = q[1:-1] - on_line
+    # a joint that hardly moves would show its quantisation
+    travel = np.ptp(q, axis=0)
+    moving = travel > 1e-2 * max(float(travel.max()), 1e-9)
+    relative = distance[:, moving] / travel[moving]
+    return float((relative**2).sum())
+
+
+def even_stamps_of_rows(t: np.ndarray, q: np.ndarray) -> np.ndarray | None:
+    """Stamps of rows that were taken evenly [s], (N,): the line through t; ``None`` if the stamps are right.
+
+    Args:
+        t: stamps of the rows that are left once repeated ones are dropped [s], (N,).
+        q: positions [rad], (N, n).
+    """
+    steps = np.diff(t)
+    if len(t) < 4 or steps.max() > LONGEST_STEP * np.median(steps):
+        return None
+    rows = np.arange(len(t), dtype=float)
+    if roughness(rows, q) >= EVEN_RATIO * roughness(t, q):
+        return None
+    slope, start = np.polyfit(rows, t, 1)
+    return np.asarray(start + slope * rows)
+
+
+def sample_count(t: np.ndarray) -> np.ndarray:
+    """Number of each sample on an even clock, from 0, (N,); steps beyond ``LOST_SAMPLE_STEP`` periods skip numbers.
+
+    Shorter steps are taken as one period, or rounded to two if that leaves less unevenness: a jittered step may be
+    nearly two periods long, a dropped row leaves a step of two. Of a clock that jitters by half a period even longer
+    steps are single ones: all steps are, if that leaves least.
+    """
+    periods = np.diff(t) / np.median(np.diff(t))
+    rounded = np.maximum(np.round(periods), 1.0)
+    single = np.where(periods > LOST_SAMPLE_STEP, rounded, 1.0)
+    choices = (single, rounded, np.ones_like(periods))
+    counts = [np.concatenate([[0.0], np.cumsum(steps)]) for steps in choices]
+    return min(counts, key=lambda count: float(np.std(_wander_free(t, count))))
+
+
+def unevenness(t: np.ndarray) -> np.ndarray:
+    """Stamps less an even clock's, without slow wander, in periods, (N,)."""
+    return _wander_free(t, sample_count(t))
+
+
+def even_stamps(t: np.ndarray) -> np.ndarray:
+    """Stamps of an even clock nearest to t [s], (N,): the line through stamps against sample numbers."""
+    count = sample_count(t)
+    slope, start = np.polyfit(count, t, 1)
+    return start + slope * count
+
+
+def stamps_are_wrong(t: np.ndarray, q: np.ndarray) -> bool:
+    """Whether the motion is smoother over an even clock than over the stamps, decidedly; q [rad], (N, n).
+
+    Each sample is compared with the line through its neighbours. Samples taken at even times and stamped unevenly
+    leave the line by speed times the error of the stamp; samples really taken unevenly do so over an even clock.
+    """
+    over_stamps = roughness(t, q)
+    over_even_clock = roughness(sample_count(t), q)
+    return bool(over_even_clock < EVEN_RATIO * over_stamps)
+
+
+def _wander_free(t: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """Stamps less the line through them and less their moving mean, in periods, (N,)."""
+    slope, start = np.polyfit(count, t, 1)
+    error = (t - start - slope * count) / slope
+    kernel = np.ones(min(CLOCK_WANDER_SAMPLES, len(error)))
+    inside = np.convolve(np.ones(len(error)), kernel, "same")
+    return error - np.convolve(error, kernel, "same") / inside
+
 
 PLAUSIBLE_RATES = (10.0, 20_000.0)
 """Sampling rates of robot logs [Hz]; below, no motion is resolved."""
@@ -273,3 +378,174 @@ def gap_notes(t: np.ndarray) -> tuple[str, ...]:
     if not wide.any():
         return ()
     return (f"gaps in time: {wide.sum()}, the longest {step.max():.3g} s",)
+
+
+# Spikes: one or two samples that leave their neighbours and come back, as bit errors and lost words make them.
+#
+# A sample is compared with the median of five, itself and two on either side, which neither two spikes beside each
+# other nor a step move. Time stamps have no say, so that a jittery clock makes no spikes.
+
+
+IMPOSSIBLE_ACCELERATION = 1e3
+"""Positions that leave their neighbours by more than this asks for are no motion [rad/s^2]; impacts stay below 500."""
+SPIKE_DEVIATIONS = 3.0
+"""Torques and velocities that leave theirs by so many standard deviations of the joint are none [1]."""
+SPIKE_ROUGHNESS = 8.0
+"""A spike exceeds the usual second difference by this factor [1]: noise, encoder steps and motion have made that."""
+EDGE_ROUGHNESS = 2.0
+"""The first and last two positions have neighbours on one side: there this factor is added [1]. Torques are left as
+they are there: a controller that is switched on jumps, and what is trimmed from a recording holds it."""
+MAX_SPIKES = 0.02
+"""With a larger share of a joint's samples it is no spikes but the signal [1]."""
+ABSURD = 1e5
+"""Numbers of more standard deviations than this are no samples [1]: they are left, and an error says where they are."""
+BEYOND_COMPUTING = 1e100
+"""Beyond it nothing is computed: an error says where such a number is."""
+CENTRAL = (0.025, 0.975)
+"""Quantiles between which deviations are measured, so that spikes do not hide themselves; of a normal one..."""
+CENTRAL_WIDTH = 3.92
+"""...they are so many standard deviations apart [1]."""
+FEWEST_ROWS = 20
+"""In shorter recordings nothing is usual."""
+
+SENSED = ("q", "dq", "tau", "tau_sensor")
+BRIDGED = "spikes replaced by the curve through their neighbours: "
+"""Note on them; the number of each column follows."""
+
+
+def without_spikes(
+    t: np.ndarray, values: dict[str, np.ndarray], per_radian: np.ndarray
+) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+    """Channels whose spikes are replaced by the cubic spline through all other samples; and a note.
+
+    Args:
+        t: time [s], (N,).
+        values: channels by name, (N, n) each.
+        per_radian: what counts as a radian of each joint, (n,): see ``NominalArm.per_radian``.
+    """
+    if len(t) < FEWEST_ROWS:
+        return values, ()
+    step = float(np.median(np.diff(t)))
+    out, counts = dict(values), []
+    for name in SENSED:
+        # so written that no number at all fails too
+        if name not in values or not (np.abs(values[name]) < BEYOND_COMPUTING).all():
+            continue
+        low, high = np.quantile(values[name], CENTRAL, axis=0)
+        deviation = (high - low) / CENTRAL_WIDTH
+        least = SPIKE_DEVIATIONS * deviation
+        if name == "q":
+            least = 0.5 * IMPOSSIBLE_ACCELERATION * step**2 * per_radian
+        for j, series in enumerate(values[name].T):
+            rows = spikes(series, float(least[j]), ends=name == "q")
+            absurd = np.abs(series[rows] - np.median(series)) > ABSURD * deviation[j]
+            if not len(rows) or absurd.any():
+                continue
+            if out[name] is values[name]:
+                out[name] = values[name].copy()
+            out[name][:, j] = _bridged(t, series, rows)
+            counts.append(f"{name}{j + 1} {len(rows)}")
+    return out, (BRIDGED + ", ".join(counts),) if counts else ()
+
+
+def spikes(series: np.ndarray, least: float, *, ends: bool = True) -> np.ndarray:
+    """Places of the spikes of a series, (N,), that are larger than ``least``; none if there are too many.
+
+    ``ends``: whether the first and last two samples may be some.
+    """
+    bends = np.abs(np.diff(series, n=2))
+    usual = float(np.median(bends[bends > 0])) if bends.any() else 0.0
+    threshold = max(least, SPIKE_ROUGHNESS * usual)
+    none = np.zeros(0, dtype=int)
+    # most series have no spike, and a look at their second differences says so
+    if threshold <= 0 or bends.max() < threshold:
+        return none
+    found = np.abs(series - median_filter(series, 5)) > threshold
+    found[:2] = found[-2:] = False
+    places = np.arange(len(series))
+    cleaned = _bridged(places, series, np.flatnonzero(found))
+    for end in (cleaned, cleaned[::-1]) if ends else ():
+        _straighten(end, EDGE_ROUGHNESS * threshold)
+    # a spike moves the median of its neighbours as well
+    found = np.abs(series - cleaned) > threshold
+    found &= _comes_back(series, found)
+    return np.flatnonzero(found) if found.mean() <= MAX_SPIKES else none
+
+
+def _comes_back(series: np.ndarray, found: np.ndarray) -> np.ndarray:
+    """Which samples lie farther from those beside them, found ones left out, than these from each other, (N,).
+
+    Beside a leap, as of an encoder that was stuck, they do not.
+    """
+    places = np.arange(len(series))
+    good = places[~found]
+    after = np.clip(np.searchsorted(good, places), 1, len(good) - 1)
+    left, right = series[good[after - 1]], series[good[after]]
+    return np.asarray(np.abs(series - 0.5 * (left + right)) > np.abs(right - left))
+
+
+def _straighten(series: np.ndarray, most: float) -> None:
+    """Put the first two samples of a series on the line through those after them if they are farther off."""
+    for k in (1, 0):
+        expected = 2 * series[k + 1] - series[k + 2]
+        if abs(series[k] - expected) > most:
+            series[k] = expected
+
+
+def _bridged(t: np.ndarray, series: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """A series with some of its rows taken from the cubic spline through all others, (N,)."""
+    good = np.ones(len(series), dtype=bool)
+    good[rows] = False
+    out = series.copy()
+    out[rows] = make_interp_spline(t[good], series[good], k=3)(t[rows])
+    return out
+
+
+# Positions that an encoder or driver kept while the arm moved on: they stand still, and then leap.
+#
+# Where the arm was meanwhile is unknown: the rows are left out, and leave a gap in time.
+
+
+STUCK_TIME = 0.1
+"""A position that stands for less is left as it is [s]: slow updates do that."""
+LEAP = 20.0
+"""It was stuck if it then leaps by so many of its usual steps [1]."""
+LEFT_OUT = "rows left out in which a position stands still and then leaps: "
+"""Note on them; their number and share follow."""
+
+
+def stuck_rows(t: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Rows in which a position is stuck, mask of shape (N,), and notes.
+
+    Args:
+        t: time [s], (N,).
+        q: positions, any unit, (N, n).
+    """
+    stuck = np.zeros(len(t), dtype=bool)
+    joints = []
+    for j, series in enumerate(q.T):
+        own = _stuck(t, series)
+        stuck |= own
+        if own.any():
+            joints.append(f"q{j + 1}")
+    if not joints:
+        return stuck, ()
+    note = f"{LEFT_OUT}{stuck.sum()} ({stuck.mean():.2%}), {', '.join(joints)}"
+    return stuck, (note,)
+
+
+def _stuck(t: np.ndarray, series: np.ndarray) -> np.ndarray:
+    """Rows in which one joint's position, (N,), is stuck."""
+    steps = np.diff(series)
+    edges = np.flatnonzero(steps) + 1
+    starts, stops = np.r_[0, edges], np.r_[edges, len(series)]
+    out = np.zeros(len(series), dtype=bool)
+    if not len(edges):
+        return out
+    usual = np.median(np.abs(steps[edges - 1]))
+    leap = np.r_[np.abs(steps[edges - 1]), 0.0]
+    long = t[stops - 1] - t[starts] >= STUCK_TIME
+    for place in np.flatnonzero(long & (leap > LEAP * usual)):
+        # the first of them was measured
+        out[starts[place] + 1 : stops[place]] = True
+    return out

@@ -13,12 +13,11 @@ import numpy as np
 import yaml
 
 from gapscope.arm.case import Case
-from gapscope.arm.coupling import coupling_entries
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.atomic_write import atomic_write, folder_aside
 from gapscope.arm.io.case_file import controller_section
 from gapscope.arm.io.locked_section import LOCK
-from gapscope.arm.nominal import SHEET_UNITS, NominalArm
+from gapscope.arm.nominal import SHEET_UNITS, NominalArm, coupling_entries
 from gapscope.arm.recording import CHANNELS, Recording
 
 

@@ -12,9 +12,14 @@ from scipy.signal import butter, sosfiltfilt
 from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError
-from gapscope.arm.io.bad_samples import LEFT_OUT
-from gapscope.arm.io.even_rows import stamps_are_wrong, unevenness
-from gapscope.arm.io.plausibility import REPEATED, repeated_rows, unit_of_stamps
+from gapscope.arm.io.plausibility import (
+    LEFT_OUT,
+    REPEATED,
+    repeated_rows,
+    stamps_are_wrong,
+    unevenness,
+    unit_of_stamps,
+)
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault
 from gapscope.diagnosis.thresholds import (

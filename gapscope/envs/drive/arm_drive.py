@@ -6,7 +6,7 @@ import warnings
 
 import numpy as np
 
-from gapscope.arm.dynamics.odd_inertials import odd_inertials
+from gapscope.arm.dynamics.inertials import odd_inertials
 from gapscope.arm.dynamics.plain_urdf import check_inertia
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError, ModelWarning

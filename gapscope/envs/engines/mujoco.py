@@ -9,8 +9,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from gapscope.arm.dynamics.plain_mjcf import plain_mjcf, quaternion
-from gapscope.arm.dynamics.plain_urdf import Link
+from gapscope.arm.dynamics.plain_urdf import Link, plain_mjcf, quaternion
 from gapscope.envs.engines import Bodies
 
 _LOG = logging.getLogger(__name__)

@@ -12,7 +12,7 @@ import jinja2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gapscope.arm.dynamics.odd_inertials import odd_inertials
+from gapscope.arm.dynamics.inertials import odd_inertials
 from gapscope.arm.dynamics.plain_urdf import numbers
 from gapscope.arm.nominal import FRICTION_SMOOTHING, NominalArm
 from gapscope.effects.applied import AppliedEffect

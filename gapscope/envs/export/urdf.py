@@ -9,12 +9,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gapscope.arm.dynamics.description import SCHEMES, find_mesh
-from gapscope.arm.dynamics.plain_urdf import numbers, plain_urdf
-from gapscope.arm.dynamics.urdf_inertials import (
+from gapscope.arm.dynamics.inertials import (
     own_parameters,
     possible,
     set_parameters,
 )
+from gapscope.arm.dynamics.plain_urdf import numbers, plain_urdf
 from gapscope.envs.export.plain_arm import JointDrive, PlainArm, mesh_path
 
 MOVABLE = ("revolute", "continuous", "prismatic", "floating", "planar")

@@ -10,8 +10,8 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
 from gapscope.arm.control import PD
-from gapscope.arm.dynamics.array_cache import ArrayCache
 from gapscope.arm.dynamics.feedforward import feedforward
+from gapscope.arm.dynamics.rigid_body import ArrayCache
 from gapscope.arm.dynamics.rollout import (
     Commands,
     Plant,

@@ -9,8 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from sweeps import daily
 
-from gapscope.arm.dynamics.plain_mjcf import plain_mjcf
-from gapscope.arm.dynamics.plain_urdf import moving_links
+from gapscope.arm.dynamics.plain_urdf import moving_links, plain_mjcf
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.nominal import NominalArm

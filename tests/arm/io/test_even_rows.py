@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gapscope.arm.io.even_rows import (
+from gapscope.arm.io.plausibility import (
     even_stamps,
     even_stamps_of_rows,
     sample_count,

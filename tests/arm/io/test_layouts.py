@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from gapscope.arm.io.case_file import check
-from gapscope.arm.io.column_pattern import joints_in
-from gapscope.arm.io.formats.messages import JOINT_STATE
+from gapscope.arm.io.channel_entry import joints_in
+from gapscope.arm.io.formats.rosbag import JOINT_STATE
 from gapscope.arm.io.import_section import parse_import
 from gapscope.arm.io.layouts import LAYOUTS, LEROBOT, layout_of
 from gapscope.arm.io.table import Table

@@ -14,7 +14,7 @@ import yaml
 
 from gapscope.arm.case import case_files, load_case
 from gapscope.arm.errors import InputError
-from gapscope.arm.io.case_paths import files_of
+from gapscope.arm.io.case_file import files_of
 from gapscope.arm.io.import_section import parse_import
 from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.io.log import open_log

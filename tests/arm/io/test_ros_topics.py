@@ -12,7 +12,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.io.formats.messages import CONTROLLER_STATE, DYNAMIC_JOINT_STATE
+from gapscope.arm.io.formats.rosbag import CONTROLLER_STATE, DYNAMIC_JOINT_STATE
 from gapscope.arm.io.import_section import parse_import
 from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.io.log import Log, open_log

@@ -11,11 +11,10 @@ from arms import tooled_panda
 from cases import panda_body, panda_case, sines
 
 from gapscope.arm.case import Case
-from gapscope.arm.coupling import coupling_of_transmission
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
-from gapscope.arm.nominal import NominalArm
+from gapscope.arm.nominal import NominalArm, coupling_of_transmission
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect, drives_with
 from gapscope.effects.catalogue import of_quantity

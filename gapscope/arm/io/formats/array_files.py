@@ -120,7 +120,8 @@ def _matlab_arrays(path: Path) -> dict[str, np.ndarray]:
     with _ONE_AT_A_TIME, TemporaryDirectory(prefix="gapscope-") as folder:
         out, process = Path(folder) / "arrays.npz", _unpacker()
         assert process.stdin is not None and process.stdout is not None
-        print(json.dumps([str(path), str(out)]), file=process.stdin, flush=True)
+        request = json.dumps([str(path), str(out), LARGEST_UNPACKED])
+        print(request, file=process.stdin, flush=True)
         line = process.stdout.readline()
         if not line:
             _unpacker.cache_clear()
@@ -128,8 +129,6 @@ def _matlab_arrays(path: Path) -> dict[str, np.ndarray]:
         if isinstance(answer, list):
             with np.load(out) as content:
                 return dict(zip(answer, content.values(), strict=True))
-    if answer.startswith("MemoryError"):
-        answer = f"it claims more than {LARGEST_UNPACKED / giga:g} GB"
     raise InputError(
         f"cannot be read as a MATLAB file ({answer})",
         "is the file complete? save it again, with -v7",

@@ -7,6 +7,7 @@ that may end, and with bounded memory.
 from __future__ import annotations
 
 import json
+import math
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
@@ -28,11 +29,17 @@ def arrays_of(content: Any, name: str) -> Iterator[tuple[str, np.ndarray]]:
         yield name, content
 
 
-def unpack(path: str, out: str) -> list[str] | str:
-    """Write the arrays of a MATLAB file up to version 7.2; their names in order, or what is wrong with it."""
+def unpack(path: str, out: str, largest: float) -> list[str] | str:
+    """Write the arrays of a MATLAB file up to version 7.2; their names in order, or what is wrong with it.
+
+    Those of more than ``largest`` [bytes] in all are not read.
+    """
     import scipy.io
 
     try:
+        size = 8 * sum(math.prod(shape) for _, shape, _ in scipy.io.whosmat(path))
+        if size > largest:
+            return f"it holds {size:.2g} bytes unpacked, at most {largest:g} are read"
         found = dict(arrays_of(scipy.io.loadmat(path, simplify_cells=True), ""))
         np.savez(out, *found.values())
     # the reader stumbles over damaged files in as many ways as it has lines
@@ -42,7 +49,7 @@ def unpack(path: str, out: str) -> list[str] | str:
 
 
 def main(largest: str) -> None:
-    """Answer each line with a path to read and one to write, until there are no more.
+    """Answer each line with the arguments of ``unpack``, until there are no more.
 
     Args:
         largest: memory that the process may take [bytes], where the system bounds it.
