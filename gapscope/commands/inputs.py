@@ -8,8 +8,8 @@ from pathlib import Path
 from gapscope.arm.case import Case, case_files, load_case
 from gapscope.arm.controller import Controller
 from gapscope.arm.input_file import is_folder
-from gapscope.arm.io.damaged_rows import DAMAGED, PAUSE
 from gapscope.arm.io.load_recording import load_recording
+from gapscope.arm.io.table import DAMAGED, PAUSE
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm

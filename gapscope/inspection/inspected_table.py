@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gapscope.arm.io.damaged_rows import without_damage
 from gapscope.arm.io.layouts import layout_of
 from gapscope.arm.io.log import Log, LogTable
+from gapscope.arm.io.table import without_damage
 from gapscope.arm.nominal import NominalArm
 from gapscope.inspection.channels import (
     ChannelGuess,

@@ -11,13 +11,12 @@ from pathlib import Path
 from typing import Any, BinaryIO, Protocol
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.io.damaged_rows import DAMAGED, PAUSE
 from gapscope.arm.io.formats.lerobot import is_dataset
 from gapscope.arm.io.formats.table_files import table_of_lines
 from gapscope.arm.io.import_section import Import
 from gapscope.arm.io.load_recording import load_recording, recording_of_log
 from gapscope.arm.io.log import READERS
-from gapscope.arm.io.table import Log, LogTable
+from gapscope.arm.io.table import DAMAGED, PAUSE, Log, LogTable
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording

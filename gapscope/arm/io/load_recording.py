@@ -19,7 +19,6 @@ from gapscope.arm.io.channel_entry import (
     name_of,
     with_sign,
 )
-from gapscope.arm.io.damaged_rows import damage
 from gapscope.arm.io.formats.lerobot import (
     dataset_episodes,
     episode_name,
@@ -42,7 +41,7 @@ from gapscope.arm.io.plausibility import (
     without_spikes,
     without_turns,
 )
-from gapscope.arm.io.table import Log, LogTable, Table
+from gapscope.arm.io.table import Log, LogTable, Table, damage
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording, held_notes, step_notes
@@ -86,7 +85,7 @@ def read_channel(table: Table, channel: Channel, arm: NominalArm) -> np.ndarray:
     names = channel.names(arm.joints)
     listed = len(names) == 1 and arm.n_joints > 1
     values = (
-        table.lists(names[0], arm.n_joints)
+        table.numbers(names[0], arm.n_joints)
         if listed
         else np.column_stack([table.numbers(name) for name in names])
     )

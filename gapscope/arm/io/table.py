@@ -1,10 +1,13 @@
-"""Tables of a log: rows at even times, arrays, parts of recordings."""
+"""Tables of a log, and their rows that a log cannot mean."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -128,116 +131,74 @@ class Table:
             )
         return InputError(has, remedy, file=self.path)
 
-    def numbers(self, column: str) -> np.ndarray:
-        """One column as finite numbers, shape (N,).
-
-        Raises:
-            InputError: the column is missing, or a cell is not a finite number.
-        """
-        cells, column = self.cells(column), self.named(column)
-        try:
-            values = np.asarray(cells, dtype=float)
-        except (ValueError, TypeError):
-            bad = [row for row, cell in enumerate(cells) if not _is_number(cell)]
-            raise self._not_a_number(bad[0], column, cells[bad[0]]) from None
-        self._check_finite(values[:, None], column)
-        return values
-
-    def lists(self, column: str, length: int) -> np.ndarray:
-        """One column whose cells hold lists, such as ``[0.1, 0.2]``, as finite numbers, shape (N, length).
-
-        Raises:
-            InputError: the column is missing, or a cell is not a list of ``length`` finite numbers.
-        """
-        rows, cells, column = [], self.cells(column), self.named(column)
-        for row, cell in enumerate(cells):
-            try:
-                numbers = json.loads(cell) if isinstance(cell, str) else cell
-                value = np.asarray(numbers, dtype=float)
-            except (ValueError, TypeError):
-                raise self._not_a_number(row, column, cell) from None
-            if value.shape != (length,):
-                raise InputError(
-                    f"expected a list of {length} numbers, one per joint, got {cell!r}",
-                    "name the recorded joints in joints:, in the order of the list",
-                    file=self.path,
-                    where=self.where(row, column),
-                )
-            rows.append(value)
-        values = np.array(rows)
-        self._check_finite(values, column)
-        return values
-
-    def loose(self, column: str) -> np.ndarray:
-        """One column as numbers, (N,), nan where a cell is none; of lists the size of the largest entry."""
+    def values(self, column: str) -> np.ndarray:
+        """One column as numbers, (N,), or of lists, such as ``[0.1, 0.2]``, (N, L); nan where a cell is none."""
         cells = self.columns[column]
-        try:
-            values = np.asarray(cells, dtype=float)
-        except (ValueError, TypeError):
-            values = np.empty(0)
-        if values.ndim == 1 and len(values) == len(self):
-            return values
-        sizes = [_list_size(cell) for cell in cells]
-        usual = np.median([length for length, _ in sizes if length] or [0])
-        return np.array([x if length == usual else np.nan for length, x in sizes])
+        with suppress(ValueError, TypeError):
+            found = np.asarray(cells, dtype=float)
+            if len(found) == len(self):
+                return found
+        parsed = [_number(cell) for cell in cells]
+        usual = Counter(x.shape for x in parsed if x.size != 1 or np.isfinite(x).all())
+        shape = usual.most_common(1)[0][0] if usual else ()
+        none = np.full(shape, np.nan)
+        return np.array([x if x.shape == shape else none for x in parsed])
 
-    def is_empty(self, row: int, column: str) -> bool:
-        """Whether a cell says that there is no value."""
-        cell = self.columns[column][row]
-        return cell is None or str(cell).strip().lower() in NO_VALUE
+    def sizes(self, column: str) -> np.ndarray:
+        """Size of each number of a column, or of the largest in each list, (N,); nan where none is."""
+        values = self.values(column)
+        return np.abs(values).reshape(len(values), -1).max(axis=1, initial=0.0)
+
+    def numbers(self, column: str, length: int | None = None) -> np.ndarray:
+        """One column as finite numbers, shape (N,), or of lists of a length, (N, length).
+
+        Raises:
+            InputError: the column is missing, or a cell is not a finite number, or not such a list.
+        """
+        self.cells(column)
+        column = self.named(column)
+        values = self.values(column)
+        wanted = () if length is None else (length,)
+        wrong = np.flatnonzero(~(self.sizes(column) <= LARGEST_NUMBER))
+        if values.shape[1:] != wanted:
+            wrong = np.arange(1)
+        if not len(wrong):
+            return values
+        row = int(wrong[0])
+        fault, remedy = self.fault(row, column), "drop or repair the row"
+        if length is not None:
+            cell = self.columns[column][row]
+            fault = f"expected a list of {length} numbers, one per joint, got {cell!r}"
+            remedy = "name the recorded joints in joints:, in the order of the list"
+        raise InputError(
+            fault,
+            f"{remedy}; a missing value is never guessed",
+            file=self.path,
+            where=self.where(row, column),
+        )
 
     def fault(self, row: int, column: str) -> str:
         """What is wrong with a cell that is no number of an arm."""
         cell = self.columns[column][row]
-        if not _is_number(cell):
-            return self._not_a_number(row, column, cell).problem
-        if np.isfinite(float(cell)):
-            return f"holds {cell}, which no log of an arm does in any unit"
-        return f"is not a finite number ({cell})"
-
-    def _check_finite(self, values: np.ndarray, column: str) -> None:
-        bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
-        if len(bad):
-            raise InputError(
-                f"is not a finite number ({self.columns[column][bad[0]]}), the first of {len(bad)} in this column",
-                "drop the row (a gap in time is understood) or repair it; a missing value is never guessed",
-                file=self.path,
-                where=self.where(int(bad[0]), column),
-            )
-        large = np.flatnonzero((np.abs(values) > LARGEST_NUMBER).any(axis=1))
-        if len(large):
-            raise InputError(
-                f"holds {self.columns[column][large[0]]}, which no log of an arm does in any unit",
-                "drop or repair the row",
-                file=self.path,
-                where=self.where(int(large[0]), column),
-            )
-
-    def _not_a_number(self, row: int, column: str, cell: Any) -> InputError:
         if cell is None or not str(cell).strip():
-            message, remedy = (
-                "the cell is empty",
-                "drop the row or fill it in; a missing value is never guessed",
-            )
-        elif isinstance(cell, str) and _is_number(cell.replace(",", ".")):
-            message, remedy = f"{cell!r} has a decimal comma", "write decimal points"
-        else:
-            message, remedy = (
-                f"expected a number, got {str(cell)[:40]!r}",
-                "repair the cell",
-            )
-        return InputError(
-            message, remedy, file=self.path, where=self.where(row, column)
-        )
+            return "the cell is empty"
+        if _is_number(cell):
+            if np.isfinite(float(cell)):
+                return f"holds {cell}, which no log of an arm does in any unit"
+            return f"is not a finite number ({cell})"
+        if isinstance(cell, str) and _is_number(cell.replace(",", ".")):
+            return f"{cell!r} has a decimal comma"
+        return f"expected a number, got {str(cell)[:40]!r}"
 
 
-def _list_size(cell: Any) -> tuple[int, float]:
-    """Entries of a list, 0 for a number or what is neither, and the size of the largest."""
+def _number(cell: Any) -> np.ndarray:
+    """A number, (), or a list of numbers, (L,); nan if it is neither."""
     try:
-        values = np.asarray(json.loads(cell) if isinstance(cell, str) else cell, float)
+        if isinstance(cell, str) and "[" in cell:
+            cell = json.loads(cell)
+        return np.asarray(cell, dtype=float)
     except (ValueError, TypeError):
-        return 0, np.nan
-    return values.size * values.ndim, float(np.abs(values).max(initial=0.0))
+        return np.array(np.nan)
 
 
 def _is_number(cell: Any) -> bool:
@@ -298,3 +259,174 @@ class Log:
     def names(self) -> list[str]:
         """Names of the tables, each once."""
         return list(dict.fromkeys(table.name for table in self.tables))
+
+
+# Rows that a log cannot mean: cut short, with text for a number, beyond any arm's numbers; and blocks without values.
+#
+# A few are left out with a note. Up to ``MAX_DAMAGED`` of the rows a diagnosis loses nothing by it (``docs/data.md``);
+# more are refused, all at once. A block without values is a pause of the log.
+
+
+BEYOND = 1e12
+"""Size of the largest number of a joint's quantity, in whatever unit [1]."""
+MAX_DAMAGED = 0.1
+"""Share of the rows up to which they are left out [1]: diagnoses of recordings that lost as many have been right."""
+BLOCK = 4
+"""So many rows without values, one after the other, are a pause [1]: longer steps of time are cut."""
+NAMED = 3
+"""Rows that a note or an error names."""
+FORMULATED = 1000
+"""Cells of each column of which it is said what is wrong, for lack of memory."""
+DAMAGED = "rows left out that cannot be read: "
+"""Note on them; their number, share and places follow."""
+PAUSE = "rows without values left out as pauses: "
+"""Note on blocks of them; their number follows."""
+
+
+@dataclass(frozen=True)
+class Damage:
+    """What is wrong with the rows of a table, or of several side by side, (N,) each.
+
+    Attributes:
+        bad: rows that are cut, or hold what is no number of an arm.
+        empty: rows that are whole and lack a value.
+        first: what is wrong with the first of them, by row.
+    """
+
+    bad: np.ndarray
+    empty: np.ndarray
+    first: Mapping[int, str]
+
+    def __or__(self, other: Damage) -> Damage:
+        """That of both, row by row."""
+        bad = self.bad | other.bad
+        first = {**other.first, **self.first}
+        return Damage(bad, (self.empty | other.empty) & ~bad, first)
+
+    @property
+    def sound(self) -> np.ndarray:
+        """Rows to read, (N,)."""
+        return ~(self.bad | self.empty)
+
+    @cached_property
+    def pauses(self) -> list[np.ndarray]:
+        """Rows of each block without values."""
+        edges = np.flatnonzero(np.diff(np.r_[False, self.empty, False]))
+        ends = zip(edges[::2], edges[1::2], strict=True)
+        return [np.arange(*pair) for pair in ends if pair[1] - pair[0] >= BLOCK]
+
+    @property
+    def scattered(self) -> np.ndarray:
+        """Damaged rows beside the pauses, (N,)."""
+        scattered = ~self.sound
+        for rows in self.pauses:
+            scattered[rows] = False
+        return scattered
+
+    def notes(self, table: Table) -> tuple[str, ...]:
+        """What was left out, in words.
+
+        Raises:
+            InputError: it is too much.
+        """
+        if self.sound.all():
+            return ()
+        pauses, scattered = self.pauses, self.scattered
+        count, total = int(scattered.sum()), len(scattered)
+        if count > max(1, MAX_DAMAGED * total) or not self.sound.any():
+            raise self._error(table)
+        notes = []
+        if count:
+            said = self._said(np.flatnonzero(scattered))
+            notes.append(f"{DAMAGED}{count} of {total} ({count / total:.2%}): {said}")
+        if pauses:
+            lost = sum(map(len, pauses))
+            blocks = "1 block" if len(pauses) == 1 else f"{len(pauses)} blocks"
+            said = self._said([int(rows[0]) for rows in pauses])
+            notes.append(f"{PAUSE}{lost} of {total} in {blocks}: {said}")
+        return tuple(notes)
+
+    def _said(self, rows: Iterable[int]) -> str:
+        """The first of some rows with what is wrong, and how many more there are."""
+        rows = list(rows)
+        named = [self.first[int(row)] for row in rows[:NAMED] if int(row) in self.first]
+        more = len(rows) - len(named)
+        return "; ".join([*named, *([f"and {more} more"] if more else [])])
+
+    def _error(self, table: Table) -> InputError:
+        wrong = np.flatnonzero(~self.sound)
+        cells = [self.first[int(row)] for row in wrong[:1] if int(row) in self.first]
+        remedy = (
+            f"up to {MAX_DAMAGED:.0%} of the rows are left out; repair the file, or say null in the import: section "
+            "for a channel that lacks values; a missing value is never guessed"
+        )
+        if any("decimal comma" in text for text in cells):
+            remedy = "write decimal points"
+        return InputError(
+            f"{len(wrong)} of {len(self.bad)} rows cannot be read: {self._said(wrong)}",
+            remedy,
+            file=table.path,
+        )
+
+
+def damage(table: Table, columns: Iterable[str], time: str | None = None) -> Damage:
+    """What is wrong with the rows of a table in some of its columns, of numbers or of lists.
+
+    Args:
+        table: as a reader gave it.
+        columns: of joints.
+        time: the column of the time, whose numbers may be larger.
+    """
+    found = np.zeros((2, len(table)), dtype=bool)
+    first: dict[int, str] = {}
+    lines = {place: row for row, place in enumerate(table.places)} if table.cut else {}
+    for place, text in table.cut.items():
+        if place in lines:
+            found[0, lines[place]] = True
+            first[lines[place]] = f"{table.place_kind} {place} {text}"
+    time = time and table.named(time)
+    for column in [*filter(None, (time,)), *map(table.named, columns)]:
+        if column not in table.columns:
+            continue
+        sizes = table.sizes(column)
+        with np.errstate(invalid="ignore"):
+            wrong = ~(sizes <= (LARGEST_NUMBER if column == time else BEYOND))
+        lacking = wrong & np.isnan(sizes)
+        cells = table.columns[column]
+        if not isinstance(cells, np.ndarray):
+            texts = np.flatnonzero(lacking)
+            said = [str(cells[row] or "").strip().lower() for row in texts]
+            lacking[texts] = [text in NO_VALUE for text in said]
+        found[0] |= wrong & ~lacking
+        found[1] |= lacking
+        for row in np.flatnonzero(wrong)[:FORMULATED].tolist():
+            if row not in first:
+                first[row] = f"{table.where(row, column)}: {table.fault(row, column)}"
+    # a row that is cut lacks all values
+    return Damage(found[0], found[1] & ~found[0], first)
+
+
+def without_damage(table: Table) -> Table:
+    """A table of which nobody said yet what is read, without the rows that its columns of numbers cannot mean.
+
+    Columns that lack more values than reading allows are left as they are, and so is the table if too many rows are
+    damaged together.
+    """
+    none = np.zeros(len(table), dtype=bool)
+    found = Damage(none, none, {})
+    for column in table.columns:
+        sizes = table.sizes(column)
+        # stamps count nanoseconds
+        large = np.isfinite(sizes).any() and np.nanmedian(sizes) > BEYOND
+        own = damage(table, () if large else (column,), column if large else None)
+        lost = ~own.sound
+        few = own.scattered.sum() <= max(1, MAX_DAMAGED * len(table))
+        if few and 2 * lost.sum() < len(table):
+            found |= own
+    try:
+        notes = found.notes(table)
+    except InputError:
+        return table
+    if not notes:
+        return table
+    return replace(table.some(found.sound), notes=(*table.notes, *notes), cut={})
