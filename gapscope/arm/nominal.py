@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import numbers
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +11,6 @@ import numpy as np
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.joint_units import per_radian
-from gapscope.arm.nearest_name import check_known
 
 # The one check on numbers that no arm can have, whatever its unit: a description or data sheet is wrong there.
 
@@ -125,44 +122,40 @@ class NominalArm:
         """Fill in zeros if the data sheet is silent and freeze the arrays."""
         n = len(self.joints)
         object.__setattr__(self, "sliding", self.sliding or (False,) * n)
-        per_joint = (*SHEET_UNITS, "presliding")
-        for name in per_joint:
-            if name != "torque_limit" and getattr(self, name) is None:
-                object.__setattr__(self, name, np.zeros(n))
-        for name in ("gravity", *per_joint):
-            length = 3 if name == "gravity" else n
+        shapes: dict[str, tuple[int, ...]] = {"gravity": (3,), "coupling": (n, n)}
+        shapes |= dict.fromkeys((*SHEET_UNITS, "presliding"), (n,))
+        for name, shape in shapes.items():
             value = getattr(self, name)
-            if value is None:
-                continue
-            try:
-                array = np.array(value, dtype=float)
-            except (TypeError, ValueError, OverflowError):
-                raise InputError(
-                    f"holds what is not a number, {value!r}", where=f"nominal.{name}"
-                ) from None
-            if array.shape != (length,):
-                raise InputError(
-                    f"expected {length} numbers, got {array.size}",
-                    file=self.urdf,
-                    where=f"nominal.{name}",
-                )
-            if np.isnan(array).any():
-                raise InputError(
-                    "holds what is not a number, nan",
-                    file=self.urdf,
-                    where=f"nominal.{name}",
-                )
-            if name in _QUANTITIES:
-                check_size(array, _QUANTITIES[name], self.urdf, f"nominal.{name}")
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
-        if self.coupling is not None:
-            object.__setattr__(self, "coupling", _checked_coupling(self.coupling, n))
+            if value is None and name not in ("torque_limit", "coupling"):
+                value = np.zeros(shape)
+            if value is not None:
+                object.__setattr__(self, name, self._checked(name, value, shape))
         if self.encoder not in ("motor", "joint"):
             raise InputError(
                 f"expected motor or joint, got {self.encoder!r}",
                 where="nominal.encoder",
             )
+
+    def _checked(self, name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
+        """Numbers of a quantity as a read-only array."""
+        try:
+            array = np.array(value, dtype=float)
+        except (TypeError, ValueError, OverflowError):
+            array = np.array(np.nan)
+        count, fault = " by ".join(map(str, shape)), ""
+        if array.ndim and array.shape != shape:
+            each = ", one per joint" if len(shape) == 1 and name != "gravity" else ""
+            fault = f"expected {count} numbers{each}, got {array.size}"
+        elif np.isnan(array).any():
+            fault = f"holds what is not a number, {value!r}"
+        elif name == "coupling" and not np.allclose(np.diag(array), 1.0):
+            fault = "a motor's speed counts on the side of its own joint: expected ones on the diagonal"
+        if fault:
+            raise InputError(fault, file=self.urdf, where=f"nominal.{name}")
+        if name in _QUANTITIES:
+            check_size(array, _QUANTITIES[name], self.urdf, f"nominal.{name}")
+        array.setflags(write=False)
+        return array
 
     @property
     def n_joints(self) -> int:
@@ -183,22 +176,6 @@ class NominalArm:
         return tuple(int(m) + 1 for m in np.flatnonzero(several))
 
 
-def _checked_coupling(coupling: np.ndarray, n_joints: int) -> np.ndarray:
-    """D as a read-only array of the right shape, with ones on the diagonal."""
-    matrix = np.array(coupling, dtype=float)
-    if matrix.shape != (n_joints, n_joints) or not np.isfinite(matrix).all():
-        raise InputError(
-            f"expected {n_joints} by {n_joints} numbers", where="nominal.coupling"
-        )
-    if not np.allclose(np.diag(matrix), 1.0):
-        raise InputError(
-            "a motor's speed counts on the side of its own joint: expected ones on the diagonal",
-            where="nominal.coupling",
-        )
-    matrix.setflags(write=False)
-    return matrix
-
-
 def arm_entry(arm: NominalArm) -> dict[str, Any]:
     """Robot and joints as results name them; numbers from 1 of those that slide, if any do."""
     entry: dict[str, Any] = {"robot": arm.name, "joints": list(arm.joints)}
@@ -215,44 +192,28 @@ def smooth_sign(velocity: np.ndarray, scale: float = FRICTION_SMOOTHING) -> np.n
 # Coupled motors: those that turn several joints, as in a wrist whose drives share their axes.
 
 
-COUPLING_KEYS = ("motor", "joint", "ratio")
-"""What an entry of ``nominal.coupling`` may say."""
-
-
-def coupling_of_entries(
-    entries: Sequence[Mapping[str, Any]], n_joints: int, where: str
+def coupled(
+    matrix: np.ndarray, entries: Sequence[Mapping[str, Any]], where: str
 ) -> np.ndarray:
-    """The matrix D of motor speeds w = D dq [1], (n, n), from the entries of a data sheet.
+    """A matrix of motors and joints, (n, n), with the entries of motors that turn with a further joint.
 
-    Each says which motor turns with a further joint, and by how many turns for one turn of that joint, counted on the
-    side of the joint of its own number; one turn by default.
+    Each says which motor, which joint, and the ratio [1]: turns of the motor for one turn of the joint; 1 by default.
 
     Raises:
-        InputError: an entry names a joint that does not exist, or a motor's own joint, or holds no number.
+        InputError: an entry names a joint that does not exist, or a motor's own joint, or its ratio is 0.
     """
-    matrix = np.eye(n_joints)
+    out = matrix.copy()
+    places = range(1, len(matrix) + 1)
     for number, entry in enumerate(entries, start=1):
-        place = f"{where}[{number}]"
-        remedy = "write for instance {motor: 6, joint: 5, ratio: 1}"
-        if not isinstance(entry, Mapping):
-            raise InputError(f"expected an entry, got {entry!r}", remedy, where=place)
-        for key in entry:
-            check_known("entry of a coupling", str(key), COUPLING_KEYS, where=place)
-        motor, joint = entry.get("motor", 0), entry.get("joint", 0)
-        places = range(1, n_joints + 1)
-        if motor not in places or joint not in places or motor == joint:
+        motor, joint, ratio = entry["motor"], entry["joint"], entry.get("ratio", 1.0)
+        if motor not in places or joint not in places or motor == joint or not ratio:
             raise InputError(
-                f"expected motor and joint, two different numbers from 1 to {n_joints}",
-                remedy,
-                where=place,
+                f"expected motor and joint, two different numbers from 1 to {len(matrix)}, and a ratio other than 0",
+                "write for instance {motor: 6, joint: 5, ratio: 1}",
+                where=f"{where}[{number}]",
             )
-        ratio = entry.get("ratio", 1.0)
-        if isinstance(ratio, bool) or not isinstance(ratio, int | float) or not ratio:
-            raise InputError(
-                f"ratio {ratio!r} is no number other than 0", remedy, where=place
-            )
-        matrix[int(motor) - 1, int(joint) - 1] = float(ratio)
-    return matrix
+        out[motor - 1, joint - 1] = ratio
+    return out
 
 
 def coupling_of_transmission(
@@ -279,92 +240,3 @@ def coupling_entries(matrix: np.ndarray) -> list[dict[str, Any]]:
         for m, j in zip(*np.nonzero(matrix), strict=True)
         if m != j
     ]
-
-
-# The data sheet of an arm: what a user says about its joints, checked.
-
-
-SHEET_ENTRIES = (*SHEET_UNITS, "encoder", "encoder_step", "coupling")
-"""Entries that a data sheet may have; ``encoder`` is checked by the nominal arm."""
-
-
-def checked_sheet(
-    sheet: Mapping[str, Any] | None, n_joints: int, where: str
-) -> dict[str, Any]:
-    """The entries of a data sheet.
-
-    Args:
-        sheet: armature [kg m^2], coulomb [N m], viscous [N m s/rad] and torque_limit [N m], each of shape (n,);
-            encoder, encoder_step [rad]; coupling, a list of motors that turn with a further joint, returned as the
-            matrix D, (n, n). An entry that is ``None`` is absent.
-        n_joints: n.
-        where: the argument or field that holds the sheet.
-
-    Raises:
-        InputError: an unknown entry, a list without one number per joint, or a number that is out of bounds.
-    """
-    if sheet is None:
-        return {}
-    if not isinstance(sheet, Mapping):
-        raise InputError(
-            f"expected entries by name, got {sheet!r}",
-            f"known are {', '.join(SHEET_ENTRIES)}",
-            where=where,
-        )
-    sheet = {key: value for key, value in sheet.items() if value is not None}
-    for key, value in sheet.items():
-        check_known("entry of a data sheet", key, SHEET_ENTRIES, where=where)
-        if key in SHEET_UNITS:
-            _check_numbers(key, value, n_joints, f"{where}.{key}")
-    _check_step(sheet.get("encoder_step"), f"{where}.encoder_step")
-    if "coupling" in sheet:
-        entries, place = sheet["coupling"], f"{where}.coupling"
-        if not isinstance(entries, list | tuple):
-            raise InputError(f"expected a list, got {entries!r}", where=place)
-        sheet["coupling"] = coupling_of_entries(entries, n_joints, place)
-    return sheet
-
-
-def _check_numbers(key: str, value: Any, n_joints: int, where: str) -> None:
-    """Check that there is one number per joint, zero or above; a torque limit above zero, or infinite for none."""
-    unit = SHEET_UNITS[key]
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        raise InputError(
-            f"holds what is not a number, {value!r}",
-            f"give numbers in {unit}",
-            where=where,
-        ) from None
-    if array.shape != (n_joints,):
-        got = array.size if array.ndim == 1 else repr(value)
-        raise InputError(
-            f"expected {n_joints} numbers, one per joint, got {got}",
-            f"give a list of numbers in {unit}",
-            where=where,
-        )
-    limit = key == "torque_limit"
-    allowed = array > 0 if limit else (array >= 0) & np.isfinite(array)
-    if not allowed.all():
-        joint = int((~allowed).argmax())
-        raise InputError(
-            f"{array[joint]:g} {unit} at joint {joint + 1}",
-            f"give numbers {'above zero' if limit else 'from zero on'}, or leave {key} out",
-            where=where,
-        )
-
-
-def _check_step(step: object, where: str) -> None:
-    """Check a quantisation step [rad], ``None`` for none."""
-    if step is None:
-        return
-    if (
-        isinstance(step, bool)
-        or not isinstance(step, numbers.Real)
-        or not 0 <= float(step) < math.inf
-    ):
-        raise InputError(
-            f"expected a number from zero on [rad], got {step!r}",
-            "or leave it out",
-            where=where,
-        )

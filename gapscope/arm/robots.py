@@ -33,8 +33,10 @@ from gapscope.arm.dynamics.robot_file import (
 )
 from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.input_file import check_file, is_file
+from gapscope.arm.io.case_file import check
+from gapscope.arm.io.json_file import plain
 from gapscope.arm.nearest_name import nearest
-from gapscope.arm.nominal import NominalArm, checked_sheet
+from gapscope.arm.nominal import NominalArm, coupled
 
 # Files of robots that are given by path, by a known name, or by a name of the package ``robot_descriptions``.
 
@@ -274,12 +276,7 @@ def load_nominal_arm(
     if not (joints or chain or default_joints):
         checked(tree)
     checked(tree, names)
-    try:
-        given = checked_sheet(
-            sheet, len(names), "sheet" if source is None else "field nominal"
-        )
-    except InputError as error:
-        raise (error if source is None else error.at(source)) from None
+    given = _checked_sheet(sheet, len(names), source)
     others = lock(tree, names, locked or {})
     moved = tree.moved(names)
     notes = [
@@ -306,15 +303,43 @@ def load_nominal_arm(
         values["armature"] = np.asarray(values["armature"], float) + others.armature
     if gravity is not None:
         values["gravity"] = np.asarray(gravity, dtype=float)
-    return NominalArm(
-        name=tree.name,
-        urdf=urdf,
-        joints=names,
-        locked=others.positions,
-        sliding=tuple(tree.single[name].kind == "prismatic" for name in names),
-        friction_source=_friction_source(tree, given, values),
-        **values,
-    )
+    try:
+        return NominalArm(
+            name=tree.name,
+            urdf=urdf,
+            joints=names,
+            locked=others.positions,
+            sliding=tuple(tree.single[name].kind == "prismatic" for name in names),
+            friction_source=_friction_source(tree, given, values),
+            **values,
+        )
+    except InputError as error:
+        if error.where.removeprefix("nominal.") not in given:
+            raise
+        place = "sheet" if source is None else "field nominal"
+        where = error.where.replace("nominal", place)
+        raise InputError(
+            error.problem, error.remedy, file=source, where=where
+        ) from None
+
+
+def _checked_sheet(
+    sheet: Mapping[str, Any] | None, n_joints: int, source: Path | None
+) -> dict[str, Any]:
+    """The entries of a data sheet that say something, by the case schema; coupling as the matrix D, (n, n)."""
+    given = sheet
+    if isinstance(sheet, Mapping):
+        given = {key: value for key, value in sheet.items() if value is not None}
+        if given.get("encoder_step") == 0:
+            del given["encoder_step"]
+    prefix = "sheet" if source is None else "nominal"
+    check(plain(given), source, "nominal", prefix)
+    found = dict(given or {})
+    if "coupling" in found:
+        found["coupling"] = coupled(
+            np.eye(n_joints), found["coupling"], f"{prefix}.coupling"
+        )
+    return found
 
 
 def _default_joints(

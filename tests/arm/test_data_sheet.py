@@ -40,19 +40,28 @@ def test_a_sheet_of_lists_and_arrays() -> None:
 
 BAD = [
     ({"coulomb": [0.1] * 6}, "sheet.coulomb: expected 7 numbers, one per joint, got 6"),
-    ({"coulomb": [PLAIN]}, "sheet.coulomb: expected 7 numbers"),
-    ({"coulomb": [np.inf] * 7}, "sheet.coulomb: inf N m at joint 1"),
-    ({"armature": [-0.1] * 7}, "sheet.armature: -0.1 kg m"),
-    ({"torque_limit": [0.0] * 7}, "sheet.torque_limit: 0 N m at joint 1"),
-    ({"encoder_step": -1e-4}, "sheet.encoder_step: expected a number from zero on"),
+    ({"coulomb": [PLAIN]}, r"sheet.coulomb\[1\]: expected a number"),
+    ({"coulomb": [np.inf] * 7}, "sheet.coulomb: a friction of inf N m is beyond any"),
+    (
+        {"armature": [-0.1] * 7},
+        r"sheet.armature.*: expected a number of at least 0, got -0.1",
+    ),
+    (
+        {"torque_limit": [0.0] * 7},
+        r"sheet.torque_limit.*: expected a number above 0, got 0",
+    ),
+    (
+        {"encoder_step": -1e-4},
+        "sheet.encoder_step: expected a number above 0, got -0.0001",
+    ),
     ({"encoder_step": "fine"}, "sheet.encoder_step"),
-    ({"encoder": "link"}, "nominal.encoder: expected motor or joint"),
-    ({"Viscous": PLAIN}, "did you mean 'viscous'"),
+    ({"encoder": "link"}, "sheet.encoder: expected one of motor, joint; got .link"),
+    ({"Viscous": PLAIN}, "did you mean viscous"),
     (
         {"mass": PLAIN},
-        "known are armature, coulomb, viscous, torque_limit, encoder, encoder_step",
+        "known keys: armature, coulomb, viscous, torque_limit, encoder, encoder_step",
     ),
-    ([PLAIN], "sheet: expected entries by name"),
+    ([PLAIN], "sheet: expected a mapping"),
 ]
 
 

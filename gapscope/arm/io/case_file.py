@@ -177,8 +177,10 @@ def _expanded_size(node: yaml.Node, known: dict[int, int]) -> int:
     return size
 
 
-def check(content: Any, path: Path, section: str = "") -> None:
+def check(content: Any, path: Path | None, section: str = "", prefix: str = "") -> None:
     """Compare ``content`` with the case schema, or with what it says about one section of a case.
+
+    ``prefix`` is what fields are named with.
 
     Raises:
         InputError: the first fault, with its field.
@@ -186,7 +188,7 @@ def check(content: Any, path: Path, section: str = "") -> None:
     error = schema_fault(content, "case", section)
     if error is None:
         return
-    field = _field(error.absolute_path)
+    field = _field([*filter(None, [prefix]), *error.absolute_path])
     message, remedy = _sentence(
         error.validator, error.validator_value, error.instance, error.schema
     )

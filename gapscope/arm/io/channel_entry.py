@@ -12,6 +12,7 @@ import numpy as np
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.json_file import read_json
+from gapscope.arm.nominal import coupled
 
 # The calibration file of a LeRobot arm: what its normalised positions are in radians.
 
@@ -146,17 +147,11 @@ def _coupled_ratios(
 ) -> np.ndarray:
     """A transmission by gear ratios and the motors that move with another joint, (n, n)."""
     ratios = per_joint(entry["ratios"], n_joints, source, "transmission.ratios")
-    matrix = np.diag(ratios)
-    for number, coupling in enumerate(entry.get("coupling", []), start=1):
-        motor, joint = coupling["motor"], coupling["joint"]
-        if max(motor, joint) > n_joints or motor == joint:
-            raise InputError(
-                f"expected two different numbers from 1 to {n_joints}",
-                file=source,
-                where=f"{where}.coupling[{number}]",
-            )
-        matrix[motor - 1, joint - 1] = coupling["ratio"]
-    return matrix
+    try:
+        entries = entry.get("coupling", [])
+        return coupled(np.diag(ratios), entries, f"{where}.coupling")
+    except InputError as error:
+        raise error.at(source) from None
 
 
 # Patterns of column names: ``{j}`` is the joint's number from 1, ``{j0}`` that from 0, ``{joint}`` its name.
