@@ -130,6 +130,11 @@ class NominalArm:
                 value = np.zeros(shape)
             if value is not None:
                 object.__setattr__(self, name, self._checked(name, value, shape))
+        if self.encoder_step is not None and not self.encoder_step >= 0:
+            raise InputError(
+                f"expected a number above 0, got {self.encoder_step!r}",
+                where="nominal.encoder_step",
+            )
         if self.encoder not in ("motor", "joint"):
             raise InputError(
                 f"expected motor or joint, got {self.encoder!r}",

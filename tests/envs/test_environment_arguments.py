@@ -125,34 +125,15 @@ BAD = [
     ({"render_mode": "ascii"}, "rgb_array"),
     ({"sheet": {"torque_limit": [1.0]}}, "sheet.torque_limit: expected 7 numbers"),
     (
-        {"sheet": {"torque_limit": [0.0] * 7}},
-        "sheet.torque_limit: 0 N m at joint 1(?s:.)*above zero",
-    ),
-    (
         {"sheet": {"torque_limit": [1.0] * 6 + [-1.0]}},
-        "sheet.torque_limit: -1 N m at joint 7",
+        r"sheet.torque_limit\[7\]: expected a number above 0, got -1.0",
     ),
-    (
-        {"sheet": {"armature": [0.1] * 6 + [-0.1]}},
-        r"sheet.armature: -0.1 kg m\^2 at joint 7(?s:.)*from zero on",
-    ),
-    (
-        {"sheet": {"viscous": [float("nan")] * 7}},
-        "sheet.viscous: nan N m s/rad at joint 1",
-    ),
-    (
-        {"sheet": {"viscous": 1.0}},
-        "sheet.viscous: expected 7 numbers, one per joint, got 1.0(?s:.)*give a list",
-    ),
-    ({"sheet": {"coulomb": ["much"] * 7}}, "sheet.coulomb: holds what is not a number"),
-    (
-        {"sheet": {"encoder_step": -1e-4}},
-        "sheet.encoder_step: expected a number from zero on",
-    ),
+    ({"sheet": {"viscous": [float("nan")] * 7}}, "sheet.viscous: holds what is not"),
+    ({"sheet": {"viscous": 1.0}}, "sheet.viscous: expected a list, got 1.0"),
     ({"sheet": {"encoder_step": float("nan")}}, "sheet.encoder_step"),
     (
         {"sheet": {"armatur": [0.1] * 7}},
-        "sheet: unknown entry of a data sheet 'armatur'(?s:.)*did you mean 'armature'",
+        "sheet: unknown key 'armatur'(?s:.)*did you mean armature",
     ),
     ({"sheet": "sheet.yaml"}, "sheet: expected entries by name"),
 ]
