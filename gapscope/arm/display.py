@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import math
 
+from scipy.constants import micro, milli
+
 MISSING = "–"
 """Shown for an unknown number."""
 
 _DEGREE = math.degrees(1.0)
 _PREFIXES: dict[str, tuple[tuple[float, float, str], ...]] = {
-    "s": ((0.0, 1e6, "µs"), (1e-3, 1e3, "ms"), (0.2, 1.0, "s")),
-    "m": ((0.0, 1e3, "mm"), (1.0, 1.0, "m")),
-    "rad": ((0.0, 1e6, "µrad"), (1e-4, 1e3, "mrad"), (math.radians(0.1), _DEGREE, "°")),
+    "s": ((0.0, 1 / micro, "µs"), (milli, 1 / milli, "ms"), (0.2, 1.0, "s")),
+    "m": ((0.0, 1 / milli, "mm"), (1.0, 1.0, "m")),
+    "rad": (
+        (0.0, 1 / micro, "µrad"),
+        (0.1 * milli, 1 / milli, "mrad"),
+        (0.1 / _DEGREE, _DEGREE, "°"),
+    ),
     "1": ((0.0, 1.0, ""),),
 }
 """Per SI unit: from which magnitude on, multiplied by what, called what."""
@@ -70,11 +76,12 @@ def percent(fraction: float | None) -> str:
     """A share or a probability as a whole percentage; never 0 % or 100 % of something that is not exactly that."""
     if fraction is None:
         return MISSING
-    if 0.0 < fraction < 0.005:
+    whole = _fixed(100.0 * fraction, 0)
+    if whole == "0" and fraction > 0.0:
         return "< 1 %"
-    if 0.995 <= fraction < 1.0:
+    if whole == "100" and fraction < 1.0:
         return "> 99 %"
-    return f"{_fixed(100.0 * fraction, 0)} %"
+    return f"{whole} %"
 
 
 def _fixed(value: float, places: int, signed: bool = False) -> str:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-LONGEST = 2000
+LONGEST_SHOWN = 200
+"""Characters of a value in a message, of which the beginning is shown if it is longer."""
+LONGEST = 10 * LONGEST_SHOWN
 """Characters of a message; of more, as of a value that is a whole file, the middle is left out."""
 
 

@@ -12,15 +12,17 @@ import stat
 from collections.abc import Iterable
 from pathlib import Path
 
-from gapscope.arm.errors import InputError
+from scipy.constants import giga, mega
+
+from gapscope.arm.errors import LONGEST_SHOWN, InputError
 
 PIECE = 2**20
 """Bytes that are read at a time of a file of any size."""
-LARGEST_DOCUMENT = 50_000_000
+LARGEST_DOCUMENT = 50 * mega
 """Size of the largest YAML, JSON, URDF or MJCF file that is read [bytes]; those of any arm have less than a tenth."""
-LARGEST_IN_MEMORY = 2_000_000_000
+LARGEST_IN_MEMORY = 2 * giga
 """Size of the largest file that is read whole into memory, as NPZ and MATLAB files are [bytes]."""
-LARGEST_UNPACKED = 2_000_000_000
+LARGEST_UNPACKED = LARGEST_IN_MEMORY
 """Size of the largest compressed content once unpacked [bytes]."""
 
 _KINDS = {
@@ -183,4 +185,4 @@ def _status(path: Path) -> os.stat_result | str:
 
 
 def _shortened(name: str) -> str:
-    return name if len(name) <= 200 else f"{name[:100]} ... {name[-50:]}"
+    return name if len(name) <= LONGEST_SHOWN else f"{name[:100]} ... {name[-50:]}"

@@ -52,7 +52,7 @@ class KnownLoad:
                 where="mass",
             )
         check_size(self.mass, "mass", None, "mass")
-        if len(self.com) != 3 or not np.isfinite(self.com).all():
+        if np.shape(self.com) != (3,) or not np.isfinite(self.com).all():
             raise InputError(
                 "the centre of the payload needs x, y and z",
                 "give three numbers in m",

@@ -20,11 +20,9 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.plausibility import even_stamps, repeated_rows
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.recording import Recording, set_points
+from gapscope.arm.recording import GAP_STEPS, Recording, set_points
 from gapscope.arm.robots import shifted_arm
 
-GAP_STEPS = 4.0
-"""A step of time longer than this many median steps is a gap, over which no torque is interpolated."""
 COLUMNS = {"tau": "torque", "tau_sensor": "sensor"}
 """Which columns of a reading are those of a channel; of all others the motion's."""
 

@@ -19,6 +19,8 @@ from gapscope.arm.motions.motion import whole_rate
 
 CHANNELS = ("q", "dq", "tau", "q_ref", "dq_ref", "tau_sensor", "temperature")
 """Names of the per-joint channels, in the order in which files hold them."""
+GAP_STEPS = 4.0
+"""A step of time longer than this many usual steps is a gap, over which nothing is interpolated [1]."""
 USUAL_STEP = 0.01
 """Largest difference of a usual step of time from the median step, over it [1]: the resolution of a clock of dates in
 double precision is 0.1 % of the step of a log at 5 kHz."""
@@ -165,12 +167,10 @@ def _frozen(value: Any) -> np.ndarray:
 # Steps in which a torque is recorded: a converter of few bits, or a driver that stores whole units.
 
 
-SMALLEST_CHANGES = 0.1
-"""The step is the size below which this share of all changes between samples lie [1]."""
+MOST = 0.9
+"""Share of the samples, or of what lies between them, that is most of them [1]."""
 WHOLE = 0.05
 """A change is a whole number of steps if it differs from one by less [1]..."""
-MOSTLY = 0.9
-"""...which this share of all changes are [1]."""
 NOTED = 0.01
 """Steps are noted whose rounding, step / sqrt 12, exceeds this share of the torque's deviation [1]."""
 
@@ -197,9 +197,9 @@ def _step(series: np.ndarray) -> float:
     changes = changes[changes > 0]
     if len(changes) < 2:
         return 0.0
-    ratio = changes / np.quantile(changes, SMALLEST_CHANGES)
+    ratio = changes / np.quantile(changes, 1 - MOST)
     whole = np.abs(ratio - np.round(ratio)) < WHOLE
-    if whole.mean() < MOSTLY:
+    if whole.mean() < MOST:
         return 0.0
     # over many steps the rounding of the log averages out
     return float(changes[whole].sum() / np.round(ratio[whole]).sum())
@@ -218,8 +218,6 @@ CLIPPED_RATIO = 5.0
 """A limit was reached if the longest time at the largest or least value is so many times as long as usual [1]."""
 STUCK_RATIO = 10.0
 """A sensor was stuck if a value lasts so many times as long as usual [1]."""
-USUAL_SHARE = 0.95
-"""The usual time is that below which values last in this share of all other rows [1]."""
 HELD_MOTION = 1e-3
 """Share of its travel by which the joint moves meanwhile at least [1]: at rest a command may stand."""
 CLIPPED = "rows not used whose torque stands at a limit of the sensor or the drive, its largest or least value"
@@ -284,7 +282,7 @@ def _mark(
     # most torques never keep a value for three rows
     starts, stops = np.r_[0, edges], np.r_[edges, len(series)]
     lengths = stops - starts
-    if lengths.max(initial=0) < 3 or len(lengths) < 3:
+    if min(lengths.max(initial=0), len(lengths)) < 3:
         return
     extreme = np.isin(series[starts], (series.min(), series.max()))
     long = t[stops - 1] - t[starts] >= STUCK_TIME
@@ -311,7 +309,7 @@ def _usual(lengths: np.ndarray) -> float:
     rows = np.cumsum(ordered)
     if not len(rows):
         return 1.0
-    return float(ordered[np.searchsorted(rows, USUAL_SHARE * rows[-1])])
+    return float(ordered[np.searchsorted(rows, MOST * rows[-1])])
 
 
 # Set points of a reference that was recorded at a lower rate than the rest, and the smooth motion through them.
@@ -319,9 +317,6 @@ def _usual(lengths: np.ndarray) -> float:
 
 SET_POINT_LEAST = (
     30  # Set points of a reference at least, for their distance to be regular. (hand)
-)
-SET_POINT_REGULARITY = (
-    0.8  # Share of their distances that are alike within a row, at least [1]. (hand)
 )
 # A row is the corner of a line if the second difference there exceeds this share of that at the plainest [1]. (hand)
 CORNER_SHARE = 0.02
@@ -361,7 +356,7 @@ def set_points(recording: Recording) -> SetPoints | None:
         return _regular("held", changed)
     # a straight line has no second difference but for rounding, its corners have
     bend = np.abs(np.diff(step, axis=0)) / np.maximum(
-        np.ptp(recording.q_ref, axis=0), 1e-9
+        np.ptp(recording.q_ref, axis=0), np.finfo(float).eps
     )
     most = bend.max(axis=1)
     plain = np.sort(most)[-SET_POINT_LEAST]
@@ -384,7 +379,7 @@ def _every(rows: np.ndarray) -> int | None:
     near = np.abs(moving - every) <= 1
     # of two rows, one more or less would be anything
     regular = near & (moving > 1)
-    if every < 2 or regular.mean() < SET_POINT_REGULARITY:
+    if every < 2 or regular.mean() < MOST:
         return None
     return every
 
@@ -393,7 +388,16 @@ def _quantised(step: np.ndarray) -> bool:
     """Whether all joints step by whole multiples of few sizes: an encoder's or a log's resolution, not a rate."""
     for column in step.T:
         sizes = np.abs(column[column != 0])
-        if len(np.unique(np.round(sizes / max(sizes.max(initial=0.0), 1e-12), 4))) > 10:
+        if (
+            len(
+                np.unique(
+                    np.round(
+                        sizes / max(sizes.max(initial=0.0), np.finfo(float).eps), 4
+                    )
+                )
+            )
+            > 10
+        ):
             return False
     return True
 

@@ -67,6 +67,8 @@ class KnownRobot:
     rotors: tuple[float, ...] = ()
 
 
+PANDA = tuple(f"panda_joint{j}" for j in range(1, 8))
+
 KNOWN_ROBOTS = {
     "kuka_iiwa": KnownRobot(
         "round figures of github.com/rtkg/lbr_iiwa, not identified; no friction of the drives",
@@ -75,10 +77,10 @@ KNOWN_ROBOTS = {
     ),
     "franka_panda": KnownRobot(
         "identified by Gaz and others 2019 [gaz2019], hand and fingers by Franka; no friction of the drives",
-        joints=tuple(f"panda_joint{j}" for j in range(1, 8)),
+        joints=PANDA,
         plain=MODELS / "franka_panda.urdf",
         # as MuJoCo Menagerie's model of the arm has them
-        rotors=(0.1,) * 7,
+        rotors=(0.1,) * len(PANDA),
     ),
     "xarm6": KnownRobot(
         "UFACTORY's, of its xarm_ros; two of its bodies break the triangle inequality",

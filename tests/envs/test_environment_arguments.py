@@ -135,7 +135,7 @@ BAD = [
         {"sheet": {"armatur": [0.1] * 7}},
         "sheet: unknown key 'armatur'(?s:.)*did you mean armature",
     ),
-    ({"sheet": "sheet.yaml"}, "sheet: expected entries by name"),
+    ({"sheet": "sheet.yaml"}, "sheet: expected a mapping"),
 ]
 
 

@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.input_file import is_file, read_bytes
+from gapscope.arm.io.table import LARGEST_NUMBER
 from gapscope.arm.nearest_name import nearest
 
 # --- what a file holds
@@ -390,8 +391,6 @@ class Description:
 UNEXPANDED = re.compile(r"<xacro:|\$\((find|arg|eval|env|optenv)\b|\$\{")
 """Marks of xacro in a file that was not expanded."""
 COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
-LARGEST = 1e50
-"""Beyond it products of the numbers overflow; what means *unlimited* is less. What is below 1 over it is zero."""
 ZERO = (0.0, 0.0, 0.0)
 Lines = dict[ET.Element, int]
 """Line, counted from 1, on which an element begins."""
@@ -479,8 +478,8 @@ class _Reader:
             found = np.array(text.split(), dtype=float)
         except ValueError:
             found = np.array([np.nan])
-        if len(found) == len(usual) and (np.abs(found) < LARGEST).all():
-            return np.where(np.abs(found) > 1 / LARGEST, found, 0.0)
+        if len(found) == len(usual) and (np.abs(found) < LARGEST_NUMBER).all():
+            return np.where(np.abs(found) > 1 / LARGEST_NUMBER, found, 0.0)
         count = len(usual)
         wanted = "a number" if count == 1 else f"{count} numbers"
         self.note(element, key, place, wanted)
@@ -494,7 +493,7 @@ class _Reader:
         if text is None:
             return None
         with suppress(ValueError):
-            if limit and abs(float(text)) >= LARGEST:
+            if limit and abs(float(text)) >= LARGEST_NUMBER:
                 return math.copysign(math.inf, float(text))
         noted = len(self.unreadable)
         value = float(self.several(element, key, (0.0,), place)[0])
@@ -536,12 +535,12 @@ class _Reader:
 # --- URDF
 
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-SIZES = {
-    "box": {"size": 3},
-    "cylinder": {"radius": 1, "length": 1},
-    "sphere": {"radius": 1},
+SIZES: dict[str, dict[str, tuple[float, ...]]] = {
+    "box": {"size": ZERO},
+    "cylinder": {"radius": (0.0,), "length": (0.0,)},
+    "sphere": {"radius": (0.0,)},
 }
-"""Attributes of the primitives, with how many numbers they have."""
+"""Attributes of the primitives, with as many zeros as they have numbers."""
 SCHEMES = ("package://", "model://", "file://")
 """How a URDF may begin the path of a mesh."""
 
@@ -659,9 +658,7 @@ class _UrdfReader(_Reader):
             mesh = find_mesh(named, self.path)
             size = self.several(form, "scale", np.ones(3), place)
         else:
-            parts = [
-                self.several(form, k, np.zeros(n), place) for k, n in counts.items()
-            ]
+            parts = [self.several(form, k, zeros, place) for k, zeros in counts.items()]
             size = np.concatenate([*parts, []])
         extent = tuple(size.tolist())
         return Shape(element.tag, form.tag, extent, pose, named, mesh, colour)
@@ -913,12 +910,16 @@ class _MjcfReader(_Reader):
 
 def _extent(kind: str, size: tuple[float, ...]) -> tuple[float, ...]:
     """Full size of a primitive from the half lengths of MJCF; empty if it is of no known size."""
-    if kind in ("cylinder", "capsule") and len(size) >= 2:
-        return size[0], 2 * size[1]
-    if kind == "box" and len(size) == 3:
-        return tuple(2 * half for half in size)
-    count = {"sphere": 1, "ellipsoid": 3}.get(kind, 0)
-    return size[:count] if len(size) >= count else ()
+    factors = {
+        "box": (2, 2, 2),
+        "cylinder": (1, 2),
+        "capsule": (1, 2),
+        "sphere": (1,),
+        "ellipsoid": (1, 1, 1),
+    }.get(kind, ())
+    if len(size) < len(factors):
+        return ()
+    return tuple(k * x for k, x in zip(factors, size, strict=False))
 
 
 def coefficients(equality: ET.Element) -> np.ndarray | None:

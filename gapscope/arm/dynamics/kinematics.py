@@ -119,7 +119,11 @@ def smallest_singular_value(kinematics: Kinematics, q: np.ndarray) -> np.ndarray
         q: joint positions [rad], shape (N, n).
     """
     jacobians = np.array([kinematics.tool_jacobian(posture) for posture in q])
-    small = jacobians if jacobians.shape[2] < 6 else jacobians.transpose(0, 2, 1)
+    small = (
+        jacobians
+        if jacobians.shape[2] < jacobians.shape[1]
+        else jacobians.transpose(0, 2, 1)
+    )
     gram = small.transpose(0, 2, 1) @ small
     return np.sqrt(np.linalg.eigvalsh(gram)[:, 0].clip(0.0))
 
@@ -172,7 +176,7 @@ def inverse_kinematics(
         lambda_ = damping * error @ error + 1e-12
         regularised = jacobian @ jacobian.T + lambda_ * np.eye(rows)
         step = jacobian.T @ np.linalg.solve(regularised, error)
-        longest = max(float(np.abs(step).max()), 1e-12)
+        longest = max(float(np.abs(step).max()), np.finfo(float).eps)
         q += step * min(1.0, LONGEST_STEP / longest)
     raise GapscopeError(
         f"the tool cannot reach {np.round(target.position, 3).tolist()} m: {np.linalg.norm(error):.2g} m away",

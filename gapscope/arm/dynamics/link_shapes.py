@@ -212,7 +212,7 @@ def mesh_points(mesh: Path, scale: Sequence[float]) -> np.ndarray | None:
 
 def _hull(body: int, points: np.ndarray) -> list[Hull]:
     """The hull of the farthest points in evenly spread directions; none of flat shapes."""
-    if len(points) < 4:
+    if len(points) <= points.shape[1]:
         return []
     farthest = np.unique(np.argmax(points @ directions(DIRECTIONS).T, axis=0))
     kept = points[farthest]

@@ -67,7 +67,7 @@ def moving_links(body: RigidBody, *, movable: bool = True) -> tuple[Link, ...]:
     for index in range(1, model.njoints):
         jacobian = pin.getJointJacobian(model, data, index, pin.LOCAL).reshape(6, -1)
         column = jacobian[:, model.joints[index].idx_v]
-        turns = np.linalg.norm(column[3:]) > 0.5
+        turns = np.linalg.norm(column[3:]) > np.linalg.norm(column[:3])
         placement, inertia = model.jointPlacements[index], model.inertias[index]
         moments, axes = np.linalg.eigh(inertia.inertia)
         axes[:, 0] *= np.sign(np.linalg.det(axes))  # a rotation, not a reflection

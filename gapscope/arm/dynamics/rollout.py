@@ -213,7 +213,7 @@ class Stepper:
 
 def taper(x: np.ndarray) -> np.ndarray:
     """tanh(x) / x exp(-(x / 4)^2) [1], any shape."""
-    size = np.maximum(np.abs(x), 1e-9)
+    size = np.maximum(np.abs(x), np.finfo(float).eps)
     return np.tanh(size) / size * np.exp(-0.0625 * size * size)
 
 

@@ -15,7 +15,7 @@ import yaml
 
 from gapscope.arm.control import LAWS, ComputedTorque
 from gapscope.arm.controller import Controller, Integrator
-from gapscope.arm.errors import InputError
+from gapscope.arm.errors import LONGEST_SHOWN, InputError
 from gapscope.arm.input_file import is_file, is_folder, read_text, real_path
 from gapscope.arm.io.formats.lerobot import dataset_files, is_dataset
 from gapscope.arm.io.json_file import LARGEST_WHOLE, schema_fault
@@ -30,9 +30,6 @@ DEEPEST_YAML = 300
 """Open brackets of a YAML file: the parser looks at all of them at each word, and recurses."""
 LARGEST_EXPANSION = 1_000_000
 """Values that a YAML file may stand for, aliases written out [1]."""
-
-LONGEST_SHOWN = 200
-"""Letters of a value that a message shows."""
 
 _KINDS = {
     "object": "a mapping (key: value)",

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.constants import centi, degree, kilo, micro, milli, minute, nano
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.json_file import read_json
@@ -198,28 +199,28 @@ def _counted(numbers: Sequence[str], first: int) -> list[str]:
 
 UNITS = {
     "s": 1.0,
-    "ms": 1e-3,
-    "us": 1e-6,
-    "ns": 1e-9,
+    "ms": milli,
+    "us": micro,
+    "ns": nano,
     "rad": 1.0,
-    "deg": np.pi / 180,
+    "deg": degree,
     "rev": 2 * np.pi,
     "step": 2 * np.pi / STEPS_PER_TURN,
     "m": 1.0,
-    "mm": 1e-3,
+    "mm": milli,
     "rad/s": 1.0,
-    "deg/s": np.pi / 180,
-    "rpm": 2 * np.pi / 60,
+    "deg/s": degree,
+    "rpm": 2 * np.pi / minute,
     "step/s": 2 * np.pi / STEPS_PER_TURN,
     "m/s": 1.0,
-    "mm/s": 1e-3,
+    "mm/s": milli,
     "N m": 1.0,
-    "mN m": 1e-3,
-    "N cm": 1e-2,
+    "mN m": milli,
+    "N cm": centi,
     "N": 1.0,
-    "kN": 1e3,
+    "kN": kilo,
     "A": 1.0,
-    "mA": 1e-3,
+    "mA": milli,
     "degC": 1.0,
 }
 """Factor from a unit to the one that a recording holds; from a current to A."""

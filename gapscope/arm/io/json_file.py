@@ -20,7 +20,7 @@ from gapscope.arm.io.atomic_write import atomic_write
 if TYPE_CHECKING:
     from jsonschema import ValidationError
 
-LARGEST_WHOLE = 2**63
+LARGEST_WHOLE = np.iinfo(np.int64).max
 """Size of the largest whole number in a JSON or YAML file [1]."""
 
 

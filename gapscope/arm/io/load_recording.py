@@ -44,7 +44,7 @@ from gapscope.arm.io.plausibility import (
 from gapscope.arm.io.table import Log, LogTable, Table, damage
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.recording import Recording, held_notes, step_notes
+from gapscope.arm.recording import GAP_STEPS, Recording, held_notes, step_notes
 
 # One channel out of the columns of a table, and onto the time of another table.
 
@@ -924,10 +924,6 @@ def _missing_file(
 # goes on fading, and a force acts when it acts.
 
 
-LONGEST_BREAK = 4.0
-"""Steps of time between two files of one log, at most [1]."""
-
-
 def joined_in_time(recordings: Sequence[Recording]) -> list[Recording]:
     """The recordings, in their order; the time of those that go on where another one ended counts from its start."""
     out = list(recordings)
@@ -944,4 +940,4 @@ def joined_in_time(recordings: Sequence[Recording]) -> list[Recording]:
 def _goes_on(one: Recording, other: Recording) -> bool:
     """Whether a recording begins where another one ended, by the clock of both."""
     step = (other.begun + other.t[0]) - (one.begun + one.t[-1])
-    return bool(0.0 < step <= LONGEST_BREAK / one.rate)
+    return bool(0.0 < step <= GAP_STEPS / one.rate)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.input_file import check_file, is_folder
+from gapscope.arm.input_file import LARGEST_IN_MEMORY, check_file, is_folder
 from gapscope.arm.io.formats.array_files import read_hdf5, read_mat
 from gapscope.arm.io.formats.lerobot import INFO, is_dataset, read_dataset
 from gapscope.arm.io.formats.rosbag import METADATA, bag_files, read_bag
@@ -18,15 +18,13 @@ __all__ = ["READERS", "Log", "LogTable", "open_log"]
 
 
 CHECK_PATH = "check the path"
-LARGEST_TABLE = 2_000_000_000
-"""Size of the largest file whose numbers are held in memory, of CSV, Parquet and NPZ [bytes]."""
 
 
 def _of_one_table(read: Callable[[Path], Table]) -> Callable[[Path], Log]:
     """Reader of a log from the reader of a file with one table."""
 
     def open_table(path: Path) -> Log:
-        check_file(path, CHECK_PATH, LARGEST_TABLE)
+        check_file(path, CHECK_PATH, LARGEST_IN_MEMORY)
         kind = path.suffix.lstrip(".").upper()
         return Log(path, kind, (LogTable("", kind, read(path)),))
 

@@ -5,14 +5,15 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.ndimage import median_filter
+from scipy.special import ndtri
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.channel_entry import UNITS
-from gapscope.arm.io.table import Table
+from gapscope.arm.io.table import LARGEST_NUMBER, Table
 from gapscope.arm.joint_units import joint_unit
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.recording import Recording
+from gapscope.arm.recording import MOST, Recording
 
 # The clock of a recording: how even its stamps are, and whether its rows were taken evenly though stamped unevenly.
 #
@@ -28,8 +29,6 @@ LOST_SAMPLE_STEP = (
 CLOCK_WANDER_SAMPLES = (
     25  # Samples over which the slow wander of a clock is taken out. (hand)
 )
-LONGEST_STEP = 2.5
-"""With a step longer than this many periods samples are lost as well, and the stamps are left as they are."""
 
 EVENLY_TAKEN = "rows stamped evenly: by their stamps the motion halts wherever a repeated row was dropped"
 """Note of a recording whose rows were stamped anew."""
@@ -48,7 +47,7 @@ def roughness(x: np.ndarray, q: np.ndarray) -> float:
     distance = q[1:-1] - on_line
     # a joint that hardly moves would show its quantisation
     travel = np.ptp(q, axis=0)
-    moving = travel > 1e-2 * max(float(travel.max()), 1e-9)
+    moving = travel > 1e-2 * max(float(travel.max()), np.finfo(float).eps)
     relative = distance[:, moving] / travel[moving]
     return float((relative**2).sum())
 
@@ -61,7 +60,7 @@ def even_stamps_of_rows(t: np.ndarray, q: np.ndarray) -> np.ndarray | None:
         q: positions [rad], (N, n).
     """
     steps = np.diff(t)
-    if len(t) < 4 or steps.max() > LONGEST_STEP * np.median(steps):
+    if len(t) < 4 or steps.max() > LOST_SAMPLE_STEP * np.median(steps):
         return None
     rows = np.arange(len(t), dtype=float)
     if roughness(rows, q) >= EVEN_RATIO * roughness(t, q):
@@ -364,7 +363,7 @@ def _is_unsigned(q: np.ndarray, tau: np.ndarray) -> bool:
     moving = np.abs(step) > 0.05 * np.abs(step).max(axis=0)
     forward = (moving & (step > 0)).sum(axis=0)
     forward_share = forward / np.maximum(moving.sum(axis=0), 1)
-    both_ways = (forward_share > 0.1) & (forward_share < 0.9)
+    both_ways = (forward_share > 1 - MOST) & (forward_share < MOST)
     to_and_fro = both_ways & (np.ptp(q, axis=0) > 0.02)
     touches_zero = tau.min(axis=0) < 0.05 * tau.max(axis=0)
     return bool(to_and_fro.sum() >= 2 and touches_zero[to_and_fro].all())
@@ -374,7 +373,7 @@ def gap_notes(t: np.ndarray) -> tuple[str, ...]:
     """A note if samples are missing: steps of t [s] longer than 2.5 usual ones."""
     step = np.diff(t)
     usual = np.median(step)
-    wide = step > 2.5 * usual
+    wide = step > LOST_SAMPLE_STEP * usual
     if not wide.any():
         return ()
     return (f"gaps in time: {wide.sum()}, the longest {step.max():.3g} s",)
@@ -399,12 +398,8 @@ MAX_SPIKES = 0.02
 """With a larger share of a joint's samples it is no spikes but the signal [1]."""
 ABSURD = 1e5
 """Numbers of more standard deviations than this are no samples [1]: they are left, and an error says where they are."""
-BEYOND_COMPUTING = 1e100
-"""Beyond it nothing is computed: an error says where such a number is."""
-CENTRAL = (0.025, 0.975)
-"""Quantiles between which deviations are measured, so that spikes do not hide themselves; of a normal one..."""
-CENTRAL_WIDTH = 3.92
-"""...they are so many standard deviations apart [1]."""
+TAIL = 0.025
+"""Share of the samples at either end that has no say in deviations, so that spikes do not hide themselves [1]."""
 FEWEST_ROWS = 20
 """In shorter recordings nothing is usual."""
 
@@ -429,10 +424,10 @@ def without_spikes(
     out, counts = dict(values), []
     for name in SENSED:
         # so written that no number at all fails too
-        if name not in values or not (np.abs(values[name]) < BEYOND_COMPUTING).all():
+        if name not in values or not (np.abs(values[name]) < LARGEST_NUMBER).all():
             continue
-        low, high = np.quantile(values[name], CENTRAL, axis=0)
-        deviation = (high - low) / CENTRAL_WIDTH
+        low, high = np.quantile(values[name], (TAIL, 1 - TAIL), axis=0)
+        deviation = (low - high) / (2 * ndtri(TAIL))
         least = SPIKE_DEVIATIONS * deviation
         if name == "q":
             least = 0.5 * IMPOSSIBLE_ACCELERATION * step**2 * per_radian

@@ -30,6 +30,8 @@ from gapscope.arm.nearest_name import check_known
 # The posture about which an arm moves when nobody names one.
 
 
+LEAST_JOINTS = 3
+"""Joints with which a tool can follow a line."""
 CANDIDATES = 1000
 """Postures that are compared."""
 SPREAD = 0.4
@@ -43,7 +45,7 @@ def working_posture(kinematics: Kinematics, limits: Limits) -> np.ndarray:
     """
     middle = (limits.lower + limits.upper) / 2
     span = limits.upper - limits.lower
-    if kinematics.n_joints < 3:
+    if kinematics.n_joints < LEAST_JOINTS:
         return middle
     size = (CANDIDATES, kinematics.n_joints)
     shifts = np.random.default_rng(0).uniform(-SPREAD, SPREAD, size)
@@ -60,12 +62,12 @@ def working_posture(kinematics: Kinematics, limits: Limits) -> np.ndarray:
 def _score(kinematics: Kinematics, q: np.ndarray) -> float:
     """Tool in front (x over distance), pointing down, neither low nor high, and away from singular postures [1]."""
     position, rotation = kinematics.tool(q)
-    distance = max(float(np.linalg.norm(position)), 1e-9)
+    distance = max(float(np.linalg.norm(position)), np.finfo(float).eps)
     in_front = position[0] / distance
     upwards = rotation[2, 2]
     height_error = abs(position[2] / distance - 0.5)
     singular = np.linalg.svd(kinematics.tool_jacobian(q), compute_uv=False)
-    dexterity = singular[-1] / max(singular[0], 1e-9)
+    dexterity = singular[-1] / max(singular[0], np.finfo(float).eps)
     return float(in_front - upwards - height_error + 2 * dexterity)
 
 
@@ -124,7 +126,7 @@ class WeldSeam(Timed):
             GapscopeError: the tool cannot follow the line within the position limits.
         """
         length = float(np.linalg.norm(way))
-        if kinematics.n_joints < 3 or not length > 0:
+        if kinematics.n_joints < LEAST_JOINTS or not length > 0:
             raise InputError(
                 f"a straight line of {length:.3g} m with {kinematics.n_joints} joints",
                 "a weld seam needs at least three joints, and a length",
@@ -294,7 +296,9 @@ def check_motion_name(name: str, n_joints: int) -> None:
 def motions_for(n_joints: int) -> tuple[str, ...]:
     """Names of the motions that an arm of n joints can follow."""
     return tuple(
-        name for name in MOTIONS if n_joints >= 3 or name not in STRAIGHT_LINE_MOTIONS
+        name
+        for name in MOTIONS
+        if n_joints >= LEAST_JOINTS or name not in STRAIGHT_LINE_MOTIONS
     )
 
 

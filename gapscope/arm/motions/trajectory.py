@@ -13,6 +13,7 @@ import numpy as np
 from scipy.interpolate import BPoly, BSpline, make_interp_spline
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.dynamics.robot_file import UNLIMITED
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.log import open_log
 from gapscope.arm.io.plausibility import PLAUSIBLE_RATES
@@ -112,9 +113,9 @@ def urdf_limits(
     margin and these limits count in what counts as a radian, ``NominalArm.per_radian``.
     """
     (lower, upper), size = body.position_limits(), body.per_radian
-    free = upper - lower > 1e3
+    free = ~np.isfinite(upper - lower)
     velocity = body.velocity_limits()
-    velocity = np.where((velocity > 0) & (velocity < 1e3), velocity, size)
+    velocity = np.where((velocity > 0) & (velocity < UNLIMITED), velocity, size)
     return Limits(
         lower=np.where(free, -np.pi * size, lower + margin * size),
         upper=np.where(free, np.pi * size, upper - margin * size),

@@ -20,8 +20,8 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.input_file import LARGEST_IN_MEMORY, LARGEST_UNPACKED, check_file
 from gapscope.arm.io.table import Log, LogTable, Table
 
-LARGEST = LARGEST_UNPACKED // 8 // 2
-"""Numbers in an array from which it is left unread [1]: half of what is read unpacked."""
+LARGEST = LARGEST_UNPACKED // np.dtype(float).itemsize
+"""Numbers in an array from which it is left unread [1]."""
 OF_PYTHON = 2 * giga
 """Memory that a process takes with SciPy and nothing read [bytes]."""
 

@@ -11,17 +11,13 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.input_file import LARGEST_UNPACKED
+from gapscope.arm.input_file import LARGEST_UNPACKED, PIECE
 from gapscope.arm.io.table import Table
 from gapscope.arm.npz_file import read_arrays
 
 # Columns of a CSV file of numbers, parsed in blocks by Arrow: in a tenth of the time, and the memory, of its text.
 #
 # Whatever a file of numbers does not have, Arrow refuses, and the text reader says what is wrong with it.
-
-
-COUNTED_BYTES = 1 << 24
-"""Bytes that are looked at in one go while lines are counted."""
 
 
 def numeric_columns(
@@ -101,7 +97,7 @@ def _lines(path: Path) -> int:
     """Number of lines of a file, its last one with or without an end."""
     count, last = 0, b"\n"
     with path.open("rb") as file:
-        while block := file.read(COUNTED_BYTES):
+        while block := file.read(PIECE):
             count, last = count + block.count(b"\n"), block[-1:]
     return count + (last != b"\n")
 
