@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case
 from gapscope.arm.display import percent, significant
-from gapscope.arm.dynamics.inertial_scale import inertial_scale
+from gapscope.arm.dynamics.inertials import inertial_scale
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.known_load import KnownLoad

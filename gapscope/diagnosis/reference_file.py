@@ -13,13 +13,14 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case
-from gapscope.arm.dynamics.inertial_scale import inertial_scale
+from gapscope.arm.dynamics.inertials import inertial_scale
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.input_file import (
     LARGEST_IN_MEMORY,
     is_file,
     is_folder,
+    read_arrays,
     read_bytes,
     read_text,
 )
@@ -27,7 +28,6 @@ from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import read_json, schema_fault, write_json
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.npz_file import read_arrays
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.gap.commanded_torque import with_commanded_torque
 from gapscope.diagnosis.gap.plausible_data import (

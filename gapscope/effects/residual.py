@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.input_file import read_arrays
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.motions.motion import Motion
-from gapscope.arm.npz_file import read_arrays
 
 # What a joint remembers of its motion: how far it came since it last turned, and how warm its torque made it.
 

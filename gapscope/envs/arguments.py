@@ -11,7 +11,7 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from gapscope.arm.dynamics.feedforward import KINDS as FEEDFORWARDS
+from gapscope.arm.control import FEEDFORWARDS
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.named_motions import check_motion_name

@@ -17,7 +17,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from gapscope.arm.dynamics.inertial_scale import inertial_scale
+from gapscope.arm.dynamics.inertials import inertial_scale
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.joint_units import size_per_radian
 from gapscope.arm.nominal import NominalArm

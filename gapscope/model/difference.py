@@ -24,7 +24,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from scipy.special import log_ndtr
 
-from gapscope.arm.dynamics.inertial_scale import inertial_scale
+from gapscope.arm.dynamics.inertials import inertial_scale
 from gapscope.model.contrast import SIZES, Answer, Contrast, Nuisance, OwnTerms
 from gapscope.model.design import (
     MIN_TORQUE,

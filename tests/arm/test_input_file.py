@@ -11,13 +11,12 @@ import numpy as np
 import pytest
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.input_file import check_file, file_beside
+from gapscope.arm.input_file import check_file, file_beside, read_arrays
 from gapscope.arm.io.case_file import read_yaml
 from gapscope.arm.io.formats import array_files, table_files
 from gapscope.arm.io.json_file import read_json
 from gapscope.arm.io.log import open_log
 from gapscope.arm.nominal import LARGEST, NominalArm
-from gapscope.arm.npz_file import read_arrays
 from gapscope.arm.robots import load_nominal_arm
 
 

@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 from guard import HANG
 
-from gapscope.arm.dynamics.feedforward import feedforward
+from gapscope.arm.control import feedforward
 from gapscope.arm.dynamics.inertials import odd_inertials
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError

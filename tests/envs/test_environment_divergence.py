@@ -13,7 +13,7 @@ gym = pytest.importorskip(
 from episodes import NAME, SHORT, rollout  # noqa: E402
 
 import gapscope  # noqa: E402, F401 (registers the environment)
-from gapscope.arm.dynamics.feedforward import feedforward  # noqa: E402
+from gapscope.arm.control import feedforward  # noqa: E402
 from gapscope.arm.motions.named_motions import MOTIONS, draw_motion  # noqa: E402
 from gapscope.arm.robots import KNOWN_ROBOTS  # noqa: E402
 from gapscope.arm.velocity_filter import VelocityFilter  # noqa: E402

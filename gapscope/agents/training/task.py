@@ -18,12 +18,12 @@ from gapscope.agents.evaluation import HELD_OUT, MOTIONS
 from gapscope.agents.models import ArmModel, Gravity, TorqueModel, read_arm
 from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.arm.errors import InputError
+from gapscope.arm.input_file import read_arrays
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import plain
 from gapscope.arm.motions.named_motions import check_motion_name, draw_motion
 from gapscope.arm.motions.trajectory import ReferenceMotion
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.npz_file import read_arrays
 from gapscope.diagnosis.compare_units import read_ranges
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.optimize import minimize
 
-from gapscope.arm.dynamics.inertial_scale import inertial_errors, inertial_scale
+from gapscope.arm.dynamics.inertials import inertial_errors, inertial_scale
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.thresholds import (

@@ -12,8 +12,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.optimize import least_squares
 
 from gapscope.arm.case import Case
-from gapscope.arm.control import PD
-from gapscope.arm.dynamics.feedforward import feedforward
+from gapscope.arm.control import PD, feedforward
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.reading import Reading, references

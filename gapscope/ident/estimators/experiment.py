@@ -9,8 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
-from gapscope.arm.control import PD
-from gapscope.arm.dynamics.feedforward import feedforward
+from gapscope.arm.control import PD, feedforward
 from gapscope.arm.dynamics.rigid_body import ArrayCache
 from gapscope.arm.dynamics.rollout import (
     Commands,

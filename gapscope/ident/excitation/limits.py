@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gapscope.arm.dynamics.feedforward import feedforward
+from gapscope.arm.control import feedforward
 from gapscope.arm.dynamics.kinematics import Kinematics, smallest_singular_value
 from gapscope.arm.dynamics.link_shapes import CollisionModel
 from gapscope.arm.dynamics.rigid_body import RigidBody

@@ -16,7 +16,7 @@ from scipy.linalg import subspace_angles
 from scipy.optimize import minimize
 from scipy.special import ndtr
 
-from gapscope.arm.dynamics.feedforward import feedforward
+from gapscope.arm.control import feedforward
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from gapscope.arm.dynamics.inertial_scale import SHAPE_ERROR, inertial_errors
+from gapscope.arm.dynamics.inertials import SHAPE_ERROR, inertial_errors
 
 MASS = 2.0
 CENTRE = np.array([0.1, -0.05, 0.2])

@@ -9,8 +9,7 @@ import pytest
 from arms import ROD, chain
 from cases import sines
 
-from gapscope.arm.control import PD
-from gapscope.arm.dynamics.feedforward import feedforward
+from gapscope.arm.control import PD, feedforward
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.rollout import (
     Commands,

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.input_file import LARGEST_UNPACKED, PIECE
+from gapscope.arm.input_file import LARGEST_UNPACKED, PIECE, read_arrays
 from gapscope.arm.io.table import Table
-from gapscope.arm.npz_file import read_arrays
 
 # Columns of a CSV file of numbers, parsed in blocks by Arrow: in a tenth of the time, and the memory, of its text.
 #

@@ -17,8 +17,7 @@ from sweeps import daily
 from synthetic import Truth
 
 from gapscope.arm.case import Case
-from gapscope.arm.control import PD
-from gapscope.arm.dynamics.feedforward import feedforward
+from gapscope.arm.control import PD, feedforward
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.gap.commanded_torque import with_commanded_torque
