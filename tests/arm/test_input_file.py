@@ -140,7 +140,7 @@ def test_npz_that_says_more_than_fits_or_holds_a_pickle(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     np.savez_compressed(tmp_path / "bomb.npz", t=np.zeros(100_000))
-    monkeypatch.setattr("gapscope.arm.npz_file.LARGEST_UNPACKED", 500_000)
+    monkeypatch.setattr("gapscope.arm.input_file.LARGEST_UNPACKED", 500_000)
     with pytest.raises(InputError, match="GB unpacked"):
         read_arrays(tmp_path / "bomb.npz", "")
     np.savez(tmp_path / "pickle.npz", t=np.array([{}], object))
