@@ -189,9 +189,9 @@ def arm_entry(arm: NominalArm) -> dict[str, Any]:
     return entry
 
 
-def smooth_sign(velocity: np.ndarray, scale: float = FRICTION_SMOOTHING) -> np.ndarray:
-    """Smoothed sign of a velocity, tanh(v / scale), any shape [1]; v and scale in rad/s."""
-    return np.tanh(np.asarray(velocity) / scale)
+def smooth_sign(velocity: np.ndarray) -> np.ndarray:
+    """Smoothed sign of a velocity v [rad/s], tanh(v / ``FRICTION_SMOOTHING``), any shape [1]."""
+    return np.tanh(np.asarray(velocity) / FRICTION_SMOOTHING)
 
 
 # Coupled motors: those that turn several joints, as in a wrist whose drives share their axes.

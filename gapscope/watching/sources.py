@@ -14,7 +14,7 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.io.formats.lerobot import is_dataset
 from gapscope.arm.io.formats.table_files import table_of_lines
 from gapscope.arm.io.import_section import Import
-from gapscope.arm.io.load_recording import load_recording, recording_of_log
+from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.io.log import READERS
 from gapscope.arm.io.table import DAMAGED, PAUSE, Log, LogTable
 from gapscope.arm.known_load import KnownLoad
@@ -204,7 +204,7 @@ class GrowingFile:
         try:
             table = table_of_lines(self._header, text, self.path, first)
             log = Log(self.path, "CSV", (LogTable("", "CSV", table),))
-            part = recording_of_log(log, self.reading.arm, self.reading.importing)
+            part = load_recording(log, self.reading.arm, self.reading.importing)
         except InputError as error:
             yield self.reading.note(error)
             return

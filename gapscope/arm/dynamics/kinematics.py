@@ -135,6 +135,8 @@ TURN = 0.3
 """Length that weighs a turn against a shift: 1 rad counts as much as this many metres [m]."""
 TOLERANCE = 1e-7
 """Largest error of the tool that counts as reached [m]."""
+DAMPING = 1e-4
+"""lambda over e^T e [1]; larger is safer near a singularity, and slower."""
 LONGEST_STEP = 0.2
 """Joints move by at most this per iteration [rad]."""
 
@@ -145,20 +147,18 @@ def inverse_kinematics(
     start: np.ndarray,
     *,
     turns: bool = True,
-    damping: float = 1e-4,
     iterations: int = 100,
 ) -> np.ndarray:
     """Joint positions [rad], shape (n,), by damped least squares: dq = J^T (J J^T + lambda E)^-1 e [nakamura1986].
 
     e stacks the shift to the target and the turn to it times ``TURN`` [m]; lambda falls with the error, as
-    ``damping`` times e^T e [sugihara2011], so that the last steps are those of Newton.
+    ``DAMPING`` times e^T e [sugihara2011], so that the last steps are those of Newton.
 
     Args:
         kinematics: of the arm.
         target: pose of the tool in the base frame.
         start: joint positions to start from [rad], shape (n,); of several solutions a near one is found.
         turns: whether the orientation counts too; an arm of fewer than six joints cannot choose it.
-        damping: lambda over e^T e [1]; larger is safer near a singularity, and slower.
         iterations: before giving up.
 
     Raises:
@@ -173,7 +173,7 @@ def inverse_kinematics(
             return q
         jacobian = kinematics.tool_jacobian(q)[:rows] * weight[:, None]
         # vanishes with the error, so that the last steps are those of Newton
-        lambda_ = damping * error @ error + 1e-12
+        lambda_ = DAMPING * error @ error + 1e-12
         regularised = jacobian @ jacobian.T + lambda_ * np.eye(rows)
         step = jacobian.T @ np.linalg.solve(regularised, error)
         longest = max(float(np.abs(step).max()), np.finfo(float).eps)

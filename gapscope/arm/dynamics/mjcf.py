@@ -142,9 +142,9 @@ class _Actuator(NamedTuple):
     gear: float
     path: Path
 
-    def first(self, name: str, default: str = "1") -> float:
+    def first(self, name: str) -> float:
         """Size of the first number of an attribute."""
-        return float(abs(self.all(name, default)[0]))
+        return float(abs(self.all(name, "1")[0]))
 
     def all(self, name: str, default: str) -> np.ndarray:
         """Numbers of an attribute."""

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -197,14 +198,16 @@ class Locator:
         logs: by the label of the file.
         importing: what the case says about them.
         arm: whose joints are wanted.
+        notes: what was assumed and left out is added to them.
     """
 
     logs: Mapping[str | None, Log]
     importing: Import
     arm: NominalArm
+    notes: list[str]
 
-    def positions(self) -> tuple[LogTable, Source, tuple[str, ...]]:
-        """The table with the positions, which all others are joined to; and notes.
+    def positions(self) -> tuple[LogTable, Source]:
+        """The table with the positions, which all others are joined to.
 
         Raises:
             InputError: no table holds them for all joints, or several do.
@@ -217,7 +220,8 @@ class Locator:
             # a column that is missing is named when it is read
             source = self.source(pool[0], "q", channel)
             source = source or Source(pool[0].table, channel)
-            return pool[0], source, self._notes(source, ())
+            self._note(source, ())
+            return pool[0], source
         # joint states before the state of a controller
         for kind in dict.fromkeys(sorted((t.kind for t in pool), key=_rank)):
             tables = [table for table in pool if table.kind == kind]
@@ -229,13 +233,12 @@ class Locator:
             if full:
                 table, source = max(full, key=lambda pair: len(pair[0].table))
                 partial = [t for t in tables if t.name == table.name and t is not table]
-                return table, source, self._notes(source, partial)
+                self._note(source, partial)
+                return table, source
         raise self._no_positions(log, pool, channel)
 
-    def other(
-        self, name: str, channel: Channel, main: LogTable
-    ) -> tuple[Source | None, tuple[str, ...]]:
-        """Where a channel beside q is: by preference in the table of q, else in another of its file; and notes.
+    def other(self, name: str, channel: Channel, main: LogTable) -> Source | None:
+        """Where a channel beside q is: by preference in the table of q, else in another of its file.
 
         Args:
             name: of the channel.
@@ -253,22 +256,27 @@ class Locator:
         found = [(table, self.source(table, name, channel)) for table in tables]
         whole = [(table, source) for table, source in found if source is not None]
         if not whole:
-            return None, ()
+            return None
         table, source = whole[0]
         if table is main:
-            return source, ()
+            return source
         topics = list(dict.fromkeys(t.name for t, _ in whole if t.kind == table.kind))
         if channel.named and len(topics) > 1:
             raise _several(log, topics, name)
         if channel.named:
-            return source, ()
+            return source
         if len(topics) > 1:
-            return None, (f"{name} left out: on several topics, {', '.join(topics)}",)
+            self.notes.append(
+                f"{name} left out: on several topics, {', '.join(topics)}"
+            )
+            return None
         names = source.channel.names(self.arm.joints)
         doubt = _doubt(source, main.table, names, self.importing.time.column or "t")
         if doubt:
-            return None, (f"{name} of {table.name} left out: {doubt}",)
-        return source, (f"{name} from {table.name}",)
+            self.notes.append(f"{name} of {table.name} left out: {doubt}")
+            return None
+        self.notes.append(f"{name} from {table.name}")
+        return source
 
     def source(self, table: LogTable, name: str, channel: Channel) -> Source | None:
         """The channel in a table, or ``None`` if the table has nothing of it."""
@@ -315,21 +323,20 @@ class Locator:
             return names, names
         return arm.joints, ()
 
-    def _notes(self, source: Source, partial: Sequence[LogTable]) -> tuple[str, ...]:
-        """What was assumed and left out for the positions."""
-        notes = source.table.notes
+    def _note(self, source: Source, partial: Sequence[LogTable]) -> None:
+        """Note what was assumed and left out for the positions."""
         if source.by_order:
             names, joints = source.by_order, self.arm.joints
-            text = (
+            self.notes.append(
                 f"joints are matched by order: {names[0]} .. {names[-1]} in the log are "
                 f"{joints[0]} .. {joints[-1]} of the arm"
             )
-            notes = (text, *notes)
+        self.notes.extend(source.table.notes)
         left_out = sum(len(table.table) for table in partial)
         if left_out:
-            text = f"joint states left out that lack a joint of the arm: {left_out}"
-            notes = (*notes, text)
-        return notes
+            self.notes.append(
+                f"joint states left out that lack a joint of the arm: {left_out}"
+            )
 
     def _no_positions(
         self, log: Log, pool: Sequence[LogTable], channel: Channel
@@ -544,7 +551,7 @@ FROM_FIRST_ROW = "time is counted from the first row, whose stamp is {:.10g} s"
 
 
 def load_recording(
-    path: str | Path | Mapping[str, Path],
+    path: str | Path | Log | Mapping[str, Path],
     arm: NominalArm,
     importing: Import | None = None,
     *,
@@ -562,7 +569,8 @@ def load_recording(
     read as such even if ``importing`` names other columns, unless it has those too.
 
     Args:
-        path: file or folder of any format of ``open_log``; or the files side by side by label.
+        path: file or folder of any format of ``open_log``, or a log that was read already; or the files side by side by
+            label.
         arm: the nominal arm; says how many joints there are and in which order.
         importing: the case's import section.
         rows: first and last row to read, from 0, both included; by default all.
@@ -580,59 +588,85 @@ def load_recording(
         InputError: a file is missing, damaged, incomplete or implausible; names file, line and column.
     """
     importing = importing or Import()
-    main = importing.main_file
-    files = dict(path) if isinstance(path, Mapping) else {main: path}
-    logs = {
-        label: _log(Path(file), episode, importing) for label, file in files.items()
-    }
-    if main not in logs:
+    label = importing.main_file
+    files = dict(path) if isinstance(path, Mapping) else {label: path}
+    logs = {key: _log(file, episode, importing) for key, file in files.items()}
+    if label not in logs:
         raise InputError(
-            f"an entry holds the files {', '.join(map(str, logs))}, but q comes from {main}",
+            f"an entry holds the files {', '.join(map(str, logs))}, but q comes from {label}",
             "give each entry a file for every label of the import section",
             file=importing.source,
             where="field recordings",
         )
-    recording = _recording(
-        logs,
-        arm,
-        importing,
-        rows=rows,
-        complete=complete,
-        every_row=every_row,
-        any_unit=any_unit,
-        payload=payload,
-    )
-    if is_dataset(logs[main].path) and len(logs[main].tables) == 1:
-        label = f"{recording.name} {logs[main].tables[0].name}"
-        recording = replace(recording, name=label)
-    if rows is None:
-        return recording
-    return replace(recording, name=f"{recording.name} rows {rows[0]}-{rows[1]}")
+    notes: list[str] = []
+    importing = _fitting(importing, logs[label], arm, notes)
+    sources = _sources(logs, arm, importing, complete, notes)
+    sources, importing = _timed(sources, logs, importing)
+    begun = _first_stamp(sources["q"].table, importing)
+    if rows is not None:
+        sources = _cut(sources, rows, importing)
+    sources = _sound(sources, arm, importing, notes)
+    main = sources["q"].table
+    t = read_time(main, importing, any_unit=any_unit)
+    t, values = _channels(t, sources, arm, importing, notes)
+    if not every_row:
+        repeated, found = repeated_rows(t, values)
+        t, values = _without(repeated, t, values)
+        notes += found
+        even = even_stamps_of_rows(t, values["q"]) if repeated.any() else None
+        if even is not None:
+            t = even
+            notes.append(EVENLY_TAKEN)
+    # a part of the rows is warm from those before it: its time goes on from the first row of the log
+    t = t - begun
+    if abs(begun) > SAID_START:
+        notes.append(FROM_FIRST_ROW.format(begun))
+    for put_right in (without_turns, untrusted_torque):
+        values, found = put_right(values)
+        notes += found
+    if not every_row:
+        values, found = without_spikes(t, values, arm.per_radian)
+        stuck, said = stuck_rows(t, values["q"])
+        t, values = _without(stuck, t, values)
+        notes += found + said
+    notes += gap_notes(t)
+    # read-only from here on, so that the recording shares them
+    for series in (t, *values.values()):
+        series.setflags(write=False)
+    name = main.path.name
+    if is_dataset(main.path) and len(logs[label].tables) == 1:
+        name += f" {logs[label].tables[0].name}"
+    if rows is not None:
+        name += f" rows {rows[0]}-{rows[1]}"
+    channels: dict[str, Any] = values
+    recording = Recording(name, t, payload=payload, begun=begun, **channels)
+    if importing.mend is not None:
+        mend = importing.mend.of_right_time
+        recording = (mend.of_every_row if every_row else mend)(recording, arm)
+    notes += check_positions(recording, arm, main, any_unit=any_unit)
+    if not every_row:
+        notes += held_notes(recording) + step_notes(recording)
+    return replace(recording, notes=tuple(notes))
 
 
-def _log(path: Path, episode: int | None, importing: Import) -> Log:
+def _without(
+    rows: np.ndarray, t: np.ndarray, values: dict[str, np.ndarray]
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Time and channels without the rows of a mask."""
+    if not rows.any():
+        return t, values
+    return t[~rows], {name: x[~rows] for name, x in values.items()}
+
+
+def _log(file: str | Path | Log, episode: int | None, importing: Import) -> Log:
     """A file as a log; of a dataset one episode, or those that the case names."""
+    if isinstance(file, Log):
+        return file
+    path = Path(file)
     if not is_dataset(path):
         return open_log(path)
     named = (*importing.fit_episodes, *importing.judge_episodes) or None
     return read_dataset(path, named if episode is None else [episode])
-
-
-def recording_of_log(
-    log: Log, arm: NominalArm, importing: Import | None = None
-) -> Recording:
-    """One recording of ``arm`` from a log that was read already, such as the newest rows of one that grows.
-
-    Args:
-        log: with the positions.
-        arm: the nominal arm.
-        importing: the case's import section.
-
-    Raises:
-        InputError: a channel is missing or implausible; names line and column.
-    """
-    importing = importing or Import()
-    return _recording({importing.main_file: log}, arm, importing)
 
 
 def recording_of_columns(
@@ -651,69 +685,7 @@ def recording_of_columns(
     length = len(next(iter(columns.values()), ()))
     table = Table(Path(name), columns, range(1, length + 1))
     log = Log(table.path, "columns", (LogTable("", "columns", table),))
-    return _recording({None: log}, arm, Import(), any_unit=True)
-
-
-def _recording(
-    logs: Mapping[str | None, Log],
-    arm: NominalArm,
-    importing: Import,
-    *,
-    rows: tuple[int, int] | None = None,
-    complete: bool = False,
-    every_row: bool = False,
-    any_unit: bool = False,
-    payload: KnownLoad | None = None,
-) -> Recording:
-    """One recording from its logs; see ``load_recording``."""
-    importing, notes = _fitting(importing, logs[importing.main_file], arm)
-    sources, found = _sources(logs, arm, importing, complete)
-    notes += found
-    sources, importing = _timed(sources, logs, importing)
-    begun = _first_stamp(sources["q"].table, importing)
-    if rows is not None:
-        sources = _cut(sources, rows, importing)
-    sources, found = _sound(sources, arm, importing)
-    notes += found
-    main = sources["q"].table
-    t = read_time(main, importing, any_unit=any_unit)
-    t, values, found = _channels(t, sources, arm, importing)
-    notes += found
-    if not every_row:
-        repeated, found = repeated_rows(t, values)
-        if repeated.any():
-            t = t[~repeated]
-            values = {name: x[~repeated] for name, x in values.items()}
-        notes += found
-        even = even_stamps_of_rows(t, values["q"]) if repeated.any() else None
-        if even is not None:
-            t = even
-            notes += (EVENLY_TAKEN,)
-    # a part of the rows is warm from those before it: its time goes on from the first row of the log
-    t = t - begun
-    if abs(begun) > SAID_START:
-        notes += (FROM_FIRST_ROW.format(begun),)
-    values, turns = without_turns(values)
-    values, found = untrusted_torque(values)
-    notes += turns + found
-    if not every_row:
-        values, spiked = without_spikes(t, values, arm.per_radian)
-        stuck, found = stuck_rows(t, values["q"])
-        if stuck.any():
-            t, values = t[~stuck], {name: x[~stuck] for name, x in values.items()}
-        notes += spiked + found
-    notes += gap_notes(t)
-    # read-only from here on, so that the recording shares them
-    for series in (t, *values.values()):
-        series.setflags(write=False)
-    recording = Recording(main.path.name, t, payload=payload, begun=begun, **values)  # type: ignore[arg-type]
-    if importing.mend is not None:
-        mend = importing.mend.of_right_time
-        recording = (mend.of_every_row if every_row else mend)(recording, arm)
-    notes += check_positions(recording, arm, main, any_unit=any_unit)
-    if not every_row:
-        notes += held_notes(recording) + step_notes(recording)
-    return replace(recording, notes=notes)
+    return load_recording(log, arm, any_unit=True)
 
 
 def _timed(
@@ -738,11 +710,18 @@ def _timed(
         )
     name = f"{column} of {other.path.name}"
     timed = replace(main, columns={**main.columns, name: other.cells(column)})
-    moved = {
-        channel: replace(source, table=timed) if source.table is main else source
-        for channel, source in sources.items()
-    }
+    moved = _moved(sources, {id(main): timed})
     return moved, replace(importing, time=replace(importing.time, column=name))
+
+
+def _moved(
+    sources: Mapping[str, Source], tables: Mapping[int, Table]
+) -> dict[str, Source]:
+    """The sources with other tables, by the identity of theirs."""
+    return {
+        name: replace(source, table=tables.get(id(source.table), source.table))
+        for name, source in sources.items()
+    }
 
 
 def _first_stamp(table: Table, importing: Import) -> float:
@@ -753,21 +732,18 @@ def _first_stamp(table: Table, importing: Import) -> float:
     return 0.0
 
 
-def _fitting(
-    importing: Import, log: Log, arm: NominalArm
-) -> tuple[Import, tuple[str, ...]]:
-    """The import section, or none for a file that is in the columns of the case format already; and notes."""
+def _fitting(importing: Import, log: Log, arm: NominalArm, notes: list[str]) -> Import:
+    """The import section, or none for a file that is in the columns of the case format already."""
     channel = importing.channels["q"]
     assert channel is not None
     if len(log.tables) != 1:
-        return importing, ()
+        return importing
     main = log.tables[0].table
     named = any(main.named(name) in main.columns for name in channel.names(arm.joints))
     if named or "q1" not in main.columns:
-        return importing, ()
-    return Import(), (
-        "read in the columns of the case format, not by the import section",
-    )
+        return importing
+    notes.append("read in the columns of the case format, not by the import section")
+    return Import()
 
 
 def _sources(
@@ -775,14 +751,15 @@ def _sources(
     arm: NominalArm,
     importing: Import,
     complete: bool,
-) -> tuple[dict[str, Source], tuple[str, ...]]:
-    """Where each channel that can be had comes from; and notes.
+    notes: list[str],
+) -> dict[str, Source]:
+    """Where each channel that can be had comes from.
 
     Raises:
         InputError: one that is needed is missing.
     """
-    locator = Locator(logs, importing, arm)
-    main, q, notes = locator.positions()
+    locator = Locator(logs, importing, arm, notes)
+    main, q = locator.positions()
     sources = {"q": q}
     for name, channel in importing.channels.items():
         if channel is None or name == "q":
@@ -792,13 +769,14 @@ def _sources(
             if required:
                 raise _missing_file(name, channel.file, logs, importing)
             continue
-        source, found = locator.other(name, channel, main)
-        notes += found
+        said = len(notes)
+        source = locator.other(name, channel, main)
         if source is not None:
             sources[name] = source
         elif required:
-            raise _missing_channel(name, channel, logs[channel.file], main, arm, found)
-    return in_radians(sources, main.kind, importing), notes
+            log, why = logs[channel.file], notes[said:]
+            raise _missing_channel(name, channel, log, main, arm, why)
+    return in_radians(sources, main.kind, importing)
 
 
 def _cut(
@@ -810,16 +788,13 @@ def _cut(
     for table in (source.table for source in sources.values()):
         by_row = table is main or how_to_join(table, importing) == "row"
         parts[id(table)] = table.part(*rows) if by_row else table
-    return {
-        name: replace(source, table=parts[id(source.table)])
-        for name, source in sources.items()
-    }
+    return _moved(sources, parts)
 
 
 def _sound(
-    sources: dict[str, Source], arm: NominalArm, importing: Import
-) -> tuple[dict[str, Source], tuple[str, ...]]:
-    """The sources without rows that cannot be read, and notes on them; tables that are joined by row lose the same.
+    sources: dict[str, Source], arm: NominalArm, importing: Import, notes: list[str]
+) -> dict[str, Source]:
+    """The sources without rows that cannot be read; tables that are joined by row lose the same.
 
     Raises:
         InputError: there are too many.
@@ -839,17 +814,12 @@ def _sound(
     for key in beside:
         whole |= found[key]
     found |= dict.fromkeys([id(main), *beside], whole)
-    notes: list[str] = []
     sound: dict[int, Table] = {}
     for key, table in tables.items():
         said = found[key].notes(table)
         notes += said if table is main or key not in beside else []
         sound[key] = table.some(found[key].sound) if said else table
-    moved = {
-        name: replace(source, table=sound[id(source.table)])
-        for name, source in sources.items()
-    }
-    return moved, tuple(notes)
+    return _moved(sources, sound)
 
 
 def _channels(
@@ -857,8 +827,9 @@ def _channels(
     sources: Mapping[str, Source],
     arm: NominalArm,
     importing: Import,
-) -> tuple[np.ndarray, dict[str, np.ndarray], tuple[str, ...]]:
-    """Time [s], (N,), and channels in SI units on the joint side, (N, n) each, if all tables have them; notes."""
+    notes: list[str],
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Time [s], (N,), and channels in SI units on the joint side, (N, n) each, where all tables have them."""
     values: dict[str, np.ndarray] = {}
     main = sources["q"].table
     inside = np.ones(len(main), dtype=bool)
@@ -868,12 +839,11 @@ def _channels(
             read, covered = join(read, source.table, main, t, importing)
             inside &= covered
         values[name] = read
-    cut = int((~inside).sum())
-    if not cut:
-        return t, importing.to_joint_side(values), ()
-    covered_by_all = {name: x[inside] for name, x in values.items()}
-    note = f"rows cut outside the time of the other files: {cut}"
-    return t[inside], importing.to_joint_side(covered_by_all), (note,)
+    if not inside.all():
+        cut = int((~inside).sum())
+        notes.append(f"rows cut outside the time of the other files: {cut}")
+        t, values = _without(~inside, t, values)
+    return t, importing.to_joint_side(values)
 
 
 def _missing_channel(
@@ -882,7 +852,7 @@ def _missing_channel(
     log: Log,
     main: LogTable,
     arm: NominalArm,
-    left_out: tuple[str, ...],
+    left_out: Sequence[str],
 ) -> InputError:
     """The error on a channel that a recording of a case has to hold; ``left_out`` says why it was not taken."""
     if left_out:
