@@ -222,28 +222,6 @@ def steps_per_tick(controller: Controller) -> int:
     return max(1, int(np.ceil(1.0 / (controller.rate * LONGEST_STEP) - 1e-9)))
 
 
-def roll_out(
-    body: RigidBody,
-    plant: Plant,
-    controller: PD,
-    commands: Commands,
-    limit: np.ndarray | None = None,
-    start: tuple[np.ndarray, np.ndarray] | None = None,
-    rule: str = "bilinear",
-) -> RollOut:
-    """Roll the closed loop out under one series of commands, as ``roll_outs`` does under several."""
-    (out,) = roll_outs(
-        body,
-        plant,
-        controller,
-        [commands],
-        limit,
-        None if start is None else [start],
-        rule,
-    )
-    return out
-
-
 def roll_outs(
     body: RigidBody,
     plant: Plant,

@@ -14,7 +14,6 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.rollout import (
     Commands,
     Plant,
-    roll_out,
     roll_outs,
     sensitivity,
     ticks_per_step,
@@ -25,6 +24,12 @@ from gapscope.arm.robots import load_nominal_arm
 
 INERTIA, WEIGHT = 0.55, 9.81
 """Of the rod about its hinge [kg m^2], and its gravity torque at the horizontal [N m]."""
+
+
+def roll_out(body, plant, controller, commands, limit=None, start=None):
+    """One series of commands."""
+    starts = None if start is None else [start]
+    return roll_outs(body, plant, controller, [commands], limit, starts)[0]
 
 
 @pytest.fixture
