@@ -34,6 +34,7 @@ from gapscope.arm.io.load_recording import (
 from gapscope.arm.io.locked_section import locked_positions
 from gapscope.arm.io.log import check_no_log
 from gapscope.arm.io.plausibility import UNSIGNED
+from gapscope.arm.io.table import numbered
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm, coupling_of_transmission
 from gapscope.arm.recording import Recording
@@ -69,26 +70,20 @@ def frames_of_arrays(
             )
     frames = []
     for number, time in enumerate(times):
-        columns = {"t": np.asarray(time, dtype=float)}
-        for name, arrays in given.items():
-            columns |= _numbered(name, np.asarray(arrays[number], dtype=float))
-        frames.append(columns)
+        own = {name: np.asarray(x[number], dtype=float) for name, x in given.items()}
+        for name, array in own.items():
+            if array.ndim != 2:
+                raise InputError(
+                    f"has shape {array.shape}, expected (N, n): a row for each sample, a column for each joint",
+                    where=name,
+                )
+        frames.append(numbered({"t": np.asarray(time, dtype=float), **own}))
     return frames
 
 
 def _listed(samples: Samples) -> Sequence[np.ndarray]:
     """Arrays of a channel, one for each recording."""
     return samples if isinstance(samples, (list, tuple)) else [np.asarray(samples)]
-
-
-def _numbered(name: str, values: np.ndarray) -> dict[str, np.ndarray]:
-    """Columns ``name1..namen`` of an array of shape (N, n)."""
-    if values.ndim != 2:
-        raise InputError(
-            f"has shape {values.shape}, expected (N, n): a row for each sample, a column for each joint",
-            where=name,
-        )
-    return {f"{name}{joint + 1}": column for joint, column in enumerate(values.T)}
 
 
 SHORTEST = 1.0

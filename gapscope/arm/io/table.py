@@ -182,11 +182,11 @@ class Table:
         cell = self.columns[column][row]
         if cell is None or not str(cell).strip():
             return "the cell is empty"
-        if _is_number(cell):
+        if is_number(cell):
             if np.isfinite(float(cell)):
                 return f"holds {cell}, which no log of an arm does in any unit"
             return f"is not a finite number ({cell})"
-        if isinstance(cell, str) and _is_number(cell.replace(",", ".")):
+        if isinstance(cell, str) and is_number(cell.replace(",", ".")):
             return f"{cell!r} has a decimal comma"
         return f"expected a number, got {str(cell)[:40]!r}"
 
@@ -201,12 +201,24 @@ def _number(cell: Any) -> np.ndarray:
         return np.array(np.nan)
 
 
-def _is_number(cell: Any) -> bool:
+def is_number(cell: Any) -> bool:
+    """Whether a cell is a number, or a text that is one."""
     try:
         float(cell)
     except (ValueError, TypeError):
         return False
     return True
+
+
+def numbered(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Columns ``q1..qn`` of arrays of shape (N, n) under their name, ``q``; those of one axis keep theirs."""
+    columns: dict[str, np.ndarray] = {}
+    for name, array in arrays.items():
+        if array.ndim == 2:
+            columns |= {f"{name}{j}": x for j, x in enumerate(array.T, start=1)}
+        else:
+            columns[name] = np.atleast_1d(array)
+    return columns
 
 
 def shortened(names: Sequence[str], limit: int = 40) -> str:

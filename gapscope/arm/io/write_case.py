@@ -17,8 +17,9 @@ from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.atomic_write import atomic_write, folder_aside
 from gapscope.arm.io.case_file import controller_section
 from gapscope.arm.io.locked_section import LOCK
+from gapscope.arm.io.table import numbered
 from gapscope.arm.nominal import SHEET_UNITS, NominalArm, coupling_entries
-from gapscope.arm.recording import CHANNELS, Recording
+from gapscope.arm.recording import Recording
 
 
 def write_recording(recording: Recording, path: str | Path) -> Path:
@@ -39,34 +40,15 @@ def write_recording(recording: Recording, path: str | Path) -> Path:
             "end it in .csv, .parquet or .npz",
             file=path,
         )
+    channels = {"t": recording.stamps, **recording.channels}
     with atomic_write(path) as aside:
         if path.suffix == ".npz":
-            np.savez_compressed(aside, allow_pickle=False, **_channels(recording))
+            np.savez_compressed(aside, allow_pickle=False, **channels)
         elif path.suffix == ".csv":
-            _write_csv(_columns(recording), aside)
+            _write_csv(numbered(channels), aside)
         else:
-            _write_parquet(_columns(recording), aside)
+            _write_parquet(numbered(channels), aside)
     return path
-
-
-def _channels(recording: Recording) -> dict[str, np.ndarray]:
-    """Arrays by key: ``t``, (N,), and each known channel, (N, n)."""
-    known = {name: getattr(recording, name) for name in CHANNELS}
-    return {"t": recording.stamps} | {
-        name: array for name, array in known.items() if array is not None
-    }
-
-
-def _columns(recording: Recording) -> dict[str, np.ndarray]:
-    """Columns by name: ``t``, ``q1..qn`` and so on, (N,) each."""
-    columns: dict[str, np.ndarray] = {}
-    for name, array in _channels(recording).items():
-        if array.ndim == 1:
-            columns[name] = array
-            continue
-        for joint, column in enumerate(array.T, start=1):
-            columns[f"{name}{joint}"] = column
-    return columns
 
 
 def write_columns(columns: dict[str, np.ndarray], path: str | Path) -> None:

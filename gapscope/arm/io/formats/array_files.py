@@ -18,7 +18,7 @@ from scipy.constants import giga
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.input_file import LARGEST_IN_MEMORY, LARGEST_UNPACKED, check_file
-from gapscope.arm.io.table import Log, LogTable, Table
+from gapscope.arm.io.table import Log, LogTable, Table, numbered
 
 LARGEST = LARGEST_UNPACKED // np.dtype(float).itemsize
 """Numbers in an array from which it is left unread [1]."""
@@ -182,13 +182,7 @@ def _table(
     path: Path, kind: str, arrays: Mapping[str, np.ndarray], every: Mapping[int, Any]
 ) -> LogTable:
     """Arrays with the same number of rows; named by its rows if the file has several tables."""
-    columns: dict[str, np.ndarray] = {}
-    for name, array in arrays.items():
-        if array.ndim == 1:
-            columns[name] = array
-            continue
-        for j, column in enumerate(array.T, start=1):
-            columns[f"{name}{j}"] = column
+    columns = numbered(arrays)
     count = len(next(iter(columns.values())))
     name = f"{count} rows" if len(every) > 1 else ""
     return LogTable(name, kind, Table(path, columns, range(1, count + 1)))

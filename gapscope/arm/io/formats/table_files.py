@@ -12,7 +12,7 @@ import numpy as np
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.input_file import LARGEST_UNPACKED, PIECE, read_arrays
-from gapscope.arm.io.table import Table
+from gapscope.arm.io.table import Table, is_number, numbered
 
 # Columns of a CSV file of numbers, parsed in blocks by Arrow: in a tenth of the time, and the memory, of its text.
 #
@@ -38,7 +38,7 @@ def numeric_columns(
     from pyarrow import csv
 
     types = {
-        name: pa.float64() if _is_number(cell) else pa.string()
+        name: pa.float64() if is_number(cell) else pa.string()
         for name, cell in zip(names, first, strict=True)
     }
     # every column is allocated once, before its blocks are read: never two copies of the file
@@ -82,14 +82,6 @@ def _cells(column: np.ndarray) -> Any:
     if column.dtype != object:
         return column
     return tuple(text.lstrip() for text in column)
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
 
 
 def _lines(path: Path) -> int:
@@ -219,7 +211,9 @@ def _names(first: list[str], path: Path) -> tuple[list[str], int]:
     counted = names in (numbered, [str(j) for j in range(len(names))])
     if counted and len(names) >= FEWEST_COUNTED:
         return numbered, 2
-    if any(map(_is_sample, names)) or all(map(_is_numeric, names)):
+    if any("." in name and is_number(name) for name in names) or all(
+        map(is_number, names)
+    ):
         return numbered, 1
     twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
     if twice is not None:
@@ -230,19 +224,6 @@ def _names(first: list[str], path: Path) -> tuple[list[str], int]:
             where="line 1",
         )
     return names, 2
-
-
-def _is_sample(text: str) -> bool:
-    """Whether a cell of the first line is a number that no column is called by."""
-    return "." in text and _is_numeric(text)
-
-
-def _is_numeric(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def read_parquet(path: Path) -> Table:
@@ -309,14 +290,7 @@ def read_npz(path: Path) -> Table:
     Raises:
         InputError: the file is damaged, has no rows, or arrays of different length.
     """
-    arrays = read_arrays(path, "is the file complete?")
-    columns: dict[str, np.ndarray] = {}
-    for name, array in arrays.items():
-        if array.ndim == 2:
-            for j, column in enumerate(array.T, start=1):
-                columns[f"{name}{j}"] = column
-        else:
-            columns[name] = np.atleast_1d(array)
+    columns = numbered(read_arrays(path, "is the file complete?"))
     lengths = {len(column) for column in columns.values()}
     if not lengths or not max(lengths):
         raise InputError("has no rows", "give a file with samples", file=path)
