@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,10 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.io.import_section import parse_import
 from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import Recording
 
 N = 60
-A, B = np.sin(np.arange(N)), np.cos(np.arange(N))
+A, B, T = np.sin(np.arange(N)), np.cos(np.arange(N)), np.arange(N) / 100
 
 
 def write(path: Path, **columns: Any) -> Path:
@@ -36,82 +38,95 @@ def imported(arm: NominalArm, **section: Any) -> Any:
     return parse_import(section, arm.n_joints, Path("case.yaml"))
 
 
-def test_names_units_signs_and_scale(arm: NominalArm, tmp_path: Path) -> None:
-    path = write(
-        tmp_path / "a.csv",
-        stamp=np.arange(N) * 4000,
-        P0=90 * A,
-        P1=45 * B,
-        I_shoulder=A,
-        I_elbow=B,
-    )
-    section = imported(
-        arm,
-        time={"column": "stamp", "unit": "us"},
-        q={"column": "P{j0}", "unit": "deg"},
-        tau={"column": "I_{joint}", "scale": [100, 50], "unit": "mN m"},
-        signs=[1, -1],
-        offsets=[0, 0.5],
-    )
-    recording = load_recording(path, arm, section, complete=True)
-    assert recording.rate == pytest.approx(250)
-    np.testing.assert_allclose(
-        recording.q, np.column_stack([np.pi / 2 * A, 0.5 - np.pi / 4 * B])
-    )
-    assert recording.tau is not None
-    np.testing.assert_allclose(recording.tau, np.column_stack([0.1 * A, -0.05 * B]))
+Read = Callable[..., Recording]
 
 
-@pytest.mark.parametrize(
-    "transmission",
-    [
-        {"ratios": [10, 5], "coupling": [{"motor": 2, "joint": 1, "ratio": 2}]},
-        {"matrix": [[10, 0], [2, 5]]},
-    ],
-)
-def test_coupled_transmission(
-    transmission: dict[str, Any], arm: NominalArm, tmp_path: Path
-) -> None:
+@pytest.fixture
+def read(arm: NominalArm, tmp_path: Path) -> Read:
+    """A recording from a CSV file of these columns, by default t at 100 Hz and q1, q2, through an import section."""
+
+    def of(section: dict[str, Any] | None = None, **columns: Any) -> Recording:
+        given = {"t": T, "q1": A, "q2": B} | columns
+        path = write(
+            tmp_path / "a.csv", **{k: x for k, x in given.items() if x is not None}
+        )
+        return load_recording(path, arm, imported(arm, **section) if section else None)
+
+    return of
+
+
+def both(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    return np.column_stack([first, second])
+
+
+def test_names_units_signs_and_scale(read: Read) -> None:
+    section = {
+        "time": {"column": "stamp", "unit": "us"},
+        "q": {"column": "P{j0}", "unit": "deg"},
+        "tau": {"column": "I_{joint}", "scale": [100, 50], "unit": "mN m"},
+        "signs": [1, -1],
+        "offsets": [0, 0.5],
+    }
+    currents = {"I_shoulder": A, "I_elbow": B}
+    found = read(section, stamp=np.arange(N) * 4000, P0=90 * A, P1=45 * B, **currents)
+    assert found.rate == pytest.approx(250) and found.tau is not None
+    np.testing.assert_allclose(found.q, both(np.pi / 2 * A, 0.5 - np.pi / 4 * B))
+    np.testing.assert_allclose(found.tau, both(0.1 * A, -0.05 * B))
+
+
+COUPLED = {"ratios": [10, 5], "coupling": [{"motor": 2, "joint": 1, "ratio": 2}]}
+
+
+@pytest.mark.parametrize("transmission", [COUPLED, {"matrix": [[10, 0], [2, 5]]}])
+def test_coupled_transmission(transmission: dict[str, Any], read: Read) -> None:
     # Motor 1 turns 10 times for one turn of joint 1; motor 2 turns 2 times for joint 1 and 5 times for joint 2.
     # q1 = m1 / 10, q2 = (m2 - 2 q1) / 5; tau1 = 10 u1 + 2 u2, tau2 = 5 u2.
-    path = write(
-        tmp_path / "a.csv",
-        t=np.arange(N) / 100,
-        q1=10 * A,
-        q2=2 * A + 5 * B,
-        tau1=A,
-        tau2=B,
-    )
-    recording = load_recording(path, arm, imported(arm, transmission=transmission))
-    np.testing.assert_allclose(recording.q, np.column_stack([A, B]), atol=1e-15)
-    assert recording.tau is not None
-    np.testing.assert_allclose(
-        recording.tau, np.column_stack([10 * A + 2 * B, 5 * B]), atol=1e-15
-    )
+    motors = {"q1": 10 * A, "q2": 2 * A + 5 * B, "tau1": A, "tau2": B}
+    found = read({"transmission": transmission}, **motors)
+    assert found.tau is not None
+    np.testing.assert_allclose(found.q, both(A, B), atol=1e-15)
+    np.testing.assert_allclose(found.tau, both(10 * A + 2 * B, 5 * B), atol=1e-15)
+
+
+SIDE_BY_SIDE = {
+    "time": {"rate": 200},
+    "q": {"column": "J{j}", "file": "position"},
+    "tau": {"column": "J{j}", "file": "torque"},
+}
 
 
 def test_files_side_by_side_by_row(arm: NominalArm, tmp_path: Path) -> None:
     position = write(tmp_path / "p.csv", J1=A, J2=B)
-    torque = write(tmp_path / "c.csv", J1=B, J2=A)
-    section = imported(
-        arm,
-        time={"rate": 200},
-        q={"column": "J{j}", "file": "position"},
-        tau={"column": "J{j}", "file": "torque"},
-    )
-    recording = load_recording(
-        {"torque": torque, "position": position}, arm, section, complete=True
-    )
-    np.testing.assert_array_equal(recording.q, np.column_stack([A, B]))
-    np.testing.assert_array_equal(recording.tau, np.column_stack([B, A]))
+    files = {"torque": write(tmp_path / "c.csv", J1=B, J2=A), "position": position}
+    section = imported(arm, **SIDE_BY_SIDE)
+    recording = load_recording(files, arm, section, complete=True)
+    np.testing.assert_array_equal(recording.q, both(A, B))
+    np.testing.assert_array_equal(recording.tau, both(B, A))
     assert recording.name == "p.csv" and recording.rate == pytest.approx(200)
-    part = load_recording(
-        {"torque": torque, "position": position}, arm, section, rows=(10, 39)
-    )
+    part = load_recording(files, arm, section, rows=(10, 39))
     np.testing.assert_allclose(part.t, np.arange(10, 40) / 200)
-    np.testing.assert_array_equal(part.q, np.column_stack([A, B])[10:40])
+    np.testing.assert_array_equal(part.q, both(A, B)[10:40])
     alone = load_recording(position, arm, section)
     assert alone.tau is None and len(alone.t) == N
+    short = files | {"torque": write(tmp_path / "c.csv", J1=A[:50], J2=B[:50])}
+    with pytest.raises(InputError, match="c.csv: has 50 rows, p.csv has 60"):
+        load_recording(short, arm, section)
+    lacking = {"position": position}
+    with pytest.raises(InputError, match="the file torque, an entry holds position"):
+        load_recording(lacking, arm, section, complete=True)
+    with pytest.raises(InputError, match="the files torque, but q comes from position"):
+        load_recording({"torque": files["torque"]}, arm, section)
+
+
+def beside(arm: NominalArm, join: str, column: str) -> Any:
+    """States and commands in files of their own, with times in ms."""
+    return imported(
+        arm,
+        time={"column": "time", "unit": "ms"},
+        join=join,
+        q={"column": column.format("q"), "file": "state"},
+        q_ref={"column": column.format("r"), "file": "command"},
+    )
 
 
 @pytest.mark.parametrize(
@@ -121,315 +136,172 @@ def test_files_side_by_side_by_row(arm: NominalArm, tmp_path: Path) -> None:
 def test_commands_with_their_own_time(
     join: str, expected: list[float], arm: NominalArm, tmp_path: Path
 ) -> None:
-    t = np.arange(N) * 10.0
-    state = write(
-        tmp_path / "s.csv",
-        time=t,
-        pos=[[float(a), float(b)] for a, b in zip(A, B, strict=True)],
-    )
-    command = write(
-        tmp_path / "c.csv",
-        time=t[::2] + 20,
-        pos=[[k / 10, -k / 10] for k in range(N // 2)],
-    )
-    section = imported(
-        arm,
-        time={"column": "time", "unit": "ms"},
-        join=join,
-        q={"column": "pos", "file": "state"},
-        q_ref={"column": "pos", "file": "command"},
-    )
-    recording = load_recording({"state": state, "command": command}, arm, section)
-    assert recording.t[0] == pytest.approx(0.02), (
-        "the state before the first command is cut"
-    )
-    np.testing.assert_array_equal(recording.q, np.column_stack([A, B])[2:])
-    assert recording.q_ref is not None
+    t, commands = np.arange(N) * 10.0, [[k / 10, -k / 10] for k in range(N // 2)]
+    state = write(tmp_path / "s.csv", time=t, q=both(A, B).tolist())
+    command = write(tmp_path / "c.csv", time=t[::2] + 20, r=commands)
+    files = {"state": state, "command": command}
+    recording = load_recording(files, arm, beside(arm, join, "{}"))
+    # the state before the first command is cut
+    assert recording.t[0] == pytest.approx(0.02) and recording.q_ref is not None
+    np.testing.assert_array_equal(recording.q, both(A, B)[2:])
     np.testing.assert_allclose(recording.q_ref[:6, 0], np.array(expected) / 10)
     assert recording.notes == ("rows cut outside the time of the other files: 2",)
+    write(tmp_path / "c.csv", time=t[::2] + 5000, r=commands)
+    if join == "interpolate":
+        with pytest.raises(InputError, match="does not overlap in time with s.csv"):
+            load_recording(files, arm, beside(arm, join, "{}"))
 
 
 def test_interpolation_adds_no_corners_and_does_not_overshoot(
     arm: NominalArm, tmp_path: Path
 ) -> None:
     t = np.arange(N) * 10.0
-    state = write(tmp_path / "s.csv", time=t, q1=A, q2=B)
     slow = t[::4] / 1000
     smooth, stepped = np.sin(10 * slow), np.where(slow < 0.3, 0.0, 1.0)
-    command = write(tmp_path / "c.csv", time=t[::4], r1=smooth, r2=stepped)
-    section = imported(
-        arm,
-        time={"column": "time", "unit": "ms"},
-        join="interpolate",
-        q={"column": "q{j}", "file": "state"},
-        q_ref={"column": "r{j}", "file": "command"},
-    )
-    recording = load_recording({"state": state, "command": command}, arm, section)
-    assert recording.q_ref is not None
-    assert recording.q_ref[:, 1].min() == 0 and recording.q_ref[:, 1].max() == 1
-    inner = slice(8, -8)
-    error = recording.q_ref[inner, 0] - np.sin(10 * recording.t[inner])
-    straight = np.interp(recording.t, slow, smooth)[inner]
-    straight = straight - np.sin(10 * recording.t[inner])
-    assert np.sqrt(np.mean(error**2)) < 0.5 * np.sqrt(np.mean(straight**2))
+    files = {
+        "state": write(tmp_path / "s.csv", time=t, q1=A, q2=B),
+        "command": write(tmp_path / "c.csv", time=t[::4], r1=smooth, r2=stepped),
+    }
+    found = load_recording(files, arm, beside(arm, "interpolate", "{}{{j}}"))
+    assert found.q_ref is not None
+    assert found.q_ref[:, 1].min() == 0 and found.q_ref[:, 1].max() == 1
+    true, straight = np.sin(10 * found.t), np.interp(found.t, slow, smooth)
+    error, corners = found.q_ref[8:-8, 0] - true[8:-8], (straight - true)[8:-8]
+    assert np.sqrt(np.mean(error**2)) < 0.5 * np.sqrt(np.mean(corners**2))
 
 
-def test_a_count_of_samples_shows_missing_ones(arm: NominalArm, tmp_path: Path) -> None:
+def test_a_count_of_samples_shows_missing_ones(read: Read) -> None:
     count = np.delete(np.arange(N + 10), np.arange(20, 30))
-    path = write(tmp_path / "a.csv", n=count, q1=A, q2=B)
-    recording = load_recording(
-        path, arm, imported(arm, time={"column": "n", "rate": 500})
-    )
+    recording = read({"time": {"column": "n", "rate": 500}}, n=count)
     assert recording.t[-1] == pytest.approx((N + 9) / 500)
     assert recording.notes == ("gaps in time: 1, the longest 0.022 s",)
 
 
-def test_a_file_in_the_columns_of_the_case_format_is_read_as_such(
-    arm: NominalArm, tmp_path: Path
-) -> None:
-    path = write(tmp_path / "a.csv", t=np.arange(N) / 100, q1=A, q2=B)
-    recording = load_recording(
-        path, arm, imported(arm, q={"column": "P{j}", "unit": "deg"})
-    )
-    np.testing.assert_array_equal(recording.q, np.column_stack([A, B]))
+def test_a_file_in_the_columns_of_the_case_format_is_read_as_such(read: Read) -> None:
+    recording = read({"q": {"column": "P{j}", "unit": "deg"}})
+    np.testing.assert_array_equal(recording.q, both(A, B))
     assert "in the columns of the case format" in recording.notes[0]
 
 
 def test_repeated_rows_are_dropped_and_reported(
-    arm: NominalArm, tmp_path: Path
+    read: Read, arm: NominalArm, tmp_path: Path
 ) -> None:
-    t, stale = np.arange(N) / 100, np.arange(N)
+    t, stale = T.copy(), np.arange(N)
     stale[[10, 30, 31]] = [9, 29, 29]
     t[40] = t[39]
-    path = write(
-        tmp_path / "a.csv", t=t, q1=A[stale], q2=B[stale], tau1=B[stale], tau2=A[stale]
+    measured = {"q1": A[stale], "q2": B[stale], "tau1": B[stale], "tau2": A[stale]}
+    found = read(t=t, **measured)
+    np.testing.assert_array_equal(found.q[:, 0], np.delete(A, [10, 30, 31, 40]))
+    assert found.notes[:2] == (
+        "rows dropped that repeat the time stamp before them: 1",
+        "rows dropped that repeat the measurement before them: 3 (5.00%)",
     )
-    recording = load_recording(path, arm)
-    np.testing.assert_array_equal(recording.q[:, 0], np.delete(A, [10, 30, 31, 40]))
-    assert (
-        recording.notes[0] == "rows dropped that repeat the time stamp before them: 1"
-    )
-    assert (
-        recording.notes[1]
-        == "rows dropped that repeat the measurement before them: 3 (5.00%)"
-    )
-    assert len(load_recording(path, arm, every_row=True).t) == N
-
-
-def test_an_arm_that_stands_still_keeps_its_rows(
-    arm: NominalArm, tmp_path: Path
-) -> None:
+    assert len(load_recording(tmp_path / "a.csv", arm, every_row=True).t) == N
+    # an arm that stands still keeps its rows
     still = np.minimum(np.arange(N), 20)
-    path = write(
-        tmp_path / "a.csv",
-        t=np.arange(N) / 100,
-        q1=A[still],
-        q2=B[still],
-        tau1=B[still],
-        tau2=A[still],
-    )
-    assert len(load_recording(path, arm).t) == N
+    assert len(read(q1=A[still], q2=B[still], tau1=B[still], tau2=A[still]).t) == N
 
 
-def test_unsigned_torque_is_set_aside(arm: NominalArm, tmp_path: Path) -> None:
-    path = write(
-        tmp_path / "a.csv", t=np.arange(N) / 100, q1=A, q2=B, tau1=abs(B), tau2=abs(A)
-    )
-    recording = load_recording(path, arm, complete=True)
-    assert recording.tau is None
-    assert recording.notes == (
-        "torque is unsigned: only commands and positions can be trusted",
-    )
+ZERO = np.zeros(N)
+UNTRUSTED = [
+    (
+        {"tau1": abs(B), "tau2": abs(A)},
+        ("torque is unsigned: only commands and positions can be trusted",),
+    ),
+    ({"tau1": 3 + B, "tau2": 2 + A}, ()),
+    (
+        {"tau1": A, "tau2": ZERO, "tau_sensor1": ZERO, "tau_sensor2": ZERO},
+        ("tau2 zero throughout", "tau_sensor is zero throughout and was left out"),
+    ),
+]
 
 
-def test_torque_that_gravity_holds_on_one_side_is_kept(
-    arm: NominalArm, tmp_path: Path
+@pytest.mark.parametrize(("columns", "notes"), UNTRUSTED)
+def test_torque_that_cannot_be_one_is_set_aside(
+    columns: dict[str, np.ndarray], notes: tuple[str, ...], read: Read
 ) -> None:
-    path = write(
-        tmp_path / "a.csv", t=np.arange(N) / 100, q1=A, q2=B, tau1=3 + B, tau2=2 + A
-    )
-    assert load_recording(path, arm).tau is not None
+    """An unsigned one, but not one that gravity holds on one side; and silent channels."""
+    found = read(**columns)
+    assert found.notes == notes and found.tau_sensor is None
+    assert (found.tau is None) == ("unsigned" in "".join(notes))
 
 
-def test_silent_channels(arm: NominalArm, tmp_path: Path) -> None:
-    zero = np.zeros(N)
-    path = write(
-        tmp_path / "a.csv",
-        t=np.arange(N) / 100,
-        q1=A,
-        q2=B,
-        tau1=A,
-        tau2=zero,
-        tau_sensor1=zero,
-        tau_sensor2=zero,
-    )
-    recording = load_recording(path, arm)
-    assert recording.tau is not None and recording.tau_sensor is None
-    assert recording.notes == (
-        "tau2 zero throughout",
-        "tau_sensor is zero throughout and was left out",
-    )
+def at_fault(ratio: dict[str, Any]) -> dict[str, Any]:
+    return {"transmission": ratio}
 
 
-@pytest.mark.parametrize(
-    ("section", "field", "message"),
-    [
-        ({"signs": [1]}, "import.signs", "expected 2 entries, one per joint, got 1"),
-        ({"tau": {"scale": [1, 2, 3]}}, "import.tau.scale", "expected 2 entries"),
-        ({"q": None}, "import.q", "a recording needs positions"),
-        (
-            {"time": {"column": "n", "rate": 5, "unit": "ms"}},
-            "import.time",
-            "has a unit and a rate",
-        ),
-        (
-            {"transmission": {"ratios": [1, 0]}},
-            "import.transmission",
-            "cannot be inverted",
-        ),
-        (
-            {"transmission": {"matrix": [[1, 0]]}},
-            "import.transmission.matrix",
-            "2 by 2",
-        ),
-        ({"transmission": {}}, "import.transmission", "either matrix, or ratios"),
-        (
-            {
-                "transmission": {
-                    "ratios": [1, 1],
-                    "coupling": [{"motor": 3, "joint": 1, "ratio": 1}],
-                }
-            },
-            "import.transmission.coupling[1]",
-            "two different numbers from 1 to 2",
-        ),
-        ({"rows": {"fit": [5, 2]}}, "import.rows.fit", "expected [first, last]"),
-    ],
-)
+CURRENT = {"unit": "A", "motor_constant": 0.1, "gear_ratio": 100}
+THIRD = [{"motor": 3, "joint": 1, "ratio": 1}]
+CONTRADICTIONS = [
+    ({"signs": [1]}, "signs", "expected 2 entries, one per joint, got 1"),
+    ({"tau": {"scale": [1, 2, 3]}}, "tau.scale", "expected 2 entries"),
+    ({"q": None}, "q", "a recording needs positions"),
+    ({"time": {"column": "n", "rate": 5, "unit": "ms"}}, "time", "a unit and a rate"),
+    (at_fault({"ratios": [1, 0]}), "transmission", "cannot be inverted"),
+    (at_fault({"matrix": [[1, 0]]}), "transmission.matrix", "2 by 2"),
+    (at_fault({}), "transmission", "either matrix, or ratios"),
+    (
+        at_fault({"ratios": [1, 1], "coupling": THIRD}),
+        "transmission.coupling[1]",
+        "two different numbers from 1 to 2",
+    ),
+    ({"rows": {"fit": [5, 2]}}, "rows.fit", "expected [first, last]"),
+    ({"tau": {"unit": "A"}}, "tau", "a torque needs the motors' constants"),
+    ({"tau": {"unit": "N m", "motor_constant": 0.1}}, "tau", "but no current"),
+    (
+        {"tau": {"unit": "A", "motor_constant": [0.1]}},
+        "tau.motor_constant",
+        "expected 2 entries",
+    ),
+    (
+        {"tau": CURRENT, "transmission": {"ratios": [100, 100]}},
+        "tau.gear_ratio",
+        "beside the transmission",
+    ),
+]
+
+
+@pytest.mark.parametrize(("section", "field", "message"), CONTRADICTIONS)
 def test_contradictions(
     section: dict[str, Any], field: str, message: str, arm: NominalArm
 ) -> None:
     with pytest.raises(InputError) as caught:
         imported(arm, **section)
-    assert str(caught.value).startswith(
-        f"case.yaml, field {field}: "
-    ) and message in str(caught.value)
-
-
-def test_files_of_different_length(arm: NominalArm, tmp_path: Path) -> None:
-    section = imported(
-        arm,
-        time={"rate": 200},
-        q={"column": "J{j}", "file": "position"},
-        tau={"column": "J{j}", "file": "torque"},
-    )
-    files = {
-        "position": write(tmp_path / "p.csv", J1=A, J2=B),
-        "torque": write(tmp_path / "c.csv", J1=A[:50], J2=B[:50]),
-    }
-    with pytest.raises(InputError, match="c.csv: has 50 rows, p.csv has 60"):
-        load_recording(files, arm, section)
-    with pytest.raises(
-        InputError, match="comes from the file torque, an entry holds position"
-    ):
-        load_recording({"position": files["position"]}, arm, section, complete=True)
-    with pytest.raises(
-        InputError, match="holds the files torque, but q comes from position"
-    ):
-        load_recording({"torque": files["torque"]}, arm, section)
-
-
-def test_files_that_do_not_overlap(arm: NominalArm, tmp_path: Path) -> None:
-    t = np.arange(N) / 100
-    files = {
-        "s": write(tmp_path / "s.csv", t=t, q1=A, q2=B),
-        "c": write(tmp_path / "c.csv", t=t + 5, r1=A, r2=B),
-    }
-    section = imported(
-        arm, join="interpolate", q={"file": "s"}, q_ref={"column": "r{j}", "file": "c"}
-    )
-    with pytest.raises(InputError, match="does not overlap in time with s.csv"):
-        load_recording(files, arm, section)
+    text = str(caught.value)
+    assert text.startswith(f"case.yaml, field import.{field}: ") and message in text
 
 
 def test_rows_that_are_not_there(arm: NominalArm, tmp_path: Path) -> None:
-    path = write(tmp_path / "a.csv", t=np.arange(N) / 100, q1=A, q2=B)
-    with pytest.raises(
-        InputError, match="rows 10 to 60 were asked for, the file has rows 0 to 59"
-    ):
+    path = write(tmp_path / "a.csv", t=T, q1=A, q2=B)
+    message = "rows 10 to 60 were asked for, the file has rows 0 to 59"
+    with pytest.raises(InputError, match=message):
         load_recording(path, arm, rows=(10, 60))
 
 
 def test_a_count_that_starts_again_after_a_turn(
-    arm: NominalArm, tmp_path: Path
+    read: Read, arm: NominalArm, tmp_path: Path
 ) -> None:
-    smooth = 0.3 * np.sin(np.arange(N) / 10) - 0.05
-    path = write(
-        tmp_path / "a.csv",
-        t=np.arange(N) / 100,
-        q1=np.mod(np.rad2deg(smooth), 360),
-        q2=10 * B,
-    )
-    recording = load_recording(
-        path, arm, imported(arm, q={"column": "q{j}", "unit": "deg"})
-    )
-    np.testing.assert_allclose(recording.q[:, 0], smooth, atol=1e-12)
-    assert recording.notes[0] == "jumps by a turn between two samples taken back: q1"
-
-
-def test_steps_of_all_sizes_are_no_turns(arm: NominalArm, tmp_path: Path) -> None:
+    smooth, degrees = 0.3 * np.sin(np.arange(N) / 10) - 0.05, {"unit": "deg"}
+    around = np.mod(np.rad2deg(smooth), 360)
+    found = read({"q": {"column": "q{j}"} | degrees}, q1=around, q2=10 * B)
+    np.testing.assert_allclose(found.q[:, 0], smooth, atol=1e-12)
+    assert found.notes[0] == "jumps by a turn between two samples taken back: q1"
+    # steps of all sizes are no turns
     steps = np.linspace(0.5, 7.5, N)
-    path = write(tmp_path / "a.csv", t=np.arange(N) / 100, q1=np.cumsum(steps), q2=B)
-    recording = load_recording(path, arm, any_unit=True)
-    np.testing.assert_allclose(np.diff(recording.q[:, 0]), steps[1:])
+    path = write(tmp_path / "b.csv", t=T, q1=np.cumsum(steps), q2=B)
+    other = load_recording(path, arm, any_unit=True)
+    np.testing.assert_allclose(np.diff(other.q[:, 0]), steps[1:])
 
 
-def test_current_by_motor_constant_and_gear_ratio(
-    arm: NominalArm, tmp_path: Path
-) -> None:
-    path = write(tmp_path / "a.csv", t=np.arange(N) / 100, q1=A, q2=B, i0=A, i1=B)
-    tau = {
-        "column": "i{j0}",
-        "unit": "mA",
-        "motor_constant": [0.1, 0.2],
-        "gear_ratio": 100,
-    }
-    recording = load_recording(path, arm, imported(arm, tau=tau), complete=True)
+def test_current_by_motor_constant_and_gear_ratio(read: Read) -> None:
+    tau = CURRENT | {"column": "i{j0}", "unit": "mA", "motor_constant": [0.1, 0.2]}
+    found = read({"tau": tau}, i0=A, i1=B)
     # 0.001 A/mA times 0.1 N m/A times 100
-    assert recording.tau is not None
-    np.testing.assert_allclose(recording.tau, np.column_stack([0.01 * A, 0.02 * B]))
+    assert found.tau is not None
+    np.testing.assert_allclose(found.tau, both(0.01 * A, 0.02 * B))
 
 
-@pytest.mark.parametrize(
-    ("tau", "transmission", "message"),
-    [
-        ({"unit": "A"}, None, "give motor_constant"),
-        ({"unit": "N m", "motor_constant": 0.1}, None, "but no current"),
-        (
-            {"unit": "A", "motor_constant": [0.1]},
-            None,
-            "motor_constant: expected 2 entries",
-        ),
-        (
-            {"unit": "A", "motor_constant": 0.1, "gear_ratio": 100},
-            {"ratios": [100, 100]},
-            "give the ratio in one of them",
-        ),
-    ],
-)
-def test_currents_that_cannot_be_torques(
-    tau: Any, transmission: Any, message: str, arm: NominalArm
-) -> None:
-    section = {"tau": tau} | ({"transmission": transmission} if transmission else {})
-    with pytest.raises(InputError, match=message):
-        imported(arm, **section)
-
-
-def test_joint_names_of_a_log_stand_for_the_pattern(
-    arm: NominalArm, tmp_path: Path
-) -> None:
-    path = write(tmp_path / "a.csv", t=np.arange(N) / 100, lower=B, upper=A)
-    section = imported(arm, q="{joint}", joints=["upper", "lower"])
-    np.testing.assert_array_equal(
-        load_recording(path, arm, section).q, np.column_stack([A, B])
-    )
+def test_joint_names_of_a_log_stand_for_the_pattern(read: Read) -> None:
+    section = {"q": "{joint}", "joints": ["upper", "lower"]}
+    found = read(section, q1=None, q2=None, lower=B, upper=A)
+    np.testing.assert_array_equal(found.q, both(A, B))
