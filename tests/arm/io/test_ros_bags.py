@@ -1,78 +1,182 @@
-"""ROS 2 bags: written with the rosbags library, read back."""
+"""ROS 2 bags: joint states, controllers, interfaces, commands; with message definitions and without."""
 
 from __future__ import annotations
 
 import shutil
+import sqlite3
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from cases import to_and_fro
+from numpy.typing import ArrayLike
 from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.io.import_section import Import
+from gapscope.arm.io.formats.rosbag import (
+    CONTROLLER_STATE,
+    DYNAMIC_JOINT_STATE,
+    JOINT_STATE,
+    JOINT_TRAJECTORY,
+)
+from gapscope.arm.io.import_section import Import, parse_import
 from gapscope.arm.io.load_recording import load_recording
+from gapscope.arm.io.log import Log, open_log
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 
-STORE = get_typestore(Stores.ROS2_HUMBLE)
-JOINT_STATE = "sensor_msgs/msg/JointState"
+JOINTS, ORDER = ["elbow", "shoulder"], [1, 0]
+STRING = "std_msgs/msg/String"
+POINT = "trajectory_msgs/JointTrajectoryPoint"
+MULTI = "trajectory_msgs/MultiDOFJointTrajectoryPoint"
+EPOCH = 1e9
+"""When the first row was recorded [s]."""
+
+# as printed by `ros2 interface show control_msgs/msg/JointTrajectoryControllerState`
+NEWEST = f"""
+std_msgs/Header header
+string[] joint_names
+{POINT} reference
+{POINT} feedback
+{POINT} error
+{POINT} output
+string[] multi_dof_joint_names
+{MULTI} multi_dof_reference
+{MULTI} multi_dof_feedback
+{MULTI} multi_dof_error
+{MULTI} multi_dof_output
+float64 speed_scaling_factor
+"""
+OLDEST = f"""
+std_msgs/Header header
+string[] joint_names
+{POINT} desired
+{POINT} actual
+{POINT} error
+"""
+INTERFACES = """
+std_msgs/Header header
+string[] joint_names
+control_msgs/InterfaceValue[] interface_values
+================================================================================
+MSG: control_msgs/InterfaceValue
+string[] interface_names
+float64[] values
+"""
 
 
-def joint_state(stamp: float, names: list[str], **fields: Any) -> Any:
-    """One message."""
-    types = STORE.types
-    nanoseconds = round(stamp * 1e9)
-    time = types["builtin_interfaces/msg/Time"](
-        sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9
-    )
-    header = types["std_msgs/msg/Header"](stamp=time, frame_id="")
-    arrays = {
-        key: np.asarray(fields.get(key, []), dtype=float)
-        for key in ("position", "velocity", "effort")
-    }
-    return types[JOINT_STATE](header=header, name=names, **arrays)
+class Bag:
+    """A bag that is written message by message, MCAP or SQLite."""
+
+    def __init__(
+        self, folder: Path, controller_state: str = NEWEST, mcap: bool = True
+    ) -> None:
+        self.store = get_typestore(Stores.ROS2_HUMBLE)
+        for kind, text in (
+            (CONTROLLER_STATE, controller_state),
+            (DYNAMIC_JOINT_STATE, INTERFACES),
+        ):
+            self.store.register(get_types_from_msg(text, kind))
+        plugin = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
+        self.writer = Writer(folder, version=9, storage_plugin=plugin)
+        self.connections: dict[str, Any] = {}
+
+    def time(self, kind: str, seconds: float) -> Any:
+        """A time or a duration."""
+        whole = round(seconds * 1e9)
+        made = self.store.types[f"builtin_interfaces/msg/{kind}"]
+        return made(sec=whole // 10**9, nanosec=whole % 10**9)
+
+    def point(self, due: float = 0.0, **fields: ArrayLike) -> Any:
+        """A point of a trajectory."""
+        names = ("positions", "velocities", "accelerations", "effort")
+        arrays = {name: np.array(fields.get(name, []), dtype=float) for name in names}
+        kind = self.store.types["trajectory_msgs/msg/JointTrajectoryPoint"]
+        return kind(**arrays, time_from_start=self.time("Duration", due))
+
+    def multi(self) -> Any:
+        """An empty point of a trajectory of bodies."""
+        kind = self.store.types["trajectory_msgs/msg/MultiDOFJointTrajectoryPoint"]
+        empty: dict[str, list[Any]] = dict(
+            transforms=[], velocities=[], accelerations=[]
+        )
+        return kind(**empty, time_from_start=self.time("Duration", 0))
+
+    def write(
+        self, topic: str, kind: str, logged: float, stamp: float | None, **fields: Any
+    ) -> None:
+        """One message, with a header if it has a stamp."""
+        if topic not in self.connections:
+            self.connections[topic] = self.writer.add_connection(
+                topic, kind, typestore=self.store
+            )
+        if stamp is not None:
+            header = self.store.types["std_msgs/msg/Header"]
+            fields["header"] = header(stamp=self.time("Time", stamp), frame_id="")
+        raw = self.store.serialize_cdr(self.store.types[kind](**fields), kind)
+        self.writer.write(self.connections[topic], round(logged * 1e9), raw)
+
+    def state(
+        self,
+        t: float,
+        names: list[str],
+        topic: str = "/joint_states",
+        stamp: float | None = None,
+        **fields: ArrayLike,
+    ) -> None:
+        """A joint state at a time from the start, by default stamped with it."""
+        arrays = {
+            key: np.array(fields.get(key, []), dtype=float)
+            for key in ("position", "velocity", "effort")
+        }
+        stamp = EPOCH + t if stamp is None else stamp
+        self.write(topic, JOINT_STATE, EPOCH + t, stamp, name=names, **arrays)
+
+    def interfaces(self, topic: str, t: float, values: list[dict[str, float]]) -> None:
+        """All interfaces of the joints."""
+        kind = self.store.types["control_msgs/msg/InterfaceValue"]
+        all_of = [
+            kind(interface_names=list(x), values=np.array(list(x.values())))
+            for x in values
+        ]
+        named = {"joint_names": JOINTS, "interface_values": all_of}
+        self.write(topic, DYNAMIC_JOINT_STATE, EPOCH + t, EPOCH + t, **named)
 
 
-def write_bag(
+def without_definitions(folder: Path) -> Path:
+    """The bag's file without what it says of the types, as ROS 2 before Iron stores it."""
+    file = next(folder.glob("*.db3"))
+    with sqlite3.connect(file) as content:
+        content.execute("DELETE FROM message_definitions")
+    return file
+
+
+def states_bag(
     folder: Path,
     recording: Recording,
-    *,
     names: list[str],
     order: list[int],
-    storage: StoragePlugin = StoragePlugin.SQLITE3,
+    *,
+    mcap: bool = False,
     topics: tuple[str, ...] = ("/joint_states",),
-    epoch: float = 1e9,
-    message_type: str = JOINT_STATE,
+    stamp: float | None = None,
 ) -> Path:
     """A bag of a recording whose joints stand under ``names`` in ``order``; a gripper speaks in between."""
-    with Writer(folder, version=9, storage_plugin=storage) as writer:
-        connections = [
-            writer.add_connection(topic, message_type, typestore=STORE)
-            for topic in topics
-        ]
-        for i in range(len(recording.t) if message_type == JOINT_STATE else 0):
-            stamp = 0.0 if epoch == 0 else epoch + recording.t[i]
-            assert recording.tau is not None and recording.dq is not None
-            message = joint_state(
-                stamp,
-                names,
-                position=recording.q[i, order],
-                velocity=recording.dq[i, order],
-                effort=recording.tau[i, order],
-            )
-            logged = round((1e9 + recording.t[i]) * 1e9)
-            for connection in connections:
-                writer.write(
-                    connection, logged, STORE.serialize_cdr(message, JOINT_STATE)
-                )
+    bag = Bag(folder, mcap=mcap)
+    assert recording.tau is not None and recording.dq is not None
+    with bag.writer:
+        for i, t in enumerate(recording.t):
+            values = {
+                "position": recording.q[i, order],
+                "velocity": recording.dq[i, order],
+                "effort": recording.tau[i, order],
+            }
+            for topic in topics:
+                bag.state(t, names, topic, stamp, **values)
             if i % 50 == 0:
-                gripper = joint_state(stamp, ["gripper"], position=[0.0])
-                writer.write(
-                    connections[0], logged, STORE.serialize_cdr(gripper, JOINT_STATE)
-                )
+                bag.state(t, ["gripper"], topics[0], stamp, position=[0.0])
     return folder
 
 
@@ -80,14 +184,7 @@ def write_bag(
 def test_round_trip_with_joints_in_another_order(
     form: str, recording: Recording, arm: NominalArm, tmp_path: Path
 ) -> None:
-    storage = StoragePlugin.MCAP if form == "mcap" else StoragePlugin.SQLITE3
-    bag = write_bag(
-        tmp_path / "bag",
-        recording,
-        names=["elbow", "shoulder"],
-        order=[1, 0],
-        storage=storage,
-    )
+    bag = states_bag(tmp_path / "bag", recording, JOINTS, ORDER, mcap=form == "mcap")
     if form != "folder":
         bag = Path(shutil.copy(next(bag.glob(f"*.{form}")), tmp_path / f"alone.{form}"))
     back = load_recording(bag, arm, complete=True)
@@ -100,12 +197,12 @@ def test_round_trip_with_joints_in_another_order(
 def test_foreign_names_by_order_or_by_import(
     recording: Recording, arm: NominalArm, tmp_path: Path
 ) -> None:
-    bag = write_bag(tmp_path / "bag", recording, names=["fer_b", "fer_a"], order=[1, 0])
+    bag = states_bag(tmp_path / "bag", recording, ["fer_b", "fer_a"], ORDER)
     by_order = load_recording(bag, arm)
     assert by_order.notes[0].startswith(
         "joints are matched by order: fer_b .. fer_a in the log are shoulder .. elbow"
     )
-    np.testing.assert_array_equal(by_order.q, recording.q[:, [1, 0]])
+    np.testing.assert_array_equal(by_order.q, recording.q[:, ORDER])
     by_name = load_recording(bag, arm, Import(joints=("fer_a", "fer_b")))
     np.testing.assert_array_equal(by_name.q, recording.q)
 
@@ -113,57 +210,45 @@ def test_foreign_names_by_order_or_by_import(
 def test_stamps_that_are_not_set(
     recording: Recording, arm: NominalArm, tmp_path: Path
 ) -> None:
-    bag = write_bag(
-        tmp_path / "bag", recording, names=["shoulder", "elbow"], order=[0, 1], epoch=0
+    back = load_recording(
+        states_bag(tmp_path / "bag", recording, JOINTS, ORDER, stamp=0.0), arm
     )
-    back = load_recording(bag, arm)
     np.testing.assert_allclose(back.t, recording.t, atol=1e-6)
     assert any("time is that of logging" in note for note in back.notes)
 
 
 def test_several_topics(recording: Recording, arm: NominalArm, tmp_path: Path) -> None:
-    names = ["shoulder", "elbow"]
-    bag = write_bag(
-        tmp_path / "bag", recording, names=names, order=[0, 1], topics=("/a", "/b")
-    )
+    bag = states_bag(tmp_path / "bag", recording, JOINTS, ORDER, topics=("/a", "/b"))
     with pytest.raises(InputError, match="has q on several topics: /a, /b"):
         load_recording(bag, arm)
     assert len(load_recording(bag, arm, Import(topic="/b")).t) == len(recording.t)
-    with pytest.raises(
-        InputError,
-        match="has no topic /c about joints; it has /a",
-    ):
+    with pytest.raises(InputError, match="has no topic /c about joints; it has /a"):
         load_recording(bag, arm, Import(topic="/c"))
 
 
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (["x"], "holds all of the joints shoulder, elbow; the first holds x"),
+        (["shoulder", "x"], "joints shoulder, elbow; the first holds shoulder, x"),
+    ],
+)
 def test_bags_without_the_joints(
-    recording: Recording, arm: NominalArm, tmp_path: Path
+    names: list[str],
+    message: str,
+    recording: Recording,
+    arm: NominalArm,
+    tmp_path: Path,
 ) -> None:
-    text = write_bag(
-        tmp_path / "text",
-        recording,
-        names=[],
-        order=[],
-        message_type="std_msgs/msg/String",
-    )
-    with pytest.raises(
-        InputError, match=r"it has /joint_states \(std_msgs/msg/String\)"
-    ):
-        load_recording(text, arm)
-    one = write_bag(tmp_path / "one", recording, names=["x"], order=[0])
-    with pytest.raises(
-        InputError,
-        match="no message of /joint_states holds all of the joints shoulder, elbow; the first holds x",
-    ):
-        load_recording(one, arm)
-    half = write_bag(
-        tmp_path / "half", recording, names=["shoulder", "x"], order=[0, 1]
-    )
-    with pytest.raises(
-        InputError,
-        match="holds all of the joints shoulder, elbow; the first holds shoulder, x",
-    ):
-        load_recording(half, arm)
+    order = list(range(len(names)))
+    bag = states_bag(tmp_path / "bag", recording, names, order)
+    with pytest.raises(InputError, match=f"no message of /joint_states .*{message}"):
+        load_recording(bag, arm)
+    text = Bag(tmp_path / "text")
+    with text.writer:
+        text.write("/words", STRING, EPOCH, None, data="hello")
+    with pytest.raises(InputError, match=r"it has /words \(std_msgs/msg/String\)"):
+        load_recording(tmp_path / "text", arm)
 
 
 @pytest.mark.parametrize("form", ["db3", "mcap"])
@@ -171,14 +256,7 @@ def test_bags_without_the_joints(
 def test_truncated(
     form: str, share: float, recording: Recording, arm: NominalArm, tmp_path: Path
 ) -> None:
-    storage = StoragePlugin.MCAP if form == "mcap" else StoragePlugin.SQLITE3
-    bag = write_bag(
-        tmp_path / "bag",
-        recording,
-        names=["shoulder", "elbow"],
-        order=[0, 1],
-        storage=storage,
-    )
+    bag = states_bag(tmp_path / "bag", recording, JOINTS, ORDER, mcap=form == "mcap")
     content = next(bag.glob(f"*.{form}")).read_bytes()
     path = tmp_path / f"cut.{form}"
     path.write_bytes(content[: int(share * len(content))])
@@ -193,3 +271,145 @@ def test_folder_without_metadata(arm: NominalArm, tmp_path: Path) -> None:
     (tmp_path / "bag" / "bag_0.mcap").touch()
     with pytest.raises(InputError, match="give one of its files: bag_0.mcap"):
         load_recording(tmp_path / "bag", arm)
+
+
+def controller_bag(
+    folder: Path, recording: Recording, definition: str, mcap: bool
+) -> Path:
+    """A bag with the state of a controller at every second row of a recording."""
+    bag = Bag(folder, definition, mcap)
+    q, dq, tau = recording.q, recording.dq, recording.tau
+    assert dq is not None and tau is not None
+    with bag.writer:
+        for i in range(0, len(recording.t), 2):
+            at, rate = q[i, ORDER], dq[i, ORDER]
+            reference = bag.point(positions=at + 0.1, velocities=rate + 0.2)
+            feedback = bag.point(positions=at, velocities=rate)
+            points: dict[str, Any] = {"desired": reference, "actual": feedback}
+            if definition == NEWEST:
+                points = {"reference": reference, "feedback": feedback}
+                points["output"] = bag.point(effort=tau[i, ORDER])
+                points["multi_dof_joint_names"] = []
+                names = ("reference", "feedback", "error", "output")
+                points |= {f"multi_dof_{name}": bag.multi() for name in names}
+                points["speed_scaling_factor"] = 0.75
+            points |= {"error": bag.point(), "joint_names": JOINTS}
+            stamp = EPOCH + recording.t[i]
+            bag.write(
+                "/arm_controller/state",
+                CONTROLLER_STATE,
+                stamp + 0.003,
+                stamp,
+                **points,
+            )
+    return folder if mcap else without_definitions(folder)
+
+
+@pytest.mark.parametrize("mcap", [True, False])
+@pytest.mark.parametrize("definition", [NEWEST, OLDEST])
+def test_a_controller_state_alone_is_a_recording(
+    definition: str, mcap: bool, recording: Recording, arm: NominalArm, tmp_path: Path
+) -> None:
+    path = controller_bag(tmp_path / "bag", recording, definition, mcap)
+    back = load_recording(path, arm)
+    assert recording.dq is not None and recording.tau is not None
+    np.testing.assert_allclose(back.t, recording.t[::2], atol=1e-9)
+    np.testing.assert_array_equal(back.q, recording.q[::2])
+    np.testing.assert_array_equal(back.q_ref, recording.q[::2] + 0.1)
+    np.testing.assert_array_equal(back.dq_ref, recording.dq[::2] + 0.2)
+    if definition == NEWEST:
+        np.testing.assert_array_equal(back.tau, recording.tau[::2])
+    else:
+        assert back.tau is None
+
+
+COMMANDS = "/arm_controller/joint_trajectory"
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Log:
+    """Joint states, all interfaces at a fifth of the rate, commands, and a robot description."""
+    q, _ = to_and_fro(np.arange(200) / 100)
+    folder = tmp_path_factory.mktemp("bag") / "whole"
+    bag = Bag(folder)
+    with bag.writer:
+        bag.write("/robot_description", STRING, EPOCH, None, data="<robot/>")
+        for i, at in enumerate(q[:, ORDER]):
+            t = i / 100
+            bag.state(t, JOINTS, position=at)
+            if i % 5 == 0:
+                both = [{"temperature": 30 + t, "current": 2 * x} for x in at]
+                bag.interfaces("/dynamic_joint_states", t, both)
+        for start in (0.2, 1.0):
+            path = [(start + due, -due) for due in (0, 0.5, 1.0)]
+            points = [bag.point(-down, positions=(up, down)) for up, down in path]
+            fields = {"joint_names": JOINTS, "points": points}
+            bag.write(COMMANDS, JOINT_TRAJECTORY, EPOCH + start, 0.0, **fields)
+    return open_log(folder)
+
+
+def test_every_topic_about_joints_is_a_table_on_one_time(log: Log) -> None:
+    tables = {table.name: table.table.columns for table in log.tables}
+    assert log.format == "ROS 2 bag (MCAP)" and log.robot_description == "<robot/>"
+    states = ["t", "position[elbow]", "position[shoulder]"]
+    assert list(tables["/joint_states"]) == states
+    slow, all_of = np.arange(40) / 20, tables["/dynamic_joint_states"]
+    np.testing.assert_allclose(all_of["t"], slow, atol=1e-9)
+    np.testing.assert_allclose(all_of["temperature[elbow]"], 30 + slow)
+    # a new trajectory ends the one before
+    due = [0.2, 0.7, 1.0, 1.5, 2.0]
+    np.testing.assert_allclose(tables[COMMANDS]["t"], due, atol=1e-9)
+    np.testing.assert_allclose(tables[COMMANDS]["positions[elbow]"], due)
+
+
+def test_channels_from_topics_that_the_case_names(log: Log, arm: NominalArm) -> None:
+    current = {"unit": "A", "motor_constant": 0.1, "gear_ratio": [100, 50]}
+    section = {
+        "join": "hold",
+        "tau": {"topic": "/dynamic_joint_states", "column": "current[{joint}]"}
+        | current,
+        "q_ref": {"topic": COMMANDS, "column": "positions[{joint}]"},
+    }
+    importing = parse_import(section, 2, Path("case.yaml"))
+    found = load_recording(log.path, arm, importing, complete=True)
+    # cut before the first command
+    assert found.t[0] == pytest.approx(0.2) and found.temperature is not None
+    assert found.tau is not None and found.q_ref is not None
+    row = int(np.searchsorted(found.t, 0.999))
+    # held: the current of the last fifth row, in joint order shoulder, elbow; 0.1 N m/A times gears
+    np.testing.assert_allclose(found.tau[row], found.q[row] * 2 * [10, 5], rtol=1e-9)
+    np.testing.assert_allclose(found.q_ref[row], [0.0, 1.0])
+    np.testing.assert_allclose(found.temperature[row], 31.0)
+
+
+def test_a_topic_that_covers_little_is_not_joined(
+    recording: Recording, arm: NominalArm, tmp_path: Path
+) -> None:
+    bag = Bag(tmp_path / "bag")
+    with bag.writer:
+        for i, t in enumerate(recording.t):
+            bag.state(t, JOINTS, position=recording.q[i, ORDER])
+            if i % 2 == 0 and i < 60:
+                bag.interfaces("/dynamic", t, [{"temperature": 30.0}] * 2)
+    back = load_recording(tmp_path / "bag", arm)
+    assert back.temperature is None and len(back.t) == len(recording.t)
+    assert "temperature of /dynamic left out: it covers 30% of the motion" in back.notes
+
+
+@pytest.mark.parametrize("states", [0, 200])
+def test_a_message_of_another_shape(
+    states: int, recording: Recording, tmp_path: Path
+) -> None:
+    """It is an error alone, and left unread beside joint states."""
+    bag = Bag(tmp_path / "bag", "float64[3] something", mcap=False)
+    with bag.writer:
+        bag.write("/state", CONTROLLER_STATE, EPOCH, None, something=np.arange(3.0))
+        for t, q in zip(recording.t[:states], recording.q[:states], strict=True):
+            bag.state(t, JOINTS, position=q)
+    path = without_definitions(tmp_path / "bag")
+    if states:
+        assert open_log(path).names == ["/joint_states"]
+        assert open_log(path).unread == (f"{CONTROLLER_STATE}: of unknown form",)
+        return
+    with pytest.raises(InputError, match="of type control_msgs.* cannot be decoded"):
+        open_log(path)
