@@ -63,7 +63,28 @@ def feedforward(
 
 
 @dataclass(frozen=True, kw_only=True)
-class PD(Controller):
+class _KpKd(Controller):
+    """A law whose feedback is kp (q_ref - q) + kd (dq_ref - dq): torque, or acceleration if it goes through the model.
+
+    Attributes:
+        kp, kd: gains, shape (n,).
+    """
+
+    kp: np.ndarray
+    kd: np.ndarray
+
+    def proportional(self, error: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        """kp e + kd de [N m or rad/s^2]."""
+        return self.kp * error + self.kd * rate
+
+    @property
+    def velocity_gain(self) -> np.ndarray | None:
+        """kd [N m s/rad], (n,), of a torque."""
+        return None if self.through_model else self.kd
+
+
+@dataclass(frozen=True, kw_only=True)
+class PD(_KpKd):
     """tau = feedforward + kp (q_ref - q) + kd (dq_ref - dq).
 
     Attributes:
@@ -75,24 +96,13 @@ class PD(Controller):
         Gain("kp", "N m/rad", "torque over the position's error", 2),
         Gain("kd", "N m s/rad", "torque over the velocity's error", 1),
     )
-    kp: np.ndarray
-    kd: np.ndarray
-
-    def proportional(self, error: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        """kp e + kd de [N m]."""
-        return self.kp * error + self.kd * rate
-
-    @property
-    def velocity_gain(self) -> np.ndarray:
-        """kd [N m s/rad], (n,)."""
-        return self.kd
 
 
 # PID control of the position, beside a feedforward.
 
 
 @dataclass(frozen=True, kw_only=True)
-class PID(Controller):
+class PID(_KpKd):
     """tau = feedforward + kp e + z + kd de, dz/dt = ki e, with e = q_ref - q.
 
     Attributes:
@@ -102,28 +112,17 @@ class PID(Controller):
 
     kind = "pid"
     gains = (
-        Gain("kp", "N m/rad", "torque over the position's error", 2),
+        PD.gains[0],
         Gain("ki", "N m/(rad s)", "torque over the integral of that error", 3),
-        Gain("kd", "N m s/rad", "torque over the velocity's error", 1),
+        PD.gains[1],
     )
     integrates = True
-    kp: np.ndarray
     ki: np.ndarray
-    kd: np.ndarray
     integrator: Integrator = field(default_factory=Integrator)
-
-    def proportional(self, error: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        """kp e + kd de [N m]."""
-        return self.kp * error + self.kd * rate
 
     def integration(self, error: np.ndarray, rate: np.ndarray) -> np.ndarray:
         """ki e [N m/s]."""
         return self.ki * error
-
-    @property
-    def velocity_gain(self) -> np.ndarray:
-        """kd [N m s/rad], (n,)."""
-        return self.kd
 
 
 # A cascade: the position's error sets a velocity, whose PI controller gives the torque.
@@ -171,7 +170,7 @@ class Cascade(Controller):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ComputedTorque(Controller):
+class ComputedTorque(_KpKd):
     """tau = (M(q) + I) a + C(q, dq) dq + g(q) + f(dq_ref), a = ddq_ref + kp (q_ref - q) + kd (dq_ref - dq).
 
     All of the nominal arm, rotors I and friction f of the data sheet included. Friction is taken at the reference's
@@ -187,12 +186,6 @@ class ComputedTorque(Controller):
         Gain("kd", "1/s", "acceleration over the velocity's error", 1),
     )
     through_model = True
-    kp: np.ndarray
-    kd: np.ndarray
-
-    def proportional(self, error: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        """kp e + kd de [rad/s^2]."""
-        return self.kp * error + self.kd * rate
 
 
 # The control laws by name: what ``controller.kind`` of a case may be.

@@ -67,9 +67,7 @@ class Kinematics:
     def __init__(self, body: RigidBody) -> None:
         self._model = body.model
         self._data = body.model.createData()
-        columns = np.array([body.model.joints[int(link)].idx_v for link in body.links])
-        self._to_model = np.argsort(columns)
-        self._to_arm = columns
+        self._to_model, self._to_arm = body.order, body.places
         last = body.model.njoints - 1
         for index, frame in enumerate(body.model.frames):
             if frame.parentJoint == last and frame.type == pin.FrameType.BODY:

@@ -41,6 +41,18 @@ _KINDS = {
 }
 
 
+_RULES = {
+    "type": "expected {listed}, got {shown}",
+    "enum": "expected one of {listed}; got {value!r}",
+    "minItems": "expected at least {expected} entries, got {count}",
+    "maxItems": "expected at most {expected} entries, got {count}",
+    "minimum": "expected a number of at least {expected}, got {value!r}",
+    "exclusiveMinimum": "expected a number above {expected}, got {value!r}",
+    "uniqueItems": "has an entry twice: {shown}",
+}
+"""What is said of a fault, by the rule of the schema."""
+
+
 class _Loader(yaml.SafeLoader):
     """YAML 1.1 as PyYAML reads it, but ``1e-3`` is a number and a key given twice is a fault."""
 
@@ -221,27 +233,17 @@ def _sentence(rule: str, expected: Any, value: Any, schema: Any) -> tuple[str, s
     if rule == "required":
         missing = next(key for key in expected if key not in value)
         return f"lacks the key {missing!r}", f"add {missing}: to it"
+    words = {
+        "expected": expected,
+        "value": value,
+        "shown": _shown(value),
+        "count": len(value) if hasattr(value, "__len__") else 0,
+        "listed": ", ".join(map(str, expected)) if rule == "enum" else "",
+    }
     if rule == "type":
         kinds = [expected] if isinstance(expected, str) else expected
-        return (
-            f"expected {' or '.join(_KINDS[kind] for kind in kinds)}, got {_shown(value)}",
-            "",
-        )
-    if rule == "enum":
-        return f"expected one of {', '.join(map(str, expected))}; got {value!r}", ""
-    if rule in ("minItems", "maxItems"):
-        return (
-            f"expected {'at least' if rule == 'minItems' else 'at most'} {expected} entries, got {len(value)}",
-            "",
-        )
-    if rule in ("minimum", "exclusiveMinimum"):
-        return (
-            f"expected a number {'of at least' if rule == 'minimum' else 'above'} {expected}, got {value!r}",
-            "",
-        )
-    if rule == "uniqueItems":
-        return f"has an entry twice: {_shown(value)}", ""
-    return f"must not be empty, got {_shown(value)}", ""
+        words["listed"] = " or ".join(_KINDS[kind] for kind in kinds)
+    return _RULES.get(rule, "must not be empty, got {shown}").format(**words), ""
 
 
 def _shown(value: Any) -> str:
