@@ -249,7 +249,7 @@ def checked_motion(
 
 
 def chosen_feedforward(feedforward: str | FeedforwardModel) -> str | FeedforwardModel:
-    """What is fed forward: a name of ``gapscope.arm.dynamics.feedforward.KINDS``, or a model.
+    """What is fed forward: a name of ``gapscope.arm.control.FEEDFORWARDS``, or a model.
 
     Raises:
         InputError: an unknown name, or an object without ``series``.
