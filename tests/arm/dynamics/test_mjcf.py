@@ -192,62 +192,43 @@ def _load(tmp_path: Path, text: str) -> NominalArm:
 
 
 MESH = '<asset><mesh name="hull" vertex="0 0 0 1 0 0 0 1 0 0 0 1"/></asset>'
-REFUSED = {
-    "negative mass": (
-        {"inertial": INERTIAL.replace('"2"', '"-2"')},
-        "body rod, <inertial>: mass is -2 kg",
-    ),
-    "mass that is no number": (
-        {"inertial": INERTIAL.replace('"2"', '"two"')},
-        "body rod, <inertial mass>: expected a number, got 'two'",
-    ),
-    "no mass": (
-        {"inertial": '<inertial pos="0 0 0" diaginertia="1 1 1"/>'},
-        "body rod, <inertial>: has no mass",
-    ),
-    "no moments": (
-        {"inertial": '<inertial pos="0 0 0" mass="1"/>'},
-        "has no diaginertia",
-    ),
-    "two moments": (
-        {"inertial": INERTIAL.replace("0.1 0.1", "0.1")},
-        "<inertial diaginertia>: expected 3 numbers, got '0.1 0.02'",
-    ),
-    "negative moment": (
-        {"inertial": INERTIAL.replace("0.1 0.1", "-0.1 0.1")},
-        "body rod, <inertial>: it has the principal moments -0.1, 0.02, 0.1 kg m^2",
-    ),
-    "negative moment of six": (
-        {
-            "inertial": '<inertial pos="0 0 0" mass="1" fullinertia="0.1 0.1 0.1 0.3 0 0"/>'
-        },
-        "principal moments -0.2, 0.1, 0.4 kg m^2",
-    ),
-    "mass by a mesh": (
-        {"inertial": '<geom type="mesh" mesh="hull"/>', "before": MESH},
-        "body rod: has no <inertial>, and its mass cannot be taken from the shape mesh",
-    ),
-    "included file": (
-        {"before": '<include file="more.xml"/>'},
-        "<include> is not read",
-    ),
-    "frame": (
-        {"inside": '<frame pos="0 0 1"><body name="tip"/></frame>'},
-        "<frame> is not read",
-    ),
-    "gravity of two": (
-        {"before": '<option gravity="0 -9.81"/>'},
-        "<option gravity>: expected 3 numbers",
-    ),
-    "other zero": ({"joint": 'ref="0.2"'}, "joint hinge: ref is 0.2, expected 0"),
-    "unknown class": (
-        {"joint": 'class="none"'},
-        "joint hinge, <joint class>: expected the name of a default class",
-    ),
-}
 
 
-@pytest.mark.parametrize(("change", "message"), REFUSED.values(), ids=REFUSED)
+def changed(old: str, new: str) -> str:
+    """The inertial of the rod with something else in it."""
+    assert old in INERTIAL
+    return INERTIAL.replace(old, new)
+
+
+SIX = '<inertial pos="0 0 0" mass="1" fullinertia="0.1 0.1 0.1 0.3 0 0"/>'
+BY_MESH = {"inertial": '<geom type="mesh" mesh="hull"/>', "before": MESH}
+FRAME = '<frame pos="0 0 1"><body name="tip"/></frame>'
+ROD = "line 1, body rod, <inertial"
+MOMENTS = f"{ROD}>: it has the principal moments"
+REFUSED: list[tuple[dict[str, str], str]] = [
+    ({"inertial": changed('"2"', '"-2"')}, f"{ROD}>: mass is -2 kg"),
+    ({"inertial": changed('"2"', '"two"')}, f"{ROD} mass>: expected a number"),
+    ({"inertial": changed('mass="2"', "")}, f"{ROD}>: has no mass"),
+    ({"inertial": '<inertial pos="0 0 0" mass="1"/>'}, "has no diaginertia"),
+    (
+        {"inertial": changed("0.1 0.1", "0.1")},
+        f"{ROD} diaginertia>: expected 3 numbers, got '0.1 0.02'",
+    ),
+    (
+        {"inertial": changed("0.1 0.1", "-0.1 0.1")},
+        f"{MOMENTS} -0.1, 0.02, 0.1 kg m^2",
+    ),
+    ({"inertial": SIX}, f"{MOMENTS} -0.2, 0.1, 0.4 kg m^2"),
+    (BY_MESH, "body rod: has no <inertial>, and its mass cannot be taken from the"),
+    ({"before": '<include file="more.xml"/>'}, "<include> is not read"),
+    ({"inside": FRAME}, "<frame> is not read"),
+    ({"before": '<option gravity="0 -9.81"/>'}, "gravity>: expected 3 numbers"),
+    ({"joint": 'ref="0.2"'}, "joint hinge: ref is 0.2, expected 0"),
+    ({"joint": 'class="none"'}, "joint hinge, <joint class>: expected the name of a"),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), REFUSED)
 def test_what_would_be_read_as_something_else_is_refused(
     tmp_path: Path, change: dict[str, str], message: str
 ) -> None:
@@ -260,35 +241,22 @@ CLASSES = (
     '<default><joint stiffness="3"/><motor ctrlrange="-9 9"/>'
     '<default class="soft"><joint stiffness="5"/><motor ctrlrange="-2 2"/></default></default>'
 )
-LEFT_OUT = {
-    "spring": (
-        {"joint": 'stiffness="5" springref="0.3"'},
-        "the spring of joint hinge (stiffness 5, springref 0.3)",
-    ),
-    "spring of all": (
-        {"before": CLASSES},
-        "the spring of joint hinge (stiffness 3, springref 0)",
-    ),
-    "spring of a class": (
-        {"before": CLASSES, "joint": 'class="soft"'},
-        "spring of joint hinge (stiffness 5",
-    ),
-    "constraint": (
-        {"after": '<equality><joint joint1="hinge"/></equality>'},
-        "<equality><joint> of hinge is not read",
-    ),
-    "weight held up": (
-        {"inside": '<body name="tip" gravcomp="1"/>'},
-        "gravcomp of body tip is not read",
-    ),
-    "mass by shapes": (
+SPRING = "the spring of joint hinge (stiffness"
+EQUALITY = '<equality><joint joint1="hinge"/></equality>'
+LEFT_OUT: list[tuple[dict[str, str], str]] = [
+    ({"joint": 'stiffness="5" springref="0.3"'}, f"{SPRING} 5, springref 0.3)"),
+    ({"before": CLASSES}, f"{SPRING} 3, springref 0)"),
+    ({"before": CLASSES, "joint": 'class="soft"'}, f"{SPRING} 5"),
+    ({"after": EQUALITY}, "<equality><joint> of hinge is not read"),
+    ({"inside": '<body name="tip" gravcomp="1"/>'}, "gravcomp of body tip is not read"),
+    (
         {"inertial": '<geom size="0.1"/>'},
         "body rod has no <inertial> and is weighed by its shapes",
     ),
-}
+]
 
 
-@pytest.mark.parametrize(("change", "message"), LEFT_OUT.values(), ids=LEFT_OUT)
+@pytest.mark.parametrize(("change", "message"), LEFT_OUT)
 @pytest.mark.filterwarnings("always::gapscope.arm.errors.ModelWarning")
 def test_what_is_left_out_is_told(
     tmp_path: Path, change: dict[str, str], message: str
@@ -315,59 +283,31 @@ def test_gravity_of_the_file_counts_where_nothing_else_says_it(
     np.testing.assert_array_equal(given.gravity, [0, 0, -3.7])
 
 
+CLAMPED = 'actuatorfrcrange="-7 7"'
+
+
 @pytest.mark.parametrize(
-    ("change", "limit"),
+    ("joint", "actuator", "limit"),
     [
-        ({}, 0.0),
-        ({"joint": 'actuatorfrcrange="-7 7"'}, 7.0),
-        (
-            {
-                "after": '<actuator><motor joint="hinge" ctrlrange="-3 4" gear="2"/></actuator>'
-            },
-            6.0,
-        ),
-        (
-            {
-                "after": '<actuator><motor joint="hinge" ctrlrange="-3 3" ctrllimited="false"/></actuator>'
-            },
-            0.0,
-        ),
-        (
-            {
-                "after": '<actuator><general joint="hinge" ctrlrange="-3 3" gainprm="10"/></actuator>'
-            },
-            30.0,
-        ),
-        (
-            {
-                "after": '<actuator><position joint="hinge" ctrlrange="-1 1" forcerange="-4 4"/></actuator>'
-            },
-            4.0,
-        ),
-        (
-            {
-                "before": CLASSES,
-                "after": '<actuator><motor class="soft" joint="hinge"/></actuator>',
-            },
-            2.0,
-        ),
-        (
-            {
-                "joint": 'actuatorfrcrange="-7 7"',
-                "after": '<actuator><motor joint="hinge" gear="3"/></actuator>',
-            },
-            7.0,
-        ),
+        ("", "", 0.0),
+        (CLAMPED, "", 7.0),
+        ("", 'motor ctrlrange="-3 4" gear="2"', 6.0),
+        ("", 'motor ctrlrange="-3 3" ctrllimited="false"', 0.0),
+        ("", 'general ctrlrange="-3 3" gainprm="10"', 30.0),
+        ("", 'position ctrlrange="-1 1" forcerange="-4 4"', 4.0),
+        ("", 'motor class="soft"', 2.0),
+        (CLAMPED, 'motor ctrllimited="false" gear="3"', 7.0),
     ],
 )
 def test_torque_limit_of_joint_and_actuator(
-    tmp_path: Path, change: dict[str, str], limit: float
+    tmp_path: Path, joint: str, actuator: str, limit: float
 ) -> None:
     """As ``effort`` of a URDF, 0 where there is none."""
-    body = RigidBody(_load(tmp_path, _one(**change)))
-    assert body.effort_limits() == pytest.approx(
-        [limit]
-    ) and body.velocity_limits() == pytest.approx([0.0])
+    before = CLASSES if "soft" in actuator else ""
+    after = f'<actuator><{actuator} joint="hinge"/></actuator>' if actuator else ""
+    body = RigidBody(_load(tmp_path, _one(joint=joint, before=before, after=after)))
+    assert body.effort_limits() == pytest.approx([limit])
+    assert body.velocity_limits() == pytest.approx([0.0])
 
 
 def test_a_body_without_a_name_weighs_what_it_weighs(tmp_path: Path) -> None:
@@ -376,3 +316,25 @@ def test_a_body_without_a_name_weighs_what_it_weighs(tmp_path: Path) -> None:
     assert RigidBody(fixed).inertial_parameters()[0] == 4.0
     turning = _load(tmp_path, _one(f'<body>{INERTIAL}<joint name="tip"/></body>'))
     assert turning.joints == ("hinge", "tip")
+
+
+def test_several_joints_of_one_body_and_other_ways_to_say_a_turn(
+    tmp_path: Path,
+) -> None:
+    """A body on two joints, and one that xyaxes or zaxis turns by a right angle about x, as MuJoCo reads them."""
+    mujoco = pytest.importorskip("mujoco")
+    for turn in ('xyaxes="1 0 0 0 0 1"', 'zaxis="0 -1 0"', 'euler="1.5708 0 0"'):
+        other = (
+            f'<body name="arm" pos="0 0 0.3" {turn}><joint name="lift" type="slide"/>'
+        )
+        second = f'<joint name="tilt" pos="0 0.1 0" axis="1 0 0"/>{INERTIAL}</body>'
+        read = _load(tmp_path, _one(other + second))
+        assert read.joints == ("hinge", "lift", "tilt")
+        model = mujoco.MjModel.from_xml_path(str(read.urdf))
+        data, samples = mujoco.MjData(model), _samples(3)
+        expected = []
+        for data.qpos[:], data.qvel[:], data.qacc[:] in zip(*samples, strict=True):
+            mujoco.mj_inverse(model, data)
+            expected.append(data.qfrc_inverse.copy())
+        found = RigidBody(read).inverse_dynamics(*samples)
+        np.testing.assert_allclose(found, expected, atol=1e-8)
