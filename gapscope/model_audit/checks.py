@@ -726,24 +726,6 @@ class Extent:
     size: float
 
 
-@dataclass(frozen=True)
-class MassSpread:
-    """Spread of the logarithm of moments over mass and squared size.
-
-    Attributes:
-        step: which neighbour's mass.
-        count: number of links.
-        now, then: standard deviation with each link's own mass, and with the neighbour's [1].
-        p: of an F test that the neighbour's is no better [1].
-    """
-
-    step: int
-    count: int
-    now: float
-    then: float
-    p: float
-
-
 def check_shifted(
     description: Description, geometries: Mapping[str, Geometry]
 ) -> Iterator[Finding]:
@@ -835,22 +817,20 @@ def _masses(links: Sequence[Link], extents: Mapping[str, Extent]) -> Iterator[Fi
     """
     bodies = [link.inertial for link in links if link.inertial is not None]
     places = [extents.get(link.name) for link in links]
-    spreads = [
-        spread
-        for step in (1, -1)
-        if (spread := _mass_spread(bodies, places, step)) is not None
-    ]
-    best = min(spreads, key=lambda spread: spread.p, default=None)
-    if best is None or best.p > MASS_SHIFT_LEVEL or best.then > MASS_SHIFT_SPREAD:
+    both = (_mass_spread(bodies, places, step) for step in (1, -1))
+    best = min(filter(None, both), default=None)
+    if best is None:
         return
-    now, then = best.now, best.then
-    beyond = "next" if best.step > 0 else "previous"
+    p, then, now, count, step = best
+    if p > MASS_SHIFT_LEVEL or then > MASS_SHIFT_SPREAD:
+        return
+    beyond = "next" if step > 0 else "previous"
     yield _shifted(
         links,
         "shifted_masses",
         places,
         f"the masses look shifted by one link: moments over mass and size differ by {np.expm1(now):.0%} between "
-        f"{best.count} links, with the mass of the {beyond} link each by {np.expm1(then):.0%} (p = {best.p:.1g}); "
+        f"{count} links, with the mass of the {beyond} link each by {np.expm1(then):.0%} (p = {p:.1g}); "
         "centres and moments are in place",
         "mass and moments of the same link",
         f"give each link the <mass> of the {beyond} one, compare with the data sheet, and run the audit again",
@@ -860,8 +840,12 @@ def _masses(links: Sequence[Link], extents: Mapping[str, Extent]) -> Iterator[Fi
 
 def _mass_spread(
     bodies: Sequence[Inertial], places: Sequence[Extent | None], step: int
-) -> MassSpread | None:
-    """How moments over mass and size spread, now and with the masses ``step`` links further; ``None`` of few links."""
+) -> tuple[float, float, float, int, int] | None:
+    """How moments over mass and size spread with the masses ``step`` links further; ``None`` of few links.
+
+    First p of an F test that they spread no less than now, then the standard deviation of their logarithm [1] with
+    those masses and now, the number of links, and the step.
+    """
     sizes, own_masses, other_masses = [], [], []
     for own, extent in enumerate(places):
         giver = own + step
@@ -879,7 +863,7 @@ def _mass_spread(
     then = float(np.std(np.subtract(sizes, other_masses), ddof=1))
     then = max(ROUNDING, then)
     p = float(fisher.sf((now / then) ** 2, count - 1, count - 1))
-    return MassSpread(step, count, now, then, p)
+    return p, then, now, count, step
 
 
 def possible(inertial: Inertial) -> bool:
