@@ -290,7 +290,7 @@ def _add(
         own = link.inertial
         inertia = pin.Inertia(own.mass, own.com, own.moments)
         model.appendBodyToJoint(body, inertia, place)
-    elif link.name in _by_shape(description) and body:
+    elif body and link.drawn and description.form == "MJCF":
         for shape in link.shapes:
             model.appendBodyToJoint(body, _weighed(shape), place)
     if link.line:
