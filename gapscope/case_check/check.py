@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import combinations
 from pathlib import Path
@@ -23,7 +23,7 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import CHANNELS, STILL, Recording, resting
 from gapscope.diagnosis.document.expected import expected_entries
-from gapscope.diagnosis.prepare import with_torque
+from gapscope.diagnosis.prepare import Progress, silent, with_torque
 from gapscope.diagnosis.selection.search import could_show
 from gapscope.diagnosis.set_up import Remark, SetUp, look_at_set_up, numbers
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
@@ -599,7 +599,7 @@ class CaseCheck:
 
 
 def check_case(
-    path: Path, progress: Callable[[str], None] = lambda message: None
+    path: Path, progress: Progress = silent
 ) -> CaseCheck:
     """Check a case; nothing is raised for a case that cannot be read, it is an error among the remarks.
 

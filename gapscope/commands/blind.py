@@ -149,7 +149,7 @@ def score(
     from gapscope.arm.io.locked_section import locked
     from gapscope.blind_check.check import labels_folder
     from gapscope.blind_check.scoring import score as score_cases
-    from gapscope.reports.blind_check import BRIEFLY, tables, write_score
+    from gapscope.reports.blind_check import brief_tables, write_score
 
     training = (train, labels_folder(train)) if train else None
     scored = score_cases(
@@ -161,9 +161,8 @@ def score(
         jobs=jobs,
         progress=note,
     )
-    for table in tables(scored.figures):
-        if table.title in BRIEFLY:
-            console.print(table.rich())
+    for table in brief_tables(scored.figures):
+        console.print(table.on_terminal())
     with locked(out):
         paths = write_score(scored, out)
     wrote(*paths)

@@ -129,7 +129,7 @@ def evaluate_path(
     effects: Path | None,
     plan: EvaluationPlan,
     out: Path,
-    progress: Callable[[str], None] = lambda message: None,
+    progress: Callable[[str], None],
     *,
     again: bool = False,
 ) -> tuple[dict[str, Any], list[SummaryLine], list[Path]]:

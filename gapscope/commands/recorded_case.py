@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +17,7 @@ from gapscope.arm.io.write_case import is_used, write_case
 from gapscope.arm.nearest_name import check_known, nearest
 from gapscope.arm.nominal import NominalArm
 from gapscope.commands.inputs import read_arm_and_controller
+from gapscope.diagnosis.prepare import Progress, silent
 from gapscope.effects.corrected_file import (
     error_context,
     read_with_faults,
@@ -42,7 +42,7 @@ def record_files(
     seed: int | None = None,
     ending: str = "csv",
     sealed: Path | None = None,
-    progress: Callable[[str], None] = lambda message: None,
+    progress: Progress = silent,
 ) -> tuple[list[Path], str | None]:
     """Record a simulated arm with effects as a case.
 

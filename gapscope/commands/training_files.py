@@ -30,6 +30,7 @@ from gapscope.arm.nearest_name import check_known, nearest
 from gapscope.arm.nominal import SHEET_UNITS, NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.commands.inputs import is_case, read_arm
+from gapscope.diagnosis.prepare import Progress, silent
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import error_context, read_corrected
 from gapscope.envs.divergence import described
@@ -280,7 +281,7 @@ def train_files(
     *,
     again: bool = False,
     trials: int = 0,
-    progress: Callable[[str], None] = lambda message: None,
+    progress: Progress = silent,
 ) -> tuple[dict[str, Any], list[Path]]:
     """Train an agent on top of a model, or resume a training that was interrupted.
 

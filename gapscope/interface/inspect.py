@@ -3,29 +3,27 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
 
 from rich.console import RenderableType
 
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.log import Log, open_log
 from gapscope.arm.robots import load_nominal_arm
+from gapscope.diagnosis.prepare import Progress, silent
 from gapscope.inspection.draft_check import DraftCheck, check_draft, judge_torques
 from gapscope.inspection.inspection import Inspection, inspect_logs
 from gapscope.interface.result import Result
 from gapscope.reports.inspection import (
+    CHANNEL_HEADS,
     channel_rows,
     check_unused,
     save_inspection,
     summary,
 )
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 DESCRIBED = "robot.urdf"
 """Name of the file of a robot that a log describes."""
@@ -41,6 +39,8 @@ class InspectionResult(Result):
         robot: as it was given, or ``None``.
         description: URDF text of the robot that a log describes, if none was given.
     """
+
+    COLUMNS = CHANNEL_HEADS
 
     found: Inspection
     checked: DraftCheck
@@ -67,19 +67,16 @@ class InspectionResult(Result):
         """Columns, torques, joints and what looks wrong."""
         return summary(self.found, self.checked)
 
-    def to_frame(self) -> pd.DataFrame:
+    def table(self) -> Iterator[tuple[str, str, str, str]]:
         """A row for the time and for each channel: its columns, their unit, and what tells."""
-        import pandas as pd
-
-        heads = ["channel", "columns", "unit", "because"]
-        return pd.DataFrame(list(channel_rows(self.found)), columns=heads)
+        return channel_rows(self.found)
 
 
 def inspect(
     logs: str | Path | Sequence[str | Path],
     robot: str | Path | None = None,
     *,
-    progress: Callable[[str], None] = lambda message: None,
+    progress: Progress = silent,
 ) -> InspectionResult:
     """Say what is in logs of one arm.
 

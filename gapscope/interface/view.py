@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from gapscope.arm.case import Case, load_case
+from gapscope.arm.case import Case
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.recording import Recording
-from gapscope.interface.models import Model, recording_of
+from gapscope.interface.models import Model, case_of, recording_of
 from gapscope.interface.predict import predict
 from gapscope.interface.replay import replay
 from gapscope.reports.scene import Scene
@@ -26,7 +26,7 @@ def view(
     Raises:
         InputError: the case or the model cannot be used.
     """
-    loaded = case if isinstance(case, Case) else load_case(case)
+    loaded = case_of(case)
     chosen = recording_of(loaded, recording)
     torque = predict(loaded, chosen, model).tau
     scene = Scene(loaded.arm, chosen.t, chosen.q, chosen.tau, torque)

@@ -14,7 +14,14 @@ from markupsafe import Markup
 from gapscope.archive import UNREADABLE, EffectHistory, Entry, Point, histories
 from gapscope.arm.display import display_unit
 from gapscope.diagnosis.document.wording import VERDICTS, capital
-from gapscope.reports.pages import COLOURS, ZERO, PageSection, figure_html, render_html
+from gapscope.reports.pages import (
+    COLOURS,
+    ZERO,
+    PageSection,
+    figure_html,
+    render_html,
+    subplots,
+)
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -142,17 +149,15 @@ def _section(history: EffectHistory, number: int) -> PageSection:
     note = f"Named in {found} of {found + absent} diagnoses."
     return PageSection(
         f"{capital(history.effect)}, {history.place}",
-        note,
-        _drawn(history, f"effect{number}") if history.parameters else None,
+        note=note,
+        figure=_drawn(history, f"effect{number}") if history.parameters else None,
     )
 
 
 def _drawn(history: EffectHistory, name: str) -> Markup:
     """A panel for each parameter, over one axis of time."""
-    from plotly.subplots import make_subplots  # a slow import, needed only here
-
     count = len(history.parameters)
-    figure = make_subplots(count, 1, shared_xaxes=True, vertical_spacing=0.12 / count)
+    figure = subplots(count, shared_xaxes=True, vertical_spacing=0.12 / count)
     for row, ((parameter, unit), components) in enumerate(
         history.parameters.items(), 1
     ):
@@ -182,14 +187,14 @@ def _draw_panel(
 ) -> None:
     factor, shown_unit = _shown_unit(unit, components)
     for colour, (component, points) in zip(COLOURS, components.items(), strict=False):
-        stds = [point.estimate.std for point in points]
+        stds = [number.std for _, number in points]
         figure.add_scatter(
-            x=[point.entry.date.isoformat() for point in points],
-            y=[factor * point.estimate.value for point in points],
+            x=[entry.date.isoformat() for entry, _ in points],
+            y=[factor * float(number.value or 0.0) for _, number in points],
             error_y={
                 "array": [INTERVAL * factor * std if std else None for std in stds]
             },
-            text=[point.entry.case for point in points],
+            text=[entry.case for entry, _ in points],
             hovertemplate="%{text}<br>%{x}<br>%{y:.4g}<extra></extra>",
             mode="markers+lines",
             line={"color": colour, "width": 1, "dash": "dot"},
@@ -206,7 +211,7 @@ def _draw_panel(
 def _shown_unit(unit: str, components: dict[str, list[Point]]) -> tuple[float, str]:
     """One readable unit for all values of a panel, and the factor to it."""
     points = (point for of_one in components.values() for point in of_one)
-    return display_unit(unit, max(abs(point.estimate.value) for point in points))
+    return display_unit(unit, max(abs(number.value or 0.0) for _, number in points))
 
 
 def _absent_lines(history: EffectHistory) -> list[dict[str, object]]:

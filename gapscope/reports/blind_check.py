@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import plotly.graph_objects as go
-from rich.table import Table as RichTable
 
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import read_json, write_json
@@ -45,38 +44,16 @@ BRIEFLY = ("Effects named", "Verdicts and probabilities", "Beside plain methods"
 """Titles of the tables that a terminal shows; the files have all of them."""
 
 
-@dataclass(frozen=True)
-class Table:
-    """A table: title, heads of the columns, rows of text."""
-
-    title: str
-    heads: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-    def markdown(self) -> str:
-        """As Markdown."""
-        lines = [
-            f"### {self.title}",
-            "",
-            "| " + " | ".join(self.heads) + " |",
-            "|" + "---|" * len(self.heads),
-        ]
-        return (
-            "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in self.rows)])
-            + "\n"
-        )
-
-    def rich(self) -> RichTable:
-        """As a table on a terminal, without the counts of shares."""
-        table = RichTable(title=self.title)
-        for head in self.heads:
-            table.add_column(head)
-        for row in self.rows:
-            table.add_row(*(re.sub(r", \d+ of \d+$", "", cell) for cell in row))
-        return table
+def brief_tables(figures: dict[str, Any]) -> list[PageSection]:
+    """Those of a terminal, without the counts of shares."""
+    shown = [table for table in tables(figures) if table.title in BRIEFLY]
+    return [
+        replace(table, rows=[[re.sub(r", \d+ of \d+$", "", cell) for cell in row] for row in table.rows])
+        for table in shown
+    ]  # fmt: skip
 
 
-def tables(figures: dict[str, Any]) -> list[Table]:
+def tables(figures: dict[str, Any]) -> list[PageSection]:
     """All tables of a blind check."""
     out = [_main(figures), _verdicts(figures)]
     for key, title in (
@@ -95,7 +72,7 @@ def tables(figures: dict[str, Any]) -> list[Table]:
     return out
 
 
-def _main(figures: dict[str, Any]) -> Table:
+def _main(figures: dict[str, Any]) -> PageSection:
     return _scores(
         "Effects named",
         {
@@ -106,7 +83,7 @@ def _main(figures: dict[str, Any]) -> Table:
     )
 
 
-def _scores(title: str, groups: dict[str, Any]) -> Table:
+def _scores(title: str, groups: dict[str, Any]) -> PageSection:
     heads = (
         "",
         "cases",
@@ -136,10 +113,10 @@ def _scores(title: str, groups: dict[str, Any]) -> Table:
         )
         for name, s in groups.items()
     )
-    return Table(title, heads, rows)
+    return PageSection(title, heads, rows)
 
 
-def _verdicts(figures: dict[str, Any]) -> Table:
+def _verdicts(figures: dict[str, Any]) -> PageSection:
     well, beyond, sets = (
         figures["healthy"],
         figures["unknown"],
@@ -157,10 +134,10 @@ def _verdicts(figures: dict[str, Any]) -> Table:
         ("diagnoses that failed", str(len(figures["failed"]))),
         ("seconds of a diagnosis, median", _median(figures["seconds"], percent=False)),
     )
-    return Table("Verdicts and probabilities", ("", ""), rows)
+    return PageSection("Verdicts and probabilities", ("", ""), rows)
 
 
-def _calibration(calibration: dict[str, Any]) -> Table:
+def _calibration(calibration: dict[str, Any]) -> PageSection:
     rows = tuple(
         (
             f"{r['from']:.1f} to {r['to']:.1f}",
@@ -170,14 +147,14 @@ def _calibration(calibration: dict[str, Any]) -> Table:
         )
         for r in calibration["reliability"]
     )
-    return Table(
+    return PageSection(
         "Reliability",
         ("probability", "findings", "mean probability", "share right"),
         rows,
     )
 
 
-def _confusion(confusion: dict[str, dict[str, int]]) -> Table:
+def _confusion(confusion: dict[str, dict[str, int]]) -> PageSection:
     rows = tuple(
         (
             truth,
@@ -186,14 +163,14 @@ def _confusion(confusion: dict[str, dict[str, int]]) -> Table:
         )
         for truth, answers in confusion.items()
     )
-    return Table(
+    return PageSection(
         "Confusion: what single causes were taken for",
         ("truth", "cases", "first answer"),
         rows,
     )
 
 
-def _baselines(figures: dict[str, Any]) -> Table:
+def _baselines(figures: dict[str, Any]) -> PageSection:
     methods = {"this diagnosis": figures, **figures["baselines"]}
     heads = (
         "method",
@@ -221,7 +198,7 @@ def _baselines(figures: dict[str, Any]) -> Table:
         )
         for name, m in methods.items()
     )
-    return Table("Beside plain methods", heads, rows)
+    return PageSection("Beside plain methods", heads, rows)
 
 
 def _kind(figures: dict[str, Any], kind: str, key: str) -> str:
@@ -353,13 +330,8 @@ def write_score(scored: Scored, folder: Path) -> tuple[Path, ...]:
     return document, text, page
 
 
-def _write_page(scored: Scored, shown: list[Table], path: Path) -> None:
-    sections = [
-        PageSection(
-            title=table.title, heads=table.heads, rows=table.rows, numbers=False
-        )
-        for table in shown
-    ]
+def _write_page(scored: Scored, shown: list[PageSection], path: Path) -> None:
+    sections = [*shown]
     for name, (title, make_figure, height) in FIGURES.items():
         figure = figure_html(make_figure(scored.figures), name, height)
         sections.append(PageSection(title=title, figure=figure))

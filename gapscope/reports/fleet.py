@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gapscope.arm.display import display_unit, effect_name, nrmse, percent, uncertain
+from gapscope.diagnosis.document.numbers import place_text
 from gapscope.diagnosis.document.wording import VERDICTS, capital
 from gapscope.reports.pages import write_html
 
@@ -32,13 +33,6 @@ def headline(content: Entry) -> str:
         f"; {_count(content['failed'], 'case')} failed" if content["failed"] else ""
     )
     return f"{units} in {cases}: {what}{failed}"
-
-
-def place_words(entry: Entry) -> str:
-    """Where an effect acts."""
-    if entry["joint"]:
-        return f"joint {entry['joint']}"
-    return f"link {entry['link']}" if entry["link"] else "the whole arm"
 
 
 def value_words(value: float, std: float | None, unit: str) -> str:
@@ -65,7 +59,7 @@ def change_line(change: Entry) -> str:
     """A change as a line of the terminal."""
     effect = capital(effect_name(change["effect"]))
     dates = f"between {change['last_before']} and {change['first_after']}"
-    where = place_words(change)
+    where = place_text(change["joint"], change["link"])
     return f"{change['unit']}: {effect}, {where}, {change_words(change)}, {dates}"
 
 
@@ -155,7 +149,7 @@ def render_fleet(content: Mapping[str, Any], path: Path, *, reports: bool) -> No
         headline=headline(content),
         kinds=KINDS,
         verdicts=VERDICTS,
-        place=place_words,
+        place=place_text,
         change_words=change_words,
         value_words=value_words,
         sparkline=sparkline,
