@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -18,36 +18,23 @@ from gapscope.diagnosis.thresholds import NO_TORQUE
 from gapscope.inspection.channels import AMPERES, ChannelGuess
 from gapscope.inspection.draft import case_text
 from gapscope.inspection.inspected_table import InspectedTable
-from gapscope.inspection.inspection import TORQUES, Inspection, oddities_in
+from gapscope.inspection.inspection import TORQUES, Inspection, note, oddities_in
 
 
-@dataclass(frozen=True)
-class DraftCheck:
-    """What reading the drafted case showed.
-
-    Attributes:
-        notes: what the reader noticed, and dropped.
-        problem: why the case cannot be read as it is; empty if it can.
-        remedy: what to do about it.
-    """
-
-    notes: tuple[str, ...] = ()
-    problem: str = ""
-    remedy: str = ""
-
-
-def check_draft(found: Inspection) -> DraftCheck:
-    """Read the drafted case."""
-    if found.arm is None:
-        return DraftCheck(problem="no robot is known: the torque cannot be judged")
-    try:
-        case = _drafted(found)
-    except GapscopeError as error:
-        return DraftCheck((), _said(error), error.remedy)
-    notes = []
-    for recording in case.recordings:
-        notes += [f"{recording.name}: {note}" for note in recording.notes]
-    return DraftCheck(tuple(notes))
+def check_draft(found: Inspection) -> list[Remark]:
+    """Read the drafted case: why it cannot be read as it is, or what the reader noticed, and dropped."""
+    place, problem, remedy = (
+        "the drafted case",
+        "no robot is known: the torque cannot be judged",
+        "",
+    )
+    if found.arm is not None:
+        try:
+            recordings = _drafted(found).recordings
+            return [note(r.name, said) for r in recordings for said in r.notes]
+        except GapscopeError as error:
+            problem, remedy = _said(error), error.remedy
+    return [Remark("error", "case", place, problem, remedy)]
 
 
 def judge_torques(found: Inspection) -> Inspection:

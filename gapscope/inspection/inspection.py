@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 from gapscope.arm.errors import InputError
@@ -13,7 +13,7 @@ from gapscope.diagnosis.set_up import Remark
 from gapscope.inspection.channels import ChannelGuess
 from gapscope.inspection.columns import ColumnGroup
 from gapscope.inspection.inspected_table import InspectedTable, inspect_table
-from gapscope.inspection.oddities import Oddity, oddities_of
+from gapscope.inspection.oddities import oddities_of
 from gapscope.inspection.torque_facts import arm_of_columns, torque_facts
 
 TORQUES = ("tau", "tau_sensor")
@@ -55,8 +55,8 @@ class Inspection:
     chosen: dict[str, tuple[str, ChannelGuess]]
     torques: dict[tuple[str, str], list[str]] = field(default_factory=dict)
     misread: tuple[Remark, ...] = ()
-    oddities: tuple[Oddity, ...] = ()
-    notes: tuple[str, ...] = ()
+    oddities: tuple[Remark, ...] = ()
+    notes: tuple[Remark, ...] = ()
     arm: NominalArm | None = None
 
     @property
@@ -163,21 +163,22 @@ def _told(kind: list[InspectedTable]) -> int:
 def _chosen(
     kinds: Sequence[list[InspectedTable]], main: list[InspectedTable]
 ) -> tuple[
-    dict[str, list[InspectedTable]], dict[str, tuple[str, ChannelGuess]], list[str]
+    dict[str, list[InspectedTable]], dict[str, tuple[str, ChannelGuess]], list[Remark]
 ]:
     """Kinds of tables by label, columns of each channel with their label, and notes on what was left out."""
     sources = {MAIN: main}
     chosen: dict[str, tuple[str, ChannelGuess]] = {}
-    notes = []
+    notes: list[Remark] = []
     for kind in (main, *(kind for kind in kinds if kind is not main)):
         news = [name for name in CHANNELS if name not in chosen and kind[0].best(name)]
         if not news:
             continue
         if len(kind) != len(main):
-            notes.append(
-                f"{kind[0].label} holds {', '.join(news)}, but there are {len(kind)} of its kind beside "
-                f"{len(main)} with positions: left out"
+            said = (
+                f"holds {', '.join(news)}, but there are {len(kind)} of its kind beside {len(main)} with positions: "
+                "left out"
             )
+            notes.append(note(kind[0].label, said))
             continue
         label = MAIN if kind is main else news[0]
         sources[label] = kind
@@ -203,9 +204,9 @@ def _torques(
 def oddities_in(
     entries: Sequence[dict[str, InspectedTable]],
     chosen: dict[str, tuple[str, ChannelGuess]],
-) -> tuple[Oddity, ...]:
+) -> tuple[Remark, ...]:
     """What looks wrong in the tables of every recording."""
-    found: list[Oddity] = []
+    found: list[Remark] = []
     for entry in entries:
         for label, table in entry.items():
             used = [name for name, (place, _) in chosen.items() if place == label]
@@ -214,22 +215,28 @@ def oddities_in(
     return tuple(found)
 
 
-def _notes(logs: Sequence[Log], tables: Sequence[InspectedTable]) -> list[str]:
+def note(where: str, said: str) -> Remark:
+    """What was noticed or left out, of which nothing need be done."""
+    return Remark("ok", "log", where, said)
+
+
+def _notes(logs: Sequence[Log], tables: Sequence[InspectedTable]) -> Iterator[Remark]:
     """What the readers noticed, and logs that hold nothing of joints."""
     used = {table.log.path for table in tables}
-    notes = [f"{log.path.name}: {note}" for log in logs for note in log.notes]
+    yield from (note(log.path.name, said) for log in logs for said in log.notes)
     for table in tables:
         if table.by_values:
             why = WITHOUT_NAMES if table.part.table.unnamed else SILENT_NAMES
-            notes.append(f"{table.label}: {why}")
-        notes += [f"{table.label}: {note}" for note in table.part.table.notes]
-    idle = [log.path.name for log in logs if log.path not in used]
-    return notes + [f"{name}: holds no numbers of joints" for name in idle]
+            yield note(table.label, why)
+        yield from (note(table.label, said) for said in table.part.table.notes)
+    for log in logs:
+        if log.path not in used:
+            yield note(log.path.name, "holds no numbers of joints")
 
 
 def _other_columns(
     table: InspectedTable, group: ColumnGroup, arm: NominalArm
-) -> list[str]:
+) -> list[Remark]:
     """A note if a log has more positions than the robot has joints, and their order alone says which are taken."""
     n, left = arm.n_joints, ""
     if group.width > n and not set(arm.joints) <= set(group.labels):
@@ -242,9 +249,8 @@ def _other_columns(
     which = f"the first, {taken[0]} to {taken[-1]}, are taken, and {', '.join(others)} left out"
     if not others:
         which = f"{group.names[0]} to {group.names[-1]} are taken"
-    return [
-        f"{table.label}: {left}: {which}; for another arm or order list its columns in the case"
-    ]
+    said = f"{left}: {which}; for another arm or order list its columns in the case"
+    return [note(table.label, said)]
 
 
 def _without_positions(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from gapscope.arm.io.channel_entry import UNITS
 from gapscope.arm.io.formats.lerobot_calibration import STEPS_PER_TURN
 from gapscope.arm.io.plausibility import gap_notes, repeated_rows
 from gapscope.arm.recording import STILL
+from gapscope.diagnosis.set_up import Remark
 from gapscope.inspection.channels import ChannelGuess
 from gapscope.inspection.time_column import TimeGuess
 
@@ -24,24 +24,14 @@ HELD = 0.5
 """Share of rows in which a moving reference stands still from which it counts as held [1]."""
 
 
-@dataclass(frozen=True)
-class Oddity:
-    """Something that looks wrong.
-
-    Attributes:
-        where: file, channel and joint.
-        what: what was seen, with figures.
-        remedy: what to do.
-    """
-
-    where: str
-    what: str
-    remedy: str
+def _odd(where: str, what: str, remedy: str) -> Remark:
+    """What looks wrong: file, channel and joint; what was seen, with figures; what to do."""
+    return Remark("warn", "log", where, what, remedy)
 
 
 def oddities_of(
     where: str, time: TimeGuess, channels: Sequence[ChannelGuess]
-) -> list[Oddity]:
+) -> list[Remark]:
     """What looks wrong in one table.
 
     Args:
@@ -59,9 +49,9 @@ def oddities_of(
     return found
 
 
-def _time(where: str, time: TimeGuess) -> Iterator[Oddity]:
+def _time(where: str, time: TimeGuess) -> Iterator[Remark]:
     if not time.certain:
-        yield Oddity(
+        yield _odd(
             where,
             f"nothing in it tells the rate; {time.rate:g} Hz is assumed",
             "correct rate: in the case",
@@ -71,28 +61,28 @@ def _time(where: str, time: TimeGuess) -> Iterator[Oddity]:
         return
     if (step < 0).any():
         row = int(np.flatnonzero(step < 0)[0]) + 1
-        yield Oddity(
+        yield _odd(
             where,
             f"time jumps back at row {row}",
             "split the log there, or sort its rows",
         )
     # in the words of the reader, which says the same of the drafted case
     for note in repeated_rows(time.seconds, {})[1]:
-        yield Oddity(where, note, "nothing: they are dropped on reading")
+        yield _odd(where, note, "nothing: they are dropped on reading")
     for note in gap_notes(time.seconds):
-        yield Oddity(
+        yield _odd(
             where,
             note,
             "the recording is cut there; if nobody stopped it, look why samples were lost",
         )
 
 
-def _column(where: str, guess: ChannelGuess, time: TimeGuess) -> Iterator[Oddity]:
+def _column(where: str, guess: ChannelGuess, time: TimeGuess) -> Iterator[Remark]:
     """Cells that are missing, clipped values and spikes."""
     values = guess.group.values
     missing = int((~np.isfinite(values)).sum())
     if missing:
-        yield Oddity(
+        yield _odd(
             where,
             f"{guess.group.pattern}: {missing} cells are empty or no numbers",
             "leave the channel out (null); a missing value is never guessed",
@@ -104,21 +94,21 @@ def _column(where: str, guess: ChannelGuess, time: TimeGuess) -> Iterator[Oddity
         yield from _spikes(where, guess, time)
 
 
-def _clipped(where: str, guess: ChannelGuess) -> Iterator[Oddity]:
+def _clipped(where: str, guess: ChannelGuess) -> Iterator[Remark]:
     for j, column in enumerate(guess.group.values.T):
         if np.ptp(column) == 0:
             continue
         for limit in (column.min(), column.max()):
             share = float((column == limit).mean())
             if limit != 0 and share > CLIPPED and len(np.unique(column)) > 50:
-                yield Oddity(
+                yield _odd(
                     f"{where}, joint {j + 1}",
                     f"{guess.group.pattern} stands at {limit:.4g} in {share:.0%} of the rows: a limit was reached",
                     "state torque_limit in the case's nominal section",
                 )
 
 
-def _spikes(where: str, guess: ChannelGuess, time: TimeGuess) -> Iterator[Oddity]:
+def _spikes(where: str, guess: ChannelGuess, time: TimeGuess) -> Iterator[Remark]:
     """Values that leave their neighbours for one row."""
     values = guess.group.values
     if len(values) < 100:
@@ -136,14 +126,14 @@ def _spikes(where: str, guess: ChannelGuess, time: TimeGuess) -> Iterator[Oddity
         far = bend[:, j] > SPIKE * max(usual[j], 1e-12)
         if usual[j] > 0 and far.any():
             row = int(np.argmax(bend[:, j])) + 2
-            yield Oddity(
+            yield _odd(
                 f"{where}, joint {j + 1}",
                 f"{guess.group.pattern} leaves its neighbours in {far.sum()} rows, the worst is row {row}",
                 "drop those rows",
             )
 
 
-def _pairs(where: str, by_name: dict[str, ChannelGuess]) -> Iterator[Oddity]:
+def _pairs(where: str, by_name: dict[str, ChannelGuess]) -> Iterator[Remark]:
     """Channels that are copies of others, or references that stand."""
     for measured, asked in (("q", "q_ref"), ("dq", "dq_ref")):
         if measured not in by_name or asked not in by_name:
@@ -151,7 +141,7 @@ def _pairs(where: str, by_name: dict[str, ChannelGuess]) -> Iterator[Oddity]:
         one, other = by_name[measured].group, by_name[asked].group
         moves = np.ptp(one.values, axis=0).any()
         if moves and np.array_equal(one.values, other.values):
-            yield Oddity(
+            yield _odd(
                 where,
                 f"{one.pattern} and {other.pattern} are the same numbers: one of them is a copy",
                 "a copied reference says nothing of the arm; leave it out (null)",
@@ -163,7 +153,7 @@ def _pairs(where: str, by_name: dict[str, ChannelGuess]) -> Iterator[Oddity]:
             continue
         moves = np.ptp(position.group.values, axis=0).any()
         if moves and np.ptp(velocity.group.values) == 0:
-            yield Oddity(
+            yield _odd(
                 where,
                 f"{velocity.group.pattern} never changes while {position.group.pattern} moves",
                 "it is no velocity; leave it out (null)",
@@ -174,7 +164,7 @@ def _pairs(where: str, by_name: dict[str, ChannelGuess]) -> Iterator[Oddity]:
         held = float((step == 0).mean())
         # at rest the reference may stand
         if (step > 0).mean() > 0.05 and HELD < held < 0.98 and _evenly_held(step):
-            yield Oddity(
+            yield _odd(
                 where,
                 f"{reference.group.pattern} stands still in {held:.0%} of the rows and jumps between: set points "
                 f"come at about 1/{round(1 / (1 - held))} of the rate of the log",
@@ -192,18 +182,18 @@ def _evenly_held(step: np.ndarray) -> bool:
     )
 
 
-def _still(where: str, guess: ChannelGuess) -> Iterator[Oddity]:
+def _still(where: str, guess: ChannelGuess) -> Iterator[Remark]:
     travel = np.ptp(guess.group.values, axis=0) * UNITS.get(guess.unit, 1.0)
     still = travel < STILL
     if still.all():
-        yield Oddity(
+        yield _odd(
             where,
             f"the arm stands still: no joint moves by {STILL:g} rad",
             "record a motion of all joints",
         )
     elif still.any():
         numbers = ", ".join(str(j + 1) for j in np.flatnonzero(still))
-        yield Oddity(
+        yield _odd(
             where,
             f"joint {numbers} does not move: its friction, armature and zero cannot be told",
             "move every joint, slowly and fast, in both directions",

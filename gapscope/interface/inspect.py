@@ -14,7 +14,8 @@ from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.log import Log, open_log
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.diagnosis.prepare import Progress, silent
-from gapscope.inspection.draft_check import DraftCheck, check_draft, judge_torques
+from gapscope.diagnosis.set_up import Remark
+from gapscope.inspection.draft_check import check_draft, judge_torques
 from gapscope.inspection.inspection import Inspection, inspect_logs
 from gapscope.interface.result import Result
 from gapscope.reports.inspection import (
@@ -43,7 +44,7 @@ class InspectionResult(Result):
     COLUMNS = CHANNEL_HEADS
 
     found: Inspection
-    checked: DraftCheck
+    checked: list[Remark]
     robot: str | None = None
     description: str | None = None
 

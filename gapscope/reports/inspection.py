@@ -15,8 +15,8 @@ from scipy.signal import welch
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.joint_units import joint_unit, units_of
+from gapscope.diagnosis.set_up import Remark
 from gapscope.inspection.draft import case_text
-from gapscope.inspection.draft_check import DraftCheck
 from gapscope.inspection.inspection import TORQUES, Inspection
 from gapscope.inspection.words import LARGEST
 from gapscope.reports.pages import (
@@ -146,7 +146,7 @@ DRAWN = 4
 """Most recordings that are drawn."""
 
 
-def write_page(path: Path, found: Inspection, checked: DraftCheck) -> None:
+def write_page(path: Path, found: Inspection, checked: Sequence[Remark]) -> None:
     """Write what is in the logs, what looks wrong, and the plots.
 
     Args:
@@ -166,7 +166,7 @@ def write_page(path: Path, found: Inspection, checked: DraftCheck) -> None:
     write_plot_page(path, f"What is in {names}{more}", facts_of(found), sections)
 
 
-def tables_of(found: Inspection, checked: DraftCheck) -> list[PageSection]:
+def tables_of(found: Inspection, checked: Sequence[Remark]) -> list[PageSection]:
     """What the columns are taken for, what the torque can be, the joints, and what looks wrong."""
     return [
         PageSection("What the columns are taken for", CHANNEL_HEADS, list(channel_rows(found))),
@@ -190,21 +190,18 @@ def facts_of(found: Inspection) -> str:
     )
 
 
-def wrong_rows(found: Inspection, checked: DraftCheck) -> list[tuple[str, str, str]]:
+def wrong_rows(
+    found: Inspection, checked: Sequence[Remark]
+) -> list[tuple[str, str, str]]:
     """What looks wrong: where, what, what to do."""
-    rows = [
-        (remark.place or remark.topic, remark.said, remark.remedy)
-        for remark in found.misread
-    ]
-    if checked.problem:
-        rows.append(("the drafted case", checked.problem, checked.remedy))
-    rows += [(odd.where, odd.what, odd.remedy) for odd in found.oddities]
-    notes = (*found.notes, *checked.notes)
-    for note in notes:
-        where, _, what = note.partition(": ")
+    problems = [one for one in checked if one.level == "error"]
+    notes = [one for one in (*found.notes, *checked) if one.level == "ok"]
+    first = (*found.misread, *problems, *found.oddities)
+    rows = [(one.place or one.topic, one.said, one.remedy) for one in first]
+    for one in notes:
         # the reader and the case may say the same of a table
-        if all(what != said for _, said, _ in rows):
-            rows.append((where, what, ""))
+        if all(one.said != said for _, said, _ in rows):
+            rows.append((one.place, one.said, ""))
     return rows
 
 
@@ -290,7 +287,7 @@ def _plots(found: Inspection) -> Iterator[PageSection]:
 # What is in a log on the terminal.
 
 
-def summary(found: Inspection, checked: DraftCheck) -> Group:
+def summary(found: Inspection, checked: Sequence[Remark]) -> Group:
     """Tables of columns, torques, joints and of what looks wrong."""
     parts: list[Text | Table] = [Text(facts_of(found))]
     tables = tables_of(found, checked)
@@ -322,7 +319,7 @@ def check_unused(folder: Path) -> None:
 
 
 def save_inspection(
-    found: Inspection, checked: DraftCheck, folder: Path, robot: str | None
+    found: Inspection, checked: Sequence[Remark], folder: Path, robot: str | None
 ) -> list[Path]:
     """Write picture, page and, last, the case to start from.
 
