@@ -5,18 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Option
 
 from gapscope.commands.options import AsJson, CasePath
 from gapscope.terminal import Progress, show
 
-Out = Annotated[
-    Path | None,
-    typer.Option(help="folder for agreement.html and agreement.json", metavar="DIR"),
-]
 
-
-def agree(case: CasePath, out: Out = None, as_json: AsJson = False) -> None:
+def agree(
+    case: CasePath,
+    out: Annotated[
+        Path | None,
+        Option(help="folder for agreement.html and agreement.json", metavar="DIR"),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
     """Say which parameters agree in all recordings, and with what the others differ."""
     from gapscope.arm.io.locked_section import locked
     from gapscope.interface.agree import agree as compare

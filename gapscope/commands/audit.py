@@ -5,31 +5,28 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from gapscope.commands.options import AsJson
 from gapscope.terminal import Progress, say, show, wrote
 
-Robot = Annotated[
-    str,
-    typer.Argument(
-        help="URDF or MJCF file, kuka_iiwa, ..., or a case", metavar="ROBOT"
-    ),
-]
-Recording = Annotated[
-    Path | None,
-    typer.Option(
-        help="static poses with torque: a recording or a case", metavar="STATIC"
-    ),
-]
-Out = Annotated[
-    Path | None,
-    typer.Option(help="folder for audit.html and audit.json", metavar="DIR"),
-]
-
 
 def audit(
-    robot: Robot, recording: Recording = None, out: Out = None, as_json: AsJson = False
+    robot: Annotated[
+        str,
+        Argument(help="URDF or MJCF file, kuka_iiwa, ..., or a case", metavar="ROBOT"),
+    ],
+    recording: Annotated[
+        Path | None,
+        Option(
+            help="static poses with torque: a recording or a case", metavar="STATIC"
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        Option(help="folder for audit.html and audit.json", metavar="DIR"),
+    ] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Say what is odd about a robot model, worst first, with the line in its file."""
     from gapscope.arm.io.locked_section import locked

@@ -7,7 +7,7 @@ from pathlib import Path
 from time import monotonic
 from typing import Annotated
 
-import typer
+from typer import Option
 
 from gapscope.terminal import Progress, console, show, wrote
 
@@ -16,13 +16,13 @@ CAVEAT = (
     "It shows that the chain works, not how accurate it is on a real arm."
 )
 
-Out = Annotated[
-    Path, typer.Option(help="folder for the case and the results", metavar="DIR")
-]
-Seed = Annotated[int | None, typer.Option(help="draw the same mystery arm again")]
 
-
-def demo(out: Out = Path("gapscope-demo"), seed: Seed = None) -> None:
+def demo(
+    out: Annotated[
+        Path, Option(help="folder for the case and the results", metavar="DIR")
+    ] = Path("gapscope-demo"),
+    seed: Annotated[int | None, Option(help="draw the same mystery arm again")] = None,
+) -> None:
     """Record a mystery arm, diagnose it, and open the truth."""
     from gapscope.arm.io.locked_section import locked
 

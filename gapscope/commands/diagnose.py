@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from gapscope.commands.options import Results
 from gapscope.terminal import Progress, say, show, wrote
@@ -14,38 +15,34 @@ from gapscope.terminal import Progress, say, show, wrote
 LOADS = "loads the libraries"
 """The first line of progress; it comes before the imports, which take a second or two."""
 
-Cases = Annotated[
-    list[Path],
-    typer.Argument(help="folders of cases, or case files", metavar="CASE..."),
-]
-Jobs = Annotated[int, typer.Option(min=1, help="cases at a time, if there are several")]
-Backend = Annotated[
-    str, typer.Option(help="local, or ray (a cluster; needs ray installed)")
-]
-Again = Annotated[
-    bool,
-    typer.Option(
-        "--again",
-        help="re-diagnose cases that already have results",
-    ),
-]
-Against = Annotated[
-    Path | None,
-    typer.Option(
-        help="case of the same arm, known healthy and without load, or the folder identified/ of an earlier "
-        "comparison with it: what changed?",
-        metavar="REFERENCE",
-    ),
-]
-
 
 def diagnose(
-    cases: Cases,
+    cases: Annotated[
+        list[Path],
+        Argument(help="folders of cases, or case files", metavar="CASE..."),
+    ],
     out: Results,
-    jobs: Jobs = 1,
-    backend: Backend = "local",
-    again: Again = False,
-    against: Against = None,
+    jobs: Annotated[
+        int, Option(min=1, help="cases at a time, if there are several")
+    ] = 1,
+    backend: Annotated[
+        str, Option(help="local, or ray (a cluster; needs ray installed)")
+    ] = "local",
+    again: Annotated[
+        bool,
+        Option(
+            "--again",
+            help="re-diagnose cases that already have results",
+        ),
+    ] = False,
+    against: Annotated[
+        Path | None,
+        Option(
+            help="case of the same arm, known healthy and without load, or the folder identified/ of an earlier "
+            "comparison with it: what changed?",
+            metavar="REFERENCE",
+        ),
+    ] = None,
 ) -> None:
     """Find where the gap lies, what causes it, and how far it closes."""
     if len(cases) > 1:

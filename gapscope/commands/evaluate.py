@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from gapscope.commands.options import Results, RobotOption, split_names
 from gapscope.terminal import Progress, console, note, say, wrote
@@ -17,69 +18,58 @@ if TYPE_CHECKING:
     from gapscope.agents.summary import SummaryLine
     from gapscope.arm.nominal import NominalArm
 
-Models = Annotated[
-    list[str],
-    typer.Argument(
-        help="pd, gravity, nominal, a corrected.yaml, an identification.json, or the folder of a trained agent; each "
-        "may be called NAME=...",
-        metavar="MODEL...",
-    ),
-]
-HiddenEffects = Annotated[
-    Path | None,
-    typer.Option(
-        help="what the arm that is tracked has beyond the nominal one, as corrected.yaml",
-        metavar="FILE",
-    ),
-]
-Engines = Annotated[
-    str | None,
-    typer.Option(help="pybullet, mujoco or dart; several with commas"),
-]
-Motions = Annotated[str, typer.Option(help="motions, with commas between them")]
-Disturbances = Annotated[
-    str, typer.Option(help="none, push or noise; several with commas")
-]
-Seeds = Annotated[int, typer.Option(min=1, help="how many of each motion")]
-Duration = Annotated[float, typer.Option(help="of each motion [s]")]
-Bandwidth = Annotated[float, typer.Option(help="of the control loop [Hz]")]
-Damping = Annotated[float, typer.Option(help="its damping ratio")]
-Law = Annotated[
-    str,
-    typer.Option(
-        help="feedforward (the model beside PD), or computed (the model inside the loop)"
-    ),
-]
-Environment = Annotated[
-    str | None,
-    typer.Option(
-        help="YAML file with robot, effects, engine, motions, bandwidth, ...; or gapscope/ArmTracking-v0. Options "
-        "that are given win",
-        metavar="FILE",
-    ),
-]
-Again = Annotated[
-    bool,
-    typer.Option("--again", help="begin anew, also if an earlier run was interrupted"),
-]
-
 
 def evaluate(
     ctx: typer.Context,
-    models: Models,
+    models: Annotated[
+        list[str],
+        Argument(
+            help="pd, gravity, nominal, a corrected.yaml, an identification.json, or the folder of a trained agent; each "
+            "may be called NAME=...",
+            metavar="MODEL...",
+        ),
+    ],
     out: Results,
     robot: RobotOption = "kuka_iiwa",
-    effects: HiddenEffects = None,
-    engine: Engines = None,
-    motions: Motions = "fourier,pick,place,weld_seam",
-    disturbances: Disturbances = "none,push",
-    seeds: Seeds = 3,
-    duration: Duration = 4.0,
-    bandwidth: Bandwidth = 4.0,
-    damping: Damping = 0.7,
-    law: Law = "feedforward",
-    env: Environment = None,
-    again: Again = False,
+    effects: Annotated[
+        Path | None,
+        Option(
+            help="what the arm that is tracked has beyond the nominal one, as corrected.yaml",
+            metavar="FILE",
+        ),
+    ] = None,
+    engine: Annotated[
+        str | None,
+        Option(help="pybullet, mujoco or dart; several with commas"),
+    ] = None,
+    motions: Annotated[
+        str, Option(help="motions, with commas between them")
+    ] = "fourier,pick,place,weld_seam",
+    disturbances: Annotated[
+        str, Option(help="none, push or noise; several with commas")
+    ] = "none,push",
+    seeds: Annotated[int, Option(min=1, help="how many of each motion")] = 3,
+    duration: Annotated[float, Option(help="of each motion [s]")] = 4.0,
+    bandwidth: Annotated[float, Option(help="of the control loop [Hz]")] = 4.0,
+    damping: Annotated[float, Option(help="its damping ratio")] = 0.7,
+    law: Annotated[
+        str,
+        Option(
+            help="feedforward (the model beside PD), or computed (the model inside the loop)"
+        ),
+    ] = "feedforward",
+    env: Annotated[
+        str | None,
+        Option(
+            help="YAML file with robot, effects, engine, motions, bandwidth, ...; or gapscope/ArmTracking-v0. Options "
+            "that are given win",
+            metavar="FILE",
+        ),
+    ] = None,
+    again: Annotated[
+        bool,
+        Option("--again", help="begin anew, also if an earlier run was interrupted"),
+    ] = False,
 ) -> None:
     """Evaluate models and trained agents by how well an arm is tracked with them."""
     from gapscope.commands.training_files import merge_options

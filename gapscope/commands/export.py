@@ -5,69 +5,61 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from gapscope.arm.errors import InputError
 from gapscope.terminal import Progress, say, wrote
 
-Corrected = Annotated[
-    Path, typer.Argument(help="corrected.yaml of a diagnosis", metavar="CORRECTED")
-]
-Out = Annotated[Path, typer.Option(help="file to write", metavar="FILE")]
-ExportFormat = Annotated[
-    str,
-    typer.Option(
-        "--format",
-        help="urdf, mjcf or sdf: the whole arm; isaac_lab, mjlab, newton, genesis, drake, gazebo, ros2_control, "
-        "playground or environment: a snippet in the simulator's words",
-    ),
-]
-NominalCase = Annotated[
-    Path | None,
-    typer.Option(
-        help="the case that was diagnosed: its nominal arm and data sheet",
-        metavar="CASE",
-    ),
-]
-Robot = Annotated[
-    str | None,
-    typer.Option(help="in its place: kuka_iiwa, ..., or a URDF", metavar="ROBOT"),
-]
-RelativeMeshes = Annotated[
-    bool,
-    typer.Option(
-        "--relative-meshes",
-        help="name meshes from the folder of FILE, not absolutely",
-    ),
-]
-Randomise = Annotated[
-    bool,
-    typer.Option(
-        "--randomise",
-        help="with ranges to draw from: the 95 % intervals of the diagnosis beside CORRECTED",
-    ),
-]
-Units = Annotated[
-    list[Path] | None,
-    typer.Option(
-        "--unit",
-        help="with --randomise: diagnosis of another unit, which the ranges hold too; may be repeated",
-        metavar="DIR",
-    ),
-]
 Notes = tuple[tuple[str, ...], tuple[str, ...]]
 """What a format leaves out, and what is odd."""
 
 
 def export(
-    corrected: Corrected,
-    out: Out,
-    file_format: ExportFormat,
-    case: NominalCase = None,
-    robot: Robot = None,
-    relative_meshes: RelativeMeshes = False,
-    randomise: Randomise = False,
-    unit: Units = None,
+    corrected: Annotated[
+        Path, Argument(help="corrected.yaml of a diagnosis", metavar="CORRECTED")
+    ],
+    out: Annotated[Path, Option(help="file to write", metavar="FILE")],
+    file_format: Annotated[
+        str,
+        Option(
+            "--format",
+            help="urdf, mjcf or sdf: the whole arm; isaac_lab, mjlab, newton, genesis, drake, gazebo, ros2_control, "
+            "playground or environment: a snippet in the simulator's words",
+        ),
+    ],
+    case: Annotated[
+        Path | None,
+        Option(
+            help="the case that was diagnosed: its nominal arm and data sheet",
+            metavar="CASE",
+        ),
+    ] = None,
+    robot: Annotated[
+        str | None,
+        Option(help="in its place: kuka_iiwa, ..., or a URDF", metavar="ROBOT"),
+    ] = None,
+    relative_meshes: Annotated[
+        bool,
+        Option(
+            "--relative-meshes",
+            help="name meshes from the folder of FILE, not absolutely",
+        ),
+    ] = False,
+    randomise: Annotated[
+        bool,
+        Option(
+            "--randomise",
+            help="with ranges to draw from: the 95 % intervals of the diagnosis beside CORRECTED",
+        ),
+    ] = False,
+    unit: Annotated[
+        list[Path] | None,
+        Option(
+            "--unit",
+            help="with --randomise: diagnosis of another unit, which the ranges hold too; may be repeated",
+            metavar="DIR",
+        ),
+    ] = None,
 ) -> None:
     """Write the corrected arm for other simulators.
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Argument, Option
 
 from gapscope.commands.options import Results
 from gapscope.terminal import Progress, say, show, wrote
@@ -16,48 +17,42 @@ PACE = 1.0
 """Least time between two lines of progress [s]."""
 GIGABYTE = 1e9
 
-Cases = Annotated[
-    list[str],
-    typer.Argument(
-        help="folders or archives of cases, lists of them (.txt, .csv), or URLs: s3://..., gs://..., zip://...",
-        metavar="CASES...",
-    ),
-]
-Jobs = Annotated[
-    int | None,
-    typer.Option(min=1, help="cases at a time; default: 1, on a cluster all its cores"),
-]
-Backend = Annotated[str, typer.Option(help="local, or ray (needs ray installed)")]
-Again = Annotated[bool, typer.Option("--again", help="diagnose also what is done")]
-Keep = Annotated[
-    str, typer.Option(help="files kept of each diagnosis: nothing, json or report")
-]
-UnitsBy = Annotated[
-    str, typer.Option(help="what names the unit of a case: case or folder")
-]
-Largest = Annotated[
-    float, typer.Option(min=0.0, help="size that a case may have [GB]", metavar="GB")
-]
-Scratch = Annotated[
-    Path | None,
-    typer.Option(help="folder for cases while they are diagnosed", metavar="DIR"),
-]
-Tries = Annotated[
-    int, typer.Option(min=1, help="times that a case is begun if its workers die")
-]
-
 
 def fleet(
-    cases: Cases,
+    cases: Annotated[
+        list[str],
+        Argument(
+            help="folders or archives of cases, lists of them (.txt, .csv), or URLs: s3://..., gs://..., zip://...",
+            metavar="CASES...",
+        ),
+    ],
     out: Results,
-    jobs: Jobs = None,
-    backend: Backend = "local",
-    again: Again = False,
-    keep: Keep = "json",
-    units_by: UnitsBy = "case",
-    largest: Largest = 2.0,
-    scratch: Scratch = None,
-    tries: Tries = 3,
+    jobs: Annotated[
+        int | None,
+        Option(min=1, help="cases at a time; default: 1, on a cluster all its cores"),
+    ] = None,
+    backend: Annotated[
+        str, Option(help="local, or ray (needs ray installed)")
+    ] = "local",
+    again: Annotated[
+        bool, Option("--again", help="diagnose also what is done")
+    ] = False,
+    keep: Annotated[
+        str, Option(help="files kept of each diagnosis: nothing, json or report")
+    ] = "json",
+    units_by: Annotated[
+        str, Option(help="what names the unit of a case: case or folder")
+    ] = "case",
+    largest: Annotated[
+        float, Option(min=0.0, help="size that a case may have [GB]", metavar="GB")
+    ] = 2.0,
+    scratch: Annotated[
+        Path | None,
+        Option(help="folder for cases while they are diagnosed", metavar="DIR"),
+    ] = None,
+    tries: Annotated[
+        int, Option(min=1, help="times that a case is begun if its workers die")
+    ] = 3,
 ) -> None:
     """Diagnose many cases, compare their units, and find what changed."""
     from gapscope.interface.fleet import DOCUMENT, PAGE, fleet

@@ -5,25 +5,28 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from gapscope.terminal import Progress, show
 
-Logs = Annotated[
-    list[Path],
-    typer.Argument(help="files or folders of one arm's recordings", metavar="LOG..."),
-]
-Robot = Annotated[
-    str | None,
-    typer.Option(help="URDF, MJCF or known name; default: the one in the log"),
-]
-Out = Annotated[
-    Path | None,
-    typer.Option(help="folder of the case to write, with a page and a picture", metavar="CASE"),
-]  # fmt: skip
 
-
-def inspect(logs: Logs, robot: Robot = None, out: Out = None) -> None:
+def inspect(
+    logs: Annotated[
+        list[Path],
+        Argument(help="files or folders of one arm's recordings", metavar="LOG..."),
+    ],
+    robot: Annotated[
+        str | None,
+        Option(help="URDF, MJCF or known name; default: the one in the log"),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        Option(
+            help="folder of the case to write, with a page and a picture",
+            metavar="CASE",
+        ),
+    ] = None,
+) -> None:
     """Say what is in a log, draw it, and write the case to start from."""
     from gapscope.arm.io.locked_section import locked
     from gapscope.interface.inspect import inspect as inspect_logs

@@ -5,23 +5,23 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Option
 
 from gapscope.commands.options import CasePath, Model
 from gapscope.terminal import Progress, wrote
 
-Recording = Annotated[
-    Path,
-    typer.Option(
-        help="recording with t, q1.., a path or a name of the case; other columns are not used",
-        metavar="FILE",
-    ),
-]
-Out = Annotated[Path, typer.Option(help="CSV to write: t, tau1..", metavar="FILE.csv")]
-
 
 def predict(
-    case: CasePath, recording: Recording, out: Out, model: Model = None
+    case: CasePath,
+    recording: Annotated[
+        Path,
+        Option(
+            help="recording with t, q1.., a path or a name of the case; other columns are not used",
+            metavar="FILE",
+        ),
+    ],
+    out: Annotated[Path, Option(help="CSV to write: t, tau1..", metavar="FILE.csv")],
+    model: Model = None,
 ) -> None:
     """Predict the torque that a model says would be recorded."""
     from gapscope.commands.inputs import read_recording

@@ -5,27 +5,24 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Option
 
 from gapscope.commands.options import CasePath, Engine, Model
 from gapscope.terminal import Progress, say, wrote
 
-Recording = Annotated[
-    Path,
-    typer.Option(
-        help="recording with q_ref1.., or tau1.. without; a path or a name of the case",
-        metavar="FILE",
-    ),
-]
-Out = Annotated[
-    Path, typer.Option(help="CSV to write: t, q1.., tau1..", metavar="FILE.csv")
-]
-
 
 def replay(
     case: CasePath,
-    recording: Recording,
-    out: Out,
+    recording: Annotated[
+        Path,
+        Option(
+            help="recording with q_ref1.., or tau1.. without; a path or a name of the case",
+            metavar="FILE",
+        ),
+    ],
+    out: Annotated[
+        Path, Option(help="CSV to write: t, q1.., tau1..", metavar="FILE.csv")
+    ],
     model: Model = None,
     engine: Engine = None,
 ) -> None:

@@ -6,28 +6,26 @@ import webbrowser
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from gapscope.terminal import Progress, say
 
-Folder = Annotated[
-    Path,
-    typer.Argument(help="folder with diagnoses, at any depth", metavar="DIR"),
-]
-Port = Annotated[
-    int, typer.Option(min=0, max=65535, help="on 127.0.0.1; 0: any that is free")
-]
-UnitsBy = Annotated[
-    str,
-    typer.Option(
-        help="what names a unit, without dates: case, or the folder above a diagnosis"
-    ),
-]
-Show = Annotated[bool, typer.Option("--open", help="open the browser")]
-
 
 def serve(
-    folder: Folder, port: Port = 0, units_by: UnitsBy = "case", show: Show = False
+    folder: Annotated[
+        Path,
+        Argument(help="folder with diagnoses, at any depth", metavar="DIR"),
+    ],
+    port: Annotated[
+        int, Option(min=0, max=65535, help="on 127.0.0.1; 0: any that is free")
+    ] = 0,
+    units_by: Annotated[
+        str,
+        Option(
+            help="what names a unit, without dates: case, or the folder above a diagnosis"
+        ),
+    ] = "case",
+    show: Annotated[bool, Option("--open", help="open the browser")] = False,
 ) -> None:
     """Show many diagnoses as a table, and the effects of each unit over time; read-only, on this machine alone."""
     from gapscope.archive import Archive

@@ -5,82 +5,69 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 from gapscope.commands.options import Results, RobotOption
 from gapscope.terminal import Progress, say, wrote
 
-Model = Annotated[
-    str,
-    typer.Argument(
-        help="pd, gravity, nominal, a corrected.yaml, or an identification.json",
-        metavar="MODEL",
-    ),
-]
-HiddenEffects = Annotated[
-    Path | None,
-    typer.Option(
-        help="hidden effects of the arm that the agent is tried on, as corrected.yaml; training never sees them",
-        metavar="FILE",
-    ),
-]
-Agent = Annotated[
-    str | None,
-    typer.Option(
-        help="ppo, ppo_residual, sac, td3, or a YAML file with settings; default: ppo, on pd and gravity ppo_residual",
-        metavar="NAME|FILE",
-    ),
-]
-Steps = Annotated[
-    int | None, typer.Option(help="actions to train for; default: the settings'")
-]
-Seed = Annotated[
-    int | None, typer.Option(min=0, help="of weights, motions and exploration")
-]
-TrainingEngine = Annotated[
-    str | None,
-    typer.Option(help="mujoco (default: all environments together), pybullet or dart"),
-]
-Parallel = Annotated[
-    bool,
-    typer.Option("--parallel", help="step each environment in a process of its own"),
-]
-Randomise = Annotated[
-    bool,
-    typer.Option(
-        "--randomise",
-        help="draw any effects around the model in every episode, not only what its diagnosis leaves open",
-    ),
-]
-Tune = Annotated[
-    int,
-    typer.Option(
-        min=0,
-        help="search hyperparameters in so many short trainings instead",
-        metavar="TRIALS",
-    ),
-]
-Again = Annotated[
-    bool,
-    typer.Option(
-        "--again", help="replace what the folder holds of an earlier training"
-    ),
-]
-
 
 def train(
-    model: Model,
+    model: Annotated[
+        str,
+        Argument(
+            help="pd, gravity, nominal, a corrected.yaml, or an identification.json",
+            metavar="MODEL",
+        ),
+    ],
     out: Results,
     robot: RobotOption = "kuka_iiwa",
-    effects: HiddenEffects = None,
-    agent: Agent = None,
-    steps: Steps = None,
-    seed: Seed = None,
-    engine: TrainingEngine = None,
-    parallel: Parallel = False,
-    randomise: Randomise = False,
-    tune: Tune = 0,
-    again: Again = False,
+    effects: Annotated[
+        Path | None,
+        Option(
+            help="hidden effects of the arm that the agent is tried on, as corrected.yaml; training never sees them",
+            metavar="FILE",
+        ),
+    ] = None,
+    agent: Annotated[
+        str | None,
+        Option(
+            help="ppo, ppo_residual, sac, td3, or a YAML file with settings; default: ppo, on pd and gravity ppo_residual",
+            metavar="NAME|FILE",
+        ),
+    ] = None,
+    steps: Annotated[
+        int | None, Option(help="actions to train for; default: the settings'")
+    ] = None,
+    seed: Annotated[
+        int | None, Option(min=0, help="of weights, motions and exploration")
+    ] = None,
+    engine: Annotated[
+        str | None,
+        Option(help="mujoco (default: all environments together), pybullet or dart"),
+    ] = None,
+    parallel: Annotated[
+        bool,
+        Option("--parallel", help="step each environment in a process of its own"),
+    ] = False,
+    randomise: Annotated[
+        bool,
+        Option(
+            "--randomise",
+            help="draw any effects around the model in every episode, not only what its diagnosis leaves open",
+        ),
+    ] = False,
+    tune: Annotated[
+        int,
+        Option(
+            min=0,
+            help="search hyperparameters in so many short trainings instead",
+            metavar="TRIALS",
+        ),
+    ] = 0,
+    again: Annotated[
+        bool,
+        Option("--again", help="replace what the folder holds of an earlier training"),
+    ] = False,
 ) -> None:
     """Train an agent on top of a model's feedforward.
 

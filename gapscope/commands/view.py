@@ -7,30 +7,26 @@ import subprocess
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Option
 
 from gapscope.commands.options import CasePath, Model
 from gapscope.terminal import Progress, note, wrote
 
-Recording = Annotated[
-    str | None,
-    typer.Option(help="name of a recording of the case; default: the first"),
-]
-Out = Annotated[
-    Path,
-    typer.Option(help="MCAP to write; a Foxglove layout beside it", metavar="FILE.mcap"),
-]  # fmt: skip
-Show = Annotated[
-    bool, typer.Option("--open/--no-open", help="open Rerun if it is installed")
-]
-
 
 def view(
     case: CasePath,
-    out: Out,
-    recording: Recording = None,
+    out: Annotated[
+        Path,
+        Option(help="MCAP to write; a Foxglove layout beside it", metavar="FILE.mcap"),
+    ],
+    recording: Annotated[
+        str | None,
+        Option(help="name of a recording of the case; default: the first"),
+    ] = None,
     model: Model = None,
-    show: Show = True,
+    show: Annotated[
+        bool, Option("--open/--no-open", help="open Rerun if it is installed")
+    ] = True,
 ) -> None:
     """Write recorded, predicted and remaining torque and the arm as one MCAP, and open Rerun if installed."""
     from gapscope.interface.view import view as view_recording
