@@ -24,8 +24,8 @@ def evaluate(
     models: Annotated[
         list[str],
         Argument(
-            help="pd, gravity, nominal, a corrected.yaml, an identification.json, or the folder of a trained agent; each "
-            "may be called NAME=...",
+            help="pd, gravity, nominal, a corrected.yaml, an identification.json, or the folder of a trained agent; "
+            "each may be called NAME=...",
             metavar="MODEL...",
         ),
     ],

@@ -31,7 +31,8 @@ def train(
     agent: Annotated[
         str | None,
         Option(
-            help="ppo, ppo_residual, sac, td3, or a YAML file with settings; default: ppo, on pd and gravity ppo_residual",
+            help="ppo, ppo_residual, sac, td3, or a YAML file with settings; default: ppo, on pd and gravity "
+            "ppo_residual",
             metavar="NAME|FILE",
         ),
     ] = None,
