@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from time import monotonic
 from typing import Annotated
@@ -24,23 +23,9 @@ def demo(
     seed: Annotated[int | None, Option(help="draw the same mystery arm again")] = None,
 ) -> None:
     """Record a mystery arm, diagnose it, and open the truth."""
-    from gapscope.arm.io.locked_section import locked
-
-    with Progress("mystery arm") as progress, locked(out):
-        paths = play(out, seed, progress)
-    wrote(*paths)
-
-
-def play(
-    out: Path, seed: int | None, progress: Callable[[str], None]
-) -> tuple[Path, ...]:
-    """Record, diagnose from the files alone, and compare.
-
-    Returns:
-        The case file, the report and the truth.
-    """
     import numpy as np
 
+    from gapscope.arm.io.locked_section import locked
     from gapscope.arm.io.write_case import write_case
     from gapscope.commands.diagnose_path import diagnose_path
     from gapscope.effects.corrected_file import write_corrected
@@ -50,15 +35,19 @@ def play(
 
     start = monotonic()
     seed = int(np.random.default_rng().integers(2**31)) if seed is None else seed
-    engine = default_engine()
-    progress(f"draws one or two effects and records a simulated KUKA iiwa in {engine}")
-    case, truth = mystery_arm(np.random.default_rng(seed))
-    write_case(case, out / "case", overwrite=True)
-    progress("diagnoses the recordings; the truth stays closed")
-    result, (report, *_) = diagnose_path(out / "case", out / "diagnosis", progress)
-    write_corrected(case.name, truth, out / "truth.yaml")
+    with Progress("mystery arm") as progress, locked(out):
+        engine = default_engine()
+        progress(
+            f"draws one or two effects and records a simulated KUKA iiwa in {engine}"
+        )
+        case, truth = mystery_arm(np.random.default_rng(seed))
+        write_case(case, out / "case", overwrite=True)
+        progress("diagnoses the recordings; the truth stays closed")
+        # from the files alone
+        result, (report, *_) = diagnose_path(out / "case", out / "diagnosis", progress)
+        write_corrected(case.name, truth, out / "truth.yaml")
     show(result)
     console.print(truth_table(truth, result.effects))
     console.print(CAVEAT, style="italic")
     console.print(f"seed {seed}, {monotonic() - start:.0f} s", highlight=False)
-    return out / "case" / "case.yaml", report, out / "truth.yaml"
+    wrote(out / "case" / "case.yaml", report, out / "truth.yaml")

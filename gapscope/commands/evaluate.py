@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from typer import Argument, Option
@@ -13,9 +12,7 @@ from gapscope.commands.options import Results, RobotOption, split_names
 from gapscope.terminal import Progress, console, note, say, wrote
 
 if TYPE_CHECKING:
-    from gapscope.agents.evaluation import EvaluationPlan
     from gapscope.agents.models import AgentModel
-    from gapscope.agents.summary import SummaryLine
     from gapscope.arm.nominal import NominalArm
 
 
@@ -72,30 +69,29 @@ def evaluate(
     ] = False,
 ) -> None:
     """Evaluate models and trained agents by how well an arm is tracked with them."""
+    from gapscope.agents.controllers import Tuning
+    from gapscope.agents.evaluation import EvaluationPlan, TrackingBench
+    from gapscope.agents.evaluation import evaluate as evaluate_models
+    from gapscope.agents.models import read_models
+    from gapscope.agents.summary import summarise
+    from gapscope.arm.io.atomic_write import begin_results
+    from gapscope.arm.io.locked_section import locked
+    from gapscope.commands.evaluation_cells import Cells
+    from gapscope.commands.inputs import read_arm
     from gapscope.commands.training_files import merge_options
-    from gapscope.reports.evaluation import tables
+    from gapscope.effects.corrected_file import error_context, read_corrected
+    from gapscope.envs.engines import default_engine
+    from gapscope.reports.evaluation import (
+        DOCUMENT,
+        evaluation_document,
+        tables,
+        write_evaluation,
+    )
 
-    arm, options, unused = merge_options(env, ctx)
+    chosen, options, unused = merge_options(env, ctx)
     if unused:
         note(f"note: {env}: ignored in an evaluation: {', '.join(unused)}")
-    plan = _plan(options)
-    with Progress(arm if isinstance(arm, str) else arm.name) as progress:
-        content, lines, paths = evaluate_path(
-            models, arm, options["effects"], plan, out, progress, again=again
-        )
-    console.print(tables(lines, content))
-    correlation = content["rank_correlation_of_torque_and_joint_error"]
-    if correlation is not None:
-        say(f"rank correlation of torque error and joint error: {correlation:.2f}")
-    wrote(*paths)
-
-
-def _plan(options: dict[str, Any]) -> EvaluationPlan:
-    from gapscope.agents.controllers import Tuning
-    from gapscope.agents.evaluation import EvaluationPlan
-    from gapscope.envs.engines import default_engine
-
-    return EvaluationPlan(
+    plan = EvaluationPlan(
         motions=split_names(options["motions"]),
         disturbances=split_names(options["disturbances"]),
         seeds=tuple(range(options["seeds"])),
@@ -104,6 +100,33 @@ def _plan(options: dict[str, Any]) -> EvaluationPlan:
         tuning=Tuning(options["bandwidth"], options["damping"]),
         law=options["law"],
     )
+    with Progress(chosen if isinstance(chosen, str) else chosen.name) as progress:
+        arm = read_arm(chosen) if isinstance(chosen, str) else chosen
+        source = options["effects"]
+        hidden = () if source is None else read_corrected(source)
+        tried = read_models(models, arm, _read_agent)
+        with error_context(source, hidden):
+            bench = TrackingBench(arm, hidden, plan)
+        with locked(out):
+            begin_results(out, DOCUMENT)
+            # finished cells are kept until the results are whole: the same command goes on after an interruption
+            with error_context(source, hidden):
+                cells = Cells(out, bench, again)
+                evaluation = evaluate_models(tried, bench, progress, cells)
+            if cells.reused:
+                progress(
+                    f"{cells.reused} parts were taken from a run that was interrupted"
+                )
+            lines = summarise(evaluation)
+            content = evaluation_document(bench, evaluation, lines)
+            progress("writes the page")
+            paths = write_evaluation(content, lines, out)
+            cells.clear()
+    console.print(tables(lines, content))
+    correlation = content["rank_correlation_of_torque_and_joint_error"]
+    if correlation is not None:
+        say(f"rank correlation of torque error and joint error: {correlation:.2f}")
+    wrote(*paths)
 
 
 def _read_agent(folder: Path, arm: NominalArm) -> AgentModel:
@@ -111,68 +134,3 @@ def _read_agent(folder: Path, arm: NominalArm) -> AgentModel:
     from gapscope.agents.training.policy import read_agent_model
 
     return read_agent_model(folder, arm)
-
-
-def evaluate_path(
-    models: list[str],
-    robot: str | NominalArm,
-    effects: Path | None,
-    plan: EvaluationPlan,
-    out: Path,
-    progress: Callable[[str], None],
-    *,
-    again: bool = False,
-) -> tuple[dict[str, Any], list[SummaryLine], list[Path]]:
-    """Evaluate models and write the results; see ``gapscope.reports.evaluation``.
-
-    Finished cells are kept in a folder in ``out`` until then, so that the same call continues after an interruption.
-
-    Args:
-        models: see ``gapscope.agents.models.read_models``.
-        robot: a nominal arm; a name or URDF; or a case, whose nominal arm is taken.
-        effects: file of the form of ``corrected.yaml`` with what the arm that is tracked has beyond the nominal one.
-        plan: how to evaluate.
-        out: folder for the results.
-        progress: called with a few words at each step.
-        again: ignore what an earlier call has kept.
-
-    Returns:
-        The document, its lines, and the files.
-
-    Raises:
-        InputError: an argument or a file is at fault.
-        GapscopeError: a file cannot be written.
-    """
-    from gapscope.agents.evaluation import TrackingBench
-    from gapscope.agents.evaluation import evaluate as evaluate_models
-    from gapscope.agents.models import read_models
-    from gapscope.agents.summary import summarise
-    from gapscope.arm.io.atomic_write import begin_results
-    from gapscope.arm.io.locked_section import locked
-    from gapscope.commands.evaluation_cells import Cells
-    from gapscope.commands.inputs import read_arm
-    from gapscope.effects.corrected_file import error_context, read_corrected
-    from gapscope.reports.evaluation import (
-        DOCUMENT,
-        evaluation_document,
-        write_evaluation,
-    )
-
-    arm = read_arm(robot) if isinstance(robot, str) else robot
-    hidden = () if effects is None else read_corrected(effects)
-    tried = read_models(models, arm, _read_agent)
-    with error_context(effects, hidden):
-        bench = TrackingBench(arm, hidden, plan)
-    with locked(out):
-        begin_results(out, DOCUMENT)
-        with error_context(effects, hidden):
-            cells = Cells(out, bench, again)
-            evaluation = evaluate_models(tried, bench, progress, cells)
-        if cells.reused:
-            progress(f"{cells.reused} parts were taken from a run that was interrupted")
-        lines = summarise(evaluation)
-        content = evaluation_document(bench, evaluation, lines)
-        progress("writes the page")
-        paths = write_evaluation(content, lines, out)
-        cells.clear()
-    return content, lines, paths

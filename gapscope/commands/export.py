@@ -7,11 +7,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from gapscope.arm.errors import InputError
 from gapscope.terminal import Progress, say, wrote
-
-Notes = tuple[tuple[str, ...], tuple[str, ...]]
-"""What a format leaves out, and what is odd."""
 
 
 def export(
@@ -65,55 +61,7 @@ def export(
 
     What the format cannot hold is listed in the file and on the terminal.
     """
-    units = tuple(unit or ())
-    if units and not randomise:
-        raise InputError(
-            "other units matter for ranges alone", "add --randomise", where="--unit"
-        )
-    with Progress(corrected.name) as progress:
-        progress(f"writes {file_format}")
-        left_out, odd = export_path(
-            corrected,
-            case,
-            robot,
-            file_format,
-            out,
-            relative_meshes,
-            units if randomise else None,
-        )
-    for title, lines in ((f"left out of {out.name}:", left_out), ("odd:", odd)):
-        if lines:
-            say(title, *(f"  {line}" for line in lines))
-    wrote(out)
-
-
-def export_path(
-    corrected: Path,
-    case: Path | None,
-    robot: str | None,
-    file_format: str,
-    out: Path,
-    relative_meshes: bool,
-    units: tuple[Path, ...] | None = None,
-) -> Notes:
-    """Write the arm of a ``corrected.yaml`` for another simulator.
-
-    Args:
-        corrected: the file with the effects.
-        case: the case whose nominal arm they add to, or ``None``.
-        robot: a name, URDF or case in its place, or ``None``; exactly one of both must be given.
-        file_format: one of ``gapscope.envs.export.formats.ALL_FORMATS``.
-        out: the file to write.
-        relative_meshes: name meshes from the folder of ``out``.
-        units: diagnoses of other units that ranges hold beside the own; ``None`` for no ranges.
-
-    Returns:
-        What is left out, and what is odd; see ``gapscope.envs.export.formats.export``.
-
-    Raises:
-        InputError: an argument or a file is at fault.
-        GapscopeError: the file cannot be written.
-    """
+    from gapscope.arm.errors import InputError
     from gapscope.arm.nearest_name import check_known
     from gapscope.commands.inputs import read_arm_and_controller
     from gapscope.diagnosis.compare_units import read_ranges
@@ -121,6 +69,10 @@ def export_path(
     from gapscope.envs.export.formats import ALL_FORMATS
     from gapscope.envs.export.formats import export as export_arm
 
+    if unit and not randomise:
+        raise InputError(
+            "other units matter for ranges alone", "add --randomise", where="--unit"
+        )
     check_known("format", file_format, ALL_FORMATS, where="--format")
     if (case is None) == (robot is None):
         raise InputError(
@@ -128,19 +80,25 @@ def export_path(
             "give the case that was diagnosed, with its data sheet; or a robot without one",
             where="--case",
         )
-    arm, controller = read_arm_and_controller(str(robot if case is None else case))
-    if out.exists() and out.resolve() in (corrected.resolve(), arm.urdf.resolve()):
-        raise InputError(
-            "would be overwritten", "choose another file with --out", file=out
-        )
-    found = read_corrected_arm(arm, corrected)
-    ranges = None if units is None else read_ranges(corrected, found, units)
-    with error_context(corrected, found.effects):
-        return export_arm(
-            found,
-            file_format,
-            out,
-            relative=relative_meshes,
-            controller=controller,
-            ranges=ranges,
-        )
+    with Progress(corrected.name) as progress:
+        progress(f"writes {file_format}")
+        arm, controller = read_arm_and_controller(str(robot if case is None else case))
+        if out.exists() and out.resolve() in (corrected.resolve(), arm.urdf.resolve()):
+            raise InputError(
+                "would be overwritten", "choose another file with --out", file=out
+            )
+        found = read_corrected_arm(arm, corrected)
+        ranges = read_ranges(corrected, found, tuple(unit or ())) if randomise else None
+        with error_context(corrected, found.effects):
+            left_out, odd = export_arm(
+                found,
+                file_format,
+                out,
+                relative=relative_meshes,
+                controller=controller,
+                ranges=ranges,
+            )
+    for title, lines in ((f"left out of {out.name}:", left_out), ("odd:", odd)):
+        if lines:
+            say(title, *(f"  {line}" for line in lines))
+    wrote(out)

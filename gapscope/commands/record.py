@@ -61,9 +61,26 @@ def record(
 
     The truth is kept in truth.yaml, in the case or sealed elsewhere.
     """
-    from gapscope.commands.recorded_case import record_files
+    import numpy as np
+
+    from gapscope.arm.io.atomic_write import make_folder
+    from gapscope.arm.io.locked_section import locked
+    from gapscope.arm.io.write_case import write_case
+    from gapscope.arm.nearest_name import check_known
+    from gapscope.commands.inputs import read_arm_and_controller
+    from gapscope.commands.recorded_case import (
+        ENDINGS,
+        TRUTH,
+        check_places,
+        chosen_controller,
+    )
+    from gapscope.effects.corrected_file import (
+        error_context,
+        read_with_faults,
+        write_corrected,
+    )
     from gapscope.envs.engines import check_engine
-    from gapscope.envs.recorder import Plan
+    from gapscope.envs.recorder import Plan, hidden_by_reading_back, record_case
 
     plan = Plan(
         trajectory,
@@ -75,18 +92,31 @@ def record(
         encoder_noise,
         check_engine(engine),
     )
-    with Progress(out.name or str(out)) as progress:
-        paths, remark = record_files(
-            robot,
-            effects,
-            out,
-            plan,
-            controller=controller,
-            seed=seed,
-            ending=file_format,
-            sealed=sealed,
-            progress=progress,
+    check_known("format", file_format, ENDINGS, where="format")
+    truth, faults = read_with_faults(effects)
+    check_places(effects, out, sealed)
+    arm, known = read_arm_and_controller(robot)
+    law = chosen_controller(controller, arm, known)
+    if sealed is not None:
+        make_folder(sealed)
+    rng, name = np.random.default_rng(seed), out.resolve().name
+
+    def write_truth(folder: Path) -> None:
+        write_corrected(name, truth, (sealed or folder) / TRUTH, faults=faults)
+
+    with Progress(out.name or str(out)) as progress, locked(out):
+        with error_context(effects, truth):
+            made = (name, arm, truth, plan, rng)
+            case = record_case(*made, controller=law, progress=progress)
+            for fault in faults:
+                case = fault.in_case(case, rng, arm)
+        progress("writes the case")
+        # with its truth in it from the start: without, it could not be told from a sealed one
+        file = write_case(case, out, ending=file_format, beside=write_truth)
+    hidden = hidden_by_reading_back(truth) if read_back else ()
+    if hidden:
+        note(
+            f"note: {', '.join(hidden)}: torque that is read back behind the drive hardly shows this; without "
+            "--read-back the torque commanded is recorded"
         )
-    if remark:
-        note(f"note: {remark}")
-    wrote(*paths)
+    wrote(file, (sealed or out) / TRUTH)

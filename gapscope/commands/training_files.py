@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +21,7 @@ from gapscope.agents.training.training_loop import (
 from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.agents.training.tuning import tune
 from gapscope.arm.case import load_case
-from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.errors import InputError
 from gapscope.arm.io.case_file import read_yaml
 from gapscope.arm.io.json_file import to_json, write_json
 from gapscope.arm.io.locked_section import locked
@@ -46,11 +45,15 @@ if TYPE_CHECKING:
 
 ALIASES = {"motion": "motions", "engines": "engine", "episode_length": "duration"}
 """Names of the environment's arguments, by those of the command."""
-TEXTS = ("robot", "case", "effects", "law")
-LISTS = ("engine", "motions", "disturbances")
-NUMBERS = ("duration", "bandwidth", "damping")
-KNOWN = (*TEXTS, *LISTS, *NUMBERS, "seeds", "sheet", *ALIASES)
-"""Keys that a file may have."""
+EXPECTED = {
+    "a name or path": ("robot", "case", "effects", "law"),
+    "a name or a list of names": ("engine", "motions", "disturbances"),
+    "a number": ("duration", "bandwidth", "damping"),
+    "a whole number from 1 on": ("seeds",),
+    "a data sheet, as nominal: of a case": ("sheet",),
+}
+"""Keys that a file may have, by what their values are."""
+KNOWN = (*(key for keys in EXPECTED.values() for key in keys), *ALIASES)
 UNUSED = (
     "action",
     "action_share",
@@ -69,123 +72,66 @@ UNUSED = (
 """Arguments of the environment that an evaluation ignores."""
 
 
-@dataclass(frozen=True)
-class EnvironmentFile:
-    """What a file says.
+def read_environment(source: str) -> tuple[Path, dict[str, Any]]:
+    """Path and content of the file of an environment, by the options of ``gapscope evaluate``.
 
-    Attributes:
-        path: the file, or ``None`` for the registered name.
-        values: by option of ``gapscope evaluate``: texts, numbers, and lists with commas between their names.
-        sheet: data sheet of the nominal arm, as ``nominal:`` in a case, or ``None``.
-        unused: keys that an evaluation ignores.
-    """
-
-    path: Path | None
-    values: dict[str, Any]
-    sheet: dict[str, Any] | None
-    unused: tuple[str, ...]
-
-    def arm(self) -> NominalArm | None:
-        """The nominal arm, with the data sheet of the file; ``None`` if the file names none.
-
-        Raises:
-            InputError: it cannot be used.
-        """
-        folder = Path() if self.path is None else self.path.parent
-        if "case" in self.values:
-            return load_case(folder / self.values["case"], read_recordings=False).arm
-        if "robot" not in self.values and self.sheet is None:
-            return None
-        robot = self.values.get("robot", "kuka_iiwa")
-        place = folder / robot
-        if is_case(place):
-            if self.sheet is not None:
-                raise InputError(
-                    "a case has its own data sheet",
-                    "leave sheet: out",
-                    file=self.path,
-                    where="sheet",
-                )
-            return load_case(place, read_recordings=False).arm
-        return load_nominal_arm(
-            robot, folder=folder, sheet=self.sheet, source=self.path
-        )
-
-    def effects(self) -> Path | None:
-        """File with the effects, relative to that of the environment."""
-        if "effects" not in self.values or self.path is None:
-            return None
-        return self.path.parent / str(self.values["effects"])
-
-
-def read_environment(source: str) -> EnvironmentFile:
-    """The environment of a file, or the one of the registered name, whose arguments are all as by default.
+    The registered name stands for a file that says nothing.
 
     Raises:
         InputError: no such file or name, an unknown key, or a value that a key cannot have.
     """
+    path, values = Path(source), dict[str, Any]()
     if source == NAME:
-        return EnvironmentFile(None, {}, None, ())
-    path = Path(source)
+        return path, values
     if path.suffix not in (".yaml", ".yml") and not path.exists():
         check_known("environment", source, (NAME,), where="--env")
-    content = _content(path)
-    for key in content:
-        _check_key(key, path)
-    values = _values(content, path)
-    sheet = content.get("sheet")
-    _check_sheet(sheet, path)
-    if "case" in values and ("robot" in values or "sheet" in content):
+    content = read_yaml(path, "check the path") or {}
+    if not isinstance(content, dict):
         raise InputError(
-            "a case has its own robot and data sheet",
-            "leave robot: and sheet: out",
-            file=path,
-        )
-    unused = tuple(key for key in content if key in UNUSED)
-    return EnvironmentFile(path, values, sheet, unused)
-
-
-def _check_key(key: object, path: Path) -> None:
-    if key == "randomisation":
-        raise InputError(
-            "an evaluation draws no effects",
-            "write those to be tried as effects: FILE",
-            file=path,
-            where=str(key),
-        )
-    if key not in (*KNOWN, *UNUSED):
-        raise InputError(
-            f"unknown key {key!r}",
-            f"{nearest(str(key), KNOWN)}known are {', '.join(KNOWN)}",
+            "expected keys with values",
+            "write for instance robot: kuka_iiwa",
             file=path,
         )
 
+    def fault(problem: str, remedy: str = "", where: str = "") -> InputError:
+        return InputError(problem, remedy, file=path, where=where)
 
-def _check_sheet(sheet: object, path: Path) -> None:
-    if sheet is not None and not isinstance(sheet, dict):
-        raise InputError(
-            "expected a data sheet",
-            "write it as nominal: of a case",
-            file=path,
-            where="sheet",
-        )
-
-
-def _values(content: dict[str, Any], path: Path) -> dict[str, Any]:
-    """Values by option of the command, checked."""
-    values: dict[str, Any] = {}
     for key, value in content.items():
-        name = ALIASES.get(key, key)
+        name = str(ALIASES.get(key, key))
+        if key == "randomisation":
+            remedy = "write those to be tried as effects: FILE"
+            raise fault("an evaluation draws no effects", remedy, key)
+        if key not in (*KNOWN, *UNUSED):
+            near = f"{nearest(str(key), KNOWN)}known are {', '.join(KNOWN)}"
+            raise fault(f"unknown key {key!r}", near)
         if name in values:
-            raise InputError(
-                f"says the same as {name}",
-                "leave one of them out",
-                file=path,
-                where=key,
-            )
-        if key not in UNUSED and key != "sheet":
-            values[name] = _checked(name, value, path, key)
-    return values
+            raise fault(f"says the same as {name}", "leave one of them out", key)
+        values[name] = value if key in UNUSED else _checked(name, value, fault)
+    if "case" in values and ("robot" in values or "sheet" in values):
+        remedy = "leave robot: and sheet: out"
+        raise fault("a case has its own robot and data sheet", remedy)
+    return path, values
+
+
+def _checked(name: str, value: Any, fault: Callable[..., InputError]) -> Any:
+    """A value as the command's option takes it."""
+    expected = next(kind for kind, keys in EXPECTED.items() if name in keys)
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    names = isinstance(value, list) and value and all(isinstance(x, str) for x in value)
+    if name in EXPECTED["a number"] and number:
+        return float(value)
+    if name in EXPECTED["a name or a list of names"] and names:
+        return ",".join(value)
+    right = isinstance(value, str)
+    if name == "seeds":
+        right = number and isinstance(value, int) and value >= 1
+    elif name == "sheet":
+        right = value is None or isinstance(value, dict)
+    elif name in EXPECTED["a number"]:
+        right = False
+    if not right:
+        raise fault(f"expected {expected}, got {value!r}", "", name)
+    return value
 
 
 def merge_options(
@@ -194,75 +140,51 @@ def merge_options(
     """Options of a command with what an environment says, if the user gave no option.
 
     Args:
-        source: file or name of the environment, or ``None``.
+        source: file or name of the environment, or ``None``; paths in a file start from its folder.
         context: of the command, whose options are called as those of ``gapscope evaluate``.
 
     Returns:
         The nominal arm, or its name; the options by name; and keys of the file that are ignored.
 
     Raises:
-        InputError: see ``read_environment``.
+        InputError: see ``read_environment``; or the arm cannot be used.
     """
     options = dict(context.params)
     if source is None:
         return options["robot"], options, ()
-    found = read_environment(source)
+    path, values = read_environment(source)
 
     def given(name: str) -> bool:
         from_user = context.get_parameter_source(name)
         return from_user is not None and from_user.name == "COMMANDLINE"
 
+    if "effects" in values:
+        values["effects"] = path.parent / values["effects"]
     options |= {
         name: value
-        for name, value in found.values.items()
+        for name, value in values.items()
         if name in options and not given(name)
     }
-    if not given("effects"):
-        options["effects"] = found.effects()
-    arm = None if given("robot") else found.arm()
-    return arm or options["robot"], options, found.unused
+    unused = tuple(key for key in values if key in UNUSED)
+    if given("robot") or not {"robot", "case", "sheet"} & values.keys():
+        return context.params["robot"], options, unused
+    return _arm(path, values), options, unused
 
 
-def _content(path: Path) -> dict[str, Any]:
-    content = read_yaml(path, "check the path")
-    content = {} if content is None else content
-    if not isinstance(content, dict):
+def _arm(path: Path, values: dict[str, Any]) -> NominalArm:
+    """The nominal arm that a file names, with its data sheet."""
+    robot, sheet = values.get("robot", "kuka_iiwa"), values.get("sheet")
+    place = path.parent / values.get("case", robot)
+    if "case" not in values and not is_case(place):
+        return load_nominal_arm(robot, folder=path.parent, sheet=sheet, source=path)
+    if sheet is not None:
         raise InputError(
-            "expected keys with values",
-            "write for instance robot: kuka_iiwa",
+            "a case has its own data sheet",
+            "leave sheet: out",
             file=path,
+            where="sheet",
         )
-    return content
-
-
-def _checked(name: str, value: Any, path: Path, key: str) -> Any:
-    """A value as the command's option takes it."""
-    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if name in TEXTS:
-        expected = "a name or path"
-        if isinstance(value, str):
-            return value
-    elif name in NUMBERS:
-        expected = "a number"
-        if is_number:
-            return float(value)
-    elif name == "seeds":
-        expected = "a whole number from 1 on"
-        if is_number and isinstance(value, int) and value >= 1:
-            return value
-    else:
-        expected = "a name or a list of names"
-        if isinstance(value, str):
-            return value
-        if _is_list_of_names(value):
-            return ",".join(value)
-    raise InputError(f"expected {expected}, got {value!r}", file=path, where=key)
-
-
-def _is_list_of_names(value: Any) -> bool:
-    if not isinstance(value, list) or not value:
-        return False
-    return all(isinstance(item, str) for item in value)
+    return load_case(place, read_recordings=False).arm
 
 
 # An agent trained in the simulator made from a model: its folder, and what is written to it.
@@ -395,9 +317,4 @@ def _claim(out: Path, asked: dict[str, Any], again: bool) -> None:
             file=out,
             where="--out",
         )
-    try:
-        write_json(asked, path)
-    except OSError as error:
-        raise GapscopeError(
-            f"{path}: cannot be written ({error.strerror})", "choose another place"
-        ) from None
+    write_json(asked, path)
