@@ -202,12 +202,7 @@ def test_what_it_was_compared_with_is_told(tmp_path: Path) -> None:
             "2.000 ± 0.020",
             "0.013",
         ),
-        *(
-            "2.20 (+10 %)",
-            "3.00 (same)",
-            "0.017",
-            "up to 15 %",
-        ),
+        *("2.20 (+10 %)", "3.00 (same)", "0.017", "up to 15 %"),
         *(
             "torque offset (joints 1–3)",
             "94 %",

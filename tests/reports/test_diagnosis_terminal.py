@@ -10,13 +10,7 @@ import documents
 import pytest
 from rich.console import Console
 
-from gapscope.arm.display import (
-    display_unit,
-    nrmse,
-    percent,
-    significant,
-    uncertain,
-)
+from gapscope.arm.display import display_unit, nrmse, percent, significant, uncertain
 from gapscope.diagnosis.document.wording import (
     acts_on,
     joint_ranges,
