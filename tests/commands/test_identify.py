@@ -228,7 +228,10 @@ class TestResults:
             atol=1e-9,
         )
 
-    @pytest.mark.parametrize("estimator", daily(METHODS, *DAILY))
+    @pytest.mark.parametrize(
+        "estimator",
+        daily(METHODS, *DAILY),
+    )
     def test_every_estimator(
         self, gapscope: Command, healthy: Path, tmp_path: Path, estimator: str
     ) -> None:
@@ -292,7 +295,11 @@ PID = "\ncontroller: {kind: pid, rate: 250, kp: [9, 9], ki: [1, 1], kd: [1, 1]}\
 AS_IT_IS: Spoil = lambda case: None  # noqa: E731
 DIDIM = ("--estimator", "didim")
 BAD: dict[str, tuple[Spoil, tuple[object, ...], tuple[str, ...]]] = {
-    "no controller to simulate": (AS_IT_IS, DIDIM, ("controller", "does not simulate")),
+    "no controller to simulate": (
+        AS_IT_IS,
+        DIDIM,
+        ("controller", "does not simulate"),
+    ),
     "a controller that is not simulated": (
         added(PID),
         DIDIM,
