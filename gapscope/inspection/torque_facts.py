@@ -90,29 +90,24 @@ def _factors(values: np.ndarray, source: np.ndarray) -> np.ndarray | None:
 
 def _controllers(torque: ChannelGuess, others: Sequence[ChannelGuess]) -> Iterator[str]:
     """A column that is computed from reference and position by gains."""
-    by_channel = {
-        other.channel: _thinned(other.group.values) for other in reversed(others)
-    }
     values = _thinned(torque.group.values)
-    needed = [by_channel.get(name) for name in ("q", "q_ref")]
-    if any(x is None or x.shape != values.shape for x in needed):
+    series = {
+        other.channel: _thinned(other.group.values)
+        for other in reversed(others)
+        if _thinned(other.group.values).shape == values.shape
+    }
+    if "q" not in series or "q_ref" not in series:
         return
-    error = by_channel["q_ref"] - by_channel["q"]
-    rate = np.zeros_like(error)
-    for name, sign in (("dq_ref", 1.0), ("dq", -1.0)):
-        if name in by_channel and by_channel[name].shape == values.shape:
-            rate += sign * by_channel[name]
+    error = series["q_ref"] - series["q"]
+    rate = series.get("dq_ref", 0.0) - series.get("dq", np.zeros_like(error))
     gains, left = [], []
-    for j in range(values.shape[1]):
-        design = np.column_stack([error[:, j], rate[:, j]])
-        found, *_ = np.linalg.lstsq(design, values[:, j], rcond=None)
-        left.append(
-            np.std(values[:, j] - design @ found) / max(values[:, j].std(), 1e-12)
-        )
-        gains.append(found)
+    for e, de, tau in zip(error.T, rate.T, values.T, strict=True):
+        design = np.column_stack([e, de])
+        gain = np.linalg.lstsq(design, tau, rcond=None)[0]
+        left.append(np.std(tau - design @ gain) / max(tau.std(), 1e-12))
+        gains.append(gain)
     if np.median(left) <= 10 * EXACT:
-        kp = ", ".join(f"{gain[0]:.4g}" for gain in gains)
-        kd = ", ".join(f"{gain[1]:.4g}" for gain in gains)
+        kp, kd = (", ".join(f"{x:.4g}" for x in own) for own in np.transpose(gains))
         yield (
             f"it is computed, not measured: kp (q_ref - q) + kd (dq_ref - dq) with kp {kp} and kd {kd}. "
             "As a command that is what it should be; whether the arm obeyed these gains, the log does not say"

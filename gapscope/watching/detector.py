@@ -653,21 +653,17 @@ def _joined(before: Segment, after: Segment) -> Segment | None:
     if abs(further[rest][0] - t[first][-1] - step) > MIN_STEP * step:
         return None
 
-    def both(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        return np.concatenate([one[first], other[rest]])
+    def both(one: Any, other: Any, name: str) -> np.ndarray:
+        return np.concatenate([getattr(one, name)[first], getattr(other, name)[rest]])
 
-    a, b = before.motion, after.motion
-    motion = Motion(
-        both(t, further), both(a.q, b.q), both(a.dq, b.dq), both(a.ddq, b.ddq)
-    )
-    unknown = None
+    motions = before.motion, after.motion
+    series: dict[str, Any] = {
+        name: both(before, after, name) for name in ("torque", "temperature")
+    }
     if before.unknown is not None or after.unknown is not None:
-        unknown = both(~before.measured, ~after.measured)
-    torque = both(np.asarray(before.torque), np.asarray(after.torque))
-    warmth = both(np.asarray(before.temperature), np.asarray(after.temperature))
-    return replace(
-        before, motion=motion, torque=torque, unknown=unknown, temperature=warmth
-    )
+        series["unknown"] = ~both(before, after, "measured")
+    motion = Motion(*(both(*motions, name) for name in ("t", "q", "dq", "ddq")))
+    return replace(before, motion=motion, **series)
 
 
 # The state of a watch as one NPZ file, so that a later run goes on where this one ended.
