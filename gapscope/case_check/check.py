@@ -85,7 +85,21 @@ def check_recordings(case: Case) -> Iterator[Remark]:
         yield _rate(recording)
         for note in recording.notes:
             yield Remark("warn", "recordings", recording.name, note)
-        yield from _copied_columns(recording)
+        # joints whose columns are the very same
+        for name in ("q", "tau"):
+            series = getattr(recording, name)
+            if series is None:
+                continue
+            for first, second in combinations(range(recording.n_joints), 2):
+                same = np.abs(series[:, first] - series[:, second]).max() < SAME
+                if same and np.ptp(series[:, first]) > SAME:
+                    yield Remark(
+                        "warn",
+                        "channels",
+                        recording.name,
+                        f"{name}{first + 1} and {name}{second + 1} are the same column",
+                        f"correct import: {{{name}: ...}}",
+                    )
         yield from _velocity(recording)
         yield from _reference(recording)
     yield from _copies(every)
@@ -149,22 +163,6 @@ def _rate(recording: Recording) -> Remark:
     return Remark("warn", "time", recording.name, said, remedy)
 
 
-def _copied_columns(recording: Recording) -> Iterator[Remark]:
-    """Joints whose columns are the very same."""
-    for name in ("q", "tau"):
-        series = getattr(recording, name)
-        if series is None:
-            continue
-        for first, second in combinations(range(recording.n_joints), 2):
-            same = np.abs(series[:, first] - series[:, second]).max() < SAME
-            if same and np.ptp(series[:, first]) > SAME:
-                yield Remark(
-                    "warn",
-                    "channels",
-                    recording.name,
-                    f"{name}{first + 1} and {name}{second + 1} are the same column",
-                    f"correct import: {{{name}: ...}}",
-                )
 
 
 def _velocity(recording: Recording) -> Iterator[Remark]:
@@ -440,7 +438,12 @@ def check_nominal(case: Case, body: RigidBody) -> Iterator[Remark]:
     )
     yield _friction(arm)
     yield from _drives(arm, body)
-    yield from _model(case)
+    # what the audit says of the robot file, in one line
+    odd = odd_kinds(case.arm.urdf)
+    if odd:
+        yield Remark("warn", "model", "", odd, f"gapscope audit {case.arm.urdf}")
+    else:
+        yield Remark("ok", "model", "", "nothing implausible in the robot file")
 
 
 def check_controller(case: Case) -> Iterator[Remark]:
@@ -531,13 +534,6 @@ def _drives(arm: NominalArm, body: RigidBody) -> Iterator[Remark]:
         )
 
 
-def _model(case: Case) -> Iterator[Remark]:
-    """What the audit says of the robot file, in one line."""
-    odd = odd_kinds(case.arm.urdf)
-    if odd:
-        yield Remark("warn", "model", "", odd, f"gapscope audit {case.arm.urdf}")
-    else:
-        yield Remark("ok", "model", "", "nothing implausible in the robot file")
 
 
 def _listed(values: np.ndarray) -> str:

@@ -48,19 +48,16 @@ def diagnose(
     if len(cases) > 1:
         _several(cases, out, jobs=jobs, backend=backend, again=again, against=against)
     elif against is None:
-        _one(cases[0], out)
+        case = cases[0]
+        with Progress(case.name or str(case)) as progress:
+            progress(LOADS)
+            from gapscope.commands.diagnose_path import diagnose_path
+
+            result, paths = diagnose_path(case, out, progress)
+        show(result, *paths)
+        _say_mended(paths)
     else:
         _against(cases[0], against, out)
-
-
-def _one(case: Path, out: Path) -> None:
-    with Progress(case.name or str(case)) as progress:
-        progress(LOADS)
-        from gapscope.commands.diagnose_path import diagnose_path
-
-        result, paths = diagnose_path(case, out, progress)
-    show(result, *paths)
-    _say_mended(paths)
 
 
 def _several(cases: Sequence[Path], out: Path, **options: Any) -> None:

@@ -208,19 +208,16 @@ def _by_law_of_type(
         document = None if row is None else row.document
         again = batch.out / (unit + AGAIN)
         if document is not None and explains_as_much(document, documents[unit]):
-            _move(again, batch.out / unit)
+            # move results into the place of others; until the last file is there, the folder holds no diagnosis
+            target = batch.out / unit
+            (target / DOCUMENT).unlink()
+            files = sorted(again.iterdir(), key=lambda path: path.name == DOCUMENT)
+            for path in files:
+                path.replace(target / path.name)
             found[unit] = SummaryRow(str(document["case"]), unit, document)
             say(f"{unit}: with the friction law of its type, {_line(found[unit])}")
         shutil.rmtree(again, ignore_errors=True)
     return [found.get(row.folder, row) for row in rows]
-
-
-def _move(source: Path, target: Path) -> None:
-    """Move results into the place of others; until the last file is there, the folder holds no diagnosis."""
-    (target / DOCUMENT).unlink()
-    files = sorted(source.iterdir(), key=lambda path: path.name == DOCUMENT)
-    for path in files:
-        path.replace(target / path.name)
 
 
 def diagnose_one_of_many(

@@ -96,23 +96,24 @@ def train(
             progress=progress,
         )
     if content:
-        say(*_improvement(content))
+        # which agent is kept and why, and the joint errors before and after, in the simulator and on the hidden
+        # arm
+        places = {
+            "simulator": "in the simulator made from the model",
+            "hidden": "on the hidden arm",
+        }
+        lines = [content["reason"], "the agent after the last round is in last/"]
+        for key, place in places.items():
+            states = {
+                name: content[name][key] for name in ("untrained", "kept", "last")
+            }
+            if all(states.values()):
+                texts = [
+                    f"{_joint_error(score)} {name}" for name, score in states.items()
+                ]
+                lines.append(f"joint error {place}: {', '.join(texts)}")
+        say(*lines)
     wrote(*paths)
-
-
-def _improvement(content: dict[str, Any]) -> list[str]:
-    """Which agent is kept and why, and the joint errors before and after, in the simulator and on the hidden arm."""
-    places = {
-        "simulator": "in the simulator made from the model",
-        "hidden": "on the hidden arm",
-    }
-    lines = [content["reason"], "the agent after the last round is in last/"]
-    for key, place in places.items():
-        states = {name: content[name][key] for name in ("untrained", "kept", "last")}
-        if all(states.values()):
-            texts = [f"{_joint_error(score)} {name}" for name, score in states.items()]
-            lines.append(f"joint error {place}: {', '.join(texts)}")
-    return lines
 
 
 def _joint_error(score: dict[str, Any]) -> str:

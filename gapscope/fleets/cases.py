@@ -257,7 +257,23 @@ def read_list(address: str) -> Iterator[CaseAddress]:
         with fsspec.open(address, "rt", encoding="utf-8", newline="") as file:
             rows = _table(file, address) if address.endswith(".csv") else _lines(file)
             for number, row in rows:
-                yield _case(row, number, address)
+                where = f"line {number}"
+                day = row.get("date", "")
+                try:
+                    day and date.fromisoformat(day)
+                except ValueError:
+                    raise InputError(
+                        f"{day!r} is no date",
+                        "write YYYY-MM-DD",
+                        file=address,
+                        where=where,
+                    ) from None
+                if not row["case"]:
+                    raise InputError(
+                        "names no case", "give its address", file=address, where=where
+                    )
+                place = _absolute(row["case"], address).removesuffix(f"/{CASE_FILE}")
+                yield CaseAddress(place.rstrip("/"), row.get("unit", ""), day)
     except (OSError, ValueError, ImportError) as error:
         raise InputError(
             f"{address}: cannot be read ({error})", "give a list of cases"
@@ -284,21 +300,6 @@ def _table(file: Any, address: str) -> Iterator[tuple[int, dict[str, str]]]:
     for row in reader:
         texts = {key: (value or "").strip() for key, value in row.items()}
         yield reader.line_num, texts
-
-
-def _case(row: dict[str, str], number: int, address: str) -> CaseAddress:
-    where = f"line {number}"
-    day = row.get("date", "")
-    try:
-        day and date.fromisoformat(day)
-    except ValueError:
-        raise InputError(
-            f"{day!r} is no date", "write YYYY-MM-DD", file=address, where=where
-        ) from None
-    if not row["case"]:
-        raise InputError("names no case", "give its address", file=address, where=where)
-    place = _absolute(row["case"], address).removesuffix(f"/{CASE_FILE}")
-    return CaseAddress(place.rstrip("/"), row.get("unit", ""), day)
 
 
 def _absolute(text: str, address: str) -> str:
@@ -339,7 +340,15 @@ def fetch(system: Any, folder: str, listing: CaseListing, to: Path, most: int) -
         target = to / name
         target.parent.mkdir(parents=True, exist_ok=True)
         source = f"{folder}/{name}" if folder else name
-        left -= _copy(system, source, target, left)
+        # copy a file; what a storage says of its size need not be true
+        size = 0
+        with system.open(source, "rb") as content, target.open("xb") as file:
+            while block := content.read(CHUNK):
+                size += len(block)
+                if size > left:
+                    raise _too_large(source, "more than its storage says", left)
+                file.write(block)
+        left -= size
     _check_case_file(to / CASE_FILE)
     return most - left
 
@@ -358,18 +367,6 @@ def _check_files(folder: str, listing: CaseListing, most: int) -> None:
     size = sum(int(info.get("size") or 0) for info in listing.files.values())
     if size > most or len(listing.files) > MAX_FILES:
         raise _too_large(folder, f"{len(listing.files)} files of {size} bytes", most)
-
-
-def _copy(system: Any, source: str, target: Path, most: int) -> int:
-    """Copy a file; what a storage says of its size need not be true."""
-    size = 0
-    with system.open(source, "rb") as content, target.open("xb") as file:
-        while block := content.read(CHUNK):
-            size += len(block)
-            if size > most:
-                raise _too_large(source, "more than its storage says", most)
-            file.write(block)
-    return size
 
 
 def _too_large(what: str, has: str, most: int) -> InputError:

@@ -89,23 +89,19 @@ def _column(where: str, guess: ChannelGuess, time: TimeGuess) -> Iterator[Remark
         )
         return
     if guess.channel in ("tau", "tau_sensor"):
-        yield from _clipped(where, guess)
+        for j, column in enumerate(guess.group.values.T):
+            if np.ptp(column) == 0:
+                continue
+            for limit in (column.min(), column.max()):
+                share = float((column == limit).mean())
+                if limit != 0 and share > CLIPPED and len(np.unique(column)) > 50:
+                    yield _odd(
+                        f"{where}, joint {j + 1}",
+                        f"{guess.group.pattern} stands at {limit:.4g} in {share:.0%} of the rows: a limit was reached",
+                        "state torque_limit in the case's nominal section",
+                    )
     if guess.channel in ("q", "tau", "tau_sensor"):
         yield from _spikes(where, guess, time)
-
-
-def _clipped(where: str, guess: ChannelGuess) -> Iterator[Remark]:
-    for j, column in enumerate(guess.group.values.T):
-        if np.ptp(column) == 0:
-            continue
-        for limit in (column.min(), column.max()):
-            share = float((column == limit).mean())
-            if limit != 0 and share > CLIPPED and len(np.unique(column)) > 50:
-                yield _odd(
-                    f"{where}, joint {j + 1}",
-                    f"{guess.group.pattern} stands at {limit:.4g} in {share:.0%} of the rows: a limit was reached",
-                    "state torque_limit in the case's nominal section",
-                )
 
 
 def _spikes(where: str, guess: ChannelGuess, time: TimeGuess) -> Iterator[Remark]:

@@ -123,20 +123,31 @@ def write_page(content: dict[str, Any], path: Path) -> None:
             for line in content["parameters"]
         ],
     )
+    # how many parameters agree, and at which rate one that agrees is said to differ
+    rate = content["false_alarm_rate"]
+    facts = (
+        f"{heading(content)} Recordings of an unchanged arm show a false difference in {rate:.0%} of cases. "
+        f"Friction: {content['friction_law']}."
+    )
+    # A panel for each parameter, those that differ first, with a bar of two deviations for each recording
+    lines = [one for one in content["parameters"] if one["birge"] is not None]
+    shown = lines[:MAX_PANELS]
+    figure = None
+    if shown:
+        rows = -(-len(shown) // COLUMNS)  # rounded up
+        drawn = _figure(shown, content["recordings"], rows)
+        height = 60 + PANEL_HEIGHT * rows
+        figure = figure_html(drawn, "agreement", height, showlegend=False)
+    panels = PageSection(
+        title="Values by recording",
+        note="Bars of two standard deviations; what differs is orange, the band is the value to trust.",
+        figure=figure or Markup(""),
+    )
     write_plot_page(
         path,
         f"Do the recordings of {content['case']} agree?",
-        _facts(content),
-        [*_difference_sections(content), _panels(content), table],
-    )
-
-
-def _facts(content: dict[str, Any]) -> str:
-    """How many parameters agree, and at which rate one that agrees is said to differ."""
-    rate = content["false_alarm_rate"]
-    return (
-        f"{heading(content)} Recordings of an unchanged arm show a false difference in {rate:.0%} of cases. "
-        f"Friction: {content['friction_law']}."
+        facts,
+        [*_difference_sections(content), panels, table],
     )
 
 
@@ -146,23 +157,6 @@ def _difference_sections(content: dict[str, Any]) -> list[PageSection]:
         PageSection(title=_differs(line), note=". ".join(sentences(line)))
         for line in differing(content)
     ]
-
-
-def _panels(content: dict[str, Any]) -> PageSection:
-    """A panel for each parameter, those that differ first, with a bar of two deviations for each recording."""
-    lines = [one for one in content["parameters"] if one["birge"] is not None]
-    shown = lines[:MAX_PANELS]
-    figure = None
-    if shown:
-        rows = -(-len(shown) // COLUMNS)  # rounded up
-        drawn = _figure(shown, content["recordings"], rows)
-        height = 60 + PANEL_HEIGHT * rows
-        figure = figure_html(drawn, "agreement", height, showlegend=False)
-    return PageSection(
-        title="Values by recording",
-        note="Bars of two standard deviations; what differs is orange, the band is the value to trust.",
-        figure=figure or Markup(""),
-    )
 
 
 def _figure(lines: list[Line], recordings: list[str], rows: int) -> Figure:

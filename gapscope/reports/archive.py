@@ -162,20 +162,17 @@ def _drawn(history: EffectHistory, name: str) -> Markup:
         history.parameters.items(), 1
     ):
         _draw_panel(figure, row, parameter, unit, components)
-    figure.update_xaxes(type="date", range=_drawn_span(history))
+    # first and last moment of the axis: the same for all effects of a unit
+    first, last = history.span
+    beyond = max(EDGE * (last - first), timedelta(days=1))
+    drawn_span = [(first - beyond).isoformat(), (last + beyond).isoformat()]
+    figure.update_xaxes(type="date", range=drawn_span)
     figure.update_xaxes(title_text="date", row=count)
     figure.update_layout(shapes=_absent_lines(history))
     named = any(len(components) > 1 for components in history.parameters.values())
     top = LEGEND if named else 12
     margin = {"l": 62, "r": 14, "t": top, "b": 46}
     return figure_html(figure, name, PANEL * count + top + AXIS, margin=margin)
-
-
-def _drawn_span(history: EffectHistory) -> list[str]:
-    """First and last moment of the axis: the same for all effects of a unit."""
-    first, last = history.span
-    beyond = max(EDGE * (last - first), timedelta(days=1))
-    return [(first - beyond).isoformat(), (last + beyond).isoformat()]
 
 
 def _draw_panel(

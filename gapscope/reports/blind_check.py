@@ -69,7 +69,17 @@ def tables(figures: dict[str, Any]) -> list[PageSection]:
     main, *others = [_scores(title, own) for title, own in groups.items() if own]
     calibration, confusion = figures["calibration"], figures["confusion"]
     found = [main, _verdicts(figures), *others]
-    found += [_calibration(calibration), _confusion(confusion)]
+    rows = [
+        (
+            f"{r['from']:.1f} to {r['to']:.1f}",
+            str(r["count"]),
+            f"{r['probability']:.3f}",
+            f"{r['right']:.3f}",
+        )
+        for r in calibration["reliability"]
+    ]
+    heads = ("probability", "findings", "mean probability", "share right")
+    found += [PageSection("Reliability", heads, rows), _confusion(confusion)]
     return [*found, _baselines(figures)] if "baselines" in figures else found
 
 
@@ -111,20 +121,6 @@ def _verdicts(figures: dict[str, Any]) -> PageSection:
         "seconds of a diagnosis, median": _median(figures["seconds"], percent=False),
     }
     return PageSection("Verdicts and probabilities", ("", ""), list(rows.items()))
-
-
-def _calibration(calibration: dict[str, Any]) -> PageSection:
-    rows = [
-        (
-            f"{r['from']:.1f} to {r['to']:.1f}",
-            str(r["count"]),
-            f"{r['probability']:.3f}",
-            f"{r['right']:.3f}",
-        )
-        for r in calibration["reliability"]
-    ]
-    heads = ("probability", "findings", "mean probability", "share right")
-    return PageSection("Reliability", heads, rows)
 
 
 def _confusion(confusion: dict[str, dict[str, int]]) -> PageSection:
@@ -278,13 +274,9 @@ def write_score(scored: Scored, folder: Path) -> tuple[Path, ...]:
     with atomic_write(text) as aside:
         content = "\n".join(table.markdown() for table in shown)
         aside.write_text(f"# Blind check\n\n{content}", encoding="utf-8")
-    _write_page(scored, shown, page)
-    return document, text, page
-
-
-def _write_page(scored: Scored, shown: list[PageSection], path: Path) -> None:
     sections = [*shown]
     for name, (title, make_figure, height) in FIGURES.items():
         figure = figure_html(make_figure(scored.figures), name, height)
         sections.append(PageSection(title=title, figure=figure))
-    write_plot_page(path, "Blind check", "", sections, whole=True)
+    write_plot_page(page, "Blind check", "", sections, whole=True)
+    return document, text, page

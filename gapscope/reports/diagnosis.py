@@ -659,6 +659,9 @@ def against(diagnosis: Diagnosis) -> dict[str, Any] | None:
     if content is None:
         return None
     today = content["today"]
+    # what possible bodies lack at most of a joint's torque; empty in a document that does not say so
+    remainder = content.get("remainder")
+    lacking = percent(max(remainder["torque_nrmse"])) if remainder else ""
     return {
         "name": content["reference"],
         "recordings": content["recordings"],
@@ -671,14 +674,8 @@ def against(diagnosis: Diagnosis) -> dict[str, Any] | None:
         "inherent": [
             _with_joints(e["effect"], e["joints"]) for e in content["inherent"]
         ],
-        "lacking": _lacking(content),
+        "lacking": lacking,
     }
-
-
-def _lacking(content: Mapping[str, Any]) -> str:
-    """What possible bodies lack at most of a joint's torque; empty in a document that does not say so."""
-    remainder = content.get("remainder")
-    return percent(max(remainder["torque_nrmse"])) if remainder else ""
 
 
 def _titled(effect: Effect) -> str:
@@ -744,11 +741,17 @@ def where(diagnosis: Diagnosis) -> dict[str, Any]:
     texts = _motions(joint_slides(document), *replays)
     for joint, before, after in zip(joints, *texts, strict=True):
         joint |= {"replay_before": before, "replay_after": after}
+    # of each joint the region that holds most of the gap in least of the time; a band of frequency if it is all
+    out: dict[int, dict[str, Any]] = {}
+    for region in regions:
+        known = out.setdefault(region["joint"], region)
+        if known is not region and _telling(region) > _telling(known):
+            out[region["joint"]] = region
     return {
         "joints": joints,
         "scale": _scale(joints, FLOOR_SCALE),
         "regions": _first_and_learnt(regions),
-        "telling": _most_telling(regions),
+        "telling": list(out.values()),
         "replayed": any(joint["replay_before"] != MISSING for joint in joints),
     }
 
@@ -799,16 +802,6 @@ def _first_and_learnt(regions: list[dict[str, Any]]) -> list[dict[str, Any]]:
         if r.get("kind") in LEARNT
         or (joints.index(r["joint"]) == i and r["joint"] not in ruled)
     ]
-
-
-def _most_telling(regions: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Of each joint the region that holds most of the gap in least of the time; a band of frequency if it is all."""
-    out: dict[int, dict[str, Any]] = {}
-    for region in regions:
-        known = out.setdefault(region["joint"], region)
-        if known is not region and _telling(region) > _telling(known):
-            out[region["joint"]] = region
-    return list(out.values())
 
 
 def _telling(region: Mapping[str, Any]) -> float:

@@ -162,11 +162,7 @@ def write_page(
         ),
     )
     title = f"Tracking of {content['arm']['robot']}"
-    write_plot_page(path, title, _facts(content), sections, whole=True)
-
-
-def _facts(content: Mapping[str, Any]) -> str:
-    """The plan of the evaluation, the hidden effects and the rank correlation, in sentences."""
+    # the plan of the evaluation, the hidden effects and the rank correlation, in sentences
     plan = content["plan"]
     names = {effect["effect"] for effect in content["effects"]}
     effects = ", ".join(sorted(names)) or "none"
@@ -180,7 +176,7 @@ def _facts(content: Mapping[str, Any]) -> str:
         facts += (
             f" Rank correlation of torque error and joint error: {correlation:.2f}."
         )
-    return facts
+    write_plot_page(path, title, facts, sections, whole=True)
 
 
 def _figure(content: Mapping[str, Any], lines: Sequence[SummaryLine]) -> Figure:
@@ -288,19 +284,16 @@ def write_evaluation(
         GapscopeError: a file cannot be written.
     """
     write_page(content, lines, folder / PAGE)
-    _write_table(content["episodes"], folder / TABLE)
-    write_json(content, folder / DOCUMENT)
-    return [folder / name for name in (PAGE, DOCUMENT, TABLE)]
-
-
-def _write_table(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
+    rows = content["episodes"]
     with (
-        atomic_write(path) as aside,
+        atomic_write(folder / TABLE) as aside,
         aside.open("w", newline="", encoding="utf-8") as file,
     ):
         writer = csv.DictWriter(file, list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)
+    write_json(content, folder / DOCUMENT)
+    return [folder / name for name in (PAGE, DOCUMENT, TABLE)]
 
 
 def evaluation_document(

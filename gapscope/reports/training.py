@@ -39,16 +39,7 @@ def write_page(task: Task, trained: Trained, path: Path) -> None:
         GapscopeError: the file cannot be written.
     """
     figure = figure_html(_figure(trained), "training", 460)
-    write_plot_page(
-        path,
-        f"Training on {task.arm.name}",
-        _facts(task, trained),
-        [PageSection(figure=figure)],
-    )
-
-
-def _facts(task: Task, trained: Trained) -> str:
-    """What was trained, and which agent is kept and why, in sentences."""
+    # what was trained, and which agent is kept and why, in sentences
     settings, drawn = trained.settings, ""
     if settings.randomise:
         drawn = f", drawn around it: {', '.join(settings.randomise)}"
@@ -61,7 +52,12 @@ def _facts(task: Task, trained: Trained) -> str:
     )
     if trained.stopped:
         facts += " Training ended early, for want of improvement."
-    return facts
+    write_plot_page(
+        path,
+        f"Training on {task.arm.name}",
+        facts,
+        [PageSection(figure=figure)],
+    )
 
 
 def _figure(trained: Trained) -> Figure:

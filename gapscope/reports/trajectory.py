@@ -37,7 +37,7 @@ from gapscope.reports.pages import (
 )
 
 if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
+    pass
 
 # A designed motion as a page and on the terminal.
 
@@ -62,8 +62,21 @@ def write_page(
         f"{len(found.names)} base columns scaled to unit norm, {found.inertial_condition:.3g} of the inertial ones "
         "alone. Run the files that end in _slow first: the same path at a fraction of the speed."
     )
+    # one panel per quantity, one above the other, over the same time
+    motion = found.motion
+    step = -(-len(motion.t) // POINTS)  # rounded up
+    panels = [
+        Panel(f"{name} [{common_unit(unit, arm.sliding)}]", motion.t[::step], x[::step])
+        for name, unit, x in (
+            ("position", "rad", motion.q),
+            ("velocity", "rad/s", motion.dq),
+            ("acceleration", "rad/s²", motion.ddq),
+            ("torque", "N m", found.torque),
+        )
+    ]
+    joints = [f"J{j}" for j in range(1, arm.n_joints + 1)]
     figure = figure_html(
-        _figure(found, arm),
+        panels_figure(panels, joints, shared_xaxes=True, vertical_spacing=0.03),
         "trajectory",
         920,
         hovermode="x unified",
@@ -78,23 +91,6 @@ def write_page(
     )
     title = f"Exciting trajectory of {arm.name}"
     write_plot_page(path, title, facts, [PageSection(figure=figure), margins])
-
-
-def _figure(found: Excitation, arm: NominalArm) -> Figure:
-    """One panel per quantity, one above the other, over the same time."""
-    motion = found.motion
-    step = -(-len(motion.t) // POINTS)  # rounded up
-    panels = [
-        Panel(f"{name} [{common_unit(unit, arm.sliding)}]", motion.t[::step], x[::step])
-        for name, unit, x in (
-            ("position", "rad", motion.q),
-            ("velocity", "rad/s", motion.dq),
-            ("acceleration", "rad/s²", motion.ddq),
-            ("torque", "N m", found.torque),
-        )
-    ]
-    joints = [f"J{j}" for j in range(1, arm.n_joints + 1)]
-    return panels_figure(panels, joints, shared_xaxes=True, vertical_spacing=0.03)
 
 
 def _margins(found: Excitation) -> Iterator[list[str]]:

@@ -136,7 +136,13 @@ class SegmentStream:
                 own = replace(own, q=own.q - gone * late[:, None])
             piece = own.part(slice(first, stop))
             first = min(following, len(own.t) - 1)
-            yield from self._conditioned(piece)
+            assert self.cutoff is not None
+            # gaps may leave nothing that is long enough
+            if pieces(piece):
+                # a motion may be faster than all before it
+                self.cutoff = max(self.cutoff, position_cutoff((piece,)))
+                for segment in condition(piece, self.cutoff):
+                    yield thinned(segment, MODEL_RATE)
         self.held = own.part(slice(first, None))
 
     def _from_motion_on(self, own: Recording) -> Recording:
@@ -154,15 +160,6 @@ class SegmentStream:
             return False
         self.cutoff = position_cutoff((first,))
         return True
-
-    def _conditioned(self, piece: Recording) -> Iterator[Segment]:
-        assert self.cutoff is not None
-        # gaps may leave nothing that is long enough
-        if pieces(piece):
-            # a motion may be faster than all before it
-            self.cutoff = max(self.cutoff, position_cutoff((piece,)))
-            for segment in condition(piece, self.cutoff):
-                yield thinned(segment, MODEL_RATE)
 
     @staticmethod
     def _breaks(held: Recording, part: Recording) -> bool:
