@@ -437,7 +437,23 @@ def check_nominal(case: Case, body: RigidBody) -> Iterator[Remark]:
         "ok", "data sheet", "", f"joints in this order: {', '.join(arm.joints)}"
     )
     yield _friction(arm)
-    yield from _drives(arm, body)
+    # rotors and torque limits that are not stated
+    if not arm.armature.any():
+        yield Remark(
+            "warn",
+            "data sheet",
+            "",
+            "no rotor inertia is stated: it will be found as an effect",
+            "give nominal: {armature: [...]}: inertia of the rotor times the gear ratio squared [kg m^2]",
+        )
+    if arm.torque_limit is None and not body.effort_limits().any():
+        yield Remark(
+            "warn",
+            "data sheet",
+            "",
+            "no torque limits: saturation can only be inferred from torque",
+            "give nominal: {torque_limit: [...]}",
+        )
     # what the audit says of the robot file, in one line
     odd = odd_kinds(case.arm.urdf)
     if odd:
@@ -514,24 +530,6 @@ def _friction(arm: NominalArm) -> Remark:
     return Remark("warn", "data sheet", "", said, f"a placeholder, as it seems: {give}")
 
 
-def _drives(arm: NominalArm, body: RigidBody) -> Iterator[Remark]:
-    """Rotors and torque limits that are not stated."""
-    if not arm.armature.any():
-        yield Remark(
-            "warn",
-            "data sheet",
-            "",
-            "no rotor inertia is stated: it will be found as an effect",
-            "give nominal: {armature: [...]}: inertia of the rotor times the gear ratio squared [kg m^2]",
-        )
-    if arm.torque_limit is None and not body.effort_limits().any():
-        yield Remark(
-            "warn",
-            "data sheet",
-            "",
-            "no torque limits: saturation can only be inferred from torque",
-            "give nominal: {torque_limit: [...]}",
-        )
 
 
 

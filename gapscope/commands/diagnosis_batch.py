@@ -131,36 +131,34 @@ def diagnose_all(batch: Batch, progress: Callable[[str], None]) -> int:
     """
     check_backend(batch.backend)
     with locked(batch.out):
-        return _diagnose_all(batch, progress)
-
-
-def _diagnose_all(batch: Batch, progress: Callable[[str], None]) -> int:
-    for name in (SUMMARY, UNITS):
-        (batch.out / name).unlink(missing_ok=True)
-    folders = batch.by_folder
-    for folder in folders:
-        shutil.rmtree(batch.out / (folder + AGAIN), ignore_errors=True)
-    rows: list[SummaryRow] = []
-    codes = [0]
-    with _resume_hint():
-        against, reference = batch.against, None
-        if against is not None:
-            against, kept = kept_reference(against, batch.out, progress)
-            reference = kept.made_from
-        for row, code, note in _diagnosed(replace(batch, against=against), reference):
-            rows.append(row)
-            codes.append(code)
-            progress(
-                f"{len(rows)} of {len(folders)} done, {row.label}: {row.verdict.lower()}{note}"
-            )
-            say(f"{row.label}: {row.failure or _line(row)}{note}")
-        rows = _by_law_of_type(batch, rows, progress)
-        content = _compared(batch, rows, progress)
-    if content["groups"]:
-        write_json(content, batch.out / UNITS)
-        console.print(fleet_tables(content))
-    render_summary(rows, batch.out / SUMMARY, content)
-    return max(codes)
+        for name in (SUMMARY, UNITS):
+            (batch.out / name).unlink(missing_ok=True)
+        folders = batch.by_folder
+        for folder in folders:
+            shutil.rmtree(batch.out / (folder + AGAIN), ignore_errors=True)
+        rows: list[SummaryRow] = []
+        codes = [0]
+        with _resume_hint():
+            against, reference = batch.against, None
+            if against is not None:
+                against, kept = kept_reference(against, batch.out, progress)
+                reference = kept.made_from
+            for row, code, note in _diagnosed(
+                replace(batch, against=against), reference
+            ):
+                rows.append(row)
+                codes.append(code)
+                progress(
+                    f"{len(rows)} of {len(folders)} done, {row.label}: {row.verdict.lower()}{note}"
+                )
+                say(f"{row.label}: {row.failure or _line(row)}{note}")
+            rows = _by_law_of_type(batch, rows, progress)
+            content = _compared(batch, rows, progress)
+        if content["groups"]:
+            write_json(content, batch.out / UNITS)
+            console.print(fleet_tables(content))
+        render_summary(rows, batch.out / SUMMARY, content)
+        return max(codes)
 
 
 def _diagnosed(

@@ -6,7 +6,7 @@ import os
 from collections import Counter
 from collections.abc import Sequence
 from datetime import timedelta
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import quote
 
 from markupsafe import Markup
@@ -22,9 +22,6 @@ from gapscope.reports.pages import (
     render_html,
     subplots,
 )
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
 
 # Addresses of the pages and files of an archive, as its server takes them.
 
@@ -161,7 +158,29 @@ def _drawn(history: EffectHistory, name: str) -> Markup:
     for row, ((parameter, unit), components) in enumerate(
         history.parameters.items(), 1
     ):
-        _draw_panel(figure, row, parameter, unit, components)
+        factor, shown_unit = _shown_unit(unit, components)
+        for colour, (component, points) in zip(
+            COLOURS, components.items(), strict=False
+        ):
+            stds = [number.std for _, number in points]
+            figure.add_scatter(
+                x=[entry.date.isoformat() for entry, _ in points],
+                y=[factor * float(number.value or 0.0) for _, number in points],
+                error_y={
+                    "array": [INTERVAL * factor * std if std else None for std in stds]
+                },
+                text=[entry.case for entry, _ in points],
+                hovertemplate="%{text}<br>%{x}<br>%{y:.4g}<extra></extra>",
+                mode="markers+lines",
+                line={"color": colour, "width": 1, "dash": "dot"},
+                marker={"color": colour, "size": 7},
+                name=f"{parameter} {component}".strip(),
+                showlegend=bool(component),
+                row=row,
+                col=1,
+            )
+        bracket = f" [{shown_unit}]" if shown_unit else ""
+        figure.update_yaxes(title_text=f"{parameter}{bracket}", row=row)
     # first and last moment of the axis: the same for all effects of a unit
     first, last = history.span
     beyond = max(EDGE * (last - first), timedelta(days=1))
@@ -173,36 +192,6 @@ def _drawn(history: EffectHistory, name: str) -> Markup:
     top = LEGEND if named else 12
     margin = {"l": 62, "r": 14, "t": top, "b": 46}
     return figure_html(figure, name, PANEL * count + top + AXIS, margin=margin)
-
-
-def _draw_panel(
-    figure: Figure,
-    row: int,
-    parameter: str,
-    unit: str,
-    components: dict[str, list[Point]],
-) -> None:
-    factor, shown_unit = _shown_unit(unit, components)
-    for colour, (component, points) in zip(COLOURS, components.items(), strict=False):
-        stds = [number.std for _, number in points]
-        figure.add_scatter(
-            x=[entry.date.isoformat() for entry, _ in points],
-            y=[factor * float(number.value or 0.0) for _, number in points],
-            error_y={
-                "array": [INTERVAL * factor * std if std else None for std in stds]
-            },
-            text=[entry.case for entry, _ in points],
-            hovertemplate="%{text}<br>%{x}<br>%{y:.4g}<extra></extra>",
-            mode="markers+lines",
-            line={"color": colour, "width": 1, "dash": "dot"},
-            marker={"color": colour, "size": 7},
-            name=f"{parameter} {component}".strip(),
-            showlegend=bool(component),
-            row=row,
-            col=1,
-        )
-    bracket = f" [{shown_unit}]" if shown_unit else ""
-    figure.update_yaxes(title_text=f"{parameter}{bracket}", row=row)
 
 
 def _shown_unit(unit: str, components: dict[str, list[Point]]) -> tuple[float, str]:

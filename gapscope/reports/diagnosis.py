@@ -529,25 +529,7 @@ def arm_scene(diagnosis: Diagnosis) -> dict[str, Any] | None:
                 "column": diagnosis.arm.joints.index(link.joint),
             }
         )
-    return {
-        "joints": joints,
-        "reach": reach(body),
-        "hulls": [_hull(hull) for hull in link_hulls(body)],
-        "motion": _motion(diagnosis),
-    }
-
-
-def _hull(hull: Hull) -> dict[str, Any]:
-    faces = np.ascontiguousarray(hull.faces, dtype="<u2").tobytes()
-    return {
-        "joint": hull.body - 1,
-        "vertices": encode(hull.vertices.ravel()),
-        "faces": base64.b64encode(faces).decode("ascii"),
-    }
-
-
-def _motion(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Times, positions of each arm, and the gap of each joint over its recorded torque's deviation."""
+    # times, positions of each arm, and the gap of each joint over its recorded torque's deviation
     replayed = diagnosis.replayed
     if replayed is None or (replayed.nominal is None and replayed.corrected is None):
         trace = diagnosis.traces[0]
@@ -566,7 +548,7 @@ def _motion(diagnosis: Diagnosis) -> dict[str, Any]:
     trace = next(
         (x for x in diagnosis.traces if x.recording == name), diagnosis.traces[0]
     )
-    return {
+    motion = {
         "recording": name,
         "t": encode(times),
         "arms": {arm: encode(q[kept][:MAX_FRAMES].ravel()) for arm, q in arms.items()},
@@ -574,6 +556,21 @@ def _motion(diagnosis: Diagnosis) -> dict[str, Any]:
             stage: encode(_gap(trace, stage, times).ravel())
             for stage in ("before", "after")
         },
+    }
+    return {
+        "joints": joints,
+        "reach": reach(body),
+        "hulls": [_hull(hull) for hull in link_hulls(body)],
+        "motion": motion,
+    }
+
+
+def _hull(hull: Hull) -> dict[str, Any]:
+    faces = np.ascontiguousarray(hull.faces, dtype="<u2").tobytes()
+    return {
+        "joint": hull.body - 1,
+        "vertices": encode(hull.vertices.ravel()),
+        "faces": base64.b64encode(faces).decode("ascii"),
     }
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.table import Table
@@ -35,9 +34,6 @@ from gapscope.reports.pages import (
     terminal_table,
     write_plot_page,
 )
-
-if TYPE_CHECKING:
-    pass
 
 # A designed motion as a page and on the terminal.
 
