@@ -6,6 +6,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +17,15 @@ from gapscope.arm.case import Case
 from gapscope.arm.io.atomic_write import atomic_write, begin_results
 from gapscope.diagnosis.diagnose import diagnose as diagnose_case
 from gapscope.diagnosis.diagnose_change import Change, diagnose_change
+from gapscope.diagnosis.document.diagnosis_json import write_document
 from gapscope.diagnosis.document.numbers import Number, numbers_of
 from gapscope.diagnosis.prepare import Progress, silent
+from gapscope.diagnosis.reference_file import FOLDER, write_reference
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.corrected_file import write_corrected
+from gapscope.ident.identification_json import write_case_beside
 from gapscope.interface.models import case_file, case_of
 from gapscope.interface.reference import (
     Reference,
@@ -31,11 +36,13 @@ from gapscope.interface.reference import (
 from gapscope.interface.result import Result
 from gapscope.provenance import KEY, made_from
 from gapscope.reports.diagnosis import (
+    CASE,
+    CORRECTED,
     DOCUMENT,
+    REPORT,
     URDF,
+    render,
     summary,
-    write_change,
-    write_diagnosis,
 )
 from gapscope.reports.mended_case import write_mended_case
 
@@ -100,17 +107,29 @@ class DiagnosisResult(Result):
         identified arm as its nominal one, which ``corrected.yaml`` corrects; and, if the reference was identified in
         this run, ``identified``, the folder that a later comparison takes as ``against``.
         """
-        out = Path(folder)
+        out, found, change = Path(folder), self.diagnosis, self.change
         begin_results(out, DOCUMENT)
-        mended = write_mended_case(
-            self.diagnosis.faults, self.case, lambda: case_file(self.case, out), out
+        source = partial(case_file, self.case, out)
+        others = write_mended_case(found.faults, self.case, source, out)
+        if change is not None:
+            with atomic_write(out / URDF) as aside:
+                shutil.copyfile(change.case.arm.urdf, aside)
+            write_case_beside(change.case.arm, source(), out / CASE, URDF)
+            others = (out / CASE, out / URDF, *others)
+            if change.reference.file is None:
+                others = (*others, write_reference(change.reference, out / FOLDER))
+        write_corrected(
+            str(self.document["case"]),
+            self.effects,
+            out / CORRECTED,
+            presliding=found.presliding,
+            corrects=None if change is None else CASE,
+            remainder=None if change is None else change.remainder,
+            states=found.states,
         )
-        if self.change is None:
-            return *write_diagnosis(self.diagnosis, out), *mended
-        with atomic_write(out / URDF) as aside:
-            shutil.copyfile(self.change.case.arm.urdf, aside)
-        change = replace(self.change, diagnosis=self.diagnosis)
-        return *write_change(change, case_file(self.case, out), out), *mended
+        render(found, out / REPORT)
+        write_document(self.document, out / DOCUMENT)
+        return out / REPORT, out / DOCUMENT, out / CORRECTED, *others
 
     def shown(self) -> RenderableType:
         """Verdict, effects, gap per joint, what is possible, what is open and the warnings."""

@@ -15,15 +15,22 @@ from gapscope.arm.io.log import Log, open_log
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.diagnosis.prepare import Progress, silent
 from gapscope.diagnosis.set_up import Remark
+from gapscope.inspection.draft import case_text
 from gapscope.inspection.draft_check import check_draft, judge_torques
 from gapscope.inspection.inspection import Inspection, inspect_logs
 from gapscope.interface.result import Result
 from gapscope.reports.inspection import (
+    CASE,
     CHANNEL_HEADS,
+    PAGE,
+    PICTURE,
     channel_rows,
     check_unused,
-    save_inspection,
+    names_of,
+    panels_of,
     summary,
+    write_page,
+    write_picture,
 )
 
 DESCRIBED = "robot.urdf"
@@ -62,7 +69,13 @@ class InspectionResult(Result):
         elif robot is not None and Path(robot).exists():
             way = os.path.relpath(Path(robot).resolve(), out.resolve())
             robot = Path(way).as_posix()
-        return tuple(save_inspection(found, self.checked, out, robot))
+        picture, page, case = out / PICTURE, out / PAGE, out / CASE
+        label, joints = found.main.label, names_of(found)
+        write_picture(picture, label, panels_of(found, 0), joints)
+        write_page(page, found, self.checked)
+        with atomic_write(case) as aside:
+            aside.write_text(case_text(found, out, robot), encoding="utf-8")
+        return picture, page, case
 
     def shown(self) -> RenderableType:
         """Columns, torques, joints and what looks wrong."""

@@ -31,9 +31,8 @@ from gapscope.arm.dynamics.plain_urdf import moving_links
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.json_file import plain
 from gapscope.arm.joint_units import joint_unit
-from gapscope.diagnosis.diagnose_change import Change
 from gapscope.diagnosis.document import wording
-from gapscope.diagnosis.document.diagnosis_json import validate, write_document
+from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.document.findings import NOT_YET
 from gapscope.diagnosis.document.wording import (
     VERDICTS,
@@ -58,13 +57,9 @@ from gapscope.diagnosis.document.wording import (
     worst_joint,
 )
 from gapscope.diagnosis.locate import DRIVES, JointLocalisation, Region
-from gapscope.diagnosis.reference_file import FOLDER, write_reference
 from gapscope.diagnosis.result import Diagnosis, Signature, Spectrum, Trace
-from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import known_effect
-from gapscope.effects.corrected_file import write_corrected
 from gapscope.effects.effect import Effect
-from gapscope.ident.identification_json import write_case_beside
 from gapscope.model.change_findings import change_text
 from gapscope.reports import compared_units as units_words
 from gapscope.reports.compared_units import ADDING
@@ -1014,68 +1009,9 @@ def _table() -> Table:
     return Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
 
 
-# A diagnosis as files: ``report.html``, ``diagnosis.json`` and ``corrected.yaml``.
+# Names of the files of a diagnosis.
 
 
 DOCUMENT, REPORT, CORRECTED = "diagnosis.json", "report.html", "corrected.yaml"
 CASE, URDF = "identified_case.yaml", "identified.urdf"
 """The nominal arm that was identified on a reference."""
-
-
-def write_diagnosis(result: Diagnosis, folder: Path) -> tuple[Path, ...]:
-    """Write the corrected arm, the report and, as the last, ``diagnosis.json``.
-
-    Returns:
-        The files, the report first.
-
-    Raises:
-        GapscopeError: the document is not valid, or a file cannot be written.
-    """
-    return _write(result, result.effects, folder)
-
-
-def write_change(change: Change, case_file: Path, folder: Path) -> tuple[Path, ...]:
-    """Write what ``write_diagnosis`` writes and the arm identified on the reference.
-
-    ``identified_case.yaml`` is the case with the identified arm as its nominal one; with ``corrected.yaml`` as model it
-    predicts the torque recorded in the case. Its URDF is there already. A reference that was identified in this run is
-    kept in the folder ``identified``.
-
-    Args:
-        change: what changed since the reference.
-        case_file: the case file, whose recordings the new case names.
-        folder: of the results.
-
-    Returns:
-        The files, the report first.
-
-    Raises:
-        GapscopeError: the document is not valid, or a file cannot be written.
-    """
-    write_case_beside(change.case.arm, case_file, folder / CASE, URDF)
-    kept = []
-    if change.reference.file is None:
-        kept.append(write_reference(change.reference, folder / FOLDER))
-    paths = _write(change.diagnosis, change.effects, folder, CASE, change.remainder)
-    return (*paths, folder / CASE, folder / URDF, *kept)
-
-
-def _write(
-    result: Diagnosis,
-    effects: Sequence[AppliedEffect],
-    folder: Path,
-    corrects: str | None = None,
-    remainder: np.ndarray | None = None,
-) -> tuple[Path, ...]:
-    write_corrected(
-        str(result.document["case"]),
-        tuple(effects),
-        folder / CORRECTED,
-        presliding=result.presliding,
-        corrects=corrects,
-        remainder=remainder,
-        states=result.states,
-    )
-    render(result, folder / REPORT)
-    write_document(result.document, folder / DOCUMENT)
-    return folder / REPORT, folder / DOCUMENT, folder / CORRECTED

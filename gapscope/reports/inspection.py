@@ -16,7 +16,6 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.joint_units import joint_unit, units_of
 from gapscope.diagnosis.set_up import Remark
-from gapscope.inspection.draft import case_text
 from gapscope.inspection.inspection import TORQUES, Inspection
 from gapscope.inspection.words import LARGEST
 from gapscope.reports.pages import (
@@ -316,26 +315,3 @@ def check_unused(folder: Path) -> None:
             "name another folder with --out, or remove it",
             file=folder / CASE,
         )
-
-
-def save_inspection(
-    found: Inspection, checked: Sequence[Remark], folder: Path, robot: str | None
-) -> list[Path]:
-    """Write picture, page and, last, the case to start from.
-
-    Args:
-        found: what is in the logs.
-        checked: what reading the draft showed.
-        folder: of the case.
-        robot: what the case says as its robot; ``None`` if none is known.
-
-    Raises:
-        GapscopeError: a file cannot be written.
-    """
-    picture, page, case = folder / PICTURE, folder / PAGE, folder / CASE
-    label = found.main.label
-    write_picture(picture, label, panels_of(found, 0), names_of(found))
-    write_page(page, found, checked)
-    with atomic_write(case) as aside:
-        aside.write_text(case_text(found, folder, robot), encoding="utf-8")
-    return [picture, page, case]

@@ -103,7 +103,7 @@ def test_case_file_instead_of_folder(
 @pytest.mark.parametrize("stop", [KeyboardInterrupt, MemoryError])
 @pytest.mark.parametrize(
     "place",
-    ["reports.diagnosis.write_document", "effects.corrected_file.yaml.safe_dump"],
+    ["interface.diagnose.write_document", "effects.corrected_file.yaml.safe_dump"],
 )
 def test_interrupted_run_leaves_no_diagnosis(
     sick: Path,
