@@ -30,7 +30,7 @@ from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
 from gapscope.ident.model.base_parameters import random_states, structural_base
 from gapscope.ident.model.linear_problem import FrictionLaw, ModelColumns
 from gapscope.ident.model.regressor import Regressor
-from gapscope.inspection.inspected_table import inspect_table
+from gapscope.inspection.inspection import inspect_table
 from gapscope.model.conditioning import Segment, condition, position_cutoff, thinned
 from gapscope.model_audit.audit import odd_kinds
 

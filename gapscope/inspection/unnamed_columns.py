@@ -18,20 +18,19 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.table import Table
 from gapscope.arm.nominal import NominalArm
 from gapscope.inspection.columns import (
-    BY_NAME,
-    ColumnGroup,
-    TableColumns,
-    numbers_of,
-    sorted_columns,
-)
-from gapscope.inspection.time_column import counts_rows, runs_forward
-from gapscope.inspection.words import (
     ALIKE,
     ANGLES,
+    BY_NAME,
     LARGEST,
     NOT_OF_JOINTS,
     UNITS,
+    ColumnGroup,
+    TableColumns,
+    counts_rows,
     meaning_of,
+    numbers_of,
+    runs_forward,
+    sorted_columns,
     words_of,
 )
 

@@ -15,8 +15,7 @@ from gapscope.arm.io.log import Log, open_log
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.diagnosis.prepare import Progress, silent
 from gapscope.diagnosis.set_up import Remark
-from gapscope.inspection.draft import case_text
-from gapscope.inspection.draft_check import check_draft, judge_torques
+from gapscope.inspection.draft import case_text, check_draft, judge_torques
 from gapscope.inspection.inspection import Inspection, inspect_logs
 from gapscope.interface.result import Result
 from gapscope.reports.inspection import (

@@ -16,8 +16,8 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.joint_units import joint_unit, units_of
 from gapscope.diagnosis.set_up import Remark
+from gapscope.inspection.columns import LARGEST
 from gapscope.inspection.inspection import TORQUES, Inspection
-from gapscope.inspection.words import LARGEST
 from gapscope.reports.pages import (
     COLOURS,
     GRID,
