@@ -70,7 +70,7 @@ AT_LIMIT = 0.01  # Share of samples at the torque limit from which it is said [1
 # --- amount of data
 SECONDS = 30.0  # Of each recording is looked at for excitation and torque [s]. (budget)
 RATE = 60.0  # Samples of these per second [Hz]. (budget)
-
+# fmt: on
 
 
 # Recordings of a case: how many, how long, which channels, time stamps, copies.
@@ -163,8 +163,6 @@ def _rate(recording: Recording) -> Remark:
     return Remark("warn", "time", recording.name, said, remedy)
 
 
-
-
 def _velocity(recording: Recording) -> Iterator[Remark]:
     """A recorded velocity that is not that of the positions."""
     if recording.dq is None or len(recording.t) < 3:
@@ -222,7 +220,6 @@ def _copies(every: Sequence[Recording]) -> Iterator[Remark]:
             )
 
 
-
 # How the joints move, and what cannot be told from that.
 
 
@@ -260,43 +257,6 @@ class JointMotions:
     possible_gravity: np.ndarray
     excited: float
     silent: tuple[str, ...]
-
-
-def joint_motions(
-    columns: ModelColumns, recordings: Sequence[Recording], segments: Sequence[Segment]
-) -> JointMotions:
-    """Measure how the joints move.
-
-    Args:
-        columns: model of the nominal arm.
-        recordings: that are fitted.
-        segments: of the recordings that are fitted, with torque or without.
-    """
-    arm, body = columns.arm, columns.body
-    q, dq = (
-        np.concatenate([getattr(s.motion, name)[s.inner] for s in segments])
-        for name in ("q", "dq")
-    )
-    speed = np.abs(dq) / arm.per_radian
-    sliding = speed > SLIDING
-    each = [np.abs(dq[sliding[:, j], j]) for j in range(arm.n_joints)]
-    states = random_states(Regressor(arm, body, ()), np.random.default_rng(SEED), 200)
-    silent, count = _silent(columns, segments)
-    return JointMotions(
-        range=np.ptp(q, axis=0),
-        still=resting(recordings, arm.per_radian),
-        slow=np.array([np.quantile(v, 0.1) if len(v) else 0.0 for v in each]),
-        fast=np.array([np.quantile(v, 0.9) if len(v) else 0.0 for v in each]),
-        reversals=_reversals(segments, arm.per_radian),
-        one_speed=np.array([_cosine(v) for v in each]),
-        forward=np.array(
-            [_share(dq[sliding[:, j], j] > 0) for j in range(arm.n_joints)]
-        ),
-        gravity=np.ptp(_gravity(body, q), axis=0),
-        possible_gravity=np.ptp(_gravity(body, states.q), axis=0),
-        excited=1 - len(silent) / count,
-        silent=silent,
-    )
 
 
 def check_motion(motions: JointMotions) -> Iterator[Remark]:
@@ -426,7 +386,6 @@ def _share(mask: np.ndarray) -> float:
     return float(mask.mean()) if len(mask) else np.nan
 
 
-
 # The data sheet, the controller and the model of a case.
 
 
@@ -530,13 +489,8 @@ def _friction(arm: NominalArm) -> Remark:
     return Remark("warn", "data sheet", "", said, f"a placeholder, as it seems: {give}")
 
 
-
-
-
-
 def _listed(values: np.ndarray) -> str:
     return ", ".join(f"{value:.3g}" for value in values)
-
 
 
 # Samples at the torque's limit.
@@ -592,9 +546,7 @@ class CaseCheck:
         return all(remark.level != "error" for remark in self.remarks)
 
 
-def check_case(
-    path: Path, progress: Progress = silent
-) -> CaseCheck:
+def check_case(path: Path, progress: Progress = silent) -> CaseCheck:
     """Check a case; nothing is raised for a case that cannot be read, it is an error among the remarks.
 
     Args:
@@ -675,14 +627,37 @@ def _other_arms(case: Case) -> Iterator[Remark]:
             )
 
 
-def _of_signals(
-    case: Case, look: SetUp, remarks: list[Remark]
-) -> JointMotions:
+def _of_signals(case: Case, look: SetUp, remarks: list[Remark]) -> JointMotions:
     """Add remarks on the motion, the torque and the nominal arm of a case with torque; how the joints move."""
     columns = ModelColumns(case.arm)
     cutoff = position_cutoff(case.recordings)
     segments = list(_segments(case, cutoff))
-    motions = joint_motions(columns, case.recordings, segments)
+    # measure how the joints move
+    arm, body = columns.arm, columns.body
+    q, dq = (
+        np.concatenate([getattr(s.motion, name)[s.inner] for s in segments])
+        for name in ("q", "dq")
+    )
+    speed = np.abs(dq) / arm.per_radian
+    sliding = speed > SLIDING
+    each = [np.abs(dq[sliding[:, j], j]) for j in range(arm.n_joints)]
+    states = random_states(Regressor(arm, body, ()), np.random.default_rng(SEED), 200)
+    silent, count = _silent(columns, segments)
+    motions = JointMotions(
+        range=np.ptp(q, axis=0),
+        still=resting(case.recordings, arm.per_radian),
+        slow=np.array([np.quantile(v, 0.1) if len(v) else 0.0 for v in each]),
+        fast=np.array([np.quantile(v, 0.9) if len(v) else 0.0 for v in each]),
+        reversals=_reversals(segments, arm.per_radian),
+        one_speed=np.array([_cosine(v) for v in each]),
+        forward=np.array(
+            [_share(dq[sliding[:, j], j] > 0) for j in range(arm.n_joints)]
+        ),
+        gravity=np.ptp(_gravity(body, q), axis=0),
+        possible_gravity=np.ptp(_gravity(body, states.q), axis=0),
+        excited=1 - len(silent) / count,
+        silent=silent,
+    )
     remarks += check_ranges(case, columns.body)
     remarks += look.remarks()
     remarks += _limits(case, columns.body)
@@ -724,7 +699,6 @@ def _segments(case: Case, cutoff: float) -> Iterator[Segment]:
         first = recording.part(recording.t <= recording.t[0] + SECONDS)
         for segment in condition(first):
             yield thinned(segment, max(RATE, 3 * cutoff))
-
 
 
 # The document of the check of a case, ``check.json``.

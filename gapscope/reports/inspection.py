@@ -167,11 +167,20 @@ def write_page(path: Path, found: Inspection, checked: Sequence[Remark]) -> None
 
 def tables_of(found: Inspection, checked: Sequence[Remark]) -> list[PageSection]:
     """What the columns are taken for, what the torque can be, the joints, and what looks wrong."""
+    # what looks wrong: where, what, what to do
+    problems = [one for one in checked if one.level == "error"]
+    notes = [one for one in (*found.notes, *checked) if one.level == "ok"]
+    first = (*found.misread, *problems, *found.oddities)
+    rows = [(one.place or one.topic, one.said, one.remedy) for one in first]
+    for one in notes:
+        # the reader and the case may say the same of a table
+        if all(one.said != said for _, said, _ in rows):
+            rows.append((one.place, one.said, ""))
     return [
         PageSection("What the columns are taken for", CHANNEL_HEADS, list(channel_rows(found))),
         PageSection("What the torque can be", ("columns", "seen"), list(torque_rows(found))),
         PageSection("Joints", ("joint", "from", "to", "fastest"), list(joint_rows(found))),
-        PageSection("What looks wrong", ("where", "what", "what to do"), wrong_rows(found, checked)),
+        PageSection("What looks wrong", ("where", "what", "what to do"), rows),
     ]  # fmt: skip
 
 
@@ -187,21 +196,6 @@ def facts_of(found: Inspection) -> str:
         f"{formats}: {count} recording{'s' if count > 1 else ''} of {found.n_joints} joints, "
         f"{', '.join(rates)} Hz{certain}, {min(durations):.1f} to {max(durations):.1f} s."
     )
-
-
-def wrong_rows(
-    found: Inspection, checked: Sequence[Remark]
-) -> list[tuple[str, str, str]]:
-    """What looks wrong: where, what, what to do."""
-    problems = [one for one in checked if one.level == "error"]
-    notes = [one for one in (*found.notes, *checked) if one.level == "ok"]
-    first = (*found.misread, *problems, *found.oddities)
-    rows = [(one.place or one.topic, one.said, one.remedy) for one in first]
-    for one in notes:
-        # the reader and the case may say the same of a table
-        if all(one.said != said for _, said, _ in rows):
-            rows.append((one.place, one.said, ""))
-    return rows
 
 
 CHANNEL_HEADS = ("channel", "columns", "unit", "because")
