@@ -109,7 +109,7 @@ def case_text(found: Inspection, folder: Path, robot: str | None) -> str:
     more = f" and {len(found.logs) - 4} more" if len(found.logs) > 4 else ""
     lines = [
         f"# Drafted by gapscope inspect from {names}{more}. Every entry is a guess, with its reason beside it.",
-        f"name: {_scalar(_name(found))}",
+        f"name: {flow(_name(found))}",
         *_robot(found, robot),
         *_recordings(found, folder),
         *_payloads(found, folder),
@@ -131,9 +131,9 @@ def _robot(found: Inspection, robot: str | None) -> Iterator[str]:
     if robot is None:
         yield "robot: robot.urdf  # not known: put the URDF or MJCF of the arm here"
         return
-    yield f"robot: {_scalar(robot)}"
+    yield f"robot: {flow(robot)}"
     assert found.arm is not None
-    listed = _flow(list(found.arm.joints))
+    listed = flow(list(found.arm.joints))
     if list(found.arm.joints) == actuated_joints(found.arm.urdf):
         yield f"# joints: {listed}  # the order of the columns, if it is another"
     else:
@@ -147,7 +147,7 @@ def _recordings(found: Inspection, folder: Path) -> Iterator[str]:
             label: _relative(table.log.path, folder) for label, table in entry.items()
         }
         alone = len(set(paths.values())) == 1
-        yield f"  - {_scalar(paths[MAIN]) if alone else _flow(paths)}"
+        yield f"  - {flow(paths[MAIN]) if alone else flow(paths)}"
     if len(found.entries) > 2:
         yield "# judge: [FILE]  # name one of them here in place of above: it is held out and never fitted"
 
@@ -164,7 +164,7 @@ def _payloads(found: Inspection, folder: Path) -> Iterator[str]:
     if told:
         yield "payloads:"
     for name, load in told.items():
-        yield f"  {_scalar(name)}: {_flow(load.load.entry())}  # {load.why}"
+        yield f"  {flow(name)}: {flow(load.load.entry())}  # {load.why}"
 
 
 def _import(found: Inspection) -> Iterator[tuple[str, str]]:
@@ -173,12 +173,12 @@ def _import(found: Inspection) -> Iterator[tuple[str, str]]:
     main = found.main
     if main.part.kind == LEROBOT:
         numbers = list(range(len(main.log.tables)))
-        listed = _flow({"fit": numbers[:-1] or numbers, "judge": numbers[-1:]})
+        listed = flow({"fit": numbers[:-1] or numbers, "judge": numbers[-1:]})
         yield f"# episodes: {listed}", "all are fitted; hold some out by this line"
     elif len(main.log.tables) > 1:
-        yield f"topic: {_scalar(main.part.name)}", "holds the positions"
+        yield f"topic: {flow(main.part.name)}", "holds the positions"
     if _renamed(found):
-        listed = _flow(list(found.chosen["q"][1].group.labels))
+        listed = flow(list(found.chosen["q"][1].group.labels))
         yield f"joints: {listed}", "their names in the log, in the order of the robot's"
     files = {table.log.path for table in found.sources.values()}
     if len(files) > 1:
@@ -230,7 +230,7 @@ def _time(found: Inspection) -> tuple[str, str]:
         entry = {"column": column, "unit": time.unit}
     if TIME in found.sources:
         entry["file"] = TIME
-    return f"time: {_flow(entry)}", time.why
+    return f"time: {flow(entry)}", time.why
 
 
 def _channel(
@@ -271,8 +271,8 @@ def _entry(found: Inspection, label: str, guess: ChannelGuess) -> str:
     elif table is not found.main:
         entry["topic"] = table.part.name
     if list(entry) == ["column"]:
-        return _flow(entry["column"])
-    return _flow(entry)
+        return flow(entry["column"])
+    return flow(entry)
 
 
 def _column(found: Inspection, guess: ChannelGuess) -> str | list[str] | list[int]:
@@ -319,7 +319,7 @@ def _data_sheet(found: Inspection) -> Iterator[str]:
         values = [0.0] * found.n_joints
         if found.arm is not None:
             values = [float(f"{x:.6g}") for x in getattr(found.arm, name)]
-        yield f"#   {name}: {_flow(values)}  # {unit}"
+        yield f"#   {name}: {flow(values)}  # {unit}"
     yield "#   encoder: motor  # motor, or joint: the side of the gear on which the position is measured"
     yield from _controller(found)
 
@@ -328,7 +328,7 @@ def _controller(found: Inspection) -> Iterator[str]:
     """A controller to fill in, if the log holds what it followed."""
     if "q_ref" not in found.chosen:
         return
-    zeros = _flow([0.0] * found.n_joints)
+    zeros = flow([0.0] * found.n_joints)
     rate = _rounded(float(f"{found.main.time.rate:.4g}"))
     yield f"# controller: {{kind: pd, rate: {rate}, kp: {zeros}, kd: {zeros}}}  # for replay: N m/rad, N m s/rad"
 
@@ -352,11 +352,7 @@ def _rounded(rate: float) -> float | int:
     return int(rate) if rate == int(rate) else rate
 
 
-def _scalar(text: str) -> str:
-    return yaml.safe_dump(text, width=10_000).splitlines()[0]
-
-
-def _flow(value: Any) -> str:
+def flow(value: Any) -> str:
     """A value as YAML on one line."""
     text = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=10_000)
     return text.removesuffix("\n").removesuffix("\n...")
