@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from typer import Argument, Option
@@ -46,55 +45,32 @@ def diagnose(
 ) -> None:
     """Find where the gap lies, what causes it, and how far it closes."""
     if len(cases) > 1:
-        _several(cases, out, jobs=jobs, backend=backend, again=again, against=against)
-    elif against is None:
-        case = cases[0]
-        with Progress(case.name or str(case)) as progress:
+        with Progress(f"{len(cases)} cases") as progress:
             progress(LOADS)
-            from gapscope.commands.diagnose_path import diagnose_path
+            from gapscope.commands.diagnosis_batch import (
+                SUMMARY,
+                UNITS,
+                Batch,
+                diagnose_all,
+            )
 
-            result, paths = diagnose_path(case, out, progress)
-        show(result, *paths)
-        _say_mended(paths)
-    else:
-        _against(cases[0], against, out)
-
-
-def _several(cases: Sequence[Path], out: Path, **options: Any) -> None:
-    with Progress(f"{len(cases)} cases") as progress:
-        progress(LOADS)
-        from gapscope.commands.diagnosis_batch import (
-            SUMMARY,
-            UNITS,
-            Batch,
-            diagnose_all,
-        )
-
-        code = diagnose_all(Batch(tuple(cases), out, **options), progress)
-    paths = (out / SUMMARY, out / UNITS)
-    wrote(*(path for path in paths if path.is_file()))
-    raise typer.Exit(code)
-
-
-def _against(case: Path, reference: Path, out: Path) -> None:
+            batch = Batch(tuple(cases), out, jobs, backend, again, against)
+            code = diagnose_all(batch, progress)
+        wrote(*(out / name for name in (SUMMARY, UNITS) if (out / name).is_file()))
+        raise typer.Exit(code)
+    case = cases[0]
     with Progress(case.name or str(case)) as progress:
         progress(LOADS)
         from gapscope.commands.diagnose_path import diagnose_path
         from gapscope.reports.diagnosis import CASE, CORRECTED
+        from gapscope.reports.mended_case import CASE as MENDED
 
-        result, paths = diagnose_path(case, out, progress, against=reference)
+        result, paths = diagnose_path(case, out, progress, against=against)
     show(result, *paths)
-    say(
-        "to predict with what was found: "
-        f"gapscope predict {out / CASE} --model {out / CORRECTED} ..."
-    )
-    _say_mended(paths)
-
-
-def _say_mended(paths: Sequence[Path]) -> None:
-    """Say what the mended case is for, if there is one."""
-    from gapscope.reports.mended_case import CASE
-
-    for path in paths:
-        if path.name == CASE:
-            say(f"{path} reads the recordings right: give it to predict, gap, replay")
+    if against is not None:
+        say(
+            "to predict with what was found: "
+            f"gapscope predict {out / CASE} --model {out / CORRECTED} ..."
+        )
+    if out / MENDED in paths:
+        say(f"{out / MENDED} reads the recordings right: give it to predict, gap, replay")  # fmt: skip

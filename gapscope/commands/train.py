@@ -74,9 +74,14 @@ def train(
 
     It learns in the simulator made from that model, and is tried on an arm with hidden effects.
     """
-    from gapscope.agents.training.task import ROUGH
+    from gapscope.agents.training.learner import check_installed
+    from gapscope.agents.training.task import ROUGH, Task
     from gapscope.agents.training.training_settings import RESIDUAL, read_settings
-    from gapscope.commands.training_files import train_files
+    from gapscope.agents.training.tuning import tune as search
+    from gapscope.arm.io.locked_section import locked
+    from gapscope.commands.inputs import read_arm
+    from gapscope.commands.training_files import claim, trained_in
+    from gapscope.effects.corrected_file import error_context, read_corrected
 
     agent = agent or (RESIDUAL if model in ROUGH else "ppo")
     settings = read_settings(
@@ -84,17 +89,21 @@ def train(
     )
     if randomise:
         settings = settings.randomised()
+    check_installed()
+    content: dict[str, Any] = {}
     with Progress(model) as progress:
-        content, paths = train_files(
-            model,
-            robot,
-            effects,
-            settings,
-            out,
-            again=again,
-            trials=tune,
-            progress=progress,
-        )
+        hidden = None if effects is None else read_corrected(effects)
+        task = Task.of(model, read_arm(robot), hidden)
+        settings = task.settled(settings)
+        task.check(settings)
+        with error_context(effects, hidden or ()):
+            task.hidden_arm(settings).close()
+        with locked(out):
+            claim(out, task, settings, tune, again=again)
+            if tune:
+                paths = [search(task, settings, tune, out, progress)]
+            else:
+                content, paths = trained_in(out, task, settings, progress)
     if content:
         # which agent is kept and why, and the joint errors before and after, in the simulator and on the hidden
         # arm

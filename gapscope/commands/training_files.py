@@ -8,7 +8,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gapscope.agents.training.learner import check_installed
 from gapscope.agents.training.policy import DOCUMENT, LAST, POLICY, write_agent
 from gapscope.agents.training.task import Task
 from gapscope.agents.training.training_loop import (
@@ -19,19 +18,15 @@ from gapscope.agents.training.training_loop import (
     write_curve,
 )
 from gapscope.agents.training.training_settings import TrainingSettings
-from gapscope.agents.training.tuning import tune
 from gapscope.arm.case import load_case
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.case_file import read_yaml
 from gapscope.arm.io.json_file import to_json, write_json
-from gapscope.arm.io.locked_section import locked
 from gapscope.arm.nearest_name import check_known, nearest
 from gapscope.arm.nominal import SHEET_UNITS, NominalArm
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.commands.inputs import is_case, read_arm
-from gapscope.diagnosis.prepare import Progress, silent
+from gapscope.commands.inputs import is_case
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.corrected_file import error_context, read_corrected
 from gapscope.envs.divergence import described
 from gapscope.envs.registration import NAME
 from gapscope.provenance import fingerprint
@@ -194,58 +189,13 @@ COMMAND, CURVE, PAGE = "command.json", "curve.csv", "learning_curve.html"
 OURS = (COMMAND, CURVE, PAGE, DOCUMENT, POLICY, NORMALISATION)
 
 
-def train_files(
-    model: str,
-    robot: str,
-    effects: Path | None,
-    settings: TrainingSettings,
+def trained_in(
     out: Path,
-    *,
-    again: bool = False,
-    trials: int = 0,
-    progress: Progress = silent,
-) -> tuple[dict[str, Any], list[Path]]:
-    """Train an agent on top of a model, or resume a training that was interrupted.
-
-    Args:
-        model: ``pd``, ``gravity``, ``nominal``, or the path of a ``corrected.yaml`` or ``identification.json``.
-        robot: a name or URDF; or a case, whose nominal arm is taken.
-        effects: file of the form of ``corrected.yaml`` with the hidden effects of the arm that the agent is tried on.
-        settings: of the training.
-        out: folder for the results.
-        again: forget what the folder holds of an earlier training.
-        trials: of a search for hyperparameters instead of a training; 0 for none.
-        progress: called with a few words at each step.
-
-    Returns:
-        The content of ``agent.json`` (empty for a search), and the files.
-
-    Raises:
-        InputError: an argument or a file is at fault, or the folder is another training's.
-        GapscopeError: a file cannot be written.
-    """
-    check_installed()
-    arm = read_arm(robot)
-    hidden = None if effects is None else read_corrected(effects)
-    task = Task.of(model, arm, hidden)
-    settings = task.settled(settings)
-    task.check(settings)
-    with error_context(effects, hidden or ()):
-        task.hidden_arm(settings).close()
-    with locked(out):
-        _claim(out, _asked(task, settings, trials), again)
-        if trials:
-            return {}, [tune(task, settings, trials, out, progress)]
-        return _train(task, settings, out, progress)
-
-
-def _train(
     task: Task,
     settings: TrainingSettings,
-    out: Path,
     progress: Callable[[str], None],
 ) -> tuple[dict[str, Any], list[Path]]:
-    """Train, unless the folder holds the whole result; the content of ``agent.json``, and the files."""
+    """Train, or go on, unless the folder holds the whole result; the content of ``agent.json``, and the files."""
     paths = [out / name for name in (POLICY, CURVE, PAGE, DOCUMENT)]
     if all(path.is_file() for path in paths):
         progress("is done already; --again trains anew")
@@ -254,19 +204,6 @@ def _train(
     write_curve(trained.curve, out / CURVE)
     write_page(task, trained, out / PAGE)
     return write_agent(task, trained, out), paths
-
-
-def _asked(task: Task, settings: TrainingSettings, trials: int) -> dict[str, Any]:
-    """What a command asks for: settings, and hashes of the arm and of the model's files."""
-    return {
-        "model": _digest(task.name in ("pd", "gravity") and task.name, task.believed),
-        "robot": _digest(None, CorrectedArm(task.arm)),
-        "effects": None
-        if task.hidden is None
-        else [described(applied) for applied in task.hidden],
-        "settings": settings.same(),
-        "tune": bool(trials),
-    }
 
 
 def _digest(label: object, corrected: CorrectedArm) -> str:
@@ -288,12 +225,31 @@ def _digest(label: object, corrected: CorrectedArm) -> str:
     )
 
 
-def _claim(out: Path, asked: dict[str, Any], again: bool) -> None:
-    """Make the folder this training's.
+def claim(
+    out: Path, task: Task, settings: TrainingSettings, trials: int, *, again: bool
+) -> None:
+    """Make the folder this training's: of these settings, this arm and the model's files.
+
+    Args:
+        out: the folder.
+        task: what is trained and tried on.
+        settings: of the training.
+        trials: of a search for hyperparameters instead of a training; 0 for none.
+        again: forget what the folder holds of an earlier training.
 
     Raises:
         InputError: it is another's.
+        GapscopeError: it cannot be written to.
     """
+    hidden = task.hidden
+    plain = task.name in ("pd", "gravity") and task.name
+    asked: dict[str, Any] = {
+        "model": _digest(plain, task.believed),
+        "robot": _digest(None, CorrectedArm(task.arm)),
+        "effects": None if hidden is None else [described(one) for one in hidden],
+        "settings": settings.same(),
+        "tune": bool(trials),
+    }
     path = out / COMMAND
     if again:
         for name in OURS:
