@@ -96,14 +96,25 @@ def view(
     ] = True,
 ) -> None:
     """Write recorded, predicted and remaining torque and the arm as one MCAP, and open Rerun if installed."""
-    from gapscope.interface.view import view as view_recording
-    from gapscope.reports.scene import write_layout, write_mcap
+    from gapscope.arm.case import load_case
+    from gapscope.arm.errors import GapscopeError
+    from gapscope.interface.models import recording_of
+    from gapscope.interface.predict import predict as predict_recording
+    from gapscope.interface.replay import replay as replay_recording
+    from gapscope.reports.scene import Scene, write_layout, write_mcap
 
     layout = out.with_suffix(".foxglove.json")
-
     with Progress(case.name or str(case)) as progress:
         progress("predicts and replays")
-        scene, problem = view_recording(case, recording or 0, model)
+        loaded = load_case(case)
+        chosen = recording_of(loaded, recording or 0)
+        torque = predict_recording(loaded, chosen, model).tau
+        moved, problem = None, ""
+        try:
+            moved = replay_recording(loaded, chosen, model).replay.q
+        except GapscopeError as error:
+            problem = str(error)
+        scene = Scene(loaded.arm, chosen.t, chosen.q, chosen.tau, torque, moved)
         progress("writes")
         write_mcap(scene, out)
         write_layout(scene, layout)
