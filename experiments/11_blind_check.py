@@ -23,7 +23,8 @@ from gapscope.blind_check.generator.laws import LAWS
 from gapscope.blind_check.scoring import score
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.setup_faults import FAULTS
-from gapscope.reports.blind_check import Table, tables, write_score
+from gapscope.reports.blind_check import tables, write_score
+from gapscope.reports.pages import PageSection as Table
 
 SMALL = BlindPlan(singles=24, pairs=6, triples=3, outside=6, healthy=8, ladder=6)
 """The set that is made by default."""

@@ -64,7 +64,7 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.model.conditioning import condition, position_cutoff
 from gapscope.model.torque_gap import torque_gap
-from gapscope.reports.blind_check import Table
+from gapscope.reports.pages import PageSection as Table
 
 # Whether the truth of a case closes its gap
 

@@ -51,7 +51,7 @@ from gapscope.blind_check.generator.arms import USUAL, perturb_inertials, text_o
 from gapscope.blind_check.generator.case import make_case, write_case
 from gapscope.blind_check.generator.simulate import STRONG, CaseSpec, Conditions
 from gapscope.blind_check.scoring import named, same, wilson
-from gapscope.reports.blind_check import Table
+from gapscope.reports.pages import PageSection as Table
 
 # Simulated cases
 

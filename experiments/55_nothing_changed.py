@@ -50,7 +50,7 @@ from gapscope.diagnosis.agreement import (
     Agreement,
     agreement,
 )
-from gapscope.reports.blind_check import Table
+from gapscope.reports.pages import PageSection as Table
 
 REAL = ("ur10", "panda", "tx40", "emps")
 GROUPS = (*REAL, "go2", "sample")

@@ -47,7 +47,7 @@ from gapscope.blind_check.generator.laws import LAWS
 from gapscope.blind_check.generator.simulate import Conditions
 from gapscope.blind_check.generator.true_arm import Columns, TrueArm
 from gapscope.blind_check.scoring import Named, matched, named, same
-from gapscope.reports.blind_check import Table
+from gapscope.reports.pages import PageSection as Table
 
 ROBOTS = ("ur5_like", "franka_panda", "drawn", "kuka_iiwa", "ur10_like", "xarm6")
 ARM = np.array([], dtype=int)

@@ -39,7 +39,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.json_file import plain, read_json, write_json
 from gapscope.arm.io.write_case import write_case
 from gapscope.blind_check.scoring import wilson
-from gapscope.reports.blind_check import Table
+from gapscope.reports.pages import PageSection as Table
 
 T = TypeVar("T")
 WAITING = 5.0

@@ -5,17 +5,16 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path, PurePath
 from threading import Lock
 from typing import Any
 
-import numpy as np
-
 from gapscope.arm.display import effect_name
 from gapscope.arm.errors import InputError
 from gapscope.diagnosis.document.diagnosis_json import read_document
+from gapscope.diagnosis.document.numbers import Number, numbers_of
 from gapscope.diagnosis.document.wording import acts_on, parameter_texts
 from gapscope.model.change_findings import change_text
 
@@ -76,45 +75,22 @@ UNITS_BY = (CASE, FOLDER)
 
 
 @dataclass(frozen=True)
-class Estimate:
-    """One number of an effect.
-
-    Attributes:
-        place: ``joint 4``, ``link 3`` or ``the whole arm``.
-        parameter: its name.
-        component: ``x``, ``y`` or ``z`` of a vector, else empty.
-        unit: SI unit of ``value`` and ``std``.
-        value: as in ``diagnosis.json``.
-        std: its standard deviation, ``None`` if not known.
-    """
-
-    place: str
-    parameter: str
-    component: str
-    unit: str
-    value: float
-    std: float | None
-
-
-@dataclass(frozen=True)
 class ArchivedEffect:
     """An effect of a diagnosis.
 
     Attributes:
         effect: its readable name.
         acts_on: what it acts on, in words.
-        places: each joint by itself, or the link or the arm.
         values: its parameters in readable units, a line each; not the number of a link, which ``acts_on`` says.
         share: of the gap [1].
-        estimates: all its numbers.
+        numbers: all of them; one without a parameter for each place of an effect that has none.
     """
 
     effect: str
     acts_on: str
-    places: tuple[str, ...]
     values: tuple[str, ...]
     share: float
-    estimates: tuple[Estimate, ...]
+    numbers: tuple[Number, ...]
 
 
 @dataclass(frozen=True)
@@ -222,38 +198,13 @@ def date_in_names(case: str, folder: str) -> datetime | None:
 
 
 def _effect(entry: Mapping[str, Any]) -> ArchivedEffect:
-    words = acts_on(entry)
-    joints = tuple(f"joint {joint}" for joint in entry["joints"])
     return ArchivedEffect(
         effect_name(entry["effect"]),
-        words,
-        joints or (words,),
+        acts_on(entry),
         tuple(f"{text.name} {text.text}" for text in parameter_texts(entry)),
         float(entry["share"]),
-        tuple(_estimates(entry, joints, words)),
+        tuple(numbers_of(entry)),
     )
-
-
-def _estimates(
-    entry: Mapping[str, Any], joints: tuple[str, ...], words: str
-) -> Iterator[Estimate]:
-    """The numbers of an effect one by one; the number of a link is its place, not an estimate."""
-    for name, parameter in entry["parameters"].items():
-        if name == "link":
-            continue
-        values = np.atleast_1d(parameter["value"])
-        stds = np.broadcast_to(np.array(parameter["std"], float), values.shape)
-        units = parameter.get("units") or [parameter["unit"]] * len(values)
-        vector = not joints and len(values) == 3
-        for k, (value, std) in enumerate(zip(values, stds, strict=True)):
-            yield Estimate(
-                joints[k] if joints else words,
-                name.replace("_", " "),
-                "xyz"[k] if vector else "",
-                units[k],
-                float(value),
-                float(std) if np.isfinite(std) else None,
-            )
 
 
 # All diagnoses below a folder, read again only if their files have changed.
@@ -364,47 +315,48 @@ class Archive:
 # Effects of one unit over time.
 
 
-@dataclass(frozen=True)
-class Point:
-    """A number at a date; ``entry`` is the diagnosis that it is from."""
-
-    entry: Entry
-    estimate: Estimate
-
-
+@dataclass
 class EffectHistory:
     """An effect on one place over time.
 
     Attributes:
         effect: its readable name.
         place: ``joint 4``, ``link 3`` or ``the whole arm``.
-        span: first and last date of the unit's diagnoses.
-        found: diagnoses that name the effect there, in order of time.
-        parameters: by parameter and its unit, then by component, all points in order of time.
+        in_time: all diagnoses of the unit, in order of time.
+        found: those that name the effect there.
+        parameters: by parameter and its unit, then by component, all points in order of time: diagnosis and number.
     """
 
-    def __init__(self, effect: str, place: str, in_time: Sequence[Entry]) -> None:
-        self.effect, self.place = effect, place
-        self.found: list[Entry] = []
-        self.parameters: dict[tuple[str, str], dict[str, list[Point]]] = {}
-        self.span = (in_time[0].date, in_time[-1].date)
-        self._in_time = in_time
+    effect: str
+    place: str
+    in_time: Sequence[Entry]
+    found: list[Entry] = field(default_factory=list)
+    parameters: dict[tuple[str, str], dict[str, list[Point]]] = field(
+        default_factory=dict
+    )
 
-    def add(self, entry: Entry, effect: ArchivedEffect) -> None:
-        """Add what a diagnosis says of the effect."""
-        self.found.append(entry)
-        for estimate in effect.estimates:
-            if estimate.place == self.place:
-                key = (estimate.parameter, estimate.unit)
-                by_component = self.parameters.setdefault(key, {})
-                points = by_component.setdefault(estimate.component, [])
-                points.append(Point(entry, estimate))
+    def add(self, entry: Entry, number: Number) -> None:
+        """Add a number of the effect there."""
+        if entry not in self.found[-1:]:
+            self.found.append(entry)
+        if number.parameter:
+            key = number.parameter.replace("_", " "), number.unit
+            points = self.parameters.setdefault(key, {})
+            points.setdefault(number.component, []).append((entry, number))
+
+    @property
+    def span(self) -> tuple[datetime, datetime]:
+        """First and last date of the unit's diagnoses."""
+        return self.in_time[0].date, self.in_time[-1].date
 
     @property
     def absent(self) -> list[datetime]:
         """Dates of the diagnoses of the unit that do not name the effect there."""
         folders = {entry.folder for entry in self.found}
-        return [entry.date for entry in self._in_time if entry.folder not in folders]
+        return [entry.date for entry in self.in_time if entry.folder not in folders]
+
+
+Point = tuple[Entry, Number]
 
 
 def histories(entries: Iterable[Entry], unit: str) -> list[EffectHistory]:
@@ -419,8 +371,7 @@ def histories(entries: Iterable[Entry], unit: str) -> list[EffectHistory]:
     made: dict[tuple[str, str], EffectHistory] = {}
     for entry in in_time:
         for effect in entry.effects:
-            for place in effect.places:
-                blank = EffectHistory(effect.effect, place, in_time)
-                history = made.setdefault((effect.effect, place), blank)
-                history.add(entry, effect)
+            for number in effect.numbers:
+                key = effect.effect, number.place
+                made.setdefault(key, EffectHistory(*key, in_time)).add(entry, number)
     return sorted(made.values(), key=lambda h: (-len(h.found), h.effect, h.place))

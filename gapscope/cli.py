@@ -17,28 +17,19 @@ from gapscope.arm.errors import (
     ModelWarning,
 )
 from gapscope.commands.advise import advise
-from gapscope.commands.agree import agree
-from gapscope.commands.audit import audit
 from gapscope.commands.blind import blind
-from gapscope.commands.check import check
-from gapscope.commands.demo import demo
 from gapscope.commands.diagnose import diagnose
-from gapscope.commands.doctor import doctor
 from gapscope.commands.evaluate import evaluate
 from gapscope.commands.excite import excite
-from gapscope.commands.export import export
-from gapscope.commands.fleet import fleet
-from gapscope.commands.gap import gap
 from gapscope.commands.identify import identify
-from gapscope.commands.inspect import inspect
+from gapscope.commands.logs import agree, audit, check, inspect
+from gapscope.commands.many import fleet, serve
+from gapscope.commands.models import export, gap, predict, replay, view
 from gapscope.commands.options import with_own_effects
-from gapscope.commands.predict import predict
+from gapscope.commands.project import demo, doctor
 from gapscope.commands.record import record
-from gapscope.commands.replay import replay
 from gapscope.commands.residual import residual
-from gapscope.commands.serve import serve
 from gapscope.commands.train import train
-from gapscope.commands.view import view
 from gapscope.commands.watch import watch
 from gapscope.terminal import note
 

@@ -33,25 +33,17 @@ class Pool(ABC):
     jobs: int
 
     @abstractmethod
-    def submit(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        """Begin a call, while fewer than ``jobs`` run; returns its handle."""
+    def submit(
+        self, function: Callable[..., Any], arguments: tuple[Any, ...]
+    ) -> Future[Any]:
+        """Begin a call, while fewer than ``jobs`` run."""
 
-    @abstractmethod
-    def wait(self, handles: Sequence[Any]) -> Sequence[Any]:
-        """Wait until at least one call has ended; returns the handles of those that have."""
+    def lost(self, error: BaseException | None) -> str:
+        """Why a worker died, if that is why a call has ended; else empty."""
+        return ""
 
-    @abstractmethod
-    def result(self, handle: Any) -> Any:
-        """Result of a call that has ended.
-
-        Raises:
-            WorkerLostError: its worker died.
-            Exception: what the function itself raised.
-        """
-
-    @abstractmethod
-    def close(self) -> None:
-        """End the workers, and calls that still run."""
+    def close(self) -> None:  # noqa: B027
+        """End the workers, and calls that still run, if there are any."""
 
 
 # The places where calls run: this machine, or a Ray cluster.
@@ -101,7 +93,9 @@ class ThisProcess(Pool):
 
     jobs = 1
 
-    def submit(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+    def submit(
+        self, function: Callable[..., Any], arguments: tuple[Any, ...]
+    ) -> Future[Any]:
         """Make the call at once."""
         made: Future[Any] = Future()
         try:
@@ -110,56 +104,38 @@ class ThisProcess(Pool):
             made.set_exception(error)
         return made
 
-    def wait(self, handles: Sequence[Any]) -> Sequence[Any]:
-        """All calls: each has ended when it was begun."""
-        return handles
-
-    def result(self, handle: Any) -> Any:
-        """Result of a call."""
-        return handle.result()
-
-    def close(self) -> None:
-        """Nothing runs any more."""
-
 
 class LocalProcesses(Pool):
     """Processes of this machine, each in an executor of its own: one that dies takes no other call with it."""
 
     def __init__(self, jobs: int) -> None:
         self.jobs = jobs
-        self._free = [_executor() for _ in range(jobs)]
-        self._busy: dict[Future[Any], Any] = {}
+        self._executors: dict[Future[Any], Any] = {}
 
-    def submit(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        """Begin a call in a free process."""
-        executor = self._free.pop()
-        handle: Future[Any] = executor.submit(function, *arguments)
-        self._busy[handle] = executor
-        return handle
+    def submit(
+        self, function: Callable[..., Any], arguments: tuple[Any, ...]
+    ) -> Future[Any]:
+        """Begin a call in a process that is free, or in a new one."""
+        executor = None
+        for ended in [future for future in self._executors if future.done()]:
+            own = self._executors.pop(ended)
+            if executor is None and not self.lost(ended.exception()):
+                executor = own
+            else:
+                own.shutdown()
+        executor = executor or _executor()
+        made: Future[Any] = executor.submit(function, *arguments)
+        self._executors[made] = executor
+        return made
 
-    def wait(self, handles: Sequence[Any]) -> Sequence[Any]:
-        """Wait for the first calls to end."""
-        return list(wait(handles, return_when=FIRST_COMPLETED).done)
-
-    def result(self, handle: Any) -> Any:
-        """Result of a call; its process is free again, or replaced if it died."""
-        executor = self._busy.pop(handle)
-        try:
-            result = handle.result()
-        except BrokenProcessPool as error:
-            executor.shutdown()
-            self._free.append(_executor())
-            problem = str(error).splitlines()[0]
-            raise WorkerLostError(problem) from None
-        except Exception:
-            self._free.append(executor)
-            raise
-        self._free.append(executor)
-        return result
+    def lost(self, error: BaseException | None) -> str:
+        """Whether the process died."""
+        broken = isinstance(error, BrokenProcessPool)
+        return str(error).splitlines()[0] if broken else ""
 
     def close(self) -> None:
         """End the processes."""
-        for executor in (*self._free, *self._busy.values()):
+        for executor in self._executors.values():
             executor.shutdown(kill_workers=True)
 
 
@@ -188,25 +164,21 @@ class RayPool(Pool):
         """
         self._ray = ray_module()
         self._remote: dict[Callable[..., Any], Any] = {}
-        self._running: set[Any] = set()
+        self._running: dict[Future[Any], Any] = {}
         if not self._ray.is_initialized():
-            self._join(jobs)
+            quiet = {"log_to_driver": False}
+            try:
+                self._ray.init(address="auto", **quiet)
+            except ConnectionError:
+                own = {"num_cpus": jobs, "include_dashboard": False}
+                self._ray.init(address="local", **own, **quiet)
         cores = self._ray.cluster_resources().get("CPU", 1)
         self.jobs = jobs or max(1, int(cores))
 
-    def _join(self, jobs: int | None) -> None:
-        try:
-            self._ray.init(address="auto", log_to_driver=False)
-        except ConnectionError:
-            self._ray.init(
-                address="local",
-                num_cpus=jobs,
-                include_dashboard=False,
-                log_to_driver=False,
-            )
-
-    def submit(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        """Send a call to the cluster."""
+    def submit(
+        self, function: Callable[..., Any], arguments: tuple[Any, ...]
+    ) -> Future[Any]:
+        """Send a call to the cluster, which keeps no copy of what has ended."""
         # a function is sent to the cluster once, not with every call
         if function not in self._remote:
             options: dict[str, Any] = {"max_retries": 0}
@@ -214,35 +186,24 @@ class RayPool(Pool):
                 # a worker may have been started before the effects of the user's files were read here
                 options["runtime_env"] = {"env_vars": {FILES: os.environ[FILES]}}
             self._remote[function] = self._ray.remote(**options)(function)
+        self._running = {f: own for f, own in self._running.items() if not f.done()}
         handle = self._remote[function].remote(*arguments)
-        self._running.add(handle)
-        return handle
+        made: Future[Any] = handle.future()
+        self._running[made] = handle
+        return made
 
-    def wait(self, handles: Sequence[Any]) -> Sequence[Any]:
-        """Wait for the first calls to end."""
-        ended, _ = self._ray.wait(list(handles))
-        return list(ended)
-
-    def result(self, handle: Any) -> Any:
-        """Result of a call, of which the cluster keeps no copy."""
+    def lost(self, error: BaseException | None) -> str:
+        """Whether worker, machine or result were lost, or ended for want of memory; not what the function raised."""
         errors = self._ray.exceptions
-        self._running.discard(handle)
-        try:
-            return self._ray.get(handle)
-        except errors.RayTaskError:  # the function's own exception
-            raise
-        except errors.RayError as error:
-            # worker, machine or result lost, or ended for want of memory
-            raise WorkerLostError(_first_line(error)) from None
+        if isinstance(error, errors.RayTaskError) or not isinstance(error, errors.RayError):  # fmt: skip
+            return ""
+        return f"{type(error).__name__}: {str(error).strip().splitlines()[0]}"
 
     def close(self) -> None:
         """End the calls that still run; the cluster stays."""
-        for handle in self._running:
-            self._ray.cancel(handle, force=True)
-
-
-def _first_line(error: Exception) -> str:
-    return f"{type(error).__name__}: {str(error).strip().splitlines()[0]}"
+        for future, handle in self._running.items():
+            if not future.done():
+                self._ray.cancel(handle, force=True)
 
 
 # Results of many calls as they end, in any order; a call whose worker dies is made again.
@@ -268,7 +229,7 @@ class Ended:
     arguments: tuple[Any, ...]
     tries: int = 1
     result: Any = None
-    error: Exception | None = None
+    error: BaseException | None = None
 
 
 def as_completed(
@@ -291,7 +252,7 @@ def as_completed(
     """
     waiting = (Ended(number, arguments) for number, arguments in enumerate(calls))
     with closing(_pool(jobs, backend)) as pool:
-        running: dict[Any, Ended] = {}
+        running: dict[Future[Any], Ended] = {}
 
         def begin(call: Ended) -> None:
             running[pool.submit(function, call.arguments)] = call
@@ -305,13 +266,15 @@ def as_completed(
 
         fill()
         while running:
-            for handle in pool.wait(list(running)):
-                call = running.pop(handle)
-                ended = _ended(pool, handle, call)
-                if isinstance(ended.error, WorkerLostError) and call.tries < tries:
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                call, error = running.pop(future), future.exception()
+                lost = error and pool.lost(error)
+                if lost and call.tries < tries:
                     begin(replace(call, tries=call.tries + 1))
+                elif error:
+                    yield replace(call, error=WorkerLostError(lost) if lost else error)
                 else:
-                    yield ended
+                    yield replace(call, result=future.result())
             fill()
 
 
@@ -319,13 +282,6 @@ def _pool(jobs: int | None, backend: str) -> Pool:
     if backend != LOCAL:
         return RayPool(jobs)
     return LocalProcesses(jobs) if jobs and jobs > 1 else ThisProcess()
-
-
-def _ended(pool: Pool, handle: Any, call: Ended) -> Ended:
-    try:
-        return replace(call, result=pool.result(handle))
-    except Exception as error:
-        return replace(call, error=error)
 
 
 # Results of calls that run side by side, in the order of their arguments.

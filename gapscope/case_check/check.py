@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import combinations
 from pathlib import Path
@@ -23,14 +23,14 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import CHANNELS, STILL, Recording, resting
 from gapscope.diagnosis.document.expected import expected_entries
-from gapscope.diagnosis.prepare import with_torque
+from gapscope.diagnosis.prepare import Progress, silent, with_torque
 from gapscope.diagnosis.selection.search import could_show
 from gapscope.diagnosis.set_up import Remark, SetUp, look_at_set_up, numbers
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
 from gapscope.ident.model.base_parameters import random_states, structural_base
 from gapscope.ident.model.linear_problem import FrictionLaw, ModelColumns
 from gapscope.ident.model.regressor import Regressor
-from gapscope.inspection.inspected_table import inspect_table
+from gapscope.inspection.inspection import inspect_table
 from gapscope.model.conditioning import Segment, condition, position_cutoff, thinned
 from gapscope.model_audit.audit import odd_kinds
 
@@ -70,7 +70,7 @@ AT_LIMIT = 0.01  # Share of samples at the torque limit from which it is said [1
 # --- amount of data
 SECONDS = 30.0  # Of each recording is looked at for excitation and torque [s]. (budget)
 RATE = 60.0  # Samples of these per second [Hz]. (budget)
-
+# fmt: on
 
 
 # Recordings of a case: how many, how long, which channels, time stamps, copies.
@@ -85,7 +85,21 @@ def check_recordings(case: Case) -> Iterator[Remark]:
         yield _rate(recording)
         for note in recording.notes:
             yield Remark("warn", "recordings", recording.name, note)
-        yield from _copied_columns(recording)
+        # joints whose columns are the very same
+        for name in ("q", "tau"):
+            series = getattr(recording, name)
+            if series is None:
+                continue
+            for first, second in combinations(range(recording.n_joints), 2):
+                same = np.abs(series[:, first] - series[:, second]).max() < SAME
+                if same and np.ptp(series[:, first]) > SAME:
+                    yield Remark(
+                        "warn",
+                        "channels",
+                        recording.name,
+                        f"{name}{first + 1} and {name}{second + 1} are the same column",
+                        f"correct import: {{{name}: ...}}",
+                    )
         yield from _velocity(recording)
         yield from _reference(recording)
     yield from _copies(every)
@@ -149,24 +163,6 @@ def _rate(recording: Recording) -> Remark:
     return Remark("warn", "time", recording.name, said, remedy)
 
 
-def _copied_columns(recording: Recording) -> Iterator[Remark]:
-    """Joints whose columns are the very same."""
-    for name in ("q", "tau"):
-        series = getattr(recording, name)
-        if series is None:
-            continue
-        for first, second in combinations(range(recording.n_joints), 2):
-            same = np.abs(series[:, first] - series[:, second]).max() < SAME
-            if same and np.ptp(series[:, first]) > SAME:
-                yield Remark(
-                    "warn",
-                    "channels",
-                    recording.name,
-                    f"{name}{first + 1} and {name}{second + 1} are the same column",
-                    f"correct import: {{{name}: ...}}",
-                )
-
-
 def _velocity(recording: Recording) -> Iterator[Remark]:
     """A recorded velocity that is not that of the positions."""
     if recording.dq is None or len(recording.t) < 3:
@@ -224,7 +220,6 @@ def _copies(every: Sequence[Recording]) -> Iterator[Remark]:
             )
 
 
-
 # How the joints move, and what cannot be told from that.
 
 
@@ -262,43 +257,6 @@ class JointMotions:
     possible_gravity: np.ndarray
     excited: float
     silent: tuple[str, ...]
-
-
-def joint_motions(
-    columns: ModelColumns, recordings: Sequence[Recording], segments: Sequence[Segment]
-) -> JointMotions:
-    """Measure how the joints move.
-
-    Args:
-        columns: model of the nominal arm.
-        recordings: that are fitted.
-        segments: of the recordings that are fitted, with torque or without.
-    """
-    arm, body = columns.arm, columns.body
-    q, dq = (
-        np.concatenate([getattr(s.motion, name)[s.inner] for s in segments])
-        for name in ("q", "dq")
-    )
-    speed = np.abs(dq) / arm.per_radian
-    sliding = speed > SLIDING
-    each = [np.abs(dq[sliding[:, j], j]) for j in range(arm.n_joints)]
-    states = random_states(Regressor(arm, body, ()), np.random.default_rng(SEED), 200)
-    silent, count = _silent(columns, segments)
-    return JointMotions(
-        range=np.ptp(q, axis=0),
-        still=resting(recordings, arm.per_radian),
-        slow=np.array([np.quantile(v, 0.1) if len(v) else 0.0 for v in each]),
-        fast=np.array([np.quantile(v, 0.9) if len(v) else 0.0 for v in each]),
-        reversals=_reversals(segments, arm.per_radian),
-        one_speed=np.array([_cosine(v) for v in each]),
-        forward=np.array(
-            [_share(dq[sliding[:, j], j] > 0) for j in range(arm.n_joints)]
-        ),
-        gravity=np.ptp(_gravity(body, q), axis=0),
-        possible_gravity=np.ptp(_gravity(body, states.q), axis=0),
-        excited=1 - len(silent) / count,
-        silent=silent,
-    )
 
 
 def check_motion(motions: JointMotions) -> Iterator[Remark]:
@@ -428,7 +386,6 @@ def _share(mask: np.ndarray) -> float:
     return float(mask.mean()) if len(mask) else np.nan
 
 
-
 # The data sheet, the controller and the model of a case.
 
 
@@ -439,8 +396,29 @@ def check_nominal(case: Case, body: RigidBody) -> Iterator[Remark]:
         "ok", "data sheet", "", f"joints in this order: {', '.join(arm.joints)}"
     )
     yield _friction(arm)
-    yield from _drives(arm, body)
-    yield from _model(case)
+    # rotors and torque limits that are not stated
+    if not arm.armature.any():
+        yield Remark(
+            "warn",
+            "data sheet",
+            "",
+            "no rotor inertia is stated: it will be found as an effect",
+            "give nominal: {armature: [...]}: inertia of the rotor times the gear ratio squared [kg m^2]",
+        )
+    if arm.torque_limit is None and not body.effort_limits().any():
+        yield Remark(
+            "warn",
+            "data sheet",
+            "",
+            "no torque limits: saturation can only be inferred from torque",
+            "give nominal: {torque_limit: [...]}",
+        )
+    # what the audit says of the robot file, in one line
+    odd = odd_kinds(case.arm.urdf)
+    if odd:
+        yield Remark("warn", "model", "", odd, f"gapscope audit {case.arm.urdf}")
+    else:
+        yield Remark("ok", "model", "", "nothing implausible in the robot file")
 
 
 def check_controller(case: Case) -> Iterator[Remark]:
@@ -511,38 +489,8 @@ def _friction(arm: NominalArm) -> Remark:
     return Remark("warn", "data sheet", "", said, f"a placeholder, as it seems: {give}")
 
 
-def _drives(arm: NominalArm, body: RigidBody) -> Iterator[Remark]:
-    """Rotors and torque limits that are not stated."""
-    if not arm.armature.any():
-        yield Remark(
-            "warn",
-            "data sheet",
-            "",
-            "no rotor inertia is stated: it will be found as an effect",
-            "give nominal: {armature: [...]}: inertia of the rotor times the gear ratio squared [kg m^2]",
-        )
-    if arm.torque_limit is None and not body.effort_limits().any():
-        yield Remark(
-            "warn",
-            "data sheet",
-            "",
-            "no torque limits: saturation can only be inferred from torque",
-            "give nominal: {torque_limit: [...]}",
-        )
-
-
-def _model(case: Case) -> Iterator[Remark]:
-    """What the audit says of the robot file, in one line."""
-    odd = odd_kinds(case.arm.urdf)
-    if odd:
-        yield Remark("warn", "model", "", odd, f"gapscope audit {case.arm.urdf}")
-    else:
-        yield Remark("ok", "model", "", "nothing implausible in the robot file")
-
-
 def _listed(values: np.ndarray) -> str:
     return ", ".join(f"{value:.3g}" for value in values)
-
 
 
 # Samples at the torque's limit.
@@ -598,9 +546,7 @@ class CaseCheck:
         return all(remark.level != "error" for remark in self.remarks)
 
 
-def check_case(
-    path: Path, progress: Callable[[str], None] = lambda message: None
-) -> CaseCheck:
+def check_case(path: Path, progress: Progress = silent) -> CaseCheck:
     """Check a case; nothing is raised for a case that cannot be read, it is an error among the remarks.
 
     Args:
@@ -681,14 +627,37 @@ def _other_arms(case: Case) -> Iterator[Remark]:
             )
 
 
-def _of_signals(
-    case: Case, look: SetUp, remarks: list[Remark]
-) -> JointMotions:
+def _of_signals(case: Case, look: SetUp, remarks: list[Remark]) -> JointMotions:
     """Add remarks on the motion, the torque and the nominal arm of a case with torque; how the joints move."""
     columns = ModelColumns(case.arm)
     cutoff = position_cutoff(case.recordings)
     segments = list(_segments(case, cutoff))
-    motions = joint_motions(columns, case.recordings, segments)
+    # measure how the joints move
+    arm, body = columns.arm, columns.body
+    q, dq = (
+        np.concatenate([getattr(s.motion, name)[s.inner] for s in segments])
+        for name in ("q", "dq")
+    )
+    speed = np.abs(dq) / arm.per_radian
+    sliding = speed > SLIDING
+    each = [np.abs(dq[sliding[:, j], j]) for j in range(arm.n_joints)]
+    states = random_states(Regressor(arm, body, ()), np.random.default_rng(SEED), 200)
+    silent, count = _silent(columns, segments)
+    motions = JointMotions(
+        range=np.ptp(q, axis=0),
+        still=resting(case.recordings, arm.per_radian),
+        slow=np.array([np.quantile(v, 0.1) if len(v) else 0.0 for v in each]),
+        fast=np.array([np.quantile(v, 0.9) if len(v) else 0.0 for v in each]),
+        reversals=_reversals(segments, arm.per_radian),
+        one_speed=np.array([_cosine(v) for v in each]),
+        forward=np.array(
+            [_share(dq[sliding[:, j], j] > 0) for j in range(arm.n_joints)]
+        ),
+        gravity=np.ptp(_gravity(body, q), axis=0),
+        possible_gravity=np.ptp(_gravity(body, states.q), axis=0),
+        excited=1 - len(silent) / count,
+        silent=silent,
+    )
     remarks += check_ranges(case, columns.body)
     remarks += look.remarks()
     remarks += _limits(case, columns.body)
@@ -730,7 +699,6 @@ def _segments(case: Case, cutoff: float) -> Iterator[Segment]:
         first = recording.part(recording.t <= recording.t[0] + SECONDS)
         for segment in condition(first):
             yield thinned(segment, max(RATE, 3 * cutoff))
-
 
 
 # The document of the check of a case, ``check.json``.

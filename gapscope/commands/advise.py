@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Option
 
 from gapscope.arm.errors import InputError
 from gapscope.commands.options import (
@@ -32,43 +32,37 @@ if TYPE_CHECKING:
 
     Findings = tuple[Mapping[str, Any], tuple[AppliedEffect, ...]]
 
-DiagnosisFolder = Annotated[
-    Path | None,
-    typer.Option(
-        help="folder that diagnose wrote for this case; default: diagnose it now",
-        metavar="DIR",
-    ),
-]
-Payload = Annotated[
-    float | None,
-    typer.Option(
-        help="mass of a known body that could be mounted; used if it separates better [kg]"
-    ),
-]
-PayloadCom = Annotated[
-    str,
-    typer.Option(
-        help="its centre in the frame of the joint that moves the last link, x,y,z [m]"
-    ),
-]
-Fastest = Annotated[
-    float, typer.Option(help="highest frequency that the controller follows [Hz]")
-]
-Evaluations = Annotated[
-    int,
-    typer.Option(min=1, help="objective evaluations, over all speeds and loads"),
-]
-
 
 def advise(
     case: CasePath,
     out: Trajectory,
-    diagnosis: DiagnosisFolder = None,
-    payload: Payload = None,
-    payload_com: PayloadCom = "0,0,0",
-    fastest: Fastest = 5.0,
+    diagnosis: Annotated[
+        Path | None,
+        Option(
+            help="folder that diagnose wrote for this case; default: diagnose it now",
+            metavar="DIR",
+        ),
+    ] = None,
+    payload: Annotated[
+        float | None,
+        Option(
+            help="mass of a known body that could be mounted; used if it separates better [kg]"
+        ),
+    ] = None,
+    payload_com: Annotated[
+        str,
+        Option(
+            help="its centre in the frame of the joint that moves the last link, x,y,z [m]"
+        ),
+    ] = "0,0,0",
+    fastest: Annotated[
+        float, Option(help="highest frequency that the controller follows [Hz]")
+    ] = 5.0,
     rate: Rate = 250.0,
-    evaluations: Evaluations = 1000,
+    evaluations: Annotated[
+        int,
+        Option(min=1, help="objective evaluations, over all speeds and loads"),
+    ] = 1000,
     velocity: Velocity = 1.5,
     acceleration: Acceleration = 5.0,
     torque: Torque = 0.8,

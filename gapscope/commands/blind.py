@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from gapscope.commands.options import split_names, with_own_effects
 from gapscope.terminal import console, note, say, wrote
@@ -20,68 +21,42 @@ blind = typer.Typer(
     add_completion=False,
 )
 
-Cases = Annotated[Path, typer.Argument(help="folder of the cases", metavar="DIR")]
-Count = Annotated[int | None, typer.Option(min=0, help="number of such cases")]
-Jobs = Annotated[int, typer.Option(min=1, help="cases at a time")]
-NewCases = Annotated[Path, typer.Option(help="folder for the cases", metavar="DIR")]
-Seed = Annotated[
-    int | None, typer.Option(min=0, help="draw the same again; default: a secret one")
-]
-LabelsFolder = Annotated[
-    Path | None,
-    typer.Option(
-        help="folder for labels and held-out recordings, outside DIR; default: DIR-labels",
-        metavar="DIR",
-    ),
-]
-PlanFile = Annotated[
-    Path | None, typer.Option(help="what to make; the options below overrule it")
-]
-Effects = Annotated[str, typer.Option(help="only these effects, with commas between")]
-Robots = Annotated[str, typer.Option(help="only these arms, with commas between")]
-Show = Annotated[
-    bool, typer.Option("--show", help="print the truth: for work on the generator")
-]
-NewResults = Annotated[Path, typer.Option(help="folder for the results", metavar="DIR")]
-SealedLabels = Annotated[
-    Path | None,
-    typer.Option(
-        help="file with the labels, to make sure that it cannot be read",
-        metavar="FILE",
-    ),
-]
-Results = Annotated[Path, typer.Option(help="folder of the results", metavar="DIR")]
-Labels = Annotated[
-    Path, typer.Option(help="the labels, or their folder", metavar="FILE")
-]
-ScoreFolder = Annotated[Path, typer.Option(help="folder for the score", metavar="DIR")]
-Baselines = Annotated[bool, typer.Option(help="run the plain methods as well")]
-TrainingCases = Annotated[
-    Path | None,
-    typer.Option(
-        help="other cases, their labels in DIR-labels, to train a classifier on",
-        metavar="DIR",
-    ),
-]
+Cases = Annotated[Path, Argument(help="folder of the cases", metavar="DIR")]
+Count = Annotated[int | None, Option(min=0, help="number of such cases")]
+Jobs = Annotated[int, Option(min=1, help="cases at a time")]
 
 
 @blind.command()
 @with_own_effects
 def make(
-    out: NewCases,
-    seed: Seed = None,
-    labels: LabelsFolder = None,
-    plan: PlanFile = None,
+    out: Annotated[Path, Option(help="folder for the cases", metavar="DIR")],
+    seed: Annotated[
+        int | None, Option(min=0, help="draw the same again; default: a secret one")
+    ] = None,
+    labels: Annotated[
+        Path | None,
+        Option(
+            help="folder for labels and held-out recordings, outside DIR; default: DIR-labels",
+            metavar="DIR",
+        ),
+    ] = None,
+    plan: Annotated[
+        Path | None, Option(help="what to make; the options below overrule it")
+    ] = None,
     singles: Count = None,
     pairs: Count = None,
     triples: Count = None,
     outside: Count = None,
     healthy: Count = None,
     ladder: Count = None,
-    effects: Effects = "",
-    robots: Robots = "",
+    effects: Annotated[
+        str, Option(help="only these effects, with commas between")
+    ] = "",
+    robots: Annotated[str, Option(help="only these arms, with commas between")] = "",
     jobs: Jobs = 1,
-    show: Show = False,
+    show: Annotated[
+        bool, Option("--show", help="print the truth: for work on the generator")
+    ] = False,
 ) -> None:
     """Make cases whose effect is withheld, and publish the hash of their labels."""
     from gapscope.arm.io.locked_section import locked
@@ -119,7 +94,16 @@ def _changed_plan(path: Path | None, changes: dict[str, Any]) -> BlindPlan:
 @blind.command()
 @with_own_effects
 def run(
-    cases: Cases, out: NewResults, labels: SealedLabels = None, jobs: Jobs = 1
+    cases: Cases,
+    out: Annotated[Path, Option(help="folder for the results", metavar="DIR")],
+    labels: Annotated[
+        Path | None,
+        Option(
+            help="file with the labels, to make sure that it cannot be read",
+            metavar="FILE",
+        ),
+    ] = None,
+    jobs: Jobs = 1,
 ) -> None:
     """Diagnose every case with what is frozen now; refuses to start if the labels can be read."""
     from gapscope.arm.io.locked_section import locked
@@ -138,18 +122,24 @@ def run(
 @with_own_effects
 def score(
     cases: Cases,
-    results: Results,
-    labels: Labels,
-    out: ScoreFolder,
-    baselines: Baselines = True,
-    train: TrainingCases = None,
+    results: Annotated[Path, Option(help="folder of the results", metavar="DIR")],
+    labels: Annotated[Path, Option(help="the labels, or their folder", metavar="FILE")],
+    out: Annotated[Path, Option(help="folder for the score", metavar="DIR")],
+    baselines: Annotated[bool, Option(help="run the plain methods as well")] = True,
+    train: Annotated[
+        Path | None,
+        Option(
+            help="other cases, their labels in DIR-labels, to train a classifier on",
+            metavar="DIR",
+        ),
+    ] = None,
     jobs: Jobs = 1,
 ) -> None:
     """Open the labels, compare them with their published hash, and score the verdicts."""
     from gapscope.arm.io.locked_section import locked
     from gapscope.blind_check.check import labels_folder
     from gapscope.blind_check.scoring import score as score_cases
-    from gapscope.reports.blind_check import BRIEFLY, tables, write_score
+    from gapscope.reports.blind_check import brief_tables, write_score
 
     training = (train, labels_folder(train)) if train else None
     scored = score_cases(
@@ -161,9 +151,8 @@ def score(
         jobs=jobs,
         progress=note,
     )
-    for table in tables(scored.figures):
-        if table.title in BRIEFLY:
-            console.print(table.rich())
+    for table in brief_tables(scored.figures):
+        console.print(table.on_terminal())
     with locked(out):
         paths = write_score(scored, out)
     wrote(*paths)

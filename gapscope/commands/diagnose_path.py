@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 from gapscope.arm.io.atomic_write import begin_results
 from gapscope.arm.io.locked_section import locked
+from gapscope.diagnosis.prepare import Progress, silent
 from gapscope.interface.diagnose import DiagnosisResult, diagnose
 from gapscope.reports.diagnosis import DOCUMENT
 
@@ -14,7 +14,7 @@ from gapscope.reports.diagnosis import DOCUMENT
 def diagnose_path(
     path: Path,
     out: Path,
-    progress: Callable[[str], None] = lambda message: None,
+    progress: Progress = silent,
     *,
     against: Path | None = None,
 ) -> tuple[DiagnosisResult, tuple[Path, ...]]:

@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +67,35 @@ class Batch:
     again: bool = False
     against: Path | None = None
 
+    @cached_property
+    def by_folder(self) -> dict[str, Path]:
+        """The cases by the name of their results: of folder or file, numbered if it repeats or is ``identified``."""
+        found: dict[str, Path] = {}
+        for case in self.cases:
+            path = case.resolve()
+            name = path.parent.name if path.name == "case.yaml" else path.stem
+            taken = name in (*found, FOLDER)
+            found[f"{name}-{len(found) + 1}" if taken else name] = case
+        return found
+
+    def diagnosed(
+        self, folders: Mapping[str, str], left_out: Mapping[str, Sequence[str]]
+    ) -> Iterator[tuple[SummaryRow, int] | Exception]:
+        """Diagnose cases.
+
+        Args:
+            folders: of the results, by the name of the case.
+            left_out: effects that a case is diagnosed without.
+        """
+        # with Ray, other machines have another current folder
+        place = Path.resolve if self.backend == RAY else Path
+        against = self.against and place(self.against)
+        calls = [
+            (str(place(self.by_folder[name])), place(self.out), folder, against, left_out.get(name, ()))
+            for name, folder in folders.items()
+        ]  # fmt: skip
+        return in_order(diagnose_one_of_many, calls, self.jobs, self.backend)
+
 
 def finished(
     case: Path, folder: Path, reference: Mapping[str, str] | None = None
@@ -101,64 +131,50 @@ def diagnose_all(batch: Batch, progress: Callable[[str], None]) -> int:
     """
     check_backend(batch.backend)
     with locked(batch.out):
-        return _diagnose_all(batch, progress)
-
-
-def _diagnose_all(batch: Batch, progress: Callable[[str], None]) -> int:
-    for name in (SUMMARY, UNITS):
-        (batch.out / name).unlink(missing_ok=True)
-    folders = _folders(batch.cases)
-    for folder in folders:
-        shutil.rmtree(batch.out / (folder + AGAIN), ignore_errors=True)
-    rows: list[SummaryRow] = []
-    codes = [0]
-    with _resume_hint():
-        against, reference = batch.against, None
-        if against is not None:
-            against, kept = kept_reference(against, batch.out, progress)
-            reference = kept.made_from
-        for row, code, note in _diagnosed(replace(batch, against=against), reference):
-            rows.append(row)
-            codes.append(code)
-            progress(
-                f"{len(rows)} of {len(folders)} done, {row.label}: {row.verdict.lower()}{note}"
-            )
-            say(f"{row.label}: {row.failure or _line(row)}{note}")
-        rows = _by_law_of_type(batch, rows, progress)
-        content = _compared(batch, rows, progress)
-    if content["groups"]:
-        write_json(content, batch.out / UNITS)
-        console.print(fleet_tables(content))
-    render_summary(rows, batch.out / SUMMARY, content)
-    return max(codes)
+        for name in (SUMMARY, UNITS):
+            (batch.out / name).unlink(missing_ok=True)
+        folders = batch.by_folder
+        for folder in folders:
+            shutil.rmtree(batch.out / (folder + AGAIN), ignore_errors=True)
+        rows: list[SummaryRow] = []
+        codes = [0]
+        with _resume_hint():
+            against, reference = batch.against, None
+            if against is not None:
+                against, kept = kept_reference(against, batch.out, progress)
+                reference = kept.made_from
+            for row, code, note in _diagnosed(
+                replace(batch, against=against), reference
+            ):
+                rows.append(row)
+                codes.append(code)
+                progress(
+                    f"{len(rows)} of {len(folders)} done, {row.label}: {row.verdict.lower()}{note}"
+                )
+                say(f"{row.label}: {row.failure or _line(row)}{note}")
+            rows = _by_law_of_type(batch, rows, progress)
+            content = _compared(batch, rows, progress)
+        if content["groups"]:
+            write_json(content, batch.out / UNITS)
+            console.print(fleet_tables(content))
+        render_summary(rows, batch.out / SUMMARY, content)
+        return max(codes)
 
 
 def _diagnosed(
     batch: Batch, reference: Mapping[str, str] | None
 ) -> Iterator[tuple[SummaryRow, int, str]]:
     """Row of the summary, exit code and a note of each case, in their order; against a folder of its reference."""
-    cases = dict(zip(_folders(batch.cases), batch.cases, strict=True))
     kept = {}
-    for folder, case in cases.items():
+    for folder, case in batch.by_folder.items():
         document = None
         if not batch.again:
             document = finished(case, batch.out / folder, reference)
         if document is not None:
             kept[folder] = document
-    # with Ray, other machines have another current folder
-    place = Path.resolve if batch.backend == RAY else Path
-    calls = [
-        (
-            str(place(case)),
-            place(batch.out),
-            folder,
-            batch.against and place(batch.against),
-        )
-        for folder, case in cases.items()
-        if folder not in kept
-    ]
-    results = in_order(diagnose_one_of_many, calls, batch.jobs, batch.backend)
-    for folder in cases:
+    asked = {folder: folder for folder in batch.by_folder if folder not in kept}
+    results = batch.diagnosed(asked, {})
+    for folder in batch.by_folder:
         if folder in kept:
             document = kept[folder]
             row = SummaryRow(str(document["case"]), folder, document)
@@ -183,32 +199,23 @@ def _by_law_of_type(
     if not asked:
         return list(rows)
     progress(f"asks {', '.join(asked)} for the friction law of the type")
-    cases = dict(zip(_folders(batch.cases), batch.cases, strict=True))
-    place = Path.resolve if batch.backend == RAY else Path
-    calls = [
-        (str(place(cases[unit])), place(batch.out), unit + AGAIN, None, names)
-        for unit, names in asked.items()
-    ]
-    results = in_order(diagnose_one_of_many, calls, batch.jobs, batch.backend)
+    results = batch.diagnosed({unit: unit + AGAIN for unit in asked}, asked)
     found = {}
     for unit, result in zip(asked, results, strict=True):
         row = None if isinstance(result, Exception) else result[0]
         document = None if row is None else row.document
         again = batch.out / (unit + AGAIN)
         if document is not None and explains_as_much(document, documents[unit]):
-            _move(again, batch.out / unit)
+            # move results into the place of others; until the last file is there, the folder holds no diagnosis
+            target = batch.out / unit
+            (target / DOCUMENT).unlink()
+            files = sorted(again.iterdir(), key=lambda path: path.name == DOCUMENT)
+            for path in files:
+                path.replace(target / path.name)
             found[unit] = SummaryRow(str(document["case"]), unit, document)
             say(f"{unit}: with the friction law of its type, {_line(found[unit])}")
         shutil.rmtree(again, ignore_errors=True)
     return [found.get(row.folder, row) for row in rows]
-
-
-def _move(source: Path, target: Path) -> None:
-    """Move results into the place of others; until the last file is there, the folder holds no diagnosis."""
-    (target / DOCUMENT).unlink()
-    files = sorted(source.iterdir(), key=lambda path: path.name == DOCUMENT)
-    for path in files:
-        path.replace(target / path.name)
 
 
 def diagnose_one_of_many(
@@ -247,7 +254,7 @@ def _compared(
     batch: Batch, rows: Sequence[SummaryRow], progress: Callable[[str], None]
 ) -> dict[str, Any]:
     """Content of ``units.json``; units go by the folders of their results, which occur once."""
-    cases = dict(zip(_folders(batch.cases), batch.cases, strict=True))
+    cases = batch.by_folder
     documents = {row.folder: row.document for row in rows if row.document is not None}
     if batch.against is not None:
         # what was found corrects the identified arm
@@ -294,15 +301,3 @@ def _resume_hint() -> Iterator[None]:
 def _line(row: SummaryRow) -> str:
     effects = "; ".join(f"{name}, {where}" for name, where in row.named())
     return f"{row.verdict}. {effects}".strip()
-
-
-def _folders(cases: Sequence[Path]) -> list[str]:
-    """A name for the results of each case: that of its folder or file, numbered if it repeats or is ``identified``."""
-    names: list[str] = []
-    for case in cases:
-        path = case.resolve()
-        name = path.parent.name if path.name == "case.yaml" else path.stem
-        names.append(
-            name if name not in (*names, FOLDER) else f"{name}-{len(names) + 1}"
-        )
-    return names

@@ -22,11 +22,6 @@ def is_case(path: Path) -> bool:
     return is_folder(path) or path.suffix in (".yaml", ".yml")
 
 
-def case_file(path: Path) -> Path:
-    """The case file of a case that is given as folder or file."""
-    return path / "case.yaml" if is_folder(path) else path
-
-
 def read_arm(robot: str) -> NominalArm:
     """The nominal arm of a name, a URDF or a case.
 

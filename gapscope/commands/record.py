@@ -5,79 +5,82 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Option
 
 from gapscope.commands.options import Engine, RobotArgument
 from gapscope.terminal import Progress, note, wrote
 
-Effects = Annotated[
-    Path, typer.Option(help="effects, in the form of corrected.yaml", metavar="FILE")
-]
-Out = Annotated[Path, typer.Option(help="folder of the case to make", metavar="CASE")]
-Motion = Annotated[
-    str,
-    typer.Option(
-        help="fourier, point_to_point, weld_seam, pick, place, random, or a CSV that excite wrote"
-    ),
-]
-Recordings = Annotated[int, typer.Option(help="how many, from slow to fast")]
-Duration = Annotated[float, typer.Option(help="of each [s]")]
-SampleRate = Annotated[float, typer.Option(help="samples per second [Hz]")]
-Controller = Annotated[
-    str | None,
-    typer.Option(
-        help="pd, pid, cascade or computed_torque, with gains that fit the arm, or a YAML file in the form of the "
-        "controller: section of a case; by default as the case ROBOT has it, else pd",
-        metavar="KIND|FILE",
-    ),
-]
-ReadBack = Annotated[
-    bool,
-    typer.Option(
-        "--read-back",
-        help="record the torque that reached the joints, read back from the drives, in place of "
-        "the torque commanded",
-    ),
-]
-Noise = Annotated[
-    float,
-    typer.Option(help="noise of the torque, as a share of its standard deviation"),
-]
-EncoderNoise = Annotated[float, typer.Option(help="noise of the encoders [rad]")]
-TableFormat = Annotated[str, typer.Option("--format", help="csv, parquet or npz")]
-Seed = Annotated[
-    int | None, typer.Option(min=0, help="draw the same motions and noise again")
-]
-Sealed = Annotated[
-    Path | None,
-    typer.Option(help="folder for the truth, outside the case", metavar="DIR"),
-]
-
 
 def record(
     robot: RobotArgument,
-    effects: Effects,
-    out: Out,
-    trajectory: Motion = "fourier",
-    recordings: Recordings = 4,
-    duration: Duration = 10.0,
-    rate: SampleRate = 250.0,
-    controller: Controller = None,
-    read_back: ReadBack = False,
-    noise: Noise = 0.01,
-    encoder_noise: EncoderNoise = 0.0,
-    file_format: TableFormat = "csv",
+    effects: Annotated[
+        Path, Option(help="effects, in the form of corrected.yaml", metavar="FILE")
+    ],
+    out: Annotated[Path, Option(help="folder of the case to make", metavar="CASE")],
+    trajectory: Annotated[
+        str,
+        Option(
+            help="fourier, point_to_point, weld_seam, pick, place, random, or a CSV that excite wrote"
+        ),
+    ] = "fourier",
+    recordings: Annotated[int, Option(help="how many, from slow to fast")] = 4,
+    duration: Annotated[float, Option(help="of each [s]")] = 10.0,
+    rate: Annotated[float, Option(help="samples per second [Hz]")] = 250.0,
+    controller: Annotated[
+        str | None,
+        Option(
+            help="pd, pid, cascade or computed_torque, with gains that fit the arm, or a YAML file in the form of the "
+            "controller: section of a case; by default as the case ROBOT has it, else pd",
+            metavar="KIND|FILE",
+        ),
+    ] = None,
+    read_back: Annotated[
+        bool,
+        Option(
+            "--read-back",
+            help="record the torque that reached the joints, read back from the drives, in place of "
+            "the torque commanded",
+        ),
+    ] = False,
+    noise: Annotated[
+        float,
+        Option(help="noise of the torque, as a share of its standard deviation"),
+    ] = 0.01,
+    encoder_noise: Annotated[float, Option(help="noise of the encoders [rad]")] = 0.0,
+    file_format: Annotated[str, Option("--format", help="csv, parquet or npz")] = "csv",
     engine: Engine = None,
-    seed: Seed = None,
-    sealed: Sealed = None,
+    seed: Annotated[
+        int | None, Option(min=0, help="draw the same motions and noise again")
+    ] = None,
+    sealed: Annotated[
+        Path | None,
+        Option(help="folder for the truth, outside the case", metavar="DIR"),
+    ] = None,
 ) -> None:
     """Record a simulated arm with effects as a case.
 
     The truth is kept in truth.yaml, in the case or sealed elsewhere.
     """
-    from gapscope.commands.recorded_case import record_files
+    import numpy as np
+
+    from gapscope.arm.io.atomic_write import make_folder
+    from gapscope.arm.io.locked_section import locked
+    from gapscope.arm.io.write_case import write_case
+    from gapscope.arm.nearest_name import check_known
+    from gapscope.commands.inputs import read_arm_and_controller
+    from gapscope.commands.recorded_case import (
+        ENDINGS,
+        TRUTH,
+        check_places,
+        chosen_controller,
+    )
+    from gapscope.effects.corrected_file import (
+        error_context,
+        read_with_faults,
+        write_corrected,
+    )
     from gapscope.envs.engines import check_engine
-    from gapscope.envs.recorder import Plan
+    from gapscope.envs.recorder import Plan, hidden_by_reading_back, record_case
 
     plan = Plan(
         trajectory,
@@ -89,18 +92,31 @@ def record(
         encoder_noise,
         check_engine(engine),
     )
-    with Progress(out.name or str(out)) as progress:
-        paths, remark = record_files(
-            robot,
-            effects,
-            out,
-            plan,
-            controller=controller,
-            seed=seed,
-            ending=file_format,
-            sealed=sealed,
-            progress=progress,
+    check_known("format", file_format, ENDINGS, where="format")
+    truth, faults = read_with_faults(effects)
+    check_places(effects, out, sealed)
+    arm, known = read_arm_and_controller(robot)
+    law = chosen_controller(controller, arm, known)
+    if sealed is not None:
+        make_folder(sealed)
+    rng, name = np.random.default_rng(seed), out.resolve().name
+
+    def write_truth(folder: Path) -> None:
+        write_corrected(name, truth, (sealed or folder) / TRUTH, faults=faults)
+
+    with Progress(out.name or str(out)) as progress, locked(out):
+        with error_context(effects, truth):
+            made = (name, arm, truth, plan, rng)
+            case = record_case(*made, controller=law, progress=progress)
+            for fault in faults:
+                case = fault.in_case(case, rng, arm)
+        progress("writes the case")
+        # with its truth in it from the start: without, it could not be told from a sealed one
+        file = write_case(case, out, ending=file_format, beside=write_truth)
+    hidden = hidden_by_reading_back(truth) if read_back else ()
+    if hidden:
+        note(
+            f"note: {', '.join(hidden)}: torque that is read back behind the drive hardly shows this; without "
+            "--read-back the torque commanded is recorded"
         )
-    if remark:
-        note(f"note: {remark}")
-    wrote(*paths)
+    wrote(file, (sealed or out) / TRUTH)

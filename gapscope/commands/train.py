@@ -5,90 +5,83 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 from gapscope.commands.options import Results, RobotOption
 from gapscope.terminal import Progress, say, wrote
 
-Model = Annotated[
-    str,
-    typer.Argument(
-        help="pd, gravity, nominal, a corrected.yaml, or an identification.json",
-        metavar="MODEL",
-    ),
-]
-HiddenEffects = Annotated[
-    Path | None,
-    typer.Option(
-        help="hidden effects of the arm that the agent is tried on, as corrected.yaml; training never sees them",
-        metavar="FILE",
-    ),
-]
-Agent = Annotated[
-    str | None,
-    typer.Option(
-        help="ppo, ppo_residual, sac, td3, or a YAML file with settings; default: ppo, on pd and gravity ppo_residual",
-        metavar="NAME|FILE",
-    ),
-]
-Steps = Annotated[
-    int | None, typer.Option(help="actions to train for; default: the settings'")
-]
-Seed = Annotated[
-    int | None, typer.Option(min=0, help="of weights, motions and exploration")
-]
-TrainingEngine = Annotated[
-    str | None,
-    typer.Option(help="mujoco (default: all environments together), pybullet or dart"),
-]
-Parallel = Annotated[
-    bool,
-    typer.Option("--parallel", help="step each environment in a process of its own"),
-]
-Randomise = Annotated[
-    bool,
-    typer.Option(
-        "--randomise",
-        help="draw any effects around the model in every episode, not only what its diagnosis leaves open",
-    ),
-]
-Tune = Annotated[
-    int,
-    typer.Option(
-        min=0,
-        help="search hyperparameters in so many short trainings instead",
-        metavar="TRIALS",
-    ),
-]
-Again = Annotated[
-    bool,
-    typer.Option(
-        "--again", help="replace what the folder holds of an earlier training"
-    ),
-]
-
 
 def train(
-    model: Model,
+    model: Annotated[
+        str,
+        Argument(
+            help="pd, gravity, nominal, a corrected.yaml, or an identification.json",
+            metavar="MODEL",
+        ),
+    ],
     out: Results,
     robot: RobotOption = "kuka_iiwa",
-    effects: HiddenEffects = None,
-    agent: Agent = None,
-    steps: Steps = None,
-    seed: Seed = None,
-    engine: TrainingEngine = None,
-    parallel: Parallel = False,
-    randomise: Randomise = False,
-    tune: Tune = 0,
-    again: Again = False,
+    effects: Annotated[
+        Path | None,
+        Option(
+            help="hidden effects of the arm that the agent is tried on, as corrected.yaml; training never sees them",
+            metavar="FILE",
+        ),
+    ] = None,
+    agent: Annotated[
+        str | None,
+        Option(
+            help="ppo, ppo_residual, sac, td3, or a YAML file with settings; default: ppo, on pd and gravity "
+            "ppo_residual",
+            metavar="NAME|FILE",
+        ),
+    ] = None,
+    steps: Annotated[
+        int | None, Option(help="actions to train for; default: the settings'")
+    ] = None,
+    seed: Annotated[
+        int | None, Option(min=0, help="of weights, motions and exploration")
+    ] = None,
+    engine: Annotated[
+        str | None,
+        Option(help="mujoco (default: all environments together), pybullet or dart"),
+    ] = None,
+    parallel: Annotated[
+        bool,
+        Option("--parallel", help="step each environment in a process of its own"),
+    ] = False,
+    randomise: Annotated[
+        bool,
+        Option(
+            "--randomise",
+            help="draw any effects around the model in every episode, not only what its diagnosis leaves open",
+        ),
+    ] = False,
+    tune: Annotated[
+        int,
+        Option(
+            min=0,
+            help="search hyperparameters in so many short trainings instead",
+            metavar="TRIALS",
+        ),
+    ] = 0,
+    again: Annotated[
+        bool,
+        Option("--again", help="replace what the folder holds of an earlier training"),
+    ] = False,
 ) -> None:
     """Train an agent on top of a model's feedforward.
 
     It learns in the simulator made from that model, and is tried on an arm with hidden effects.
     """
-    from gapscope.agents.training.task import ROUGH
+    from gapscope.agents.training.learner import check_installed
+    from gapscope.agents.training.task import ROUGH, Task
     from gapscope.agents.training.training_settings import RESIDUAL, read_settings
-    from gapscope.commands.training_files import train_files
+    from gapscope.agents.training.tuning import tune as search
+    from gapscope.arm.io.locked_section import locked
+    from gapscope.commands.inputs import read_arm
+    from gapscope.commands.training_files import claim, trained_in
+    from gapscope.effects.corrected_file import error_context, read_corrected
 
     agent = agent or (RESIDUAL if model in ROUGH else "ppo")
     settings = read_settings(
@@ -96,35 +89,40 @@ def train(
     )
     if randomise:
         settings = settings.randomised()
+    check_installed()
+    content: dict[str, Any] = {}
     with Progress(model) as progress:
-        content, paths = train_files(
-            model,
-            robot,
-            effects,
-            settings,
-            out,
-            again=again,
-            trials=tune,
-            progress=progress,
-        )
+        hidden = None if effects is None else read_corrected(effects)
+        task = Task.of(model, read_arm(robot), hidden)
+        settings = task.settled(settings)
+        task.check(settings)
+        with error_context(effects, hidden or ()):
+            task.hidden_arm(settings).close()
+        with locked(out):
+            claim(out, task, settings, tune, again=again)
+            if tune:
+                paths = [search(task, settings, tune, out, progress)]
+            else:
+                content, paths = trained_in(out, task, settings, progress)
     if content:
-        say(*_improvement(content))
+        # which agent is kept and why, and the joint errors before and after, in the simulator and on the hidden
+        # arm
+        places = {
+            "simulator": "in the simulator made from the model",
+            "hidden": "on the hidden arm",
+        }
+        lines = [content["reason"], "the agent after the last round is in last/"]
+        for key, place in places.items():
+            states = {
+                name: content[name][key] for name in ("untrained", "kept", "last")
+            }
+            if all(states.values()):
+                texts = [
+                    f"{_joint_error(score)} {name}" for name, score in states.items()
+                ]
+                lines.append(f"joint error {place}: {', '.join(texts)}")
+        say(*lines)
     wrote(*paths)
-
-
-def _improvement(content: dict[str, Any]) -> list[str]:
-    """Which agent is kept and why, and the joint errors before and after, in the simulator and on the hidden arm."""
-    places = {
-        "simulator": "in the simulator made from the model",
-        "hidden": "on the hidden arm",
-    }
-    lines = [content["reason"], "the agent after the last round is in last/"]
-    for key, place in places.items():
-        states = {name: content[name][key] for name in ("untrained", "kept", "last")}
-        if all(states.values()):
-            texts = [f"{_joint_error(score)} {name}" for name, score in states.items()]
-            lines.append(f"joint error {place}: {', '.join(texts)}")
-    return lines
 
 
 def _joint_error(score: dict[str, Any]) -> str:

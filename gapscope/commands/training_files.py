@@ -5,11 +5,9 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gapscope.agents.training.learner import check_installed
 from gapscope.agents.training.policy import DOCUMENT, LAST, POLICY, write_agent
 from gapscope.agents.training.task import Task
 from gapscope.agents.training.training_loop import (
@@ -20,18 +18,15 @@ from gapscope.agents.training.training_loop import (
     write_curve,
 )
 from gapscope.agents.training.training_settings import TrainingSettings
-from gapscope.agents.training.tuning import tune
 from gapscope.arm.case import load_case
-from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.errors import InputError
 from gapscope.arm.io.case_file import read_yaml
 from gapscope.arm.io.json_file import to_json, write_json
-from gapscope.arm.io.locked_section import locked
 from gapscope.arm.nearest_name import check_known, nearest
 from gapscope.arm.nominal import SHEET_UNITS, NominalArm
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.commands.inputs import is_case, read_arm
+from gapscope.commands.inputs import is_case
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.corrected_file import error_context, read_corrected
 from gapscope.envs.divergence import described
 from gapscope.envs.registration import NAME
 from gapscope.provenance import fingerprint
@@ -45,11 +40,15 @@ if TYPE_CHECKING:
 
 ALIASES = {"motion": "motions", "engines": "engine", "episode_length": "duration"}
 """Names of the environment's arguments, by those of the command."""
-TEXTS = ("robot", "case", "effects", "law")
-LISTS = ("engine", "motions", "disturbances")
-NUMBERS = ("duration", "bandwidth", "damping")
-KNOWN = (*TEXTS, *LISTS, *NUMBERS, "seeds", "sheet", *ALIASES)
-"""Keys that a file may have."""
+EXPECTED = {
+    "a name or path": ("robot", "case", "effects", "law"),
+    "a name or a list of names": ("engine", "motions", "disturbances"),
+    "a number": ("duration", "bandwidth", "damping"),
+    "a whole number from 1 on": ("seeds",),
+    "a data sheet, as nominal: of a case": ("sheet",),
+}
+"""Keys that a file may have, by what their values are."""
+KNOWN = (*(key for keys in EXPECTED.values() for key in keys), *ALIASES)
 UNUSED = (
     "action",
     "action_share",
@@ -68,123 +67,66 @@ UNUSED = (
 """Arguments of the environment that an evaluation ignores."""
 
 
-@dataclass(frozen=True)
-class EnvironmentFile:
-    """What a file says.
+def read_environment(source: str) -> tuple[Path, dict[str, Any]]:
+    """Path and content of the file of an environment, by the options of ``gapscope evaluate``.
 
-    Attributes:
-        path: the file, or ``None`` for the registered name.
-        values: by option of ``gapscope evaluate``: texts, numbers, and lists with commas between their names.
-        sheet: data sheet of the nominal arm, as ``nominal:`` in a case, or ``None``.
-        unused: keys that an evaluation ignores.
-    """
-
-    path: Path | None
-    values: dict[str, Any]
-    sheet: dict[str, Any] | None
-    unused: tuple[str, ...]
-
-    def arm(self) -> NominalArm | None:
-        """The nominal arm, with the data sheet of the file; ``None`` if the file names none.
-
-        Raises:
-            InputError: it cannot be used.
-        """
-        folder = Path() if self.path is None else self.path.parent
-        if "case" in self.values:
-            return load_case(folder / self.values["case"], read_recordings=False).arm
-        if "robot" not in self.values and self.sheet is None:
-            return None
-        robot = self.values.get("robot", "kuka_iiwa")
-        place = folder / robot
-        if is_case(place):
-            if self.sheet is not None:
-                raise InputError(
-                    "a case has its own data sheet",
-                    "leave sheet: out",
-                    file=self.path,
-                    where="sheet",
-                )
-            return load_case(place, read_recordings=False).arm
-        return load_nominal_arm(
-            robot, folder=folder, sheet=self.sheet, source=self.path
-        )
-
-    def effects(self) -> Path | None:
-        """File with the effects, relative to that of the environment."""
-        if "effects" not in self.values or self.path is None:
-            return None
-        return self.path.parent / str(self.values["effects"])
-
-
-def read_environment(source: str) -> EnvironmentFile:
-    """The environment of a file, or the one of the registered name, whose arguments are all as by default.
+    The registered name stands for a file that says nothing.
 
     Raises:
         InputError: no such file or name, an unknown key, or a value that a key cannot have.
     """
+    path, values = Path(source), dict[str, Any]()
     if source == NAME:
-        return EnvironmentFile(None, {}, None, ())
-    path = Path(source)
+        return path, values
     if path.suffix not in (".yaml", ".yml") and not path.exists():
         check_known("environment", source, (NAME,), where="--env")
-    content = _content(path)
-    for key in content:
-        _check_key(key, path)
-    values = _values(content, path)
-    sheet = content.get("sheet")
-    _check_sheet(sheet, path)
-    if "case" in values and ("robot" in values or "sheet" in content):
+    content = read_yaml(path, "check the path") or {}
+    if not isinstance(content, dict):
         raise InputError(
-            "a case has its own robot and data sheet",
-            "leave robot: and sheet: out",
-            file=path,
-        )
-    unused = tuple(key for key in content if key in UNUSED)
-    return EnvironmentFile(path, values, sheet, unused)
-
-
-def _check_key(key: object, path: Path) -> None:
-    if key == "randomisation":
-        raise InputError(
-            "an evaluation draws no effects",
-            "write those to be tried as effects: FILE",
-            file=path,
-            where=str(key),
-        )
-    if key not in (*KNOWN, *UNUSED):
-        raise InputError(
-            f"unknown key {key!r}",
-            f"{nearest(str(key), KNOWN)}known are {', '.join(KNOWN)}",
+            "expected keys with values",
+            "write for instance robot: kuka_iiwa",
             file=path,
         )
 
+    def fault(problem: str, remedy: str = "", where: str = "") -> InputError:
+        return InputError(problem, remedy, file=path, where=where)
 
-def _check_sheet(sheet: object, path: Path) -> None:
-    if sheet is not None and not isinstance(sheet, dict):
-        raise InputError(
-            "expected a data sheet",
-            "write it as nominal: of a case",
-            file=path,
-            where="sheet",
-        )
-
-
-def _values(content: dict[str, Any], path: Path) -> dict[str, Any]:
-    """Values by option of the command, checked."""
-    values: dict[str, Any] = {}
     for key, value in content.items():
-        name = ALIASES.get(key, key)
+        name = str(ALIASES.get(key, key))
+        if key == "randomisation":
+            remedy = "write those to be tried as effects: FILE"
+            raise fault("an evaluation draws no effects", remedy, key)
+        if key not in (*KNOWN, *UNUSED):
+            near = f"{nearest(str(key), KNOWN)}known are {', '.join(KNOWN)}"
+            raise fault(f"unknown key {key!r}", near)
         if name in values:
-            raise InputError(
-                f"says the same as {name}",
-                "leave one of them out",
-                file=path,
-                where=key,
-            )
-        if key not in UNUSED and key != "sheet":
-            values[name] = _checked(name, value, path, key)
-    return values
+            raise fault(f"says the same as {name}", "leave one of them out", key)
+        values[name] = value if key in UNUSED else _checked(name, value, fault)
+    if "case" in values and ("robot" in values or "sheet" in values):
+        remedy = "leave robot: and sheet: out"
+        raise fault("a case has its own robot and data sheet", remedy)
+    return path, values
+
+
+def _checked(name: str, value: Any, fault: Callable[..., InputError]) -> Any:
+    """A value as the command's option takes it."""
+    expected = next(kind for kind, keys in EXPECTED.items() if name in keys)
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    names = isinstance(value, list) and value and all(isinstance(x, str) for x in value)
+    if name in EXPECTED["a number"] and number:
+        return float(value)
+    if name in EXPECTED["a name or a list of names"] and names:
+        return ",".join(value)
+    right = isinstance(value, str)
+    if name == "seeds":
+        right = number and isinstance(value, int) and value >= 1
+    elif name == "sheet":
+        right = value is None or isinstance(value, dict)
+    elif name in EXPECTED["a number"]:
+        right = False
+    if not right:
+        raise fault(f"expected {expected}, got {value!r}", "", name)
+    return value
 
 
 def merge_options(
@@ -193,75 +135,51 @@ def merge_options(
     """Options of a command with what an environment says, if the user gave no option.
 
     Args:
-        source: file or name of the environment, or ``None``.
+        source: file or name of the environment, or ``None``; paths in a file start from its folder.
         context: of the command, whose options are called as those of ``gapscope evaluate``.
 
     Returns:
         The nominal arm, or its name; the options by name; and keys of the file that are ignored.
 
     Raises:
-        InputError: see ``read_environment``.
+        InputError: see ``read_environment``; or the arm cannot be used.
     """
     options = dict(context.params)
     if source is None:
         return options["robot"], options, ()
-    found = read_environment(source)
+    path, values = read_environment(source)
 
     def given(name: str) -> bool:
         from_user = context.get_parameter_source(name)
         return from_user is not None and from_user.name == "COMMANDLINE"
 
+    if "effects" in values:
+        values["effects"] = path.parent / values["effects"]
     options |= {
         name: value
-        for name, value in found.values.items()
+        for name, value in values.items()
         if name in options and not given(name)
     }
-    if not given("effects"):
-        options["effects"] = found.effects()
-    arm = None if given("robot") else found.arm()
-    return arm or options["robot"], options, found.unused
+    unused = tuple(key for key in values if key in UNUSED)
+    if given("robot") or not {"robot", "case", "sheet"} & values.keys():
+        return context.params["robot"], options, unused
+    return _arm(path, values), options, unused
 
 
-def _content(path: Path) -> dict[str, Any]:
-    content = read_yaml(path, "check the path")
-    content = {} if content is None else content
-    if not isinstance(content, dict):
+def _arm(path: Path, values: dict[str, Any]) -> NominalArm:
+    """The nominal arm that a file names, with its data sheet."""
+    robot, sheet = values.get("robot", "kuka_iiwa"), values.get("sheet")
+    place = path.parent / values.get("case", robot)
+    if "case" not in values and not is_case(place):
+        return load_nominal_arm(robot, folder=path.parent, sheet=sheet, source=path)
+    if sheet is not None:
         raise InputError(
-            "expected keys with values",
-            "write for instance robot: kuka_iiwa",
+            "a case has its own data sheet",
+            "leave sheet: out",
             file=path,
+            where="sheet",
         )
-    return content
-
-
-def _checked(name: str, value: Any, path: Path, key: str) -> Any:
-    """A value as the command's option takes it."""
-    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if name in TEXTS:
-        expected = "a name or path"
-        if isinstance(value, str):
-            return value
-    elif name in NUMBERS:
-        expected = "a number"
-        if is_number:
-            return float(value)
-    elif name == "seeds":
-        expected = "a whole number from 1 on"
-        if is_number and isinstance(value, int) and value >= 1:
-            return value
-    else:
-        expected = "a name or a list of names"
-        if isinstance(value, str):
-            return value
-        if _is_list_of_names(value):
-            return ",".join(value)
-    raise InputError(f"expected {expected}, got {value!r}", file=path, where=key)
-
-
-def _is_list_of_names(value: Any) -> bool:
-    if not isinstance(value, list) or not value:
-        return False
-    return all(isinstance(item, str) for item in value)
+    return load_case(place, read_recordings=False).arm
 
 
 # An agent trained in the simulator made from a model: its folder, and what is written to it.
@@ -271,58 +189,13 @@ COMMAND, CURVE, PAGE = "command.json", "curve.csv", "learning_curve.html"
 OURS = (COMMAND, CURVE, PAGE, DOCUMENT, POLICY, NORMALISATION)
 
 
-def train_files(
-    model: str,
-    robot: str,
-    effects: Path | None,
-    settings: TrainingSettings,
+def trained_in(
     out: Path,
-    *,
-    again: bool = False,
-    trials: int = 0,
-    progress: Callable[[str], None] = lambda message: None,
-) -> tuple[dict[str, Any], list[Path]]:
-    """Train an agent on top of a model, or resume a training that was interrupted.
-
-    Args:
-        model: ``pd``, ``gravity``, ``nominal``, or the path of a ``corrected.yaml`` or ``identification.json``.
-        robot: a name or URDF; or a case, whose nominal arm is taken.
-        effects: file of the form of ``corrected.yaml`` with the hidden effects of the arm that the agent is tried on.
-        settings: of the training.
-        out: folder for the results.
-        again: forget what the folder holds of an earlier training.
-        trials: of a search for hyperparameters instead of a training; 0 for none.
-        progress: called with a few words at each step.
-
-    Returns:
-        The content of ``agent.json`` (empty for a search), and the files.
-
-    Raises:
-        InputError: an argument or a file is at fault, or the folder is another training's.
-        GapscopeError: a file cannot be written.
-    """
-    check_installed()
-    arm = read_arm(robot)
-    hidden = None if effects is None else read_corrected(effects)
-    task = Task.of(model, arm, hidden)
-    settings = task.settled(settings)
-    task.check(settings)
-    with error_context(effects, hidden or ()):
-        task.hidden_arm(settings).close()
-    with locked(out):
-        _claim(out, _asked(task, settings, trials), again)
-        if trials:
-            return {}, [tune(task, settings, trials, out, progress)]
-        return _train(task, settings, out, progress)
-
-
-def _train(
     task: Task,
     settings: TrainingSettings,
-    out: Path,
     progress: Callable[[str], None],
 ) -> tuple[dict[str, Any], list[Path]]:
-    """Train, unless the folder holds the whole result; the content of ``agent.json``, and the files."""
+    """Train, or go on, unless the folder holds the whole result; the content of ``agent.json``, and the files."""
     paths = [out / name for name in (POLICY, CURVE, PAGE, DOCUMENT)]
     if all(path.is_file() for path in paths):
         progress("is done already; --again trains anew")
@@ -331,19 +204,6 @@ def _train(
     write_curve(trained.curve, out / CURVE)
     write_page(task, trained, out / PAGE)
     return write_agent(task, trained, out), paths
-
-
-def _asked(task: Task, settings: TrainingSettings, trials: int) -> dict[str, Any]:
-    """What a command asks for: settings, and hashes of the arm and of the model's files."""
-    return {
-        "model": _digest(task.name in ("pd", "gravity") and task.name, task.believed),
-        "robot": _digest(None, CorrectedArm(task.arm)),
-        "effects": None
-        if task.hidden is None
-        else [described(applied) for applied in task.hidden],
-        "settings": settings.same(),
-        "tune": bool(trials),
-    }
 
 
 def _digest(label: object, corrected: CorrectedArm) -> str:
@@ -365,12 +225,31 @@ def _digest(label: object, corrected: CorrectedArm) -> str:
     )
 
 
-def _claim(out: Path, asked: dict[str, Any], again: bool) -> None:
-    """Make the folder this training's.
+def claim(
+    out: Path, task: Task, settings: TrainingSettings, trials: int, *, again: bool
+) -> None:
+    """Make the folder this training's: of these settings, this arm and the model's files.
+
+    Args:
+        out: the folder.
+        task: what is trained and tried on.
+        settings: of the training.
+        trials: of a search for hyperparameters instead of a training; 0 for none.
+        again: forget what the folder holds of an earlier training.
 
     Raises:
         InputError: it is another's.
+        GapscopeError: it cannot be written to.
     """
+    hidden = task.hidden
+    plain = task.name in ("pd", "gravity") and task.name
+    asked: dict[str, Any] = {
+        "model": _digest(plain, task.believed),
+        "robot": _digest(None, CorrectedArm(task.arm)),
+        "effects": None if hidden is None else [described(one) for one in hidden],
+        "settings": settings.same(),
+        "tune": bool(trials),
+    }
     path = out / COMMAND
     if again:
         for name in OURS:
@@ -394,9 +273,4 @@ def _claim(out: Path, asked: dict[str, Any], again: bool) -> None:
             file=out,
             where="--out",
         )
-    try:
-        write_json(asked, path)
-    except OSError as error:
-        raise GapscopeError(
-            f"{path}: cannot be written ({error.strerror})", "choose another place"
-        ) from None
+    write_json(asked, path)

@@ -9,75 +9,64 @@ from pathlib import Path
 from types import FrameType
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from gapscope.terminal import note, say
 
-Followed = Annotated[
-    Path,
-    typer.Argument(
-        help="CSV that grows, or a folder in which recordings or files of ROS bags appear",
-        metavar="SOURCE",
-    ),
-]
-Case = Annotated[
-    Path | None,
-    typer.Option(help="case of the arm: says how its logs are read", metavar="CASE"),
-]
-Robot = Annotated[
-    str | None,
-    typer.Option(
-        help="in place of a case: kuka_iiwa, ..., or a URDF; logs are in the columns of the case format",
-        metavar="ROBOT",
-    ),
-]
-Corrected = Annotated[
-    Path | None,
-    typer.Option(
-        help="corrected.yaml of a diagnosis, or identified.yaml; default: the nominal arm",
-        metavar="FILE",
-    ),
-]
-Out = Annotated[
-    Path | None,
-    typer.Option(
-        help="folder for events.jsonl and the state that a later run goes on from",
-        metavar="DIR",
-    ),
-]
-Learn = Annotated[
-    float,
-    typer.Option(
-        help="motion from which normal behaviour is learnt [s]; 0: the recordings of the case show it"
-    ),
-]
-FalseAlarms = Annotated[
-    float, typer.Option(help="wanted per 24 h of motion at most, for a perfect model")
-]
-Rest = Annotated[
-    float,
-    typer.Option(help="a file in a folder is complete after this time unwritten [s]"),
-]
-Once = Annotated[
-    bool, typer.Option("--once", help="use what is there, and end; for cron")
-]
-UntilIdle = Annotated[
-    float | None,
-    typer.Option(help="end when nothing new came for this long [s]", metavar="N"),
-]
-
 
 def watch(
-    source: Followed,
-    case: Case = None,
-    robot: Robot = None,
-    corrected: Corrected = None,
-    out: Out = None,
-    learn: Learn = 60.0,
-    false_alarms: FalseAlarms = 0.1,
-    rest: Rest = 5.0,
-    once: Once = False,
-    until_idle: UntilIdle = None,
+    source: Annotated[
+        Path,
+        Argument(
+            help="CSV that grows, or a folder in which recordings or files of ROS bags appear",
+            metavar="SOURCE",
+        ),
+    ],
+    case: Annotated[
+        Path | None,
+        Option(help="case of the arm: says how its logs are read", metavar="CASE"),
+    ] = None,
+    robot: Annotated[
+        str | None,
+        Option(
+            help="in place of a case: kuka_iiwa, ..., or a URDF; logs are in the columns of the case format",
+            metavar="ROBOT",
+        ),
+    ] = None,
+    corrected: Annotated[
+        Path | None,
+        Option(
+            help="corrected.yaml of a diagnosis, or identified.yaml; default: the nominal arm",
+            metavar="FILE",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        Option(
+            help="folder for events.jsonl and the state that a later run goes on from",
+            metavar="DIR",
+        ),
+    ] = None,
+    learn: Annotated[
+        float,
+        Option(
+            help="motion from which normal behaviour is learnt [s]; 0: the recordings of the case show it"
+        ),
+    ] = 60.0,
+    false_alarms: Annotated[
+        float, Option(help="wanted per 24 h of motion at most, for a perfect model")
+    ] = 0.1,
+    rest: Annotated[
+        float,
+        Option(help="a file in a folder is complete after this time unwritten [s]"),
+    ] = 5.0,
+    once: Annotated[
+        bool, Option("--once", help="use what is there, and end; for cron")
+    ] = False,
+    until_idle: Annotated[
+        float | None,
+        Option(help="end when nothing new came for this long [s]", metavar="N"),
+    ] = None,
 ) -> None:
     """Follow a recording while it grows, and name what changes: a load, friction, an offset, an encoder."""
     from gapscope.arm.case import load_case

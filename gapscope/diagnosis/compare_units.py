@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from math import pi
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
@@ -17,6 +17,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.nominal import SHEET_UNITS, NominalArm
 from gapscope.diagnosis.document.diagnosis_json import read_document
+from gapscope.diagnosis.document.numbers import Number, numbers_of
 from gapscope.diagnosis.thresholds import ALIKE_NRMSE, EFFECT_FORM, FLEET_LEVEL
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import CATALOGUE
@@ -188,53 +189,8 @@ SHARED, DIFFERING, SOME, ONE = (
 ORDER = (SHARED, DIFFERING, SOME, ONE)
 
 
-@dataclass(frozen=True)
-class SharedParameter:
-    """One number of an effect on one place, on the units on which the effect was found.
-
-    Attributes:
-        name: name of the parameter.
-        component: ``x``, ``y`` or ``z`` of a vector, else empty.
-        unit: its SI unit.
-        values: by unit of the arm.
-        stds: their standard deviations, ``None`` if not known.
-        pooled: all units taken together; ``None`` if there is one.
-    """
-
-    name: str
-    component: str
-    unit: str
-    values: Mapping[str, float]
-    stds: Mapping[str, float | None]
-    pooled: Pooled | None
-
-
-@dataclass(frozen=True)
-class SharedEffect:
-    """An effect on one place, and on which units it was found.
-
-    Attributes:
-        effect: name of the effect.
-        joint: from 1; ``None`` for effects on a link or the arm.
-        link: of a changed link, from 1; else ``None``.
-        kind: ``shared``: on all units, values agree; ``shared_differing_size``: on all units, values differ;
-            ``some_units``: on two or more, not on all; ``one_unit``.
-        units: on which it was found.
-        shares: of each unit's gap [1].
-        agree: whether the values agree; ``None`` if there is one unit.
-        instead: units without it if an effect was found of which it is an alternative, and that effect.
-        values: its numbers.
-    """
-
-    effect: str
-    joint: int | None
-    link: int | None
-    kind: str
-    units: tuple[str, ...]
-    shares: Mapping[str, float]
-    agree: bool | None
-    instead: Mapping[str, str]
-    values: tuple[SharedParameter, ...]
+Place = tuple[str, int | None, int | None]
+"""An effect, and its joint, or the link that it changes."""
 
 
 def groups(
@@ -249,120 +205,105 @@ def groups(
     return found
 
 
-def compare(documents: Mapping[str, Document]) -> tuple[SharedEffect, ...]:
+def compare(documents: Mapping[str, Document]) -> list[dict[str, Any]]:
     """Compare the diagnoses of units of one type of arm.
 
     Args:
         documents: content of ``diagnosis.json`` by name of the unit; two or more.
 
     Returns:
-        Each effect on each place; those on all units first, the largest share first among equals.
+        Each effect on each place as in ``units.json``; those on all units first, the largest share first among equals.
+        ``instead``: units without it if an effect was found of which it is an alternative, and that effect.
     """
-    found: dict[tuple[str, int, int], dict[str, _Found]] = {}
+    found: dict[Place, dict[str, dict[tuple[str, str], Number]]] = {}
+    shares: dict[Place, dict[str, float]] = {}
     for unit, document in documents.items():
         for entry in document["effects"]:
-            for position, (joint, link) in enumerate(_places(entry)):
-                by_unit = found.setdefault((entry["effect"], joint, link), {})
-                by_unit[unit] = _Found(entry, position)
-    rows = [_shared(*key, entries, documents) for key, entries in found.items()]
-    return tuple(sorted(rows, key=_rank))
+            for number in numbers_of(entry):
+                place = number[:3]
+                own = found.setdefault(place, {}).setdefault(unit, {})
+                own[number.parameter, number.component] = number
+                shares.setdefault(place, {})[unit] = float(entry["share"])
+    rows = [
+        {
+            **shared(place, by_unit, len(documents)),
+            "shares": shares[place],
+            "instead": _instead(documents, place, by_unit),
+        }
+        for place, by_unit in found.items()
+    ]
+    return sorted(rows, key=_rank)
 
 
-def _rank(row: SharedEffect) -> tuple[int, float, int]:
+def _rank(row: Mapping[str, Any]) -> tuple[int, float, int]:
     """Effects on all units first, then the largest share."""
-    return ORDER.index(row.kind), -max(row.shares.values()), row.joint or 0
+    return ORDER.index(row["kind"]), -max(row["shares"].values()), row["joint"] or 0
 
 
-def _places(entry: Document) -> list[tuple[int, int]]:
-    """Pairs of joint and link on which an entry acts, 0 if it does not act on one."""
-    if entry["joints"]:
-        return [(joint, 0) for joint in entry["joints"]]
-    link = entry["parameters"].get("link")
-    return [(0, int(link["value"]) if link else 0)]
+def shared(
+    place: Place, by_unit: Mapping[str, Mapping[tuple[str, str], Number]], count: int
+) -> dict[str, Any]:
+    """One effect on one place, and the units that have it.
 
+    Args:
+        place: effect, joint and link.
+        by_unit: its numbers on each unit that has it, by parameter and component.
+        count: units that were diagnosed.
 
-class _Found(NamedTuple):
-    """An effect on one place of one unit: its entry in the diagnosis, and the place's position in the entry."""
-
-    entry: Document
-    position: int
-
-
-def _shared(
-    effect: str,
-    joint: int,
-    link: int,
-    entries: Mapping[str, _Found],
-    documents: Mapping[str, Document],
-) -> SharedEffect:
-    """One effect on one place of the units that have it."""
-    values = tuple(_values(entries))
-    together = [value.pooled for value in values]
-    agree = units_agree(together) if len(entries) > 1 else None
-    instead = {}
-    for unit, document in documents.items():
-        other = None if unit in entries else _instead(document, effect, joint)
-        if other:
-            instead[unit] = other
-    return SharedEffect(
-        effect,
-        joint or None,
-        link or None,
-        kind_of(agree, on_all=len(entries) == len(documents)),
-        tuple(entries),
-        {unit: float(found.entry["share"]) for unit, found in entries.items()},
-        agree,
-        instead,
-        values,
-    )
-
-
-def units_agree(values: Sequence[Pooled | None]) -> bool:
-    """Whether no value differs between the units; the level is divided by the number of values tested."""
-    level = FLEET_LEVEL / max(len(values), 1)
-    return all(value is None or value.p >= level for value in values)
-
-
-def kind_of(agree: bool | None, *, on_all: bool) -> str:
-    """The kind of an effect; ``agree`` is ``None`` if one unit has it."""
-    if agree is None:
-        return ONE
-    if not on_all:
-        return SOME
-    return SHARED if agree else DIFFERING
-
-
-def _instead(document: Document, effect: str, joint: int) -> str | None:
-    """Effect found on the place of which the one asked for is an alternative."""
-    for entry in document["effects"]:
-        here = joint in entry["joints"] if joint else not entry["joints"]
-        if here and any(other["effect"] == effect for other in entry["alternatives"]):
-            return str(entry["effect"])
-    return None
-
-
-def _values(entries: Mapping[str, _Found]) -> Iterable[SharedParameter]:
-    """The numbers of an effect on one place; those that only some of the units have are left out."""
-    first = next(iter(entries.values())).entry
-    for name, parameter in first["parameters"].items():
-        on_all = all(name in found.entry["parameters"] for found in entries.values())
-        if name == "link" or not on_all:
+    Returns:
+        ``kind``: ``shared``: on all units, values agree; ``shared_differing_size``: on all, values differ;
+        ``some_units``: on two or more, not on all; ``one_unit``. ``agree``: whether no value differs, the level divided
+        by the number of values tested; ``None`` for one unit. ``parameters``: numbers that all of these units have.
+    """
+    parameters: list[dict[str, Any]] = []
+    first, *others = by_unit.values()
+    for name, component in first:
+        if not name or any((name, component) not in other for other in others):
             continue
-        values_of, stds_of = {}, {}
-        for unit, found in entries.items():
-            values_of[unit], stds_of[unit] = _numbers(found, name)
-        count = min(len(values) for values in values_of.values())
-        for i in range(count):
-            values = {unit: float(numbers[i]) for unit, numbers in values_of.items()}
-            stds = {unit: numbers[i] for unit, numbers in stds_of.items()}
-            yield SharedParameter(
-                name,
-                "xyz"[i] if count == 3 else "",
-                parameter["unit"],
-                values,
-                stds,
-                pooled_parameter(name, list(values.values()), list(stds.values())),
-            )
+        numbers = {unit: own[name, component] for unit, own in by_unit.items()}
+        values = {unit: float(n.value or 0.0) for unit, n in numbers.items()}
+        stds = {unit: n.std for unit, n in numbers.items()}
+        together = pooled_parameter(name, list(values.values()), list(stds.values()))
+        parameters.append(
+            {
+                "name": name,
+                "component": component,
+                "unit": first[name, component].unit,
+                "value": values,
+                "std": stds,
+                "together": None if together is None else asdict(together),
+            }
+        )
+    level = FLEET_LEVEL / max(len(parameters), 1)
+    pools = [parameter["together"] for parameter in parameters]
+    agree = all(pool is None or pool["p"] >= level for pool in pools)
+    kind = SHARED if agree else DIFFERING
+    if len(by_unit) < count:
+        kind = SOME
+    effect, joint, link = place
+    return {
+        "effect": effect,
+        "joint": joint,
+        "link": link,
+        "kind": kind if others else ONE,
+        "units": list(by_unit),
+        "agree": agree if others else None,
+        "parameters": parameters,
+    }
+
+
+def _instead(
+    documents: Mapping[str, Document], place: Place, having: Collection[str]
+) -> dict[str, str]:
+    """By unit that lacks an effect one found on the place of which it is an alternative."""
+    effect, joint, _ = place
+    found: dict[str, str] = {}
+    for unit, document in documents.items():
+        for entry in document["effects"] if unit not in having else ():
+            here = joint in entry["joints"] if joint else not entry["joints"]
+            if here and any(o["effect"] == effect for o in entry["alternatives"]):
+                found.setdefault(unit, str(entry["effect"]))
+    return found
 
 
 def pooled_parameter(
@@ -375,19 +316,6 @@ def pooled_parameter(
         # a share of an angle means nothing, so that no error of form is added
         return pooled(_same_turn(values), stds, form=0.0)
     return pooled(values, stds)
-
-
-def _numbers(
-    found: _Found, name: str
-) -> tuple[Sequence[float], Sequence[float | None]]:
-    """Values and deviations of a parameter on one place: one number, or the components of a vector."""
-    entry, position = found
-    value, std = entry["parameters"][name]["value"], entry["parameters"][name]["std"]
-    if entry["joints"]:
-        return [value[position]], [None if std is None else std[position]]
-    if isinstance(value, list):
-        return value, [None] * len(value) if std is None else std
-    return [value], [std]
 
 
 def _same_turn(angles: Sequence[float]) -> list[float]:
@@ -706,34 +634,8 @@ def _group(group: FleetGroup, columns: Sequence[ConfusionColumn]) -> dict[str, A
         "joints": list(group.joints),
         "units": list(group.documents),
         "nominal_differs": list(group.differ),
-        "effects": [_effect(row) for row in compare(group.documents)],
+        "effects": compare(group.documents),
         "confusion": _confusion(columns, group.left_out),
-    }
-
-
-def _effect(row: SharedEffect) -> dict[str, Any]:
-    return {
-        "effect": row.effect,
-        "joint": row.joint,
-        "link": row.link,
-        "kind": row.kind,
-        "units": list(row.units),
-        "agree": row.agree,
-        "shares": dict(row.shares),
-        "instead": dict(row.instead),
-        "parameters": [_value(value) for value in row.values],
-    }
-
-
-def _value(value: SharedParameter) -> dict[str, Any]:
-    together = None if value.pooled is None else asdict(value.pooled)
-    return {
-        "name": value.name,
-        "component": value.component,
-        "unit": value.unit,
-        "value": dict(value.values),
-        "std": dict(value.stds),
-        "together": together,
     }
 
 

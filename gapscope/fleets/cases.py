@@ -20,13 +20,8 @@ from fsspec.utils import get_protocol
 
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.case_file import read_case_file
-from gapscope.diagnosis.compare_units import (
-    ORDER,
-    Pooled,
-    kind_of,
-    pooled_parameter,
-    units_agree,
-)
+from gapscope.diagnosis.compare_units import ORDER, Place, shared
+from gapscope.diagnosis.document.numbers import Number
 from gapscope.fleets.store import PLACE
 
 # Cases at an address: a folder or an archive, on this machine or in the storage of a network.
@@ -262,7 +257,23 @@ def read_list(address: str) -> Iterator[CaseAddress]:
         with fsspec.open(address, "rt", encoding="utf-8", newline="") as file:
             rows = _table(file, address) if address.endswith(".csv") else _lines(file)
             for number, row in rows:
-                yield _case(row, number, address)
+                where = f"line {number}"
+                day = row.get("date", "")
+                try:
+                    day and date.fromisoformat(day)
+                except ValueError:
+                    raise InputError(
+                        f"{day!r} is no date",
+                        "write YYYY-MM-DD",
+                        file=address,
+                        where=where,
+                    ) from None
+                if not row["case"]:
+                    raise InputError(
+                        "names no case", "give its address", file=address, where=where
+                    )
+                place = _absolute(row["case"], address).removesuffix(f"/{CASE_FILE}")
+                yield CaseAddress(place.rstrip("/"), row.get("unit", ""), day)
     except (OSError, ValueError, ImportError) as error:
         raise InputError(
             f"{address}: cannot be read ({error})", "give a list of cases"
@@ -289,21 +300,6 @@ def _table(file: Any, address: str) -> Iterator[tuple[int, dict[str, str]]]:
     for row in reader:
         texts = {key: (value or "").strip() for key, value in row.items()}
         yield reader.line_num, texts
-
-
-def _case(row: dict[str, str], number: int, address: str) -> CaseAddress:
-    where = f"line {number}"
-    day = row.get("date", "")
-    try:
-        day and date.fromisoformat(day)
-    except ValueError:
-        raise InputError(
-            f"{day!r} is no date", "write YYYY-MM-DD", file=address, where=where
-        ) from None
-    if not row["case"]:
-        raise InputError("names no case", "give its address", file=address, where=where)
-    place = _absolute(row["case"], address).removesuffix(f"/{CASE_FILE}")
-    return CaseAddress(place.rstrip("/"), row.get("unit", ""), day)
 
 
 def _absolute(text: str, address: str) -> str:
@@ -344,7 +340,15 @@ def fetch(system: Any, folder: str, listing: CaseListing, to: Path, most: int) -
         target = to / name
         target.parent.mkdir(parents=True, exist_ok=True)
         source = f"{folder}/{name}" if folder else name
-        left -= _copy(system, source, target, left)
+        # copy a file; what a storage says of its size need not be true
+        size = 0
+        with system.open(source, "rb") as content, target.open("xb") as file:
+            while block := content.read(CHUNK):
+                size += len(block)
+                if size > left:
+                    raise _too_large(source, "more than its storage says", left)
+                file.write(block)
+        left -= size
     _check_case_file(to / CASE_FILE)
     return most - left
 
@@ -363,18 +367,6 @@ def _check_files(folder: str, listing: CaseListing, most: int) -> None:
     size = sum(int(info.get("size") or 0) for info in listing.files.values())
     if size > most or len(listing.files) > MAX_FILES:
         raise _too_large(folder, f"{len(listing.files)} files of {size} bytes", most)
-
-
-def _copy(system: Any, source: str, target: Path, most: int) -> int:
-    """Copy a file; what a storage says of its size need not be true."""
-    size = 0
-    with system.open(source, "rb") as content, target.open("xb") as file:
-        while block := content.read(CHUNK):
-            size += len(block)
-            if size > most:
-                raise _too_large(source, "more than its storage says", most)
-            file.write(block)
-    return size
 
 
 def _too_large(what: str, has: str, most: int) -> InputError:
@@ -440,63 +432,46 @@ def shared_effects(effects: pd.DataFrame, units: int) -> list[dict[str, Any]]:
     Returns:
         An entry of ``fleet.json`` for each effect on each place: those on all units first, then the most frequent.
     """
-    made = [
-        _effect(key, rows, units) for key, rows in effects.groupby(PLACE, dropna=False)
-    ]
+    found: dict[Place, dict[str, dict[tuple[str, str], Number]]] = {}
+    shares: dict[Place, dict[str, float]] = {}
+    for row in effects.to_dict("records"):
+        joint, link = (None if pd.isna(row[k]) else int(row[k]) for k in PLACE[1:])
+        std = row["std"] if row["std"] > 0 else None
+        key = row["parameter"], row["component"]
+        number = Number(row["effect"], joint, link, *key, row["si_unit"], row["value"], std)  # fmt: skip
+        found.setdefault(number[:3], {}).setdefault(row["unit"], {})[key] = number
+        shares.setdefault(number[:3], {})[row["unit"]] = row["share"]
+    made = []
+    for place, by_unit in found.items():
+        row = shared(place, by_unit, units)
+        parameters = [
+            {key: parameter[key] for key in ("name", "component", "unit", "together")}
+            | {"extremes": list(_extremes(parameter))}
+            for parameter in row["parameters"]
+        ]
+        share = float(np.median(list(shares[place].values())))
+        count = len(by_unit)
+        made.append({**row, "units": count, "share": share, "parameters": parameters})
     return sorted(made, key=lambda row: (ORDER.index(row["kind"]), -row["units"]))
 
 
-def _effect(key: Any, rows: pd.DataFrame, units: int) -> dict[str, Any]:
-    count = rows["unit"].nunique()
-    numbers = rows[rows["parameter"] != ""]
-    by_number = numbers.groupby(["parameter", "component", "si_unit"])
-    # a number that only some of the units have is left out
-    complete = [(names, group) for names, group in by_number if len(group) == count]
-    together = [_pooled(group) for _, group in complete]
-    agree = units_agree(together) if count > 1 else None
-    effect, joint, link = key
-    return {
-        "effect": effect,
-        "joint": None if pd.isna(joint) else int(joint),
-        "link": None if pd.isna(link) else int(link),
-        "kind": kind_of(agree, on_all=count == units),
-        "units": count,
-        "agree": agree,
-        "share": float(rows["share"].median()),
-        "parameters": [
-            _parameter(names, group, pool)
-            for (names, group), pool in zip(complete, together, strict=True)
-        ],
-    }
-
-
-def _pooled(group: pd.DataFrame) -> Pooled | None:
-    stds = [std if std > 0 else None for std in group["std"]]
-    return pooled_parameter(group["parameter"].iloc[0], list(group["value"]), stds)
-
-
-def _parameter(names: Any, group: pd.DataFrame, pool: Pooled | None) -> dict[str, Any]:
-    name, component, unit = names
-    return {
-        "name": name,
-        "component": component,
-        "unit": unit,
-        "together": None if pool is None else vars(pool),
-        "extremes": [] if pool is None else list(_extremes(group, pool)),
-    }
-
-
-def _extremes(group: pd.DataFrame, pool: Pooled) -> Iterator[dict[str, Any]]:
+def _extremes(parameter: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     """The units farthest from the common value, in standard deviations of a single unit."""
-    std = group["std"].fillna(0.0).to_numpy(float)
-    spread = np.hypot(std, pool.between)
+    together = parameter["together"]
+    if together is None:
+        return
+    units, values = (
+        list(parameter["value"]),
+        np.array(list(parameter["value"].values())),
+    )
+    stds = np.array([std or 0.0 for std in parameter["std"].values()])
+    spread = np.hypot(stds, together["between"])
     spread = np.where(spread > 0, spread, np.inf)
-    deviation = (group["value"].to_numpy(float) - pool.estimate) / spread
+    deviation = (values - together["estimate"]) / spread
     for k in np.argsort(-np.abs(deviation), kind="stable")[:EXTREMES]:
-        row = group.iloc[k]
         yield {
-            "unit": row["unit"],
-            "value": float(row["value"]),
-            "std": None if pd.isna(row["std"]) else float(row["std"]),
+            "unit": units[k],
+            "value": float(values[k]),
+            "std": parameter["std"][units[k]],
             "deviation": float(deviation[k]),
         }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -78,21 +78,6 @@ class Change:
     p: float
 
 
-@dataclass(frozen=True)
-class Drift:
-    """All changes of a fleet.
-
-    Attributes:
-        changes: the clearest first.
-        tested: number of histories that were tested.
-        scatter: by effect and parameter, the factor by which estimates scatter beyond their standard deviations [1].
-    """
-
-    changes: tuple[Change, ...]
-    tested: int
-    scatter: dict[tuple[str, str], float]
-
-
 def histories(
     cases: pd.DataFrame, effects: pd.DataFrame
 ) -> tuple[list[History], dict[tuple[str, str], float]]:
@@ -118,27 +103,23 @@ def _values(
     known = dated[(dated["std"] > 0) & ~dated["parameter"].isin(ANGLES)]
     made: list[History] = []
     factors: dict[tuple[str, str], float] = {}
-    for parameter, rows in known.groupby(["effect", "parameter"]):
-        plain = []
-        for key, group in rows.groupby([*UNIT, *NUMBER, "si_unit"]):
-            history = _history(
-                dict(zip([*UNIT, *NUMBER, "si_unit"], key, strict=True)), group
-            )
-            plain.append(history)
-        factor = scatter([(h.values, h.stds) for h in plain if h.stds is not None])
+    names = [*UNIT, *NUMBER, "si_unit"]
+    for parameter, of_parameter in known.groupby(["effect", "parameter"]):
+        own = []
+        for key, rows in of_parameter.groupby(names):
+            values = rows["value"].to_numpy(float)
+            # the error of the effect's form is part of the deviations, as between units
+            form = EFFECT_FORM * np.abs(values).mean()
+            stds = np.hypot(rows["std"].to_numpy(float), form)
+            own.append((dict(zip(names, key, strict=True)), _when(rows), values, stds))
+        factor = scatter([(values, stds) for *_, values, stds in own])
         factors[parameter] = factor
-        for history in plain:
-            if len(history.values) >= SHORTEST_HISTORY and history.stds is not None:
-                made.append(replace(history, stds=factor * history.stds))
+        made += [
+            History(of_key, *when, values, factor * stds)
+            for of_key, when, values, stds in own
+            if len(values) >= SHORTEST_HISTORY
+        ]
     return made, factors
-
-
-def _history(key: dict[str, Any], rows: pd.DataFrame) -> History:
-    """A history of estimates; the error of the effect's form is part of their deviations, as between units."""
-    values = rows["value"].to_numpy(float)
-    form = EFFECT_FORM * np.abs(values).mean()
-    stds = np.hypot(rows["std"].to_numpy(float), form)
-    return History(key, *_when(rows), values, stds)
 
 
 def _when(rows: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
@@ -149,13 +130,14 @@ def _found(cases: pd.DataFrame, dated: pd.DataFrame) -> Iterator[History]:
     """Whether each effect of a unit was found in its diagnoses."""
     order = cases.sort_values(["recorded_at", "result"], kind="stable")
     of_unit = dict(iter(order.groupby(UNIT)))
-    for key, group in dated.groupby([*UNIT, *PLACE]):
+    names = [*UNIT, *PLACE]
+    no_number = {"parameter": "", "component": "", "si_unit": ""}
+    for key, group in dated.groupby(names):
         unit = of_unit[key[:2]]
         found = unit["result"].isin(group["result"]).to_numpy(float)
         if len(found) >= SHORTEST_HISTORY and not found.all():
-            names = dict(zip([*UNIT, *PLACE], key, strict=True))
-            names |= {"parameter": "", "component": "", "si_unit": ""}
-            yield History(names, *_when(unit), found)
+            of_key = dict(zip(names, key, strict=True)) | no_number
+            yield History(of_key, *_when(unit), found)
 
 
 def drift(all_histories: list[History]) -> tuple[Change, ...]:
@@ -220,6 +202,9 @@ COLUMNS = [
 ]
 
 
+FAILURE = ["case", "unit", "date", "error", "tries"]
+
+
 def fleet_document(store: FleetStore) -> dict[str, Any]:
     """Compare what a store holds, one type of robot after the other, so that no more is in memory.
 
@@ -228,7 +213,8 @@ def fleet_document(store: FleetStore) -> dict[str, Any]:
     """
     rows = store.cases(COLUMNS)
     failed, cases = rows[rows["error"] != ""], rows[rows["error"] == ""]
-    cases = cases.assign(type=_types(cases))
+    # only arms of one type are compared
+    cases = cases.assign(type=cases["robot"] + "\0" + cases["joints"].map(" ".join))
     everything: list[History] = []
     robots, factors = [], []
     for _, of_type in cases.groupby("type"):
@@ -239,7 +225,16 @@ def fleet_document(store: FleetStore) -> dict[str, Any]:
         everything += found
         last = latest(of_type)
         of_last = named[named["result"].isin(last["result"])]
-        robots.append(_robot(of_type, last, shared_effects(of_last, len(last))))
+        robots.append(
+            {
+                "robot": robot,
+                "joints": list(of_type["joints"].iloc[0]),
+                "cases": len(of_type),
+                "units": len(last),
+                "nominal_arms": int(last["nominal_sha256"].nunique()),
+                "effects": shared_effects(of_last, len(last))[:MOST],
+            }
+        )
         factors += [
             {"robot": robot, "effect": effect, "parameter": name, "factor": factor}
             for (effect, name), factor in scatter.items()
@@ -259,7 +254,7 @@ def fleet_document(store: FleetStore) -> dict[str, Any]:
         "changes": [_change(change) for change in changes[:MOST]],
         "changes_in_all": len(changes),
         "worst": _worst(latest(cases), changes),
-        "failures": [_failure(row) for row in failed.head(MOST).to_dict("records")],
+        "failures": failed[FAILURE].head(MOST).to_dict("records"),
     }
     document: dict[str, Any] = plain(content, null_if_not_finite=True)
     validate(document)
@@ -273,55 +268,27 @@ def validate(document: Any) -> None:
         raise error
 
 
-def _types(cases: pd.DataFrame) -> pd.Series:
-    """Robot and joints of each case as one text: only arms of one type are compared."""
-    joints = cases["joints"].map(" ".join)
-    return cases["robot"] + "\0" + joints
-
-
-def _robot(
-    cases: pd.DataFrame, last: pd.DataFrame, effects: list[dict[str, Any]]
-) -> dict[str, Any]:
-    return {
-        "robot": cases["robot"].iloc[0],
-        "joints": list(cases["joints"].iloc[0]),
-        "cases": len(cases),
-        "units": len(last),
-        "nominal_arms": int(last["nominal_sha256"].nunique()),
-        "effects": effects[:MOST],
-    }
-
-
 def _change(change: Change) -> dict[str, Any]:
     history, k = change.history, change.position
     days = [f"{time:%Y-%m-%d}" for time in pd.to_datetime(history.times)]
-    key = history.key
+    stds = [None] * len(days) if history.stds is None else history.stds.tolist()
+    points = zip(days, history.values.tolist(), stds, strict=True)
+    key = {name: history.key[name] for name in ("unit", *NUMBER, "si_unit")}
     return {
-        "unit": key["unit"],
-        "kind": change.kind,
-        "effect": key["effect"],
+        **key,
         "joint": key["joint"] or None,
         "link": key["link"] or None,
-        "parameter": key["parameter"],
-        "component": key["component"],
-        "si_unit": key["si_unit"],
+        "kind": change.kind,
         "last_before": days[k - 1],
         "first_after": days[k],
-        "before": {"value": change.before[0], "std": change.before[1]},
-        "after": {"value": change.after[0], "std": change.after[1]},
+        "before": dict(zip(("value", "std"), change.before, strict=True)),
+        "after": dict(zip(("value", "std"), change.after, strict=True)),
         "p": change.p,
         "kept": history.kept[k],
-        "history": _points(history, days),
+        "history": [
+            {"date": day, "value": value, "std": std} for day, value, std in points
+        ][-POINTS:],
     }
-
-
-def _points(history: History, days: list[str]) -> list[dict[str, Any]]:
-    stds = [None] * len(days) if history.stds is None else history.stds.tolist()
-    points = [
-        {"date": day, "value": value, "std": std}
-        for day, value, std in zip(days, history.values.tolist(), stds, strict=True)
-    ]
-    return points[-POINTS:]
 
 
 def _worst(last: pd.DataFrame, changes: tuple[Change, ...]) -> list[dict[str, Any]]:
@@ -329,16 +296,12 @@ def _worst(last: pd.DataFrame, changes: tuple[Change, ...]) -> list[dict[str, An
     units = [change.history.key["unit"] for change in changes]
     counts = pd.Series(units, dtype=object).value_counts()
     order = last.sort_values(["excess", "unit"], ascending=[False, True]).head(MOST)
-    keys = ("unit", "robot", "case", "date", "verdict", "gap", "excess", "left")
-    made = []
-    for row in order.to_dict("records"):
-        entry = {key: row[key] for key in (*keys, "closed", "kept")}
-        entry["effects"] = list(np.atleast_1d(row["effects"]))
-        entry["changes"] = int(counts.get(row["unit"], 0))
-        made.append(entry)
-    return made
-
-
-def _failure(row: dict[str, Any]) -> dict[str, Any]:
-    keys = ("case", "unit", "date", "error", "tries")
-    return {key: row[key] for key in keys}
+    keys = ["unit", "robot", "case", "date", "verdict", "gap", "excess", "left"]
+    return [
+        {
+            **row,
+            "effects": list(np.atleast_1d(row["effects"])),
+            "changes": int(counts.get(row["unit"], 0)),
+        }
+        for row in order[[*keys, "closed", "kept", "effects"]].to_dict("records")
+    ]

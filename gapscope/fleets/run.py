@@ -275,7 +275,22 @@ def run_fleet(plan: FleetPlan, progress: Callable[[str], None]) -> FleetCounts:
         InputError: an option or an address cannot be used.
         GapscopeError: another run writes to the folder, Ray is not installed, or the run was stopped.
     """
-    _check(plan)
+    check_backend(plan.backend)
+    for option, value, known in (
+        ("--keep", plan.keep, tuple(KEEP)),
+        ("--units-by", plan.units_by, UNITS_BY),
+    ):
+        if value not in known:
+            raise InputError(
+                f"unknown word {value!r}", f"use {', '.join(known)}", where=option
+            )
+    in_process = plan.backend == LOCAL and plan.jobs in (None, 1)
+    for address in plan.cases:
+        if is_process_only(address) and not in_process:
+            raise InputError(
+                f"{address}: other processes do not see the memory of this one",
+                "use --jobs 1, or write the cases to a folder",
+            )
     with locked(plan.out):
         store = FleetStore(plan.out)
         counts = FleetCounts()
@@ -304,25 +319,6 @@ def run_fleet(plan: FleetPlan, progress: Callable[[str], None]) -> FleetCounts:
             clear_scratch(plan.scratch, run)
         store.merge()
     return counts
-
-
-def _check(plan: FleetPlan) -> None:
-    check_backend(plan.backend)
-    for option, value, known in (
-        ("--keep", plan.keep, tuple(KEEP)),
-        ("--units-by", plan.units_by, UNITS_BY),
-    ):
-        if value not in known:
-            raise InputError(
-                f"unknown word {value!r}", f"use {', '.join(known)}", where=option
-            )
-    in_process = plan.backend == LOCAL and plan.jobs in (None, 1)
-    for address in plan.cases:
-        if is_process_only(address) and not in_process:
-            raise InputError(
-                f"{address}: other processes do not see the memory of this one",
-                "use --jobs 1, or write the cases to a folder",
-            )
 
 
 def _known(store: FleetStore) -> dict[str, frozenset[str]]:

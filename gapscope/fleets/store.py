@@ -17,6 +17,7 @@ import pyarrow.parquet as pq
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.diagnosis.document.numbers import numbers_of
 
 # What is kept of a diagnosis: a row for the case, and a row for each number of each effect.
 
@@ -107,54 +108,21 @@ def gap_columns(document: Document) -> dict[str, Any]:
 
 
 def effect_rows(document: Document) -> Iterator[dict[str, Any]]:
-    """The numbers of all effects, named or possible."""
+    """The numbers of all effects, named or possible, with their intervals of 95 %."""
     for section in ("effects", "possible"):
         for entry in document[section]:
             common = {
                 "named": section == "effects",
-                "effect": entry["effect"],
-                "link": _link(entry),
                 "probability": entry["probability"],
                 "share": entry["share"],
             }
-            for number in _entry_rows(entry):
-                yield {**common, **number}
-
-
-def _entry_rows(entry: Document) -> Iterator[dict[str, Any]]:
-    names = [name for name in entry["parameters"] if name != "link"]
-    if not names:  # a fault of the set-up that is there or not
-        for joint in entry["joints"] or [None]:
-            yield {"joint": joint, "parameter": "", "component": "", "si_unit": ""}
-    for name in names:
-        yield from _parameter_rows(name, entry["parameters"][name], entry["joints"])
-
-
-def _parameter_rows(
-    name: str, parameter: Document, joints: Sequence[int]
-) -> Iterator[dict[str, Any]]:
-    """A row for each joint, or each component of a vector."""
-    values = _numbers(parameter["value"])
-    stds = np.broadcast_to(_numbers(parameter["std"]), values.shape)
-    units = parameter.get("units") or [parameter["unit"]] * len(values)
-    vector = not joints and len(values) == 3
-    for k, (value, std) in enumerate(zip(values, stds, strict=True)):
-        known = bool(np.isfinite(std))
-        yield {
-            "joint": joints[k] if joints else None,
-            "parameter": name,
-            "component": "xyz"[k] if vector else "",
-            "si_unit": units[k],
-            "value": float(value),
-            "std": float(std) if known else None,
-            "low": float(value - INTERVAL * std) if known else None,
-            "high": float(value + INTERVAL * std) if known else None,
-        }
-
-
-def _link(entry: Document) -> int | None:
-    link = entry["parameters"].get("link")
-    return int(link["value"]) if link else None
+            for number in numbers_of(entry):
+                row = {**common, **number._asdict()}
+                row["si_unit"] = row.pop("unit")
+                if number.value is not None and number.std is not None:
+                    row["low"] = number.value - INTERVAL * number.std
+                    row["high"] = number.value + INTERVAL * number.std
+                yield row
 
 
 def _numbers(values: Any) -> np.ndarray:

@@ -1,27 +1,96 @@
-"""The case to start from: a case file in which every guess has its line and its reason."""
+"""The case to start from: a case file in which every guess has its line and its reason, and what reading it shows."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from textwrap import wrap
 from typing import Any
 
 import numpy as np
 import yaml
 
+from gapscope.arm.case import Case, load_case
 from gapscope.arm.dynamics.description import read_description
+from gapscope.arm.dynamics.link_shapes import read_frames
+from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.robot_file import actuated_joints
-from gapscope.arm.io.layouts import LEROBOT
-from gapscope.arm.nominal import SHEET_UNITS
-from gapscope.arm.recording import CHANNELS
+from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.io.channel_entry import name_of
+from gapscope.arm.io.layouts import LEROBOT, LoadPlace, layout_of
+from gapscope.arm.known_load import KnownLoad
+from gapscope.arm.nominal import SHEET_UNITS, NominalArm
+from gapscope.arm.recording import CHANNELS, Recording
+from gapscope.diagnosis.set_up import Remark, SetUp, fault_remark, look_at_set_up
+from gapscope.diagnosis.setup_faults.clocks import find_stamps
+from gapscope.diagnosis.thresholds import NO_TORQUE
 from gapscope.effects.effect import SHEET
-from gapscope.inspection.channels import ChannelGuess
-from gapscope.inspection.inspection import MAIN, TIME, TORQUES, Inspection
-from gapscope.inspection.told_load import told_load
-from gapscope.inspection.torque_facts import columns_of_arm
-from gapscope.inspection.words import LARGEST
+from gapscope.inspection.columns import AMPERES, LARGEST, ChannelGuess
+from gapscope.inspection.inspection import (
+    MAIN,
+    TIME,
+    TORQUES,
+    InspectedTable,
+    Inspection,
+    columns_of_arm,
+    note,
+    oddities_in,
+)
+
+# The load that a robot was told to carry, by the columns of a log of a known layout.
+
+
+@dataclass(frozen=True)
+class ToldLoad:
+    """A load as a robot was told of it.
+
+    Attributes:
+        load: as a point, in the frame of the joint that moves the last link.
+        why: which columns say so, and what is uncertain.
+    """
+
+    load: KnownLoad
+    why: str
+
+
+def told_load(table: InspectedTable, arm: NominalArm) -> ToldLoad | None:
+    """The load that a table holds; ``None`` if it holds none, or one that changes, or of no mass."""
+    layout = layout_of(table.part.table, table.part.kind)
+    for place in () if layout is None else layout.loads:
+        names = [place.mass, *(name_of(place.com, j, "") for j in range(3))]
+        columns = table.part.table.columns
+        if not all(name in columns for name in names):
+            continue
+        values = np.column_stack([columns[name] for name in names]).astype(float)
+        mass, *centre = values[0]
+        if mass > 0 and np.ptp(values, axis=0).max() == 0:
+            return _placed(place, mass, np.array(centre), arm)
+    return None
+
+
+def _placed(
+    place: LoadPlace, mass: float, centre: np.ndarray, arm: NominalArm
+) -> ToldLoad:
+    """The load in the frame of the last joint."""
+    frames = read_frames(RigidBody(arm)).values()
+    of_last = [frame for frame in frames if frame.joint == arm.joints[-1]]
+    why = f"told to the robot ({place.mass}, {place.com})"
+    for frame in of_last:
+        if frame.name.endswith(place.frames):
+            centre = frame.position + frame.rotation @ centre
+            why += f", its centre in the frame of {frame.name}"
+            break
+    else:
+        why += ", its centre in the flange's frame, which the robot file does not have: correct com"
+    x, y, z = (round(float(value), 6) for value in centre)
+    return ToldLoad(KnownLoad(float(mass), (x, y, z)), why)
+
+
+# The case file.
+
 
 BESIDE = 70
 """Longest reason that stands beside its line; longer ones stand above."""
@@ -41,7 +110,7 @@ def case_text(found: Inspection, folder: Path, robot: str | None) -> str:
     more = f" and {len(found.logs) - 4} more" if len(found.logs) > 4 else ""
     lines = [
         f"# Drafted by gapscope inspect from {names}{more}. Every entry is a guess, with its reason beside it.",
-        f"name: {_scalar(_name(found))}",
+        f"name: {flow(_name(found))}",
         *_robot(found, robot),
         *_recordings(found, folder),
         *_payloads(found, folder),
@@ -63,9 +132,9 @@ def _robot(found: Inspection, robot: str | None) -> Iterator[str]:
     if robot is None:
         yield "robot: robot.urdf  # not known: put the URDF or MJCF of the arm here"
         return
-    yield f"robot: {_scalar(robot)}"
+    yield f"robot: {flow(robot)}"
     assert found.arm is not None
-    listed = _flow(list(found.arm.joints))
+    listed = flow(list(found.arm.joints))
     if list(found.arm.joints) == actuated_joints(read_description(found.arm.urdf)):
         yield f"# joints: {listed}  # the order of the columns, if it is another"
     else:
@@ -79,7 +148,7 @@ def _recordings(found: Inspection, folder: Path) -> Iterator[str]:
             label: _relative(table.log.path, folder) for label, table in entry.items()
         }
         alone = len(set(paths.values())) == 1
-        yield f"  - {_scalar(paths[MAIN]) if alone else _flow(paths)}"
+        yield f"  - {flow(paths[MAIN]) if alone else flow(paths)}"
     if len(found.entries) > 2:
         yield "# judge: [FILE]  # name one of them here in place of above: it is held out and never fitted"
 
@@ -96,7 +165,7 @@ def _payloads(found: Inspection, folder: Path) -> Iterator[str]:
     if told:
         yield "payloads:"
     for name, load in told.items():
-        yield f"  {_scalar(name)}: {_flow(load.load.entry())}  # {load.why}"
+        yield f"  {flow(name)}: {flow(load.load.entry())}  # {load.why}"
 
 
 def _import(found: Inspection) -> Iterator[tuple[str, str]]:
@@ -105,12 +174,12 @@ def _import(found: Inspection) -> Iterator[tuple[str, str]]:
     main = found.main
     if main.part.kind == LEROBOT:
         numbers = list(range(len(main.log.tables)))
-        listed = _flow({"fit": numbers[:-1] or numbers, "judge": numbers[-1:]})
+        listed = flow({"fit": numbers[:-1] or numbers, "judge": numbers[-1:]})
         yield f"# episodes: {listed}", "all are fitted; hold some out by this line"
     elif len(main.log.tables) > 1:
-        yield f"topic: {_scalar(main.part.name)}", "holds the positions"
+        yield f"topic: {flow(main.part.name)}", "holds the positions"
     if _renamed(found):
-        listed = _flow(list(found.chosen["q"][1].group.labels))
+        listed = flow(list(found.chosen["q"][1].group.labels))
         yield f"joints: {listed}", "their names in the log, in the order of the robot's"
     files = {table.log.path for table in found.sources.values()}
     if len(files) > 1:
@@ -162,7 +231,7 @@ def _time(found: Inspection) -> tuple[str, str]:
         entry = {"column": column, "unit": time.unit}
     if TIME in found.sources:
         entry["file"] = TIME
-    return f"time: {_flow(entry)}", time.why
+    return f"time: {flow(entry)}", time.why
 
 
 def _channel(
@@ -203,8 +272,8 @@ def _entry(found: Inspection, label: str, guess: ChannelGuess) -> str:
     elif table is not found.main:
         entry["topic"] = table.part.name
     if list(entry) == ["column"]:
-        return _flow(entry["column"])
-    return _flow(entry)
+        return flow(entry["column"])
+    return flow(entry)
 
 
 def _column(found: Inspection, guess: ChannelGuess) -> str | list[str] | list[int]:
@@ -251,7 +320,7 @@ def _data_sheet(found: Inspection) -> Iterator[str]:
         values = [0.0] * found.n_joints
         if found.arm is not None:
             values = [float(f"{x:.6g}") for x in getattr(found.arm, name)]
-        yield f"#   {name}: {_flow(values)}  # {unit}"
+        yield f"#   {name}: {flow(values)}  # {unit}"
     yield "#   encoder: motor  # motor, or joint: the side of the gear on which the position is measured"
     yield from _controller(found)
 
@@ -260,7 +329,7 @@ def _controller(found: Inspection) -> Iterator[str]:
     """A controller to fill in, if the log holds what it followed."""
     if "q_ref" not in found.chosen:
         return
-    zeros = _flow([0.0] * found.n_joints)
+    zeros = flow([0.0] * found.n_joints)
     rate = _rounded(float(f"{found.main.time.rate:.4g}"))
     yield f"# controller: {{kind: pd, rate: {rate}, kp: {zeros}, kd: {zeros}}}  # for replay: N m/rad, N m s/rad"
 
@@ -284,11 +353,143 @@ def _rounded(rate: float) -> float | int:
     return int(rate) if rate == int(rate) else rate
 
 
-def _scalar(text: str) -> str:
-    return yaml.safe_dump(text, width=10_000).splitlines()[0]
-
-
-def _flow(value: Any) -> str:
+def flow(value: Any) -> str:
     """A value as YAML on one line."""
     text = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=10_000)
     return text.removesuffix("\n").removesuffix("\n...")
+
+
+# The drafted case, read: whether it can be, and what each of its torque columns shows of the set-up.
+
+
+def check_draft(found: Inspection) -> list[Remark]:
+    """Read the drafted case: why it cannot be read as it is, or what the reader noticed, and dropped."""
+    place, problem, remedy = (
+        "the drafted case",
+        "no robot is known: the torque cannot be judged",
+        "",
+    )
+    if found.arm is not None:
+        try:
+            recordings = _drafted(found).recordings
+            return [note(r.name, said) for r in recordings for said in r.notes]
+        except GapscopeError as error:
+            problem, remedy = _said(error), error.remedy
+    return [Remark("error", "case", place, problem, remedy)]
+
+
+def judge_torques(found: Inspection) -> Inspection:
+    """What is in logs, with what each torque column shows of the set-up if the drafted case reads it as the torque.
+
+    Of several torques without names, the one that fits the arm best is chosen. Without an arm the stamps alone tell.
+    """
+    if found.arm is None:
+        return replace(found, misread=tuple(_of_stamps(found)))
+    looked: dict[tuple[str, str], SetUp] = {}
+    torques = dict(found.torques)
+    for label, table in found.sources.items():
+        for guess in table.channels:
+            set_up = _set_up(found, label, guess)
+            if set_up is not None:
+                place = label, guess.group.pattern
+                looked[place] = set_up
+                remarks = set_up.remarks()
+                said = [remark.text for remark in remarks if remark.topic != "time"]
+                torques[place] = [*torques[place], *said]
+    found = _best_first(replace(found, torques=torques), looked)
+    if "tau" not in found.chosen:
+        return found
+    label, guess = found.chosen["tau"]
+    chosen = looked.get((label, guess.group.pattern))
+    if chosen is None:
+        return found
+    misread = tuple(remark for remark in chosen.remarks() if remark.level != "ok")
+    return replace(found, misread=misread)
+
+
+def _of_stamps(found: Inspection) -> Iterator[Remark]:
+    """What is wrong with the time stamps of logs, as a diagnosis finds it."""
+    label, _ = found.chosen["q"]
+    for entry in found.entries:
+        table = entry[label]
+        guess = table.best("q")
+        if guess is None:
+            continue
+        t, q = table.time.seconds, guess.group.values
+        # what stands still, jumps back or is no number is said of the columns
+        usable = np.isfinite(q).all(axis=1)
+        usable &= np.diff(np.maximum.accumulate(t), prepend=-np.inf) > 0
+        for fault in find_stamps([Recording(table.label, t[usable], q[usable])]):
+            yield fault_remark(fault, guess.group.width)
+
+
+def _set_up(found: Inspection, label: str, guess: ChannelGuess) -> SetUp | None:
+    """What the drafted case with some columns as the torque shows; ``None`` if it cannot be asked."""
+    if found.arm is None or guess.channel not in TORQUES:
+        return None
+    if guess.role in AMPERES:
+        # without motor constants the search finds what an ampere makes
+        guess = replace(guess, unit="N m")
+    torque = {"tau": (label, replace(guess, channel="tau"))}
+    try:
+        case = _drafted(replace(found, chosen=found.chosen | torque))
+        return look_at_set_up(case)
+    except GapscopeError:
+        # it cannot be read, which is said of the draft, or is too short to be differentiated
+        return None
+
+
+def _drafted(found: Inspection) -> Case:
+    """The drafted case.
+
+    Raises:
+        GapscopeError: it cannot be read.
+    """
+    assert found.arm is not None
+    with TemporaryDirectory(prefix="gapscope_") as folder:
+        file = Path(folder) / "case.yaml"
+        text = case_text(found, Path(folder), str(found.arm.urdf.resolve()))
+        file.write_text(text, encoding="utf-8")
+        return load_case(file, any_unit=True)
+
+
+def _said(error: GapscopeError) -> str:
+    """An error on the draft, which lies in a folder that is gone: names of files alone."""
+    if not isinstance(error, InputError):
+        return error.message
+    file = error.file.name if error.file is not None else ""
+    place = ", ".join(filter(None, (file, error.where)))
+    return f"{place}: {error.problem}" if place else error.problem
+
+
+def _best_first(found: Inspection, looked: dict[tuple[str, str], SetUp]) -> Inspection:
+    """The torques of a table without names of columns in the order in which they fit the arm."""
+
+    def rank(guess: ChannelGuess) -> tuple[float, ...]:
+        set_up = looked.get((label, guess.group.pattern))
+        if guess.channel != "tau" or set_up is None or set_up.off is None:
+            return (1.0,)
+        # of a torque and the current that it was made from, the one in N m
+        return (set_up.off > NO_TORQUE, len(set_up.faults), set_up.off)
+
+    def ordered(table: InspectedTable) -> InspectedTable:
+        return replace(table, channels=tuple(sorted(table.channels, key=rank)))
+
+    for label, table in found.sources.items():
+        torque = found.chosen.get("tau", ("",))[0]
+        if label == torque and table.by_values:
+            entries = tuple(
+                {**entry, label: ordered(entry[label])} for entry in found.entries
+            )
+            sources = {**found.sources, label: ordered(table)}
+            best = sources[label].best("tau")
+            assert best is not None
+            chosen = {**found.chosen, "tau": (label, best)}
+            return replace(
+                found,
+                entries=entries,
+                sources=sources,
+                chosen=chosen,
+                oddities=oddities_in(entries, chosen),
+            )
+    return found

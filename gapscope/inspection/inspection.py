@@ -2,19 +2,447 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from gapscope.arm.errors import InputError
-from gapscope.arm.io.log import Log
+from gapscope.arm.io.channel_entry import STEPS_PER_TURN, UNITS
+from gapscope.arm.io.layouts import layout_of
+from gapscope.arm.io.log import Log, LogTable
+from gapscope.arm.io.plausibility import gap_notes, repeated_rows
+from gapscope.arm.io.table import without_damage
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.recording import CHANNELS
+from gapscope.arm.recording import CHANNELS, STILL
+from gapscope.arm.robots import load_nominal_arm
 from gapscope.diagnosis.set_up import Remark
-from gapscope.inspection.channels import ChannelGuess
-from gapscope.inspection.columns import ColumnGroup
-from gapscope.inspection.inspected_table import InspectedTable, inspect_table
-from gapscope.inspection.oddities import Oddity, oddities_of
-from gapscope.inspection.torque_facts import arm_of_columns, torque_facts
+from gapscope.inspection.columns import (
+    LARGEST,
+    ChannelGuess,
+    ColumnGroup,
+    TableColumns,
+    TimeGuess,
+    channels_of_table,
+    guess_time,
+    position_and_velocity,
+    sorted_columns,
+)
+from gapscope.inspection.unnamed_columns import columns_by_values, unnamed_columns
+
+# One table of a log with what its columns are taken for.
+
+
+@dataclass(frozen=True)
+class InspectedTable:
+    """A table, its columns and what they are taken for.
+
+    Attributes:
+        log: that holds it.
+        part: the table in the log.
+        columns: sorted.
+        time: where the time stands.
+        channels: every group of columns that may be a channel, the best first for each.
+    """
+
+    log: Log
+    part: LogTable
+    columns: TableColumns
+    time: TimeGuess
+    channels: tuple[ChannelGuess, ...]
+
+    @property
+    def by_values(self) -> bool:
+        """Whether values tell what columns hold, their names being silent or missing."""
+        held = any(group.holds for group in self.columns.groups)
+        return held or self.part.table.unnamed
+
+    @property
+    def label(self) -> str:
+        """File and topic, for messages."""
+        return " ".join(filter(None, (self.log.path.name, self.part.name)))
+
+    @property
+    def shape(self) -> tuple[object, ...]:
+        """What tables of several logs of one kind share: topic, and the columns taken for each channel."""
+        first = {guess.channel: guess.group for guess in reversed(self.channels)}
+        taken = ((name, group.pattern, group.labels) for name, group in first.items())
+        return (self.part.name, *sorted(taken))
+
+    def best(self, channel: str) -> ChannelGuess | None:
+        """The first columns taken for a channel."""
+        return next((g for g in self.channels if g.channel == channel), None)
+
+    def of_another_arm(self, taken: Collection[str], n_joints: int) -> str:
+        """Positions beside the columns taken, if there are as many as the arm has joints, in words; else empty."""
+        groups = [guess.group for guess in self.channels if guess.channel == "q"]
+        every = [name for group in groups for name in group.names]
+        beside = [name for name in every if name not in taken]
+        if len(beside) < n_joints or len(beside) == len(every):
+            return ""
+        return f"{beside[0]} to {beside[-1]} are positions, too, as of another arm"
+
+
+def inspect_table(
+    log: Log,
+    part: LogTable,
+    arm: NominalArm | None,
+    *,
+    named_by_file: bool = True,
+    by_values: bool = False,
+) -> InspectedTable:
+    """A table of a log, with what its columns are taken for.
+
+    Args:
+        log: that holds it.
+        part: the table.
+        arm: the nominal arm, if it is known: columns may carry the names of its joints.
+        named_by_file: whether the names of file and topic say what columns hold whose own names are silent.
+        by_values: whether the values of columns say so, as they do for lack of names.
+    """
+    part = replace(part, table=without_damage(part.table))
+    context = f"{log.path.stem} {part.name}" if named_by_file else ""
+    if part.table.unnamed:
+        columns = unnamed_columns(part.table, arm, context)
+    elif by_values:
+        columns = columns_by_values(part.table, arm, context)
+    else:
+        columns = sorted_columns(part.table, () if arm is None else arm.joints)
+    position, velocity = position_and_velocity(columns, context)
+    rows = np.asarray(part.table.row_numbers)
+    time = guess_time(columns.singles, rows, position, velocity)
+    layout = layout_of(part.table, part.kind)
+    channels = channels_of_table(columns, layout, time, context)
+    return InspectedTable(log, part, columns, time, tuple(channels))
+
+
+# What the torque columns are by the log alone.
+
+
+# What a torque column can be, by the log alone: silent, unsigned, computed, or another column times a factor.
+
+
+EXACT = 1e-3
+"""Share of a column's deviation that rounding leaves if it is computed from others [1]; a measurement leaves more."""
+SAMPLES = 20_000
+"""Rows that are looked at, evenly taken."""
+
+
+def torque_facts(torque: ChannelGuess, others: Sequence[ChannelGuess]) -> list[str]:
+    """Sentences on one torque column, each with its figures; empty if nothing strikes.
+
+    Args:
+        torque: the columns in question.
+        others: all channels of the same table.
+    """
+    values = _thinned(torque.group.values)
+    if not _usable(values):
+        return ["it holds cells that are no numbers, or beyond any torque"]
+    others = [other for other in others if _usable(other.group.values)]
+    silent = np.ptp(values, axis=0) == 0
+    if silent.all():
+        constant = float(values[0, 0])
+        return [f"it is {constant:g} throughout: nothing was measured"]
+    facts = []
+    if silent.any():
+        facts.append(f"it never changes on joint {_numbers(silent)}")
+    if (values >= 0).all():
+        facts.append("it is never negative: a magnitude, whose sign is lost")
+    facts += _quantised(values[:, ~silent])
+    facts += _multiples(torque, others)
+    facts += _controllers(torque, others)
+    return facts
+
+
+def _quantised(values: np.ndarray) -> Iterator[str]:
+    """A column of few different values."""
+    counts = [len(np.unique(column)) for column in values.T]
+    most = max(counts)
+    if most <= min(200, len(values) // 20):
+        steps = [
+            np.diff(np.unique(column)).min()
+            for column in values.T
+            if len(np.unique(column)) > 1
+        ]
+        yield f"it has {most} different values at most, in steps of {min(steps):.3g}"
+
+
+def _multiples(torque: ChannelGuess, others: Sequence[ChannelGuess]) -> Iterator[str]:
+    """Columns that it is a multiple of, joint by joint."""
+    values = _thinned(torque.group.values)
+    for other in others:
+        if other is torque or other.group.width != torque.group.width:
+            continue
+        source = _thinned(other.group.values)
+        factors = _factors(values, source)
+        if factors is None:
+            continue
+        if np.allclose(factors, 1.0, atol=1e-3):
+            yield f"it equals {other.group.pattern}"
+        else:
+            listed = ", ".join(f"{factor:.4g}" for factor in factors)
+            yield f"it is {other.group.pattern} times {listed}"
+
+
+def _factors(values: np.ndarray, source: np.ndarray) -> np.ndarray | None:
+    """Factor of each joint if all columns are multiples of the others', (k,), or ``None``."""
+    power = (source**2).sum(axis=0)
+    if (power == 0).any():
+        return None
+    factors = (values * source).sum(axis=0) / power
+    left = np.sqrt(((values - factors * source) ** 2).mean(axis=0))
+    exact = left <= EXACT * values.std(axis=0)
+    return np.asarray(factors) if exact.all() else None
+
+
+def _controllers(torque: ChannelGuess, others: Sequence[ChannelGuess]) -> Iterator[str]:
+    """A column that is computed from reference and position by gains."""
+    values = _thinned(torque.group.values)
+    series = {
+        other.channel: _thinned(other.group.values)
+        for other in reversed(others)
+        if _thinned(other.group.values).shape == values.shape
+    }
+    if "q" not in series or "q_ref" not in series:
+        return
+    error = series["q_ref"] - series["q"]
+    rate = series.get("dq_ref", 0.0) - series.get("dq", np.zeros_like(error))
+    gains, left = [], []
+    for e, de, tau in zip(error.T, rate.T, values.T, strict=True):
+        design = np.column_stack([e, de])
+        gain = np.linalg.lstsq(design, tau, rcond=None)[0]
+        left.append(np.std(tau - design @ gain) / max(tau.std(), 1e-12))
+        gains.append(gain)
+    if np.median(left) <= 10 * EXACT:
+        kp, kd = (", ".join(f"{x:.4g}" for x in own) for own in np.transpose(gains))
+        yield (
+            f"it is computed, not measured: kp (q_ref - q) + kd (dq_ref - dq) with kp {kp} and kd {kd}. "
+            "As a command that is what it should be; whether the arm obeyed these gains, the log does not say"
+        )
+
+
+def _usable(values: np.ndarray) -> bool:
+    """Whether all values are numbers of a size that robots have in any unit."""
+    return bool(np.isfinite(values).all() and np.abs(values).max() < LARGEST)
+
+
+def _thinned(values: np.ndarray) -> np.ndarray:
+    return values[:: max(1, len(values) // SAMPLES)]
+
+
+def _numbers(mask: np.ndarray) -> str:
+    return ", ".join(str(j + 1) for j in np.flatnonzero(mask))
+
+
+# Which columns are the joints of the arm.
+
+
+def arm_of_columns(arm: NominalArm, group: ColumnGroup) -> NominalArm:
+    """The arm with those of its joints that a log has: by name, or the first if it has fewer and names none."""
+    named = [joint for joint in arm.joints if joint in group.labels]
+    kept = named or list(arm.joints[: group.width])
+    if len(kept) == arm.n_joints:
+        return arm
+    return load_nominal_arm(arm.urdf, joints=kept, gravity=tuple(arm.gravity))
+
+
+def columns_of_arm(group: ColumnGroup, joints: Sequence[str]) -> list[int] | None:
+    """Places in a group, from 0, of the joints of the arm; ``None`` if it has fewer columns.
+
+    By name if the columns carry the names of the joints, in their order otherwise.
+    """
+    if set(joints) <= set(group.labels):
+        return [group.labels.index(joint) for joint in joints]
+    return list(range(len(joints))) if group.width >= len(joints) else None
+
+
+# What looks wrong in a log, before any physics.
+
+
+CLIPPED = 0.02
+"""Share of rows at exactly the largest or least value from which a column counts as clipped [1]."""
+SPIKE = 20.0
+"""Step of one row and back over that of all but one in a hundred from which it counts as a spike [1]."""
+TURN = {"rad": 2 * np.pi, "deg": 360.0, "rev": 1.0, "step": STEPS_PER_TURN}
+"""A turn in each unit of positions."""
+HELD = 0.5
+"""Share of rows in which a moving reference stands still from which it counts as held [1]."""
+
+
+def _odd(where: str, what: str, remedy: str) -> Remark:
+    """What looks wrong: file, channel and joint; what was seen, with figures; what to do."""
+    return Remark("warn", "log", where, what, remedy)
+
+
+def oddities_of(
+    where: str, time: TimeGuess, channels: Sequence[ChannelGuess]
+) -> list[Remark]:
+    """What looks wrong in one table.
+
+    Args:
+        where: name of the table, for messages.
+        time: its time.
+        channels: the columns taken for channels, one of each.
+    """
+    found = [*_time(where, time)]
+    by_name = {guess.channel: guess for guess in channels}
+    for guess in channels:
+        found += _column(where, guess, time)
+    found += _pairs(where, by_name)
+    if "q" in by_name:
+        found += _still(where, by_name["q"])
+    return found
+
+
+def _time(where: str, time: TimeGuess) -> Iterator[Remark]:
+    if not time.certain:
+        yield _odd(
+            where,
+            f"nothing in it tells the rate; {time.rate:g} Hz is assumed",
+            "correct rate: in the case",
+        )
+    step = np.diff(time.seconds)
+    if not len(step):
+        return
+    if (step < 0).any():
+        row = int(np.flatnonzero(step < 0)[0]) + 1
+        yield _odd(
+            where,
+            f"time jumps back at row {row}",
+            "split the log there, or sort its rows",
+        )
+    # in the words of the reader, which says the same of the drafted case
+    for note in repeated_rows(time.seconds, {})[1]:
+        yield _odd(where, note, "nothing: they are dropped on reading")
+    for note in gap_notes(time.seconds):
+        yield _odd(
+            where,
+            note,
+            "the recording is cut there; if nobody stopped it, look why samples were lost",
+        )
+
+
+def _column(where: str, guess: ChannelGuess, time: TimeGuess) -> Iterator[Remark]:
+    """Cells that are missing, clipped values and spikes."""
+    values = guess.group.values
+    missing = int((~np.isfinite(values)).sum())
+    if missing:
+        yield _odd(
+            where,
+            f"{guess.group.pattern}: {missing} cells are empty or no numbers",
+            "leave the channel out (null); a missing value is never guessed",
+        )
+        return
+    if guess.channel in ("tau", "tau_sensor"):
+        for j, column in enumerate(guess.group.values.T):
+            if np.ptp(column) == 0:
+                continue
+            for limit in (column.min(), column.max()):
+                share = float((column == limit).mean())
+                if limit != 0 and share > CLIPPED and len(np.unique(column)) > 50:
+                    yield _odd(
+                        f"{where}, joint {j + 1}",
+                        f"{guess.group.pattern} stands at {limit:.4g} in {share:.0%} of the rows: a limit was reached",
+                        "state torque_limit in the case's nominal section",
+                    )
+    if guess.channel in ("q", "tau", "tau_sensor"):
+        yield from _spikes(where, guess, time)
+
+
+def _spikes(where: str, guess: ChannelGuess, time: TimeGuess) -> Iterator[Remark]:
+    """Values that leave their neighbours for one row."""
+    values = guess.group.values
+    if len(values) < 100:
+        return
+    if guess.channel == "q":
+        # a position that restarts after a turn is taken back on reading
+        values = np.unwrap(values, period=TURN.get(guess.unit, TURN["rad"]), axis=0)
+    bend = np.abs(values[1:-1] - 0.5 * (values[:-2] + values[2:]))
+    # over rows that were lost a motion goes on
+    step = np.diff(time.seconds)
+    lost = step > 1.5 * np.median(step)
+    bend[lost[1:] | lost[:-1]] = 0.0
+    usual = np.quantile(bend, 0.99, axis=0)
+    for j in range(values.shape[1]):
+        far = bend[:, j] > SPIKE * max(usual[j], 1e-12)
+        if usual[j] > 0 and far.any():
+            row = int(np.argmax(bend[:, j])) + 2
+            yield _odd(
+                f"{where}, joint {j + 1}",
+                f"{guess.group.pattern} leaves its neighbours in {far.sum()} rows, the worst is row {row}",
+                "drop those rows",
+            )
+
+
+def _pairs(where: str, by_name: dict[str, ChannelGuess]) -> Iterator[Remark]:
+    """Channels that are copies of others, or references that stand."""
+    for measured, asked in (("q", "q_ref"), ("dq", "dq_ref")):
+        if measured not in by_name or asked not in by_name:
+            continue
+        one, other = by_name[measured].group, by_name[asked].group
+        moves = np.ptp(one.values, axis=0).any()
+        if moves and np.array_equal(one.values, other.values):
+            yield _odd(
+                where,
+                f"{one.pattern} and {other.pattern} are the same numbers: one of them is a copy",
+                "a copied reference says nothing of the arm; leave it out (null)",
+            )
+    for name in ("dq", "dq_ref"):
+        position = by_name.get(name[1:])
+        velocity = by_name.get(name)
+        if position is None or velocity is None:
+            continue
+        moves = np.ptp(position.group.values, axis=0).any()
+        if moves and np.ptp(velocity.group.values) == 0:
+            yield _odd(
+                where,
+                f"{velocity.group.pattern} never changes while {position.group.pattern} moves",
+                "it is no velocity; leave it out (null)",
+            )
+    reference = by_name.get("q_ref")
+    if reference is not None:
+        step = np.abs(np.diff(reference.group.values, axis=0)).max(axis=1)
+        held = float((step == 0).mean())
+        # at rest the reference may stand
+        if (step > 0).mean() > 0.05 and HELD < held < 0.98 and _evenly_held(step):
+            yield _odd(
+                where,
+                f"{reference.group.pattern} stands still in {held:.0%} of the rows and jumps between: set points "
+                f"come at about 1/{round(1 / (1 - held))} of the rate of the log",
+                "the controller may interpolate them; what it follows is not in the log",
+            )
+
+
+def _evenly_held(step: np.ndarray) -> bool:
+    """Whether jumps come at even distances, as set points at a lower rate do."""
+    apart = np.diff(np.flatnonzero(step > 0))
+    return bool(
+        len(apart) > 10
+        and np.median(apart) > 1
+        and (apart == np.median(apart)).mean() > 0.5
+    )
+
+
+def _still(where: str, guess: ChannelGuess) -> Iterator[Remark]:
+    travel = np.ptp(guess.group.values, axis=0) * UNITS.get(guess.unit, 1.0)
+    still = travel < STILL
+    if still.all():
+        yield _odd(
+            where,
+            f"the arm stands still: no joint moves by {STILL:g} rad",
+            "record a motion of all joints",
+        )
+    elif still.any():
+        numbers = ", ".join(str(j + 1) for j in np.flatnonzero(still))
+        yield _odd(
+            where,
+            f"joint {numbers} does not move: its friction, armature and zero cannot be told",
+            "move every joint, slowly and fast, in both directions",
+        )
+
+
+# All logs of one arm.
+
 
 TORQUES = ("tau", "tau_sensor")
 """Channels that hold a torque."""
@@ -55,8 +483,8 @@ class Inspection:
     chosen: dict[str, tuple[str, ChannelGuess]]
     torques: dict[tuple[str, str], list[str]] = field(default_factory=dict)
     misread: tuple[Remark, ...] = ()
-    oddities: tuple[Oddity, ...] = ()
-    notes: tuple[str, ...] = ()
+    oddities: tuple[Remark, ...] = ()
+    notes: tuple[Remark, ...] = ()
     arm: NominalArm | None = None
 
     @property
@@ -163,21 +591,22 @@ def _told(kind: list[InspectedTable]) -> int:
 def _chosen(
     kinds: Sequence[list[InspectedTable]], main: list[InspectedTable]
 ) -> tuple[
-    dict[str, list[InspectedTable]], dict[str, tuple[str, ChannelGuess]], list[str]
+    dict[str, list[InspectedTable]], dict[str, tuple[str, ChannelGuess]], list[Remark]
 ]:
     """Kinds of tables by label, columns of each channel with their label, and notes on what was left out."""
     sources = {MAIN: main}
     chosen: dict[str, tuple[str, ChannelGuess]] = {}
-    notes = []
+    notes: list[Remark] = []
     for kind in (main, *(kind for kind in kinds if kind is not main)):
         news = [name for name in CHANNELS if name not in chosen and kind[0].best(name)]
         if not news:
             continue
         if len(kind) != len(main):
-            notes.append(
-                f"{kind[0].label} holds {', '.join(news)}, but there are {len(kind)} of its kind beside "
-                f"{len(main)} with positions: left out"
+            said = (
+                f"holds {', '.join(news)}, but there are {len(kind)} of its kind beside {len(main)} with positions: "
+                "left out"
             )
+            notes.append(note(kind[0].label, said))
             continue
         label = MAIN if kind is main else news[0]
         sources[label] = kind
@@ -203,9 +632,9 @@ def _torques(
 def oddities_in(
     entries: Sequence[dict[str, InspectedTable]],
     chosen: dict[str, tuple[str, ChannelGuess]],
-) -> tuple[Oddity, ...]:
+) -> tuple[Remark, ...]:
     """What looks wrong in the tables of every recording."""
-    found: list[Oddity] = []
+    found: list[Remark] = []
     for entry in entries:
         for label, table in entry.items():
             used = [name for name, (place, _) in chosen.items() if place == label]
@@ -214,22 +643,28 @@ def oddities_in(
     return tuple(found)
 
 
-def _notes(logs: Sequence[Log], tables: Sequence[InspectedTable]) -> list[str]:
+def note(where: str, said: str) -> Remark:
+    """What was noticed or left out, of which nothing need be done."""
+    return Remark("ok", "log", where, said)
+
+
+def _notes(logs: Sequence[Log], tables: Sequence[InspectedTable]) -> Iterator[Remark]:
     """What the readers noticed, and logs that hold nothing of joints."""
     used = {table.log.path for table in tables}
-    notes = [f"{log.path.name}: {note}" for log in logs for note in log.notes]
+    yield from (note(log.path.name, said) for log in logs for said in log.notes)
     for table in tables:
         if table.by_values:
             why = WITHOUT_NAMES if table.part.table.unnamed else SILENT_NAMES
-            notes.append(f"{table.label}: {why}")
-        notes += [f"{table.label}: {note}" for note in table.part.table.notes]
-    idle = [log.path.name for log in logs if log.path not in used]
-    return notes + [f"{name}: holds no numbers of joints" for name in idle]
+            yield note(table.label, why)
+        yield from (note(table.label, said) for said in table.part.table.notes)
+    for log in logs:
+        if log.path not in used:
+            yield note(log.path.name, "holds no numbers of joints")
 
 
 def _other_columns(
     table: InspectedTable, group: ColumnGroup, arm: NominalArm
-) -> list[str]:
+) -> list[Remark]:
     """A note if a log has more positions than the robot has joints, and their order alone says which are taken."""
     n, left = arm.n_joints, ""
     if group.width > n and not set(arm.joints) <= set(group.labels):
@@ -242,9 +677,8 @@ def _other_columns(
     which = f"the first, {taken[0]} to {taken[-1]}, are taken, and {', '.join(others)} left out"
     if not others:
         which = f"{group.names[0]} to {group.names[-1]} are taken"
-    return [
-        f"{table.label}: {left}: {which}; for another arm or order list its columns in the case"
-    ]
+    said = f"{left}: {which}; for another arm or order list its columns in the case"
+    return [note(table.label, said)]
 
 
 def _without_positions(

@@ -18,20 +18,19 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.table import Table
 from gapscope.arm.nominal import NominalArm
 from gapscope.inspection.columns import (
-    BY_NAME,
-    ColumnGroup,
-    TableColumns,
-    numbers_of,
-    sorted_columns,
-)
-from gapscope.inspection.time_column import counts_rows, runs_forward
-from gapscope.inspection.words import (
     ALIKE,
     ANGLES,
+    BY_NAME,
     LARGEST,
     NOT_OF_JOINTS,
     UNITS,
+    ColumnGroup,
+    TableColumns,
+    counts_rows,
     meaning_of,
+    numbers_of,
+    runs_forward,
+    sorted_columns,
     words_of,
 )
 
@@ -395,10 +394,7 @@ class _Blocks:
         noise = [float(np.median(np.abs(np.diff(step, n=3, axis=0)))) for step in steps]
         if max(noise) > SMOOTHER * min(noise):
             return noise[0] < noise[1], "like what was measured, and smoother"
-        return self._lag(one, other) > 0, "like what was measured, and ahead of it"
-
-    def _lag(self, one: tuple[int, ...], other: tuple[int, ...]) -> float:
-        """By how many rows a block comes after another of the same quantity; 0 if it does not follow it."""
+        # by how many rows a block comes after another of the same quantity; 0 if it does not follow it
         lags = []
         for a, b in zip(one, other, strict=True):
             slope = np.gradient(self.values[:, a])
@@ -406,7 +402,8 @@ class _Blocks:
             error, slope = error - error.mean(), slope - slope.mean()
             if (slope @ slope) > 0:
                 lags.append(-float(error @ slope) / float(slope @ slope))
-        return float(np.median(lags)) if lags else 0.0
+        ahead = bool(lags) and float(np.median(lags)) > 0
+        return ahead, "like what was measured, and ahead of it"
 
     def _within_limits(self, window: tuple[int, ...]) -> bool:
         """Whether columns stay within the limits of the robot in one of the units of positions."""
@@ -434,7 +431,12 @@ class _Blocks:
         if inside:
             why += " that stay within the limits of the robot"
         alike = [w for w in moving if not set(w) & set(best) and self._like(best, w)]
-        measured, references = self._measured(sorted([best, *_apart(alike)]))
+        # windows of which none overlaps one before it
+        kept: list[tuple[int, ...]] = []
+        for window in alike:
+            if not any(set(window) & set(other) for other in kept):
+                kept.append(window)
+        measured, references = self._measured(sorted([best, *kept]))
         why += "; no column is their derivative"
         return [_Block("position", measured, why), *references]
 
@@ -488,12 +490,3 @@ class _Blocks:
         why = "what is left beside the motion"
         why += "; with --robot gravity tells more" if self.arm is None else ""
         return _Block("torque", window, why)
-
-
-def _apart(windows: Sequence[tuple[int, ...]]) -> list[tuple[int, ...]]:
-    """Windows of which none overlaps one before it."""
-    kept: list[tuple[int, ...]] = []
-    for window in windows:
-        if not any(set(window) & set(other) for other in kept):
-            kept.append(window)
-    return kept

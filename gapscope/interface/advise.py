@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from gapscope.diagnosis.next_recording import Advice, AdviceRequest, lines
 from gapscope.diagnosis.next_recording import advise as design_recording
@@ -13,9 +12,6 @@ from gapscope.ident.excitation.design import LimitPlan
 from gapscope.interface.diagnose import DiagnosisResult, diagnose
 from gapscope.interface.excite import ExcitationResult
 from gapscope.interface.result import Result
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 @dataclass(frozen=True, repr=False)
@@ -26,6 +22,8 @@ class AdviceResult(Result):
         diagnosis: what was found so far.
         advice: open questions, hypotheses, and the motion that separates them.
     """
+
+    COLUMNS = ("found", "other", "probability")
 
     diagnosis: DiagnosisResult
     advice: Advice
@@ -46,15 +44,9 @@ class AdviceResult(Result):
         """What is open, and the recording that settles it."""
         return "\n".join(lines(self.advice, self.diagnosis.document))
 
-    def to_frame(self) -> pd.DataFrame:
+    def table(self) -> Iterator[tuple[str, str, float]]:
         """A row for each open question: the effect found, what else could explain the data, and its probability."""
-        import pandas as pd
-
-        rows = [
-            {"found": q.found, "other": q.other, "probability": q.probability}
-            for q in self.advice.questions
-        ]
-        return pd.DataFrame(rows, columns=["found", "other", "probability"])
+        return ((q.found, q.other, q.probability) for q in self.advice.questions)
 
 
 def advise(

@@ -2,68 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from rich.console import RenderableType
-
-from gapscope.arm.case import Case, load_case
-from gapscope.diagnosis.agreement import Agreement, agreement, document
-from gapscope.interface.result import Result
-from gapscope.reports.agreement import summary, write_agreement
-
-if TYPE_CHECKING:
-    import pandas as pd
+from gapscope.arm.case import Case
+from gapscope.diagnosis.agreement import agreement, document
+from gapscope.diagnosis.prepare import Progress, silent
+from gapscope.interface.models import case_of
+from gapscope.interface.result import Document, DocumentResult
+from gapscope.reports.agreement import summary, write_page
 
 
-@dataclass(frozen=True, repr=False)
-class AgreementResult(Result):
-    """Whether recordings agree.
-
-    Attributes:
-        agreement: verdict, values and deviations of each parameter.
-    """
-
-    agreement: Agreement
-
-    @property
-    def document(self) -> dict[str, Any]:
-        """The content of ``agreement.json``."""
-        return document(self.agreement)
-
-    def save(self, folder: str | Path) -> tuple[Path, ...]:
-        """Write ``agreement.html`` and, as the last, ``agreement.json``."""
-        return write_agreement(self.agreement, Path(folder))
-
-    def shown(self) -> RenderableType:
-        """One line per parameter, and what the differences go with."""
-        return summary(self.document)
-
-    def to_frame(self) -> pd.DataFrame:
-        """A row for each parameter and recording: verdict, value and standard deviation."""
-        import pandas as pd
-
-        content = self.document
-        rows = [
-            {
-                "parameter": line["key"],
-                "unit": line["unit"],
-                "verdict": line["verdict"],
-                "recording": recording,
-                "value": line["values"][k],
-                "std": line["std"][k],
-            }
-            for line in content["parameters"]
-            for k, recording in enumerate(content["recordings"])
-        ]
-        return pd.DataFrame(rows)
-
-
-def agree(
-    case: Case | str | Path, *, progress: Callable[[str], None] = lambda message: None
-) -> AgreementResult:
+def agree(case: Case | str | Path, *, progress: Progress = silent) -> DocumentResult:
     """Compare the recordings of a case, parameter by parameter.
 
     Args:
@@ -78,5 +29,20 @@ def agree(
         >>> gapscope.agree("my_arm").to_frame()  # doctest: +SKIP
     """
     progress("reads the case")
-    loaded = case if isinstance(case, Case) else load_case(case)
-    return AgreementResult(agreement(loaded, progress))
+    content = document(agreement(case_of(case), progress))
+    return DocumentResult("agreement", content, summary, _rows, write_page)
+
+
+def _rows(content: Document) -> Iterator[dict[str, Any]]:
+    """A row for each parameter and recording: verdict, value and standard deviation."""
+    for line in content["parameters"]:
+        columns = zip(content["recordings"], line["values"], line["std"], strict=True)
+        for recording, value, std in columns:
+            yield {
+                "parameter": line["key"],
+                "unit": line["unit"],
+                "verdict": line["verdict"],
+                "recording": recording,
+                "value": value,
+                "std": std,
+            }

@@ -2,57 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
-from rich.console import RenderableType
-
-from gapscope.interface.result import Result
-from gapscope.model_audit.audit import Audit, audit_model, document
-from gapscope.reports.audit import summary, write_audit
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-
-@dataclass(frozen=True, repr=False)
-class AuditResult(Result):
-    """What is odd about a model.
-
-    Attributes:
-        audit: the file as it stands, and the findings.
-    """
-
-    audit: Audit
-
-    @property
-    def document(self) -> dict[str, Any]:
-        """The content of ``audit.json``."""
-        return document(self.audit)
-
-    def save(self, folder: str | Path) -> tuple[Path, ...]:
-        """Write ``audit.html`` and, as the last, ``audit.json``."""
-        return write_audit(self.audit, Path(folder))
-
-    def shown(self) -> RenderableType:
-        """The findings of each kind, worst first."""
-        return summary(self.document)
-
-    def to_frame(self) -> pd.DataFrame:
-        """A row for each finding, worst first."""
-        import pandas as pd
-
-        return pd.DataFrame(self.document["findings"])
+from gapscope.diagnosis.prepare import Progress, silent
+from gapscope.interface.result import DocumentResult
+from gapscope.model_audit.audit import audit_model, document
+from gapscope.reports.audit import summary, write_page
 
 
 def audit(
     robot: str | Path,
     recording: str | Path | None = None,
     *,
-    progress: Callable[[str], None] = lambda message: None,
-) -> AuditResult:
+    progress: Progress = silent,
+) -> DocumentResult:
     """Say what is odd about a model, worst first, each with the line of the file.
 
     Args:
@@ -70,6 +34,6 @@ def audit(
         'lbr_iiwa'
     """
     progress("reads the model and its shapes")
-    return AuditResult(
-        audit_model(robot, None if recording is None else Path(recording))
-    )
+    found = audit_model(robot, None if recording is None else Path(recording))
+    rows = itemgetter("findings")
+    return DocumentResult("audit", document(found), summary, rows, write_page)

@@ -4,22 +4,29 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from rich.console import RenderableType
 
-from gapscope.arm.case import Case, load_case
+from gapscope.arm.case import Case
 from gapscope.arm.io.atomic_write import atomic_write, begin_results
 from gapscope.diagnosis.diagnose import diagnose as diagnose_case
 from gapscope.diagnosis.diagnose_change import Change, diagnose_change
+from gapscope.diagnosis.document.diagnosis_json import write_document
+from gapscope.diagnosis.document.numbers import Number, numbers_of
+from gapscope.diagnosis.prepare import Progress, silent
+from gapscope.diagnosis.reference_file import FOLDER, write_reference
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.interface.models import case_file
+from gapscope.effects.corrected_file import write_corrected
+from gapscope.ident.identification_json import write_case_beside
+from gapscope.interface.models import case_file, case_of
 from gapscope.interface.reference import (
     Reference,
     check_reference,
@@ -29,16 +36,15 @@ from gapscope.interface.reference import (
 from gapscope.interface.result import Result
 from gapscope.provenance import KEY, made_from
 from gapscope.reports.diagnosis import (
+    CASE,
+    CORRECTED,
     DOCUMENT,
+    REPORT,
     URDF,
+    render,
     summary,
-    write_change,
-    write_diagnosis,
 )
 from gapscope.reports.mended_case import write_mended_case
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 @dataclass(frozen=True, repr=False)
@@ -51,6 +57,8 @@ class DiagnosisResult(Result):
         change: what changed since a reference, if the case was compared with one.
         workspace: the folder of the identified arm's URDF, which lasts as long as this record.
     """
+
+    COLUMNS = (*Number._fields, "probability", "share", "named")
 
     case: Case
     diagnosis: Diagnosis
@@ -99,41 +107,49 @@ class DiagnosisResult(Result):
         identified arm as its nominal one, which ``corrected.yaml`` corrects; and, if the reference was identified in
         this run, ``identified``, the folder that a later comparison takes as ``against``.
         """
-        out = Path(folder)
+        out, found, change = Path(folder), self.diagnosis, self.change
         begin_results(out, DOCUMENT)
-        mended = write_mended_case(
-            self.diagnosis.faults, self.case, lambda: case_file(self.case, out), out
+        source = partial(case_file, self.case, out)
+        others = write_mended_case(found.faults, self.case, source, out)
+        if change is not None:
+            with atomic_write(out / URDF) as aside:
+                shutil.copyfile(change.case.arm.urdf, aside)
+            write_case_beside(change.case.arm, source(), out / CASE, URDF)
+            others = (out / CASE, out / URDF, *others)
+            if change.reference.file is None:
+                others = (*others, write_reference(change.reference, out / FOLDER))
+        write_corrected(
+            str(self.document["case"]),
+            self.effects,
+            out / CORRECTED,
+            presliding=found.presliding,
+            corrects=None if change is None else CASE,
+            remainder=None if change is None else change.remainder,
+            states=found.states,
         )
-        if self.change is None:
-            return *write_diagnosis(self.diagnosis, out), *mended
-        with atomic_write(out / URDF) as aside:
-            shutil.copyfile(self.change.case.arm.urdf, aside)
-        change = replace(self.change, diagnosis=self.diagnosis)
-        return *write_change(change, case_file(self.case, out), out), *mended
+        render(found, out / REPORT)
+        write_document(self.document, out / DOCUMENT)
+        return out / REPORT, out / DOCUMENT, out / CORRECTED, *others
 
     def shown(self) -> RenderableType:
         """Verdict, effects, gap per joint, what is possible, what is open and the warnings."""
         return summary(self.document)
 
-    def to_frame(self) -> pd.DataFrame:
-        """A row for each parameter of each effect and joint: value, standard deviation, probability, share, named."""
-        import pandas as pd
-
-        rows = [
-            {**row, "named": section == "effects"}
-            for section in ("effects", "possible")
-            for effect in self.document[section]
-            for row in _rows(effect)
-        ]
-        columns = ["effect", "joint", "parameter", "unit", "value", "std"]
-        return pd.DataFrame(rows, columns=[*columns, "probability", "share", "named"])
+    def table(self) -> Iterator[dict[str, Any]]:
+        """A row for each number of each effect: place, value, standard deviation, probability, share, named."""
+        for section in ("effects", "possible"):
+            for entry in self.document[section]:
+                more = {key: entry[key] for key in ("probability", "share")}
+                more["named"] = section == "effects"
+                for number in numbers_of(entry):
+                    yield {**number._asdict(), **more}
 
 
 def diagnose(
     case: Case | str | Path,
     *,
     against: Reference | None = None,
-    progress: Callable[[str], None] = lambda message: None,
+    progress: Progress = silent,
 ) -> DiagnosisResult:
     """Find where the gap of a case lies, which effects cause it, and how far it shrinks with them.
 
@@ -154,7 +170,7 @@ def diagnose(
         ('effects_found', ['payload'])
     """
     progress("reads the case")
-    loaded = case if isinstance(case, Case) else load_case(case, any_unit=True)
+    loaded = case_of(case, any_unit=True)
     source = made_from(loaded)
     if against is None:
         found = diagnose_case(loaded, progress)
@@ -171,22 +187,3 @@ def diagnose(
 
 def _with_source(diagnosis: Diagnosis, source: Mapping[str, str]) -> Diagnosis:
     return replace(diagnosis, document={**diagnosis.document, KEY: source})
-
-
-def _rows(effect: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """A row for each parameter, and each joint or component of it."""
-    common = {key: effect[key] for key in ("effect", "probability", "share")}
-    rows = []
-    for name, parameter in effect["parameters"].items():
-        values = parameter["value"]
-        several = isinstance(values, list)
-        values = values if several else [values]
-        stds = parameter["std"] if several else [parameter["std"]]
-        joints = effect["joints"] or [None] * len(values)
-        for joint, value, std in zip(
-            joints, values, stds or [None] * len(values), strict=True
-        ):
-            unit = parameter["unit"]
-            row = {"joint": joint, "parameter": name, "unit": unit, "value": value}
-            rows.append({**common, **row, "std": std})
-    return rows

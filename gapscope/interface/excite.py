@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,11 +21,8 @@ from gapscope.ident.excitation.design import (
     prepare,
 )
 from gapscope.interface.models import make_arm
-from gapscope.interface.result import Result
+from gapscope.interface.result import Result, channel_columns
 from gapscope.reports.trajectory import check_csv, summary, write_trajectory
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 @dataclass(frozen=True, repr=False)
@@ -64,18 +61,12 @@ class ExcitationResult(Result):
         """How large an effect would have to be for a recording of the motion to show it, as in ``diagnosis.json``."""
         return planned_entries(self.arm, self.excitation)
 
-    def to_frame(self) -> pd.DataFrame:
+    def table(self) -> dict[str, np.ndarray]:
         """The columns t, q1.., dq1.., ddq1.., tau1.. (nominal torque)."""
-        import pandas as pd
-
-        motion = self.excitation.motion
-        channels = {"q": motion.q, "dq": motion.dq, "ddq": motion.ddq}
-        channels["tau"] = self.excitation.torque
-        columns = {"t": motion.t}
-        for name, values in channels.items():
-            for joint, x in enumerate(values.T, start=1):
-                columns[f"{name}{joint}"] = x
-        return pd.DataFrame(columns)
+        motion, torque = self.excitation.motion, self.excitation.torque
+        return channel_columns(
+            motion.t, q=motion.q, dq=motion.dq, ddq=motion.ddq, tau=torque
+        )
 
 
 def excite(

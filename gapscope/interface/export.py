@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from gapscope.arm.controller import Controller
 from gapscope.arm.io.atomic_write import make_folder
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.export.formats import export as write_arm
 from gapscope.interface.result import Result
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 @dataclass(frozen=True, repr=False)
@@ -28,6 +25,8 @@ class ExportResult(Result):
         remarks: what is odd about the bodies; a sentence each.
         controller: whose gains are in it, or ``None``.
     """
+
+    COLUMNS = ("kind", "text")
 
     corrected: CorrectedArm
     file: Path
@@ -48,13 +47,10 @@ class ExportResult(Result):
         notes = [f"left out: {text}" for text in self.left_out]
         return "\n".join([str(self.file), *notes, *self.remarks])
 
-    def to_frame(self) -> pd.DataFrame:
+    def table(self) -> Iterator[tuple[str, str]]:
         """A row for each effect that is left out, and each remark."""
-        import pandas as pd
-
-        rows = [("left out", text) for text in self.left_out]
-        rows += [("remark", text) for text in self.remarks]
-        return pd.DataFrame(rows, columns=["kind", "text"])
+        yield from (("left out", text) for text in self.left_out)
+        yield from (("remark", text) for text in self.remarks)
 
 
 def export(

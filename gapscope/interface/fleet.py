@@ -2,53 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from rich.console import RenderableType
 
-from gapscope.arm.io.json_file import write_json
+from gapscope.diagnosis.prepare import Progress, silent
 from gapscope.fleets.fleet import fleet_document
 from gapscope.fleets.run import ALL, FleetCounts, FleetPlan, run_fleet
 from gapscope.fleets.store import FleetStore
-from gapscope.interface.result import Result
+from gapscope.interface.result import DocumentResult
 from gapscope.reports.fleet import render_fleet, summary
 
 DOCUMENT, PAGE = "fleet.json", "fleet.html"
 
 
-@dataclass(frozen=True, repr=False)
-class FleetOverview(Result):
-    """The diagnoses of a fleet, compared.
+@dataclass(frozen=True, repr=False, kw_only=True)
+class FleetOverview(DocumentResult):
+    """The diagnoses of a fleet, compared; links of the page lead to diagnoses only in the folder of the run.
 
     Attributes:
         store: all rows, as Parquet.
-        document: the content of ``fleet.json``.
         counts: what this run did.
-        reports: whether reports of the diagnoses were kept.
     """
 
     store: FleetStore
-    document: dict[str, Any]
     counts: FleetCounts
-    reports: bool = False
-
-    def save(self, folder: str | Path) -> tuple[Path, ...]:
-        """Write ``fleet.html`` and, as the last, ``fleet.json``.
-
-        Links of the page lead to diagnoses only in the folder of the run.
-        """
-        page, document = Path(folder) / PAGE, Path(folder) / DOCUMENT
-        render_fleet(self.document, page, reports=self.reports)
-        write_json(self.document, document)
-        return page, document
-
-    def shown(self) -> RenderableType:
-        """What changed, and the worst units."""
-        return summary(self.document)
 
     def to_frame(self) -> pd.DataFrame:
         """A row for each case: verdict, gap, effects, seconds, error; ``store.effects`` has the numbers."""
@@ -59,7 +42,7 @@ def fleet(
     cases: str | Path | Sequence[str | Path],
     out: str | Path,
     *,
-    progress: Callable[[str], None] = lambda message: None,
+    progress: Progress = silent,
     **options: Any,
 ) -> FleetOverview:
     """Diagnose all cases that have not been diagnosed yet, and compare units and dates.
@@ -86,7 +69,13 @@ def fleet(
     progress("compares units and dates")
     store = FleetStore(plan.out)
     overview = FleetOverview(
-        store, fleet_document(store), counts, reports=plan.keep == ALL
+        name="fleet",
+        document=fleet_document(store),
+        text=summary,
+        rows=itemgetter("worst"),
+        page=partial(render_fleet, reports=plan.keep == ALL),
+        store=store,
+        counts=counts,
     )
     overview.save(plan.out)
     return overview

@@ -3,29 +3,34 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
 
 from rich.console import RenderableType
 
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.log import Log, open_log
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.inspection.draft_check import DraftCheck, check_draft, judge_torques
+from gapscope.diagnosis.prepare import Progress, silent
+from gapscope.diagnosis.set_up import Remark
+from gapscope.inspection.draft import case_text, check_draft, judge_torques
 from gapscope.inspection.inspection import Inspection, inspect_logs
 from gapscope.interface.result import Result
 from gapscope.reports.inspection import (
+    CASE,
+    CHANNEL_HEADS,
+    PAGE,
+    PICTURE,
     channel_rows,
     check_unused,
-    save_inspection,
+    names_of,
+    panels_of,
     summary,
+    write_page,
+    write_picture,
 )
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 DESCRIBED = "robot.urdf"
 """Name of the file of a robot that a log describes."""
@@ -42,8 +47,10 @@ class InspectionResult(Result):
         description: URDF text of the robot that a log describes, if none was given.
     """
 
+    COLUMNS = CHANNEL_HEADS
+
     found: Inspection
-    checked: DraftCheck
+    checked: list[Remark]
     robot: str | None = None
     description: str | None = None
 
@@ -61,25 +68,28 @@ class InspectionResult(Result):
         elif robot is not None and Path(robot).exists():
             way = os.path.relpath(Path(robot).resolve(), out.resolve())
             robot = Path(way).as_posix()
-        return tuple(save_inspection(found, self.checked, out, robot))
+        picture, page, case = out / PICTURE, out / PAGE, out / CASE
+        label, joints = found.main.label, names_of(found)
+        write_picture(picture, label, panels_of(found, 0), joints)
+        write_page(page, found, self.checked)
+        with atomic_write(case) as aside:
+            aside.write_text(case_text(found, out, robot), encoding="utf-8")
+        return picture, page, case
 
     def shown(self) -> RenderableType:
         """Columns, torques, joints and what looks wrong."""
         return summary(self.found, self.checked)
 
-    def to_frame(self) -> pd.DataFrame:
+    def table(self) -> Iterator[tuple[str, str, str, str]]:
         """A row for the time and for each channel: its columns, their unit, and what tells."""
-        import pandas as pd
-
-        heads = ["channel", "columns", "unit", "because"]
-        return pd.DataFrame(list(channel_rows(self.found)), columns=heads)
+        return channel_rows(self.found)
 
 
 def inspect(
     logs: str | Path | Sequence[str | Path],
     robot: str | Path | None = None,
     *,
-    progress: Callable[[str], None] = lambda message: None,
+    progress: Progress = silent,
 ) -> InspectionResult:
     """Say what is in logs of one arm.
 

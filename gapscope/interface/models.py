@@ -74,6 +74,11 @@ def read_corrected(
     return read_corrected_arm(make_arm(robot), Path(path))
 
 
+def case_of(case: Case | str | Path, *, any_unit: bool = False) -> Case:
+    """A case, or the one of a folder; see ``load_case``."""
+    return case if isinstance(case, Case) else load_case(case, any_unit=any_unit)
+
+
 def corrected_arm(arm: NominalArm, model: Model) -> CorrectedArm:
     """The arm with the effects of a model.
 

@@ -4,26 +4,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gapscope.arm.case import Case, load_case
+from gapscope.arm.case import Case
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.root_mean_square import rms
 from gapscope.diagnosis.gap.predict import predict_torque
 from gapscope.interface.models import (
     Model,
+    case_of,
     corrected_arm,
     make_arm,
     recording_of,
     say_state,
 )
-from gapscope.interface.result import TableResult
-
-if TYPE_CHECKING:
-    import pandas as pd
+from gapscope.interface.result import TableResult, channel_columns
 
 
 @dataclass(frozen=True, repr=False)
@@ -49,12 +46,9 @@ class Prediction(TableResult):
         )
         return f"{self.recording}: {len(self.t)} samples, RMS torque in N m: {joints}"
 
-    def to_frame(self) -> pd.DataFrame:
+    def table(self) -> dict[str, np.ndarray]:
         """The columns t, tau1..taun."""
-        import pandas as pd
-
-        torque = {f"tau{j + 1}": x for j, x in enumerate(self.tau.T)}
-        return pd.DataFrame({"t": self.t, **torque})
+        return channel_columns(self.t, tau=self.tau)
 
 
 def predict(
@@ -83,15 +77,13 @@ def predict(
     if isinstance(recording, Recording):
         chosen, arm = recording, make_arm(case)
     else:
-        loaded = _case(case)
+        if isinstance(case, NominalArm):
+            raise TypeError(
+                "an arm alone has no recordings: give a Recording or a case"
+            )
+        loaded = case_of(case)
         chosen, arm = recording_of(loaded, recording, every_row=True), loaded.arm
     corrected = corrected_arm(arm, model)
     say_state(corrected, chosen)
     torque = predict_torque(corrected, chosen)
     return Prediction(chosen.name, chosen.stamps, torque)
-
-
-def _case(case: Case | NominalArm | str | Path) -> Case:
-    if isinstance(case, NominalArm):
-        raise TypeError("an arm alone has no recordings: give a Recording, or a case")
-    return case if isinstance(case, Case) else load_case(case)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import InputError
 from gapscope.diagnosis.diagnose_change import check_same_arm, place_of
+from gapscope.diagnosis.prepare import Progress, silent
 from gapscope.diagnosis.reference_file import (
     FOLDER,
     KeptReference,
@@ -37,7 +37,7 @@ def known_reference(against: Reference) -> Case | KeptReference:
 
 def identified(
     reference: Case | KeptReference,
-    progress: Callable[[str], None] = lambda message: None,
+    progress: Progress = silent,
 ) -> KeptReference:
     """The arm of a reference; a case is identified.
 
@@ -75,7 +75,7 @@ def check_reference(case: Case, reference: Case | KeptReference) -> None:
 def kept_reference(
     against: Path,
     out: Path,
-    progress: Callable[[str], None] = lambda message: None,
+    progress: Progress = silent,
 ) -> tuple[Path, KeptReference]:
     """The folder of an identified reference, for several cases: a case is identified once, and kept beside the results.
 

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gapscope.arm.case import Case, load_case
+from gapscope.arm.case import Case
 from gapscope.arm.recording import Recording
+from gapscope.diagnosis.prepare import Progress, silent
 from gapscope.effects.corrected_file import error_context
 from gapscope.envs.engines import check_engine
 from gapscope.envs.replay import Replay
 from gapscope.envs.replay import replay as replay_recording
-from gapscope.interface.models import Model, corrected_arm, recording_of, say_state
-from gapscope.interface.result import TableResult
+from gapscope.interface.models import (
+    Model,
+    case_of,
+    corrected_arm,
+    recording_of,
+    say_state,
+)
+from gapscope.interface.result import TableResult, channel_columns
 from gapscope.reports.gap import replay_line
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 @dataclass(frozen=True, repr=False)
@@ -46,15 +48,9 @@ class ReplayResult(TableResult):
         """The replay gap per joint, and what moved the arm."""
         return replay_line(self.replay)
 
-    def to_frame(self) -> pd.DataFrame:
+    def table(self) -> dict[str, np.ndarray]:
         """The columns t, q1..qn, tau1..taun."""
-        import pandas as pd
-
-        columns = {"t": self.replay.t}
-        for name in ("q", "tau"):
-            for joint, x in enumerate(getattr(self.replay, name).T, start=1):
-                columns[f"{name}{joint}"] = x
-        return pd.DataFrame(columns)
+        return channel_columns(self.replay.t, q=self.replay.q, tau=self.replay.tau)
 
 
 def replay(
@@ -63,7 +59,7 @@ def replay(
     model: Model = None,
     *,
     engine: str | None = None,
-    progress: Callable[[str], None] = lambda message: None,
+    progress: Progress = silent,
 ) -> ReplayResult:
     """Move the simulated arm under the same commands as a recording.
 
@@ -84,7 +80,7 @@ def replay(
         >>> import gapscope
         >>> gapscope.replay("my_arm", 0, "out/corrected.yaml").rmse  # doctest: +SKIP
     """
-    loaded = case if isinstance(case, Case) else load_case(case)
+    loaded = case_of(case)
     chosen = recording_of(loaded, recording)
     corrected = corrected_arm(loaded.arm, model)
     say_state(corrected, chosen)

@@ -5,23 +5,32 @@ from __future__ import annotations
 import html
 import io
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from rich.console import Console, RenderableType
 
-from gapscope.arm.io.atomic_write import make_folder
+from gapscope.arm.io.atomic_write import begin_results, make_folder
+from gapscope.arm.io.json_file import write_json
 from gapscope.arm.io.write_case import write_columns
 
 if TYPE_CHECKING:
+    import numpy as np
     import pandas as pd
 
 SCREEN = 24
 """Lines of a screen."""
+Document = dict[str, Any]
+"""Content of a JSON file."""
 
 
 class Result(ABC):
     """A result that can be saved as files, read as text, and looked at as a data frame."""
+
+    COLUMNS: ClassVar[tuple[str, ...] | None] = None
+    """Of the data frame; by default those of its rows."""
 
     @abstractmethod
     def save(self, folder: str | Path) -> tuple[Path, ...]:
@@ -38,6 +47,18 @@ class Result(ABC):
     def shown(self) -> RenderableType:
         """What a terminal shows of the result: text, or tables of rich."""
 
+    def table(self) -> Iterable[Any] | Mapping[str, Any]:
+        """The figures of the result, unless it makes its own data frame: rows, or columns by name."""
+        raise NotImplementedError
+
+    def to_frame(self) -> pd.DataFrame:
+        """The figures of the result as a data frame."""
+        import pandas as pd
+
+        table = self.table()
+        content = table if isinstance(table, Mapping) else list(table)
+        return pd.DataFrame(content, columns=self.COLUMNS)
+
     def summary(self) -> str:
         """The result as text of at most 80 columns."""
         shown = self.shown()
@@ -46,10 +67,6 @@ class Result(ABC):
         text = io.StringIO()
         Console(file=text, width=80, color_system=None).print(shown)
         return text.getvalue().rstrip()
-
-    @abstractmethod
-    def to_frame(self) -> pd.DataFrame:
-        """The figures of the result as a data frame."""
 
     def __str__(self) -> str:
         return self.summary()
@@ -68,6 +85,43 @@ class Result(ABC):
         return f"<pre>{html.escape(repr(self))}</pre>{table}"
 
 
+@dataclass(frozen=True, repr=False)
+class DocumentResult(Result):
+    """A result that is a document: text, data frame and page are made from it.
+
+    Attributes:
+        name: of its files, ``NAME.json`` and, with a page, ``NAME.html``.
+        document: content of ``NAME.json``.
+        text: of the document, for a terminal.
+        rows: of the document, for a data frame.
+        page: writes that of the document to a path; ``None``: there is none.
+    """
+
+    name: str
+    document: Document
+    text: Callable[[Document], RenderableType]
+    rows: Callable[[Document], Iterable[Mapping[str, Any]]]
+    page: Callable[[Document, Path], None] | None = None
+
+    def save(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write the page, if there is one, and, as the last, the document."""
+        document = Path(folder) / f"{self.name}.json"
+        begin_results(document.parent, document.name)
+        page = document.with_suffix(".html")
+        if self.page is not None:
+            self.page(self.document, page)
+        write_json(self.document, document)
+        return (document,) if self.page is None else (page, document)
+
+    def shown(self) -> RenderableType:
+        """The document on a terminal."""
+        return self.text(self.document)
+
+    def table(self) -> Iterable[Any]:
+        """The rows of the document."""
+        return self.rows(self.document)
+
+
 class TableResult(Result):
     """A result whose data frame is its file, under the name ``FILE``."""
 
@@ -83,3 +137,17 @@ class TableResult(Result):
     def write(self, file: Path) -> None:
         """Write one CSV, Parquet or NPZ file; raises ``GapscopeError`` if it cannot be written."""
         write_columns({name: x.to_numpy() for name, x in self.to_frame().items()}, file)
+
+
+def channel_columns(t: np.ndarray, **channels: np.ndarray) -> dict[str, np.ndarray]:
+    """Time and channels as columns ``t``, ``q1``..``qn``, ...
+
+    Args:
+        t: time [s], (N,).
+        channels: by name, (N, n) each.
+    """
+    columns = {"t": t}
+    for name, values in channels.items():
+        for joint, x in enumerate(values.T, start=1):
+            columns[f"{name}{joint}"] = x
+    return columns

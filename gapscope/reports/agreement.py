@@ -1,4 +1,4 @@
-"""An agreement as a page, on the terminal and as files: what differs, what goes with it, the value to trust."""
+"""An agreement as a page and on the terminal: what differs, what goes with it, the value to trust."""
 
 from __future__ import annotations
 
@@ -13,13 +13,16 @@ from rich.table import Table
 from rich.text import Text
 
 from gapscope.arm.display import MISSING, display_unit, uncertain
-from gapscope.arm.io.atomic_write import begin_results
-from gapscope.arm.io.json_file import write_json
-from gapscope.diagnosis.agreement import Agreement, document
-from gapscope.reports.pages import COLOURS, PageSection, figure_html, write_plot_page
+from gapscope.reports.pages import (
+    COLOURS,
+    PageSection,
+    figure_html,
+    subplots,
+    write_plot_page,
+)
 
 if TYPE_CHECKING:
-    from plotly.graph_objects import Figure, Scatter
+    from plotly.graph_objects import Figure
 
 # An agreement as a page and on the terminal: what differs, what goes with it, and the value to trust.
 
@@ -119,22 +122,32 @@ def write_page(content: dict[str, Any], path: Path) -> None:
             (line["name"], unit(line), line["verdict"], trusted(line), *values(line))
             for line in content["parameters"]
         ],
-        numbers=False,
+    )
+    # how many parameters agree, and at which rate one that agrees is said to differ
+    rate = content["false_alarm_rate"]
+    facts = (
+        f"{heading(content)} Recordings of an unchanged arm show a false difference in {rate:.0%} of cases. "
+        f"Friction: {content['friction_law']}."
+    )
+    # A panel for each parameter, those that differ first, with a bar of two deviations for each recording
+    lines = [one for one in content["parameters"] if one["birge"] is not None]
+    shown = lines[:MAX_PANELS]
+    figure = None
+    if shown:
+        rows = -(-len(shown) // COLUMNS)  # rounded up
+        drawn = _figure(shown, content["recordings"], rows)
+        height = 60 + PANEL_HEIGHT * rows
+        figure = figure_html(drawn, "agreement", height, showlegend=False)
+    panels = PageSection(
+        title="Values by recording",
+        note="Bars of two standard deviations; what differs is orange, the band is the value to trust.",
+        figure=figure or Markup(""),
     )
     write_plot_page(
         path,
         f"Do the recordings of {content['case']} agree?",
-        _facts(content),
-        [*_difference_sections(content), _panels(content), table],
-    )
-
-
-def _facts(content: dict[str, Any]) -> str:
-    """How many parameters agree, and at which rate one that agrees is said to differ."""
-    rate = content["false_alarm_rate"]
-    return (
-        f"{heading(content)} Recordings of an unchanged arm show a false difference in {rate:.0%} of cases. "
-        f"Friction: {content['friction_law']}."
+        facts,
+        [*_difference_sections(content), panels, table],
     )
 
 
@@ -146,30 +159,12 @@ def _difference_sections(content: dict[str, Any]) -> list[PageSection]:
     ]
 
 
-def _panels(content: dict[str, Any]) -> PageSection:
-    """A panel for each parameter, those that differ first, with a bar of two deviations for each recording."""
-    lines = [one for one in content["parameters"] if one["birge"] is not None]
-    shown = lines[:MAX_PANELS]
-    figure = None
-    if shown:
-        rows = -(-len(shown) // COLUMNS)  # rounded up
-        drawn = _figure(shown, content["recordings"], rows)
-        height = 60 + PANEL_HEIGHT * rows
-        figure = figure_html(drawn, "agreement", height, showlegend=False)
-    return PageSection(
-        title="Values by recording",
-        note="Bars of two standard deviations; what differs is orange, the band is the value to trust.",
-        figure=figure or Markup(""),
-    )
-
-
 def _figure(lines: list[Line], recordings: list[str], rows: int) -> Figure:
-    from plotly.subplots import make_subplots
-
-    gap = min(0.35 / rows, 0.12)
-    titles = [_title(line) for line in lines]
-    figure = make_subplots(
-        rows=rows, cols=COLUMNS, subplot_titles=titles, vertical_spacing=gap
+    figure = subplots(
+        rows,
+        COLUMNS,
+        subplot_titles=[_title(line) for line in lines],
+        vertical_spacing=min(0.35 / rows, 0.12),
     )
     for place, line in enumerate(lines):
         row, column = divmod(place, COLUMNS)
@@ -177,35 +172,24 @@ def _figure(lines: list[Line], recordings: list[str], rows: int) -> Figure:
         value = line["trusted"]
         if value is not None:
             low, high = (value["value"] + k * value["std"] for k in (-2.0, 2.0))
-            figure.add_hrect(
-                y0=low,
-                y1=high,
-                fillcolor=COLOURS[2],
-                opacity=0.15,
-                line_width=0,
-                **where,
-            )
-        figure.add_trace(_bars(line, recordings), **where)
+            band = {"fillcolor": COLOURS[2], "opacity": 0.15, "line_width": 0}
+            figure.add_hrect(y0=low, y1=high, **band, **where)
+        # recordings that do not determine the parameter are left out
+        known = [k for k, std in enumerate(line["std"]) if std is not None]
+        colour = COLOURS[1] if line["verdict"] == "differs" else COLOURS[0]
+        figure.add_scatter(
+            x=[k + 1 for k in known],
+            y=[line["values"][k] for k in known],
+            error_y={"type": "data", "array": [2.0 * line["std"][k] for k in known]},
+            text=[recordings[k] for k in known],
+            mode="markers",
+            marker={"color": colour, "size": 8},
+            **where,
+        )
     figure.update_annotations(font_size=12)
     numbers = list(range(1, len(recordings) + 1))
     figure.update_xaxes(tickvals=numbers, range=[0.5, len(recordings) + 0.5])
     return figure
-
-
-def _bars(line: Line, recordings: list[str]) -> Scatter:
-    """The value in each recording that determines it, over the recording's number."""
-    from plotly.graph_objects import Scatter
-
-    known = [k for k, std in enumerate(line["std"]) if std is not None]
-    colour = COLOURS[1] if line["verdict"] == "differs" else COLOURS[0]
-    return Scatter(
-        x=[k + 1 for k in known],
-        y=[line["values"][k] for k in known],
-        error_y={"type": "data", "array": [2.0 * line["std"][k] for k in known]},
-        text=[recordings[k] for k in known],
-        mode="markers",
-        marker={"color": colour, "size": 8},
-    )
 
 
 def _title(line: Line) -> str:
@@ -268,22 +252,3 @@ def _difference_lines(content: dict[str, Any]) -> Iterator[str]:
         by_recording = [f"{name} {with_unit(value, line)}" for name, value in pairs]
         yield f"\n{line['name']} differs: {', '.join(by_recording)}"
         yield from (f"  {text}" for text in sentences(line))
-
-
-# An agreement as files: the page, and ``agreement.json``.
-
-
-DOCUMENT, REPORT = "agreement.json", "agreement.html"
-
-
-def write_agreement(found: Agreement, folder: Path) -> tuple[Path, ...]:
-    """Write the page and, as the last, the document.
-
-    Raises:
-        GapscopeError: a file cannot be written.
-    """
-    begin_results(folder, DOCUMENT)
-    content = document(found)
-    write_page(content, folder / REPORT)
-    write_json(content, folder / DOCUMENT)
-    return folder / REPORT, folder / DOCUMENT

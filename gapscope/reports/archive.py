@@ -6,7 +6,7 @@ import os
 from collections import Counter
 from collections.abc import Sequence
 from datetime import timedelta
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import quote
 
 from markupsafe import Markup
@@ -14,10 +14,14 @@ from markupsafe import Markup
 from gapscope.archive import UNREADABLE, EffectHistory, Entry, Point, histories
 from gapscope.arm.display import display_unit
 from gapscope.diagnosis.document.wording import VERDICTS, capital
-from gapscope.reports.pages import COLOURS, ZERO, PageSection, figure_html, render_html
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
+from gapscope.reports.pages import (
+    COLOURS,
+    ZERO,
+    PageSection,
+    figure_html,
+    render_html,
+    subplots,
+)
 
 # Addresses of the pages and files of an archive, as its server takes them.
 
@@ -142,22 +146,46 @@ def _section(history: EffectHistory, number: int) -> PageSection:
     note = f"Named in {found} of {found + absent} diagnoses."
     return PageSection(
         f"{capital(history.effect)}, {history.place}",
-        note,
-        _drawn(history, f"effect{number}") if history.parameters else None,
+        note=note,
+        figure=_drawn(history, f"effect{number}") if history.parameters else None,
     )
 
 
 def _drawn(history: EffectHistory, name: str) -> Markup:
     """A panel for each parameter, over one axis of time."""
-    from plotly.subplots import make_subplots  # a slow import, needed only here
-
     count = len(history.parameters)
-    figure = make_subplots(count, 1, shared_xaxes=True, vertical_spacing=0.12 / count)
+    figure = subplots(count, shared_xaxes=True, vertical_spacing=0.12 / count)
     for row, ((parameter, unit), components) in enumerate(
         history.parameters.items(), 1
     ):
-        _draw_panel(figure, row, parameter, unit, components)
-    figure.update_xaxes(type="date", range=_drawn_span(history))
+        factor, shown_unit = _shown_unit(unit, components)
+        for colour, (component, points) in zip(
+            COLOURS, components.items(), strict=False
+        ):
+            stds = [number.std for _, number in points]
+            figure.add_scatter(
+                x=[entry.date.isoformat() for entry, _ in points],
+                y=[factor * float(number.value or 0.0) for _, number in points],
+                error_y={
+                    "array": [INTERVAL * factor * std if std else None for std in stds]
+                },
+                text=[entry.case for entry, _ in points],
+                hovertemplate="%{text}<br>%{x}<br>%{y:.4g}<extra></extra>",
+                mode="markers+lines",
+                line={"color": colour, "width": 1, "dash": "dot"},
+                marker={"color": colour, "size": 7},
+                name=f"{parameter} {component}".strip(),
+                showlegend=bool(component),
+                row=row,
+                col=1,
+            )
+        bracket = f" [{shown_unit}]" if shown_unit else ""
+        figure.update_yaxes(title_text=f"{parameter}{bracket}", row=row)
+    # first and last moment of the axis: the same for all effects of a unit
+    first, last = history.span
+    beyond = max(EDGE * (last - first), timedelta(days=1))
+    drawn_span = [(first - beyond).isoformat(), (last + beyond).isoformat()]
+    figure.update_xaxes(type="date", range=drawn_span)
     figure.update_xaxes(title_text="date", row=count)
     figure.update_layout(shapes=_absent_lines(history))
     named = any(len(components) > 1 for components in history.parameters.values())
@@ -166,47 +194,10 @@ def _drawn(history: EffectHistory, name: str) -> Markup:
     return figure_html(figure, name, PANEL * count + top + AXIS, margin=margin)
 
 
-def _drawn_span(history: EffectHistory) -> list[str]:
-    """First and last moment of the axis: the same for all effects of a unit."""
-    first, last = history.span
-    beyond = max(EDGE * (last - first), timedelta(days=1))
-    return [(first - beyond).isoformat(), (last + beyond).isoformat()]
-
-
-def _draw_panel(
-    figure: Figure,
-    row: int,
-    parameter: str,
-    unit: str,
-    components: dict[str, list[Point]],
-) -> None:
-    factor, shown_unit = _shown_unit(unit, components)
-    for colour, (component, points) in zip(COLOURS, components.items(), strict=False):
-        stds = [point.estimate.std for point in points]
-        figure.add_scatter(
-            x=[point.entry.date.isoformat() for point in points],
-            y=[factor * point.estimate.value for point in points],
-            error_y={
-                "array": [INTERVAL * factor * std if std else None for std in stds]
-            },
-            text=[point.entry.case for point in points],
-            hovertemplate="%{text}<br>%{x}<br>%{y:.4g}<extra></extra>",
-            mode="markers+lines",
-            line={"color": colour, "width": 1, "dash": "dot"},
-            marker={"color": colour, "size": 7},
-            name=f"{parameter} {component}".strip(),
-            showlegend=bool(component),
-            row=row,
-            col=1,
-        )
-    bracket = f" [{shown_unit}]" if shown_unit else ""
-    figure.update_yaxes(title_text=f"{parameter}{bracket}", row=row)
-
-
 def _shown_unit(unit: str, components: dict[str, list[Point]]) -> tuple[float, str]:
     """One readable unit for all values of a panel, and the factor to it."""
     points = (point for of_one in components.values() for point in of_one)
-    return display_unit(unit, max(abs(point.estimate.value) for point in points))
+    return display_unit(unit, max(abs(number.value or 0.0) for _, number in points))
 
 
 def _absent_lines(history: EffectHistory) -> list[dict[str, object]]:

@@ -1,4 +1,4 @@
-"""An audit as a page, on the terminal and as files: findings worst first, and the table of the links."""
+"""An audit as a page and on the terminal: findings worst first, and the table of the links."""
 
 from __future__ import annotations
 
@@ -11,9 +11,6 @@ from rich.console import Group
 from rich.text import Text
 
 from gapscope.arm.display import MISSING
-from gapscope.arm.io.atomic_write import begin_results
-from gapscope.arm.io.json_file import write_json
-from gapscope.model_audit.audit import Audit, document
 from gapscope.reports.pages import write_html
 
 # An audit as a page and on the terminal: findings worst first, and the table of the links.
@@ -141,22 +138,3 @@ def _static(static: dict[str, Any]) -> Iterator[str]:
         )
     for one in static["explanations"][:MAX_EXPLANATIONS]:
         yield f"  {one['name']} leaves {one['misfit']:.1%} of the spread"
-
-
-# An audit as files: the page, and ``audit.json``.
-
-
-DOCUMENT, REPORT = "audit.json", "audit.html"
-
-
-def write_audit(audit: Audit, folder: Path) -> tuple[Path, ...]:
-    """Write the page and, as the last, the document.
-
-    Raises:
-        GapscopeError: a file cannot be written.
-    """
-    begin_results(folder, DOCUMENT)
-    content = document(audit)
-    write_page(content, folder / REPORT)
-    write_json(content, folder / DOCUMENT)
-    return folder / REPORT, folder / DOCUMENT

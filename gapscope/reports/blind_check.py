@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import plotly.graph_objects as go
-from rich.table import Table as RichTable
 
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import read_json, write_json
@@ -45,123 +44,32 @@ BRIEFLY = ("Effects named", "Verdicts and probabilities", "Beside plain methods"
 """Titles of the tables that a terminal shows; the files have all of them."""
 
 
-@dataclass(frozen=True)
-class Table:
-    """A table: title, heads of the columns, rows of text."""
-
-    title: str
-    heads: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-    def markdown(self) -> str:
-        """As Markdown."""
-        lines = [
-            f"### {self.title}",
-            "",
-            "| " + " | ".join(self.heads) + " |",
-            "|" + "---|" * len(self.heads),
-        ]
-        return (
-            "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in self.rows)])
-            + "\n"
-        )
-
-    def rich(self) -> RichTable:
-        """As a table on a terminal, without the counts of shares."""
-        table = RichTable(title=self.title)
-        for head in self.heads:
-            table.add_column(head)
-        for row in self.rows:
-            table.add_row(*(re.sub(r", \d+ of \d+$", "", cell) for cell in row))
-        return table
+def brief_tables(figures: dict[str, Any]) -> list[PageSection]:
+    """Those of a terminal, without the counts of shares."""
+    shown = [table for table in tables(figures) if table.title in BRIEFLY]
+    return [
+        replace(table, rows=[[re.sub(r", \d+ of \d+$", "", cell) for cell in row] for row in table.rows])
+        for table in shown
+    ]  # fmt: skip
 
 
-def tables(figures: dict[str, Any]) -> list[Table]:
+def tables(figures: dict[str, Any]) -> list[PageSection]:
     """All tables of a blind check."""
-    out = [_main(figures), _verdicts(figures)]
-    for key, title in (
-        ("by_severity", "Single effects over severity (own gap over the floor)"),
-        ("by_effect", "Single effects, severity 3 to 20"),
-        ("by_inertials", "Nominal inertials"),
-        ("by_controller", "Controller"),
-        ("by_rate", "Rate of the recordings"),
-        ("by_robot", "Arm"),
-    ):
-        if figures[key]:
-            out.append(_scores(title, figures[key]))
-    out += [_calibration(figures["calibration"]), _confusion(figures["confusion"])]
-    if "baselines" in figures:
-        out.append(_baselines(figures))
-    return out
-
-
-def _main(figures: dict[str, Any]) -> Table:
-    return _scores(
-        "Effects named",
-        {
-            k: v
-            for k, v in figures["by_kind"].items()
-            if k not in ("healthy", "outside")
-        },
-    )
-
-
-def _scores(title: str, groups: dict[str, Any]) -> Table:
-    heads = (
-        "",
-        "cases",
-        "top-1",
-        "exact set",
-        "exact, strictly",
-        "Jaccard",
-        "joints",
-        "called unexplained",
-        "first parameter, median error",
-        "gap closed, median",
-        "worst joint, median",
-    )
-    rows = tuple(
-        (
-            name,
-            str(s["count"]),
-            rate(s["top"]),
-            rate(s["exact"]),
-            rate(s["exact_strict"]),
-            _number(s["jaccard"]),
-            rate(s["joints"]),
-            rate(s["called_unexplained"]),
-            _median(s["parameter_error"]),
-            _median(s["gap_closed"]),
-            _median(s["gap_closed_worst_joint"]),
-        )
-        for name, s in groups.items()
-    )
-    return Table(title, heads, rows)
-
-
-def _verdicts(figures: dict[str, Any]) -> Table:
-    well, beyond, sets = (
-        figures["healthy"],
-        figures["unknown"],
-        figures["calibration"]["sets"],
-    )
-    rows = (
-        ("false alarms on healthy arms", rate(well["false_alarms"])),
-        ("healthy arms with an effect named", rate(well["effects_named"])),
-        ("outside the catalogue called unexplained", rate(beyond["recall"])),
-        ("inside the catalogue called unexplained", rate(beyond["false_unknown"])),
-        ("Brier score of the probabilities", _number(figures["calibration"]["brier"])),
-        ("expected calibration error", _number(figures["calibration"]["ece"])),
-        (f"sets at {sets['level']:.0%} that hold the truth", rate(sets["coverage"])),
-        ("mean size of these sets", _number(sets["mean_size"])),
-        ("diagnoses that failed", str(len(figures["failed"]))),
-        ("seconds of a diagnosis, median", _median(figures["seconds"], percent=False)),
-    )
-    return Table("Verdicts and probabilities", ("", ""), rows)
-
-
-def _calibration(calibration: dict[str, Any]) -> Table:
-    rows = tuple(
+    kinds = figures["by_kind"].items()
+    caught = {k: v for k, v in kinds if k not in ("healthy", "outside")}
+    groups = {
+        "Effects named": caught,
+        "Single effects over severity (own gap over the floor)": figures["by_severity"],
+        "Single effects, severity 3 to 20": figures["by_effect"],
+        "Nominal inertials": figures["by_inertials"],
+        "Controller": figures["by_controller"],
+        "Rate of the recordings": figures["by_rate"],
+        "Arm": figures["by_robot"],
+    }
+    main, *others = [_scores(title, own) for title, own in groups.items() if own]
+    calibration, confusion = figures["calibration"], figures["confusion"]
+    found = [main, _verdicts(figures), *others]
+    rows = [
         (
             f"{r['from']:.1f} to {r['to']:.1f}",
             str(r["count"]),
@@ -169,64 +77,81 @@ def _calibration(calibration: dict[str, Any]) -> Table:
             f"{r['right']:.3f}",
         )
         for r in calibration["reliability"]
-    )
-    return Table(
-        "Reliability",
-        ("probability", "findings", "mean probability", "share right"),
-        rows,
-    )
+    ]
+    heads = ("probability", "findings", "mean probability", "share right")
+    found += [PageSection("Reliability", heads, rows), _confusion(confusion)]
+    return [*found, _baselines(figures)] if "baselines" in figures else found
 
 
-def _confusion(confusion: dict[str, dict[str, int]]) -> Table:
-    rows = tuple(
-        (
-            truth,
-            str(sum(answers.values())),
-            ", ".join(f"{answer} {count}" for answer, count in answers.items()),
-        )
-        for truth, answers in confusion.items()
-    )
-    return Table(
-        "Confusion: what single causes were taken for",
-        ("truth", "cases", "first answer"),
-        rows,
-    )
+def _scores(title: str, groups: dict[str, Any]) -> PageSection:
+    columns: dict[str, tuple[str, Callable[[Any], str]]] = {
+        "cases": ("count", str),
+        "top-1": ("top", rate),
+        "exact set": ("exact", rate),
+        "exact, strictly": ("exact_strict", rate),
+        "Jaccard": ("jaccard", _number),
+        "joints": ("joints", rate),
+        "called unexplained": ("called_unexplained", rate),
+        "first parameter, median error": ("parameter_error", _median),
+        "gap closed, median": ("gap_closed", _median),
+        "worst joint, median": ("gap_closed_worst_joint", _median),
+    }
+    rows = [
+        [name, *(text(scores[key]) for key, text in columns.values())]
+        for name, scores in groups.items()
+    ]
+    return PageSection(title, ("", *columns), rows)
 
 
-def _baselines(figures: dict[str, Any]) -> Table:
-    methods = {"this diagnosis": figures, **figures["baselines"]}
-    heads = (
-        "method",
-        "single top-1",
-        "single exact",
-        "pair exact",
-        "triple Jaccard",
-        "ladder exact",
-        "false alarms on healthy arms",
-        "outside called unexplained",
-        "inside called unexplained",
+def _verdicts(figures: dict[str, Any]) -> PageSection:
+    well, beyond, calibration = (
+        figures[key] for key in ("healthy", "unknown", "calibration")
     )
-    rows = tuple(
-        (
-            name,
-            *(
-                _kind(m, *place)
-                for place in (("single", "top"), ("single", "exact"), ("pair", "exact"))
-            ),
-            _kind(m, "triple", "jaccard"),
-            _kind(m, "ladder", "exact"),
-            rate(m["healthy"]["false_alarms"]),
-            rate(m["unknown"]["recall"]),
-            rate(m["unknown"]["false_unknown"]),
-        )
-        for name, m in methods.items()
-    )
-    return Table("Beside plain methods", heads, rows)
+    sets = calibration["sets"]
+    rows = {
+        "false alarms on healthy arms": rate(well["false_alarms"]),
+        "healthy arms with an effect named": rate(well["effects_named"]),
+        "outside the catalogue called unexplained": rate(beyond["recall"]),
+        "inside the catalogue called unexplained": rate(beyond["false_unknown"]),
+        "Brier score of the probabilities": _number(calibration["brier"]),
+        "expected calibration error": _number(calibration["ece"]),
+        f"sets at {sets['level']:.0%} that hold the truth": rate(sets["coverage"]),
+        "mean size of these sets": _number(sets["mean_size"]),
+        "diagnoses that failed": str(len(figures["failed"])),
+        "seconds of a diagnosis, median": _median(figures["seconds"], percent=False),
+    }
+    return PageSection("Verdicts and probabilities", ("", ""), list(rows.items()))
 
 
-def _kind(figures: dict[str, Any], kind: str, key: str) -> str:
-    value = figures["by_kind"].get(kind, {}).get(key)
-    return rate(value) if isinstance(value, dict) else _number(value)
+def _confusion(confusion: dict[str, dict[str, int]]) -> PageSection:
+    rows = []
+    for truth, answers in confusion.items():
+        listed = ", ".join(f"{answer} {count}" for answer, count in answers.items())
+        rows.append((truth, str(sum(answers.values())), listed))
+    title = "Confusion: what single causes were taken for"
+    return PageSection(title, ("truth", "cases", "first answer"), rows)
+
+
+def _baselines(figures: dict[str, Any]) -> PageSection:
+    kinds = {
+        "single top-1": ("single", "top"),
+        "single exact": ("single", "exact"),
+        "pair exact": ("pair", "exact"),
+        "triple Jaccard": ("triple", "jaccard"),
+        "ladder exact": ("ladder", "exact"),
+    }
+    alarms = {
+        "false alarms on healthy arms": ("healthy", "false_alarms"),
+        "outside called unexplained": ("unknown", "recall"),
+        "inside called unexplained": ("unknown", "false_unknown"),
+    }
+    rows = []
+    for name, method in {"this diagnosis": figures, **figures["baselines"]}.items():
+        values = [method["by_kind"].get(a, {}).get(b) for a, b in kinds.values()]
+        values += [method[a][b] for a, b in alarms.values()]
+        shown = [rate(x) if isinstance(x, dict) else _number(x) for x in values]
+        rows.append([name, *shown])
+    return PageSection("Beside plain methods", ("method", *kinds, *alarms), rows)
 
 
 def rate(share: dict[str, Any]) -> str:
@@ -349,18 +274,9 @@ def write_score(scored: Scored, folder: Path) -> tuple[Path, ...]:
     with atomic_write(text) as aside:
         content = "\n".join(table.markdown() for table in shown)
         aside.write_text(f"# Blind check\n\n{content}", encoding="utf-8")
-    _write_page(scored, shown, page)
-    return document, text, page
-
-
-def _write_page(scored: Scored, shown: list[Table], path: Path) -> None:
-    sections = [
-        PageSection(
-            title=table.title, heads=table.heads, rows=table.rows, numbers=False
-        )
-        for table in shown
-    ]
+    sections = [*shown]
     for name, (title, make_figure, height) in FIGURES.items():
         figure = figure_html(make_figure(scored.figures), name, height)
         sections.append(PageSection(title=title, figure=figure))
-    write_plot_page(path, "Blind check", "", sections, whole=True)
+    write_plot_page(page, "Blind check", "", sections, whole=True)
+    return document, text, page

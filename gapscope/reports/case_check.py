@@ -40,7 +40,13 @@ def summary(content: dict[str, Any]) -> Group:
         table.add_row(level, one["topic"], text)
     parts: list[Any] = [table]
     if content["excited"] is not None:
-        parts += [Text(""), _joints(content)]
+        keys = ("range", "slow", "fast", "reversals", "gravity", "possible_gravity")
+        heads = ("joint", *keys[:4], "gravity [N m]", "possible")
+        rows = [
+            [f"{k} {joint['name']}", *(_text(joint[key]) for key in keys)]
+            for k, joint in enumerate(content["joints"], 1)
+        ]
+        parts += [Text(""), terminal_table(heads, rows, **STYLE)]
     if content["expected"]:
         parts += [Text(""), expected_table(content["expected"], len(content["joints"]))]
     name = content["case"] or "the case"
@@ -48,16 +54,6 @@ def summary(content: dict[str, Any]) -> Group:
     if any(one["level"] == "warn" and one["topic"] == "torque" for one in remarks):
         word += "; first see to what is said of its torque"
     return Group(*parts, Text(f"\n{name} {word}", "bold"))
-
-
-def _joints(content: dict[str, Any]) -> Table:
-    keys = ("range", "slow", "fast", "reversals", "gravity", "possible_gravity")
-    heads = ("joint", *keys[:4], "gravity [N m]", "possible")
-    rows = [
-        [f"{k} {joint['name']}", *(_text(joint[key]) for key in keys)]
-        for k, joint in enumerate(content["joints"], 1)
-    ]
-    return terminal_table(heads, rows, **STYLE)
 
 
 def _text(value: float) -> str:

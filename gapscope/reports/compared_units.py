@@ -285,35 +285,27 @@ def fleet_tables(content: Mapping[str, Any]) -> Group:
     parts: list[RenderableType] = []
     for group in content["groups"]:
         confusion = group["confusion"]
-        parts.append(_effects(group))
+        # effects of a group and the units that have them
+        table = Table(
+            title=f"{group['robot']}, {len(group['units'])} units",
+            title_justify="left",
+            caption=heading(group),
+            caption_justify="left",
+        )
+        for name in ("effect", "on", "found"):
+            table.add_column(name, overflow="fold")
+        for found in findings(group):
+            meaning = Text(f"{found.label}: {found.meaning}")
+            table.add_row(Text(found.name), found.place, meaning)
+        parts.append(table)
         if confusion["columns"]:
-            parts.append(_confusion(confusion))
+            # mean torque NRMSE of each arm on the recordings of each unit; the least of each column in bold
+            rows = []
+            for row, line in cells(confusion):
+                values = (Text(nrmse(c.value), "bold" if c.best else "") for c in line)
+                rows.append([Text(row_label(row)), *values])
+            title = "torque NRMSE of an arm (row) on the recordings of a unit (column)"
+            parts.append(terminal_table(["", *confusion["columns"]], rows, title=title))
         notes = (*told_apart(confusion), nominal_note(group))
         parts += [Text(note) for note in notes if note]
     return Group(*parts)
-
-
-def _effects(group: Mapping[str, Any]) -> Table:
-    """Effects of a group and the units that have them."""
-    table = Table(
-        title=f"{group['robot']}, {len(group['units'])} units",
-        title_justify="left",
-        caption=heading(group),
-        caption_justify="left",
-    )
-    for name in ("effect", "on", "found"):
-        table.add_column(name, overflow="fold")
-    for found in findings(group):
-        meaning = Text(f"{found.label}: {found.meaning}")
-        table.add_row(Text(found.name), found.place, meaning)
-    return table
-
-
-def _confusion(confusion: Mapping[str, Any]) -> Table:
-    """Mean torque NRMSE of each arm on the recordings of each unit; the least of each column in bold."""
-    rows = []
-    for row, line in cells(confusion):
-        values = (Text(nrmse(c.value), "bold" if c.best else "") for c in line)
-        rows.append([Text(row_label(row)), *values])
-    title = "torque NRMSE of an arm (row) on the recordings of a unit (column)"
-    return terminal_table(["", *confusion["columns"]], rows, title=title)

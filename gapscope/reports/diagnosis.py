@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import shlex
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -31,12 +31,11 @@ from gapscope.arm.dynamics.plain_urdf import moving_links
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.json_file import plain
 from gapscope.arm.joint_units import joint_unit
-from gapscope.diagnosis.diagnose_change import Change
-from gapscope.diagnosis.document.diagnosis_json import validate, write_document
+from gapscope.diagnosis.document import wording
+from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.document.findings import NOT_YET
 from gapscope.diagnosis.document.wording import (
     VERDICTS,
-    ParameterText,
     acts_on,
     capital,
     gap_rows,
@@ -51,7 +50,6 @@ from gapscope.diagnosis.document.wording import (
     parameter_texts,
     possible_texts,
     presliding_sentence,
-    pulled_texts,
     short_names,
     sides_sentence,
     unexplained_sentence,
@@ -59,13 +57,9 @@ from gapscope.diagnosis.document.wording import (
     worst_joint,
 )
 from gapscope.diagnosis.locate import DRIVES, JointLocalisation, Region
-from gapscope.diagnosis.reference_file import FOLDER, write_reference
 from gapscope.diagnosis.result import Diagnosis, Signature, Spectrum, Trace
-from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import known_effect
-from gapscope.effects.corrected_file import write_corrected
 from gapscope.effects.effect import Effect
-from gapscope.ident.identification_json import write_case_beside
 from gapscope.model.change_findings import change_text
 from gapscope.reports import compared_units as units_words
 from gapscope.reports.compared_units import ADDING
@@ -259,47 +253,24 @@ def render_summary(
     )
 
 
-# What the pictures of where a gap lies draw, and the words under them.
-
-
-@dataclass(frozen=True)
-class Picture:
-    """One picture: its place among the curves of its kind, and what it shows, in words."""
-
-    index: int
-    title: str
-    words: str
-
-
-def pictures(diagnosis: Diagnosis, stage: str) -> list[Picture]:
-    """The pictures of one stage, in the order of ``place_curves``; only kinds that have something to say."""
-    return [
-        Picture(i, c["title"], c["words"])
-        for i, c in enumerate(place_curves(diagnosis))
-        if c["stage"] == stage
-    ]
+# What the pictures of where a gap lies draw, with the words under them.
 
 
 def place_curves(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     """All pictures as JSON-ready values: of a rule, of intervals of time, of bands and lines of frequency."""
-    out = []
+    out: list[dict[str, Any]] = []
     slides = joint_slides(diagnosis.document)
     for located in diagnosis.located:
         place = located.place
-        for kind, drawn in (
-            ("rule", _rule(place, slides[place.joint - 1])),
-            ("time", _time(place)),
-            ("frequency", _frequency(place)),
-        ):
+        kinds = {
+            "rule": _rule(place, slides[place.joint - 1]),
+            "time": _time(place),
+            "frequency": _frequency(place),
+        }
+        for kind, drawn in kinds.items():
             if drawn is not None:
-                out.append(
-                    {
-                        "stage": located.stage,
-                        "joint": place.joint,
-                        "kind": kind,
-                        **drawn,
-                    }
-                )
+                common = {"stage": located.stage, "joint": place.joint, "kind": kind}
+                out.append({"index": len(out), **common, **drawn})
     return out
 
 
@@ -383,34 +354,22 @@ NAMES = {
 }
 
 
-def guesses(diagnosis: Diagnosis) -> list[Picture]:
-    """One picture for each joint left above the floor, in the order of ``guess_curves``."""
-    return [
-        Picture(i, f"J{e['joint']}: {_title(e)}", _words(e))
-        for i, e in enumerate(_entries(diagnosis))
-    ]
-
-
 def guess_curves(diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    """The guess_curves as JSON-ready values."""
+    """A picture for each joint left above the floor as JSON-ready values."""
+    entries = diagnosis.document["unexplained"].get("predictable", [])
     return [
         {
+            "index": index,
+            "title": f"J{entry['joint']}: {percent(entry['share'])} of what is left can be predicted",
+            "words": _words(entry),
             "joint": entry["joint"] - 1,
             "axis": f"{entry['curve']['variable']} [{entry['curve']['unit']}]",
             "amplitude": entry["curve"]["variable"] == "frequency",
             "x": encode(entry["curve"]["x"]),
             "y": encode(entry["curve"]["y"]),
         }
-        for entry in _entries(diagnosis)
+        for index, entry in enumerate(entries)
     ]
-
-
-def _entries(diagnosis: Diagnosis) -> list[Mapping[str, Any]]:
-    return list(diagnosis.document["unexplained"].get("predictable", []))
-
-
-def _title(entry: Mapping[str, Any]) -> str:
-    return f"{percent(entry['share'])} of what is left can be predicted"
 
 
 def _words(entry: Mapping[str, Any]) -> str:
@@ -565,25 +524,7 @@ def arm_scene(diagnosis: Diagnosis) -> dict[str, Any] | None:
                 "column": diagnosis.arm.joints.index(link.joint),
             }
         )
-    return {
-        "joints": joints,
-        "reach": reach(body),
-        "hulls": [_hull(hull) for hull in link_hulls(body)],
-        "motion": _motion(diagnosis),
-    }
-
-
-def _hull(hull: Hull) -> dict[str, Any]:
-    faces = np.ascontiguousarray(hull.faces, dtype="<u2").tobytes()
-    return {
-        "joint": hull.body - 1,
-        "vertices": encode(hull.vertices.ravel()),
-        "faces": base64.b64encode(faces).decode("ascii"),
-    }
-
-
-def _motion(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Times, positions of each arm, and the gap of each joint over its recorded torque's deviation."""
+    # times, positions of each arm, and the gap of each joint over its recorded torque's deviation
     replayed = diagnosis.replayed
     if replayed is None or (replayed.nominal is None and replayed.corrected is None):
         trace = diagnosis.traces[0]
@@ -602,7 +543,7 @@ def _motion(diagnosis: Diagnosis) -> dict[str, Any]:
     trace = next(
         (x for x in diagnosis.traces if x.recording == name), diagnosis.traces[0]
     )
-    return {
+    motion = {
         "recording": name,
         "t": encode(times),
         "arms": {arm: encode(q[kept][:MAX_FRAMES].ravel()) for arm, q in arms.items()},
@@ -610,6 +551,21 @@ def _motion(diagnosis: Diagnosis) -> dict[str, Any]:
             stage: encode(_gap(trace, stage, times).ravel())
             for stage in ("before", "after")
         },
+    }
+    return {
+        "joints": joints,
+        "reach": reach(body),
+        "hulls": [_hull(hull) for hull in link_hulls(body)],
+        "motion": motion,
+    }
+
+
+def _hull(hull: Hull) -> dict[str, Any]:
+    faces = np.ascontiguousarray(hull.faces, dtype="<u2").tobytes()
+    return {
+        "joint": hull.body - 1,
+        "vertices": encode(hull.vertices.ravel()),
+        "faces": base64.b64encode(faces).decode("ascii"),
     }
 
 
@@ -639,38 +595,27 @@ def sides(diagnosis: Diagnosis) -> dict[str, Any]:
     if "sides" not in document:
         return {}
     told, names = document["sides"], joint_names(document)
-    gaps = {name: told[name] for name in TITLES}
-    values = [
-        v
-        for g in gaps.values()
-        for part in g.values()
-        for v in part["torque_nrmse"]
-        if v is not None
-    ]
-    floors = [v for g in gaps.values() for v in g["before"]["floor"] if v is not None]
+    sensor = {key: told["sensor"][key]["value"] for key in ("zero", "scale", "lag")}
+    sensor["lag"] = [1e3 * lag for lag in sensor["lag"]]
+    gaps = {side: _joint_gaps(names, told[side]) for side in TITLES}
+    scale = max(_scale(joints) for joints in gaps.values())
     return {
         "sentence": sides_sentence(document),
         "charts": [
             {
-                "title": TITLES[name],
-                "words": WORDS[name],
-                "scale": max([*values, *floors], default=0.0) or 1.0,
-                "joints": _side_joints(names, gap),
+                "title": TITLES[side],
+                "words": WORDS[side],
+                "joints": joints,
+                "scale": scale,
             }
-            for name, gap in gaps.items()
+            for side, joints in gaps.items()
         ],
         "sensors": [
             {
                 "label": f"J{j + 1}",
                 "name": name,
                 "carried": told["carried_by"][j],
-                **{
-                    key: significant(told["sensor"][key]["value"][j], 2, signed=True)
-                    for key in ("zero", "scale")
-                },
-                "lag": significant(
-                    1e3 * told["sensor"]["lag"]["value"][j], 2, signed=True
-                ),
+                **{k: significant(x[j], 2, signed=True) for k, x in sensor.items()},
             }
             for j, name in enumerate(names)
         ],
@@ -682,51 +627,22 @@ def sides(diagnosis: Diagnosis) -> dict[str, Any]:
     }
 
 
-def _side_joints(names: list[str], gap: dict[str, Any]) -> list[dict[str, Any]]:
-    """Rows of one chart."""
-    columns = zip(
-        names,
-        short_names(names),
-        gap["before"]["torque_nrmse"],
-        gap["after"]["torque_nrmse"],
-        gap["before"]["floor"],
-        strict=True,
-    )
+GAPS = ("before", "after", "floor")
+
+
+def _joint_gaps(names: Sequence[str], gap: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """A row of a chart for each joint: its names, and torque NRMSE before, after and of the floor [1] or ``None``."""
+    before, after = gap["before"], gap["after"]
+    columns = (before["torque_nrmse"], after["torque_nrmse"], before["floor"])
+    rows = zip(names, short_names(names), *columns, strict=True)
     return [
-        {
-            "label": f"J{number}",
-            "name": name,
-            "short": short,
-            "before": before,
-            "after": after,
-            "floor": floor,
-        }
-        for number, (name, short, before, after, floor) in enumerate(columns, 1)
+        {"label": f"J{number}", "name": name, "short": short}
+        | dict(zip(GAPS, gaps, strict=True))
+        for number, (name, short, *gaps) in enumerate(rows, 1)
     ]
 
 
 # What a diagnosis against a reference was compared with, as the report shows it.
-
-
-@dataclass(frozen=True)
-class ReferenceJoint:
-    """One joint: what was identified and what was allowed for.
-
-    Attributes:
-        label: ``J2``.
-        name: name of the joint.
-        identified: ``value ± std`` of each entry of ``ADDING``.
-        today: Coulomb and viscous friction on the day of the case, each with its change in percent.
-        held_out: torque NRMSE on stretches of the reference that were not fitted [1].
-        errors: torque NRMSE that the likeliest errors of the identified arm come to [1].
-    """
-
-    label: str
-    name: str
-    identified: tuple[str, ...]
-    today: tuple[str, ...]
-    held_out: float | None
-    errors: float | None
 
 
 def against(diagnosis: Diagnosis) -> dict[str, Any] | None:
@@ -735,26 +651,23 @@ def against(diagnosis: Diagnosis) -> dict[str, Any] | None:
     if content is None:
         return None
     today = content["today"]
+    # what possible bodies lack at most of a joint's torque; empty in a document that does not say so
+    remainder = content.get("remainder")
+    lacking = percent(max(remainder["torque_nrmse"])) if remainder else ""
     return {
         "name": content["reference"],
         "recordings": content["recordings"],
         "parameters": content["base_parameters"],
         "law": content["friction_law"],
         "ratio": percent(content["torque_ratio_to_nominal"]),
-        "joints": _reference_joints(content, joint_names(diagnosis.document)),
+        "joints": list(_reference_joints(content, joint_names(diagnosis.document))),
         "sheet": [_titled(effect) for effect in ADDING.values()],
         "allowed": percent(today["friction_allowed"]),
         "inherent": [
             _with_joints(e["effect"], e["joints"]) for e in content["inherent"]
         ],
-        "lacking": _lacking(content),
+        "lacking": lacking,
     }
-
-
-def _lacking(content: Mapping[str, Any]) -> str:
-    """What possible bodies lack at most of a joint's torque; empty in a document that does not say so."""
-    remainder = content.get("remainder")
-    return percent(max(remainder["torque_nrmse"])) if remainder else ""
 
 
 def _titled(effect: Effect) -> str:
@@ -765,28 +678,20 @@ def _titled(effect: Effect) -> str:
 
 def _reference_joints(
     content: Mapping[str, Any], names: Sequence[str]
-) -> list[ReferenceJoint]:
-    identified, std, today = (
-        content["identified"],
-        content["identified_std"],
-        content["today"],
-    )
-    return [
-        ReferenceJoint(
-            label=f"J{j + 1}",
-            name=name,
-            identified=tuple(
-                uncertain(identified[key][j], std[key][j]) for key in ADDING
-            ),
-            today=tuple(
-                _changed(identified[key][j], today[key][j])
-                for key in ("coulomb", "viscous")
-            ),
-            held_out=content["held_out"]["torque_nrmse"][j],
-            errors=today["torque_nrmse"][j],
-        )
-        for j, name in enumerate(names)
-    ]
+) -> Iterator[dict[str, Any]]:
+    """Of each joint what was identified, ``value ± std``, and its friction on the day of the case with the change."""
+    then, std, today = (content[k] for k in ("identified", "identified_std", "today"))
+    for j, name in enumerate(names):
+        yield {
+            "label": f"J{j + 1}",
+            "name": name,
+            "identified": [uncertain(then[key][j], std[key][j]) for key in ADDING],
+            "today": [
+                _changed(then[k][j], today[k][j]) for k in ("coulomb", "viscous")
+            ],
+            "held_out": content["held_out"]["torque_nrmse"][j],
+            "errors": today["torque_nrmse"][j],
+        }
 
 
 def _changed(before: float, after: float) -> str:
@@ -794,23 +699,16 @@ def _changed(before: float, after: float) -> str:
         return significant(after)
     share = round(100.0 * (after / before - 1.0))
     sign = "−" if share < 0 else "+"
-    return (
-        f"{significant(after)} ({sign}{abs(share)} %)"
-        if share
-        else f"{significant(after)} (same)"
-    )
+    return f"{significant(after)} ({f'{sign}{abs(share)} %' if share else 'same'})"
 
 
 def _with_joints(name: str, joints: Sequence[int]) -> str:
-    where = (
-        f" (joint{'s' if len(joints) > 1 else ''} {listing(joint_ranges(joints))})"
-        if joints
-        else ""
-    )
+    plural = "s" if len(joints) > 1 else ""
+    where = f" (joint{plural} {listing(joint_ranges(joints))})" if joints else ""
     return effect_name(name) + where
 
 
-# Sections of the report: each takes a diagnosis and returns what its part of the template shows.
+# Parts of the report: each takes a diagnosis and returns what its part of the template shows beside the document.
 
 
 FIRST_SCREEN_EFFECTS = 4
@@ -826,168 +724,55 @@ FLOOR_SCALE = 4.0
 """The bars' axis reaches at least this many times the highest floor, so that a healthy arm's bars look small."""
 
 
-@dataclass(frozen=True)
-class JointGap:
-    """One row of the per-joint chart: torque NRMSE [1] and replay RMSE [rad], ``None`` if not known."""
-
-    label: str
-    name: str
-    short: str
-    before: float | None
-    after: float | None
-    floor: float | None
-    replay_before: str
-    replay_after: str
-
-
-@dataclass(frozen=True)
-class FoundEffect:
-    """One effect found, with its parameters as text and its record, ``None`` if this process does not know it."""
-
-    entry: Mapping[str, Any]
-    parameters: list[ParameterText]
-    definition: Effect | None
-    only_this: list[float | None]
-    without_this: list[float | None]
-    signatures: list[int]
-    pulled: list[str]
-
-
-def heading(diagnosis: Diagnosis) -> dict[str, str]:
-    """Name of the case, robot, verdict as a label and as a sentence."""
-    document = diagnosis.document
-    return {
-        "robot": document.get("arm", {}).get("robot", ""),
-        "verdict": VERDICTS[document["verdict"]],
-        "sentence": verdict_sentence(document),
-    }
-
-
 def where(diagnosis: Diagnosis) -> dict[str, Any]:
     """Gap per joint, the scale of its bars, and the regions that hold most of it."""
-    gap = diagnosis.document["gap"]
-    before, after = gap["before"], gap["after"]
-    names = joint_names(diagnosis.document)
-    columns = zip(
-        names,
-        short_names(names),
-        before["torque_nrmse"],
-        after["torque_nrmse"],
-        before["floor"],
-        *_motions(
-            joint_slides(diagnosis.document),
-            before["replay_rmse"] or [None] * len(names),
-            after["replay_rmse"] or [None] * len(names),
-        ),
-        strict=True,
-    )
-    joints = [
-        JointGap(f"J{number}", *column) for number, column in enumerate(columns, 1)
-    ]
-    values = [
-        value
-        for joint in joints
-        for value in (joint.before, joint.after)
-        if value is not None
-    ]
-    floors = [joint.floor for joint in joints if joint.floor is not None]
+    document = diagnosis.document
+    gap, regions = document["gap"], document.get("where", [])
+    joints = _joint_gaps(joint_names(document), gap)
+    replays = [gap[stage]["replay_rmse"] or [None] * len(joints) for stage in STAGES]
+    texts = _motions(joint_slides(document), *replays)
+    for joint, before, after in zip(joints, *texts, strict=True):
+        joint |= {"replay_before": before, "replay_after": after}
+    # of each joint the region that holds most of the gap in least of the time; a band of frequency if it is all
+    out: dict[int, dict[str, Any]] = {}
+    for region in regions:
+        known = out.setdefault(region["joint"], region)
+        if known is not region and _telling(region) > _telling(known):
+            out[region["joint"]] = region
     return {
         "joints": joints,
-        "scale": max([*values, FLOOR_SCALE * max(floors, default=0.0)], default=0.0)
-        or 1.0,
-        "regions": _first_and_learnt(diagnosis.document.get("where", [])),
-        "telling": _most_telling(diagnosis.document.get("where", [])),
-        "pictures": pictures(diagnosis, "before"),
-        "replayed": any(joint.replay_before != MISSING for joint in joints),
+        "scale": _scale(joints, FLOOR_SCALE),
+        "regions": _first_and_learnt(regions),
+        "telling": list(out.values()),
+        "replayed": any(joint["replay_before"] != MISSING for joint in joints),
     }
 
 
-def which(diagnosis: Diagnosis) -> dict[str, Any]:
-    """The effects named and the possible ones, by share; without any, what came closest to explaining the gap."""
-    effects, possible = (
-        [_found(entry, diagnosis) for entry in diagnosis.document[section]]
-        for section in ("effects", "possible")
-    )
-    unexplained = diagnosis.document["verdict"] == "unexplained"
-    return {
-        "effects": effects,
-        "possible": possible,
-        "first": effects[:FIRST_SCREEN_EFFECTS],
-        "more": len(effects) - FIRST_SCREEN_EFFECTS,
-        "closest": diagnosis.document.get("considered", [])[:3] if unexplained else [],
-    }
+STAGES = ("before", "after")
+
+
+def _scale(joints: Sequence[Mapping[str, Any]], of_floor: float = 1.0) -> float:
+    """End of the axis of bars: the largest gap, or so many times the highest floor [1]."""
+    gaps = [joint[stage] or 0.0 for joint in joints for stage in STAGES]
+    floors = [of_floor * (joint["floor"] or 0.0) for joint in joints]
+    return max([*gaps, *floors], default=0.0) or 1.0
 
 
 def how_far(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Share of the gap closed, and means over the joints of the gap before, after and the floor."""
+    """Means over the joints of the gap before, after and of the floor; replay gaps before and after, by engine."""
     document = diagnosis.document
-    before, after = document["gap"]["before"], document["gap"]["after"]
+    stages = [document["gap"][stage] for stage in STAGES]
     rows = [row for row in gap_rows(document) if None not in row]
-    closed = None if document["verdict"] == "no_gap" else document["closed"]
-    replay_before, replay_after = _mean_motions(
-        document, before["replay_rmse"], after["replay_rmse"]
-    )
+    means = [_mean([row[i] for row in rows]) for i in range(len(GAPS))]
+    replays = {"Replay RMSE": [stage["replay_rmse"] for stage in stages]}
+    for engine in stages[0].get("replay_elsewhere", {}):
+        label = f"in {ENGINE_NAMES.get(engine, engine)}"
+        replays[label] = [stage["replay_elsewhere"].get(engine) for stage in stages]
     return {
-        "closed": closed,
-        "mean": {
-            name: _mean([row[i] for row in rows])
-            for i, name in enumerate(("before", "after", "floor"))
+        "mean": dict(zip(GAPS, means, strict=True)),
+        "replays": {
+            label: _mean_motions(document, *gaps) for label, gaps in replays.items()
         },
-        "replay": {
-            "before": replay_before,
-            "after": replay_after,
-            "by_torque": document["gap"].get("replayed") == "torque",
-        },
-        "repeatability": document["gap"].get("repeatability"),
-        "elsewhere": [
-            _elsewhere(document, engine, before, after)
-            for engine in before.get("replay_elsewhere", {})
-        ],
-        "judged_on": document.get("judged_on", "data that was not used to fit"),
-    }
-
-
-def _elsewhere(
-    document: Mapping[str, Any],
-    engine: str,
-    before: dict[str, Any],
-    after: dict[str, Any],
-) -> dict[str, str]:
-    """Mean replay gap before and after in another engine."""
-    gaps = [stage["replay_elsewhere"].get(engine) for stage in (before, after)]
-    first, second = _mean_motions(document, *gaps)
-    return {
-        "engine": ENGINE_NAMES.get(engine, engine),
-        "before": first,
-        "after": second,
-    }
-
-
-def left_over(diagnosis: Diagnosis) -> dict[str, Any]:
-    """What no effect explains, and what was considered instead of the effects found."""
-    document = diagnosis.document
-    return {
-        "sentence": unexplained_sentence(document),
-        "regions": document["unexplained"]["where"],
-        "joints": _above_floor(document),
-        "pictures": pictures(diagnosis, "after"),
-        "guesses": guesses(diagnosis),
-        "considered": document.get("considered", []),
-    }
-
-
-def inputs(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Recordings, how they were conditioned, warnings."""
-    document = diagnosis.document
-    return {
-        "recordings": document.get("recordings", []),
-        "conditioning": document.get("conditioning"),
-        "warnings": document.get("warnings", []),
-        "nominal_friction": nominal_friction_sentence(document),
-        "presliding": presliding_sentence(document),
-        "inferred": document.get("torque_from") == "controller",
-        "traces": len(diagnosis.traces),
-        "spectrum": diagnosis.spectrum.frequency.size > 0,
     }
 
 
@@ -997,36 +782,6 @@ def expected(diagnosis: Diagnosis) -> dict[str, Any]:
     entries = (document.get("against") or document).get("expected", ())
     count = len(joint_names(document))
     return {"rows": expected_rows(entries, count), "joints": count}
-
-
-SECTIONS: tuple[Callable[[Diagnosis], dict[str, Any] | None], ...] = (
-    heading,
-    where,
-    which,
-    how_far,
-    left_over,
-    inputs,
-    against,
-    expected,
-)
-
-
-def _found(entry: Mapping[str, Any], diagnosis: Diagnosis) -> FoundEffect:
-    own = [
-        index
-        for index, signature in enumerate(diagnosis.signatures)
-        if signature.effect == entry["effect"]
-        and (signature.joint in entry["joints"] or not entry["joints"])
-    ]
-    return FoundEffect(
-        entry=entry,
-        parameters=parameter_texts(entry),
-        definition=known_effect(entry["effect"]),
-        only_this=list(entry["gap_with_only_this"]["torque_nrmse"]),
-        without_this=list(entry["gap_without_this"]["torque_nrmse"]),
-        signatures=own,
-        pulled=pulled_texts(entry),
-    )
 
 
 def _first_and_learnt(regions: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -1041,16 +796,6 @@ def _first_and_learnt(regions: list[dict[str, Any]]) -> list[dict[str, Any]]:
     ]
 
 
-def _most_telling(regions: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Of each joint the region that holds most of the gap in least of the time; a band of frequency if it is all."""
-    out: dict[int, dict[str, Any]] = {}
-    for region in regions:
-        known = out.setdefault(region["joint"], region)
-        if known is not region and _telling(region) > _telling(known):
-            out[region["joint"]] = region
-    return list(out.values())
-
-
 def _telling(region: Mapping[str, Any]) -> float:
     """Share times log concentration; less than any other for what only a specialist reads."""
     if region.get("kind") in ("frequency", "coherence"):
@@ -1060,23 +805,17 @@ def _telling(region: Mapping[str, Any]) -> float:
 
 def _above_floor(document: Mapping[str, Any]) -> list[tuple[int, str, list[str]]]:
     """Joints left above the floor: number, how many times the floor, and the effects named on them."""
-    if not document["unexplained"]["above_floor"] or not document["effects"]:
+    left, effects = document["unexplained"], document["effects"]
+    if not left["above_floor"] or not effects:
         return []
-    out = []
-    for joint in document["unexplained"].get("joints", []):
-        named = [
-            effect_name(entry["effect"])
-            for entry in document["effects"]
-            if joint in entry["joints"]
-        ]
-        out.append(
-            (
-                joint,
-                significant(document["unexplained"]["times_floor"][joint - 1], 2),
-                named,
-            )
+    return [
+        (
+            joint,
+            significant(left["times_floor"][joint - 1], 2),
+            [effect_name(e["effect"]) for e in effects if joint in e["joints"]],
         )
-    return out
+        for joint in left.get("joints", [])
+    ]
 
 
 def _mean(values: Iterable[float | None] | None) -> float | None:
@@ -1133,17 +872,36 @@ def render(diagnosis: Diagnosis, path: Path | str) -> None:
         GapscopeError: the document is not valid, or ``path`` cannot be written.
     """
     validate(diagnosis.document)
-    diagnosis = replace(diagnosis, document=plain(diagnosis.document))
-    made = {part.__name__: part(diagnosis) for part in (*SECTIONS, sides)}
-    changes = diagnosis.document.get("changes", [])
+    document = plain(diagnosis.document)
+    diagnosis = replace(diagnosis, document=document)
+
+    def signatures(entry: Mapping[str, Any]) -> list[int]:
+        """Numbers of the pictures of an effect."""
+        return [
+            index
+            for index, one in enumerate(diagnosis.signatures)
+            if one.effect == entry["effect"]
+            and (one.joint in entry["joints"] or not entry["joints"])
+        ]
+
+    changes = document.get("changes", [])
     write_html(
         "diagnosis/report.html",
         path,
+        words=wording,
+        known_effect=known_effect,
+        document=document,
         curves=payload(diagnosis) | {"arm": arm_scene(diagnosis)},
         actions=actions(diagnosis, Path(path).parent),
-        document=diagnosis.document,
         changes=[capital(change_text(entry)) for entry in changes],
-        **made,
+        first=FIRST_SCREEN_EFFECTS,
+        signatures=signatures,
+        above_floor=_above_floor(document),
+        where=where(diagnosis),
+        how_far=how_far(diagnosis),
+        against=against(diagnosis),
+        expected=expected(diagnosis),
+        sides=sides(diagnosis),
     )
 
 
@@ -1251,68 +1009,9 @@ def _table() -> Table:
     return Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
 
 
-# A diagnosis as files: ``report.html``, ``diagnosis.json`` and ``corrected.yaml``.
+# Names of the files of a diagnosis.
 
 
 DOCUMENT, REPORT, CORRECTED = "diagnosis.json", "report.html", "corrected.yaml"
 CASE, URDF = "identified_case.yaml", "identified.urdf"
 """The nominal arm that was identified on a reference."""
-
-
-def write_diagnosis(result: Diagnosis, folder: Path) -> tuple[Path, ...]:
-    """Write the corrected arm, the report and, as the last, ``diagnosis.json``.
-
-    Returns:
-        The files, the report first.
-
-    Raises:
-        GapscopeError: the document is not valid, or a file cannot be written.
-    """
-    return _write(result, result.effects, folder)
-
-
-def write_change(change: Change, case_file: Path, folder: Path) -> tuple[Path, ...]:
-    """Write what ``write_diagnosis`` writes and the arm identified on the reference.
-
-    ``identified_case.yaml`` is the case with the identified arm as its nominal one; with ``corrected.yaml`` as model it
-    predicts the torque recorded in the case. Its URDF is there already. A reference that was identified in this run is
-    kept in the folder ``identified``.
-
-    Args:
-        change: what changed since the reference.
-        case_file: the case file, whose recordings the new case names.
-        folder: of the results.
-
-    Returns:
-        The files, the report first.
-
-    Raises:
-        GapscopeError: the document is not valid, or a file cannot be written.
-    """
-    write_case_beside(change.case.arm, case_file, folder / CASE, URDF)
-    kept = []
-    if change.reference.file is None:
-        kept.append(write_reference(change.reference, folder / FOLDER))
-    paths = _write(change.diagnosis, change.effects, folder, CASE, change.remainder)
-    return (*paths, folder / CASE, folder / URDF, *kept)
-
-
-def _write(
-    result: Diagnosis,
-    effects: Sequence[AppliedEffect],
-    folder: Path,
-    corrects: str | None = None,
-    remainder: np.ndarray | None = None,
-) -> tuple[Path, ...]:
-    write_corrected(
-        str(result.document["case"]),
-        tuple(effects),
-        folder / CORRECTED,
-        presliding=result.presliding,
-        corrects=corrects,
-        remainder=remainder,
-        states=result.states,
-    )
-    render(result, folder / REPORT)
-    write_document(result.document, folder / DOCUMENT)
-    return folder / REPORT, folder / DOCUMENT, folder / CORRECTED

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,10 +18,16 @@ from gapscope.agents.summary import Mean, SummaryLine, relation
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import write_json
 from gapscope.envs.divergence import described
-from gapscope.reports.pages import COLOURS, PageSection, figure_html, write_plot_page
+from gapscope.reports.pages import (
+    COLOURS,
+    PageSection,
+    figure_html,
+    subplots,
+    write_plot_page,
+)
 
 if TYPE_CHECKING:
-    from plotly.graph_objects import Box, Figure, Scatter
+    from plotly.graph_objects import Figure
 
 # An evaluation as a table, for the terminal and the page.
 
@@ -59,17 +64,18 @@ def tables(lines: list[SummaryLine], content: dict[str, Any]) -> Group:
         f"{content['arm']['robot']}, {plan['law']}, {plan['bandwidth']:g} Hz: "
         "interquartile means, and 95 % intervals"
     )
-    kinds = dict.fromkeys((line.engine, line.disturbance) for line in lines)
-    return Group(
-        Text(heading),
-        *(
-            _table(
-                [line for line in lines if (line.engine, line.disturbance) == kind],
-                kind,
-            )
-            for kind in kinds
-        ),
-    )
+    by_kind = _by_kind(lines)
+    return Group(Text(heading), *(_table(own, kind) for kind, own in by_kind.items()))
+
+
+def _by_kind(
+    lines: Sequence[SummaryLine],
+) -> dict[tuple[str, str], list[SummaryLine]]:
+    """Lines by engine and disturbance, in their order."""
+    found: dict[tuple[str, str], list[SummaryLine]] = {}
+    for line in lines:
+        found.setdefault((line.engine, line.disturbance), []).append(line)
+    return found
 
 
 def _table(lines: list[SummaryLine], kind: tuple[str, str]) -> Table:
@@ -129,25 +135,8 @@ def _digits(value: float, digits: int) -> str:
 # An evaluation as a page of plots and a table that opens without a network.
 
 
-MRAD, MM, PERCENT = 1e3, 1e3, 100.0
+MILLI, PERCENT = 1e3, 100.0
 """Factors from rad, m and 1 to what the figures show."""
-
-
-@dataclass(frozen=True)
-class RowGroup:
-    """What is drawn in one colour: one engine and one disturbance.
-
-    Attributes:
-        name: in the legend.
-        colour: of its marks.
-        lines: of the summary, one per model.
-        episodes: rows of the document.
-    """
-
-    name: str
-    colour: str
-    lines: Sequence[SummaryLine]
-    episodes: Sequence[Mapping[str, Any]]
 
 
 def write_page(
@@ -169,14 +158,11 @@ def write_page(
             note="Interquartile means over motions and seeds, with bootstrap intervals of 95 %.",
             heads=HEADS,
             rows=[cells(line) for line in lines],
+            numbers=True,
         ),
     )
     title = f"Tracking of {content['arm']['robot']}"
-    write_plot_page(path, title, _facts(content), sections, whole=True)
-
-
-def _facts(content: Mapping[str, Any]) -> str:
-    """The plan of the evaluation, the hidden effects and the rank correlation, in sentences."""
+    # the plan of the evaluation, the hidden effects and the rank correlation, in sentences
     plan = content["plan"]
     names = {effect["effect"] for effect in content["effects"]}
     effects = ", ".join(sorted(names)) or "none"
@@ -190,108 +176,79 @@ def _facts(content: Mapping[str, Any]) -> str:
         facts += (
             f" Rank correlation of torque error and joint error: {correlation:.2f}."
         )
-    return facts
+    write_plot_page(path, title, facts, sections, whole=True)
 
 
 def _figure(content: Mapping[str, Any], lines: Sequence[SummaryLine]) -> Figure:
-    """Four panels: joint error, tool error, joint error over torque error, and stable bandwidth."""
-    from plotly.subplots import make_subplots
+    """Four panels: joint error, tool error, joint error over torque error, and stable bandwidth.
 
+    An engine and a disturbance have one colour; the first trace of theirs enters the legend, the others follow it.
+    """
     titles = (
         "joint error [mrad]",
         "tool error [mm]",
         "joint error over torque error",
         "largest stable bandwidth [Hz]",
     )
-    figure = make_subplots(rows=2, cols=2, subplot_titles=titles, vertical_spacing=0.16)
-    for group in _groups(content, lines):
-        # only the first trace of a group enters the legend; the others follow its switch
-        figure.add_trace(_errors(group, "joint_error", MRAD, True), row=1, col=1)
-        figure.add_trace(_errors(group, "tool_error", MM, False), row=1, col=2)
-        figure.add_trace(_relation(group), row=2, col=1)
-        figure.add_trace(_bandwidths(group), row=2, col=2)
-    torque = "NRMSE of the feedforward torque [%]"
+    figure = subplots(2, 2, subplot_titles=titles, vertical_spacing=0.16)
+    for number, (kind, own) in enumerate(_by_kind(lines).items()):
+        colour = COLOURS[number % len(COLOURS)]
+        name = f"{kind[0]}, disturbed: {kind[1]}"
+        common = {"name": name, "legendgroup": name}
+        episodes = [
+            episode
+            for episode in content["episodes"]
+            if (episode["engine"], episode["disturbance"]) == kind
+        ]
+        for column, measure in enumerate(("joint_error", "tool_error"), 1):
+            # episodes that diverged have none
+            ended = [e for e in episodes if e[measure] is not None]
+            figure.add_box(
+                x=[episode["model"] for episode in ended],
+                y=[MILLI * episode[measure] for episode in ended],
+                showlegend=column == 1,
+                marker={"color": colour, "size": 4},
+                boxpoints="all",
+                jitter=0.4,
+                row=1,
+                col=column,
+                **common,
+            )
+        # too many diverged episodes make a mean infinite
+        shown = [line for line in own if isfinite(line.means["joint_error"].value)]
+        torque = [line.torque_error for line in shown]
+        joint = [line.means["joint_error"] for line in shown]
+        figure.add_scatter(
+            x=[PERCENT * mean.value for mean in torque],
+            y=[MILLI * mean.value for mean in joint],
+            error_x=_bars(torque, PERCENT),
+            error_y=_bars(joint, MILLI),
+            text=[line.model for line in shown],
+            mode="markers+text",
+            textposition="top center",
+            marker={"color": colour, "size": 8},
+            showlegend=False,
+            row=2,
+            col=1,
+            **common,
+        )
+        figure.add_scatter(
+            x=[line.model for line in own],
+            y=[line.margin for line in own],
+            mode="markers",
+            marker={"color": colour, "size": 10},
+            showlegend=False,
+            row=2,
+            col=2,
+            **common,
+        )
+    torque_title = "NRMSE of the feedforward torque [%]"
     figure.update_yaxes(type="log", row=1)
-    figure.update_xaxes(title={"text": torque}, row=2, col=1)
+    figure.update_xaxes(title={"text": torque_title}, row=2, col=1)
     figure.update_yaxes(title={"text": "joint error [mrad]"}, type="log", row=2, col=1)
     figure.update_yaxes(rangemode="tozero", row=2, col=2)
     figure.update_layout(boxmode="group")
     return figure
-
-
-def _groups(content: Mapping[str, Any], lines: Sequence[SummaryLine]) -> list[RowGroup]:
-    """Lines and episodes by engine and disturbance, in the order of the lines."""
-    groups = []
-    kinds = dict.fromkeys((line.engine, line.disturbance) for line in lines)
-    for number, (engine, disturbance) in enumerate(kinds):
-        own = [
-            line
-            for line in lines
-            if (line.engine, line.disturbance) == (engine, disturbance)
-        ]
-        episodes = [
-            episode
-            for episode in content["episodes"]
-            if (episode["engine"], episode["disturbance"]) == (engine, disturbance)
-        ]
-        name = f"{engine}, disturbed: {disturbance}"
-        groups.append(RowGroup(name, COLOURS[number % len(COLOURS)], own, episodes))
-    return groups
-
-
-def _errors(group: RowGroup, measure: str, factor: float, legend: bool) -> Box:
-    """A measure of each episode, by model; episodes that diverged have none."""
-    from plotly.graph_objects import Box
-
-    shown = [episode for episode in group.episodes if episode[measure] is not None]
-    return Box(
-        x=[episode["model"] for episode in shown],
-        y=[factor * episode[measure] for episode in shown],
-        name=group.name,
-        legendgroup=group.name,
-        showlegend=legend,
-        marker={"color": group.colour, "size": 4},
-        boxpoints="all",
-        jitter=0.4,
-    )
-
-
-def _relation(group: RowGroup) -> Scatter:
-    """Mean joint error of each model over its torque error."""
-    from plotly.graph_objects import Scatter
-
-    # too many diverged episodes make a mean infinite
-    ended = [line for line in group.lines if isfinite(line.means["joint_error"].value)]
-    torque = [line.torque_error for line in ended]
-    joint = [line.means["joint_error"] for line in ended]
-    return Scatter(
-        x=[PERCENT * mean.value for mean in torque],
-        y=[MRAD * mean.value for mean in joint],
-        error_x=_bars(torque, PERCENT),
-        error_y=_bars(joint, MRAD),
-        text=[line.model for line in ended],
-        mode="markers+text",
-        textposition="top center",
-        marker={"color": group.colour, "size": 8},
-        name=group.name,
-        legendgroup=group.name,
-        showlegend=False,
-    )
-
-
-def _bandwidths(group: RowGroup) -> Scatter:
-    """Largest stable bandwidth of each model."""
-    from plotly.graph_objects import Scatter
-
-    return Scatter(
-        x=[line.model for line in group.lines],
-        y=[line.margin for line in group.lines],
-        mode="markers",
-        name=group.name,
-        marker={"color": group.colour, "size": 10},
-        legendgroup=group.name,
-        showlegend=False,
-    )
 
 
 def _bars(means: Sequence[Mean], factor: float) -> dict[str, Any]:
@@ -327,19 +284,16 @@ def write_evaluation(
         GapscopeError: a file cannot be written.
     """
     write_page(content, lines, folder / PAGE)
-    _write_table(content["episodes"], folder / TABLE)
-    write_json(content, folder / DOCUMENT)
-    return [folder / name for name in (PAGE, DOCUMENT, TABLE)]
-
-
-def _write_table(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
+    rows = content["episodes"]
     with (
-        atomic_write(path) as aside,
+        atomic_write(folder / TABLE) as aside,
         aside.open("w", newline="", encoding="utf-8") as file,
     ):
         writer = csv.DictWriter(file, list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)
+    write_json(content, folder / DOCUMENT)
+    return [folder / name for name in (PAGE, DOCUMENT, TABLE)]
 
 
 def evaluation_document(

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from datetime import date
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from markupsafe import Markup
 from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
 from gapscope.arm.display import display_unit, effect_name, nrmse, percent, uncertain
+from gapscope.diagnosis.document.numbers import place_text
 from gapscope.diagnosis.document.wording import VERDICTS, capital
 from gapscope.reports.pages import write_html
 
@@ -32,13 +34,6 @@ def headline(content: Entry) -> str:
         f"; {_count(content['failed'], 'case')} failed" if content["failed"] else ""
     )
     return f"{units} in {cases}: {what}{failed}"
-
-
-def place_words(entry: Entry) -> str:
-    """Where an effect acts."""
-    if entry["joint"]:
-        return f"joint {entry['joint']}"
-    return f"link {entry['link']}" if entry["link"] else "the whole arm"
 
 
 def value_words(value: float, std: float | None, unit: str) -> str:
@@ -65,7 +60,7 @@ def change_line(change: Entry) -> str:
     """A change as a line of the terminal."""
     effect = capital(effect_name(change["effect"]))
     dates = f"between {change['last_before']} and {change['first_after']}"
-    where = place_words(change)
+    where = place_text(change["joint"], change["link"])
     return f"{change['unit']}: {effect}, {where}, {change_words(change)}, {dates}"
 
 
@@ -86,29 +81,27 @@ def sparkline(change: Mapping[str, Any]) -> Markup:
     """The history of a change as SVG, in colours of the page."""
     points = change["history"]
     days = [date.fromisoformat(point["date"]).toordinal() for point in points]
-    x = _scaled(days, WIDTH)
-    reach = [INTERVAL * (point["std"] or 0.0) for point in points]
-    values = [point["value"] for point in points]
-    low = [value - r for value, r in zip(values, reach, strict=True)]
-    high = [value + r for value, r in zip(values, reach, strict=True)]
-    means = [change["before"]["value"], change["after"]["value"]]
+    value, std = (
+        np.array([point[key] or 0.0 for point in points]) for key in ("value", "std")
+    )
+    means = np.array([change[key]["value"] for key in ("before", "after")])
+    x = _scaled(np.array(days, float), WIDTH)
     # upwards on the screen is downwards in its coordinates
-    y = [HEIGHT - v for v in _scaled([*values, *low, *high, *means], HEIGHT)]
-    count = len(points)
-    bars = zip(x, y[count : 2 * count], y[2 * count : 3 * count], strict=True)
-    parts = [
-        f'<path class="bars" d="{" ".join(f"M{a:.1f} {b:.1f}V{c:.1f}" for a, b, c in bars)}"/>'
-    ]
-    parts += [
-        f'<circle cx="{a:.1f}" cy="{b:.1f}" r="2"/>' for a, b in zip(x, y, strict=False)
-    ]
+    drawn = np.concatenate(
+        [value, value - INTERVAL * std, value + INTERVAL * std, means]
+    )
+    y = HEIGHT - _scaled(drawn, HEIGHT)
+    middle, low, high = y[: 3 * len(x)].reshape(3, -1)
+    bars = [f"M{a:.1f} {b:.1f}V{c:.1f}" for a, b, c in zip(x, low, high, strict=True)]
+    parts = [f'<path class="bars" d="{" ".join(bars)}"/>']
+    for a, b in zip(x, middle, strict=True):
+        parts.append(f'<circle cx="{a:.1f}" cy="{b:.1f}" r="2"/>')
     split = sum(point["date"] <= change["last_before"] for point in points)
-    spans = ((0, max(split - 1, 0)), (min(split, count - 1), count - 1))
-    for (first, last), level in zip(spans, y[3 * count :], strict=True):
-        parts.append(
-            f'<path class="mean" d="M{x[first] - 2:.1f} {level:.1f}H{x[last] + 2:.1f}"/>'
-        )
-    label = f"{count} diagnoses, {points[0]['date']} to {points[-1]['date']}"
+    spans = (x[: max(split, 1)], x[min(split, len(x) - 1) :])
+    for level, own in zip(y[-2:], spans, strict=True):
+        line = f"M{own[0] - 2:.1f} {level:.1f}H{own[-1] + 2:.1f}"
+        parts.append(f'<path class="mean" d="{line}"/>')
+    label = f"{len(points)} diagnoses, {points[0]['date']} to {points[-1]['date']}"
     # all parts are numbers and dates
     return Markup(
         f'<svg class="sparkline" role="img" aria-label="{label}" width="{WIDTH}" height="{HEIGHT}">'
@@ -116,13 +109,12 @@ def sparkline(change: Mapping[str, Any]) -> Markup:
     )
 
 
-def _scaled(numbers: Sequence[float], size: int) -> list[float]:
+def _scaled(numbers: np.ndarray, size: int) -> np.ndarray:
     """Numbers as pixels from one margin to the other; in the middle if all are the same."""
-    least, most = min(numbers), max(numbers)
+    least, most = numbers.min(), numbers.max()
     if most == least:
-        return [size / 2] * len(numbers)
-    scale = (size - 2 * EDGE) / (most - least)
-    return [EDGE + scale * (number - least) for number in numbers]
+        return np.full(len(numbers), size / 2)
+    return EDGE + (size - 2 * EDGE) / (most - least) * (numbers - least)
 
 
 # The page of a fleet: ``fleet.html``.
@@ -155,7 +147,7 @@ def render_fleet(content: Mapping[str, Any], path: Path, *, reports: bool) -> No
         headline=headline(content),
         kinds=KINDS,
         verdicts=VERDICTS,
-        place=place_words,
+        place=place_text,
         change_words=change_words,
         value_words=value_words,
         sparkline=sparkline,

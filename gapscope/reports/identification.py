@@ -79,23 +79,6 @@ def filter_sentence(document: dict[str, Any]) -> str:
     return "; ".join((*parts, departs))
 
 
-def innovation_rows(document: dict[str, Any]) -> list[dict[str, Any]]:
-    """A row per joint: RMS over the batch's residual, whiteness, and how many samples count as one."""
-    found = document["filter"]["innovations"]
-    keys = ("rms", "white", "largest_autocorrelation", "samples_per_independent")
-    columns = zip(*(found[key] for key in keys), strict=True)
-    return [
-        {
-            "label": f"J{j}",
-            "rms": rms,
-            "white": white,
-            "largest": largest,
-            "count": count,
-        }
-        for j, (rms, white, largest, count) in enumerate(columns, 1)
-    ]
-
-
 def filter_curves(result: Identification) -> dict[str, Any]:
     """What the figures draw: each parameter with its band and the batch, and each joint's innovations."""
     review = result.filtered
@@ -282,51 +265,27 @@ def joint_slides(document: dict[str, Any]) -> list[bool]:
     return [joint in sliding for joint in range(1, count + 1)]
 
 
-def heading(document: dict[str, Any]) -> dict[str, Any]:
-    """Verdict as a label, and a sentence."""
+def sentence(document: dict[str, Any]) -> str:
+    """How many base parameters were found, and what they leave of the torque."""
     judged = document["validation"][1]
-    asks = bool(document["questions"])
     count, total = document["base"]["count"], len(document["parameters"])
-    return {
-        "label": "A question first" if asks else "Identified",
-        "badge": "unexplained" if asks else "effects_found",
-        "sentence": (
-            f"{count} base parameters of {total}. On samples that were not fitted the identified arm is off by "
-            f"{percent_with_decimal(judged['every']['overall'])} of the torque, the nominal arm by "
-            f"{percent_with_decimal(judged['nominal']['overall'])}."
-        ),
-        "unseen": judged["every"]["overall"],
-        "moving": judged["moving"]["overall"],
-        "fitted": document["validation"][0]["every"]["overall"],
-        "nominal": judged["nominal"]["overall"],
-    }
+    return (
+        f"{count} base parameters of {total}. On samples that were not fitted the identified arm is off by "
+        f"{percent_with_decimal(judged['every']['overall'])} of the torque, the nominal arm by "
+        f"{percent_with_decimal(judged['nominal']['overall'])}."
+    )
 
 
 def joints(document: dict[str, Any]) -> dict[str, Any]:
     """Errors per joint on held-out samples, and the scale of their bars."""
     judged = document["validation"][1]
+    errors = (judged[key]["relative"] for key in ("nominal", "every"))
+    columns = zip(document["arm"]["joints"], *errors, strict=True)
     rows = [
-        {
-            "label": f"J{j}",
-            "name": name,
-            "nominal": before,
-            "identified": after,
-            "moving": moving,
-        }
-        for j, (name, before, after, moving) in enumerate(
-            zip(
-                document["arm"]["joints"],
-                judged["nominal"]["relative"],
-                judged["every"]["relative"],
-                judged["moving"]["relative"],
-                strict=True,
-            ),
-            1,
-        )
+        {"label": f"J{j}", "name": name, "nominal": before, "identified": after}
+        for j, (name, before, after) in enumerate(columns, 1)
     ]
-    known = [
-        x for row in rows for x in (row["nominal"], row["identified"]) if x is not None
-    ]
+    known = [row[key] or 0.0 for row in rows for key in ("nominal", "identified")]
     return {"rows": rows, "scale": max(known, default=1.0) or 1.0}
 
 
@@ -376,52 +335,11 @@ def _value(parameter: dict[str, Any] | None) -> dict[str, str]:
     }
 
 
-def links(document: dict[str, Any]) -> list[dict[str, Any]]:
-    """Per link mass, moments and checks, with how many of its ten parameters were recovered."""
-    parameters = document["parameters"]
-    out = []
-    for k, link in enumerate(document["links"]):
-        own = parameters[10 * k : 10 * k + 10]
-        out.append(
-            link
-            | {
-                "nominal": own[0]["nominal"],
-                "recovered": sum(p["status"] == "recovered" for p in own),
-                "hidden": sum(p["status"] == "not identifiable" for p in own),
-            }
-        )
-    return out
+# What the report says of identifiability, made of the document alone.
 
 
-# What the report says of identifiability, segments and torque intervals, made of the document alone.
-
-
-def identifiability(document: dict[str, Any]) -> dict[str, Any]:
-    """Sentences, and the parameters by their standing."""
-    shown, base = document["identifiability"], document["base"]
-    standing: dict[str, list[str]] = {
-        "recovered": [],
-        "only in combination": [],
-        "not identifiable": [],
-    }
-    for parameter in document["parameters"]:
-        standing[parameter["status"]].append(parameter["name"])
-    high = base["condition"] > shown["condition_limit"]
-    return {
-        "standing": [
-            {"status": key, "names": names} for key, names in standing.items()
-        ],
-        "high": high,
-        "limit": shown["condition_limit"],
-        "rank": (
-            f"The arm has {shown['structural']} base parameters; the fitted samples determine {shown['rank']} of them."
-        ),
-        "essential": _essential(document),
-        "groups": _groups(document),
-    }
-
-
-def _essential(document: dict[str, Any]) -> str:
+def essential(document: dict[str, Any]) -> str:
+    """How many base parameters are essential."""
     found, count = document["essential"], document["base"]["count"]
     if found is None:
         return "Essential parameters could not be told: the samples do not suffice."
@@ -433,7 +351,8 @@ def _essential(document: dict[str, Any]) -> str:
     )
 
 
-def _groups(document: dict[str, Any]) -> str:
+def repeated(document: dict[str, Any]) -> str:
+    """Whether segments agree by themselves."""
     found = document["repeated_groups"]
     if found is None:
         return "Segments could not be compared: one of them does not determine the parameters by itself."
@@ -441,32 +360,6 @@ def _groups(document: dict[str, Any]) -> str:
         f"Identified from each of {found['count']} segments by itself: variance between them over the variance that "
         f"they state is {found['ratio']:.2g}; {found['meaning']}."
     )
-
-
-def intervals(document: dict[str, Any]) -> list[dict[str, Any]]:
-    """Rows of the table of torque intervals: a label and a number per joint; empty if there are none."""
-    found = document["torque_interval"]
-    if found is None:
-        return []
-    unit = common_unit("N m", joint_slides(document))
-    return [
-        {
-            "label": "half width, the arm's torque",
-            "unit": unit,
-            "values": found["half_width"],
-        },
-        {
-            "label": "half width, torque as recorded",
-            "unit": unit,
-            "values": found["half_width_recorded"],
-        },
-        {
-            "label": "model error, standard deviation",
-            "unit": unit,
-            "values": found["model_error"],
-        },
-        {"label": "noise, standard deviation", "unit": unit, "values": found["noise"]},
-    ]
 
 
 # Renders an identification into one self-contained HTML file, in the style of the diagnosis.
@@ -486,23 +379,21 @@ def render(
         GapscopeError: ``path`` cannot be written.
     """
     content = plain(document, null_if_not_finite=True)
-    found = [row for row in content["troubleshooting"] if row["verdict"] == FOUND]
+    slides = joint_slides(content)
     write_html(
         "identification/report.html",
         path,
         curves=payload(result),
         document=content,
-        heading=heading(content),
+        sentence=sentence(content),
         joints=joints(content),
         friction=friction(content),
-        force=common_unit("N m", joint_slides(content)),
-        speed_force=common_unit("N m s/rad", joint_slides(content)),
-        links=links(content),
-        shown=identifiability(content),
-        intervals=intervals(content),
-        found=found,
+        force=common_unit("N m", slides),
+        speed_force=common_unit("N m s/rad", slides),
+        essential=essential(content),
+        repeated=repeated(content),
+        found=FOUND,
         filter_sentence=filter_sentence(content),
-        innovations=innovation_rows(content),
     )
 
 

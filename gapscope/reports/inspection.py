@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Group
@@ -16,22 +15,19 @@ from scipy.signal import welch
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.joint_units import joint_unit, units_of
-from gapscope.inspection.draft import case_text
-from gapscope.inspection.draft_check import DraftCheck
+from gapscope.diagnosis.set_up import Remark
+from gapscope.inspection.columns import LARGEST
 from gapscope.inspection.inspection import TORQUES, Inspection
-from gapscope.inspection.words import LARGEST
 from gapscope.reports.pages import (
     COLOURS,
     GRID,
     INK,
     PageSection,
+    Panel,
     figure_html,
-    terminal_table,
+    panels_figure,
     write_plot_page,
 )
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
 
 # What is drawn of a log: positions, velocities, torques and their spectra, one panel each.
 
@@ -46,23 +42,6 @@ CHANNELS_DRAWN = {
     "tau_sensor": "torque sensor",
 }
 """Channels that are drawn over time, and their names."""
-
-
-@dataclass(frozen=True)
-class Panel:
-    """One panel: a curve for each joint.
-
-    Attributes:
-        title: of the ordinate, with its unit.
-        x: abscissa: time [s] or frequency [Hz], (M,).
-        curves: (M, n).
-        spectrum: whether the abscissa is a frequency; both axes are then logarithmic.
-    """
-
-    title: str
-    x: np.ndarray
-    curves: np.ndarray
-    spectrum: bool = False
 
 
 def panels_of(found: Inspection, number: int) -> list[Panel]:
@@ -150,7 +129,7 @@ def write_picture(
             axes.set_xscale("log")
             axes.set_yscale("log")
         axes.set_ylabel(panel.title, fontsize=8)
-        axes.set_xlabel("frequency [Hz]" if panel.spectrum else "time [s]", fontsize=8)
+        axes.set_xlabel(panel.abscissa, fontsize=8)
         axes.tick_params(labelsize=8)
         axes.grid(color=GRID)
         axes.margins(x=0.01)
@@ -166,7 +145,7 @@ DRAWN = 4
 """Most recordings that are drawn."""
 
 
-def write_page(path: Path, found: Inspection, checked: DraftCheck) -> None:
+def write_page(path: Path, found: Inspection, checked: Sequence[Remark]) -> None:
     """Write what is in the logs, what looks wrong, and the plots.
 
     Args:
@@ -177,18 +156,32 @@ def write_page(path: Path, found: Inspection, checked: DraftCheck) -> None:
     Raises:
         GapscopeError: the file cannot be written.
     """
-    sections = [
-        PageSection("What looks wrong", "" if wrong_rows(found, checked) else "Nothing.",
-                    heads=("where", "what", "what to do"), rows=wrong_rows(found, checked), numbers=False),
-        PageSection("What the columns are taken for", heads=("channel", "columns", "unit", "because"),
-                    rows=list(channel_rows(found)), numbers=False),
-        PageSection("What the torque can be", heads=("columns", "seen"), rows=list(torque_rows(found)), numbers=False),
-        PageSection("Joints", heads=("joint", "from", "to", "fastest"), rows=list(joint_rows(found)), numbers=False),
-        *_plots(found),
-    ]  # fmt: skip
+    tables = tables_of(found, checked)
+    wrong = tables.pop()
+    wrong = replace(wrong, note="" if wrong.rows else "Nothing.")
+    sections = [wrong, *tables, *_plots(found)]
     names = ", ".join(log.path.name for log in found.logs[:3])
     more = f" and {len(found.logs) - 3} more" if len(found.logs) > 3 else ""
     write_plot_page(path, f"What is in {names}{more}", facts_of(found), sections)
+
+
+def tables_of(found: Inspection, checked: Sequence[Remark]) -> list[PageSection]:
+    """What the columns are taken for, what the torque can be, the joints, and what looks wrong."""
+    # what looks wrong: where, what, what to do
+    problems = [one for one in checked if one.level == "error"]
+    notes = [one for one in (*found.notes, *checked) if one.level == "ok"]
+    first = (*found.misread, *problems, *found.oddities)
+    rows = [(one.place or one.topic, one.said, one.remedy) for one in first]
+    for one in notes:
+        # the reader and the case may say the same of a table
+        if all(one.said != said for _, said, _ in rows):
+            rows.append((one.place, one.said, ""))
+    return [
+        PageSection("What the columns are taken for", CHANNEL_HEADS, list(channel_rows(found))),
+        PageSection("What the torque can be", ("columns", "seen"), list(torque_rows(found))),
+        PageSection("Joints", ("joint", "from", "to", "fastest"), list(joint_rows(found))),
+        PageSection("What looks wrong", ("where", "what", "what to do"), rows),
+    ]  # fmt: skip
 
 
 def facts_of(found: Inspection) -> str:
@@ -205,22 +198,7 @@ def facts_of(found: Inspection) -> str:
     )
 
 
-def wrong_rows(found: Inspection, checked: DraftCheck) -> list[tuple[str, str, str]]:
-    """What looks wrong: where, what, what to do."""
-    rows = [
-        (remark.place or remark.topic, remark.said, remark.remedy)
-        for remark in found.misread
-    ]
-    if checked.problem:
-        rows.append(("the drafted case", checked.problem, checked.remedy))
-    rows += [(odd.where, odd.what, odd.remedy) for odd in found.oddities]
-    notes = (*found.notes, *checked.notes)
-    for note in notes:
-        where, _, what = note.partition(": ")
-        # the reader and the case may say the same of a table
-        if all(what != said for _, said, _ in rows):
-            rows.append((where, what, ""))
-    return rows
+CHANNEL_HEADS = ("channel", "columns", "unit", "because")
 
 
 def channel_rows(found: Inspection) -> Iterator[tuple[str, str, str, str]]:
@@ -283,9 +261,10 @@ def _plots(found: Inspection) -> Iterator[PageSection]:
     for number, entry in enumerate(found.entries[:DRAWN]):
         panels = panels_of(found, number)
         label = next(iter(entry.values())).label
-        figure = _figure(panels, names_of(found))
+        spacing = 0.25 / len(panels)
+        drawn = panels_figure(panels, names_of(found), vertical_spacing=spacing)
         html = figure_html(
-            figure,
+            drawn,
             f"log{number}",
             190 * len(panels) + 120,
             margin={"l": 70, "r": 14, "t": 34, "b": 46},
@@ -298,65 +277,17 @@ def _plots(found: Inspection) -> Iterator[PageSection]:
         )
 
 
-def _figure(panels: Sequence[Panel], joints: Sequence[str]) -> Figure:
-    from plotly.graph_objects import Scatter
-    from plotly.subplots import make_subplots
-
-    figure = make_subplots(
-        rows=len(panels), cols=1, vertical_spacing=0.25 / len(panels)
-    )
-    for row, panel in enumerate(panels, start=1):
-        for j, curve in enumerate(panel.curves.T):
-            line = {
-                "color": COLOURS[j % len(COLOURS)],
-                "width": 1.2,
-                "dash": "solid" if j < len(COLOURS) else "dash",
-            }
-            trace = Scatter(x=_rounded(panel.x), y=_rounded(curve), name=joints[j], legendgroup=str(j),
-                            showlegend=row == 1, line=line, mode="lines")  # fmt: skip
-            figure.add_trace(trace, row=row, col=1)
-        kind = "log" if panel.spectrum else "linear"
-        figure.update_yaxes(
-            title={"text": panel.title, "standoff": 8}, type=kind, row=row, col=1
-        )
-        text = "frequency [Hz]" if panel.spectrum else "time [s]"
-        figure.update_xaxes(
-            title={"text": text, "standoff": 2}, type=kind, row=row, col=1
-        )
-    return figure
-
-
-def _rounded(values: np.ndarray) -> list[float]:
-    """Five significant digits: a page should stay small."""
-    return [float(f"{value:.5g}") for value in values]
-
-
 # What is in a log on the terminal.
 
 
-def summary(found: Inspection, checked: DraftCheck) -> Group:
+def summary(found: Inspection, checked: Sequence[Remark]) -> Group:
     """Tables of columns, torques, joints and of what looks wrong."""
     parts: list[Text | Table] = [Text(facts_of(found))]
-    parts += [
-        _table(
-            "columns",
-            ("channel", "columns", "unit", "because"),
-            list(channel_rows(found)),
-        ),
-        _table("torque", ("columns", "seen"), list(torque_rows(found))),
-        _table("joints", ("joint", "from", "to", "fastest"), list(joint_rows(found))),
-    ]
-    wrong = wrong_rows(found, checked)
-    if wrong:
-        parts.append(_table("what looks wrong", ("where", "what", "what to do"), wrong))
-    else:
+    tables = tables_of(found, checked)
+    parts += [t.on_terminal(title_style="bold") for t in tables if t.rows]
+    if not tables[-1].rows:
         parts.append(Text("Nothing looks wrong."))
     return Group(*parts)
-
-
-def _table(title: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
-    texts = [[Text(cell, overflow="fold") for cell in row] for row in rows]
-    return terminal_table(heads, texts, len(heads), title=title, title_style="bold")
 
 
 # What ``gapscope inspect`` writes: the case to start from, a page and a picture.
@@ -378,26 +309,3 @@ def check_unused(folder: Path) -> None:
             "name another folder with --out, or remove it",
             file=folder / CASE,
         )
-
-
-def save_inspection(
-    found: Inspection, checked: DraftCheck, folder: Path, robot: str | None
-) -> list[Path]:
-    """Write picture, page and, last, the case to start from.
-
-    Args:
-        found: what is in the logs.
-        checked: what reading the draft showed.
-        folder: of the case.
-        robot: what the case says as its robot; ``None`` if none is known.
-
-    Raises:
-        GapscopeError: a file cannot be written.
-    """
-    picture, page, case = folder / PICTURE, folder / PAGE, folder / CASE
-    label = found.main.label
-    write_picture(picture, label, panels_of(found, 0), names_of(found))
-    write_page(page, found, checked)
-    with atomic_write(case) as aside:
-        aside.write_text(case_text(found, folder, robot), encoding="utf-8")
-    return [picture, page, case]

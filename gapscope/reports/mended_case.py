@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from gapscope.arm.case import Case
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.case_file import moved, read_case_file
@@ -18,6 +16,7 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.reading import Reading
 from gapscope.arm.robots import shifted_text
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault
+from gapscope.inspection.draft import flow
 
 CASE, URDF = "mended_case.yaml", "mended.urdf"
 
@@ -151,28 +150,20 @@ def _text(content: dict[str, Any], mended: Mending, n: int, source: Path) -> str
     if mend:
         lines.append("  mend:  # after all other keys of this section")
     for key, value in mend.items():
-        lines += [f"    {key}: {_flow(value)}{_comment(mended.reason(key))}"]
+        lines += [f"    {key}: {flow(value)}{_comment(mended.reason(key))}"]
     return "\n".join(lines) + "\n"
 
 
 def _entry(key: str, value: Any, why: str) -> list[str]:
     """Lines of a key with its value, a mapping over several, and why it was changed."""
     if not isinstance(value, dict) or not value:
-        return [f"{key}: {_flow(value)}{_comment(why)}"]
-    inner = [f"  {name}: {_flow(part)}" for name, part in value.items()]
+        return [f"{key}: {flow(value)}{_comment(why)}"]
+    inner = [f"  {name}: {flow(part)}" for name, part in value.items()]
     return [f"{key}:{_comment(why)}", *inner]
 
 
 def _comment(why: str) -> str:
     return f"  # {why}" if why else ""
-
-
-def _flow(value: Any) -> str:
-    """A value as YAML on one line."""
-    text = yaml.safe_dump(
-        [value], sort_keys=False, default_flow_style=True, width=float("inf")
-    )
-    return text.strip()[1:-1]
 
 
 def _write_urdf(arm: NominalArm, reading: Reading, path: Path) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import jinja2
+import numpy as np
 from markupsafe import Markup
 from rich.table import Table
 from rich.text import Text
@@ -112,23 +113,35 @@ INK, GRID, ZERO = "#1f2328", "#e6e9ed", "#aab2bc"
 
 @dataclass(frozen=True)
 class PageSection:
-    """One section of a page.
+    """One section of a page: a table, a figure, or a sentence; a table also for a terminal or as Markdown.
 
     Attributes:
         title: above it, or an empty string.
-        note: a sentence under the title, or an empty string.
-        figure: as HTML, or ``None``.
         heads: of the columns of a table.
         rows: of the table; a row of two cells, if there are more columns, spans them with its second.
+        note: a sentence under the title, or an empty string.
+        figure: as HTML, or ``None``.
         numbers: whether the cells are numbers, set to the right.
     """
 
     title: str = ""
-    note: str = ""
-    figure: Markup | None = None
     heads: Sequence[str] = ()
     rows: Sequence[Sequence[str]] = ()
-    numbers: bool = True
+    note: str = ""
+    figure: Markup | None = None
+    numbers: bool = False
+
+    def markdown(self) -> str:
+        """The table as Markdown."""
+        rule = "|" + "---|" * len(self.heads)
+        rows = ["| " + " | ".join(row) + " |" for row in (self.heads, *self.rows)]
+        return "\n".join([f"### {self.title}", "", rows[0], rule, *rows[1:]]) + "\n"
+
+    def on_terminal(self, **style: Any) -> Table:
+        """The table on a terminal, its texts to the left and numbers to the right."""
+        texts = [[Text(cell, overflow="fold") for cell in row] for row in self.rows]
+        left = 1 if self.numbers else len(self.heads)
+        return terminal_table(self.heads, texts, left, title=self.title, **style)
 
 
 def write_plot_page(
@@ -161,6 +174,79 @@ def write_plot_page(
     )
 
 
+def subplots(rows: int, columns: int = 1, **options: Any) -> Figure:
+    """A figure of plotly with panels, which is imported only then."""
+    from plotly.subplots import make_subplots
+
+    return make_subplots(rows=rows, cols=columns, **options)
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A curve for each joint over one abscissa.
+
+    Attributes:
+        title: of the ordinate, with its unit.
+        x: time [s] or frequency [Hz], (M,).
+        curves: (M, n).
+        spectrum: whether the abscissa is a frequency; both axes are then logarithmic.
+    """
+
+    title: str
+    x: np.ndarray
+    curves: np.ndarray
+    spectrum: bool = False
+
+    @property
+    def abscissa(self) -> str:
+        """Title of the abscissa."""
+        return "frequency [Hz]" if self.spectrum else "time [s]"
+
+
+def panels_figure(
+    panels: Sequence[Panel], joints: Sequence[str], **options: Any
+) -> Figure:
+    """Panels one above the other; colours repeat, dashed, after the last one.
+
+    Args:
+        panels: what is drawn.
+        joints: their names, in the legend.
+        options: of plotly's subplots; with ``shared_xaxes`` the last panel alone has a title below it.
+    """
+    figure = subplots(len(panels), **options)
+    for row, panel in enumerate(panels, start=1):
+        x = _rounded(panel.x)
+        for j, curve in enumerate(panel.curves.T):
+            figure.add_scatter(
+                x=x,
+                y=_rounded(curve),
+                name=joints[j],
+                legendgroup=str(j),
+                showlegend=row == 1,
+                line={
+                    "color": COLOURS[j % len(COLOURS)],
+                    "width": 1.4,
+                    "dash": "solid" if j < len(COLOURS) else "dash",
+                },
+                mode="lines",
+                row=row,
+                col=1,
+            )
+        kind = "log" if panel.spectrum else "linear"
+        title = {"text": panel.title, "standoff": 8}
+        figure.update_yaxes(title=title, type=kind, row=row, col=1)
+        figure.update_xaxes(type=kind, row=row, col=1)
+        if row == len(panels) or not options.get("shared_xaxes"):
+            below = {"text": panel.abscissa, "standoff": 2}
+            figure.update_xaxes(title=below, row=row, col=1)
+    return figure
+
+
+def _rounded(values: np.ndarray) -> list[float]:
+    """Five significant digits: a page should stay small."""
+    return [float(f"{value:.5g}") for value in values]
+
+
 def figure_html(
     figure: Figure, name: str, height: int, legend_at: float = 1.06, **layout: Any
 ) -> Markup:
@@ -188,8 +274,8 @@ def figure_html(
         },
     }
     figure.update_layout(**(common | layout))
-    figure.update_xaxes(gridcolor=GRID, zerolinecolor=ZERO, automargin=True)
-    figure.update_yaxes(gridcolor=GRID, zerolinecolor=ZERO, automargin=True)
+    for axes in (figure.update_xaxes, figure.update_yaxes):
+        axes(gridcolor=GRID, zerolinecolor=ZERO, automargin=True)
     # Buttons named one by one: by default there is one that sends the data to a server.
     config = {
         "responsive": True,

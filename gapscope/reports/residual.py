@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
 from gapscope.arm.display import percent
+from gapscope.diagnosis.prepare import Progress, silent
 from gapscope.effects.corrected_file import write_corrected
 from gapscope.effects.residual import write_residual
 from gapscope.ident.residual.document import document, write_document
 from gapscope.ident.residual.fit import LearntResidual
-from gapscope.reports.pages import COLOURS, PageSection, figure_html, write_plot_page
+from gapscope.reports.pages import (
+    COLOURS,
+    PageSection,
+    figure_html,
+    subplots,
+    write_plot_page,
+)
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -112,6 +119,7 @@ def write_page(content: Mapping[str, Any], path: Path) -> None:
         note="RMS below 12 Hz, on motions that neither the network nor the trees were trained on.",
         heads=HEADS,
         rows=[_row(k, joint) for k, joint in enumerate(content["joints"], 1)],
+        numbers=True,
     )
     physics = PageSection(
         title="Apart from the physics", note=physics_sentence(content)
@@ -148,10 +156,7 @@ def _section(number: int, joint: Mapping[str, Any]) -> PageSection:
 
 def _figure(joint: Mapping[str, Any]) -> Figure:
     """Three panels: dots for what the corrected arm leaves, lines for what the network says."""
-    from plotly.graph_objects import Scatter
-    from plotly.subplots import make_subplots
-
-    figure = make_subplots(rows=1, cols=len(PANELS), shared_yaxes=True)
+    figure = subplots(1, len(PANELS), shared_yaxes=True)
     named: set[str] = set()
     for curve in joint["curves"]:
         column = list(PANELS).index(curve["over"]) + 1
@@ -161,7 +166,7 @@ def _figure(joint: Mapping[str, Any]) -> Figure:
             ("residual", "markers", f"left by the effects, {label}"),
             ("network", "lines", f"network, {label}"),
         ):
-            drawn = Scatter(
+            figure.add_scatter(
                 x=curve["x"],
                 y=curve[key],
                 mode=mode,
@@ -170,9 +175,10 @@ def _figure(joint: Mapping[str, Any]) -> Figure:
                 showlegend=name not in named,
                 marker=dots,
                 line={"color": colour, "width": 2},
+                row=1,
+                col=column,
             )
             named.add(name)
-            figure.add_trace(drawn, row=1, col=column)
     for column, title in enumerate(PANELS.values(), 1):
         figure.update_xaxes(title={"text": title, "standoff": 6}, row=1, col=column)
     figure.update_yaxes(title={"text": "torque [N m]", "standoff": 8}, row=1, col=1)
@@ -207,7 +213,7 @@ def write_learnt(
     folder: Path,
     *,
     onnx: bool = False,
-    progress: Callable[[str], None] = lambda message: None,
+    progress: Progress = silent,
 ) -> tuple[dict[str, Any], tuple[Path, ...]]:
     """Write the network, ``corrected.yaml`` with it, the report and, as the last, ``residual.json``.
 

@@ -48,7 +48,7 @@ class Scene:
         q: recorded positions [rad or m], (N, n).
         recorded: recorded torque [N m or N], (N, n), or ``None``.
         predicted: torque that the model predicts [N m or N], (N, n).
-        simulated_t, simulated_q: the replayed motion, (M,) and (M, n), or ``None``.
+        simulated: positions of the replayed motion at these times [rad or m], (N, n), or ``None``.
     """
 
     arm: NominalArm
@@ -56,8 +56,7 @@ class Scene:
     q: np.ndarray
     recorded: np.ndarray | None
     predicted: np.ndarray
-    simulated_t: np.ndarray | None = None
-    simulated_q: np.ndarray | None = None
+    simulated: np.ndarray | None = None
 
 
 def write_mcap(scene: Scene, path: Path) -> None:
@@ -105,8 +104,8 @@ def _streams(scene: Scene, types: Any) -> Iterator[Iterable[Message]]:
             topic = f"/{name}/joint_states"
             yield _states(topic, scene.arm, scene.t, scene.q, torque, types)
     yield _poses(scene.arm, scene.t, scene.q, "", types)
-    if scene.simulated_t is not None and scene.simulated_q is not None:
-        t, q = scene.simulated_t, scene.simulated_q
+    if scene.simulated is not None:
+        t, q = scene.t, scene.simulated
         silent = np.empty((len(t), 0))
         yield _states("/simulated/joint_states", scene.arm, t, q, silent, types)
         yield _poses(scene.arm, t, q, SIMULATED, types)
@@ -173,7 +172,7 @@ def write_layout(scene: Scene, path: Path) -> None:
     Raises:
         GapscopeError: the file cannot be written.
     """
-    simulated = scene.simulated_q is not None
+    simulated = scene.simulated is not None
     write_json(foxglove_layout(scene.arm.joints, simulated), path)
 
 

@@ -8,10 +8,16 @@ from typing import TYPE_CHECKING
 
 from gapscope.agents.training.task import Task
 from gapscope.agents.training.training_loop import Trained
-from gapscope.reports.pages import COLOURS, PageSection, figure_html, write_plot_page
+from gapscope.reports.pages import (
+    COLOURS,
+    PageSection,
+    figure_html,
+    subplots,
+    write_plot_page,
+)
 
 if TYPE_CHECKING:
-    from plotly.graph_objects import Figure, Scatter
+    from plotly.graph_objects import Figure
 
 ARMS = {"simulator": "simulator", "hidden": "arm with hidden effects"}
 """Arms on which an agent is tried, with their names."""
@@ -33,16 +39,7 @@ def write_page(task: Task, trained: Trained, path: Path) -> None:
         GapscopeError: the file cannot be written.
     """
     figure = figure_html(_figure(trained), "training", 460)
-    write_plot_page(
-        path,
-        f"Training on {task.arm.name}",
-        _facts(task, trained),
-        [PageSection(figure=figure)],
-    )
-
-
-def _facts(task: Task, trained: Trained) -> str:
-    """What was trained, and which agent is kept and why, in sentences."""
+    # what was trained, and which agent is kept and why, in sentences
     settings, drawn = trained.settings, ""
     if settings.randomise:
         drawn = f", drawn around it: {', '.join(settings.randomise)}"
@@ -55,40 +52,36 @@ def _facts(task: Task, trained: Trained) -> str:
     )
     if trained.stopped:
         facts += " Training ended early, for want of improvement."
-    return facts
+    write_plot_page(
+        path,
+        f"Training on {task.arm.name}",
+        facts,
+        [PageSection(figure=figure)],
+    )
 
 
 def _figure(trained: Trained) -> Figure:
-    """Two panels: joint error and reward, each on both arms."""
-    from plotly.subplots import make_subplots
-
-    titles = ("joint error [mrad]", "reward per action")
-    figure = make_subplots(rows=1, cols=2, subplot_titles=titles)
-    for number, arm in enumerate(ARMS):
-        for column, measure in enumerate(MEASURES, 1):
-            curve = _curve(trained, arm, measure, COLOURS[number])
-            curve.showlegend = column == 1
-            figure.add_trace(curve, row=1, col=column)
+    """Joint error and reward over steps, each on both arms; gaps if an arm was not tracked to the end."""
+    figure = subplots(1, 2, subplot_titles=("joint error [mrad]", "reward per action"))
+    best = trained.curve[trained.best].steps
+    for (arm, name), colour in zip(ARMS.items(), COLOURS, strict=False):
+        points = [point for point in trained.curve if getattr(point, arm) is not None]
+        # the agent that is kept is marked
+        sizes = [KEPT_MARKER if point.steps == best else MARKER for point in points]
+        for column, (measure, factor) in enumerate(MEASURES.items(), 1):
+            scores = [getattr(getattr(point, arm), measure) for point in points]
+            figure.add_scatter(
+                x=[point.steps for point in points],
+                y=[factor * score if isfinite(score) else None for score in scores],
+                mode="lines+markers",
+                marker={"size": sizes, "color": colour},
+                name=name,
+                line={"color": colour},
+                legendgroup=name,
+                showlegend=column == 1,
+                row=1,
+                col=column,
+            )
     figure.update_xaxes(title={"text": "actions of training"})
     figure.update_yaxes(rangemode="tozero", col=1)
     return figure
-
-
-def _curve(trained: Trained, arm: str, measure: str, colour: str) -> Scatter:
-    """A measure on an arm over the steps, the agent that is kept marked; gaps if an arm was not tracked to the end."""
-    from plotly.graph_objects import Scatter
-
-    points = [point for point in trained.curve if getattr(point, arm) is not None]
-    scores = [getattr(getattr(point, arm), measure) for point in points]
-    factor = MEASURES[measure]
-    best = trained.curve[trained.best].steps
-    sizes = [KEPT_MARKER if point.steps == best else MARKER for point in points]
-    return Scatter(
-        x=[point.steps for point in points],
-        y=[factor * score if isfinite(score) else None for score in scores],
-        mode="lines+markers",
-        marker={"size": sizes, "color": colour},
-        name=ARMS[arm],
-        line={"color": colour},
-        legendgroup=ARMS[arm],
-    )

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.table import Table
@@ -28,17 +27,13 @@ from gapscope.ident.excitation.design import (
     write_joint_trajectory,
 )
 from gapscope.reports.pages import (
-    COLOURS,
     PageSection,
+    Panel,
     figure_html,
+    panels_figure,
     terminal_table,
     write_plot_page,
 )
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure, Scatter
-
-    from gapscope.ident.excitation.design import Excitation
 
 # A designed motion as a page and on the terminal.
 
@@ -63,8 +58,21 @@ def write_page(
         f"{len(found.names)} base columns scaled to unit norm, {found.inertial_condition:.3g} of the inertial ones "
         "alone. Run the files that end in _slow first: the same path at a fraction of the speed."
     )
+    # one panel per quantity, one above the other, over the same time
+    motion = found.motion
+    step = -(-len(motion.t) // POINTS)  # rounded up
+    panels = [
+        Panel(f"{name} [{common_unit(unit, arm.sliding)}]", motion.t[::step], x[::step])
+        for name, unit, x in (
+            ("position", "rad", motion.q),
+            ("velocity", "rad/s", motion.dq),
+            ("acceleration", "rad/s²", motion.ddq),
+            ("torque", "N m", found.torque),
+        )
+    ]
+    joints = [f"J{j}" for j in range(1, arm.n_joints + 1)]
     figure = figure_html(
-        _figure(found, arm.sliding),
+        panels_figure(panels, joints, shared_xaxes=True, vertical_spacing=0.03),
         "trajectory",
         920,
         hovermode="x unified",
@@ -75,56 +83,10 @@ def write_page(
         note="Least margin to each limit, over all samples; in brackets the limit.",
         heads=("", *arm.joints),
         rows=list(_margins(found)),
+        numbers=True,
     )
     title = f"Exciting trajectory of {arm.name}"
     write_plot_page(path, title, facts, [PageSection(figure=figure), margins])
-
-
-def _figure(found: Excitation, sliding: Sequence[bool]) -> Figure:
-    """One panel per quantity, one above the other, over the same time."""
-    from plotly.subplots import make_subplots
-
-    motion = found.motion
-    panels = {
-        f"{name} [{common_unit(unit, sliding)}]": series
-        for name, unit, series in (
-            ("position", "rad", motion.q),
-            ("velocity", "rad/s", motion.dq),
-            ("acceleration", "rad/s²", motion.ddq),
-            ("torque", "N m", found.torque),
-        )
-    }
-    figure = make_subplots(
-        rows=len(panels), cols=1, shared_xaxes=True, vertical_spacing=0.03
-    )
-    for row, (title, series) in enumerate(panels.items(), 1):
-        for joint, values in enumerate(series.T):
-            curve = _curve(motion.t, values, joint)
-            curve.showlegend = row == 1
-            figure.add_trace(curve, row=row, col=1)
-        figure.update_yaxes(title={"text": title, "standoff": 8}, row=row, col=1)
-    figure.update_xaxes(title={"text": "time [s]"}, row=len(panels), col=1)
-    return figure
-
-
-def _curve(t: np.ndarray, values: np.ndarray, joint: int) -> Scatter:
-    """A quantity of one joint; colours repeat, dashed, after the seventh joint."""
-    from plotly.graph_objects import Scatter
-
-    step = -(-len(t) // POINTS)  # rounded up
-    line = {
-        "color": COLOURS[joint % len(COLOURS)],
-        "width": 1.6,
-        "dash": "solid" if joint < len(COLOURS) else "dash",
-    }
-    return Scatter(
-        x=t[::step].round(4),
-        y=values[::step].round(5),
-        name=f"J{joint + 1}",
-        legendgroup=str(joint),
-        line=line,
-        mode="lines",
-    )
 
 
 def _margins(found: Excitation) -> Iterator[list[str]]:

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
-import numpy as np
 from rich.table import Table
 
 from gapscope.arm.display import MISSING, display_unit, effect_name, significant
+from gapscope.diagnosis.document.numbers import Number, numbers_of
 from gapscope.effects.applied import AppliedEffect
-
-Key = tuple[str, str, str, str]
-"""Effect, what it acts on, parameter, unit."""
 
 
 def truth_table(
@@ -23,31 +20,41 @@ def truth_table(
         table.add_column(heading)
     for heading in ("hidden", "found"):
         table.add_column(heading, justify="right")
-    hidden_values, found_values = dict(_values(truth)), dict(_values(found))
-    for key in hidden_values | found_values:
-        name, joint, parameter, unit = key
-        pair = (hidden_values.get(key), found_values.get(key))
-        table.add_row(effect_name(name), joint, parameter, *_texts(pair, unit))
+    hidden_values, found_values = _values(truth), _values(found)
+    for number in hidden_values | found_values:
+        values = [hidden_values.get(number), found_values.get(number)]
+        # all in the one unit that suits the largest
+        largest = max(abs(value) for value in values if value is not None)
+        factor, unit = display_unit(number.unit, largest)
+        texts = [
+            MISSING if value is None else f"{significant(value * factor)} {unit}"
+            for value in values
+        ]
+        place = str(number.joint or number.link or "arm")
+        name = f"{number.parameter} {number.component}".rstrip()
+        table.add_row(effect_name(number.effect), place, name, *texts)
     return table
 
 
-def _texts(values: Sequence[float | None], unit: str) -> list[str]:
-    """Values as text, all in the one unit that suits the largest."""
-    largest = max(abs(value) for value in values if value is not None)
-    factor, label = display_unit(unit, largest)
-    return [
-        MISSING if value is None else f"{significant(value * factor)} {label}"
-        for value in values
+def _values(effects: Sequence[AppliedEffect]) -> dict[Number, float]:
+    """Each number of each effect, by all that tells it from others."""
+    entries = [
+        {
+            "effect": applied.name,
+            "joints": list(applied.joints),
+            "parameters": {
+                p.name: {
+                    "value": applied.parameters[p.name],
+                    "std": None,
+                    "unit": p.unit,
+                }
+                for p in applied.effect.parameters
+            },
+        }
+        for applied in effects
     ]
-
-
-def _values(effects: Sequence[AppliedEffect]) -> Iterator[tuple[Key, float]]:
-    """Each number of each effect; a vector has one per axis, a joint effect one per joint."""
-    for applied in effects:
-        for parameter in applied.effect.parameters:
-            values = np.atleast_1d(applied.parameters[parameter.name])
-            for i, value in enumerate(values):
-                axis = f" {'xyz'[i]}" if parameter.size == 3 else ""
-                place = str(applied.joints[i]) if applied.joints else "arm"
-                name = parameter.name + axis
-                yield (applied.name, place, name, parameter.unit), float(value)
+    return {
+        number._replace(value=None): float(number.value or 0.0)
+        for entry in entries
+        for number in numbers_of(entry)
+    }

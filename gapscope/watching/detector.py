@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
-import zipfile
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any
@@ -14,7 +12,7 @@ import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
-from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.records_file import read_records, write_records
 from gapscope.arm.joint_units import joint_unit
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.motion import Motion
@@ -38,7 +36,7 @@ from gapscope.model.difference import Fit
 from gapscope.model.equations import Equations
 from gapscope.model.form_error import FormError, learn
 from gapscope.model.rows import MODEL_RATE, Kept, Rows
-from gapscope.model.terms import Term, Terms
+from gapscope.model.terms import Term
 from gapscope.watching.events import (
     ALARM,
     DRIFT,
@@ -138,7 +136,13 @@ class SegmentStream:
                 own = replace(own, q=own.q - gone * late[:, None])
             piece = own.part(slice(first, stop))
             first = min(following, len(own.t) - 1)
-            yield from self._conditioned(piece)
+            assert self.cutoff is not None
+            # gaps may leave nothing that is long enough
+            if pieces(piece):
+                # a motion may be faster than all before it
+                self.cutoff = max(self.cutoff, position_cutoff((piece,)))
+                for segment in condition(piece, self.cutoff):
+                    yield thinned(segment, MODEL_RATE)
         self.held = own.part(slice(first, None))
 
     def _from_motion_on(self, own: Recording) -> Recording:
@@ -156,15 +160,6 @@ class SegmentStream:
             return False
         self.cutoff = position_cutoff((first,))
         return True
-
-    def _conditioned(self, piece: Recording) -> Iterator[Segment]:
-        assert self.cutoff is not None
-        # gaps may leave nothing that is long enough
-        if pieces(piece):
-            # a motion may be faster than all before it
-            self.cutoff = max(self.cutoff, position_cutoff((piece,)))
-            for segment in condition(piece, self.cutoff):
-                yield thinned(segment, MODEL_RATE)
 
     @staticmethod
     def _breaks(held: Recording, part: Recording) -> bool:
@@ -655,21 +650,17 @@ def _joined(before: Segment, after: Segment) -> Segment | None:
     if abs(further[rest][0] - t[first][-1] - step) > MIN_STEP * step:
         return None
 
-    def both(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        return np.concatenate([one[first], other[rest]])
+    def both(one: Any, other: Any, name: str) -> np.ndarray:
+        return np.concatenate([getattr(one, name)[first], getattr(other, name)[rest]])
 
-    a, b = before.motion, after.motion
-    motion = Motion(
-        both(t, further), both(a.q, b.q), both(a.dq, b.dq), both(a.ddq, b.ddq)
-    )
-    unknown = None
+    motions = before.motion, after.motion
+    series: dict[str, Any] = {
+        name: both(before, after, name) for name in ("torque", "temperature")
+    }
     if before.unknown is not None or after.unknown is not None:
-        unknown = both(~before.measured, ~after.measured)
-    torque = both(np.asarray(before.torque), np.asarray(after.torque))
-    warmth = both(np.asarray(before.temperature), np.asarray(after.temperature))
-    return replace(
-        before, motion=motion, torque=torque, unknown=unknown, temperature=warmth
-    )
+        series["unknown"] = ~both(before, after, "measured")
+    motion = Motion(*(both(*motions, name) for name in ("t", "q", "dq", "ddq")))
+    return replace(before, motion=motion, **series)
 
 
 # The state of a watch as one NPZ file, so that a later run goes on where this one ended.
@@ -677,21 +668,31 @@ def _joined(before: Segment, after: Segment) -> Segment | None:
 
 STATE = "watch_state.npz"
 """Name of the file in the folder of the results."""
-SCHEMA = 3
+SCHEMA = 4
 """Version of its form."""
 
 
 @dataclass(frozen=True)
-class Resumed:
-    """What a state file holds beside the detector and the stream.
+class Saved:
+    """What a watch leaves to a later run.
 
     Attributes:
+        schema: version of its form.
+        arm: what the state is of; see ``fingerprint``.
         position: of the source.
         count: events that were written.
+        cutoff, held, slipped: of the stream.
+        state: of the detector.
     """
 
+    schema: int
+    arm: str
     position: dict[str, Any]
     count: int
+    cutoff: float | None
+    held: Recording | None
+    slipped: np.ndarray | float
+    state: State
 
 
 def fingerprint(corrected: CorrectedArm, learning: float) -> str:
@@ -712,157 +713,42 @@ def fingerprint(corrected: CorrectedArm, learning: float) -> str:
 
 
 def save_state(
-    file: Path,
-    detector: Detector,
-    resumed: Resumed,
-    arm: str,
+    file: Path, detector: Detector, arm: str, position: dict[str, Any], count: int
 ) -> None:
     """Write a state whole or not at all.
 
     Raises:
         GapscopeError: the file cannot be written.
     """
-    stream, state = detector.stream, detector.state
-    content: dict[str, Any] = {
-        "arm": arm,
-        "schema": SCHEMA,
-        "count": resumed.count,
-        "position": resumed.position,
-        "cutoff": stream.cutoff,
-        "slipped": np.asarray(stream.slipped).tolist(),
-    }
-    arrays: dict[str, Any] = {}
-    if stream.held is not None:
-        held = stream.held
-        content["held"] = held.name
-        arrays |= {"held_t": held.t, "held_q": held.q}
-        arrays["held_tau"] = np.asarray(held.tau)
-        if held.temperature is not None:
-            arrays["held_temperature"] = held.temperature
-    _pack(state, content, arrays)
-    with atomic_write(file) as aside:
-        np.savez(aside, **{"content": np.array(json.dumps(content)), **arrays})
+    stream = detector.stream
+    left = (stream.cutoff, stream.held, stream.slipped, detector.state)
+    write_records(Saved(SCHEMA, arm, position, count, *left), file)
 
 
-def load_state(file: Path, detector: Detector, arm: str) -> Resumed | None:
+def load_state(file: Path, detector: Detector, arm: str) -> Saved | None:
     """Put a detector into the state of a file; ``None`` if it is of another arm or other settings.
 
     Raises:
         InputError: the file is no state of a watch.
     """
+    types = (Saved, State, Block, Segment, Motion, KnownLoad, Recording, Term)
     try:
-        with np.load(file, allow_pickle=False) as stored:
-            arrays = dict(stored)
-        content = json.loads(str(arrays.pop("content")))
-        if content["schema"] != SCHEMA or content["arm"] != arm:
-            return None
-        stream = detector.stream
-        stream.cutoff, stream.slipped = content["cutoff"], np.array(content["slipped"])
-        if "held" in content:
-            held = (arrays[f"held_{name}"] for name in ("t", "q", "tau"))
-            t, q, tau = held
-            warmth = arrays.get("held_temperature")
-            stream.held = Recording(content["held"], t, q, tau=tau, temperature=warmth)
-        arm_of = detector.corrected.arm
-        terms = Terms(arm_of.n_joints, {}, arm_of.coupled_motors)
-        by_name = {(term.effect, term.joint): term for term in terms.all}
-        detector.state = _unpacked(content, arrays, by_name)
-        if detector.state.band:
-            detector.prepare()
-        return Resumed(content["position"], int(content["count"]))
-    except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
+        found = read_records(file, types)
+    except InputError as error:
         raise InputError(
-            f"is no state of a watch ({error})",
+            f"is no state of a watch ({error.problem})",
             "delete it: the watch then learns anew",
             file=file,
         ) from None
-
-
-SERIES = ("t", "q", "dq", "ddq")
-"""Of a motion."""
-
-
-def _pack(state: State, content: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
-    """Samples as arrays, and what is left as data for JSON."""
-    segments = [block.segment for block in state.blocks]
-    content["blocks"] = [
-        {
-            "recording": segment.recording,
-            "offset": block.offset,
-            "begun": block.begun,
-            "count": len(segment.motion.t),
-            "mounted": None if segment.payload is None else asdict(segment.payload),
-            "step": None
-            if segment.torque_step is None
-            else segment.torque_step.tolist(),
-            "unknown": segment.unknown is not None,
-        }
-        for block, segment in zip(state.blocks, segments, strict=True)
-    ]
-    content["seen"] = len(state.seen)
-    if segments:
-        for name in SERIES:
-            arrays[name] = np.concatenate([getattr(s.motion, name) for s in segments])
-        for name in ("torque", "temperature"):
-            every = [np.asarray(getattr(s, name)) for s in segments]
-            arrays[name] = np.concatenate(every)
-        arrays["unknown"] = np.concatenate([~s.measured for s in segments])
-    content |= {key: getattr(state, key) for key in ("band", "looked", "pace")}
-    content |= {"drift": state.drift.tolist(), "said": state.said.tolist()}
-    content["unknown"] = list(state.unknown.items())
-    content["known"] = [
-        (term.effect, term.joint, since, value.tolist())
-        for (term, since), value in state.known.items()
-    ]
-    content["over"] = [
-        (term.effect, term.joint, until) for term, until in state.over.items()
-    ]
-    content["free"] = [
-        (term.effect, term.joint, value.tolist()) for term, value in state.free.items()
-    ]
-
-
-def _unpacked(
-    content: dict[str, Any],
-    arrays: dict[str, np.ndarray],
-    terms: Mapping[tuple[str, int], Term],
-) -> State:
-    """The opposite of ``_pack``."""
-    blocks, first = [], 0
-    for entry in content["blocks"]:
-        own = slice(first, first + entry["count"])
-        first = own.stop
-        motion = Motion(*(arrays[name][own] for name in SERIES))
-        payload, step = entry["mounted"], entry["step"]
-        segment = Segment(
-            recording=entry["recording"],
-            motion=motion,
-            torque=arrays["torque"][own],
-            temperature=arrays["temperature"][own],
-            payload=None if payload is None else KnownLoad(**payload),
-            unknown=arrays["unknown"][own] if entry["unknown"] else None,
-            torque_step=None if step is None else np.array(step),
-        )
-        blocks.append(Block(segment, entry["offset"], entry["begun"]))
-    return State(
-        drift=np.array(content["drift"], dtype=int),
-        said=np.array(content["said"]),
-        seen=blocks[: content["seen"]],
-        now=blocks[content["seen"] :],
-        band=content["band"],
-        known={
-            (terms[effect, joint], since): np.array(value)
-            for effect, joint, since, value in content["known"]
-        },
-        free={
-            terms[effect, joint]: np.array(value)
-            for effect, joint, value in content["free"]
-        },
-        looked=content["looked"],
-        pace=content["pace"],
-        unknown=dict(content["unknown"]),
-        over={terms[effect, joint]: until for effect, joint, until in content["over"]},
-    )
+    # an earlier version wrote other records
+    if not isinstance(found, Saved) or (found.schema, found.arm) != (SCHEMA, arm):
+        return None
+    stream = detector.stream
+    stream.cutoff, stream.held, stream.slipped = found.cutoff, found.held, found.slipped
+    detector.state = found.state
+    if detector.state.band:
+        detector.prepare()
+    return found
 
 
 # What a user chooses about a watch.

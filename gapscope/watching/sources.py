@@ -124,7 +124,17 @@ class GrowingFile:
         self._file: BinaryIO = path.open("rb")
         self._header, self._line, self._part = "", 1, 1
         if position is not None:
-            self._resume(position)
+            state = os.fstat(self._file.fileno())
+            self._part = int(position["part"])
+            same = state.st_ino == position["inode"]
+            if same and state.st_size >= position["offset"]:
+                self._file.seek(position["offset"])
+                self._line, self._header = (
+                    int(position["line"]),
+                    str(position["header"]),
+                )
+            else:
+                self._part += 1
 
     def position(self) -> dict[str, Any]:
         """Inode, place in the file after the last row that was used, number of its line, and of the file."""
@@ -154,16 +164,6 @@ class GrowingFile:
             return
         yield from self._rows()
 
-    def _resume(self, position: Mapping[str, Any]) -> None:
-        state = os.fstat(self._file.fileno())
-        self._part = int(position["part"])
-        same = state.st_ino == position["inode"]
-        if same and state.st_size >= position["offset"]:
-            self._file.seek(position["offset"])
-            self._line, self._header = int(position["line"]), str(position["header"])
-        else:
-            self._part += 1
-
     def _anew(self, why: str) -> Event:
         self._file.close()
         self._file = self.path.open("rb")
@@ -182,7 +182,11 @@ class GrowingFile:
             if not whole or (lines < FEWEST_LINES and not more):
                 self._file.seek(start)
                 if more:
-                    yield self._too_long()
+                    # the note on a line without end, which is left out
+                    self._file.seek(0, os.SEEK_END)
+                    yield self._note(
+                        f"has a line of more than {MAX_BYTES} bytes", self._line
+                    )
                 return
             self._file.seek(start + len(whole))
             yield from self._recording(whole, lines)
@@ -217,11 +221,6 @@ class GrowingFile:
     def _note(self, what: str, line: int) -> Event:
         error = InputError(what, file=self.path, where=f"from line {line} on")
         return self.reading.note(error)
-
-    def _too_long(self) -> Event:
-        """The note on a line without end, which is left out."""
-        self._file.seek(0, os.SEEK_END)
-        return self._note(f"has a line of more than {MAX_BYTES} bytes", self._line)
 
 
 # A folder in which recordings appear: files of any format, ROS bags file by file, each read once it is complete.

@@ -14,7 +14,7 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.watching.detector import (
     STATE,
     Detector,
-    Resumed,
+    Saved,
     WatchSettings,
     fingerprint,
     load_state,
@@ -150,7 +150,7 @@ class Watch:
             payload_of=case.payload_of if case else no_load,
         )
 
-    def _earlier(self) -> Resumed | None:
+    def _earlier(self) -> Saved | None:
         """What an earlier run left, if it watched the same arm."""
         out = self.settings.out
         if out is None or not (out / STATE).is_file():
@@ -163,5 +163,5 @@ class Watch:
         out = self.settings.out
         if out is None or self._events is None:
             return
-        resumed = Resumed(self.source.position(), self._events.count)
-        save_state(out / STATE, self.detector, resumed, self._arm)
+        place, count = self.source.position(), self._events.count
+        save_state(out / STATE, self.detector, self._arm, place, count)

@@ -113,8 +113,10 @@ def test_the_history_of_a_unit_has_every_joint_and_says_where_an_effect_is_absen
         ("payload", "the whole arm"),
     ]
     points = by_place["actuator delay", "joint 5"].parameters["delay", "s"][""]
-    assert [p.estimate.value for p in points] == pytest.approx([0.002, 0.004, 0.006])
-    assert [p.entry.date.month for p in points] == [1, 2, 3]
+    assert [number.value for _, number in points] == pytest.approx(
+        [0.002, 0.004, 0.006]
+    )
+    assert [entry.date.month for entry, _ in points] == [1, 2, 3]
     carried = by_place["payload", "the whole arm"]
     assert list(carried.parameters["com", "m"]) == ["x", "y", "z"]
     assert [date.month for date in carried.absent] == [2]

@@ -216,7 +216,7 @@ def test_the_summary_counts_alarms_unknowns_and_failures() -> None:
         "unexplained": 1,
         "failed": 1,
     }
-    assert all(table.markdown() and table.rich() for table in tables(figures))
+    assert all(table.markdown() and table.on_terminal() for table in tables(figures))
     for picture in (severity_figure, reliability_figure, confusion_figure):
         assert picture(figures).to_json()
 

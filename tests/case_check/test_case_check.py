@@ -84,7 +84,7 @@ def test_the_torque_of_another_robot_is_said_and_not_vouched_for(
             table[f"tau{j}"] = 30 * np.cos((4 + j) * table["t"] ** 1.1)
 
     result = gapscope.check(make_case(spoil=foreign))
-    assert "another robot" in warned(result.found)
+    assert "another robot" in str(result.document["remarks"])
     assert "first see to what is said of its torque" in result.summary()
 
 

@@ -5,67 +5,55 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from gapscope.arm.motions.trajectory import read_sampled
 
-Command = Callable[..., object]
+Command = Callable[..., Any]
 QUICK = ("--evaluations", 150, "--seed", 1, "--no-collisions", "--singular", 0)
 
 
-def reopen(folder: Path, rival: str) -> None:
-    """Puts an alternative to viscous friction into a diagnosis."""
-    path = folder / "diagnosis.json"
+@pytest.fixture
+def advise(gapscope: Command, sick: Path, results: Path, tmp_path: Path) -> Command:
+    """Runs ``advise`` on a diagnosis in which friction may be of another law."""
+    path = results / "diagnosis.json"
     document = json.loads(path.read_text())
-    document["effects"][0]["alternatives"] = [
-        {
-            "effect": rival,
-            "joints": [2],
-            "probability": 0.3,
-            "separated_by": "another speed",
-        }
-    ]
+    rival = {"effect": "coulomb_friction", "joints": [2], "probability": 0.3}
+    rival["separated_by"] = "another speed"
+    document["effects"][0]["alternatives"] = [rival]
     path.write_text(json.dumps(document))
 
+    def call(*options: object, out: str = "x.csv", diagnosis: Path = results) -> Any:
+        more = ("--diagnosis", diagnosis, "--out", tmp_path / out)
+        return gapscope("advise", sick, *more, *QUICK, *options)
 
-def test_an_open_question_gets_a_recording(
-    gapscope: Command, sick: Path, results: Path, tmp_path: Path
-) -> None:
-    reopen(results, "coulomb_friction")
-    outs = [tmp_path / f"{name}.csv" for name in "ab"]
-    for out in outs:
-        done = gapscope("advise", sick, "--diagnosis", results, "--out", out, *QUICK)
-        assert done.code == 0, done.err
-    names = [out, out.with_suffix(".yaml"), out.with_suffix(".html")]
-    slow = out.with_name(f"{out.stem}_slow.csv")
-    names += [slow, slow.with_suffix(".yaml")]
-    assert done.out.splitlines()[-5:] == [f"wrote {path}" for path in names] and all(
-        p.is_file() for p in names
-    )
-    assert (
-        "Still open: viscous friction (joint 2), or Coulomb friction (joint 2)"
-        in done.out
-    )
-    assert (
-        "times the floor on the new one" in done.out
-        and "least margin to each limit" in done.out
-    )
-    assert read_sampled(out, 2).duration >= 10.0
-    assert outs[0].read_bytes() == outs[1].read_bytes(), (
-        "the same seed finds the same trajectory"
-    )
+    return call
+
+
+def test_an_open_question_gets_a_recording(advise: Command, tmp_path: Path) -> None:
+    """The same seed finds the same trajectory."""
+    done = [advise(out=name) for name in ("a.csv", "b.csv")][-1]
+    assert done.code == 0, done.err
+    endings = (".csv", ".yaml", ".html", "_slow.csv", "_slow.yaml")
+    names = [tmp_path / f"b{ending}" for ending in endings]
+    assert done.out.splitlines()[-5:] == [f"wrote {path}" for path in names]
+    assert all(path.is_file() for path in names)
+    rivals = "viscous friction (joint 2), or Coulomb friction (joint 2)"
+    assert f"Still open: {rivals}" in done.out
+    assert "times the floor on the new one" in done.out
+    assert "least margin to each limit" in done.out
+    assert read_sampled(names[0], 2).duration >= 10.0
+    assert names[0].read_bytes() == (tmp_path / "a.csv").read_bytes()
 
 
 def test_nothing_open_is_said_and_nothing_written(
     gapscope: Command, healthy: Path, tmp_path: Path
 ) -> None:
     done = gapscope("advise", healthy, "--out", tmp_path / "next.csv", *QUICK)
-    assert (
-        done.code == 0
-        and "Nothing is open" in done.out
-        and not list(tmp_path.glob("next.*"))
-    )
+    assert done.code == 0 and "Nothing is open" in done.out
+    assert not list(tmp_path.glob("next.*"))
 
 
 @pytest.mark.parametrize(
@@ -79,40 +67,17 @@ def test_nothing_open_is_said_and_nothing_written(
     ],
 )
 def test_bad_options_are_refused_with_a_remedy(
-    gapscope: Command,
-    sick: Path,
-    results: Path,
-    tmp_path: Path,
-    options: tuple[object, ...],
-    words: tuple[str, ...],
+    advise: Command, options: tuple[object, ...], words: tuple[str, ...]
 ) -> None:
-    reopen(results, "coulomb_friction")
-    done = gapscope(
-        "advise",
-        sick,
-        "--diagnosis",
-        results,
-        "--out",
-        tmp_path / "x.csv",
-        *QUICK,
-        *options,
-    )
+    done = advise(*options)
     assert done.code == 2 and "remedy" in done.err
-    for word in words:
-        assert word in done.err
+    assert all(word in done.err for word in words)
 
 
-def test_bad_files_are_refused_with_a_remedy(
-    gapscope: Command, sick: Path, tmp_path: Path
-) -> None:
-    for arguments, word in (
-        (("--out", tmp_path / "x.txt"), ".csv"),
-        (("--out", tmp_path / "x.csv", "--diagnosis", tmp_path), "diagnosis.json"),
-    ):
-        done = gapscope("advise", sick, *arguments)
+def test_bad_files_are_refused_with_a_remedy(advise: Command, tmp_path: Path) -> None:
+    for more, word in (({"out": "x.txt"}, ".csv"), ({"diagnosis": tmp_path}, "diagnosis.json")):  # fmt: skip
+        done = advise(**more)
         assert done.code == 2 and word in done.err and "remedy" in done.err
     (tmp_path / "diagnosis.json").write_text('{"schema": 1}')
-    done = gapscope(
-        "advise", sick, "--out", tmp_path / "x.csv", "--diagnosis", tmp_path
-    )
+    done = advise(diagnosis=tmp_path)
     assert done.code == 2 and "required" in done.err

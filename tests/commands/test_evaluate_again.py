@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,7 +13,7 @@ from gapscope.agents.evaluation import TrackingBench
 from gapscope.commands.evaluation_cells import FOLDER
 from gapscope.provenance import fingerprint
 
-Command = Callable[..., object]
+Command = Callable[..., Any]
 FILE = """
 robot: {robot}
 effects: {effects}
@@ -35,274 +36,185 @@ def env(sick: Path, corrected: Path, tmp_path: Path) -> Path:
     return path
 
 
-def plan(out: Path) -> dict[str, object]:
-    return json.loads((out / "evaluation.json").read_text())["plan"]
+@pytest.fixture
+def evaluate(gapscope: Command, tmp_path: Path) -> Command:
+    """Runs an evaluation: its outcome, and its document, if there is one."""
+
+    def call(*arguments: object, out: str = "out") -> tuple[Any, Any]:
+        done = gapscope("evaluate", *arguments, "--out", tmp_path / out)
+        file = tmp_path / out / "evaluation.json"
+        return done, json.loads(file.read_text()) if file.exists() else None
+
+    return call
 
 
-class TestEnvironmentFile:
-    def test_stands_in_for_options(
-        self, gapscope: Command, env: Path, tmp_path: Path
-    ) -> None:
-        out = tmp_path / "out"
-        done = gapscope("evaluate", "nominal", "--env", env, "--out", out)
-        assert done.code == 0, done.err
-        content = json.loads((out / "evaluation.json").read_text())
-        assert content["arm"]["joints"] == ["yaw", "pitch"]
-        assert [effect["effect"] for effect in content["effects"]] == [
-            "viscous_friction"
-        ]
-        said = {
-            key: content["plan"][key]
-            for key in ("motions", "disturbances", "seeds", "duration", "bandwidth")
-        }
-        assert said == {
-            "motions": ["fourier"],
-            "disturbances": ["none"],
-            "seeds": [0],
-            "duration": 1.5,
-            "bandwidth": 3.0,
-        }
-        assert "ignored in an evaluation: action" in done.err
+def test_a_file_stands_in_for_options(
+    evaluate: Command, env: Path, sick: Path, corrected: Path
+) -> None:
+    done, content = evaluate("nominal", "--env", env)
+    assert done.code == 0 and "ignored in an evaluation: action" in done.err
+    assert content["arm"]["joints"] == ["yaw", "pitch"]
+    assert [e["effect"] for e in content["effects"]] == ["viscous_friction"]
+    expected = {
+        "motions": ["fourier"],
+        "disturbances": ["none"],
+        "seeds": [0],
+        "duration": 1.5,
+        "bandwidth": 3.0,
+    }
+    assert {key: content["plan"][key] for key in expected} == expected
+    options = ("--robot", sick, "--effects", corrected, *QUICK)
+    few = ("--seeds", 1, "--bandwidth", 3.0)
+    _, same = evaluate("nominal", *options, *few, out="second")
+    assert content == same
 
-    def test_gives_the_same_as_options(
-        self, gapscope: Command, env: Path, sick: Path, corrected: Path
-    ) -> None:
-        first, second = env.parent / "first", env.parent / "second"
-        assert gapscope("evaluate", "nominal", "--env", env, "--out", first).code == 0
-        options = (
-            "--robot",
-            sick,
-            "--effects",
-            corrected,
-            *QUICK,
-            "--seeds",
-            1,
-            "--bandwidth",
-            3.0,
-        )
-        assert gapscope("evaluate", "nominal", *options, "--out", second).code == 0
-        assert (first / "evaluation.json").read_bytes() == (
-            second / "evaluation.json"
-        ).read_bytes()
 
-    def test_options_that_are_given_win(
-        self, gapscope: Command, env: Path, tmp_path: Path
-    ) -> None:
-        out = tmp_path / "out"
-        done = gapscope(
-            "evaluate",
-            "pd",
-            "--env",
-            env,
-            "--out",
-            out,
-            "--bandwidth",
-            4.0,
-            "--robot",
-            "kuka_iiwa",
-        )
-        assert done.code == 0, done.err
-        content = json.loads((out / "evaluation.json").read_text())
-        assert (
-            content["plan"]["bandwidth"] == 4.0 and len(content["arm"]["joints"]) == 7
-        )
-
-    def test_a_sheet_makes_the_nominal_arm(
-        self, gapscope: Command, sick: Path, tmp_path: Path
-    ) -> None:
-        env = tmp_path / "env.yaml"
-        urdf = next(sick.glob("*.urdf"))
-        env.write_text(f"robot: {sick.name}/{urdf.name}\nsheet: {{viscous: [3.0]}}\n")
-        done = gapscope(
-            "evaluate", "nominal", "--env", env, "--out", tmp_path / "out", *QUICK
-        )
-        assert (
-            done.code == 2
-            and "expected 2 numbers" in done.err
-            and "env.yaml" in done.err
-        )
-
-    def test_the_registered_name_means_the_defaults(
-        self, gapscope: Command, tmp_path: Path
-    ) -> None:
-        out = tmp_path / "out"
-        done = gapscope(
-            "evaluate",
-            "pd",
-            "--env",
-            "gapscope/ArmTracking-v0",
-            *QUICK,
-            "--seeds",
-            1,
-            "--out",
-            out,
-        )
-        assert done.code == 0, done.err
-        assert plan(out)["bandwidth"] == 4.0 and plan(out)["engines"] == ["pybullet"]
-
-    @pytest.mark.parametrize(
-        ("text", "message"),
-        [
-            ("robto: kuka_iiwa", "did you mean 'robot'"),
-            ("seeds: many", "a whole number from 1 on"),
-            ("engine: 3", "a name or a list of names"),
-            ("bandwidth: true", "a number"),
-            ("robot: kuka_iiwa\ncase: sick", "leave robot: and sheet: out"),
-            ("motion: fourier\nmotions: pick", "says the same as motions"),
-            ("randomisation: {count: 3}", "draws no effects"),
-            ("- robot", "expected keys"),
-            ("robot: [", "not valid YAML"),
-            ("robot: kuka_iwa", "did you mean 'kuka_iiwa'"),
-            ("effects: missing.yaml", "missing.yaml"),
-            ("law: fuzzy", "fuzzy"),
-        ],
+def test_options_that_are_given_win(evaluate: Command, env: Path) -> None:
+    done, content = evaluate(
+        "pd", "--env", env, "--bandwidth", 4.0, "--robot", "kuka_iiwa"
     )
-    def test_bad_input_is_told(
-        self, gapscope: Command, tmp_path: Path, text: str, message: str
-    ) -> None:
-        path = tmp_path / "env.yaml"
-        path.write_text(text)
-        done = gapscope("evaluate", "pd", "--env", path, "--out", tmp_path / "out")
-        assert done.code == 2 and message in done.err and "Traceback" not in done.err
+    assert done.code == 0, done.err
+    assert content["plan"]["bandwidth"] == 4.0 and len(content["arm"]["joints"]) == 7
 
-    def test_a_name_that_is_near_is_offered(
-        self, gapscope: Command, tmp_path: Path
-    ) -> None:
-        done = gapscope(
-            "evaluate",
-            "pd",
-            "--env",
-            "gapscope/ArmTraking-v0",
-            "--out",
-            tmp_path / "out",
-        )
-        assert done.code == 2 and "did you mean 'gapscope/ArmTracking-v0'" in done.err
+
+def test_a_sheet_makes_the_nominal_arm(
+    evaluate: Command, sick: Path, tmp_path: Path
+) -> None:
+    env, urdf = tmp_path / "env.yaml", next(sick.glob("*.urdf"))
+    env.write_text(f"robot: {sick.name}/{urdf.name}\nsheet: {{viscous: [3.0]}}\n")
+    done, _ = evaluate("nominal", "--env", env, *QUICK)
+    assert done.code == 2
+    assert "expected 2 numbers" in done.err and "env.yaml" in done.err
+
+
+def test_the_registered_name_means_the_defaults(evaluate: Command) -> None:
+    name = "gapscope/ArmTracking-v0"
+    done, content = evaluate("pd", "--env", name, *QUICK, "--seeds", 1)
+    assert done.code == 0, done.err
+    plan = content["plan"]
+    assert plan["bandwidth"] == 4.0 and plan["engines"] == ["pybullet"]
+    done, _ = evaluate("pd", "--env", "gapscope/ArmTraking-v0")
+    assert done.code == 2 and f"did you mean '{name}'" in done.err
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("robto: kuka_iiwa", "did you mean 'robot'"),
+        ("seeds: many", "a whole number from 1 on"),
+        ("engine: 3", "a name or a list of names"),
+        ("bandwidth: true", "a number"),
+        ("robot: kuka_iiwa\ncase: sick", "leave robot: and sheet: out"),
+        ("motion: fourier\nmotions: pick", "says the same as motions"),
+        ("randomisation: {count: 3}", "draws no effects"),
+        ("- robot", "expected keys"),
+        ("robot: [", "not valid YAML"),
+        ("robot: kuka_iwa", "did you mean 'kuka_iiwa'"),
+        ("effects: missing.yaml", "missing.yaml"),
+        ("law: fuzzy", "fuzzy"),
+    ],
+)
+def test_bad_input_is_told(
+    evaluate: Command, tmp_path: Path, text: str, message: str
+) -> None:
+    path = tmp_path / "env.yaml"
+    path.write_text(text)
+    done, _ = evaluate("pd", "--env", path)
+    assert done.code == 2 and message in done.err and "Traceback" not in done.err
 
 
 class UnpluggedError(Exception):
     """Somebody pulls the plug."""
 
 
-class TestInterrupted:
-    @pytest.fixture
-    def counted(self, monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
-        """How many cells were worked on; at ``limit`` the plug is pulled."""
-        state = {"done": 0, "limit": 10**6}
-        for name in ("episodes", "margin"):
-            real = getattr(TrackingBench, name)
+@pytest.fixture
+def counted(monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
+    """How many cells were worked on; at ``limit`` the plug is pulled."""
+    state = {"done": 0, "limit": 10**6}
+    for name in ("episodes", "margin"):
+        real = getattr(TrackingBench, name)
 
-            def counting(
-                self: TrackingBench,
-                *arguments: object,
-                real: Callable[..., object] = real,
-            ) -> object:
-                if state["done"] >= state["limit"]:
-                    raise UnpluggedError
-                state["done"] += 1
-                return real(self, *arguments)
+        def counting(bench: Any, *arguments: Any, real: Command = real) -> Any:
+            if state["done"] >= state["limit"]:
+                raise UnpluggedError
+            state["done"] += 1
+            return real(bench, *arguments)
 
-            monkeypatch.setattr(TrackingBench, name, counting)
-        return state
+        monkeypatch.setattr(TrackingBench, name, counting)
+    return state
 
-    def test_goes_on_where_it_was(
-        self,
-        gapscope: Command,
-        sick: Path,
-        corrected: Path,
-        tmp_path: Path,
-        counted: dict[str, int],
-    ) -> None:
-        models, options = (
-            ("pd", "nominal", corrected),
-            ("--robot", sick, "--effects", corrected, *QUICK, "--seeds", 2),
-        )
-        assert (
-            gapscope("evaluate", *models, *options, "--out", tmp_path / "whole").code
-            == 0
-        )
-        out, counted["limit"], counted["done"] = tmp_path / "out", 5, 0
-        with pytest.raises(UnpluggedError):
-            gapscope("evaluate", *models, *options, "--out", out)
-        assert (
-            len(list((out / FOLDER).iterdir())) == 5
-            and not (out / "evaluation.json").exists()
-        )
 
-        counted["limit"], counted["done"] = 10**6, 0
-        done = gapscope("evaluate", *models, *options, "--out", out)
-        assert (
-            done.code == 0
-            and counted["done"] == 4
-            and "5 parts were taken" in " ".join(done.err.split())
-        )
-        for name in ("evaluation.json", "evaluation.csv"):
-            assert (out / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
-        assert not (out / FOLDER).exists()
+def unplugged(evaluate: Command, counted: dict[str, int], limit: int, *args: object) -> None:  # fmt: skip
+    """Run until the plug is pulled; nothing is counted yet of the run that goes on."""
+    counted |= {"limit": limit, "done": 0}
+    with pytest.raises(UnpluggedError):
+        evaluate(*args)
+    counted |= {"limit": 10**6, "done": 0}
 
-    @pytest.mark.parametrize(
-        "change", ["effects", "model", "plan", "robot", "again", "damaged"]
-    )
-    def test_what_is_kept_is_not_used_for_anything_else(
-        self,
-        gapscope: Command,
-        sick: Path,
-        corrected: Path,
-        tmp_path: Path,
-        counted: dict[str, int],
-        change: str,
-    ) -> None:
-        model, out = tmp_path / "model.yaml", tmp_path / "out"
-        model.write_text(corrected.read_text())
-        command = [
-            "evaluate",
-            model,
-            "--robot",
-            sick,
-            "--effects",
-            corrected,
-            *QUICK,
-            "--seeds",
-            2,
-            "--out",
-            out,
-        ]
-        counted["limit"] = 2
-        with pytest.raises(UnpluggedError):
-            gapscope(*command)
-        if change == "effects":
-            corrected.write_text(corrected.read_text().replace("3.0", "2.5"))
-        elif change == "model":
-            model.write_text(model.read_text().replace("3.0", "2.5"))
-        elif change == "plan":
-            command += ["--damping", 0.8]
-        elif change == "robot":
-            urdf = next(sick.glob("*.urdf"))
-            urdf.write_text(
-                urdf.read_text().replace('mass value="4"', 'mass value="4.1"')
-            )
-        elif change == "again":
-            command += ["--again"]
-        else:
-            for file in (out / FOLDER).iterdir():
-                file.write_text(file.read_text()[:40])
-        counted["limit"], counted["done"] = 10**6, 0
-        done = gapscope(*command)
-        assert (
-            done.code == 0
-            and counted["done"] == 3
-            and "were taken" not in " ".join(done.err.split())
-        )
 
-    def test_other_models_engines_and_seeds_may_be_added(
-        self, gapscope: Command, sick: Path, tmp_path: Path, counted: dict[str, int]
-    ) -> None:
-        command = ["--robot", sick, *QUICK, "--out", tmp_path / "out"]
-        counted["limit"] = 1
-        with pytest.raises(UnpluggedError):
-            gapscope("evaluate", "pd", *command, "--seeds", 2)
-        counted["limit"], counted["done"] = 10**6, 0
-        assert gapscope("evaluate", "nominal", "pd", *command, "--seeds", 1).code == 0
-        assert counted["done"] == 3
+def test_goes_on_where_it_was(
+    evaluate: Command,
+    sick: Path,
+    corrected: Path,
+    tmp_path: Path,
+    counted: dict[str, int],
+) -> None:
+    options = ("--robot", sick, "--effects", corrected, *QUICK, "--seeds", 2)
+    command = ("pd", "nominal", corrected, *options)
+    assert evaluate(*command, out="whole")[0].code == 0
+    out = tmp_path / "out"
+    unplugged(evaluate, counted, 5, *command)
+    assert len(list((out / FOLDER).iterdir())) == 5
+    assert not (out / "evaluation.json").exists()
+    done, _ = evaluate(*command)
+    assert done.code == 0 and counted["done"] == 4
+    assert "5 parts were taken" in " ".join(done.err.split())
+    for name in ("evaluation.json", "evaluation.csv"):
+        assert (out / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+    assert not (out / FOLDER).exists()
+
+
+def replaced(old: str, new: str) -> Command:
+    return lambda path: path.write_text(path.read_text().replace(old, new))
+
+
+CHANGES: dict[str, tuple[str, Command]] = {
+    "effects": ("corrected.yaml", replaced("3.0", "2.5")),
+    "model": ("model.yaml", replaced("3.0", "2.5")),
+    "robot": ("sick/*.urdf", replaced('mass value="4"', 'mass value="4.1"')),
+    "damaged": (f"out/{FOLDER}/*", lambda path: path.write_text(path.read_text()[:40])),
+}
+
+
+@pytest.mark.parametrize("change", [*CHANGES, "--damping 0.8", "--again"])
+def test_what_is_kept_is_not_used_for_anything_else(
+    evaluate: Command,
+    sick: Path,
+    corrected: Path,
+    tmp_path: Path,
+    counted: dict[str, int],
+    change: str,
+) -> None:
+    model = tmp_path / "model.yaml"
+    model.write_text(corrected.read_text())
+    command = (model, "--robot", sick, "--effects", corrected, *QUICK, "--seeds", 2)
+    unplugged(evaluate, counted, 2, *command)
+    more = change.split() if change.startswith("--") else []
+    pattern, spoil = CHANGES.get(change, ("", str))
+    for path in tmp_path.glob(pattern) if pattern else ():
+        spoil(path)
+    done, _ = evaluate(*command, *more)
+    assert done.code == 0 and counted["done"] == 3
+    assert "were taken" not in " ".join(done.err.split())
+
+
+def test_other_models_engines_and_seeds_may_be_added(
+    evaluate: Command, sick: Path, counted: dict[str, int]
+) -> None:
+    command = ("--robot", sick, *QUICK)
+    unplugged(evaluate, counted, 1, "pd", *command, "--seeds", 2)
+    assert evaluate("nominal", "pd", *command, "--seeds", 1)[0].code == 0
+    assert counted["done"] == 3
 
 
 def test_fingerprint_tells_what_differs() -> None:

@@ -15,10 +15,9 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.formats.table_files import read_csv, read_npz, read_parquet
 from gapscope.arm.io.locked_section import LOCK
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.recording import Recording
 from gapscope.cli import main
 from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.corrected_file import read_corrected, write_corrected
+from gapscope.effects.corrected_file import write_corrected
 from gapscope.envs.engines import ENGINES
 from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.recorder import Plan, hidden_by_reading_back, record_case
@@ -54,42 +53,40 @@ def _case(arm: NominalArm, *applied: AppliedEffect, **settings: object) -> Case:
     return record_case("made", arm, applied, plan, np.random.default_rng(0))
 
 
-def test_record_goes_on_where_a_killed_one_left_its_lock(
+def _effects(path: Path) -> list[str]:
+    content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    return [entry["effect"] for entry in content["effects"]]
+
+
+def test_record_makes_a_case_where_a_killed_one_left_its_lock(
     effects: Path, tmp_path: Path
 ) -> None:
-    (tmp_path / "case").mkdir()
-    (tmp_path / "case" / LOCK).write_text("{}")
-    assert _record(effects, tmp_path / "case") == 0
-    names = {path.name for path in (tmp_path / "case").iterdir()}
-    recordings = {"recording_1.csv", "recording_2.csv"}
-    assert names == {"case.yaml", "robot.urdf", "truth.yaml", *recordings}
-
-
-@pytest.mark.parametrize("ending", ["csv", "parquet", "npz"])
-def test_record_makes_a_case(effects: Path, tmp_path: Path, ending: str) -> None:
-    assert _record(effects, tmp_path / "case", "--format", ending) == 0
-    case = load_case(tmp_path / "case")
-    assert (
-        case.name == "case" and case.arm.n_joints == 7 and case.controller is not None
-    )
-    assert [recording.name for recording in case.recordings] == [
-        f"recording_{i}.{ending}" for i in (1, 2)
-    ]
+    folder = tmp_path / "case"
+    folder.mkdir()
+    (folder / LOCK).write_text("{}")
+    assert _record(effects, folder) == 0
+    names = {"case.yaml", "robot.urdf", "truth.yaml"}
+    recordings = ["recording_1.csv", "recording_2.csv"]
+    assert {path.name for path in folder.iterdir()} == {*names, *recordings}
+    case = load_case(folder)
+    assert case.name == "case" and case.arm.n_joints == 7
+    assert case.controller is not None
+    assert [recording.name for recording in case.recordings] == recordings
     for recording in case.recordings:
-        assert recording.rate == pytest.approx(
-            250.0
-        ) and recording.duration == pytest.approx(1.5)
-        assert (
-            recording.q_ref is not None
-            and recording.dq_ref is not None
-            and recording.dq is not None
-        )
+        assert recording.rate == pytest.approx(250.0)
+        assert recording.duration == pytest.approx(1.5)
+        channels = (recording.q_ref, recording.dq_ref, recording.dq)
+        assert all(channel is not None for channel in channels)
     slow, fast = (np.abs(recording.dq_ref).max() for recording in case.recordings)
     assert slow < 0.7 * fast
-    assert [e.name for e in read_corrected(tmp_path / "case" / "truth.yaml")] == [
-        "payload",
-        "actuator_delay",
-    ]
+    assert _effects(folder / "truth.yaml") == ["payload", "actuator_delay"]
+    # a case lends its data sheet and controller, and is never overwritten
+    assert _record(effects, tmp_path / "second", robot=folder) == 0
+    second = load_case(tmp_path / "second")
+    np.testing.assert_array_equal(second.controller.kp, case.controller.kp)
+    before = (folder / "recording_1.csv").read_bytes()
+    assert _record(effects, folder, "--noise", 0.5) == 2
+    assert (folder / "recording_1.csv").read_bytes() == before
 
 
 def test_a_trajectory_from_a_file_is_followed_and_slowed_down(
@@ -101,43 +98,20 @@ def test_a_trajectory_from_a_file_is_followed_and_slowed_down(
     q = start + np.outer(rise, np.full(7, 0.3))
     dq = np.gradient(q, t, axis=0)
     rows = np.column_stack([t, q, dq, np.gradient(dq, t, axis=0)])
-    names = [
-        "t",
-        *(f"{name}{j}" for name in ("q_ref", "dq_ref", "ddq_ref") for j in range(1, 8)),
-    ]
-    np.savetxt(
-        tmp_path / "motion.csv",
-        rows,
-        delimiter=",",
-        header=",".join(names),
-        comments="",
-    )
-    assert (
-        _record(effects, tmp_path / "case", "--trajectory", tmp_path / "motion.csv")
-        == 0
-    )
+    names = [f"{n}{j}" for n in ("q_ref", "dq_ref", "ddq_ref") for j in range(1, 8)]
+    file, header = tmp_path / "motion.csv", ",".join(["t", *names])
+    np.savetxt(file, rows, delimiter=",", header=header, comments="")
+    assert _record(effects, tmp_path / "case", "--trajectory", file) == 0
     slow, fast = load_case(tmp_path / "case").recordings
-    assert slow.duration == pytest.approx(2.0 / 0.4) and fast.duration == pytest.approx(
-        2.0
-    )
+    assert slow.duration == pytest.approx(2.0 / 0.4)
+    assert fast.duration == pytest.approx(2.0)
     np.testing.assert_allclose(fast.q_ref[-1], start + 0.3, atol=1e-3)
-    np.testing.assert_allclose(
-        np.abs(slow.dq_ref).max(), 0.4 * np.abs(fast.dq_ref).max(), rtol=0.02
-    )
+    speeds = [np.abs(recording.dq_ref).max() for recording in (slow, fast)]
+    assert speeds[0] == pytest.approx(0.4 * speeds[1], rel=0.02)
     (tmp_path / "cut.csv").write_text("t,q_ref1\n0,0\n")
-    assert (
-        _record(effects, tmp_path / "other", "--trajectory", tmp_path / "cut.csv") == 2
-    )
+    options = ("--trajectory", tmp_path / "cut.csv")
+    assert _record(effects, tmp_path / "other", *options) == 2
     assert "has no column q_ref2" in capsys.readouterr().err
-
-
-def test_a_case_lends_its_data_sheet_and_controller(
-    effects: Path, tmp_path: Path
-) -> None:
-    assert _record(effects, tmp_path / "first") == 0
-    assert _record(effects, tmp_path / "second", robot=tmp_path / "first") == 0
-    first, second = (load_case(tmp_path / name) for name in ("first", "second"))
-    np.testing.assert_array_equal(second.controller.kp, first.controller.kp)
 
 
 COLUMNS = {"t"} | {
@@ -157,17 +131,11 @@ def test_sealed_truth_leaves_no_trace_in_the_case(
         (tmp_path / "none.yaml", plain, tmp_path / "empty"),
     ):
         assert _record(file, out, "--sealed", safe, "--format", ending) == 0
-    assert [e.name for e in read_corrected(tmp_path / "safe" / "truth.yaml")] == [
-        "payload",
-        "actuator_delay",
-    ]
+    truth = tmp_path / "safe" / "truth.yaml"
+    assert _effects(truth) == ["payload", "actuator_delay"]
     files = sorted(path.name for path in case.rglob("*"))
-    assert files == [
-        "case.yaml",
-        f"recording_1.{ending}",
-        f"recording_2.{ending}",
-        "robot.urdf",
-    ]
+    recordings = [f"recording_{k}.{ending}" for k in (1, 2)]
+    assert files == ["case.yaml", *recordings, "robot.urdf"]
     assert (case / "case.yaml").read_bytes() == (plain / "case.yaml").read_bytes()
     assert (case / "robot.urdf").read_bytes() == iiwa().urdf.read_bytes()
     for name in files[1:3]:
@@ -227,17 +195,9 @@ def test_bad_options_are_named(
 def test_the_seal_must_lie_outside_the_case(
     effects: Path, tmp_path: Path, capsys
 ) -> None:
-    assert (
-        _record(effects, tmp_path / "case", "--sealed", tmp_path / "case" / "safe") == 2
-    )
+    case = tmp_path / "case"
+    assert _record(effects, case, "--sealed", case / "safe") == 2
     assert "sealed" in capsys.readouterr().err
-
-
-def test_a_case_is_never_overwritten(effects: Path, tmp_path: Path) -> None:
-    assert _record(effects, tmp_path / "case") == 0
-    before = (tmp_path / "case" / "recording_1.csv").read_bytes()
-    assert _record(effects, tmp_path / "case", "--noise", 0.5) == 2
-    assert (tmp_path / "case" / "recording_1.csv").read_bytes() == before
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -260,17 +220,11 @@ def test_torque_and_motion_belong_to_the_same_instant(
     assert np.abs(skew).max() < 0.1 * dt, skew / dt
 
 
-def test_by_default_the_command_is_recorded_and_on_demand_what_reached_the_joints() -> (
-    None
-):
-    """With a delay of 20 ms the torque that is read back lags the one commanded by just that."""
-    arm, delay = (
-        iiwa(),
-        AppliedEffect("actuator_delay", (1, 2), {"delay": [0.02, 0.02]}),
-    )
+def test_what_is_read_back_behind_a_delay_lags_what_is_commanded_by_it() -> None:
+    delay = AppliedEffect("actuator_delay", (1, 2), {"delay": [0.02, 0.02]})
     applied, commanded = (
-        _case(arm, delay, noise=0.0, **kind).recordings[0]
-        for kind in ({"read_back": True}, {})
+        _case(iiwa(), delay, noise=0.0, read_back=kind).recordings[0]
+        for kind in (True, False)
     )
     np.testing.assert_array_equal(applied.q, commanded.q)
     np.testing.assert_allclose(applied.tau[5:, :2], commanded.tau[:-5, :2], atol=1e-9)
@@ -292,10 +246,6 @@ def test_the_command_line_records_the_command_and_with_read_back_what_reached_th
     np.testing.assert_array_equal(commanded.q, applied.q)
     differs = np.abs(commanded.tau - applied.tau).max(axis=0) > 1e-9
     assert differs.tolist() == [False, True, False, False, False, False, False]
-    assert (
-        commanded.q_ref is not None
-        and load_case(tmp_path / "commanded").controller is not None
-    )
 
 
 KP = [200.0, 200.0, 100.0, 100.0, 20.0, 10.0, 1.0]
@@ -316,18 +266,12 @@ def test_a_controller_from_a_file(
     file = tmp_path / "controller.yaml"
     file.write_text(yaml.safe_dump(CONTROLLER if key is None else {key: CONTROLLER}))
     assert _record(effects, tmp_path / "first") == 0
-    assert (
-        _record(
-            effects, tmp_path / "second", "--controller", file, robot=tmp_path / "first"
-        )
-        == 0
-    )
-    used = load_case(tmp_path / "second").controller
-    assert (used.rate, used.feedforward, used.velocity_cutoff) == (
-        500.0,
-        "gravity",
-        None,
-    )
+    second = tmp_path / "second"
+    options = ("--controller", file)
+    assert _record(effects, second, *options, robot=tmp_path / "first") == 0
+    used = load_case(second).controller
+    assert (used.rate, used.feedforward) == (500.0, "gravity")
+    assert used.velocity_cutoff is None
     np.testing.assert_array_equal(used.kp, KP)
 
 
@@ -362,42 +306,27 @@ def test_a_controller_file_at_fault_is_named(
 
 def test_setup_faults_are_recorded(effects: Path, tmp_path: Path) -> None:
     """The same session with and without them: a torque mirrored, inertials on other links, other gains declared."""
-    text = effects.read_text(encoding="utf-8")
     faulty = tmp_path / "faulty.yaml"
     faults = [
         "{effect: sign_flip, joints: [4], variant: torque}",
         "{effect: shifted_inertials, parameters: {by: 1}}",
         "{effect: gain_mismatch, parameters: {kp_factor: 2, kd_factor: 0.5}}",
     ]
-    faulty.write_text(
-        text + "".join(f"- {fault}\n" for fault in faults), encoding="utf-8"
-    )
-    assert (
-        _record(effects, tmp_path / "right") == 0
-        and _record(faulty, tmp_path / "wrong") == 0
-    )
+    added = "".join(f"- {fault}\n" for fault in faults)
+    faulty.write_text(effects.read_text() + added)
+    for file, name in ((effects, "right"), (faulty, "wrong")):
+        assert _record(file, tmp_path / name) == 0
     right, wrong = load_case(tmp_path / "right"), load_case(tmp_path / "wrong")
     for one, other in zip(right.recordings, wrong.recordings, strict=True):
         np.testing.assert_allclose(other.tau, one.tau * [1, 1, 1, -1, 1, 1, 1])
-    assert (
-        RigidBody(right.arm).model.inertias[3].mass
-        != RigidBody(wrong.arm).model.inertias[3].mass
-    )
+    masses = [RigidBody(c.arm).model.inertias[3].mass for c in (right, wrong)]
+    assert masses[0] != masses[1]
     assert isinstance(right.controller, PD) and isinstance(wrong.controller, PD)
     np.testing.assert_allclose(wrong.controller.kp, right.controller.kp / 2)
     np.testing.assert_allclose(wrong.controller.kd, right.controller.kd * 2)
-    assert [
-        e["effect"]
-        for e in yaml.safe_load((tmp_path / "wrong" / "truth.yaml").read_text())[
-            "effects"
-        ]
-    ] == [
-        "payload",
-        "actuator_delay",
-        "sign_flip",
-        "shifted_inertials",
-        "gain_mismatch",
-    ]
+    named = ["sign_flip", "shifted_inertials", "gain_mismatch"]
+    truth = _effects(tmp_path / "wrong" / "truth.yaml")
+    assert truth == ["payload", "actuator_delay", *named]
 
 
 def test_noise_is_a_share_of_the_torque() -> None:
@@ -410,15 +339,6 @@ def test_noise_is_a_share_of_the_torque() -> None:
     )
 
 
-def _columns(path: Path) -> Recording:
-    table = np.genfromtxt(path, delimiter=",", names=True)
-    q, tau = (
-        np.stack([table[f"{name}{j}"] for j in range(1, 8)], axis=1)
-        for name in ("q", "tau")
-    )
-    return Recording(path.name, table["t"], q, tau)
-
-
 @pytest.mark.parametrize("engine", ENGINES)
 def test_replay_with_the_truth_follows_the_recording(
     effects: Path, tmp_path: Path, engine: str, capsys
@@ -426,25 +346,19 @@ def test_replay_with_the_truth_follows_the_recording(
     pytest.importorskip(ENGINES[engine].library)
     case, out = tmp_path / "case", tmp_path / "replayed.csv"
     assert _record(effects, case) == 0
-    common = (
-        "replay",
-        case,
-        "--recording",
-        case / "recording_2.csv",
-        "--engine",
-        engine,
-        "--out",
-        out,
-    )
     recording = load_case(case).recordings[1]
+    common = ("replay", case, "--engine", engine, "--out", out, "--recording")
     misses = []
     for model in ((), ("--model", case / "truth.yaml")):
-        assert _run(*common, *model) == 0
-        replayed = _columns(out)
-        np.testing.assert_allclose(replayed.t, recording.t)
-        misses.append(np.sqrt(np.mean((replayed.q - recording.q) ** 2)))
+        assert _run(*common, case / recording.name, *model) == 0
+        table = np.genfromtxt(out, delimiter=",", names=True)
+        q = np.column_stack([table[f"q{j}"] for j in range(1, 8)])
+        np.testing.assert_allclose(table["t"], recording.t)
+        misses.append(np.sqrt(np.mean((q - recording.q) ** 2)))
     assert misses[1] < 1e-3 and misses[1] < 0.1 * misses[0]
     assert "wrote" in capsys.readouterr().out
+    assert _run(*common, case / "none.csv") == 2
+    assert "none.csv" in capsys.readouterr().err
 
 
 def test_gap_gives_the_replay_gap_too(effects: Path, tmp_path: Path, capsys) -> None:
@@ -460,18 +374,3 @@ def test_gap_gives_the_replay_gap_too(effects: Path, tmp_path: Path, capsys) -> 
     assert gaps[1] < 1e-3 and gaps[1] < 0.1 * gaps[0]
     assert _run("gap", case) == 0
     assert "replay gap in mrad" in capsys.readouterr().out
-
-
-def test_replay_names_what_is_wrong(effects: Path, tmp_path: Path, capsys) -> None:
-    case = tmp_path / "case"
-    assert _record(effects, case) == 0
-    wrong = (
-        "replay",
-        case,
-        "--recording",
-        case / "none.csv",
-        "--out",
-        tmp_path / "out.csv",
-    )
-    assert _run(*wrong) == 2
-    assert "none.csv" in capsys.readouterr().err

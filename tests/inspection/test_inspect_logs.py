@@ -98,7 +98,7 @@ def test_files_side_by_side_become_one_recording(arm, motion, tmp_path):
     read = load_case(drafted(found, tmp_path)).recordings[0]
     np.testing.assert_allclose(read.tau, motion.tau, atol=1e-9)
     # nothing tells the rate, and that is said
-    assert any("rate" in odd.what for odd in found.oddities)
+    assert any("rate" in odd.said for odd in found.oddities)
 
 
 def test_logs_of_one_kind_become_recordings(arm, motion, tmp_path):
@@ -218,7 +218,7 @@ def test_of_two_arms_in_a_log_it_is_said_which_is_taken(arm, motion, tmp_path):
     for side, values in (("left", motion.q), ("right", -motion.q)):
         table |= columns(side + "_joint{j}.position", values)
     found = inspected(tmp_path, arm, log=table)
-    (said,) = (note for note in found.notes if "14 columns, the robot 7" in note)
+    (said,) = (n.said for n in found.notes if "14 columns, the robot 7" in n.said)
     assert "left_joint1 to left_joint7, are taken" in said and "right_joint1" in said
 
 
@@ -254,7 +254,7 @@ def test_damaged_rows_are_left_out_of_what_is_seen(header, arm, motion, tmp_path
         np.arange(len(motion.t)), [7, 300, 301, 500, 900, *range(600, 640)]
     )
     np.testing.assert_allclose(read.tau, motion.tau[kept], atol=1e-6)
-    said = " ".join(found.notes)
+    said = " ".join(note.said for note in found.notes)
     assert "rows left out that cannot be read: 5 of 1200" in said
     assert "pauses: 40 of 1200 in 1 block" in said
-    assert set(read.notes[:2]) <= {note.split(": ", 1)[1] for note in found.notes}
+    assert set(read.notes[:2]) <= {note.said for note in found.notes}

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 from foreign_logs import case_format, columns, inspected
 
-from gapscope.inspection.draft_check import judge_torques
+from gapscope.inspection.draft import judge_torques
 
 
 def oddities(motion, tmp_path, **changed) -> str:
     table = case_format(motion) | changed
     found = judge_torques(inspected(tmp_path, None, log=table))
-    said = [remark.text for remark in found.misread]
-    return "; ".join([*said, *(f"{odd.where}: {odd.what}" for odd in found.oddities)])
+    return "; ".join(one.text for one in (*found.misread, *found.oddities))
 
 
 def test_a_good_log_has_none(motion, tmp_path):

@@ -42,15 +42,16 @@ def test_one_file_that_loads_nothing(figure: Figure, tmp_path: Path) -> None:
 
 
 def test_text_is_escaped(tmp_path: Path) -> None:
-    section = PageSection(EVIL, EVIL, heads=(EVIL,), rows=[(EVIL,)])
+    section = PageSection(EVIL, (EVIL,), [(EVIL,)], EVIL)
     write_plot_page(tmp_path / "page.html", EVIL, EVIL, [section])
     html = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert EVIL not in html and html.count("&lt;script&gt;alert") == 7
 
 
 def test_tables_of_numbers_and_of_text_and_rows_that_span(tmp_path: Path) -> None:
-    numbers = PageSection(heads=("", "J1", "J2"), rows=[("a", "1", "2"), ("arm", "3")])
-    text = PageSection(heads=("x", "y"), rows=[("a", "b")], numbers=False)
+    rows = [("a", "1", "2"), ("arm", "3")]
+    numbers = PageSection("", ("", "J1", "J2"), rows, numbers=True)
+    text = PageSection("", ("x", "y"), [("a", "b")])
     write_plot_page(tmp_path / "page.html", "t", "", [numbers, text])
     shown = body(tmp_path / "page.html")
     assert re.findall(r'class="(numbers|texts)"', shown) == ["numbers", "texts"]

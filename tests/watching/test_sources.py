@@ -34,102 +34,93 @@ def reading(at_work: Any) -> Reading:
 
 @pytest.fixture
 def log(at_work: Any, write_csv: Write, tmp_path: Path) -> bytes:
-    """The text of a recording of 4 s."""
+    """The text of a recording of 4 s, 400 rows."""
     return write_csv(at_work.recording(4.0), tmp_path / "whole.csv").read_bytes()
 
 
-def test_half_a_line_waits_for_the_rest(reading: Reading, log: bytes, tmp_path: Path):
-    file, cut = tmp_path / "log.csv", len(log) // 2
-    file.write_bytes(log[:cut])
-    source = GrowingFile(file, reading)
-    first = list(source.poll())
-    with file.open("ab") as growing:
-        growing.write(log[cut:])
-    second = list(source.poll())
-    t = samples(first + second)
+class Growing:
+    """A file to which parts are written, and what a source that follows it gives."""
+
+    def __init__(self, file: Path, reading: Reading, first: bytes) -> None:
+        self.file, self.reading = file, reading
+        file.write_bytes(first)
+        self.source = GrowingFile(file, reading)
+        self.first = list(self.source.poll())
+
+    def add(self, part: bytes) -> None:
+        with self.file.open("ab") as growing:
+            growing.write(part)
+
+    def polled(self, part: bytes = b"") -> list[Any]:
+        self.add(part)
+        return list(self.source.poll())
+
+
+@pytest.fixture
+def growing(reading: Reading, tmp_path: Path) -> Callable[[bytes], Growing]:
+    return lambda first: Growing(tmp_path / "log.csv", reading, first)
+
+
+def rows(log: bytes, first: int, last: int | None = None) -> bytes:
+    """Whole lines of a log, the head is number 0."""
+    return b"".join(log.splitlines(keepends=True)[first:last])
+
+
+@pytest.mark.parametrize("later_run", [False, True])
+def test_half_a_line_waits_for_the_rest(
+    later_run: bool, growing: Any, log: bytes
+) -> None:
+    """Also for a later run that goes on at the position."""
+    cut = len(log) // 2
+    made = growing(log[:cut])
+    if later_run:
+        position = made.source.position()
+        made.source = GrowingFile(made.file, made.reading, position)
+    t = samples(made.first + made.polled(log[cut:]))
     assert np.allclose(t, np.arange(400) / 100)
-    assert 0 < len(samples(first)) < 400
+    assert 0 < len(samples(made.first)) < 400
 
 
 @pytest.mark.parametrize("start", [0, 100_000, 1_790_000_000])
 def test_parts_go_on_by_the_clock_of_the_log(
-    start: int, reading: Reading, log: bytes, tmp_path: Path
-):
-    head, *rows = log.decode().splitlines()
-    later = []
-    for row in rows:
-        t, _, rest = row.partition(",")
-        later.append(f"{start + float(t):.6f},{rest}\n")
-    file, half = tmp_path / "log.csv", len(later) // 2
-    file.write_text(head + "\n" + "".join(later[:half]))
-    source = GrowingFile(file, reading)
-    parts = list(source.poll())
-    with file.open("a") as growing:
-        growing.write("".join(later[half:]))
-    parts += source.poll()
-    assert np.allclose(np.diff(samples(parts)), 1 / 100, atol=1e-6)
+    start: int, growing: Any, log: bytes
+) -> None:
+    head, *lines = log.decode().splitlines()
+    split = (line.partition(",") for line in lines)
+    later = [f"{start + float(t):.6f},{rest}\n".encode() for t, _, rest in split]
+    half = len(later) // 2
+    made = growing(head.encode() + b"\n" + b"".join(later[:half]))
+    t = samples(made.first + made.polled(b"".join(later[half:])))
+    assert np.allclose(np.diff(t), 1 / 100, atol=1e-6)
 
 
-def test_a_later_run_goes_on_at_the_position(
-    reading: Reading, log: bytes, tmp_path: Path
-):
-    file, cut = tmp_path / "log.csv", len(log) // 2
-    file.write_bytes(log[:cut])
-    source = GrowingFile(file, reading)
-    first = list(source.poll())
-    with file.open("ab") as growing:
-        growing.write(log[cut:])
-    second = list(GrowingFile(file, reading, source.position()).poll())
-    assert np.allclose(samples(first + second), np.arange(400) / 100)
-
-
-def test_a_file_that_was_cut_is_read_from_its_start(
-    reading: Reading, log: bytes, tmp_path: Path
-):
-    file = tmp_path / "log.csv"
-    file.write_bytes(log)
-    source = GrowingFile(file, reading)
-    list(source.poll())
-    file.write_bytes(b"\n".join(log.split(b"\n")[:201]) + b"\n")
-    again = list(source.poll())
+def test_a_file_that_was_cut_is_read_from_its_start(growing: Any, log: bytes) -> None:
+    made = growing(log)
+    made.file.write_bytes(rows(log, 0, 201))
+    again = made.polled()
     assert "was cut" in notes(again)
     assert len(samples(again)) == 200
     assert again[-1].name == "log.csv (2)"
 
 
-def test_rotation_loses_nothing(reading: Reading, log: bytes, tmp_path: Path):
-    file = tmp_path / "log.csv"
-    lines = log.split(b"\n")
-    file.write_bytes(b"\n".join(lines[:101]) + b"\n")
-    source = GrowingFile(file, reading)
-    first = list(source.poll())
-    with file.open("ab") as growing:
-        growing.write(b"\n".join(lines[101:201]) + b"\n")
-    os.rename(file, tmp_path / "log.csv.1")
-    file.write_bytes(b"\n".join([lines[0], *lines[201:]]))
-    second = list(source.poll())
+def test_rotation_loses_nothing(growing: Any, log: bytes) -> None:
+    made = growing(rows(log, 0, 101))
+    made.add(rows(log, 101, 201))
+    made.file.rename(made.file.with_suffix(".1"))
+    made.file.write_bytes(rows(log, 0, 1) + rows(log, 201))
+    second = made.polled()
     assert "took its place" in notes(second)
-    assert np.allclose(samples(first + second), np.arange(400) / 100)
+    assert np.allclose(samples(made.first + second), np.arange(400) / 100)
 
 
-def test_a_damaged_row_is_left_out_with_its_line(
-    reading: Reading, log: bytes, tmp_path: Path
-):
-    lines = log.split(b"\n")
-    file = tmp_path / "log.csv"
-    file.write_bytes(b"\n".join(lines[:101]) + b"\n")
-    source = GrowingFile(file, reading)
-    list(source.poll())
-    bad = lines[150].split(b",")
+def test_a_damaged_row_is_left_out_with_its_line(growing: Any, log: bytes) -> None:
+    made = growing(rows(log, 0, 101))
+    bad = rows(log, 150, 151).split(b",")
     bad[3] = b"nan"
-    with file.open("ab") as growing:
-        growing.write(b"\n".join([*lines[101:150], b",".join(bad), lines[151]]) + b"\n")
-    said = list(source.poll())
+    said = made.polled(rows(log, 101, 150) + b",".join(bad) + rows(log, 151, 152))
     assert "line 151" in notes(said)
-    assert reading.failure is None
-    with file.open("ab") as growing:
-        growing.write(b"\n".join(lines[152:]))
-    assert len(samples(list(source.poll()))) > 200
+    assert made.reading.failure is None
+    assert len(samples(made.polled(rows(log, 152)))) > 200
 
 
 def test_a_file_in_a_folder_is_read_once_it_rests(

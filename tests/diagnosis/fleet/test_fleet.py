@@ -81,7 +81,7 @@ def coulomb(
 
 
 def kinds(**units: dict[str, Any]) -> dict[tuple[str, int | None], str]:
-    return {(row.effect, row.joint): row.kind for row in compare(units)}
+    return {(r["effect"], r["joint"]): r["kind"] for r in compare(units)}
 
 
 class TestPooled:
@@ -189,7 +189,7 @@ class TestCompare:
             unit(("link_inertia", [], {"link": (link, None), "mass": (0.5, 0.1)}))
             for link in (2, 3)
         )
-        assert [(row.link, row.kind) for row in compare({"a": a, "b": b})] == [
+        assert [(row["link"], row["kind"]) for row in compare({"a": a, "b": b})] == [
             (2, ONE),
             (3, ONE),
         ]
@@ -206,10 +206,9 @@ class TestCompare:
             unit(("actuator_lag", [4], {"time_constant": ([0.01], [0.001])})),
             documents.two_effects(),
         )
-        lag = next(
-            row for row in compare({"a": a, "b": b}) if row.effect == "actuator_lag"
-        )
-        assert lag.kind == ONE and lag.instead == {"b": "actuator_delay"}
+        rows = {row["effect"]: row for row in compare({"a": a, "b": b})}
+        lag = rows["actuator_lag"]
+        assert lag["kind"] == ONE and lag["instead"] == {"b": "actuator_delay"}
 
     def test_only_arms_of_one_type_are_compared(self) -> None:
         other, bare = documents.no_gap(), documents.no_gap()

@@ -1,0 +1,83 @@
+"""Records as one NPZ file: their arrays as they are, all else as JSON."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Iterable, Mapping
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gapscope.arm.errors import InputError
+from gapscope.arm.io.atomic_write import atomic_write
+
+
+def write_records(value: Any, path: Path) -> None:
+    """Write a dataclass of arrays, numbers, texts, dataclasses, and containers of these.
+
+    Raises:
+        GapscopeError: the file cannot be written.
+    """
+    arrays: list[np.ndarray] = []
+    content = json.dumps(_packed(value, arrays))
+    named: dict[str, Any] = {f"array{k}": array for k, array in enumerate(arrays)}
+    named["content"] = np.array(content)
+    with atomic_write(path) as aside:
+        np.savez(aside, **named)
+
+
+def read_records(path: Path, types: Iterable[type]) -> Any:
+    """What ``write_records`` wrote.
+
+    Args:
+        path: the file.
+        types: of the dataclasses that may be in it.
+
+    Raises:
+        InputError: the file holds no such records.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            arrays = dict(stored)
+        content = json.loads(str(arrays.pop("content")))
+        return _unpacked(content, arrays, {made.__name__: made for made in types})
+    except (LookupError, TypeError, ValueError, OSError, EOFError, zipfile.BadZipFile) as error:  # fmt: skip
+        raise InputError(f"holds no records ({error})", file=path) from None
+
+
+def _packed(value: Any, arrays: list[np.ndarray]) -> Any:
+    if isinstance(value, np.ndarray):
+        arrays.append(value)
+        return {"array": f"array{len(arrays) - 1}"}
+    if is_dataclass(value):
+        names = [field.name for field in fields(value)]
+        parts = {name: _packed(getattr(value, name), arrays) for name in names}
+        return {"record": type(value).__name__, "parts": parts}
+    if isinstance(value, Mapping):
+        return {"items": [_packed(pair, arrays) for pair in value.items()]}
+    if isinstance(value, tuple):
+        return {"tuple": [_packed(one, arrays) for one in value]}
+    if isinstance(value, list):
+        return [_packed(one, arrays) for one in value]
+    return value
+
+
+def _unpacked(
+    value: Any, arrays: Mapping[str, np.ndarray], types: Mapping[str, type]
+) -> Any:
+    if isinstance(value, list):
+        return [_unpacked(one, arrays, types) for one in value]
+    if not isinstance(value, dict):
+        return value
+    if "array" in value:
+        return arrays[value["array"]]
+    if "record" in value:
+        parts = value["parts"].items()
+        made = {name: _unpacked(part, arrays, types) for name, part in parts}
+        return types[value["record"]](**made)
+    (kind, parts) = next(iter(value.items()))
+    every = [_unpacked(one, arrays, types) for one in parts]
+    return dict(every) if kind == "items" else tuple(every)

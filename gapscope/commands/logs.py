@@ -1,0 +1,111 @@
+"""The commands for a log and a case before any diagnosis: ``inspect``, ``check``, ``audit``, ``agree``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from typer import Argument, Option
+
+from gapscope.commands.options import AsJson, CasePath
+from gapscope.terminal import Progress, say, show, wrote
+
+
+def inspect(
+    logs: Annotated[
+        list[Path],
+        Argument(help="files or folders of one arm's recordings", metavar="LOG..."),
+    ],
+    robot: Annotated[
+        str | None,
+        Option(help="URDF, MJCF or known name; default: the one in the log"),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        Option(
+            help="folder of the case to write, with a page and a picture",
+            metavar="CASE",
+        ),
+    ] = None,
+) -> None:
+    """Say what is in a log, draw it, and write the case to start from."""
+    from gapscope.arm.io.locked_section import locked
+    from gapscope.interface.inspect import inspect as inspect_logs
+    from gapscope.reports.inspection import check_unused
+
+    if out is not None:
+        check_unused(out)
+    written: tuple[Path, ...] = ()
+    with Progress(logs[0].name) as progress, locked(out):
+        result = inspect_logs(logs, robot, progress=progress)
+        if out is not None:
+            progress("writes the case")
+            written = result.save(out)
+    show(result, *written)
+
+
+CANNOT = 2
+"""Exit code if the case cannot be diagnosed."""
+
+
+def check(case: CasePath, as_json: AsJson = False) -> None:
+    """Say in seconds whether a case can be diagnosed, and what its recordings cannot tell."""
+    from gapscope.interface.check import check as check_case
+
+    with Progress(case.name or str(case)) as progress:
+        result = check_case(case, progress=progress)
+    show(result, as_json=as_json)
+    if not result.can_be_diagnosed:
+        raise typer.Exit(CANNOT)
+
+
+def audit(
+    robot: Annotated[
+        str,
+        Argument(help="URDF or MJCF file, kuka_iiwa, ..., or a case", metavar="ROBOT"),
+    ],
+    recording: Annotated[
+        Path | None,
+        Option(
+            help="static poses with torque: a recording or a case", metavar="STATIC"
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        Option(help="folder for audit.html and audit.json", metavar="DIR"),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Say what is odd about a robot model, worst first, with the line in its file."""
+    from gapscope.arm.io.locked_section import locked
+    from gapscope.arm.robots import KNOWN_ROBOTS
+    from gapscope.interface.audit import audit as audit_robot
+
+    with Progress(Path(robot).name) as progress, locked(out):
+        result = audit_robot(robot, recording, progress=progress)
+        written = () if out is None else result.save(out)
+    show(result, as_json=as_json)
+    if as_json:
+        return
+    if robot in KNOWN_ROBOTS:
+        say(f"The inertials of {robot}: {KNOWN_ROBOTS[robot].source}.")
+    wrote(*written)
+
+
+def agree(
+    case: CasePath,
+    out: Annotated[
+        Path | None,
+        Option(help="folder for agreement.html and agreement.json", metavar="DIR"),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Say which parameters agree in all recordings, and with what the others differ."""
+    from gapscope.arm.io.locked_section import locked
+    from gapscope.interface.agree import agree as compare
+
+    with Progress(case.name or str(case)) as progress, locked(out):
+        result = compare(case, progress=progress)
+        written = () if out is None else result.save(out)
+    show(result, *written, as_json=as_json)

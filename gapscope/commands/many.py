@@ -1,0 +1,126 @@
+"""The commands for many diagnoses: ``fleet`` and ``serve``."""
+
+from __future__ import annotations
+
+import time
+import webbrowser
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from typer import Argument, Option
+
+from gapscope.commands.options import Results
+from gapscope.terminal import Progress, say, show, wrote
+
+PACE = 1.0
+"""Least time between two lines of progress [s]."""
+GIGABYTE = 1e9
+
+
+def fleet(
+    cases: Annotated[
+        list[str],
+        Argument(
+            help="folders or archives of cases, lists of them (.txt, .csv), or URLs: s3://..., gs://..., zip://...",
+            metavar="CASES...",
+        ),
+    ],
+    out: Results,
+    jobs: Annotated[
+        int | None,
+        Option(min=1, help="cases at a time; default: 1, on a cluster all its cores"),
+    ] = None,
+    backend: Annotated[
+        str, Option(help="local, or ray (needs ray installed)")
+    ] = "local",
+    again: Annotated[
+        bool, Option("--again", help="diagnose also what is done")
+    ] = False,
+    keep: Annotated[
+        str, Option(help="files kept of each diagnosis: nothing, json or report")
+    ] = "json",
+    units_by: Annotated[
+        str, Option(help="what names the unit of a case: case or folder")
+    ] = "case",
+    largest: Annotated[
+        float, Option(min=0.0, help="size that a case may have [GB]", metavar="GB")
+    ] = 2.0,
+    scratch: Annotated[
+        Path | None,
+        Option(help="folder for cases while they are diagnosed", metavar="DIR"),
+    ] = None,
+    tries: Annotated[
+        int, Option(min=1, help="times that a case is begun if its workers die")
+    ] = 3,
+) -> None:
+    """Diagnose many cases, compare their units, and find what changed."""
+    from gapscope.interface.fleet import DOCUMENT, PAGE, fleet
+
+    with Progress("fleet") as progress:
+        overview = fleet(
+            cases,
+            out,
+            progress=_paced(progress),
+            jobs=jobs,
+            backend=backend,
+            again=again,
+            keep=keep,
+            units_by=units_by,
+            largest=int(largest * GIGABYTE),
+            scratch=scratch,
+            tries=tries,
+        )
+    say(str(overview.counts))
+    show(overview)
+    wrote(out / PAGE, out / DOCUMENT)
+    raise typer.Exit(1 if overview.counts.failed else 0)
+
+
+def _paced(progress: Progress) -> Callable[[str], None]:
+    """Passes a message on unless one was passed on just now: there may be thousands a minute."""
+    last = -PACE
+
+    def show(message: str) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if now - last >= PACE:
+            last = now
+            progress(message)
+
+    return show
+
+
+def serve(
+    folder: Annotated[
+        Path,
+        Argument(help="folder with diagnoses, at any depth", metavar="DIR"),
+    ],
+    port: Annotated[
+        int, Option(min=0, max=65535, help="on 127.0.0.1; 0: any that is free")
+    ] = 0,
+    units_by: Annotated[
+        str,
+        Option(
+            help="what names a unit, without dates: case, or the folder above a diagnosis"
+        ),
+    ] = "case",
+    show: Annotated[bool, Option("--open", help="open the browser")] = False,
+) -> None:
+    """Show many diagnoses as a table, and the effects of each unit over time; read-only, on this machine alone."""
+    from gapscope.archive import Archive
+    from gapscope.serving import ArchiveServer
+
+    archive = Archive(folder, units_by)
+    with ArchiveServer(archive, port) as server:
+        with Progress(str(folder)) as progress:
+            count = len(archive.entries(progress))
+        noun = "diagnosis" if count == 1 else "diagnoses"
+        say(f"{count} {noun} at {server.address} (Ctrl-C ends)")
+        if show:
+            webbrowser.open(server.address)
+        try:
+            server.serve_forever()
+        except KeyboardInterrupt:
+            say("stopped")

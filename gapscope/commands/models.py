@@ -1,0 +1,224 @@
+"""The commands for a model and a recording: ``predict``, ``replay``, ``gap``, ``view``, ``export``."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Annotated
+
+from typer import Argument, Option
+
+from gapscope.commands.options import AsJson, CasePath, Engine, Model
+from gapscope.terminal import Progress, note, say, show, wrote
+
+
+def predict(
+    case: CasePath,
+    recording: Annotated[
+        Path,
+        Option(
+            help="recording with t, q1.., a path or a name of the case; other columns are not used",
+            metavar="FILE",
+        ),
+    ],
+    out: Annotated[Path, Option(help="CSV to write: t, tau1..", metavar="FILE.csv")],
+    model: Model = None,
+) -> None:
+    """Predict the torque that a model says would be recorded."""
+    from gapscope.commands.inputs import read_recording
+    from gapscope.interface.predict import predict as predict_recording
+
+    with Progress(recording.name) as progress:
+        progress("reads")
+        loaded, motion = read_recording(case, recording, every_row=True)
+        progress("predicts")
+        predict_recording(loaded, motion, model).write(out)
+    wrote(out)
+
+
+def replay(
+    case: CasePath,
+    recording: Annotated[
+        Path,
+        Option(
+            help="recording with q_ref1.., or tau1.. without; a path or a name of the case",
+            metavar="FILE",
+        ),
+    ],
+    out: Annotated[
+        Path, Option(help="CSV to write: t, q1.., tau1..", metavar="FILE.csv")
+    ],
+    model: Model = None,
+    engine: Engine = None,
+) -> None:
+    """Move the simulated arm under the same commands as a recording."""
+    from gapscope.commands.inputs import read_recording
+    from gapscope.interface.replay import replay as replay_recording
+
+    with Progress(recording.name) as progress:
+        progress("reads")
+        loaded, motion = read_recording(case, recording)
+        replayed = replay_recording(
+            loaded, motion, model, engine=engine, progress=progress
+        )
+        replayed.write(out)
+    say(replayed.summary())
+    wrote(out)
+
+
+def gap(case: CasePath, model: Model = None, as_json: AsJson = False) -> None:
+    """Measure the gap alone, per joint, of a nominal or corrected arm."""
+    from gapscope.interface.gap import gap as measure_gap
+
+    with Progress(case.name or str(case)) as progress:
+        progress("measures the gap")
+        measured = measure_gap(case, model)
+    show(measured, as_json=as_json)
+    if not as_json:
+        for warning in measured.document["warnings"]:
+            note(f"note: {warning}")
+
+
+def view(
+    case: CasePath,
+    out: Annotated[
+        Path,
+        Option(help="MCAP to write; a Foxglove layout beside it", metavar="FILE.mcap"),
+    ],
+    recording: Annotated[
+        str | None,
+        Option(help="name of a recording of the case; default: the first"),
+    ] = None,
+    model: Model = None,
+    show: Annotated[
+        bool, Option("--open/--no-open", help="open Rerun if it is installed")
+    ] = True,
+) -> None:
+    """Write recorded, predicted and remaining torque and the arm as one MCAP, and open Rerun if installed."""
+    from gapscope.arm.case import load_case
+    from gapscope.arm.errors import GapscopeError
+    from gapscope.interface.models import recording_of
+    from gapscope.interface.predict import predict as predict_recording
+    from gapscope.interface.replay import replay as replay_recording
+    from gapscope.reports.scene import Scene, write_layout, write_mcap
+
+    layout = out.with_suffix(".foxglove.json")
+    with Progress(case.name or str(case)) as progress:
+        progress("predicts and replays")
+        loaded = load_case(case)
+        chosen = recording_of(loaded, recording or 0)
+        torque = predict_recording(loaded, chosen, model).tau
+        moved, problem = None, ""
+        try:
+            moved = replay_recording(loaded, chosen, model).replay.q
+        except GapscopeError as error:
+            problem = str(error)
+        scene = Scene(loaded.arm, chosen.t, chosen.q, chosen.tau, torque, moved)
+        progress("writes")
+        write_mcap(scene, out)
+        write_layout(scene, layout)
+    if problem:
+        note(f"not replayed: {problem}")
+    wrote(out, layout)
+    viewer = shutil.which("rerun")
+    if show and viewer:
+        subprocess.Popen([viewer, str(out)])
+    elif show:
+        note(
+            "Rerun is not installed (pip install rerun-sdk); Foxglove and PlotJuggler open the file too"
+        )
+
+
+def export(
+    corrected: Annotated[
+        Path, Argument(help="corrected.yaml of a diagnosis", metavar="CORRECTED")
+    ],
+    out: Annotated[Path, Option(help="file to write", metavar="FILE")],
+    file_format: Annotated[
+        str,
+        Option(
+            "--format",
+            help="urdf, mjcf or sdf: the whole arm; isaac_lab, mjlab, newton, genesis, drake, gazebo, ros2_control, "
+            "playground or environment: a snippet in the simulator's words",
+        ),
+    ],
+    case: Annotated[
+        Path | None,
+        Option(
+            help="the case that was diagnosed: its nominal arm and data sheet",
+            metavar="CASE",
+        ),
+    ] = None,
+    robot: Annotated[
+        str | None,
+        Option(help="in its place: kuka_iiwa, ..., or a URDF", metavar="ROBOT"),
+    ] = None,
+    relative_meshes: Annotated[
+        bool,
+        Option(
+            "--relative-meshes",
+            help="name meshes from the folder of FILE, not absolutely",
+        ),
+    ] = False,
+    randomise: Annotated[
+        bool,
+        Option(
+            "--randomise",
+            help="with ranges to draw from: the 95 % intervals of the diagnosis beside CORRECTED",
+        ),
+    ] = False,
+    unit: Annotated[
+        list[Path] | None,
+        Option(
+            "--unit",
+            help="with --randomise: diagnosis of another unit, which the ranges hold too; may be repeated",
+            metavar="DIR",
+        ),
+    ] = None,
+) -> None:
+    """Write the corrected arm for other simulators.
+
+    What the format cannot hold is listed in the file and on the terminal.
+    """
+    from gapscope.arm.errors import InputError
+    from gapscope.arm.nearest_name import check_known
+    from gapscope.commands.inputs import read_arm_and_controller
+    from gapscope.diagnosis.compare_units import read_ranges
+    from gapscope.effects.corrected_file import error_context, read_corrected_arm
+    from gapscope.envs.export.formats import ALL_FORMATS
+    from gapscope.envs.export.formats import export as export_arm
+
+    if unit and not randomise:
+        raise InputError(
+            "other units matter for ranges alone", "add --randomise", where="--unit"
+        )
+    check_known("format", file_format, ALL_FORMATS, where="--format")
+    if (case is None) == (robot is None):
+        raise InputError(
+            "expected one of --case and --robot",
+            "give the case that was diagnosed, with its data sheet; or a robot without one",
+            where="--case",
+        )
+    with Progress(corrected.name) as progress:
+        progress(f"writes {file_format}")
+        arm, controller = read_arm_and_controller(str(robot if case is None else case))
+        if out.exists() and out.resolve() in (corrected.resolve(), arm.urdf.resolve()):
+            raise InputError(
+                "would be overwritten", "choose another file with --out", file=out
+            )
+        found = read_corrected_arm(arm, corrected)
+        ranges = read_ranges(corrected, found, tuple(unit or ())) if randomise else None
+        with error_context(corrected, found.effects):
+            left_out, odd = export_arm(
+                found,
+                file_format,
+                out,
+                relative=relative_meshes,
+                controller=controller,
+                ranges=ranges,
+            )
+    for title, lines in ((f"left out of {out.name}:", left_out), ("odd:", odd)):
+        if lines:
+            say(title, *(f"  {line}" for line in lines))
+    wrote(out)
