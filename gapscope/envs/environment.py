@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
@@ -45,8 +45,10 @@ from gapscope.envs.episode import (
 )
 from gapscope.envs.plant import ONE_BY_ONE, ControlledArms
 from gapscope.envs.randomisation import Randomisation, checked_randomisation
-from gapscope.envs.rendering import Screen
 from gapscope.envs.reward import Reward, RewardParts, chosen_reward
+
+if TYPE_CHECKING:
+    from gapscope.envs.rendering import Screen
 
 REWARDS = tuple(f"reward_{name}" for name in RewardParts._fields)
 """Where ``info`` holds the parts of the reward."""
@@ -271,6 +273,9 @@ class ArmTracking(gymnasium.Env):
         self.metadata = self.metadata | {"render_fps": max(1, round(1 / period))}
         self._screen: Screen | None = None
         if render_mode is not None:
+            # pictures alone wait for matplotlib
+            from gapscope.envs.rendering import Screen
+
             self._screen = Screen(self.space.kinematics, render_mode, period)
 
     @property
