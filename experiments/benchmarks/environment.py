@@ -212,7 +212,6 @@ def _bare(
                 inside.run(row, SUB_STEPS)
 
         return Loop(prepare, steps)
-    inside = inside._engine
     robot, joints, client = inside._robot, inside._joints, inside._client
     forces = torque.tolist()
 

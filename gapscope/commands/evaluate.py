@@ -34,7 +34,7 @@ HiddenEffects = Annotated[
 ]
 Engines = Annotated[
     str | None,
-    typer.Option(help="pybullet, mujoco or dart; several with commas"),
+    typer.Option(help="pybullet or mujoco; both with a comma"),
 ]
 Motions = Annotated[str, typer.Option(help="motions, with commas between them")]
 Disturbances = Annotated[

@@ -26,7 +26,7 @@ RobotOption = Annotated[str, typer.Option(help=_ROBOT, metavar="ROBOT")]
 Engine = Annotated[
     str | None,
     typer.Option(
-        help="pybullet, mujoco or dart; default: pybullet if it is installed, else mujoco"
+        help="pybullet or mujoco; default: pybullet if it is installed, else mujoco"
     ),
 ]
 

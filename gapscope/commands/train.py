@@ -39,7 +39,7 @@ Seed = Annotated[
 ]
 TrainingEngine = Annotated[
     str | None,
-    typer.Option(help="mujoco (default: all environments together), pybullet or dart"),
+    typer.Option(help="mujoco (default: all environments together) or pybullet"),
 ]
 Parallel = Annotated[
     bool,

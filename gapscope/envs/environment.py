@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,7 +44,7 @@ from gapscope.envs.episode import (
     Timing,
     chosen_effects,
 )
-from gapscope.envs.plant import ONE_BY_ONE, ControlledArms
+from gapscope.envs.plant import ControlledArms
 from gapscope.envs.randomisation import Randomisation, checked_randomisation
 from gapscope.envs.reward import Reward, RewardParts, chosen_reward
 
@@ -367,11 +368,12 @@ class ArmTracking(gymnasium.Env):
 
 
 class VectorArmTracking(VectorEnv):
-    """N environments ``ArmTracking`` on MuJoCo; each does what a single one with its seed does, bit by bit.
+    """N environments ``ArmTracking``; each does what a single one with its seed does, bit by bit.
 
     Actions, observations, rewards, endings and ``info`` are those of N single environments in Gymnasium's
-    ``SyncVectorEnv``. The bodies are stepped on threads; controllers, drives, friction, delays and encoders over all
-    arms at once. Drawn effects change fields of a model, and no model is compiled at a reset.
+    ``SyncVectorEnv``. Controllers and encoders are computed over all arms at once. On MuJoCo the bodies are stepped on
+    threads, drives, friction and delays over all arms at once, and no model is compiled at a reset; on PyBullet, and
+    with motors of their own, coupled motors or stiff springs, drives and bodies are stepped one arm after the other.
 
     Args:
         num_envs: N.
@@ -380,11 +382,10 @@ class VectorArmTracking(VectorEnv):
             action) or ``SameStep`` (the step that ends it resets it; its last observation is
             ``info["final_obs"]``).
         threads: on which bodies are stepped; 0 for one on every processor that this process may use.
-        options: the other arguments of ``ArmTracking``; ``engine`` must be ``mujoco``, and nothing is drawn.
+        options: the other arguments of ``ArmTracking``; ``engine`` is ``mujoco`` by default, and nothing is drawn.
 
     Raises:
-        InputError: an argument that cannot be used, or an arm that cannot be stepped beside others: with a residual
-            network, an elastic joint or one with play, or a motor that turns several joints.
+        InputError: an argument that cannot be used.
     """
 
     def __init__(
@@ -398,33 +399,27 @@ class VectorArmTracking(VectorEnv):
     ) -> None:
         self.num_envs = whole("num_envs", num_envs)
         engine = options.pop("engine", None) or "mujoco"
-        if engine != "mujoco":
-            raise InputError(
-                f"the vector environment runs on mujoco, not on {engine}",
-                ONE_BY_ONE,
-                where="engine",
-            )
         if options.get("render_mode") is not None:
             raise InputError(
-                "the vector environment draws nothing", ONE_BY_ONE, where="render_mode"
+                "the vector environment draws nothing",
+                "vectorization_mode='sync' does",
+                where="render_mode",
             )
         self._mode = _checked_mode(autoreset_mode)
         self.metadata = {"autoreset_mode": self._mode, "render_modes": []}
-        one = ArmTracking(robot, engine="mujoco", **options)
+        one = ArmTracking(robot, engine=engine, **options)
         one.close()
-        _check_drawn(one.setup.options.randomisation)
-        if one.setup.base.residual is not None:
-            raise InputError(
-                "the vector environment does not step a residual network",
-                ONE_BY_ONE,
-                where="simulated",
-            )
         self.arm, self.setup, self.layout = one.arm, one.setup, one.layout
         self.single_observation_space = one.observation_space
         self.single_action_space = one.action_space
         self.observation_space = batch_space(one.observation_space, self.num_envs)
         self.action_space = batch_space(one.action_space, self.num_envs)
-        self._plant = ControlledArms(self.setup, self.num_envs, threads)
+        plant = partial(ControlledArms, self.setup, self.num_envs, threads, engine)
+        together = engine == "mujoco" and not _draws_motors(self.setup)
+        try:
+            self._plant = plant(together=together)
+        except InputError:
+            self._plant = plant()
         self._rngs: list[np.random.Generator | None] = [None] * self.num_envs
         self._seeds = [-1] * self.num_envs
         self._ended = np.ones(self.num_envs, dtype=bool)
@@ -502,7 +497,8 @@ class VectorArmTracking(VectorEnv):
         return episodes.observations(error), rewards, terminated, truncated, infos
 
     def close_extras(self, **options: Any) -> None:
-        """Nothing outlives the object."""
+        """Free the engine."""
+        self._plant.close()
 
     def _reset_one(
         self, number: int, seed: int | None, options: Mapping[str, Any]
@@ -587,25 +583,15 @@ def _checked_mode(mode: AutoresetMode | str) -> AutoresetMode:
     return found
 
 
-def _check_drawn(randomisation: Randomisation | EffectRanges | None) -> None:
-    """Check that no effect may be drawn with which an arm cannot be stepped beside others.
-
-    Raises:
-        InputError: one may be; names it.
-    """
-    if randomisation is None:
-        return
-    ranges = isinstance(randomisation, EffectRanges)
+def _draws_motors(setup: Setup) -> bool:
+    """Whether effects may be drawn with which joints have motors of their own, or motors turn several joints."""
+    drawn = setup.options.randomisation
+    if drawn is None:
+        return False
     names = (
-        [item.low.name for item in randomisation.ranges]
-        if isinstance(randomisation, EffectRanges)
-        else list(randomisation.names)
+        [item.low.name for item in drawn.ranges]
+        if isinstance(drawn, EffectRanges)
+        else drawn.names
     )
-    for name in names:
-        effect = CATALOGUE[name]
-        if isinstance(effect, Transmission) or effect.reach == "motor":
-            raise InputError(
-                f"{name} may be drawn, with which arms are not stepped together",
-                ONE_BY_ONE,
-                where="ranges" if ranges else "randomisation.names",
-            )
+    effects = [CATALOGUE[name] for name in names]
+    return any(isinstance(x, Transmission) or x.reach == "motor" for x in effects)

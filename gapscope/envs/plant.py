@@ -20,16 +20,12 @@ from gapscope.envs.divergence import described, divergence_info, stop_info
 from gapscope.envs.drive.arm_drive import ArmDrive, Encoders, nominal_body
 from gapscope.envs.episode import FASTEST_OBSERVED, SampledReference, Setup, Timing
 from gapscope.envs.position_controller import VELOCITY_DAMPING, cutoff
-from gapscope.envs.simulated_arm import NetworkTorque, SimulatedArms
+from gapscope.envs.simulated_arm import NetworkTorque, SeparateArms, SimulatedArms
 
 SENSOR_PERIOD = 10e-3
 """The encoders are read at least this often [s], and at every step if a PD loop runs."""
 SLOW = FASTEST_OBSERVED**2
 """Sum of squares of velocities of which none exceeds what is observed [rad^2/s^2]."""
-ONE_BY_ONE = (
-    "gymnasium.make_vec(..., vectorization_mode='sync') steps such arms one by one"
-)
-"""What to do if arms cannot be stepped together."""
 
 
 class SampledReferences:
@@ -211,9 +207,10 @@ class ControlledArms:
 
     Args:
         setup: of the environments.
-        count: N, or ``None`` for one arm, which may have any effect and engine.
-        threads: on which they are stepped, see ``gapscope.envs.engines.mujoco``.
+        count: N.
+        threads: on which MuJoCo steps them, see ``gapscope.envs.engines.mujoco``.
         engine: name of the engine.
+        together: whether several arms are stepped by one simulator; otherwise each has one of its own.
 
     Attributes:
         effects: of each arm beyond the base.
@@ -228,19 +225,20 @@ class ControlledArms:
         diverged: the arms that diverged in the last action, by number.
 
     Raises:
-        InputError: an engine that is not there, or arms that cannot be stepped beside others.
+        InputError: an engine that is not there, or arms that cannot be stepped together.
     """
 
     def __init__(
         self,
         setup: Setup,
-        count: int | None = None,
+        count: int = 1,
         threads: int = 0,
-        engine: str | None = "mujoco",
+        engine: str | None = None,
+        together: bool = False,
     ) -> None:
         self._setup, self._control, self._timing = setup, setup.control, setup.timing
         self._base, self._encoder_step = setup.base, setup.arm.encoder_step or 0.0
-        self._alone, self._engine, count = count is None, engine, count or 1
+        self._engine, self._together = engine, together
         arm, dt = setup.base.arm, setup.timing.dt
         self._nominal = nominal_body(arm)
         first = arm.n_joints * np.arange(count)[:, None]
@@ -248,11 +246,18 @@ class ControlledArms:
             (first + row).ravel() for row in (self._nominal.order, self._nominal.places)
         )
         self._ordered = bool((self._order == np.arange(self._order.size)).all())
-        drive = self._drive(setup.options.effects)
-        self._arms = SimulatedArms(drive, count, threads, engine)
+        effects = setup.options.effects
+        one = together or count == 1
+        self._drives = [self._drive(effects) for _ in range(1 if one else count)]
+        drive = self._drives[0]
+        self._arms: SimulatedArms | SeparateArms
+        if one:
+            self._arms = SimulatedArms(drive, count, threads, engine)
+            self._drives *= count
+        else:
+            self._arms = SeparateArms(self._drives, engine)
         encoders = Encoders(drive.corrected, self._encoder_step)
-        self.effects: list[tuple[AppliedEffect, ...]] = [setup.options.effects] * count
-        self._drives = [drive] * count
+        self.effects: list[tuple[AppliedEffect, ...]] = [effects] * count
         self._networks: dict[int, NetworkTorque] = {}
         self._chunk = 1 if setup.control.gains else sensor_chunk(setup.timing)
         rate = 1.0 / (dt * self._chunk)
@@ -283,8 +288,14 @@ class ControlledArms:
     def _drive(self, effects: tuple[AppliedEffect, ...]) -> ArmDrive:
         """The drives and bodies of an arm with effects; raises ``InputError`` if they cannot be simulated."""
         drive = ArmDrive(self._base.arm, effects, self._timing.dt, self._nominal)
-        if not self._alone:
-            _check_beside_others(drive, effects)
+        flexible = not drive.rigid.all() or drive.parts > 1
+        if self._together and (flexible or drive.coupled.present):
+            names = ", ".join(applied.name for applied in effects)
+            raise InputError(
+                f"motors of their own, coupled motors and stiff springs are not stepped together ({names})",
+                "give them when the environments are made, or take vectorization_mode='sync'",
+                where="effects",
+            )
         return drive
 
     def close(self) -> None:
@@ -307,12 +318,12 @@ class ControlledArms:
         """
         if effects is not self.effects[number]:
             drive = self._drive(effects)
-            if self._alone:
+            if self._together or len(self.load) > 1:
+                self._arms.put(number, drive)
+            else:
                 arms = SimulatedArms(drive, engine=self._engine)
                 self.close()
                 self._arms = arms
-            else:
-                self._arms.put(number, drive)
             self._drives[number], self.effects[number] = drive, effects
         encoders = Encoders(self._drives[number].corrected, self._encoder_step)
         self._readings.put(number, encoders, seed)
@@ -506,25 +517,6 @@ class ControlledArms:
         count = steps * len(self._control.rated)
         self.load = squares / count
         self.torque_rate = np.sqrt(jumps / count) / self._timing.dt
-
-
-def _check_beside_others(drive: ArmDrive, effects: tuple[AppliedEffect, ...]) -> None:
-    """Raise ``InputError`` if an arm cannot be stepped beside others."""
-    flexible = np.flatnonzero(~drive.rigid)
-    why = ""
-    if len(flexible):
-        why = "an elastic joint or one with play has a motor of its own"
-    elif drive.coupled.present:
-        why = "a motor turns several joints"
-    elif drive.parts > 1:
-        why = f"a spring divides each step into {drive.parts} parts"
-    if why:
-        names = ", ".join(applied.name for applied in effects)
-        raise InputError(
-            f"{why}, which the vector environment does not step ({names})",
-            ONE_BY_ONE,
-            where="effects",
-        )
 
 
 def sensor_chunk(timing: Timing) -> int:

@@ -90,7 +90,7 @@ def record(
             of the one commanded; row i holds what is applied from t[i] on.
         settle: time at the reference's start before t = 0 [s].
         name: name of the recording.
-        engine: ``pybullet``, ``mujoco`` or ``dart``; by default PyBullet if it is installed, else MuJoCo.
+        engine: ``pybullet`` or ``mujoco``; by default PyBullet if it is installed, else MuJoCo.
         later: a time [s], and the effects that take the place of the others from then on, as when a payload is picked
             up; position and velocity of the joints continue, states of effects are reset.
 
@@ -239,7 +239,7 @@ class Plan:
             position control; otherwise the torque recorded is the one that the controller commands.
         noise: standard deviation of the recorded torque's noise over that of the joint's torque [1].
         encoder_noise: standard deviation of the encoders' noise [rad].
-        engine: ``pybullet``, ``mujoco`` or ``dart``.
+        engine: ``pybullet`` or ``mujoco``.
 
     Raises:
         InputError: a number that is not above zero, a duration shorter than a case may hold, or no such engine.

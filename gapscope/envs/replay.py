@@ -83,7 +83,7 @@ def replay(
         effects: what the simulated arm has beyond it and the known payload of the recording.
         recording: with ``q_ref`` if the replay goes through the controller, with ``tau`` otherwise.
         controller: the controller, if known.
-        engine: ``pybullet``, ``mujoco`` or ``dart``; by default PyBullet if it is installed, else MuJoCo.
+        engine: ``pybullet`` or ``mujoco``; by default PyBullet if it is installed, else MuJoCo.
         residual: a residual network of the arm with these effects, or ``None``: its torque is taken off the command.
         states: what it has in this recording, or spans of it, in place of ``effects``; the replay starts anew at each.
 

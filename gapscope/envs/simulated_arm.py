@@ -5,11 +5,11 @@ One arm is one of N arms. The torque of a residual network is taken off what it 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from gapscope.arm.dynamics.plain_urdf import moving_links
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.motion import Motion
@@ -18,8 +18,8 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.residual import Memory, ResidualNetwork, channels, channels_with
 from gapscope.envs.drive.arm_drive import ArmDrive, Encoders, nominal_body
-from gapscope.envs.drive.rigid_step import Predicted, RigidStep
-from gapscope.envs.engines import Bodies, make_engine
+from gapscope.envs.drive.rigid_step import RigidStep
+from gapscope.envs.engines import make_bodies
 
 START_TRIALS = 50
 """Iterations of ``start`` for joints whose motor leads them."""
@@ -36,9 +36,9 @@ class SimulatedArms:
 
     Args:
         first: bodies and drives of all arms at first. Of several arms none has a motor of its own at a joint.
-        count: N; of engines but MuJoCo 1.
+        count: N; on PyBullet 1.
         threads: on which MuJoCo steps them, see ``gapscope.envs.engines.mujoco.MuJoCoBodies``.
-        engine: ``pybullet``, ``mujoco`` or ``dart``; by default PyBullet if it is installed, else MuJoCo.
+        engine: ``pybullet`` or ``mujoco``; by default PyBullet if it is installed, else MuJoCo.
 
     Attributes:
         q, dq: true positions [rad] and velocities [rad/s], shape (N n,); they keep their places.
@@ -58,7 +58,8 @@ class SimulatedArms:
         engine: str | None = "mujoco",
     ) -> None:
         self._h, self._parts = first.h, first.parts
-        self._bodies = _bodies(first, engine, count, threads)
+        several = {"count": count, "threads": threads} if count > 1 else {}
+        self._bodies = make_bodies(engine, first.body, first.h, **several)
         self._step = RigidStep(self._bodies, self._h)
         self.q, self.dq = self._step.q, self._step.dq
         self.applied = np.zeros(self.q.size)
@@ -77,8 +78,7 @@ class SimulatedArms:
     def put(self, number: int, drive: ArmDrive) -> None:
         """Give an arm, numbered from 0, other effects; ``reset`` has to follow."""
         if drive.altered or self._drives[number].altered:
-            links = moving_links(drive.body)
-            self._bodies.set_bodies(number, links, np.asarray(drive.body.gravity))
+            self._bodies.set_bodies(number, drive.body)
         self._friction.put(number, drive.friction)
         self._path.put(number, drive.path)
         self._drives[number] = drive
@@ -240,15 +240,58 @@ class SimulatedArms:
         self._bodies.close()
 
 
-def _bodies(drive: ArmDrive, engine: str | None, count: int, threads: int) -> Bodies:
-    """The bodies of ``count`` arms in an engine."""
-    links, gravity = moving_links(drive.body), np.asarray(drive.body.gravity)
-    several = {"count": count, "threads": threads} if count > 1 else {}
-    made = make_engine(engine, links, gravity, drive.h, **several)
-    if isinstance(made, Bodies):
-        return made
-    limits = np.array([link.limits or (-np.inf, np.inf) for link in links]).T
-    return Predicted(made, drive.body, limits, drive.h)
+class SeparateArms:
+    """N simulated arms, each in a simulator of its own: with any effects, on any engine; otherwise ``SimulatedArms``.
+
+    Args:
+        drives: bodies and drives of each arm at first, which have states of their own.
+        engine: as of ``SimulatedArms``.
+    """
+
+    def __init__(self, drives: Sequence[ArmDrive], engine: str | None) -> None:
+        self._engine = engine
+        self._arms = [SimulatedArms(drive, engine=engine) for drive in drives]
+        self.q, self.dq, self.applied = np.zeros((3, sum(len(d.rigid) for d in drives)))
+
+    def put(self, number: int, drive: ArmDrive) -> None:
+        """Give an arm, numbered from 0, other effects; ``reset`` or ``start`` has to follow."""
+        arm = SimulatedArms(drive, engine=self._engine)
+        self._arms[number].close()
+        self._arms[number] = arm
+
+    def reset(self, number: int, q: np.ndarray, dq: np.ndarray) -> None:
+        """Put an arm at true positions q [rad] with velocities dq [rad/s], each (n,), and forget its past."""
+        self._arms[number].reset(0, q, dq)
+        self._take()
+
+    def start(
+        self, number: int, encoders: Encoders, reading: np.ndarray, dq: np.ndarray
+    ) -> None:
+        """Put an arm where its encoders read ``reading`` [rad], with dq [rad/s]."""
+        self._arms[number].start(0, encoders, reading, dq)
+        self._take()
+
+    def seen(self, on_motor: bool) -> np.ndarray:
+        """True positions of what the encoders sit on [rad], shape (N n,)."""
+        return np.concatenate([arm.seen(on_motor) for arm in self._arms])
+
+    def hold(self, torque: np.ndarray, steps: int = 1) -> None:
+        """Hold the commanded torque [N m], shape (N n,), for so many time steps."""
+        rows = torque.reshape(len(self._arms), -1)
+        for arm, row in zip(self._arms, rows, strict=True):
+            arm.hold(row, steps)
+        self._take()
+
+    def _take(self) -> None:
+        """Take the state of the arms."""
+        for name in ("q", "dq", "applied"):
+            row = getattr(self, name)
+            np.concatenate([getattr(arm, name) for arm in self._arms], out=row)
+
+    def close(self) -> None:
+        """Free the engines' worlds; a second call does nothing."""
+        for arm in self._arms:
+            arm.close()
 
 
 class SimulatedArm:
@@ -258,7 +301,7 @@ class SimulatedArm:
         arm: the nominal arm; its armature and friction are simulated too.
         effects: what the simulated arm has beyond them.
         dt: time step [s] in which torque is held; stiff joints divide it further.
-        engine: ``pybullet``, ``mujoco`` or ``dart``; by default PyBullet if it is installed, else MuJoCo.
+        engine: ``pybullet`` or ``mujoco``; by default PyBullet if it is installed, else MuJoCo.
         encoder_step: quantisation of the encoders [rad]; none by default.
         encoder_noise: standard deviation of white noise of the encoders [rad], a number or shape (n,).
         rng: source of the noise.
