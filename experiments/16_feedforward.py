@@ -377,8 +377,9 @@ def tried(
     """Episodes on the hidden arm by engine, of a policy or of none."""
     out = {}
     for engine in ENGINES:
-        env = task.hidden_arm(settings, engine)
-        motions = held_out(settings, env, UNSEEN)
+        count = settings.seeds * len(settings.motions)
+        env = task.trials(settings, count, hidden=True, engine=engine)
+        motions = held_out(settings, env.setup.space, UNSEEN)
         scores = episodes(env, policy or idle(env), motions)
         env.close()
         out[engine] = [

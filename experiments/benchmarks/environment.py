@@ -7,7 +7,7 @@ reads joint states in every step. The bare batch of MuJoCo makes all steps of an
 timed.
 
 PPO is trained on the nominal arm with its friction, whole rollouts with their updates and resets, without evaluations:
-eight environments one after the other, as before there was a vector environment, and as the shipped settings have it.
+eight environments on each engine, and as the shipped settings have it.
 """
 
 from __future__ import annotations
@@ -140,7 +140,7 @@ def environment_loop(environment: gymnasium.Env, rows: list[np.ndarray]) -> Loop
 
 SUB_STEPS, ARMS, FEW = 20, (8, 64, 256), (8,)
 BEFORE = {"n_steps": 128, "batch_size": 128}
-"""Of PPO, before there was a vector environment; on eight environments."""
+"""Of PPO on eight environments."""
 Loops = Mapping[str, Callable[[], object]]
 
 
@@ -314,9 +314,9 @@ def _ppo(settings: Settings) -> list[Row]:
         hyperparameters={**shipped.hyperparameters, **BEFORE},
     )
     loops = {
-        "one by one, pybullet": _training(replace(before, engine="pybullet"), False),
-        "one by one, mujoco": _training(before, False),
-        "together, shipped settings": _training(shipped, True),
+        "eight, pybullet": _training(replace(before, engine="pybullet")),
+        "eight, mujoco": _training(before),
+        "shipped settings": _training(shipped),
     }
     clocks = {"processor": time.process_time, "clock": time.perf_counter}
     times: dict[str, dict[str, list[float]]] = {
@@ -335,23 +335,17 @@ def _ppo(settings: Settings) -> list[Row]:
     return rows
 
 
-def _training(settings: object, together: bool) -> Callable[[], int]:
+def _training(settings: object) -> Callable[[], int]:
     """Collects and learns from some rollouts; returns the number of actions."""
-    from stable_baselines3.common.vec_env import DummyVecEnv
-
     from gapscope.agents.training.learner import make_learner, seed_all
     from gapscope.agents.training.task import Normalisation, Task
-    from gapscope.agents.training.vector_adapter import NormalisedArms
+    from gapscope.agents.training.training_loop import training_environments
 
     task = Task.of("nominal", iiwa())
     one = task.simulator(settings)
     figures = Normalisation.measured(one, 0, settings.tolerance, episodes=1)
     one.close()
-    vector = (
-        NormalisedArms(task.simulators(settings), figures)
-        if together
-        else DummyVecEnv(task.normalised(settings, figures))
-    )
+    vector = training_environments(task, settings, figures)
     learner = make_learner(settings, vector)
     vector.seed(seed_all(0, 1))
     # a quarter of an episode, so that resets count as often as in training

@@ -9,6 +9,7 @@ from math import inf
 import numpy as np
 
 from gapscope.agents.controllers import TrackingController
+from gapscope.arm.control import Targets
 from gapscope.arm.dynamics.kinematics import Kinematics
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
@@ -36,12 +37,12 @@ class SampledReference:
     Attributes:
         motion: the reference; negative times hold its start [s], [rad], [rad/s], [rad/s^2].
         first: tick of t = 0.
-        torque: feedforward of a controller at every tick [N m], shape (N, n), or ``None``.
+        torque: feedforward of a controller at every tick [N m], shape (N, n); zeros at first.
     """
 
     motion: Motion
     first: int
-    torque: np.ndarray | None = None
+    torque: np.ndarray
 
     @classmethod
     def of(
@@ -69,7 +70,7 @@ class SampledReference:
             dq=np.where(moving, reference.velocity(held), 0.0),
             ddq=np.where(moving, reference.acceleration(held), 0.0),
         )
-        return cls(motion, first)
+        return cls(motion, first, np.zeros_like(motion.q))
 
     def planned(self, controller: TrackingController) -> SampledReference:
         """The same with the feedforward of a controller."""
@@ -132,14 +133,13 @@ def track(
         np.zeros(n),
         motion.dq[0] - start_speed,
     )
+    targets = Targets(motion.q, motion.dq, motion.ddq, course.torque)
     q, tau = np.empty((2, course.ticks, n))
     done, ran_away = course.ticks, False
     for i in range(course.ticks):
-        q_ref, dq_ref, ddq_ref = motion.q[i], motion.dq[i], motion.ddq[i]
+        now = targets.at(i)
         q[i] = simulated.encoders()
-        velocity = dq_ref - error_rate(q_ref - q[i])
-        planned = None if course.torque is None else course.torque[i]
-        tau[i] = controller.torque(q_ref, dq_ref, ddq_ref, q[i], velocity, planned)
+        tau[i] = controller(now, q[i], now.dq - error_rate(now.q - q[i]))
         simulated.step(tau[i])
         if diverged(simulated.dq):
             done, ran_away = i, True

@@ -308,7 +308,7 @@ def train_files(
     settings = task.settled(settings)
     task.check(settings)
     with error_context(effects, hidden or ()):
-        task.hidden_arm(settings).close()
+        task.trials(settings, 1, hidden=True).close()
     with locked(out):
         _claim(out, _asked(task, settings, trials), again)
         if trials:

@@ -31,7 +31,6 @@ from gapscope.arm.io.json_file import read_json, write_json
 from gapscope.arm.motions.named_motions import workspace
 from gapscope.arm.nominal import NominalArm
 from gapscope.envs.actions import control
-from gapscope.envs.environment import ArmTracking
 from gapscope.envs.episode import LOOK_AHEAD, SUB_STEPS, TIME_STEP
 from gapscope.provenance import library_versions, sha256
 
@@ -62,31 +61,8 @@ class TrainedAgent:
 
     def act(self, observation: np.ndarray) -> np.ndarray:
         """Action in -1 .. 1, of an observation as the environment gives it."""
-        return np.asarray(
-            self.learner.predict(self.normalisation(observation), deterministic=True)[0]
-        )
-
-    def check(self, env: ArmTracking) -> None:
-        """Check that an environment is one that this agent can act in.
-
-        Raises:
-            InputError: it has other joints, another observation or another kind of action.
-        """
-        _check_joints(self.document["joints"], env.arm, None)
-        for what, own, there in (
-            (
-                "numbers in the observation",
-                len(self.normalisation.mean),
-                env.layout.size,
-            ),
-            ("numbers in an action", self.document["actions"], env.actions),
-        ):
-            if there != own:
-                raise InputError(
-                    f"the agent has {own} {what}, the environment {there}",
-                    "use the action kind and look-ahead that it was trained with",
-                    where="agent",
-                )
+        seen = self.normalisation(observation)
+        return np.asarray(self.learner.predict(seen, deterministic=True)[0])
 
 
 def write_agent(task: Task, trained: Trained, folder: Path) -> dict[str, Any]:
@@ -203,7 +179,7 @@ def _document(folder: Path) -> dict[str, Any]:
     return dict(content)
 
 
-def _check_joints(joints: list[str], arm: NominalArm, path: Path | None) -> None:
+def _check_joints(joints: list[str], arm: NominalArm, path: Path) -> None:
     if list(joints) != list(arm.joints):
         raise InputError(
             f"is an agent of an arm with the joints {', '.join(joints)}, not {', '.join(arm.joints)}",

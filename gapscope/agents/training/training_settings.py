@@ -6,39 +6,39 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from importlib.resources import files
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.case_file import read_yaml
+from gapscope.arm.io.json_file import plain
 from gapscope.arm.motions.named_motions import MOTIONS
 from gapscope.arm.nearest_name import check_known, nearest
 from gapscope.envs.actions import ACTION_KINDS
-from gapscope.envs.arguments import positive, whole
 from gapscope.envs.engines import check_engine
 from gapscope.envs.mystery_arm import HIDDEN
 from gapscope.envs.randomisation import Randomisation
 from gapscope.envs.reward import Reward
 
-A_WHOLE_NUMBER, NUMBER, ENTROPY = (
-    "a whole number from 1 on",
-    "a number from 0 on",
-    "a number, auto, or auto_ and a number",
-)
-COUNT = "a whole number from 0 on"
-_COMMON = {"learning_rate": NUMBER, "gamma": NUMBER, "batch_size": A_WHOLE_NUMBER}
+ABOVE_ZERO, NUMBER = "a number above zero", "a number from 0 on"
+WHOLE, COUNT = "a whole number from 1 on", "a whole number from 0 on"
+FLAG, LIST, RANGE = "true or false", "a list", "a lowest and a highest number"
+ENTROPY, AUTO = "a number, auto, or auto_ and a number", "a number or auto"
+NAMES = "names with values"
+_COMMON = {"learning_rate": NUMBER, "gamma": NUMBER, "batch_size": WHOLE}
 _REPLAY = {
-    "buffer_size": A_WHOLE_NUMBER,
+    "buffer_size": WHOLE,
     "learning_starts": COUNT,
     "tau": NUMBER,
-    "train_freq": A_WHOLE_NUMBER,
-    "gradient_steps": A_WHOLE_NUMBER,
+    "train_freq": WHOLE,
+    "gradient_steps": WHOLE,
 }
 KNOWN: dict[str, dict[str, str]] = {
     "ppo": {
         **_COMMON,
-        "n_steps": A_WHOLE_NUMBER,
-        "n_epochs": A_WHOLE_NUMBER,
+        "n_steps": WHOLE,
+        "n_epochs": WHOLE,
         "gae_lambda": NUMBER,
         "clip_range": NUMBER,
         "ent_coef": NUMBER,
@@ -46,80 +46,70 @@ KNOWN: dict[str, dict[str, str]] = {
         "max_grad_norm": NUMBER,
         "target_kl": NUMBER,
     },
-    "sac": {
-        **_COMMON,
-        **_REPLAY,
-        "ent_coef": ENTROPY,
-        "target_entropy": "a number or auto",
-    },
+    "sac": {**_COMMON, **_REPLAY, "ent_coef": ENTROPY, "target_entropy": AUTO},
     "td3": {
         **_COMMON,
         **_REPLAY,
-        "policy_delay": A_WHOLE_NUMBER,
+        "policy_delay": WHOLE,
         "target_policy_noise": NUMBER,
         "target_noise_clip": NUMBER,
     },
 }
-"""By algorithm: names as in stable-baselines3, and what is expected."""
+"""By algorithm: hyperparameters by their names in stable-baselines3, and what is expected."""
 ALGORITHMS = tuple(KNOWN)
-
-
-def checked(algorithm: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """The hyperparameters, if the algorithm has them and their values are of the kind that it expects.
-
-    Raises:
-        InputError: an unknown name, or a value of another kind.
-    """
-    known = KNOWN[algorithm]
-    for name, value in given.items():
-        where = f"hyperparameters.{name}"
-        if name not in known:
-            raise InputError(
-                f"{algorithm} has no hyperparameter {name!r}",
-                f"{nearest(str(name), known)}known are {', '.join(known)}",
-                where=where,
-            )
-        if known[name] == A_WHOLE_NUMBER:
-            whole(where, value)
-        elif not _fits(known[name], value):
-            raise InputError(f"expected {known[name]}, got {value!r}", where=where)
-    return dict(given)
+FIELDS = {
+    **dict.fromkeys(("steps", "round_steps", "environments", "patience"), WHOLE),
+    **dict.fromkeys(("action_reach", "exploration", "final_rate"), ABOVE_ZERO),
+    **dict.fromkeys(("bandwidth", "episode_length", "duration"), ABOVE_ZERO),
+    **dict.fromkeys(("network", "value_network", "motions", "randomise"), LIST),
+    **dict.fromkeys(("count", "severity"), RANGE),
+    "seeds": WHOLE,
+    "seed": COUNT,
+    "improvement": NUMBER,
+    "parallel": FLAG,
+    "hyperparameters": NAMES,
+}
+"""What is expected of fields that are no names."""
+OPTIONAL = ("value_network", "randomise")
+"""Lists that may be left open."""
 
 
 def _fits(expected: str, value: Any) -> bool:
+    """Whether a value is what is expected."""
+    number = isinstance(value, Real) and not isinstance(value, bool)
+    whole = number and isinstance(value, Integral)
+    if expected == RANGE:
+        pair = isinstance(value, tuple) and len(value) == 2
+        return pair and all(isinstance(x, Real) for x in value)
     if isinstance(value, str):
-        start, _, number = value.partition("_")
-        return (
-            start == "auto"
-            and expected != NUMBER
-            and (not number or (expected == ENTROPY and _is_number(number)))
-        )
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        return False
-    if expected == COUNT:
-        return isinstance(value, int) and value >= 0
-    return expected == "a number or auto" or 0 <= value < float("inf")
+        start, _, after = value.partition("_")
+        plain = start == "auto" and expected in (ENTROPY, AUTO)
+        return plain and (not after or (expected == ENTROPY and _above_zero(after)))
+    return {
+        FLAG: isinstance(value, bool),
+        LIST: isinstance(value, (list, tuple)),
+        NAMES: isinstance(value, Mapping),
+        WHOLE: whole and value >= 1,
+        COUNT: whole and value >= 0,
+        ABOVE_ZERO: number and 0 < value < math.inf,
+        NUMBER: number and 0 <= value < math.inf,
+    }.get(expected, number)
 
 
-def _is_number(text: str) -> bool:
+def _above_zero(text: str) -> bool:
+    """Whether a text is a number above zero."""
     try:
         return float(text) > 0
     except ValueError:
         return False
 
 
-POSITIVE = {
-    "action_reach": "rad",
-    "exploration": "1",
-    "final_rate": "1",
-    "bandwidth": "Hz",
-    "episode_length": "s",
-    "duration": "s",
-}
-WHOLE = ("steps", "round_steps", "environments", "patience", "seeds")
-LISTS = ("network", "value_network", "motions", "randomise")
-OPTIONAL = ("value_network", "randomise")
-"""Lists that may be left open."""
+def _check(expected: str, value: Any, where: str) -> None:
+    """Check a value; raises ``InputError`` if it is not what is expected."""
+    if not _fits(expected, value):
+        raise InputError(f"expected {expected}, got {value!r}", where=where)
+
+
 RESIDUAL = "ppo_residual"
 """Settings that ship for models without inverse dynamics."""
 MAX_LAYERS, MAX_UNITS = 16, 4096
@@ -195,21 +185,19 @@ class TrainingSettings:
         check_known("algorithm", self.algorithm, ALGORITHMS, where="algorithm")
         check_known("action", self.action, ACTION_KINDS, where="action")
         check_engine(self.engine)
-        for name, unit in POSITIVE.items():
-            positive(name, getattr(self, name), unit)
-        for name in WHOLE:
-            whole(name, getattr(self, name))
-        for name in LISTS:
-            values = getattr(self, name)
-            if values is None and name in OPTIONAL:
+        for name, expected in FIELDS.items():
+            value = getattr(self, name)
+            if name in OPTIONAL and value is None:
                 continue
-            if not isinstance(values, (list, tuple)):
-                raise InputError(f"expected a list, got {values!r}", where=name)
-            object.__setattr__(self, name, tuple(values))
+            if expected == RANGE and isinstance(value, list):
+                value = tuple(value)
+            _check(expected, value, name)
+            if expected in (LIST, RANGE):
+                object.__setattr__(self, name, tuple(value))
         for name in ("network", "value_network"):
             layers = getattr(self, name) or ()
             for units in layers:
-                whole(name, units)
+                _check(WHOLE, units, name)
             if len(layers) > MAX_LAYERS or max(layers, default=0) > MAX_UNITS:
                 raise InputError(
                     f"expected at most {MAX_LAYERS} layers of at most {MAX_UNITS} units",
@@ -219,34 +207,18 @@ class TrainingSettings:
         check_known("motion", self.motion, motions, where="motion")
         for name in self.motions:
             check_known("motion", name, motions, where="motions")
-        self._check_flags()
-        if not isinstance(self.hyperparameters, Mapping):
-            raise InputError(
-                "expected names with values",
-                "write learning_rate: 3.0e-4, ...",
-                where="hyperparameters",
-            )
-        hyperparameters = checked(self.algorithm, self.hyperparameters)
-        object.__setattr__(self, "hyperparameters", hyperparameters)
+        known = KNOWN[self.algorithm]
+        for name, value in self.hyperparameters.items():
+            where = f"hyperparameters.{name}"
+            if name not in known:
+                raise InputError(
+                    f"{self.algorithm} has no hyperparameter {name!r}",
+                    f"{nearest(str(name), known)}known are {', '.join(known)}",
+                    where=where,
+                )
+            _check(known[name], value, where)
+        object.__setattr__(self, "hyperparameters", dict(self.hyperparameters))
         _ = self.reward, self.randomisation  # they check their own numbers
-
-    def _check_flags(self) -> None:
-        """Check the values that are no positive numbers, lists or names."""
-        if not isinstance(self.parallel, bool):
-            raise InputError(
-                f"expected true or false, got {self.parallel!r}", where="parallel"
-            )
-        is_whole = isinstance(self.seed, int) and not isinstance(self.seed, bool)
-        if not is_whole or self.seed < 0:
-            raise InputError(
-                f"expected a whole number from 0 on, got {self.seed!r}", where="seed"
-            )
-        is_number = isinstance(self.improvement, (int, float))
-        if not is_number or not 0 <= self.improvement < math.inf:
-            raise InputError(
-                f"expected a number from 0 on [1], got {self.improvement!r}",
-                where="improvement",
-            )
 
     @property
     def reward(self) -> Reward:
@@ -258,16 +230,6 @@ class TrainingSettings:
         """What is drawn at every reset, or ``None``."""
         if not self.randomise:
             return None
-        for name in ("count", "severity"):
-            value = getattr(self, name)
-            if (
-                not isinstance(value, tuple)
-                or len(value) != 2
-                or not all(isinstance(x, (int, float)) for x in value)
-            ):
-                raise InputError(
-                    f"expected a lowest and a highest number, got {value!r}", where=name
-                )
         return Randomisation(self.randomise, count=self.count, severity=self.severity)
 
     @property
@@ -302,15 +264,7 @@ class TrainingSettings:
 
     def plain(self) -> dict[str, Any]:
         """As YAML or JSON data."""
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
-        return {
-            k: list(v)
-            if isinstance(v, tuple)
-            else dict(v)
-            if isinstance(v, Mapping)
-            else v
-            for k, v in values.items()
-        }
+        return dict(plain(self))
 
 
 def read_settings(agent: str | Path, **changed: Any) -> TrainingSettings:
@@ -360,8 +314,4 @@ def from_plain(content: Any, **changed: Any) -> TrainingSettings:
                 f"{nearest(str(name), known)}known are {', '.join(known)}",
                 where=str(name),
             )
-    content = {
-        k: tuple(v) if k in ("count", "severity") and isinstance(v, list) else v
-        for k, v in content.items()
-    }
     return TrainingSettings(**{**content, **changed})
