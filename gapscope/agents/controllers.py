@@ -10,7 +10,7 @@ import numpy as np
 from gapscope.agents.models import AgentModel, TorqueModel
 from gapscope.arm.control import Targets
 from gapscope.arm.motions.motion import Motion
-from gapscope.envs.actions import Gains, scaled
+from gapscope.envs.actions import DAMPING, Gains, scaled
 from gapscope.envs.arguments import positive
 from gapscope.envs.episode import Layout
 
@@ -28,7 +28,7 @@ class Tuning:
     """
 
     bandwidth: float = 4.0
-    damping: float = 0.7
+    damping: float = DAMPING
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -45,14 +45,13 @@ class Tuning:
         """2 zeta w [1/s], gain from velocity error to acceleration."""
         return 2 * self.damping * 2 * np.pi * self.bandwidth
 
+    def gains(self, inertia: np.ndarray) -> Gains:
+        """kp = w^2 M [N m/rad] and kd = 2 zeta w M [N m s/rad], each (n,), on inertias M [kg m^2], shape (n,)."""
+        return Gains(self.stiffness * inertia, self.rate * inertia)
+
     def times(self, factor: float) -> Tuning:
         """The same with the bandwidth multiplied: kp grows with the square of the factor, kd with the factor."""
         return Tuning(self.bandwidth * factor, self.damping)
-
-
-def gains(inertia: np.ndarray, tuning: Tuning) -> Gains:
-    """kp = w^2 M [N m/rad] and kd = 2 zeta w M [N m s/rad], each (n,), on inertias M [kg m^2], shape (n,)."""
-    return Gains(tuning.stiffness * inertia, tuning.rate * inertia)
 
 
 class TrackingController(Protocol):

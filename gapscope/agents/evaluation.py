@@ -16,7 +16,6 @@ from gapscope.agents.controllers import (
     Feedforward,
     TrackingController,
     Tuning,
-    gains,
 )
 from gapscope.agents.models import AgentModel, ArmModel, Candidate, Gravity
 from gapscope.agents.tracking import (
@@ -228,7 +227,7 @@ class TrackingBench:
         if not limited:
             limit = np.full(self.arm.n_joints, np.inf)
         outside = self.plan.law == "feedforward"
-        loop = gains(self._inertia, tuning)
+        loop = tuning.gains(self._inertia)
         if isinstance(model, AgentModel):
             if not outside:
                 raise InputError(

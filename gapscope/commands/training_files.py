@@ -31,8 +31,7 @@ from gapscope.arm.nominal import SHEET_UNITS, NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.commands.inputs import is_case, read_arm
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.corrected_file import error_context, read_corrected
-from gapscope.envs.divergence import described
+from gapscope.effects.corrected_file import described, error_context, read_corrected
 from gapscope.envs.registration import NAME
 from gapscope.provenance import fingerprint
 from gapscope.reports.training import write_page

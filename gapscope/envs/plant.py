@@ -15,8 +15,9 @@ from numpy import add, maximum, minimum, multiply, subtract
 from gapscope.arm.errors import InputError
 from gapscope.arm.velocity_filter import VelocityFilter, filter_gains
 from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected_file import described
 from gapscope.envs.actions import Gains, scaled
-from gapscope.envs.divergence import described, divergence_info, stop_info
+from gapscope.envs.divergence import divergence_info, stop_info
 from gapscope.envs.drive.arm_drive import ArmDrive, Encoders, nominal_body
 from gapscope.envs.episode import FASTEST_OBSERVED, SampledReference, Setup, Timing
 from gapscope.envs.position_controller import VELOCITY_DAMPING, cutoff

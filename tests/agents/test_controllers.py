@@ -10,7 +10,6 @@ from gapscope.agents.controllers import (
     Feedforward,
     TrackingController,
     Tuning,
-    gains,
 )
 from gapscope.agents.evaluation import EvaluationPlan, TrackingBench
 from gapscope.agents.models import ArmModel, Gravity
@@ -42,16 +41,16 @@ def _commanded(controller: TrackingController, far: float = 0.0) -> float:
 
 
 def test_gains_of_the_pendulum() -> None:
-    kp, kd = gains(np.ones(1), TUNING)
+    kp, kd = TUNING.gains(np.ones(1))
     # 2 zeta w M with zeta = 1/2
     assert kp == pytest.approx([W**2]) and kd == pytest.approx([W])
-    doubled = gains(np.ones(1), TUNING.times(2.0))
+    doubled = TUNING.times(2.0).gains(np.ones(1))
     assert doubled.kp == pytest.approx(4 * kp) and doubled.kd == pytest.approx(2 * kd)
 
 
 def test_laws_by_hand(pendulum: NominalArm) -> None:
     """The height of the mass is -0.5 sin q: gravity takes -2 * 9.81 * 0.5 cos q; rod and rotor have 1 kg m^2."""
-    loop, model = gains(np.ones(1), TUNING), ArmModel(CorrectedArm(pendulum))
+    loop, model = TUNING.gains(np.ones(1)), ArmModel(CorrectedArm(pendulum))
     weight = -9.81 * np.cos(0.3)
     expected = {None: PD, Gravity(pendulum): PD + weight, model: PD + weight + 0.5}
     for fed, torque in expected.items():
@@ -66,7 +65,7 @@ def test_laws_by_hand(pendulum: NominalArm) -> None:
 def test_torque_is_clipped(pendulum: NominalArm, limit: float) -> None:
     model = ArmModel(CorrectedArm(pendulum))
     for controller in (
-        Feedforward(gains(np.ones(1), TUNING), np.array([limit]), model),
+        Feedforward(TUNING.gains(np.ones(1)), np.array([limit]), model),
         ComputedTorque(TUNING, np.array([limit]), model),
     ):
         assert _commanded(controller, far=9.0) == pytest.approx(limit)
@@ -94,7 +93,7 @@ def test_inverse_dynamics_tracks_an_arm_without_effects_within_a_milliradian(
     controller = (
         ComputedTorque(tuning, limit, model)
         if computed
-        else Feedforward(gains(inertia, tuning), limit, model)
+        else Feedforward(tuning.gains(inertia), limit, model)
     )
     course = SampledReference.of(
         draw_motion("fourier", np.random.default_rng(5), space, 2.0), 2.0, 1e-3

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gapscope.agents.controllers import Feedforward, Tuning, gains
+from gapscope.agents.controllers import Feedforward, Tuning
 from gapscope.agents.evaluation import LAWS, EvaluationPlan, TrackingBench
 from gapscope.agents.models import ArmModel, Gravity
 from gapscope.agents.tracking import (
@@ -74,7 +74,7 @@ def test_margin_of_a_joint_with_a_delay(floating: NominalArm, delay: float) -> N
 
         def stable(factor: float) -> bool:
             controller = Feedforward(
-                gains(np.ones(1), Tuning(factor, zeta)), np.full(1, np.inf)
+                Tuning(factor, zeta).gains(np.ones(1)), np.full(1, np.inf)
             )
             return settles(simulated, controller, course, course.motion.ddq, None)
 
@@ -91,7 +91,7 @@ def test_shaking_between_the_limits_is_told_by_the_torque(
         PointToPoint(np.zeros(2), np.full(2, 0.5), 1.0), 1.5, DT, settle=0.0
     )
     needed = ArmModel(CorrectedArm(two)).series(course.motion)
-    loop = gains(np.array([2.5, 1.0]), Tuning(bandwidth))
+    loop = Tuning(bandwidth).gains(np.array([2.5, 1.0]))
     controller = Feedforward(loop, two.torque_limit)
     with SimulatedArm(two, (delay,), DT) as simulated:
         assert settles(simulated, controller, course, needed) == stable
