@@ -188,7 +188,7 @@ def left_out(arm: PlainArm, form: str) -> tuple[str, ...]:
         lines.append(
             f"resolution of the encoders: {corrected.arm.encoder_step:.4g} rad"
         )
-    if form == "mjcf" and any(d.velocity < np.inf for d in arm.drives.values()):
+    if form == "mjcf" and (arm.drives["velocity"] < np.inf).any():
         lines.append("velocity limits of the joints: MuJoCo knows none")
     # of a URDF the elements stay as they are, if their mesh is in a package that may be elsewhere
     kept = [
@@ -201,11 +201,11 @@ def left_out(arm: PlainArm, form: str) -> tuple[str, ...]:
 def _without_rotor(arm: PlainArm) -> list[str]:
     """Effects of a gear on joints whose rotor is not known."""
     lines = []
-    names = arm.corrected.arm.joints
     for applied in arm.corrected.effects:
         if GEAR.isdisjoint(applied.effect.quantities.values()):
             continue
-        rigid = [j for j in applied.joints if arm.drives[names[j - 1]].gear is None]
+        gear = arm.drives["gear"].to_numpy()
+        rigid = [joint for joint in applied.joints if not gear[joint - 1]]
         if rigid:
             lines.append(
                 f"{applied.name}{_joints(rigid)}: a motor of its own needs a rotor; give nominal.armature in the data "
@@ -216,9 +216,7 @@ def _without_rotor(arm: PlainArm) -> list[str]:
 
 def _beside_the_format(arm: PlainArm) -> list[str]:
     """What the joints of the data sheet have and the format does not."""
-    joints = [arm.drives[joint] for joint in arm.corrected.arm.joints]
-    rotors = np.array([drive.rotor for drive in joints])
-    distances = np.array([drive.presliding for drive in joints])
+    rotors, distances = (arm.drives[name] for name in ("rotor", "presliding"))
     lines = []
     if rotors.any():
         lines.append(
