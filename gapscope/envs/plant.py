@@ -32,6 +32,8 @@ SLOW = FASTEST_OBSERVED**2
 class SampledReferences:
     """Courses of N episodes, K actions of S steps, n joints; each at an action of its own.
 
+    An episode that is over stands still for the action in which it waits for the next one.
+
     Args:
         timing: of the episodes.
         count: N.
@@ -45,48 +47,44 @@ class SampledReferences:
     """
 
     def __init__(self, timing: Timing, count: int, n_joints: int, planned: int) -> None:
-        n, self._sub_steps = n_joints, timing.sub_steps
-        # an episode that is over stands still for the action in which it waits for the next one
-        self._actions = timing.actions + 2
-        self._steps = (timing.actions + 1) * self._sub_steps + 1
-        # number of the action, its row of a plan, and rows of its steps, which go on together
-        self._rows = np.zeros((self._sub_steps + 3, count), dtype=int)
-        self._strides = np.ones_like(self._rows)
-        self._strides[2:] = self._sub_steps
-        self.at = self._rows[0]
+        self._sub_steps = timing.sub_steps
+        self.at: np.ndarray = np.zeros(count, dtype=int)
         self.planned = np.zeros((count, planned))
-        self.position, self.rate = self.planned[:, :n], self.planned[:, n : 2 * n]
-        # those of all episodes below each other, from which the rows of one action are taken
-        self._plans = np.zeros((count * self._actions, planned))
-        self._q, self._torque = np.zeros((2, count * self._steps, n))
+        self.position = self.planned[:, :n_joints]
+        self.rate = self.planned[:, n_joints : 2 * n_joints]
+        # rows of actions; reference and feedforward of steps
+        none = np.zeros((timing.actions + 2, planned))
+        still = np.zeros((2, (timing.actions + 1) * timing.sub_steps + 1, n_joints))
+        self._plans, self._series = [none] * count, [still] * count
 
     def put(self, number: int, course: SampledReference) -> None:
         """Give an episode, numbered from 0, another course, at whose start it is."""
-        plan, step = number * self._actions, number * self._steps
-        for rows, first, values, still in (
-            (self._plans, plan, course.planned, 1),
-            (self._q, step, course.step_q, self._sub_steps),
-            (self._torque, step, course.step_torque, self._sub_steps),
-        ):
-            end = first + len(rows) // len(self.at) - still
-            rows[first:end] = values[: end - first]
-            rows[end : end + still] = rows[end - 1]
-        steps = step + np.arange(self._sub_steps + 1)
-        self._rows[:, number] = [0, plan, *steps]
-        self.planned[number] = course.planned[0]
+        self.at[number], self.planned[number] = 0, course.planned[0]
+        waiting = ((0, 1), (0, 0))
+        self._plans[number] = np.pad(course.planned, waiting, "edge")
+        series = np.stack(
+            [course.step_q[: len(course.step_torque)], course.step_torque]
+        )
+        waiting = ((0, 0), (0, self._sub_steps), (0, 0))
+        self._series[number] = np.pad(series, waiting, "edge")
 
     def steps(self) -> tuple[np.ndarray, np.ndarray]:
         """Reference [rad] and feedforward [N m] at the steps of the next action, the first after it included.
 
         Two arrays of shape (S + 1, N, n).
         """
-        rows = self._rows[2:]
-        return self._q.take(rows, axis=0), self._torque.take(rows, axis=0)
+        count = self._sub_steps
+        both = np.empty((2, count + 1, *self.position.shape))
+        for number, at in enumerate(self.at.tolist()):
+            rows = slice(at * count, at * count + count + 1)
+            both[:, :, number] = self._series[number][:, rows]
+        return both[0], both[1]
 
     def go_on(self) -> None:
         """The next action is done."""
-        self._rows += self._strides
-        self.planned[...] = self._plans.take(self._rows[1], axis=0)
+        self.at += 1
+        for number, at in enumerate(self.at.tolist()):
+            self.planned[number] = self._plans[number][at]
 
 
 class Readings:
@@ -138,7 +136,7 @@ class VelocityFilters:
     """
 
     def __init__(self, rate: float, shape: tuple[int, int]) -> None:
-        self._rate, self._shape = rate, shape
+        self._rate = rate
         gains = np.array(filter_gains(rate, cutoff(rate), VELOCITY_DAMPING))
         pasts: np.ndarray = np.zeros((2, 5, shape[0] * shape[1]))
         self._product, tables = gains.dot, pasts
@@ -146,46 +144,29 @@ class VelocityFilters:
             # one product per arm: a single large one would round differently
             self._product = partial(np.matmul, gains)
             tables = pasts.reshape(2, 5, *shape).swapaxes(1, 2)
-        # the rows from one array into another, in turns: numpy takes longer to move them within one
+        # from one array into the other, in turns: numpy takes longer to move rows within one, and to slice again
         self._turns = [
-            _Past(past, table, past[0], past[:-1], past[1:], past[3], table[..., 3, :])
+            (past[0], past[:-1], past[1:], table, table[..., 3, :], past[3])
             for past, table in zip(pasts, tables, strict=True)
         ]
+        self._pasts = [past.reshape(5, *shape) for past in pasts]
 
     def put(self, number: int, position: np.ndarray, velocity: np.ndarray) -> None:
         """Start an arm at a position [rad], until which it had a velocity [rad/s], each (n,)."""
         rate = self._rate
         one = VelocityFilter(rate, cutoff(rate), VELOCITY_DAMPING, position, velocity)
-        self._turns[0].rows.reshape(5, *self._shape)[:, number] = one.past
+        self._pasts[0][:, number] = one.past
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
         """Filtered velocities [rad/s] for the next positions q [rad], (N n,); valid until the next call but one."""
-        now, after = self._turns
-        now.newest[...] = q
-        after.older[...] = now.kept
-        self._product(now.table, out=after.result)
+        newest, kept, _, table, _, _ = self._turns[0]
+        _, _, older, _, result, velocity = self._turns[1]
+        newest[...] = q
+        older[...] = kept
+        self._product(table, out=result)
         self._turns.reverse()
-        return after.velocity
-
-
-class _Past(NamedTuple):
-    """``VelocityFilter.past`` of N arms, and parts of the same memory.
-
-    Attributes:
-        rows: of all joints, shape (5, N n).
-        table: by arms, or of one arm the rows.
-        newest: first row.
-        kept, older: all rows but the last, and but the first.
-        velocity, result: last velocity in a row, and where it comes from the table.
-    """
-
-    rows: np.ndarray
-    table: np.ndarray
-    newest: np.ndarray
-    kept: np.ndarray
-    older: np.ndarray
-    velocity: np.ndarray
-    result: np.ndarray
+        self._pasts.reverse()
+        return velocity
 
 
 class _Diverged(NamedTuple):

@@ -51,25 +51,6 @@ def test_every_effect_can_be_drawn_mild_and_severe(
     assert any(abs(ratio - 1) > 0.1 for ratio in ratios.values())
 
 
-def test_more_severe_is_more(data_sheet_arm: NominalArm) -> None:
-    for name, parameter, sign in (
-        ("coulomb_friction", "torque", 1),
-        ("joint_elasticity", "stiffness", -1),
-    ):
-        mild, bad = (
-            _draw(
-                data_sheet_arm,
-                0,
-                names=[name],
-                count=(1, 1),
-                joints=[2],
-                severity=(s, s),
-            )[0].parameters[parameter]
-            for s in (0.2, 0.8)
-        )
-        assert (sign * (bad - mild) > 0).all()
-
-
 def test_draws_are_varied_on_the_joints_allowed_and_as_many_as_asked(
     data_sheet_arm: NominalArm,
 ) -> None:

@@ -16,7 +16,6 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.trajectory import Fourier, urdf_limits
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
-from gapscope.arm.velocity_filter import VelocityFilter
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.engines import ENGINES
@@ -419,14 +418,3 @@ def test_unstable_gains_are_reported(data_sheet_arm: NominalArm) -> None:
             duration=1.0,
             rng=np.random.default_rng(0),
         )
-
-
-@pytest.mark.parametrize(
-    ("cutoff", "delay"), [(80.0, 2 * 0.9 / (2 * np.pi * 80.0)), (None, 0.5e-3)]
-)
-def test_velocity_filter_lags_by_its_delay(cutoff: float | None, delay: float) -> None:
-    t = np.arange(0, 3, 1e-3)
-    q, dq = np.sin(2 * t), 2 * np.cos(2 * t)
-    filtered = VelocityFilter(1000.0, cutoff, 0.9, q[:1], dq[:1])
-    out = np.array([filtered(q[i : i + 1])[0] for i in range(len(t))])
-    np.testing.assert_allclose(out[500:], 2 * np.cos(2 * (t - delay))[500:], atol=1e-4)

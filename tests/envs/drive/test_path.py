@@ -48,23 +48,6 @@ def test_delay_keeps_the_impulse_of_a_held_torque(
     assert _response(path, [0, 1, 1, 1, 1, 1]) == pytest.approx(expected)
 
 
-def test_first_command_counts_as_held_before() -> None:
-    assert _response(_late(5e-3), [7, 1]) == pytest.approx([7, 7])
-
-
-def test_scale_comes_before_offset() -> None:
-    scale, offset = {"scale": [0.5, 0.0]}, {"torque": [1.0, -2.0]}
-    path = _path(2, torque_offset=offset, torque_scale=scale)
-    np.testing.assert_allclose(path(np.array([4.0, 4.0])), [7.0, 2.0])
-
-
-def test_reset_forgets_commands() -> None:
-    path = _late(2e-3)
-    _response(path, [1, 2, 3])
-    path.reset()
-    assert _response(path, [9, 0]) == pytest.approx([9, 9])
-
-
 def _gain(path: TorquePath, frequency: float, dt: float) -> complex:
     """Output over input of a sine [Hz], after it has settled, by projection on the input over whole periods."""
     w = 2 * np.pi * frequency
