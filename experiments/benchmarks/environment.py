@@ -202,7 +202,7 @@ def _bare(
     arm: SimulatedArm, torque: np.ndarray, engine: str, read_every: int = SUB_STEPS
 ) -> Loop:
     """Every step with its torque and nothing of the project; the state is read after some steps."""
-    inside = arm._arms._bodies
+    inside = arm._arms.inside._bodies
     prepare = partial(arm.reset, POSTURE)
     if engine == "mujoco":
         rows = torque[::SUB_STEPS]
@@ -274,7 +274,7 @@ def _bare_batch(arm: NominalArm, torque: np.ndarray, count: int) -> Loop:
     model = arm_model(moving_links(body), np.asarray(body.gravity), DT)
     mujoco.mj_setConst(model, mujoco.MjData(model))
     env = VectorArmTracking(count, arm)
-    threads = env._plant._arms._bodies._batch.nthread
+    threads = env._plant._arms.inside._bodies._batch.nthread
     batch = Batch(model, count, threads)
     position, force = batch.bind("qpos"), batch.bind("qfrc_applied")
     seen = np.zeros_like(position)

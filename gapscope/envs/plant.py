@@ -12,16 +12,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import add, maximum, minimum, multiply, subtract
 
-from gapscope.arm.errors import InputError
 from gapscope.arm.velocity_filter import VelocityFilter, filter_gains
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected_file import described
 from gapscope.envs.actions import Gains, scaled
 from gapscope.envs.divergence import divergence_info, stop_info
-from gapscope.envs.drive.arm_drive import ArmDrive, Encoders, nominal_body
 from gapscope.envs.episode import FASTEST_OBSERVED, SampledReference, Setup, Timing
 from gapscope.envs.position_controller import VELOCITY_DAMPING, cutoff
-from gapscope.envs.simulated_arm import NetworkTorque, SeparateArms, SimulatedArms
+from gapscope.envs.simulated_arm import NetworkTorque, SimulatedArms
 
 SENSOR_PERIOD = 10e-3
 """The encoders are read at least this often [s], and at every step if a PD loop runs."""
@@ -60,8 +58,7 @@ class SampledReferences:
     def put(self, number: int, course: SampledReference) -> None:
         """Give an episode, numbered from 0, another course, at whose start it is."""
         self.at[number], self.planned[number] = 0, course.planned[0]
-        waiting = ((0, 1), (0, 0))
-        self._plans[number] = np.pad(course.planned, waiting, "edge")
+        self._plans[number] = np.pad(course.planned, ((0, 1), (0, 0)), "edge")
         series = np.stack(
             [course.step_q[: len(course.step_torque)], course.step_torque]
         )
@@ -85,46 +82,6 @@ class SampledReferences:
         self.at += 1
         for number, at in enumerate(self.at.tolist()):
             self.planned[number] = self._plans[number][at]
-
-
-class Readings:
-    """The encoders of N arms, n joints in the arm's order; each arm has its own source of noise.
-
-    Args:
-        one: those of one arm.
-        noise: standard deviation [rad], a number or shape (n,).
-        shape: (N, n).
-    """
-
-    def __init__(
-        self, one: Encoders, noise: np.ndarray | float, shape: tuple[int, int]
-    ) -> None:
-        count, n = shape
-        self._one, self._all = [one] * count, one.beside(count)
-        self._noise, self._noisy = np.broadcast_to(noise, n), bool(np.any(noise))
-        self._rngs = [np.random.default_rng() for _ in range(count)]
-
-    def put(self, number: int, one: Encoders, seed: np.ndarray) -> None:
-        """Give an arm, numbered from 0, other encoders, and its noise a seed, whole numbers of shape (k,)."""
-        self._one[number] = one
-        self._all.put(number, one)
-        self._rngs[number] = np.random.default_rng(seed)
-
-    def __call__(self, q: np.ndarray) -> np.ndarray:
-        """Readings [rad] of the true positions q [rad] of motors or joints, shape (N n,)."""
-        noise = None
-        if self._noisy:
-            noise = np.concatenate([self._drawn(arm) for arm in range(len(self._one))])
-        return self._all(q, noise)
-
-    def of(self, number: int, q: np.ndarray) -> np.ndarray:
-        """Reading [rad] of one arm at its true position q [rad], shape (n,)."""
-        return self._one[number](q, self._drawn(number) if self._noisy else None)
-
-    def _drawn(self, number: int) -> np.ndarray:
-        """Noise of an arm [rad], shape (n,)."""
-        rng = self._rngs[number]
-        return self._noise * rng.standard_normal(len(self._noise))
 
 
 class VelocityFilters:
@@ -195,7 +152,6 @@ class ControlledArms:
         together: whether several arms are stepped by one simulator; otherwise each has one of its own.
 
     Attributes:
-        effects: of each arm beyond the base.
         position: as the encoders give it, quantised as the data sheet says [rad], shape (N, n).
         velocity: estimate from the encoders [rad/s], shape (N, n).
         torque: commanded in the last step [N m], shape (N, n).
@@ -219,33 +175,21 @@ class ControlledArms:
         together: bool = False,
     ) -> None:
         self._setup, self._control, self._timing = setup, setup.control, setup.timing
-        self._base, self._encoder_step = setup.base, setup.arm.encoder_step or 0.0
-        self._engine, self._together = engine, together
-        arm, dt = setup.base.arm, setup.timing.dt
-        self._nominal = nominal_body(arm)
-        first = arm.n_joints * np.arange(count)[:, None]
-        self._order, self._places = (
-            (first + row).ravel() for row in (self._nominal.order, self._nominal.places)
+        self._arms = SimulatedArms(
+            setup.base.arm,
+            setup.options.effects,
+            setup.timing.dt,
+            count,
+            engine=engine,
+            encoder_step=setup.arm.encoder_step or 0.0,
+            encoder_noise=setup.encoder_noise,
+            together=together,
+            threads=threads,
         )
-        self._ordered = bool((self._order == np.arange(self._order.size)).all())
-        effects = setup.options.effects
-        one = together or count == 1
-        self._drives = [self._drive(effects) for _ in range(1 if one else count)]
-        drive = self._drives[0]
-        self._arms: SimulatedArms | SeparateArms
-        if one:
-            self._arms = SimulatedArms(drive, count, threads, engine)
-            self._drives *= count
-        else:
-            self._arms = SeparateArms(self._drives, engine)
-        encoders = Encoders(drive.corrected, self._encoder_step)
-        self.effects: list[tuple[AppliedEffect, ...]] = [effects] * count
         self._networks: dict[int, NetworkTorque] = {}
         self._chunk = 1 if setup.control.gains else sensor_chunk(setup.timing)
-        rate = 1.0 / (dt * self._chunk)
-        shape = (count, arm.n_joints)
-        self._on_motor = encoders.on_motor
-        self._readings = Readings(encoders, setup.encoder_noise, shape)
+        rate = 1.0 / (setup.timing.dt * self._chunk)
+        shape = (count, setup.arm.n_joints)
         self._estimate = VelocityFilters(rate, shape)
         planned = len(range(setup.layout.size)[setup.layout.planned])
         self.courses = SampledReferences(setup.timing, *shape, planned)
@@ -264,21 +208,13 @@ class ControlledArms:
             np.tile(x, (count, 1)) for x in (control.scale, control.rated)
         )
         self._lowest = -self._limit
-        self._error, self._work = np.zeros((2, self._order.size))
+        self._error, self._work = np.zeros((2, self._limit.size))
         self._series = np.zeros((2, count, setup.timing.sub_steps, shape[1]))
 
-    def _drive(self, effects: tuple[AppliedEffect, ...]) -> ArmDrive:
-        """The drives and bodies of an arm with effects; raises ``InputError`` if they cannot be simulated."""
-        drive = ArmDrive(self._base.arm, effects, self._timing.dt, self._nominal)
-        flexible = not drive.rigid.all() or drive.parts > 1
-        if self._together and (flexible or drive.coupled.present):
-            names = ", ".join(applied.name for applied in effects)
-            raise InputError(
-                f"motors of their own, coupled motors and stiff springs are not stepped together ({names})",
-                "give them when the environments are made, or take vectorization_mode='sync'",
-                where="effects",
-            )
-        return drive
+    @property
+    def effects(self) -> list[tuple[AppliedEffect, ...]]:
+        """Effects of each arm beyond the base."""
+        return self._arms.effects
 
     def close(self) -> None:
         """Free the engine."""
@@ -298,33 +234,23 @@ class ControlledArms:
         Raises:
             InputError: one of the effects cannot be simulated, or not beside other arms.
         """
-        if effects is not self.effects[number]:
-            drive = self._drive(effects)
-            if self._together or len(self.load) > 1:
-                self._arms.put(number, drive)
-            else:
-                arms = SimulatedArms(drive, engine=self._engine)
-                self.close()
-                self._arms = arms
-            self._drives[number], self.effects[number] = drive, effects
-        encoders = Encoders(self._drives[number].corrected, self._encoder_step)
-        self._readings.put(number, encoders, seed)
+        arms = self._arms
+        arms.put(number, effects)
+        arms.draw_noise_from(number, np.random.default_rng(seed))
         self.courses.put(number, course)
         start, still = course.q[0], np.zeros(len(course.dq))
-        self._arms.start(number, encoders, start, course.dq)
-        self.q[number] = self._own(self._arms.q)[number]
-        self._home[number] = self._arms.q.reshape(self._home.shape)[number]
+        arms.start(number, start, course.dq)
+        self._home[number] = self.q[number] = arms.in_order(arms.inside.q)[number]
         moving = self._control.gains is None
         first = (start, course.dq) if moving else (still, still)
         self._estimate.put(number, *first)
-        seen = self._own(self._arms.seen(self._on_motor))[number]
-        self.position[number] = self._readings.of(number, seen)
+        self.position[number] = arms.read_one(number)
         self.velocity[number] = course.dq
         self.torque[number] = course.step_torque[0]
         self.dq[number], self.applied[number] = course.dq, 0.0
         self.load[number] = self.torque_rate[number] = 0.0
-        if self._base.residual is not None:
-            having = replace(self._base, effects=effects)
+        if self._setup.base.residual is not None:
+            having = replace(self._setup.base, effects=effects)
             steps = self._timing.sub_steps
             self._networks[number] = NetworkTorque(having, course.motion, steps)
 
@@ -363,9 +289,9 @@ class ControlledArms:
             courses.go_on()
         else:
             self._track(action)
-        arms = self._arms
-        self.q, self.dq = self._own(arms.q), self._own(arms.dq)
-        self.applied = self._own(arms.applied)
+        in_order, inside = self._arms.in_order, self._arms.inside
+        self.q, self.dq = in_order(inside.q), in_order(inside.dq)
+        self.applied = in_order(inside.applied)
         for number, end in self.diverged.items():
             self.torque[number], self.position[number] = end.torque, end.position
             self.q[number], self.dq[number] = end.q, end.dq
@@ -439,37 +365,32 @@ class ControlledArms:
                 table = felt.reshape(self.q.shape)
                 step = self.courses.at[number] * self._timing.sub_steps + done
                 table[number] -= network.torque(step)
-        arms.hold(felt if self._ordered else felt[self._order], self._chunk)
-        dq = arms.dq
+        arms.hold(felt, self._chunk)
+        dq = arms.inside.dq
         # fast: no joint is faster than all together
         if not dq.dot(dq) <= SLOW:
             speeds = np.abs(dq).reshape(self.q.shape).max(axis=1)
             for number in np.flatnonzero(~(speeds <= FASTEST_OBSERVED)).tolist():
                 self._stop(number, done, torque.reshape(self.q.shape)[number])
-        q = arms.seen(self._on_motor)
-        reading = self._readings(q if self._ordered else q[self._places])
+        reading = arms.read()
         self.position = reading.reshape(self.q.shape)
         return reading
 
     def _stop(self, number: int, done: int, torque: np.ndarray) -> None:
         """Note what an arm had when it diverged, if this is the first time in the action, and park it."""
-        arms = self._arms
+        arms, inside = self._arms, self._arms.inside
         if number not in self.diverged:
             self.diverged[number] = _Diverged(
                 done,
                 torque.copy(),
                 self.position[number].copy(),
                 self.velocity[number].copy(),
-                self._own(arms.q)[number],
-                self._own(arms.dq)[number],
-                self._own(arms.applied)[number],
+                *(
+                    arms.in_order(values)[number]
+                    for values in (inside.q, inside.dq, inside.applied)
+                ),
             )
         arms.reset(number, self._home[number], np.zeros(len(torque)))
-
-    def _own(self, values: np.ndarray) -> np.ndarray:
-        """A copy of values (N n,) in kinematic order, by arms and in the arm's order, (N, n)."""
-        own = values.copy() if self._ordered else values[self._places]
-        return own.reshape(self._home.shape)
 
     def _note_series(self, torque: np.ndarray, before: np.ndarray) -> None:
         """Note the torque of an action's steps [N m], (S, N, n), and of the step before, (N, n)."""
