@@ -130,21 +130,6 @@ def test_reach_gives_every_joint_the_same_say(data_sheet_arm: NominalArm) -> Non
     env.close()
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"feedforward": 3}, r"series\(motion\)"),
-        ({"action": "scal"}, "did you mean 'scale'"),
-        ({"action": "torque", "action_reach": 0.1}, "action_reach"),
-        ({"action_share": 0.1, "action_reach": 0.1}, "action_reach"),
-        ({"action_reach": -1}, "above zero"),
-    ],
-)
-def test_bad_arguments_are_refused(pendulum, options: dict, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        ArmTracking(pendulum(), **options)
-
-
 def test_simulated_arms_are_checked(pendulum, data_sheet_arm: NominalArm) -> None:
     with pytest.raises(InputError, match="has the joints"):
         ArmTracking(pendulum(), simulated=CorrectedArm(data_sheet_arm))

@@ -118,17 +118,12 @@ BAD = [
     ({"names": []}, "nothing to draw"),
     ({"names": ["payload"], "joints": [0]}, "joints from 1"),
     ({"names": ["payload"], "severity": (0.0, 1.5)}, "severity"),
-    ({"names": ["payload"], "severity": (0.6, 0.5)}, "severity"),
     ({"names": ["payload"], "count": (1, 2)}, "count"),
     ({"names": ["payload"], "joint_count": (0, 1)}, "joint_count"),
-    ({"names": "payloads"}, "did you mean 'payload'"),
     ({"names": 3}, "randomisation.names: expected a list"),
     ({"names": ["payload"], "joints": 2}, "randomisation.joints: expected a list"),
-    ({"names": ["payload"], "joints": ["elbow"]}, "joints from 1"),
     ({"names": ["payload"], "count": 1}, "randomisation.count: expected a list"),
-    ({"names": ["payload"], "count": (1, 1, 1)}, r"count: \(1, 1, 1\) is no range"),
     ({"names": ["payload"], "count": (0.5, 1)}, "whole number"),
-    ({"names": ["payload"], "severity": ("mild", "bad")}, "severity"),
     ({"names": ["payload"], "severity": (0.5, float("nan"))}, "severity"),
 ]
 
