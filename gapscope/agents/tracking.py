@@ -198,37 +198,31 @@ class TrackingMetrics:
         """Measure a track with a period of ``dt`` [s] on a course of ``duration`` [s]."""
         every = max(1, round(ACTION / dt))
         actions = max(1, round(duration / dt) // every)
-        reward = self._reward_per_action(track, every, actions)
+        reward = float(self._rewards(track, every, actions).sum()) / actions
         if track.diverged:
             return Measures(inf, inf, reward, inf, True)
+        # the tool by the kinematics, once per action
+        tool = self._kinematics.tool
+        wanted, reached = (
+            np.array([tool(q).position for q in series[::every]])
+            for series in (track.q_ref, track.q)
+        )
         return Measures(
             joint_error=_rms(track.q_ref - track.q),
-            tool_error=self._tool_error(track, every),
+            tool_error=float(np.sqrt(np.mean(np.square(wanted - reached).sum(axis=1)))),
             reward=reward,
             torque_rate=_rms(np.diff(track.tau, axis=0) / dt),
             diverged=False,
         )
 
-    def _tool_error(self, track: TrackingRun, every: int) -> float:
-        """RMS distance of the tool between reference and encoders, once per action [m]."""
-        tool = self._kinematics.tool
-        wanted = [tool(q).position for q in track.q_ref[::every]]
-        reached = [tool(q).position for q in track.q[::every]]
-        squares = np.square(np.array(wanted) - np.array(reached)).sum(axis=1)
-        return float(np.sqrt(np.mean(squares)))
-
-    def _reward_per_action(self, track: TrackingRun, every: int, actions: int) -> float:
-        """Mean reward of the actions, those that were not done included."""
+    def _rewards(self, track: TrackingRun, every: int, actions: int) -> np.ndarray:
+        """Reward of each action that was done, of so many ticks each, by the torque of the ticks before its end."""
         effort = track.tau / self._rated
-        last = min(len(track.t), actions * every + 1)
-        total = 0.0
-        for i in range(every, last, every):
-            error = track.q_ref[i] - track.q[i]
-            load = float(np.mean(effort[i - every : i] ** 2))
-            before = max(i - 1 - every, 0)
-            jump = effort[i - 1] - effort[before]
-            total += float(self._reward(error, load, jump).total)
-        return total / actions
+        ends = np.arange(every, min(len(track.t), actions * every + 1), every)
+        blocks = effort[: len(ends) * every].reshape(len(ends), -1)
+        load = np.mean(blocks**2, axis=1)
+        jump = effort[ends - 1] - effort[np.maximum(ends - 1 - every, 0)]
+        return self._reward(track.q_ref[ends] - track.q[ends], load, jump).total
 
 
 def _rms(x: np.ndarray) -> float:

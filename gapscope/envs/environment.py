@@ -220,7 +220,7 @@ class ArmTracking(gymnasium.Env):
         chosen_model = arguments.chosen_feedforward(feedforward)
         chosen_motion = arguments.checked_motion(motion, n)
         chosen_randomisation = checked_randomisation(randomisation)
-        self._timing = timing = Timing(
+        timing = Timing(
             arguments.positive("time_step", time_step, "s"),
             arguments.whole("sub_steps", sub_steps),
             arguments.positive("episode_length", episode_length, "s"),
@@ -228,7 +228,7 @@ class ArmTracking(gymnasium.Env):
         )
         allowed = arguments.checked_limits(limits, n)
         self.space = workspace(self.body, allowed, arguments.checked_posture(posture))
-        self._control = control(
+        own_control = control(
             self.arm,
             self.body,
             self.space,
@@ -239,10 +239,9 @@ class ArmTracking(gymnasium.Env):
         )
         base = arguments.chosen_base(simulated, self.arm, effects)
         # an arm instead of the nominal one brings its own effects
-        own = None if simulated is None else base.effects
-        given = chosen_effects(effects, self.arm) if own is None else own
+        given = base.effects if simulated else chosen_effects(effects, self.arm)
         lower, upper = self.body.position_limits()
-        self.layout = Layout(n, timing.look_ahead, self._control.size)
+        self.layout = Layout(n, timing.look_ahead, own_control.size)
         self.setup = Setup(
             arm=self.arm,
             body=self.body,
@@ -250,7 +249,7 @@ class ArmTracking(gymnasium.Env):
             base=base,
             encoder_noise=arguments.noise("encoder_noise", encoder_noise, n),
             space=self.space,
-            control=self._control,
+            control=own_control,
             timing=timing,
             feedforward=chosen_model,
             options=EpisodeOptions(chosen_motion, given, chosen_randomisation),
@@ -262,42 +261,22 @@ class ArmTracking(gymnasium.Env):
         self._plant = ControlledArms(self.setup, engine=engine)
         self._episodes = Episodes(self.setup, self._plant)
         self._course: SampledReference | None = None
-        size = self._control.size
         self.observation_space = self.layout.space
-        self.action_space = Box(-1.0, 1.0, (size,), dtype=np.float32)
-        self._set_rendering(render_mode)
-
-    def _set_rendering(self, render_mode: str | None) -> None:
-        """Open a screen if one is wanted."""
-        period = self._timing.period
+        self.action_space = Box(-1.0, 1.0, (own_control.size,), dtype=np.float32)
+        fps = max(1, round(1 / timing.period))
         self.render_mode = render_mode
-        self.metadata = self.metadata | {"render_fps": max(1, round(1 / period))}
+        self.metadata = self.metadata | {"render_fps": fps}
         self._screen: Screen | None = None
         if render_mode is not None:
             # pictures alone wait for matplotlib
             from gapscope.envs.rendering import Screen
 
-            self._screen = Screen(self.space.kinematics, render_mode, period)
+            self._screen = Screen(self.space.kinematics, render_mode, timing.period)
 
     @property
     def torque_scale(self) -> np.ndarray:
         """Torque of an action of 1 [N m], shape (n,); 0 with ``scale``."""
-        return self._control.scale
-
-    @property
-    def actions(self) -> int:
-        """Numbers in an action."""
-        return self._control.size
-
-    @property
-    def length(self) -> float:
-        """Length of an episode [s]."""
-        return self._timing.duration
-
-    @property
-    def period(self) -> float:
-        """Time between actions [s]."""
-        return self._timing.period
+        return self.setup.control.scale
 
     @property
     def effects(self) -> tuple[AppliedEffect, ...]:
@@ -339,12 +318,12 @@ class ArmTracking(gymnasium.Env):
         if self._course is None:
             raise ResetNeeded("the episode has ended or not begun: call reset() first")
         episodes = self._episodes
-        chosen = arguments.checked_actions(action, (self._control.size,))
+        chosen = checked_actions(action, episodes.action.shape[1:])
         errors, rewards, values, early = episodes.act(chosen[None])
         info: dict[str, Any] = {name: float(x[0]) for name, x in values.items()}
         info |= early.get(0, {}) | episodes.truth(0)
         terminated = bool(early)
-        truncated = bool(episodes.at[0] >= self._timing.actions)
+        truncated = bool(episodes.at[0] >= self.setup.timing.actions)
         self._show(errors[0], info)
         if terminated or truncated:
             self._course = None
@@ -363,7 +342,7 @@ class ArmTracking(gymnasium.Env):
 
     def _show(self, error: np.ndarray, info: dict[str, Any]) -> None:
         if self._screen is not None:
-            share = self._plant.torque[0] / self._control.rated
+            share = self._plant.torque[0] / self.setup.control.rated
             self._screen.add(self._plant.q[0], error, share, ending(info))
 
 
@@ -452,11 +431,22 @@ class VectorArmTracking(VectorEnv):
         Raises:
             InputError: an option that cannot be used, or a list of another length.
         """
-        seeds = self._listed(seed)
-        each = self._each(options or {})
+        count = self.num_envs
+        seeds: Any = [None] * count if seed is None else seed
+        if isinstance(seed, int):
+            seeds = [seed + number for number in range(count)]
+        options = dict(options or {})
+        each = options.pop("each", [{}] * count)
+        for name, values in (("seed", seeds), ("options['each']", each)):
+            if len(values) != count:
+                raise InputError(
+                    f"expected {count}, one for each environment, got {len(values)}",
+                    where=name,
+                )
         infos: dict[str, Any] = {}
         for number in range(self.num_envs):
-            info = self._reset_one(number, seeds[number], each[number])
+            own = options | dict(each[number])
+            info = self._reset_one(number, seeds[number], own)
             infos = self._add_info(infos, info, number)
         self._begun = True
         return self._episodes.observations(self._episodes.error()), infos
@@ -545,31 +535,6 @@ class VectorArmTracking(VectorEnv):
         info = self._infos(ended, values, early)
         found = {"final_obs": last, "final_info": info}
         return found | {f"_{name}": ended.copy() for name in found}
-
-    def _listed(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
-        """A seed for each environment."""
-        if seed is None:
-            return [None] * self.num_envs
-        if isinstance(seed, int):
-            return [seed + number for number in range(self.num_envs)]
-        return self._one_each("seed", seed)
-
-    def _each(self, options: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
-        """Options of a reset for each environment."""
-        if "each" not in options:
-            return [options] * self.num_envs
-        common = {name: x for name, x in options.items() if name != "each"}
-        each = self._one_each("options['each']", options["each"])
-        return [common | dict(own) for own in each]
-
-    def _one_each(self, name: str, values: Sequence[Any]) -> Sequence[Any]:
-        """The values, if there is one for each environment; raises ``InputError`` if not."""
-        if len(values) != self.num_envs:
-            raise InputError(
-                f"expected {self.num_envs}, one for each environment, got {len(values)}",
-                where=name,
-            )
-        return values
 
 
 def _checked_mode(mode: AutoresetMode | str) -> AutoresetMode:

@@ -18,7 +18,7 @@ from scipy.signal import butter, sosfiltfilt
 from gapscope.arm.control import ControlLoop, Targets, integral_at_start
 from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.dynamics.rollout import LONGEST_STEP, UNSTABLE_SPEED, steps_per_tick
+from gapscope.arm.dynamics.rollout import LONGEST_STEP, steps_per_tick
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
@@ -27,6 +27,7 @@ from gapscope.arm.velocity_filter import VelocityFilter, rule_of
 from gapscope.effects.applied import AppliedEffect, State
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.residual import ResidualNetwork
+from gapscope.envs.divergence import diverged, fastest
 from gapscope.envs.simulated_arm import NetworkTorque, SimulatedArm
 
 TRIM = 0.3
@@ -274,13 +275,9 @@ def _network_torque(
 def _check(simulated: SimulatedArm, time: float, remedy: str) -> None:
     """Stop an arm that diverges."""
     dq = simulated.dq
-    # called at every tick: no joint is faster than all together
-    if dq.dot(dq) < UNSTABLE_SPEED**2:
-        return
-    speed = np.abs(dq)
-    if not speed.max() < UNSTABLE_SPEED:
+    if diverged(dq):
         raise GapscopeError(
-            f"the replayed arm diverged at joint {int(speed.argmax()) + 1}, at t = {time:.3g} s",
+            f"the replayed arm diverged at joint {fastest(dq) + 1}, at t = {time:.3g} s",
             remedy,
         )
 

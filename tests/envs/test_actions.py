@@ -126,7 +126,7 @@ def test_torque_rate_is_told(pendulum) -> None:
 
 def test_reach_gives_every_joint_the_same_say(data_sheet_arm: NominalArm) -> None:
     env = ArmTracking(data_sheet_arm, action_reach=0.02, bandwidth=4.0)
-    np.testing.assert_allclose(env.torque_scale, 0.02 * env.unwrapped._control.gains.kp)
+    np.testing.assert_allclose(env.torque_scale, 0.02 * env.setup.control.gains.kp)
     env.close()
 
 

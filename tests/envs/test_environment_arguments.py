@@ -40,7 +40,7 @@ def test_actions_at_fault_are_refused(action: object, kind: str, text: str) -> N
     with pytest.raises(InputError, match=text) as caught:
         env.step(action)
     assert caught.value.where == "action"
-    env.step(np.zeros(env.actions))  # the episode goes on
+    env.step(np.zeros(env.action_space.shape))  # the episode goes on
     env.close()
 
 

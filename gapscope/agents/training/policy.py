@@ -75,7 +75,7 @@ def write_agent(task: Task, trained: Trained, folder: Path) -> dict[str, Any]:
     """
     env = task.simulator(trained.settings)
     layout = {name: part.stop - part.start for name, part in env.layout.slices.items()}
-    size = env.actions
+    size = env.setup.control.size
     env.close()
     content = {
         "schema": 1,

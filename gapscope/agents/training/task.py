@@ -78,7 +78,7 @@ class Normalisation:
         places = (velocity.start, velocity.stop), (rate.start, rate.stop)
         unscaled = cls(np.zeros(size), np.ones(size), *places)
         rows = []
-        idle = np.zeros(env.actions)
+        idle = np.zeros(env.setup.control.size)
         for number in range(episodes):
             observation, _ = env.reset(seed=seed + number)
             over = False

@@ -117,9 +117,7 @@ def test_simulator_follows_the_models_inverse_dynamics(
     )  # gains are equal over models
     with_other.close()
     env.reset(seed=0, options={"motion": reference})
-    expected = (
-        ArmModel(task.believed).series(seen)[:1001:20] / env.unwrapped._control.rated
-    )
+    expected = ArmModel(task.believed).series(seen)[:1001:20] / env.setup.control.rated
     np.testing.assert_allclose(
         env.unwrapped._course.planned[:, -1:], expected, atol=1e-9
     )
