@@ -36,7 +36,6 @@ from gapscope.envs.episode import (
     TIME_STEP,
     Effects,
     EpisodeOptions,
-    EpisodePlan,
     FeedforwardModel,
     Layout,
     SampledReference,
@@ -59,55 +58,44 @@ NEAR_STOP = 1e-3
 """A joint within this distance of its stop has come to it [rad]."""
 
 
-class Episodes:
-    """The running episodes of N environments, each at an action of its own.
-
-    Args:
-        setup: of the environments.
-        plant: their arms.
+class Episodes(ControlledArms):
+    """The running episodes of N environments, each at an action of its own; arguments as of ``ControlledArms``.
 
     Attributes:
-        at: number of the next action of each, shape (N,).
         action: the actions before, shape (N, ...).
     """
 
-    def __init__(self, setup: Setup, plant: ControlledArms) -> None:
-        self._setup, self._plant, self.at = setup, plant, plant.courses.at
-        count = len(plant.load)
+    def __init__(self, setup: Setup, count: int = 1, **options: Any) -> None:
+        super().__init__(setup, count, **options)
         self.action: np.ndarray = np.zeros((count, setup.control.size))
         self._acted = np.zeros(count, dtype=bool)
         # of the shape of the positions: numpy takes longer for what it must spread
-        self._lowest, self._highest = (np.tile(x, (count, 1)) for x in setup.stops)
+        self._stops = [np.tile(x, (count, 1)) for x in setup.stops]
 
     def begin(
         self, number: int, options: Mapping[str, Any], rng: np.random.Generator
-    ) -> EpisodePlan:
+    ) -> SampledReference:
         """Draw a motion and effects for one environment, numbered from 0, and put its arm at the motion's start.
 
         Raises:
             InputError: an option that cannot be used.
         """
         seeds = rng.integers(2**63, size=2)
-        episode = self._setup.draw(options, seeds)
-        self._plant.reset(number, episode.effects, episode.course, seeds)
+        course, effects = self.setup.draw(options, seeds)
+        self.reset(number, effects, course, seeds)
         self.action[number], self._acted[number] = 0.0, False
-        return episode
-
-    def truth(self, number: int) -> dict[str, Any]:
-        """The hidden state of an environment, if it is told."""
-        return self._plant.truth(number) if self._setup.debug else {}
+        return course
 
     def error(self) -> np.ndarray:
         """The tracking errors [rad], shape (N, n)."""
-        return self._plant.courses.position - self._plant.position
+        return self.courses.position - self.position
 
     def observations(self, error: np.ndarray) -> np.ndarray:
         """The observations with the tracking errors [rad], shape (N, n)."""
-        plant = self._plant
-        measured = (plant.position, plant.velocity, error, self.action)
-        return self._setup.layout.assemble(measured, plant.courses.planned)
+        measured = (self.position, self.velocity, error, self.action)
+        return self.setup.layout.assemble(measured, self.courses.planned)
 
-    def act(
+    def play(
         self, action: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, dict[str, Any], dict[int, dict[str, Any]]]:
         """Carry out an action in each environment, shape (N, ...), what exceeds -1 .. 1 clipped in place.
@@ -116,27 +104,27 @@ class Episodes:
             Tracking errors [rad], shape (N, n); rewards, shape (N,); what ``info`` says of each action, by name, each
             (N,); and why episodes ended early, by number of the environment.
         """
-        setup, plant = self._setup, self._plant
         np.minimum(np.maximum(action, -1.0, action), 1.0, action)
         if np.count_nonzero(self._acted) < len(action):
             self._acted |= action.any(axis=1)
-        plant.act(action)
+        self.act(action)
         error = self.error()
-        parts = setup.reward(error, plant.load, action - self.action)
+        parts = self.setup.reward(error, self.load, action - self.action)
         self.action = action
         # an action in which the arm diverges earns nothing for tracking
-        for number in plant.diverged:
+        for number in self.diverged:
             parts.tracking[number] = 0.0
         values: dict[str, Any] = dict(zip(REWARDS, parts, strict=True))
         squares = np.vecdot(error, error)
         values["tracking_rms"] = np.sqrt(squares / error.shape[1])
-        values["torque_rate"] = plant.torque_rate
-        stopped = (plant.q <= self._lowest) | (plant.q >= self._highest)
-        early = set(plant.diverged)
+        values["torque_rate"] = self.torque_rate
+        lowest, highest = self._stops
+        stopped = (self.q <= lowest) | (self.q >= highest)
+        early = set(self.diverged)
         if np.count_nonzero(stopped):
             early.update(np.flatnonzero(stopped.any(axis=1)).tolist())
         ends = {
-            number: plant.early_end(number, bool(self._acted[number]))
+            number: self.early_end(number, bool(self._acted[number]))
             for number in sorted(early)
         }
         return error, parts.total, values, ends
@@ -258,8 +246,7 @@ class ArmTracking(gymnasium.Env):
             stops=(lower + NEAR_STOP, upper - NEAR_STOP),
             debug=debug,
         )
-        self._plant = ControlledArms(self.setup, engine=engine)
-        self._episodes = Episodes(self.setup, self._plant)
+        self._episodes = Episodes(self.setup, engine=engine)
         self._course: SampledReference | None = None
         self.observation_space = self.layout.space
         self.action_space = Box(-1.0, 1.0, (own_control.size,), dtype=np.float32)
@@ -281,7 +268,7 @@ class ArmTracking(gymnasium.Env):
     @property
     def effects(self) -> tuple[AppliedEffect, ...]:
         """Effects of this episode, drawn ones included."""
-        return self._plant.effects[0]
+        return self._episodes.effects[0]
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -296,10 +283,9 @@ class ArmTracking(gymnasium.Env):
         """
         super().reset(seed=seed)
         episodes = self._episodes
-        episode = episodes.begin(0, options or {}, self.np_random)
-        self._course = episode.course
+        self._course = course = episodes.begin(0, options or {}, self.np_random)
         if self._screen is not None:
-            self._screen.begin(title(self.arm, episode.effects), episode.course.q)
+            self._screen.begin(title(self.arm, self.effects), course.q)
         error = episodes.error()
         self._show(error[0], {})
         return episodes.observations(error)[0], episodes.truth(0)
@@ -319,11 +305,11 @@ class ArmTracking(gymnasium.Env):
             raise ResetNeeded("the episode has ended or not begun: call reset() first")
         episodes = self._episodes
         chosen = checked_actions(action, episodes.action.shape[1:])
-        errors, rewards, values, early = episodes.act(chosen[None])
+        errors, rewards, values, early = episodes.play(chosen[None])
         info: dict[str, Any] = {name: float(x[0]) for name, x in values.items()}
         info |= early.get(0, {}) | episodes.truth(0)
         terminated = bool(early)
-        truncated = bool(episodes.at[0] >= self.setup.timing.actions)
+        truncated = bool(episodes.courses.at[0] >= self.setup.timing.actions)
         self._show(errors[0], info)
         if terminated or truncated:
             self._course = None
@@ -336,14 +322,15 @@ class ArmTracking(gymnasium.Env):
 
     def close(self) -> None:
         """Free the engine and close the window; a second call does nothing."""
-        self._plant.close()
+        self._episodes.close()
         if self._screen is not None:
             self._screen.close()
 
     def _show(self, error: np.ndarray, info: dict[str, Any]) -> None:
         if self._screen is not None:
-            share = self._plant.torque[0] / self.setup.control.rated
-            self._screen.add(self._plant.q[0], error, share, ending(info))
+            episodes, rated = self._episodes, self.setup.control.rated
+            share = episodes.torque[0] / rated
+            self._screen.add(episodes.q[0], error, share, ending(info))
 
 
 class VectorArmTracking(VectorEnv):
@@ -393,17 +380,16 @@ class VectorArmTracking(VectorEnv):
         self.single_action_space = one.action_space
         self.observation_space = batch_space(one.observation_space, self.num_envs)
         self.action_space = batch_space(one.action_space, self.num_envs)
-        plant = partial(ControlledArms, self.setup, self.num_envs, threads, engine)
+        episodes = partial(Episodes, self.setup, self.num_envs, engine=engine)
         together = engine == "mujoco" and not _draws_motors(self.setup)
         try:
-            self._plant = plant(together=together)
+            self._episodes = episodes(together=together, threads=threads)
         except InputError:
-            self._plant = plant()
+            self._episodes = episodes()
         self._rngs: list[np.random.Generator | None] = [None] * self.num_envs
         self._seeds = [-1] * self.num_envs
         self._ended = np.ones(self.num_envs, dtype=bool)
         self._begun = False
-        self._episodes = Episodes(self.setup, self._plant)
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
@@ -413,7 +399,7 @@ class VectorArmTracking(VectorEnv):
     @property
     def effects(self) -> tuple[tuple[AppliedEffect, ...], ...]:
         """Effects of the episode of each environment, drawn ones included."""
-        return tuple(self._plant.effects)
+        return tuple(self._episodes.effects)
 
     def reset(
         self,
@@ -464,11 +450,11 @@ class VectorArmTracking(VectorEnv):
             raise ResetNeeded("no episode has begun: call reset() first")
         episodes, waiting = self._episodes, self._ended.copy()
         chosen = checked_actions(actions, episodes.action.shape)
-        error, rewards, values, early = episodes.act(chosen)
+        error, rewards, values, early = episodes.play(chosen)
         early = {i: why for i, why in early.items() if not waiting[i]}
         terminated = np.zeros(self.num_envs, dtype=bool)
         terminated[list(early)] = True
-        truncated = (episodes.at >= self.setup.timing.actions) & ~waiting
+        truncated = (episodes.courses.at >= self.setup.timing.actions) & ~waiting
         ended = terminated | truncated
         now = ended if self._mode == AutoresetMode.SAME_STEP else waiting
         told = ~now
@@ -488,7 +474,7 @@ class VectorArmTracking(VectorEnv):
 
     def close_extras(self, **options: Any) -> None:
         """Free the engine."""
-        self._plant.close()
+        self._episodes.close()
 
     def _reset_one(
         self, number: int, seed: int | None, options: Mapping[str, Any]

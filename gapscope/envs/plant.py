@@ -147,9 +147,7 @@ class ControlledArms:
     Args:
         setup: of the environments.
         count: N.
-        threads: on which MuJoCo steps them, see ``gapscope.envs.engines.mujoco``.
-        engine: name of the engine.
-        together: whether several arms are stepped by one simulator; otherwise each has one of its own.
+        engine, together, threads: as of ``gapscope.envs.simulated_arm.SimulatedArms``.
 
     Attributes:
         position: as the encoders give it, quantised as the data sheet says [rad], shape (N, n).
@@ -170,11 +168,12 @@ class ControlledArms:
         self,
         setup: Setup,
         count: int = 1,
-        threads: int = 0,
+        *,
         engine: str | None = None,
         together: bool = False,
+        threads: int = 0,
     ) -> None:
-        self._setup, self._control, self._timing = setup, setup.control, setup.timing
+        self.setup, self._control, self._timing = setup, setup.control, setup.timing
         self._arms = SimulatedArms(
             setup.base.arm,
             setup.options.effects,
@@ -249,13 +248,15 @@ class ControlledArms:
         self.torque[number] = course.step_torque[0]
         self.dq[number], self.applied[number] = course.dq, 0.0
         self.load[number] = self.torque_rate[number] = 0.0
-        if self._setup.base.residual is not None:
-            having = replace(self._setup.base, effects=effects)
+        if self.setup.base.residual is not None:
+            having = replace(self.setup.base, effects=effects)
             steps = self._timing.sub_steps
             self._networks[number] = NetworkTorque(having, course.motion, steps)
 
     def truth(self, number: int) -> dict[str, Any]:
-        """True motion [rad], [rad/s] and torque [N m] of an arm, and its effects: hidden from controllers."""
+        """True motion [rad], [rad/s], torque [N m] and effects of an arm if they are told; hidden from controllers."""
+        if not self.setup.debug:
+            return {}
         return {
             "q_true": self.q[number].copy(),
             "dq_true": self.dq[number].copy(),
@@ -271,12 +272,12 @@ class ControlledArms:
         """
         reading = self.position[number]
         if number not in self.diverged:
-            return dict(stop_info(self._setup, self.q[number], reading))
+            return dict(stop_info(self.setup, self.q[number], reading))
         before = int(self.courses.at[number] - 1) * self._timing.sub_steps
         until = before + self.diverged[number].done
         state = reading, self.dq[number]
         hidden = self.effects[number]
-        return divergence_info(self._setup, until, *state, hidden, acted)
+        return divergence_info(self.setup, until, *state, hidden, acted)
 
     def act(self, action: np.ndarray) -> None:
         """Carry out the next action of each, shape (N, ...); the courses go on."""
