@@ -27,7 +27,7 @@ from gapscope.arm.input_file import (
     is_folder,
 )
 from gapscope.arm.io.atomic_write import atomic_write
-from gapscope.arm.io.json_file import read_json, write_json
+from gapscope.arm.io.json_file import field, read_json, schema_fault, write_json
 from gapscope.arm.motions.named_motions import workspace
 from gapscope.arm.nominal import NominalArm
 from gapscope.envs.actions import control
@@ -38,8 +38,6 @@ POLICY, DOCUMENT = "policy.zip", "agent.json"
 LAST = "last"
 """Folder, beside the agent that is kept, of the one after the last round."""
 LIBRARIES = ("gapscope", "numpy", "torch", "stable_baselines3")
-LARGEST_SIZE = 10_000
-"""Numbers in an observation or action beyond which it is of no arm [1]."""
 _REMEDY = "give the folder that gapscope train wrote, or train again with --again"
 
 
@@ -161,21 +159,14 @@ def _document(folder: Path) -> dict[str, Any]:
             f"holds no trained agent (no file {DOCUMENT})", _REMEDY, file=folder
         )
     content = read_json(path, _REMEDY)
-    try:
-        sizes = [content["actions"], *content["observation"].values()]
-        usable = (
-            all(type(size) is int and 0 < size <= LARGEST_SIZE for size in sizes)
-            and all(isinstance(joint, str) for joint in content["joints"])
-            and set(content["files"]) == {POLICY, NORMALISATION}
-            and isinstance(content["settings"], dict)
-            and isinstance(content["model"], str)
-        )
-    except (TypeError, KeyError, AttributeError) as error:
+    fault = schema_fault(content, "agent")
+    if fault is not None:
         raise InputError(
-            f"is no document of a trained agent ({error})", _REMEDY, file=path
-        ) from None
-    if not usable:
-        raise InputError("is no document of a trained agent", _REMEDY, file=path)
+            f"is no document of a trained agent ({fault.message})",
+            _REMEDY,
+            file=path,
+            where=field(fault.absolute_path),
+        )
     return dict(content)
 
 

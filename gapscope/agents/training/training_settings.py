@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from importlib.resources import files
-from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.case_file import read_yaml
-from gapscope.arm.io.json_file import plain
+from gapscope.arm.io.json_file import plain, schema, schema_fault
 from gapscope.arm.motions.named_motions import MOTIONS
 from gapscope.arm.nearest_name import check_known, nearest
 from gapscope.envs.actions import ACTION_KINDS
@@ -21,99 +19,25 @@ from gapscope.envs.mystery_arm import HIDDEN
 from gapscope.envs.randomisation import Randomisation
 from gapscope.envs.reward import Reward
 
-ABOVE_ZERO, NUMBER = "a number above zero", "a number from 0 on"
-WHOLE, COUNT = "a whole number from 1 on", "a whole number from 0 on"
-FLAG, LIST, RANGE = "true or false", "a list", "a lowest and a highest number"
-ENTROPY, AUTO = "a number, auto, or auto_ and a number", "a number or auto"
-NAMES = "names with values"
-_COMMON = {"learning_rate": NUMBER, "gamma": NUMBER, "batch_size": WHOLE}
-_REPLAY = {
-    "buffer_size": WHOLE,
-    "learning_starts": COUNT,
-    "tau": NUMBER,
-    "train_freq": WHOLE,
-    "gradient_steps": WHOLE,
-}
-KNOWN: dict[str, dict[str, str]] = {
-    "ppo": {
-        **_COMMON,
-        "n_steps": WHOLE,
-        "n_epochs": WHOLE,
-        "gae_lambda": NUMBER,
-        "clip_range": NUMBER,
-        "ent_coef": NUMBER,
-        "vf_coef": NUMBER,
-        "max_grad_norm": NUMBER,
-        "target_kl": NUMBER,
-    },
-    "sac": {**_COMMON, **_REPLAY, "ent_coef": ENTROPY, "target_entropy": AUTO},
-    "td3": {
-        **_COMMON,
-        **_REPLAY,
-        "policy_delay": WHOLE,
-        "target_policy_noise": NUMBER,
-        "target_noise_clip": NUMBER,
-    },
-}
-"""By algorithm: hyperparameters by their names in stable-baselines3, and what is expected."""
-ALGORITHMS = tuple(KNOWN)
-FIELDS = {
-    **dict.fromkeys(("steps", "round_steps", "environments", "patience"), WHOLE),
-    **dict.fromkeys(("action_reach", "exploration", "final_rate"), ABOVE_ZERO),
-    **dict.fromkeys(("bandwidth", "episode_length", "duration"), ABOVE_ZERO),
-    **dict.fromkeys(("network", "value_network", "motions", "randomise"), LIST),
-    **dict.fromkeys(("count", "severity"), RANGE),
-    "seeds": WHOLE,
-    "seed": COUNT,
-    "improvement": NUMBER,
-    "parallel": FLAG,
-    "hyperparameters": NAMES,
-}
-"""What is expected of fields that are no names."""
-OPTIONAL = ("value_network", "randomise")
-"""Lists that may be left open."""
-
-
-def _fits(expected: str, value: Any) -> bool:
-    """Whether a value is what is expected."""
-    number = isinstance(value, Real) and not isinstance(value, bool)
-    whole = number and isinstance(value, Integral)
-    if expected == RANGE:
-        pair = isinstance(value, tuple) and len(value) == 2
-        return pair and all(isinstance(x, Real) for x in value)
-    if isinstance(value, str):
-        start, _, after = value.partition("_")
-        plain = start == "auto" and expected in (ENTROPY, AUTO)
-        return plain and (not after or (expected == ENTROPY and _above_zero(after)))
-    return {
-        FLAG: isinstance(value, bool),
-        LIST: isinstance(value, (list, tuple)),
-        NAMES: isinstance(value, Mapping),
-        WHOLE: whole and value >= 1,
-        COUNT: whole and value >= 0,
-        ABOVE_ZERO: number and 0 < value < math.inf,
-        NUMBER: number and 0 <= value < math.inf,
-    }.get(expected, number)
-
-
-def _above_zero(text: str) -> bool:
-    """Whether a text is a number above zero."""
-    try:
-        return float(text) > 0
-    except ValueError:
-        return False
-
-
-def _check(expected: str, value: Any, where: str) -> None:
-    """Check a value; raises ``InputError`` if it is not what is expected."""
-    if not _fits(expected, value):
-        raise InputError(f"expected {expected}, got {value!r}", where=where)
-
-
+ALGORITHMS = ("ppo", "sac", "td3")
+"""Sections of ``gapscope/schemas/training.schema.json``, which has their hyperparameters."""
 RESIDUAL = "ppo_residual"
 """Settings that ship for models without inverse dynamics."""
-MAX_LAYERS, MAX_UNITS = 16, 4096
-"""Size of the largest network [1]: 16 MB for each two layers, many times what an arm needs."""
+
+
+def _check(values: Mapping[str, Any], section: str, where: str = "") -> None:
+    """Check values by a section of the schema of trainings.
+
+    Raises:
+        InputError: one is not what is expected; says what is.
+    """
+    fault = schema_fault(plain(values, null_if_not_finite=True), "training", section)
+    if fault is not None:
+        name = str(fault.absolute_path[0])
+        expected = fault.schema["description"]
+        raise InputError(
+            f"expected {expected}, got {values[name]!r}", where=where + name
+        )
 
 
 @dataclass(frozen=True)
@@ -185,38 +109,25 @@ class TrainingSettings:
         check_known("algorithm", self.algorithm, ALGORITHMS, where="algorithm")
         check_known("action", self.action, ACTION_KINDS, where="action")
         check_engine(self.engine)
-        for name, expected in FIELDS.items():
+        _check(vars(self), "settings")
+        for name in ("network", "value_network", "motions", "randomise"):
             value = getattr(self, name)
-            if name in OPTIONAL and value is None:
-                continue
-            if expected == RANGE and isinstance(value, list):
-                value = tuple(value)
-            _check(expected, value, name)
-            if expected in (LIST, RANGE):
-                object.__setattr__(self, name, tuple(value))
-        for name in ("network", "value_network"):
-            layers = getattr(self, name) or ()
-            for units in layers:
-                _check(WHOLE, units, name)
-            if len(layers) > MAX_LAYERS or max(layers, default=0) > MAX_UNITS:
-                raise InputError(
-                    f"expected at most {MAX_LAYERS} layers of at most {MAX_UNITS} units",
-                    where=name,
-                )
+            object.__setattr__(self, name, value if value is None else tuple(value))
+        for name in ("count", "severity"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
         motions = (*MOTIONS, "random")
         check_known("motion", self.motion, motions, where="motion")
         for name in self.motions:
             check_known("motion", name, motions, where="motions")
-        known = KNOWN[self.algorithm]
-        for name, value in self.hyperparameters.items():
-            where = f"hyperparameters.{name}"
+        known = schema("training")["properties"][self.algorithm]["properties"]
+        for name in self.hyperparameters:
             if name not in known:
                 raise InputError(
                     f"{self.algorithm} has no hyperparameter {name!r}",
                     f"{nearest(str(name), known)}known are {', '.join(known)}",
-                    where=where,
+                    where=f"hyperparameters.{name}",
                 )
-            _check(known[name], value, where)
+        _check(self.hyperparameters, self.algorithm, "hyperparameters.")
         object.__setattr__(self, "hyperparameters", dict(self.hyperparameters))
         _ = self.reward, self.randomisation  # they check their own numbers
 
