@@ -101,7 +101,9 @@ def as_mjcf(arm: PlainArm, out: Path, relative: bool) -> tuple[str, tuple[str, .
         builds_up=builds_up,
         dry_bristle=dry_bristle,
         saturating_bristles=saturating_bristles,
-        filter_time=lambda lag: _filter_time(lag, step),
+        # MuJoCo applies a step's last torque throughout, which is early by half a step. The delay of its filter is
+        # e / (1 - e) steps, with e = exp(-step / T'), at low frequency; it is T for T' = step / ln(1 + step / T)
+        filter_time=lambda lag: step / np.log1p(step / lag),
         rotation=rotation,
         within=_within,
         teeth=(1 / (2 * np.pi * TOOTH_FREQUENCY * TOOTH_DAMPING), TOOTH_DAMPING),
@@ -186,15 +188,6 @@ def saturating_bristles(drive: pd.Series, step: float) -> tuple[Bristle, ...]:
         )
         for share, relative in zip(TANH_SHARES, TANH_SPEEDS, strict=True)
     )
-
-
-def _filter_time(lag: float, step: float) -> float:
-    """Time constant [s] of a filter whose torque at the end of each step is as late as 1 / (1 + T s) within it.
-
-    MuJoCo applies a step's last torque throughout, which is early by half a step. The delay of its filter is
-    e / (1 - e) steps, with e = exp(-step / T'), at low frequency; it is T for T' = step / ln(1 + step / T).
-    """
-    return float(step / np.log1p(step / lag))
 
 
 def _coupled_motors(arm: PlainArm) -> list[dict[str, Any]]:
