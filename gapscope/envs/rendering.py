@@ -60,10 +60,8 @@ class Scene:
         self._error: list[np.ndarray] = []
         ca, sa = np.cos(AZIMUTH), np.sin(AZIMUTH)
         ce, se = np.cos(ELEVATION), np.sin(ELEVATION)
-        # right, up and towards the eye, in the base frame
-        self._axes = np.array(
-            [[-sa, ca, 0.0], [-ca * se, -sa * se, ce], [ca * ce, sa * ce, se]]
-        )
+        # right and up in the base frame
+        self._view = np.array([[-sa, ca, 0.0], [-ca * se, -sa * se, ce]])
         self._figure = Figure((WIDTH / DPI, HEIGHT / DPI), dpi=DPI, facecolor=PAPER)
         self._canvas = FigureCanvasAgg(self._figure)
         self._moving: list[Artist] = []
@@ -146,7 +144,7 @@ class Scene:
 
     def _flat(self, points: np.ndarray) -> np.ndarray:
         """Right and up of points in the base frame [m], shape (N, 2)."""
-        return points @ self._axes[:2].T
+        return points @ self._view.T
 
     def _panel(self, left: float, bottom: float, width: float, height: float) -> Axes:
         """A part of the picture, in shares of it."""

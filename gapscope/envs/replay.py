@@ -192,7 +192,9 @@ def _tracked(
         control.integral = controller.integrator.bounded(held)
     elif controller.integrator is not None:
         speed = first.dq if recorded is None else recorded
-        needed = _torque_at_start(corrected, recording, reference)
+        # what the arm needs at the start of its reference
+        body = RigidBody(corrected.arm).carrying(recording.payload)
+        needed = replace(corrected, residual=None).predict(body, reference)[0]
         control.start_with(needed, first, start, speed)
     q, tau = np.empty_like(commands.q), np.empty_like(commands.q)
     steps = steps_per_tick(controller)
@@ -216,15 +218,6 @@ def _tracked(
     # a row holds the torque of the last tick before it
     tick = ((t - t[0]) * controller.rate + 1e-6).astype(int)
     return _between(ticks, q, t), tau[tick]
-
-
-def _torque_at_start(
-    corrected: CorrectedArm, recording: Recording, reference: Motion
-) -> np.ndarray:
-    """Torque that the arm needs at the start of its reference [N m], (n,)."""
-    body = RigidBody(corrected.arm).carrying(recording.payload)
-    without_network = replace(corrected, residual=None)
-    return without_network.predict(body, reference)[0]
 
 
 def _driven(

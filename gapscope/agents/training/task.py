@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from math import inf
 from pathlib import Path
@@ -180,7 +181,12 @@ class Task:
             e for e in believed.effects if not isinstance(e.effect, External)
         )
         known = replace(believed, effects=lasting)
-        return cls(arm, source, known, hidden, _left_open(source, known))
+        ranges = None
+        # the 95 % intervals of the diagnosis that wrote a corrected.yaml, if it lies beside it unchanged
+        if Path(source).suffix in (".yaml", ".yml"):
+            with suppress(InputError):
+                ranges = read_ranges(Path(source), known, ())
+        return cls(arm, source, known, hidden, ranges)
 
     def settled(self, settings: TrainingSettings) -> TrainingSettings:
         """The settings with what is drawn around the model, if they leave it open: what a diagnosis could find.
@@ -272,17 +278,6 @@ class Task:
             "engine": settings.engine,
             **options,
         }
-
-
-def _left_open(source: str, known: CorrectedArm) -> EffectRanges | None:
-    """The 95 % intervals of the diagnosis that wrote a ``corrected.yaml``, if it lies beside it unchanged."""
-    path = Path(source)
-    if path.suffix not in (".yaml", ".yml"):
-        return None
-    try:
-        return read_ranges(path, known, ())
-    except InputError:
-        return None
 
 
 Policy = Callable[[np.ndarray], np.ndarray]
