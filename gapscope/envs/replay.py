@@ -28,7 +28,7 @@ from gapscope.effects.applied import AppliedEffect, State
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.residual import ResidualNetwork
 from gapscope.envs.divergence import diverged, fastest
-from gapscope.envs.simulated_arm import NetworkTorque, SimulatedArm
+from gapscope.envs.simulated_arm import NetworkTorque, SimulatedArm, between
 
 TRIM = 0.3
 """Time cut from both ends of a stretch before the gap is measured [s]."""
@@ -217,7 +217,7 @@ def _tracked(
             _check(simulated, time, CHECK_CONTROLLER)
     # a row holds the torque of the last tick before it
     tick = ((t - t[0]) * controller.rate + 1e-6).astype(int)
-    return _between(ticks, q, t), tau[tick]
+    return between(ticks, q, t), tau[tick]
 
 
 def _driven(
@@ -240,14 +240,14 @@ def _driven(
         for first in range(0, len(t), count):
             window = slice(first, min(first + count, len(t)))
             grid = np.arange(t[window][0], t[window][-1] + dt, dt)
-            torque = _between(t, applied, grid)
+            torque = between(t, applied, grid)
             positions = np.empty((len(grid), tau.shape[1]))
             simulated.start(smooth[first], speed[first], grid[0])
             for i, held in enumerate(torque):
                 positions[i] = simulated.encoders()
                 simulated.step(held)
                 _check(simulated, grid[i], GIVE_DATA_SHEET)
-            q[window] = _between(grid, positions, t[window])
+            q[window] = between(grid, positions, t[window])
     return q, tau
 
 
@@ -282,8 +282,3 @@ def _smooth(q: np.ndarray, rate: float) -> np.ndarray:
     padding = min(len(q) - 1, int(3 * rate / cutoff))
     smooth: np.ndarray = sosfiltfilt(sos, q, axis=0, padlen=padding)
     return smooth
-
-
-def _between(t: np.ndarray, series: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """A series (K, n) at other times (N,), linear between its samples and constant beyond them, (N, n)."""
-    return np.stack([np.interp(at, t, column) for column in series.T], axis=1)

@@ -18,7 +18,7 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.residual import Memory, ResidualNetwork, channels, channels_with
+from gapscope.effects.residual import Memory, channels, channels_with
 from gapscope.envs.drive.arm_drive import ArmDrive, Encoders, nominal_body
 from gapscope.envs.drive.rigid_step import RigidStep
 from gapscope.envs.engines import make_bodies
@@ -577,7 +577,11 @@ class NetworkTorque:
         load = replace(corrected, residual=None).predict(
             RigidBody(corrected.arm).carrying(payload), motion
         )
-        self._planned = _on_lines(self._residual, motion, load)
+        last = len(motion.t) - 1
+        spaced = np.append(np.arange(0, last, SPACING), last)
+        windows = self._residual.inputs.windows(motion, load, spaced)
+        said = self._residual.of_windows(windows).torque
+        self._planned = between(spaced, said, np.arange(last + 1))
         rows = slice(None, None, sub_steps)
         coarse = Motion(
             motion.t[rows], motion.q[rows], motion.dq[rows], motion.ddq[rows]
@@ -609,16 +613,6 @@ class NetworkTorque:
         return np.asarray(self._planned[step] + self._off)
 
 
-def _on_lines(
-    residual: ResidualNetwork, motion: Motion, load: np.ndarray
-) -> np.ndarray:
-    """Residual torque at every step [N m], shape (N, n), on lines between every ``SPACING``-th step."""
-    rows = np.append(np.arange(0, len(motion.t) - 1, SPACING), len(motion.t) - 1)
-    said = residual.of_windows(residual.inputs.windows(motion, load, rows)).torque
-    place = np.searchsorted(rows, np.arange(len(motion.t)), side="right").clip(
-        1, len(rows) - 1
-    )
-    part = (
-        (np.arange(len(motion.t)) - rows[place - 1]) / (rows[place] - rows[place - 1])
-    )[:, None]
-    return np.asarray((1 - part) * said[place - 1] + part * said[place])
+def between(t: np.ndarray, series: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """A series (K, n) at other times (N,), linear between its samples and constant beyond them, (N, n)."""
+    return np.stack([np.interp(at, t, column) for column in series.T], axis=1)
