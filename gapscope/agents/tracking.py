@@ -219,7 +219,7 @@ class TrackingMetrics:
         """Reward of each action that was done, of so many ticks each, by the torque of the ticks before its end."""
         effort = track.tau / self._rated
         ends = np.arange(every, min(len(track.t), actions * every + 1), every)
-        blocks = effort[: len(ends) * every].reshape(len(ends), -1)
+        blocks = effort[: len(ends) * every].reshape(len(ends), every * effort.shape[1])
         load = np.mean(blocks**2, axis=1)
         jump = effort[ends - 1] - effort[np.maximum(ends - 1 - every, 0)]
         return self._reward(track.q_ref[ends] - track.q[ends], load, jump).total
