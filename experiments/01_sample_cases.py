@@ -10,7 +10,6 @@ that closes on ``recording_d.csv``: sum over joints of before - after, over sum 
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
@@ -19,6 +18,7 @@ from pathlib import Path
 from time import monotonic
 
 import numpy as np
+from common import command_line
 
 from gapscope.arm.case import load_case
 from gapscope.arm.io.formats.table_files import read_csv
@@ -63,13 +63,11 @@ def predicted(case: Path, out: Path, model: Path | None) -> np.ndarray:
 
 def main() -> None:
     """Run all cases and print a table."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument(
-        "--data",
-        type=Path,
-        default=Path(os.environ.get("GAPSCOPE_DATA", ROOT / "../shared/data")),
+    parser = command_line(
+        __doc__,
+        data=Path(os.environ.get("GAPSCOPE_DATA", ROOT / "../shared/data")),
+        out=Path("out/sample_cases"),
     )
-    parser.add_argument("--out", type=Path, default=Path("out/sample_cases"))
     arguments = parser.parse_args()
     folder = arguments.data / "sample_cases"
     labels = json.loads((folder / "labels.json").read_text(encoding="utf-8"))

@@ -17,12 +17,12 @@ by gradients.
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Callable
 from functools import partial
 
 import numpy as np
+from common import command_line
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
@@ -156,10 +156,7 @@ def criteria(arm: NominalArm, seeds: int, evaluations: int) -> None:
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--robot", default="kuka_iiwa")
+    parser = command_line(__doc__, robot="kuka_iiwa")
     parser.add_argument("--seeds", type=int, default=3, help="searches of each sort")
     parser.add_argument(
         "--feasible",

@@ -1,6 +1,6 @@
-"""Bias, deviation and coverage of the estimators by Monte Carlo over arms simulated in PyBullet and MuJoCo.
+"""Bias, deviation and coverage of the estimators by Monte Carlo over arms simulated in PyBullet.
 
-Three joints of the KUKA iiwa (1, 2 and 4 by default; the others locked) with rotors and viscous friction follow random
+Three joints of the KUKA iiwa (1, 2 and 4, the others locked) with rotors and viscous friction follow random
 Fourier motions of 10 s, four to fit and two to judge. Positions are filtered at 20 Hz and differentiated, columns and
 torque at 12 Hz, one sample of five is kept. Noise is drawn anew in each run, on encoders and torque.
 
@@ -10,7 +10,7 @@ arm and model; (3) coverage of 95 % intervals of the parameters and of the predi
 friction, and with one effect in the arm that the model lacks.
 
 Run with ``--runs 100 --consistent 20``, and with ``--runs 0 --consistent 0 --simulating 10`` for the estimators that
-simulate, whose draws are their own; ``--arms`` chooses. ``--out FILE.md`` holds the tables so far after each run.
+simulate, whose draws are their own; ``--arms`` chooses. ``--out FILE.md`` holds the tables so far after each arm.
 
 ``--forms 3`` makes another table alone, with three draws of each arm: coverage over arms that pinocchio moves, whose
 friction has another form than the law that `gapscope identify` chooses, with and without form error in the intervals.
@@ -20,16 +20,17 @@ other motions, by least squares in the law that was chosen; of sharp Coulomb fri
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from common import command_line, markdown
 from pinocchio_arms import FORM_ARMS, FORMS, RATE, FormArm, noised
 from rich.console import Console
-from rich.progress import Progress, track
+from rich.progress import track
 
 from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -76,11 +77,9 @@ from gapscope.model.conditioning import condition, low_pass
 
 # Arms, noise and problems
 
-JOINTS = (1, 2, 4)
-"""Joints of the iiwa that move, by default."""
-ARMATURE = (0.3, 0.3, 0.2, 0.2, 0.1, 0.1, 0.05)
-VISCOUS = (4.0, 4.0, 2.0, 2.0, 1.0, 1.0, 0.5)
-COULOMB = (3.0, 3.5, 2.0, 2.5, 1.2, 0.8, 0.5)
+JOINTS = ("lbr_iiwa_joint_1", "lbr_iiwa_joint_2", "lbr_iiwa_joint_4")
+SHEET = {"armature": [0.3, 0.3, 0.2], "viscous": [4.0, 4.0, 2.0]}
+COULOMB = {"coulomb": [3.0, 3.5, 2.5]}
 """Dry friction of the arm that has it [N m]."""
 LEVELS = (0.01, 0.03, 0.1)
 """Noise: white torque noise over the joint's standard deviation; encoders have ``ENCODER`` times as much [rad]."""
@@ -89,7 +88,6 @@ FIT, JUDGE = 4, 2
 TICKS = 4000.0
 """Rate of the controller, and so of the simulation [Hz]: its steps bias rotor inertias by viscous friction times half
 a step."""
-ENGINES = ("pybullet", "mujoco")
 
 
 @dataclass(frozen=True)
@@ -182,57 +180,35 @@ class World:
         )
 
 
-def unmodelled(joints: tuple[int, ...]) -> dict[str, tuple[AppliedEffect, ...]]:
-    """What the arm has and the model lacks; effects count joints among those that move."""
-    two, four = joints.index(2) + 1, joints.index(4) + 1
-    every = tuple(range(1, len(joints) + 1))
-    return {
-        "load friction 0.15, joints 2 and 4": (
-            AppliedEffect("load_friction", (two, four), {"coefficient": [0.15, 0.15]}),
-        ),
-        "Stribeck friction 2 N m, all joints": (
-            AppliedEffect("stribeck_friction", every, {"torque": 2.0, "velocity": 0.2}),
-        ),
-        "elasticity 1500 N m/rad, joint 2": (
-            AppliedEffect(
-                "joint_elasticity", (two,), {"stiffness": [1500.0], "damping": [5.0]}
-            ),
-        ),
-    }
+UNMODELLED = {
+    "load friction 0.15, joints 2 and 4": AppliedEffect(
+        "load_friction", (2, 3), {"coefficient": [0.15, 0.15]}
+    ),
+    "Stribeck friction 2 N m, all joints": AppliedEffect(
+        "stribeck_friction", (1, 2, 3), {"torque": 2.0, "velocity": 0.2}
+    ),
+    "elasticity 1500 N m/rad, joint 2": AppliedEffect(
+        "joint_elasticity", (2,), {"stiffness": [1500.0], "damping": [5.0]}
+    ),
+}
+"""What the arm has and the model lacks; effects count joints among those that move."""
 
 
-def simulated(
-    engine: str,
-    joints: tuple[int, ...],
-    effects: tuple[AppliedEffect, ...] = (),
-    dry: bool = False,
-    seed: int = 5,
-) -> World:
+def simulated(effects: tuple[AppliedEffect, ...] = (), dry: bool = False) -> World:
     """Record the true arm, without noise; ``dry`` gives arm and model the friction ``COULOMB``."""
-    at = np.array(joints) - 1
-    sheet = {
-        "armature": np.array(ARMATURE)[at].tolist(),
-        "viscous": np.array(VISCOUS)[at].tolist(),
-    }
-    if dry:
-        sheet["coulomb"] = np.array(COULOMB)[at].tolist()
-    nominal = load_nominal_arm(
-        "kuka_iiwa", joints=[f"lbr_iiwa_joint_{joint}" for joint in joints], sheet=sheet
-    )
-    rng = np.random.default_rng(seed)
+    sheet = {**SHEET, **(COULOMB if dry else {})}
+    nominal = load_nominal_arm("kuka_iiwa", joints=JOINTS, sheet=sheet)
+    rng = np.random.default_rng(5)
     controller = replace(
         position_controller(nominal, workspace(RigidBody(nominal)).posture), rate=TICKS
     )
-    plan = Plan(recordings=1, noise=0.0, rate=RATE, engine=engine)
-    recordings = [
-        replace(
-            record_case(
-                "truth", nominal, effects, plan, rng, controller=controller
-            ).recordings[0],
-            name=f"{i + 1}",
-        )
-        for i in range(FIT + JUDGE)
-    ]
+    plan = Plan(recordings=1, noise=0.0, rate=RATE, engine="pybullet")
+
+    def recorded() -> Recording:
+        case = record_case("truth", nominal, effects, plan, rng, controller=controller)
+        return case.recordings[0]
+
+    recordings = [replace(recorded(), name=f"{i + 1}") for i in range(FIT + JUDGE)]
     regressor = Regressor(nominal)
     (segment,) = condition(recordings[0], POSITION_CUTOFF)
     matrix = regressor.matrix(segment.motion)
@@ -307,7 +283,7 @@ def form_coverage(draws: int, path: Path | None) -> None:
     everything = np.hstack([row for found in hits.values() for row in found])
     rows.append(_form_row("all", None, everything))
     head = ["friction", "noise", "bodies", "friction", "all", "wider by"]
-    text = f"coverage without form error, with it\n\n{table(head, rows)}"
+    text = f"coverage without form error, with it\n\n{markdown(head, rows)}"
     print(text)
     if path is not None:
         path.write_text(text + "\n", encoding="utf-8")
@@ -321,9 +297,9 @@ def _form_row(form: str, level: float | None, found: np.ndarray) -> list[str]:
     return [form, noise, *shares, f"{np.median(wider):.1f}"]
 
 
-DRY, LACKING = "dry", "lacking"
-ARMS = (*ENGINES, DRY, LACKING)
-"""What ``--arms`` chooses from: an engine's arm, one with dry friction, and those that the model lacks an effect of."""
+PLAIN, DRY, LACKING = "plain", "dry", "lacking"
+ARMS = (PLAIN, DRY, LACKING)
+"""What ``--arms`` chooses from: one without dry friction, one with it, and those that the model lacks an effect of."""
 HEAD = ["estimator", "runs", *(f"noise {level:.0%}" for level in LEVELS)]
 
 Made = Callable[[World, float], Estimator]
@@ -384,6 +360,14 @@ class Tally:
         return " / ".join(f"{1e3 * figure:.1f}" for figure in figures)
 
 
+class Counts(NamedTuple):
+    """Runs of the estimators of base parameters, of those of standard parameters, and of those that simulate."""
+
+    runs: int
+    consistent: int
+    simulating: int
+
+
 class Comparison:
     """What the estimators make of one world, a column per noise level."""
 
@@ -403,53 +387,30 @@ class Comparison:
                 float(np.sqrt((self._judged.residual(value) ** 2).mean()))
             )
 
-    def linear(
-        self,
-        level: float,
-        counts: dict[str, int],
-        rng: np.random.Generator,
-        step: Callable[[], None],
-    ) -> None:
+    def linear(self, level: float, counts: Counts, rng: np.random.Generator) -> None:
         """Runs of the estimators that do not simulate."""
         world = self._world
         base = {name: made(world, level) for name, made in BASE.items()}
-        for run in range(max(counts["runs"], counts["consistent"])):
+        for run in range(max(counts.runs, counts.consistent)):
             problem = world.problem(world.noisy(level, rng))
-            if run < counts["runs"]:
+            found = {}
+            if run < counts.runs:
                 reduced = world.reduced(problem)
-                self.add(
-                    level,
-                    {
-                        name: estimator.estimate(reduced).value
-                        for name, estimator in base.items()
-                    },
-                )
-            if run < counts["consistent"]:
-                standard = {
-                    name: made(world, level).estimate(problem).value
-                    for name, made in STANDARD.items()
-                }
-                self.add(
-                    level,
-                    {name: world.base.of(value) for name, value in standard.items()},
-                )
-            step()
+                for name, estimator in base.items():
+                    found[name] = estimator.estimate(reduced).value
+            if run < counts.consistent:
+                for name, made in STANDARD.items():
+                    value = made(world, level).estimate(problem).value
+                    found[name] = world.base.of(value)
+            self.add(level, found)
 
-    def simulating(
-        self, level: float, rng: np.random.Generator, step: Callable[[], None]
-    ) -> None:
+    def simulating(self, level: float, rng: np.random.Generator) -> None:
         """One run of the estimators that simulate."""
         recordings = self._world.noisy(level, rng)
         experiment = self._world.experiment(recordings)
         problem = experiment.build(recordings)
-        self.add(
-            level,
-            {
-                name: made(experiment).estimate(problem).value
-                for name, made in SIMULATING.items()
-            },
-        )
-        step()
+        made = {name: make(experiment) for name, make in SIMULATING.items()}
+        self.add(level, {k: one.estimate(problem).value for k, one in made.items()})
 
     def text(self) -> str:
         """The table so far."""
@@ -460,15 +421,11 @@ class Comparison:
                 tally.row(self._world.truth, self._rms) for tally in levels.values()
             )
             rows.append([name, runs, *figures])
-        return f"{self.label}: bias / standard deviation / RMSE of judged torque [mN m]\n\n{table(HEAD, rows)}"
+        return f"{self.label}: bias / standard deviation / RMSE of judged torque [mN m]\n\n{markdown(HEAD, rows)}"
 
 
 def coverage(
-    world: World,
-    level: float,
-    runs: int,
-    rng: np.random.Generator,
-    step: Callable[[], None],
+    world: World, level: float, runs: int, rng: np.random.Generator
 ) -> dict[str, float]:
     """Share of parameters, and of samples of predicted torque, within their 95 % intervals; share of runs warned."""
     judged = world.reduced(world.problem(world.judge))
@@ -493,161 +450,64 @@ def coverage(
         hits.setdefault("torque, worst joint", []).append(
             float(inside.mean(axis=0).min())
         )
-        hits.setdefault("torque, parameters only", []).append(
-            float(_bare(methods["plain formula"], judged, error))
-        )
         hits.setdefault("warned", []).append(float(bool(interval.warnings)))
-        step()
     return {name: float(np.mean(values)) for name, values in hits.items()}
 
 
-def _bare(uncertainty: Uncertainty, judged: Problem, error: np.ndarray) -> float:
-    """Coverage of the torque by the plain formula's parameter covariance alone."""
-    own = np.einsum(
-        "ijb,bc,ijc->ij", judged.matrix, uncertainty.covariance, judged.matrix
-    )
-    return float((error <= 1.96 * np.sqrt(own)).mean())
-
-
-def table(head: list[str], rows: list[list[str]]) -> str:
-    """A table in Markdown."""
-    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    return "\n".join(lines + ["| " + " | ".join(row) + " |" for row in rows])
-
-
-class Report:
-    """Tables as they grow, written after each run."""
-
-    def __init__(self, path: Path | None) -> None:
-        self._path = path
-        self.comparisons: list[Comparison] = []
-        self.shares: list[tuple[str, dict[str, float]]] = []
-
-    def text(self) -> str:
-        """All tables so far."""
-        texts = [comparison.text() for comparison in self.comparisons]
-        if self.shares:
-            kinds = list(self.shares[0][1])
-            rows = [
-                [label, *(f"{share[kind]:.1%}" for kind in kinds)]
-                for label, share in self.shares
-            ]
-            texts.append(
-                f"coverage of 95 % intervals, weighted least squares\n\n{table(['arm', *kinds], rows)}"
-            )
-        return "\n\n".join(texts)
-
-    def write(self) -> None:
-        """Write the tables so far."""
-        if self._path:
-            with atomic_write(self._path) as aside:
-                aside.write_text(self.text() + "\n", encoding="utf-8")
+Shares = list[tuple[str, dict[str, float]]]
+"""Coverage by arm and kind."""
 
 
 def measure(
-    label: str,
-    world: World,
-    counts: dict[str, int],
-    rng: np.random.Generator,
-    seed: list[int],
-    report: Report,
-    step: Callable[[], None],
-) -> None:
-    """All tables of one arm; ``seed`` is that of the estimators that simulate."""
-    comparison = Comparison(label, world)
-    report.comparisons.append(comparison)
-    for level in LEVELS:
-        comparison.linear(level, counts, rng, step)
-    for run in range(counts["simulating"]):
-        for place, level in enumerate(LEVELS):
-            comparison.simulating(
-                level, np.random.default_rng([*seed, place, run]), step
-            )
-    for level in LEVELS if counts["runs"] else ():
-        report.shares.append(
-            (
-                f"{label}, noise {level:.0%}",
-                coverage(world, level, counts["runs"], rng, step),
-            )
-        )
+    world: World, counts: Counts, rng: np.random.Generator, seed: list[int], label: str
+) -> tuple[str, Shares]:
+    """Both tables of one arm; ``seed`` is that of the estimators that simulate."""
+    comparison, shares = Comparison(label, world), []
+    for level in track(LEVELS, label, console=Console(stderr=True)):
+        comparison.linear(level, counts, rng)
+    for run, place in product(range(counts.simulating), range(len(LEVELS))):
+        own = np.random.default_rng([*seed, place, run])
+        comparison.simulating(LEVELS[place], own)
+    for level in LEVELS if counts.runs else ():
+        share = coverage(world, level, counts.runs, rng)
+        shares.append((f"{label}, noise {level:.0%}", share))
+    return comparison.text(), shares
 
 
 def main() -> None:
     """Run, print and write the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--runs", type=int, default=100)
-    parser.add_argument("--consistent", type=int, default=20)
-    parser.add_argument("--simulating", type=int, default=0)
+    parser = command_line(__doc__, runs=100, consistent=20, simulating=0, seed=1)
     parser.add_argument("--arms", nargs="+", choices=ARMS, default=ARMS)
-    parser.add_argument(
-        "--joints",
-        type=int,
-        nargs="+",
-        default=JOINTS,
-        help="of the iiwa, 2 and 4 among them",
-    )
     parser.add_argument("--forms", type=int, default=0, help="draws of each arm")
-    parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=None)
     options = parser.parse_args()
     if options.forms:
         form_coverage(options.forms, options.out)
         return
-    joints, rng = tuple(options.joints), np.random.default_rng(options.seed)
-    counts = {
-        "runs": options.runs,
-        "consistent": options.consistent,
-        "simulating": options.simulating,
-    }
-    console, report = Console(), Report(options.out)
-    per_arm = len(LEVELS) * (
-        max(options.runs, options.consistent) + options.simulating + options.runs
-    )
-    lacking = unmodelled(joints) if LACKING in options.arms and options.runs else {}
-    whole = [arm for arm in options.arms if arm != LACKING]
-    with Progress(console=console) as progress:
-        task = progress.add_task(
-            "runs", total=len(whole) * per_arm + len(lacking) * options.runs
-        )
-
-        def step() -> None:
-            progress.advance(task)
-            report.write()
-
-        for place, engine in enumerate(ENGINES):
-            if engine in whole:
-                measure(
-                    engine,
-                    simulated(engine, joints),
-                    counts,
-                    rng,
-                    [options.seed, place],
-                    report,
-                    step,
-                )
-        for name, effects in lacking.items():
-            world = simulated(ENGINES[0], joints, effects)
-            share = coverage(world, LEVELS[1], options.runs, rng, step)
-            report.shares.append((f"lacks {name}, noise {LEVELS[1]:.0%}", share))
-        if DRY in whole:
-            own, seed = (
-                np.random.default_rng([options.seed, 1]),
-                [options.seed, len(ENGINES)],
-            )
-            label = f"{ENGINES[0]} with dry friction"
-            measure(
-                label,
-                simulated(ENGINES[0], joints, dry=True),
-                counts,
-                own,
-                seed,
-                report,
-                step,
-            )
-    report.write()
-    console.print(report.text(), soft_wrap=True, highlight=False, markup=False)
-    if options.out:
-        console.print(f"wrote {options.out}")
+    counts = Counts(options.runs, options.consistent, options.simulating)
+    texts: list[str] = []
+    shares: Shares = []
+    for place, arm in enumerate(options.arms):
+        rng = np.random.default_rng([options.seed, ARMS.index(arm)])
+        if arm == LACKING:
+            for name, effect in UNMODELLED.items() if counts.runs else ():
+                share = coverage(simulated((effect,)), LEVELS[1], counts.runs, rng)
+                shares.append((f"lacks {name}, noise {LEVELS[1]:.0%}", share))
+        else:
+            world, seed = simulated(dry=arm == DRY), [options.seed, place]
+            text, found = measure(world, counts, rng, seed, f"{arm} arm")
+            texts.append(text)
+            shares += found
+        shown = [*texts]
+        if shares:
+            kinds = list(shares[0][1])
+            rows = [[k, *(f"{one[x]:.1%}" for x in kinds)] for k, one in shares]
+            title = "coverage of 95 % intervals, weighted least squares"
+            shown.append(f"{title}\n\n{markdown(['arm', *kinds], rows)}")
+        if options.out:
+            with atomic_write(options.out) as aside:
+                aside.write_text("\n\n".join(shown) + "\n", encoding="utf-8")
+    print("\n\n".join(shown))
 
 
 if __name__ == "__main__":

@@ -13,9 +13,10 @@ Without a plan a small set is made: 24 single effects, 6 pairs, 3 triples, 6 out
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import replace
 from pathlib import Path
+
+from common import command_line
 
 from gapscope.blind_check.check import BlindPlan, make, read_commitment, read_plan, run
 from gapscope.blind_check.generator.laws import LAWS
@@ -56,10 +57,10 @@ def training_plan(plan: BlindPlan, count: int) -> BlindPlan:
 
 def main() -> None:
     """Do what the arguments say."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--out", type=Path, default=Path("out/blind"))
+    parser = command_line(
+        __doc__, out=Path("out/blind"), full=False, jobs=1, laws=False
+    )
     parser.add_argument("--plan", type=Path)
-    parser.add_argument("--full", action="store_true")
     parser.add_argument(
         "--seed", type=int, help="draw the same again; default: a secret one"
     )
@@ -67,11 +68,9 @@ def main() -> None:
         "--labels", type=Path, help="folder of the labels; default: OUT/vault/labels"
     )
     parser.add_argument("--training", type=int, default=0, metavar="N")
-    parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument(
         "--step", choices=["make", "run", "score", "all"], default="all"
     )
-    parser.add_argument("--laws", action="store_true")
     arguments = parser.parse_args()
     if arguments.laws:
         print(law_table().markdown())

@@ -22,7 +22,6 @@ in follows the laws that are looked for.
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 import time
 from dataclasses import replace
@@ -30,6 +29,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from common import command_line, markdown, share_text
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import GapscopeError
@@ -46,7 +46,6 @@ from gapscope.blind_check.generator.law import Cause, Draws
 from gapscope.blind_check.generator.laws import LAWS
 from gapscope.blind_check.generator.simulate import Conditions
 from gapscope.blind_check.generator.true_arm import Columns, TrueArm
-from gapscope.blind_check.scoring import wilson
 from gapscope.diagnosis.diagnose_change import diagnose_change
 from gapscope.diagnosis.reference_file import identify_reference
 from gapscope.model.conditioning import condition, position_cutoff
@@ -148,33 +147,27 @@ def judged(robot: str, loaded: bool, seed: tuple[int, ...]) -> dict[str, Any]:
     return out
 
 
-def show_pairs(rows: list[dict[str, Any]]) -> None:
+def show_pairs(pairs: list[dict[str, Any]]) -> None:
     """Print the figures as a Markdown table."""
-    same, loaded = ([r for r in rows if r["loaded"] is kind] for kind in (False, True))
+    same = [r for r in pairs if not r["loaded"]]
+    loaded = [r for r in pairs if r["loaded"]]
     alarms = [r for r in same if r["effects"]]
     open_ = [r for r in same if r["verdict"] == "unexplained"]
     named = [r for r in loaded if "payload" in r["effects"]]
     alone = [r for r in named if r["effects"] == ["payload"]]
     error = np.abs([r["error"] for r in named])
     inside = int((error < 0.05).sum())
-    print("\n| | of | count | 95 % interval |\n|---|---|---|---|")
-    for text, count, of in (
+    near = sum(abs(r["deviations"]) < 2 for r in named)
+    counts = (
         ("unchanged: an effect named", len(alarms), len(same)),
         ("unchanged: `unexplained`", len(open_), len(same)),
         ("load found", len(named), len(loaded)),
         ("load found, nothing else", len(alone), len(loaded)),
         ("mass within 5 %", inside, len(loaded)),
-        (
-            "mass within two deviations",
-            sum(abs(r["deviations"]) < 2 for r in named),
-            len(named),
-        ),
-    ):
-        if of:
-            low, high = wilson(count, of)
-            print(
-                f"| {text} | {of} | {count} | {100 * low:.0f} to {100 * high:.0f} % |"
-            )
+        ("mass within two deviations", near, len(named)),
+    )
+    rows = [(text, share_text(count, of)) for text, count, of in counts if of]
+    print(f"\n{markdown(('', 'cases'), rows)}")
     if named:
         com = 1e3 * np.array([r["com_error"] for r in named])
         print(
@@ -182,14 +175,12 @@ def show_pairs(rows: list[dict[str, Any]]) -> None:
             end="",
         )
         print(f"centre: median {np.median(com):.1f} mm, largest {com.max():.0f} mm")
-    print(f"seconds per pair: median {np.median([r['seconds'] for r in rows]):.1f}")
-    for r in rows:
-        if (not r["loaded"] and r["verdict"] != "no_gap") or (
-            r["loaded"] and r["effects"] != ["payload"]
-        ):
-            print(
-                f"{r['robot']} {r['seed']}: loaded {r['loaded']}, {r['verdict']}, {', '.join(r['effects'])}"
-            )
+    print(f"seconds per pair: median {np.median([r['seconds'] for r in pairs]):.1f}")
+    for r in pairs:
+        right = r["effects"] == ["payload"] if r["loaded"] else r["verdict"] == "no_gap"
+        if not right:
+            where = f"{r['robot']} {r['seed']}: loaded {r['loaded']}"
+            print(f"{where}, {r['verdict']}, {', '.join(r['effects'])}")
 
 
 # Effects of the sizes that are said to be named
@@ -278,32 +269,20 @@ def of_pair(robot: str, seed: tuple[int, ...]) -> list[dict[str, Any]]:
 
 def show_expected(rows: list[dict[str, Any]]) -> None:
     """Print the figures as a Markdown table."""
-    print("\n| size | of | named | 95 % interval | " + " | ".join(EFFECTS) + " |")
-    print("|---|---|---|---|" + "---|" * len(EFFECTS))
+    table = []
     for text in EXPECTED_SIZES:
         mine = [r for r in rows if r["size"] == text]
-        if not mine:
-            continue
-        hits = sum(r["named"] for r in mine)
-        low, high = wilson(hits, len(mine))
-        parts = []
-        for effect in EFFECTS:
-            own = [r["named"] for r in mine if r["effect"] == effect]
-            parts.append(f"{sum(own)} of {len(own)}")
-        print(
-            f"| {text} | {len(mine)} | {hits} ({100 * hits / len(mine):.0f} %) | "
-            f"{100 * low:.0f} to {100 * high:.0f} % | {' | '.join(parts)} |"
-        )
+        cells = []
+        for effects in (EFFECTS, *((effect,) for effect in EFFECTS)):
+            own = [r["named"] for r in mine if r["effect"] in effects]
+            cells.append(share_text(sum(own), len(own)))
+        table.append([text, *cells])
+    print(f"\n{markdown(('size', 'named', *EFFECTS), table)}")
 
 
 def main() -> None:
     """Make and diagnose pairs until the time is up."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--seconds", type=float, default=720.0)
-    parser.add_argument("--robots", default="small")
-    parser.add_argument("--seed", type=int, default=1)
+    parser = command_line(__doc__, seconds=720.0, robots="small", seed=1)
     parser.add_argument("--expected", action="store_true", help="see above")
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args()

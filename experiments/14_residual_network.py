@@ -14,8 +14,6 @@ one ended. ``--table`` only prints what is there, as Markdown.
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import time
 from collections.abc import Callable, Sequence
@@ -24,10 +22,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from common import command_line, kept, markdown
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.io.json_file import write_json
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
@@ -262,41 +260,39 @@ WAYS = [f"{what}_{apart}" for apart in APART for what in (ADDITIVE, "mlp", "tree
 
 def table(found: dict[str, dict[str, Any]]) -> str:
     """What each leaves of each joint."""
-    lines = [
-        "| problem | | J1 | J2 | J3 | J4 | J5 | J6 | J7 |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
+    rows: list[list[str]] = []
     for name, one in found.items():
         for key in ("nothing", "network", *WAYS):
             cells = [f"{x:.3g}" for x in one[key]]
             if key == "network":
                 pairs = zip(cells, one["form"], strict=True)
                 cells = [f"{cell} {form[:1]}" for cell, form in pairs]
-            cells += [""] * (7 - len(cells))
             title = name if key == "nothing" else ""
-            lines.append(f"| {title} | {key} | {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n\na: additive, m: MLP, none: silent\n"
+            rows.append([title, key, *cells, *[""] * (7 - len(cells))])
+    head = ["problem", "", *(f"J{j}" for j in range(1, 8))]
+    return f"{markdown(head, rows)}\n\na: additive, m: MLP, none: silent\n"
 
 
 def summary(found: dict[str, dict[str, Any]]) -> str:
     """Geometric means over joints of what is left over nothing, what was chosen, and the shares in the physics."""
     head = ["remainder", "joints", "no worse than nothing", "network"]
     head += ["apart from effects alone", "additive, MLP, silent", *WAYS]
-    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    rows = []
     for kind in (*REMAINDERS, "tx40", "ur10", ""):
         own = [one for name, one in found.items() if name.startswith(kind)]
         if own:
-            lines.append(f"| {kind or 'all'} | {_row(own)} |")
+            rows.append([kind or "all", *_row(own)])
     shares = max(one["in_output"][1] for one in found.values())
     moves = max(one["moves"][1] for one in found.values())
     seconds = [one["seconds"] for one in found.values()]
-    return "\n".join(lines) + (
-        f"\n\nShare of the output in the span of the physics: at most {shares:.1e}; a parameter would move by at most "
-        f"{moves:.1e} standard deviations. Processor time of a training: {min(seconds):.0f} to {max(seconds):.0f} s.\n"
+    return (
+        f"{markdown(head, rows)}\n\nShare of the output in the span of the physics: at most {shares:.1e}; a parameter "
+        f"would move by at most {moves:.1e} standard deviations. "
+        f"Processor time of a training: {min(seconds):.0f} to {max(seconds):.0f} s.\n"
     )
 
 
-def _row(own: Sequence[dict[str, Any]]) -> str:
+def _row(own: Sequence[dict[str, Any]]) -> list[str]:
     """Counts, and geometric means over joints of what is left over nothing."""
     keys = ("nothing", "network", *WAYS)
     left = {key: np.concatenate([one[key] for one in own]) for key in keys}
@@ -306,28 +302,22 @@ def _row(own: Sequence[dict[str, Any]]) -> str:
     ratios = [f"{np.exp(np.log(left[key] / nothing).mean()):.2f}" for key in keys[1:]]
     free = sum(one["apart"] == "effects" for one in own)
     chosen = ", ".join(str(forms.count(form)) for form in (ADDITIVE, "mlp", ""))
-    cells = [*map(str, counts), ratios[0], f"{free} of {len(own)}", chosen, *ratios[1:]]
-    return " | ".join(cells)
+    return [*map(str, counts), ratios[0], f"{free} of {len(own)}", chosen, *ratios[1:]]
 
 
 def main() -> None:
     """Study each problem that is not there yet, and print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--out", type=Path, default=Path("out/residual"))
+    parser = command_line(__doc__, out=Path("out/residual"), table=False)
     parser.add_argument("--only")
-    parser.add_argument("--table", action="store_true")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     found = {}
     for name, make in problems(arguments.out).items():
         path = arguments.out / f"{name}.json"
         wanted = not arguments.table and arguments.only in (None, name)
-        if wanted and not path.is_file():
-            print(name, flush=True)
-            result = study(make(), arguments.out / f"{name}.npz")
-            write_json(result, path)
-        if path.is_file():
-            found[name] = json.loads(path.read_text(encoding="utf-8"))
+        if wanted or path.is_file():
+            network = arguments.out / f"{name}.npz"
+            found[name] = kept(path, lambda m=make, n=network: study(m(), n))
     if found:
         print(table(found))
         print(summary(found))

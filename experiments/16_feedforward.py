@@ -5,13 +5,12 @@
 Each cell is a JSON file, written whole; a rerun continues where the last one ended. ``--table`` only prints what is
 there. Needs the extra ``learn``, the agents ``mujoco`` as well.
 
-``models [--robots iiwa,panda] [--engines pybullet,mujoco] [--seeds 3] [--severity 1.5]``: tracking error at equal gains
-on arms with hidden effects. Per robot and seed, three effects that ``gapscope demo`` may hide are drawn at the given
-severity (1 is what real arms show), and a session of four recordings is made. From its files alone the arm is
-identified, diagnosed, and a residual network is trained on what the diagnosis leaves. Each model then feeds torque
-forward on held-out motions: Fourier, pick, place and weld seam, undisturbed and pushed, with a loop of 4 Hz. Gains are
-raised for both laws (``docs/agents.md``) until the arm does not settle any more. Tables are of one engine each; the
-recordings are made in PyBullet for both. Another severity needs another folder.
+``models [--robots iiwa,panda] [--seeds 3] [--severity 1.5]``: tracking error at equal gains, arms with hidden effects.
+Per robot and seed, three effects that ``gapscope demo`` may hide are drawn at the given severity (1 is what real arms
+show), and a session of four recordings is made. From its files alone the arm is identified, diagnosed, and a residual
+network is trained on what the diagnosis leaves. Each model then feeds torque forward on held-out motions in PyBullet:
+Fourier, pick, place and weld seam, undisturbed and pushed, with a loop of 4 Hz. Gains are raised for both laws
+(``docs/agents.md``) until the arm does not settle any more. Another severity needs another folder.
 
 ``agents [--seeds 5] [--first 1] [--agents ppo,sac] [--models pd,corrected] [--steps N] [--jobs 2] [--arms
 out/feedforward]``: the same agent, trained on top of each model. The hidden arms are the KUKA iiwas of ``models``;
@@ -19,8 +18,8 @@ those that are not there are made. Seed i is the arm and the seed of the trainin
 were tried out, is left out. Each agent is trained in the simulator made from its model (for ``pd`` the nominal arm),
 with the same gains, reach and number of actions; the agent that is kept is the best in that simulator, and what is told
 of it comes from motions that chose nothing. PPO is trained on all models, SAC on those of
-``OFF_POLICY``; ``--agents gains`` is what ``gapscope train`` does by default. A rerun goes
-on within a cell at the last round. Writes ``curves.html``.
+``OFF_POLICY``; ``--agents gains`` is what ``gapscope train`` does by default. A rerun goes on within a cell at the last
+round.
 
 ``other_simulator [--arms 0,1,2] [--steps 20480] [--picture docs/pictures/tracking_over_gain.svg]``: tracking error over
 gain. The arms are those of the blind check's generator (``generator_arms.py``): MuJoCo's rigid bodies with its own
@@ -35,8 +34,6 @@ round acts there.
 
 from __future__ import annotations
 
-import argparse
-import json
 import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -47,7 +44,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common import run_part
+from common import command_line, kept, markdown, run_part
 from generator_arms import ARMS, MOTIONS, Fed, GeneratorArm
 
 from gapscope.agents.evaluation import EvaluationPlan, TrackingBench
@@ -70,14 +67,12 @@ from gapscope.arm.case import load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.atomic_write import atomic_write
-from gapscope.arm.io.json_file import plain, write_json
+from gapscope.arm.io.json_file import plain, read_json, write_json
 from gapscope.arm.io.write_case import write_case
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.blind_check.generator.arms import SHEETS
-from gapscope.blind_check.scoring import wilson
 from gapscope.commands.diagnose_path import diagnose_path
-from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import read_corrected, write_corrected
@@ -173,152 +168,112 @@ def learn(folder: Path) -> None:
 
 # Models fed forward
 
+ENGINE = "pybullet"
 INSIDE_LOOP = tuple(MODELS)[2:]
 """Models that can stand inside the loop."""
-MODEL_COLUMNS = (
-    ("joint_error", "none", 1e3),
-    ("joint_error", "push", 1e3),
-    ("tool_error", "none", 1e3),
-    ("reward", "none", 1.0),
-    ("torque_error", "none", 1e2),
-)
-"""Measure, disturbance and factor of a table's columns."""
 
 
-def model_cell(
-    arm: NominalArm,
-    effects: tuple[AppliedEffect, ...],
-    model: str,
-    engine: str,
-    seed: int,
-    folder: Path,
-) -> Any:
+def model_cell(robot: str, model: str, seed: int, folder: Path) -> Any:
     """Episodes of one model, and the largest stable bandwidths [Hz] of both laws."""
-    source = MODELS[model]
-    tried = read_model(str(folder / source) if "." in source else source, arm)
-    plan = EvaluationPlan(engines=(engine,), seeds=(seed,))
+    arm, effects = ROBOTS[robot](), read_corrected(folder / "truth.yaml")
+    tried = read_model(source(model, folder), arm)
+    plan = EvaluationPlan(engines=(ENGINE,), seeds=(seed,))
     bench = TrackingBench(arm, effects, plan)
-    out: dict[str, Any] = {
-        "episodes": [
-            episode.row() for episode in bench.episodes(model, tried, engine, seed)
-        ],
-        "margin": {"feedforward": bench.margin(tried, engine)},
-    }
+    rows = [one.row() for one in bench.episodes(model, tried, ENGINE, seed)]
+    margin = {"feedforward": bench.margin(tried, ENGINE)}
     if model in INSIDE_LOOP:
-        out["margin"]["computed"] = TrackingBench(
-            arm, effects, replace(plan, law="computed")
-        ).margin(tried, engine)
-    return out
+        inside = TrackingBench(arm, effects, replace(plan, law="computed"))
+        margin["computed"] = inside.margin(tried, ENGINE)
+    return {"episodes": rows, "margin": margin}
 
 
-def show_models(cells: dict[tuple[str, str, str, int], Any]) -> None:
-    """Print Markdown tables, one per robot and engine."""
-    for robot, engine in sorted({(key[0], key[2]) for key in cells}):
-        own = {
-            key: value
-            for key, value in cells.items()
-            if (key[0], key[2]) == (robot, engine)
-        }
-        seeds = sorted({key[3] for key in own})
-        print(f"\n{robot}, {engine}, {len(seeds)} arms\n")
-        print(
-            "| model | joints [mrad] | pushed [mrad] | tool [mm] | reward | torque NRMSE [%] | diverged |",
-            end="",
-        )
-        print(
-            " stable to [Hz], feedforward | computed |\n|---|---|---|---|---|---|---|---|---|"
-        )
+def source(model: str, folder: Path) -> str:
+    """A model's name or file."""
+    return str(folder / MODELS[model]) if "." in MODELS[model] else MODELS[model]
+
+
+Cells = dict[tuple[str, str, int], Any]
+"""What is known of a robot, a model and a seed; or of a model, an agent and a seed."""
+
+
+def show_models(cells: Cells) -> None:
+    """Print Markdown tables, one per robot."""
+    for robot in dict.fromkeys(key[0] for key in cells):
+        seeds = sorted({seed for name, _, seed in cells if name == robot})
+        print(f"\n{robot}, {len(seeds)} arms\n")
+        rows = []
         for model in MODELS:
-            found = [value for key, value in own.items() if key[1] == model]
+            keys = [(robot, model, seed) for seed in seeds]
+            found = [cells[key] for key in keys if key in cells]
             if found:
-                print(model_row(model, found))
-        ratios = [nominal_over_corrected(own, robot, engine, seed) for seed in seeds]
-        known = [ratio for ratio in ratios if ratio is not None]
-        if known:
-            print(
-                f"\nundisturbed joint error, nominal over corrected, by arm: {', '.join(f'{r:.1f}' for r in known)}"
-            )
+                rows.append(model_row(model, found))
+        head = ("model", "joints [mrad]", "pushed [mrad]")
+        print(markdown((*head, "stable to [Hz], feedforward", "computed"), rows))
+        falls = []
+        for seed in seeds:
+            pair = [cells.get((robot, name, seed)) for name in ("nominal", "corrected")]
+            if all(pair):
+                nominal, corrected = (
+                    float(interquartile_mean(np.array(joint_errors(one, "none"))))
+                    for one in pair
+                )
+                falls.append(f"{nominal / corrected:.1f}")
+        print(f"\njoint error, nominal over corrected, by arm: {', '.join(falls)}")
 
 
-def model_row(model: str, found: list[Any]) -> str:
+def joint_errors(cell: Any, disturbance: str) -> list[float]:
+    """Joint errors of the episodes with a disturbance [rad], infinite if the arm was lost."""
+    own = [e for e in cell["episodes"] if e["disturbance"] == disturbance]
+    return [inf if e["joint_error"] is None else e["joint_error"] for e in own]
+
+
+def model_row(model: str, found: list[Any]) -> list[str]:
     """A row of the table."""
-    episodes = [episode for value in found for episode in value["episodes"]]
-    texts = []
-    for name, kind, factor in MODEL_COLUMNS:
-        own = [e for e in episodes if e["disturbance"] == kind]
-        values = [inf if e[name] is None else factor * e[name] for e in own]
-        mean = mean_of(values, [e["motion"] for e in own], np.random.default_rng(0))
-        texts.append(f"{mean.value:.3g} ({mean.low:.3g}–{mean.high:.3g})")
-    count = sum(e["diverged"] for e in episodes)
-    low, high = wilson(count, len(episodes))
-    texts.append(f"{count} of {len(episodes)} ({100 * low:.0f}–{100 * high:.0f} %)")
+    texts = [model]
+    for kind in ("none", "push"):
+        errors = [1e3 * x for cell in found for x in joint_errors(cell, kind)]
+        episodes = [e for cell in found for e in cell["episodes"]]
+        motions = [e["motion"] for e in episodes if e["disturbance"] == kind]
+        texts.append(with_interval(errors, motions))
     for law in ("feedforward", "computed"):
-        margins = [value["margin"][law] for value in found if law in value["margin"]]
-        texts.append(
-            f"{np.mean(margins):.1f} ({min(margins):.1f}–{max(margins):.1f})"
-            if margins
-            else "–"
-        )
-    return f"| {model} | {' | '.join(texts)} |"
+        margins = [cell["margin"][law] for cell in found if law in cell["margin"]]
+        text = f"{np.mean(margins):.1f} ({min(margins):.1f}–{max(margins):.1f})"
+        texts.append(text if margins else "–")
+    return texts
 
 
-def nominal_over_corrected(
-    cells: dict[tuple[str, str, str, int], Any], robot: str, engine: str, seed: int
-) -> float | None:
-    """Joint error of the nominal over that of the corrected feedforward [1] on one arm, or ``None``."""
-    pair = [
-        cells.get((robot, model, engine, seed)) for model in ("nominal", "corrected")
-    ]
-    if None in pair:
-        return None
-    calm = [
-        [e["joint_error"] for e in c["episodes"] if e["disturbance"] == "none"]
-        for c in pair
-        if c
-    ]
-    nominal, corrected = (
-        float(interquartile_mean(np.array([inf if e is None else e for e in errors])))
-        for errors in calm
-    )
-    return nominal / corrected
+def with_interval(values: list[float], motions: list[str]) -> str:
+    """Interquartile mean with its interval."""
+    mean = mean_of(values, motions, np.random.default_rng(0))
+    return f"{mean.value:.3g} ({mean.low:.3g}–{mean.high:.3g})"
 
 
 def models() -> None:
     """Work through the cells, then print the tables."""
-    parser = argparse.ArgumentParser(description=models.__doc__)
-    parser.add_argument("--robots", default="iiwa,panda")
-    parser.add_argument("--engines", default="pybullet,mujoco")
-    parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--severity", type=float, default=1.5)
-    parser.add_argument("--out", type=Path, default=Path("out/feedforward"))
-    parser.add_argument("--table", action="store_true")
+    parser = command_line(
+        models.__doc__,
+        robots="iiwa,panda",
+        seeds=3,
+        severity=1.5,
+        out=Path("out/feedforward"),
+        table=False,
+    )
     arguments = parser.parse_args()
     warnings.simplefilter("ignore")
-    cells: dict[tuple[str, str, str, int], Any] = {}
-    for robot in arguments.robots.split(","):
-        for seed in range(arguments.seeds):
-            folder = arguments.out / robot / str(seed)
-            if not arguments.table:
-                try:
-                    prepare(robot, seed, arguments.severity, folder)
-                except GapscopeError as error:
-                    print(f"{robot} {seed}: {error}", flush=True)
-                    continue
-            for engine in arguments.engines.split(","):
-                for model in MODELS:
-                    file = folder / f"{model.replace(' + ', '_')}_{engine}.json"
-                    if not file.is_file():
-                        if arguments.table:
-                            continue
-                        effects = read_corrected(folder / "truth.yaml")
-                        found = model_cell(
-                            ROBOTS[robot](), effects, model, engine, seed, folder
-                        )
-                        write_json(found, file)
-                        print(f"{robot} {seed} {engine} {model}", flush=True)
-                    cells[robot, model, engine, seed] = json.loads(
-                        file.read_text(encoding="utf-8")
-                    )
+    cells: Cells = {}
+    for robot, seed in product(arguments.robots.split(","), range(arguments.seeds)):
+        folder = arguments.out / robot / str(seed)
+        if not arguments.table:
+            try:
+                prepare(robot, seed, arguments.severity, folder)
+            except GapscopeError as error:
+                print(f"{robot} {seed}: {error}", flush=True)
+                continue
+        for model in MODELS:
+            file = folder / f"{model.replace(' + ', '_')}_{ENGINE}.json"
+            if file.is_file() or not arguments.table:
+                cell = kept(file, model_cell, robot, model, seed, folder)
+                cells[robot, model, seed] = cell
     show_models(cells)
 
 
@@ -329,14 +284,12 @@ RANDOMISED = "nominal + randomisation"
 TRIED = ("pd", "nominal", RANDOMISED, "identified", "corrected", "corrected + network")
 OFF_POLICY = ("pd", "nominal", "corrected")
 """Models on top of which SAC and TD3 are trained; without `pd` there would be nothing to compare them with."""
-ENGINES = ("pybullet", "mujoco")
 GAINS = "gains"
 """PPO as `gapscope train` ships it: it changes gains, on arms with effects drawn around the model."""
 AS_THEN: dict[str, Any] = {"randomise": (), "count": (1, 3), "severity": (0.5, 1.5)}
 """Of the table's agents nothing was drawn around the model unless said."""
 UNSEEN = 1000
 """Seed of the first motion on which the agents are told of."""
-Cells = dict[tuple[str, str, int], Any]
 
 
 def agent_cell(
@@ -345,7 +298,7 @@ def agent_cell(
     """Train and try one agent, and write its cell; returns what to print."""
     warnings.simplefilter("ignore")
     file = agent_file(model, agent, seed, out)
-    folder, source = arms / ROBOT / str(seed), MODELS[model.split(" + rand")[0]]
+    folder, base = arms / ROBOT / str(seed), model.split(" + rand")[0]
     settings = (
         read_settings("ppo")
         if agent == GAINS
@@ -353,8 +306,8 @@ def agent_cell(
     )
     settings = replace(settings, steps=steps or settings.steps, seed=seed)
     settings = settings.randomised() if model == RANDOMISED else settings
-    source = str(folder / source) if "." in source else source
-    task = Task.of(source, ROBOTS[ROBOT](), read_corrected(folder / "truth.yaml"))
+    truth = read_corrected(folder / "truth.yaml")
+    task = Task.of(source(base, folder), ROBOTS[ROBOT](), truth)
     trained = Training(task, settings, file.with_suffix("")).run()
     write_agent(task, trained, file.with_suffix(""))
     found = {
@@ -373,20 +326,15 @@ def agent_cell(
 
 def tried(
     task: Task, settings: TrainingSettings, policy: Policy | None
-) -> dict[str, list[dict[str, Any]]]:
-    """Episodes on the hidden arm by engine, of a policy or of none."""
-    out = {}
-    for engine in ENGINES:
-        count = settings.seeds * len(settings.motions)
-        env = task.trials(settings, count, hidden=True, engine=engine)
-        motions = held_out(settings, env.setup.space, UNSEEN)
-        scores = episodes(env, policy or idle(env), motions)
-        env.close()
-        out[engine] = [
-            {"motion": name, **s.plain()}
-            for (name, _), s in zip(motions, scores, strict=True)
-        ]
-    return out
+) -> list[dict[str, Any]]:
+    """Episodes of a policy, or of none, on the hidden arm."""
+    count = settings.seeds * len(settings.motions)
+    env = task.trials(settings, count, hidden=True, engine=ENGINE)
+    motions = held_out(settings, env.setup.space, UNSEEN)
+    scores = episodes(env, policy or idle(env), motions)
+    env.close()
+    names = [name for name, _ in motions]
+    return [{"motion": n, **s.plain()} for n, s in zip(names, scores, strict=True)]
 
 
 def agent_file(model: str, agent: str, seed: int, out: Path) -> Path:
@@ -397,161 +345,59 @@ def agent_file(model: str, agent: str, seed: int, out: Path) -> Path:
 def show_agents(cells: Cells) -> None:
     """Print Markdown tables, one per agent."""
     for agent in dict.fromkeys(key[1] for key in cells):
-        own = {
-            (model, seed): value
-            for (model, name, seed), value in cells.items()
-            if name == agent
-        }
+        own = {key: value for key, value in cells.items() if key[1] == agent}
         steps = max(value["steps"] for value in own.values())
+        arms = len({seed for _, _, seed in own})
         print(
-            f"\n{agent.upper()}, {steps} actions, {len({seed for _, seed in own})} arms; joint errors in mrad\n"
+            f"\n{agent.upper()}, {steps} actions, {arms} arms; joint errors in mrad\n"
         )
-        print(
-            "| model | untrained | trained | trained, MuJoCo | last round | kept after | reward | torque rate [N m/s] |"
-        )
-        print("|" + "---|" * 8)
+        rows = []
         for model in TRIED:
-            found = [value for (name, _), value in own.items() if name == model]
+            found = [value for key, value in own.items() if key[0] == model]
             if found:
-                print(agent_row(model, found))
-        print(
-            "\n| model | gain of the agent on PD that the model gives alone [%] | actions to reach that agent |"
-        )
-        print("|---|---|---|")
-        for model in TRIED[1:]:
-            pairs = [
-                (own[model, s], own["pd", s])
-                for m, s in own
-                if m == model and ("pd", s) in own
-            ]
-            if pairs:
-                print(f"| {model} | {shares(pairs)} | {reached(pairs)} |")
+                rows.append(agent_row(model, found))
+        head = ("model", "untrained", "agent kept", "kept after", "last round")
+        print(markdown(head, rows))
 
 
-def agent_row(model: str, found: Sequence[Any]) -> str:
-    """A row of the first table."""
-    texts = [
-        spread(found, "untrained", "pybullet", "joint_error", 1e3),
-        *(spread(found, "trained", engine, "joint_error", 1e3) for engine in ENGINES),
-        ", ".join(number(error(value["curve"][-1])) for value in found),
+def agent_row(model: str, found: Sequence[Any]) -> list[str]:
+    """A row of the table."""
+    last = [value["curve"][-1]["hidden"]["joint_error"] for value in found]
+    return [
+        model,
+        *(spread(found, state) for state in ("untrained", "trained")),
         ", ".join(str(value["kept"]) for value in found),
-        spread(found, "trained", "pybullet", "reward", 1.0),
-        spread(found, "trained", "pybullet", "torque_rate", 1.0),
+        ", ".join("lost" if one is None else f"{1e3 * one:.3g}" for one in last),
     ]
-    return f"| {model} | {' | '.join(texts)} |"
 
 
-def spread(
-    found: Sequence[Any], state: str, engine: str, measure: str, factor: float
-) -> str:
-    """Interquartile mean with its interval."""
-    rows = [episode for value in found for episode in value[state][engine]]
-    values = [inf if e[measure] is None else factor * e[measure] for e in rows]
-    mean = mean_of(values, [e["motion"] for e in rows], np.random.default_rng(0))
+def spread(found: Sequence[Any], state: str) -> str:
+    """Joint error [mrad] with its interval."""
+    rows = [episode for value in found for episode in value[state]]
+    lost = [e["joint_error"] is None for e in rows]
+    values = [
+        inf if gone else 1e3 * e["joint_error"]
+        for e, gone in zip(rows, lost, strict=True)
+    ]
     ended = sum(e["ended"] for e in rows)
-    return f"{mean.value:.3g} ({mean.low:.3g}–{mean.high:.3g})" + (
-        f", {ended} ended early" if ended else ""
-    )
-
-
-def error(point: dict[str, Any]) -> float:
-    """Joint error of a point of a curve on the hidden arm [rad]."""
-    found = point["hidden"]["joint_error"]
-    return inf if found is None else float(found)
-
-
-def kept(value: Any) -> float:
-    """Joint error on the hidden arm of the agent that is kept [rad]."""
-    return next(
-        error(point) for point in value["curve"] if point["steps"] == value["kept"]
-    )
-
-
-def shares(pairs: Sequence[tuple[Any, Any]]) -> str:
-    """Per arm, the fall of the joint error from PD to the untrained model over that from PD to the agent on PD [%]."""
-    out = []
-    for value, pd in pairs:
-        gain = error(pd["curve"][0]) - kept(pd)
-        alone = error(pd["curve"][0]) - error(value["curve"][0])
-        out.append(
-            f"{100 * alone / gain:.0f}" if gain > 0 else "the agent gains nothing"
-        )
-    return ", ".join(out)
-
-
-def reached(pairs: Sequence[tuple[Any, Any]]) -> str:
-    """Per arm, actions of training after which the agent on the model is as good as the one on PD in the end."""
-    found = [
-        next((str(p["steps"]) for p in value["curve"] if error(p) <= kept(pd)), "never")
-        for value, pd in pairs
-    ]
-    return ", ".join(found)
-
-
-def number(value: float) -> str:
-    """A joint error [rad] in mrad."""
-    return f"{1e3 * value:.3g}"
-
-
-def draw_curves(cells: Cells, path: Path) -> None:
-    """Learning curves on the hidden arms, geometric means over arms, as a page that opens without a network."""
-    from plotly.graph_objects import Scatter
-    from plotly.subplots import make_subplots
-
-    from gapscope.reports.pages import COLOURS
-
-    names = list(dict.fromkeys(key[1] for key in cells))
-    figure = make_subplots(
-        rows=1,
-        cols=len(names),
-        shared_yaxes=True,
-        subplot_titles=[n.upper() for n in names],
-    )
-    for column, agent in enumerate(names, 1):
-        for model, colour in zip(TRIED, COLOURS, strict=False):
-            curves = [
-                value["curve"]
-                for key, value in cells.items()
-                if key[:2] == (model, agent)
-            ]
-            length = min((len(curve) for curve in curves), default=0)
-            if not length:
-                continue
-            errors = np.array(
-                [[error(point) for point in curve[:length]] for curve in curves]
-            )
-            mean = 1e3 * np.exp(np.log(errors).mean(axis=0))
-            figure.add_trace(
-                Scatter(
-                    x=[point["steps"] for point in curves[0][:length]],
-                    y=np.where(np.isfinite(mean), mean, None),
-                    name=model,
-                    legendgroup=model,
-                    showlegend=column == 1,
-                    line={"color": colour},
-                ),
-                row=1,
-                col=column,
-            )
-    figure.update_yaxes(type="log")
-    figure.update_yaxes(title={"text": "joint error on the hidden arm [mrad]"}, col=1)
-    figure.update_xaxes(title={"text": "actions of training"})
-    with atomic_write(path) as aside:
-        figure.write_html(aside, include_plotlyjs=True)
+    text = with_interval(values, [e["motion"] for e in rows])
+    return f"{text}, {ended} ended early" if ended else text
 
 
 def on_top_of_models() -> None:
     """Work through the cells, then print the tables."""
-    parser = argparse.ArgumentParser(description=on_top_of_models.__doc__)
-    parser.add_argument("--seeds", type=int, default=5)
-    parser.add_argument("--first", type=int, default=1)
-    parser.add_argument("--agents", default="ppo,sac")
-    parser.add_argument("--models", default=",".join(TRIED))
+    parser = command_line(
+        on_top_of_models.__doc__,
+        seeds=5,
+        first=1,
+        agents="ppo,sac",
+        models=",".join(TRIED),
+        jobs=1,
+        arms=Path("out/feedforward"),
+        out=Path("out/agents"),
+        table=False,
+    )
     parser.add_argument("--steps", type=int)
-    parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--arms", type=Path, default=Path("out/feedforward"))
-    parser.add_argument("--out", type=Path, default=Path("out/agents"))
-    parser.add_argument("--table", action="store_true")
     arguments = parser.parse_args()
     agents, models = arguments.agents.split(","), arguments.models.split(",")
     if unknown := set(models) - set(TRIED):
@@ -581,14 +427,8 @@ def on_top_of_models() -> None:
             for task in as_completed(tasks):
                 print(task.result(), flush=True)
     files = {key: agent_file(*key, arguments.out) for key in keys}
-    cells = {
-        key: json.loads(file.read_text(encoding="utf-8"))
-        for key, file in files.items()
-        if file.is_file()
-    }
-    if cells:
-        show_agents(cells)
-        draw_curves(cells, arguments.out / "curves.html")
+    there = {key: file for key, file in files.items() if file.is_file()}
+    show_agents({key: read_json(file, "remove it") for key, file in there.items()})
 
 
 # Another simulator
@@ -624,11 +464,6 @@ def trained_agent(
         settings = read_settings(RESIDUAL, steps=steps, seed=number, randomise=())
         write_agent(task, Training(task, settings, folder).run(), folder)
     return folder / LAST
-
-
-def source(model: str, here: Path) -> str:
-    """A model's name or file."""
-    return str(here / MODELS[model]) if "." in MODELS[model] else MODELS[model]
 
 
 def feeds(
@@ -688,11 +523,10 @@ def show_bandwidths(cells: dict[tuple[int, str], Any]) -> None:
     for number in sorted({key[0] for key in cells}):
         robot, laws = ARMS[number]
         print(f"\n{robot}, {' and '.join(laws)}\n")
-        print(
-            f"| fed forward | joint error at 1 Hz [mrad] | at 2 Hz | at {USUAL:g} Hz | at 8 Hz | reward at 1 Hz "
-            f"| at {USUAL:g} Hz | bandwidth for {1e3 * WANTED:g} mrad [Hz] | stable to [Hz] |"
-        )
-        print("|" + "---|" * 9)
+        head = ["fed forward", "joint error at 1 Hz [mrad]", "at 2 Hz"]
+        head += [f"at {USUAL:g} Hz", "at 8 Hz", "reward at 1 Hz", f"at {USUAL:g} Hz"]
+        head += [f"bandwidth for {1e3 * WANTED:g} mrad [Hz]", "stable to [Hz]"]
+        rows = []
         for name in all_fed():
             found = cells.get((number, name))
             if found is None:
@@ -706,7 +540,8 @@ def show_bandwidths(cells: dict[tuple[int, str], Any]) -> None:
             texts += [f"{reward:.2f}" for reward in rewards]
             stable = found["stable_to"]
             texts += [needed(found), "–" if stable is None else f"{stable:.3g}"]
-            print(f"| {name} | {' | '.join(texts)} |")
+            rows.append([name, *texts])
+        print(markdown(head, rows))
 
 
 def all_fed() -> list[str]:
@@ -761,12 +596,14 @@ def draw_bandwidths(cells: dict[tuple[int, str], Any], path: Path) -> None:
 
 def other_simulator() -> None:
     """Work through the cells, then print the tables and draw the picture."""
-    parser = argparse.ArgumentParser(description=other_simulator.__doc__)
-    parser.add_argument("--arms", default="0,1,2")
-    parser.add_argument("--steps", type=int, default=20480)
-    parser.add_argument("--out", type=Path, default=Path("out/other_simulator"))
+    parser = command_line(
+        other_simulator.__doc__,
+        arms="0,1,2",
+        steps=20480,
+        out=Path("out/other_simulator"),
+        table=False,
+    )
     parser.add_argument("--picture", type=Path)
-    parser.add_argument("--table", action="store_true")
     arguments = parser.parse_args()
     warnings.simplefilter("ignore")
     numbers = [int(number) for number in arguments.arms.split(",")]
@@ -785,7 +622,7 @@ def other_simulator() -> None:
             write_json(bandwidth_cell(fed, arms[number]), file)
             print(f"{ARMS[number][0]}, {name}", flush=True)
         if file.is_file():
-            cells[number, name] = json.loads(file.read_text(encoding="utf-8"))
+            cells[number, name] = read_json(file, "remove it")
     show_bandwidths(cells)
     if arguments.picture is not None and cells:
         draw_bandwidths(cells, arguments.picture)

@@ -12,8 +12,6 @@ chains with oblique placements and axes.
 
 from __future__ import annotations
 
-import argparse
-import inspect
 import os
 import time
 import xml.etree.ElementTree as ET
@@ -25,6 +23,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import sympy as sp
+from common import command_line
 
 from gapscope.arm.dynamics.rigid_body import INERTIAL_PARAMETERS, RigidBody
 from gapscope.arm.errors import InputError
@@ -86,23 +85,6 @@ class SymbolicRegressor:
         return sp.lambdify(
             [*self.q, *self.dq, *self.ddq], entries, modules="numpy", cse=True
         )
-
-    @property
-    def source(self) -> str:
-        """Python source of ``function``."""
-        return inspect.getsource(self.function)
-
-    def text(self) -> str:
-        """Entries of Y in simplified form, a line each: ``Y[1, Izz1] = ddq1``."""
-        simple = {
-            place: sp.trigsimp(sp.expand(self.matrix[place])) for place in self._filled
-        }
-        lines = [
-            f"Y[{i + 1}, {self.names[j]}] = {value}"
-            for (i, j), value in simple.items()
-            if value != 0
-        ]
-        return "\n".join(lines)
 
     @property
     def _filled(self) -> list[tuple[int, int]]:
@@ -390,9 +372,7 @@ def symbolic(states: int) -> None:
 
 def main() -> None:
     """Print both tables."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line(__doc__)
     parser.add_argument(
         "--states", type=int, default=300, help="random states of each arm"
     )

@@ -27,10 +27,9 @@ import numpy as np
 from common import (
     Progress,
     Wanted,
-    add_run_options,
-    diagnose_missing,
-    publish,
     run_tasks,
+    study,
+    study_options,
 )
 from real_carriers import ARMS, load_prepared, prepare_arm, prepare_cut
 from real_cases import (
@@ -56,7 +55,6 @@ from gapscope.blind_check.scoring import (
     Named,
     brier,
     compare,
-    matched,
     named,
     reliability,
     same,
@@ -175,16 +173,6 @@ class Scored:
         """The diagnosis, empty if there is none."""
         return dict(self.result.get("document") or {})
 
-    @property
-    def links(self) -> tuple[bool, ...]:
-        """Per link inertia that is named rightly whether it is on the right link."""
-        found = self.compared.found
-        pairs = matched(self.compared.truth, found, len(self.truth["gap"]), ["slow"])
-        both = [(self.compared.truth[i], found[j]) for i, j in pairs]
-        return tuple(
-            a.link == b.link for a, b in both if a.effect == b.effect and a.link
-        )
-
 
 def scored(plan: Planned, truth: dict[str, Any], result: dict[str, Any]) -> Scored:
     """Set a result beside its truth."""
@@ -213,24 +201,14 @@ def score_tables(cases: Sequence[Scored]) -> list[Table]:
         _overview("By arm", cases, lambda c: c.plan.arm),
         _overview("By kind", cases, lambda c: c.plan.kind),
         _overview("By size (times what a full model leaves)", faulty, _size),
-        _overview("By effect (singles)", _singles(cases), _effect),
         _verdicts(cases),
         _calibration(cases),
-        _possible(cases),
         _wrong(cases),
     ]
 
 
-def _singles(cases: Sequence[Scored]) -> list[Scored]:
-    return [c for c in cases if c.plan.kind == "single"]
-
-
 def _size(case: Scored) -> str:
     return "fault" if case.truth["measure"] == "none" else f"{case.plan.size:g}"
-
-
-def _effect(case: Scored) -> str:
-    return str(case.truth["effects"][0]["effect"])
 
 
 def _share(values: Sequence[bool]) -> str:
@@ -258,7 +236,6 @@ def _figures(cases: Sequence[Scored]) -> tuple[str, ...]:
     healthy = [c for c in cases if c.plan.kind == "healthy"]
     faulty = [c.compared for c in cases if c.plan.kind != "healthy"]
     joints = [right for c in faulty for right in c.joints]
-    joints += [right for c in cases for right in c.links]
     errors = [e for c in faulty for e in c.errors]
     seconds = [float(c.result["cpu_seconds"]) for c in cases]
     failed = sum(c.result["status"] != "done" for c in cases)
@@ -323,20 +300,6 @@ def _stated(case: Scored) -> list[dict[str, Any]]:
 def _is_right(case: Scored, one: Named) -> bool:
     n = len(case.truth["gap"])
     return any(same(true, one, n, ["slow"]) for true in case.compared.truth)
-
-
-def _possible(cases: Sequence[Scored]) -> Table:
-    """Effects that are only possible: how many, and how often right."""
-    rows = []
-    for kind in ("healthy", "single", "pair"):
-        entries = [
-            _is_right(c, named(e))
-            for c in cases
-            if c.plan.kind == kind
-            for e in c.document.get("possible", [])
-        ]
-        rows.append((kind, str(len(entries)), str(sum(entries))))
-    return Table("Possible effects", ("", "listed", "right"), tuple(rows))
 
 
 def _wrong(cases: Sequence[Scored]) -> Table:
@@ -411,47 +374,26 @@ def make(cases: list[Planned], seed: int, out: Path, jobs: int) -> None:
     )
 
 
-def wanted(cases: list[Planned], out: Path, results: Path) -> list[Wanted]:
-    """The diagnoses of all cases that were made."""
-    return [
-        Wanted(
-            out / "cases" / plan.name,
-            reference_of(plan, out) if plan.mode == "against" else None,
-            results / f"{plan.name}.json",
-        )
-        for plan in cases
-        if (out / "truth" / f"{plan.name}.json").is_file()
-    ]
-
-
-def score(cases: list[Planned], out: Path, results: Path) -> None:
-    """Print the tables of all cases that have a result, and write them beside the results."""
-    rows: list[Scored] = []
-    for plan in cases:
-        file = results / f"{plan.name}.json"
-        if file.is_file():
-            rows.append(scored(plan, read_truth(plan, out), read_json(file, "")))
-    if not rows:
-        print("no results yet: --step run")
-        return
-    publish(score_tables(rows), len(cases) - len(rows), len(cases), results)
+def score(rows: Sequence[tuple[Planned, dict[str, Any]]], out: Path) -> Sequence[Table]:
+    """The tables of all cases that have a result."""
+    done = [scored(plan, read_truth(plan, out), result) for plan, result in rows]
+    return score_tables(done) if done else ()
 
 
 def parsed() -> argparse.Namespace:
     """The arguments."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    parser = study_options(
+        __doc__,
+        "check",
+        jobs=2,
+        out=Path("out/real_benchmark"),
+        arms=",".join(ARMS),
+        modes=",".join(MODES),
+        sizes=",".join(f"{s:g}" for s in SIZES),
+        seed=1,
     )
-    parser.add_argument("--out", type=Path, default=Path("out/real_benchmark"))
-    parser.add_argument("--arms", default=",".join(ARMS), help="default: %(default)s")
-    parser.add_argument("--modes", default=",".join(MODES), help="default: %(default)s")
-    parser.add_argument("--sizes", default=",".join(f"{s:g}" for s in SIZES))
     parser.add_argument("--per-arm", type=int, help="cases per arm and mode")
     parser.add_argument("--full", action="store_true", help="36 per arm and mode")
-    parser.add_argument("--seed", type=int, default=1)
-    add_run_options(parser, jobs=2)
-    steps = ("make", "check", "run", "score", "all")
-    parser.add_argument("--step", choices=steps, default="all")
     return parser.parse_args()
 
 
@@ -469,14 +411,22 @@ def main() -> None:
     out, results = arguments.out, arguments.out / arguments.results
     # a process for each task, each with one thread
     threadpool_limits(1)
-    if arguments.step in ("make", "all"):
-        make(cases, arguments.seed, out, arguments.jobs)
     if arguments.step == "check":
         print(check_table(cases, out, arguments.jobs).markdown())
-    if arguments.step in ("run", "all"):
-        diagnose_missing(wanted(cases, out, results), arguments)
-    if arguments.step in ("score", "all"):
-        score(cases, out, results)
+        return
+
+    def wanted(plan: Planned) -> Wanted:
+        reference = reference_of(plan, out) if plan.mode == "against" else None
+        case, file = out / "cases" / plan.name, results / f"{plan.name}.json"
+        return Wanted(case, reference, file)
+
+    study(
+        arguments,
+        make=lambda: make(cases, arguments.seed, out, arguments.jobs),
+        plans=lambda: cases,
+        wanted=wanted,
+        tables=lambda rows: score(rows, out),
+    )
 
 
 if __name__ == "__main__":

@@ -1,12 +1,9 @@
 """Changes during a recording: found, missed and false, over arms, sizes, noise, healthy and real recordings.
 
-Tables: (1) arms of the blind check's generator, another simulator with other laws of friction, vendor inertials 5 %
-off: a load is picked up, friction of a joint rises, an encoder slips, or a torque constant falls, at a random moment of
-one recording; and the same arms without change, also with every effect of the generator present throughout; rises of
-friction are parted at ``SMALL`` of the joint's torque; (2) real arms, as they were recorded, and with the torque of a
-load or of friction on the recorded motion added from some moment on. ``--healthy`` runs the arms without change alone.
-``--sides`` makes four recordings, the change in the third, and asks `diagnose`, `agree`, `watch` (which has learnt the
-first two) and, of each recording that is in one state, `units`.
+Arms are those of the blind check's generator, another simulator with other laws of friction, vendor inertials 5 % off:
+a load is picked up, friction of a joint rises, an encoder slips, or a torque constant falls, at a random moment of one
+recording; and the same arms without change. Rises of friction are parted at ``SMALL`` of the joint's torque. Then real
+arms as they were recorded. ``--healthy`` runs the arms without change alone.
 
 Each case is a file in ``--out``, so that a run goes on where one before it ended; every arm has all kinds before the
 next size of any. ``--table`` prints what is there.
@@ -15,49 +12,37 @@ next size of any. ``--table`` prints what is there.
 from __future__ import annotations
 
 import argparse
-import itertools
 import tempfile
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from common import Progress, run_tasks
+from common import Progress, command_line, markdown, run_tasks, share_text
 
-import gapscope
 from gapscope.arm.case import Case, load_case
-from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import ModelWarning
 from gapscope.arm.io.json_file import plain, read_json, write_json
-from gapscope.arm.recording import Recording
 from gapscope.blind_check.generator.arms import ROBOTS
 from gapscope.blind_check.generator.case import (
     CaseSetup,
     MadeCase,
-    draw_cause,
     draw_setup,
     write_case,
 )
 from gapscope.blind_check.generator.law import Cause
-from gapscope.blind_check.generator.laws import LAWS, SETUP
-from gapscope.blind_check.generator.simulate import STRONG, Conditions
+from gapscope.blind_check.generator.laws import LAWS
+from gapscope.blind_check.generator.simulate import Conditions
 from gapscope.blind_check.generator.true_arm import Columns, TrueArm
-from gapscope.blind_check.scoring import wilson
-from gapscope.diagnosis.agreement import DIFFERS
-from gapscope.diagnosis.compare_units import compare
-from gapscope.effects.corrected import CorrectedArm
 from gapscope.model.change_findings import (
     PAYLOAD,
     PLAIN_FRICTION,
     change_findings,
 )
 from gapscope.model.changes import changes_of
-from gapscope.model.conditioning import condition, position_cutoff
-from gapscope.watching.detector import Detector
-from gapscope.watching.events import NOTE
 
 CASES = Path(__file__).parent / "cases"
 REAL = (
@@ -77,10 +62,6 @@ SLIPS = (1.0, 2.0, 5.0)
 """An encoder slips by so much [degrees]."""
 FALLS = (0.1, 0.15, 0.2)
 """A torque constant falls by this share [1]."""
-MASSES = (0.25, 0.5, 1.0, 2.0)
-"""Loads put into recordings of real arms [kg]."""
-SHARES = (0.05, 0.1, 0.2)
-"""Coulomb friction put into them, over the RMS torque of the joint [1]."""
 SMALL = 0.03
 """Rises of friction below this share of the joint's RMS torque are counted by themselves [1]."""
 SOON = 0.5
@@ -89,7 +70,6 @@ TRIES = 5
 """Draws of a change, until a loop stays a healthy one."""
 HALF_WIDTH = 1.96
 """Standard deviations from the middle of a 95 % interval to its ends."""
-ASKED = ("diagnose", "agree", "watch", "units")
 
 
 @dataclass(frozen=True)
@@ -107,13 +87,12 @@ class Truth:
 
 @dataclass(frozen=True)
 class Outcome:
-    """A change that was put in, or none, and what was found; ``said`` by others if they were asked."""
+    """A change that was put in, or none, and what was found."""
 
     kind: str
     label: str
     truth: Truth | None
     found: list[dict[str, Any]]
-    said: dict[str, list[str]] | None = None
 
     def like(self, where: bool = False, when: bool = False) -> dict[str, Any] | None:
         """The finding with the name of the change that was put in, at its joint and moment if that is asked."""
@@ -178,8 +157,7 @@ def generated(seeds: range, options: argparse.Namespace) -> Iterator[Task]:
     """Cases of arms by turns: all kinds of change in one size on every arm, then in the next size."""
 
     def task(seed: int, kind: str, size: float = 0.0) -> Task:
-        look = sides if options.sides else made
-        return Task(f"{seed}_{kind}_{size:g}", partial(look, seed, kind, size))
+        return Task(f"{seed}_{kind}_{size:g}", partial(made, seed, kind, size))
 
     for turn in range(len(LOADS)):
         for seed in seeds:
@@ -188,29 +166,23 @@ def generated(seeds: range, options: argparse.Namespace) -> Iterator[Task]:
             for kind, (_, sizes) in KINDS.items():
                 if not options.healthy:
                     yield task(seed, kind, sizes[(seed + turn) % len(sizes)])
-    for seed, law in itertools.product(seeds, LAWS):
-        if options.effects:
-            yield task(seed, law)
 
 
 @lru_cache(maxsize=1)
-def drawn(seed: int, recordings: int) -> CaseSetup:
+def drawn(seed: int) -> CaseSetup:
     """An arm with its motions; every second round of arms with three times the encoder noise."""
     rng = np.random.default_rng([27, seed])
     noise = (1.0, 3.0)[seed // len(ROBOTS) % 2]
     robot = tuple(ROBOTS)[seed % len(ROBOTS)]
-    # a watch learns from 20 s at least
-    lengths = (14.0, 16.0) if recordings > 3 else (8.0, 14.0)
-    conditions = Conditions(robot, 0.05, noise, recordings=recordings, duration=lengths)
+    lengths = (8.0, 14.0)
+    conditions = Conditions(robot, 0.05, noise, recordings=3, duration=lengths)
     return next(s for _ in range(60) if (s := draw_setup(conditions, rng)))
 
 
 def made(seed: int, kind: str, size: float) -> Outcome | None:
     """A case of an arm, and what is found in it; ``None`` if it cannot be recorded."""
-    setup = drawn(seed, 3)
+    setup = drawn(seed)
     rng = np.random.default_rng([27, seed, *kind.encode(), round(1000 * size)])
-    if kind in LAWS:
-        return constant(setup, kind, rng)
     plain_arm = setup.plant(())
     rows = recorded(setup, plain_arm)
     if rows is None or kind == HEALTHY:
@@ -218,15 +190,15 @@ def made(seed: int, kind: str, size: float) -> Outcome | None:
     for which in rng.integers(len(rows), size=TRIES).tolist():
         told = changed(setup, kind, size, which, rng)
         if told is not None:
-            truth, rows[which], _ = told
+            truth, rows[which] = told
             return looked(written(setup, plain_arm, rows), kind, truth.label, truth)
     return None
 
 
 def changed(
     setup: CaseSetup, kind: str, size: float, which: int, rng: np.random.Generator
-) -> tuple[Truth, Columns, Callable[[int], Columns | None]] | None:
-    """A change at some moment of a recording, that recording, and others made after it."""
+) -> tuple[Truth, Columns] | None:
+    """A change at some moment of a recording, and that recording."""
     moment = float(rng.uniform(0.25, 0.75) * setup.motions[which].t[-1])
     later, factor = setup.plant(()), np.ones(setup.arm.n)
     truth = KINDS[kind][0](setup, later, size, rng)
@@ -242,13 +214,8 @@ def changed(
         small = truth.size < SMALL * float(np.sqrt(np.mean(torque**2)))
         part = f"{'below' if small else 'from'} {SMALL:.0%} of the torque"
         truth = replace(truth, label=f"{truth.label}, {part}")
-    name = f"recording_{'abcd'[which]}.csv"
-
-    def after(number: int) -> Columns | None:
-        rows = setup.run(later, number)
-        return rows and rows | {"tau": factor * rows["tau"]}
-
-    return replace(truth, recording=name, moment=moment), run, after
+    name = f"recording_{'abc'[which]}.csv"
+    return replace(truth, recording=name, moment=moment), run
 
 
 def recorded(setup: CaseSetup, plant: TrueArm) -> list[Columns] | None:
@@ -318,99 +285,7 @@ KINDS = {
 """What puts in a change of each kind, and in which sizes."""
 
 
-def constant(setup: CaseSetup, name: str, rng: np.random.Generator) -> Outcome | None:
-    """An effect of the generator, present from the first to the last sample; set-up faults are repaired before."""
-    cause = None if name in SETUP else draw_cause(LAWS[name], setup, STRONG[0], rng)
-    if cause is None:
-        return None
-    plant = setup.plant([cause])
-    rows = recorded(setup, plant)
-    if rows is None:
-        return None
-    for spoil in plant.spoil:
-        rows = [spoil(own, rng) for own in rows]
-    return looked(written(setup, plant, rows), "an effect all along", name)
-
-
-# The same recordings, asked by all that may tell a change
-
-
-def sides(seed: int, kind: str, size: float) -> Outcome | None:
-    """Four recordings, the change in the third, and what each of those who are asked says of it."""
-    setup, healthy = drawn(seed, 4), kind == HEALTHY
-    rng = np.random.default_rng([27, seed, *kind.encode(), round(1000 * size)])
-    rows: list[Columns | None] = [setup.run(setup.plant(()), k) for k in range(4)]
-    truth = None
-    if not healthy:
-        told = changed(setup, kind, size, 2, rng)
-        if told is None:
-            return None
-        truth, rows[2], after = told
-        rows[3] = after(3)
-    ran = [r for r in rows if r is not None]
-    if len(ran) < len(rows):
-        return None
-    case = written(setup, setup.plant(()), ran)
-    said = {"agree": agreeing(case), "watch": watched(case), "units": units(case)}
-    document = gapscope.diagnose(case).document
-    said["diagnose"] = [
-        *(f"{named_as(e)} at {e['time']:.1f} s" for e in document["changes"]),
-        *(named_as(e) for e in document["effects"]),
-        document["verdict"],
-    ]
-    label = truth.label if truth else kind
-    return Outcome(kind, label, truth, plain(document["changes"]), said)
-
-
-def named_as(entry: Mapping[str, Any]) -> str:
-    """Name and joints of a finding, and the recordings that have it if not all do."""
-    name = entry.get("what", entry["effect"])
-    joints = ",".join(map(str, entry["joints"]))
-    text = " ".join(filter(None, (name, joints)))
-    return " in ".join([text, *filter(None, [", ".join(entry.get("recordings", []))])])
-
-
-def agreeing(case: Case) -> list[str]:
-    """What `agree` says differs between the recordings."""
-    found = gapscope.agree(case).document["parameters"]
-    return [line["key"] for line in found if line["verdict"] == DIFFERS]
-
-
-def watched(case: Case) -> list[str]:
-    """What a watch that has learnt the first two recordings says of the others."""
-    detector = Detector(CorrectedArm(case.arm))
-    detector.learn_from(case.recordings[:2])
-    events = [e for r in case.recordings[2:] for e in detector.add(r)]
-    return [f"{e.event}: {e.sentence}" for e in events if e.event != NOTE]
-
-
-def units(case: Case) -> list[str]:
-    """What a comparison of units says if each recording but the third is one unit's."""
-    documents = {}
-    for k in (0, 1, 3):
-        own = replace(case, recordings=(case.recordings[k],))
-        documents[own.recordings[0].name] = gapscope.diagnose(own).document
-    return [
-        f"{row.effect} {row.joint or ''} on {', '.join(row.units)}"
-        for row in compare(documents)
-    ]
-
-
 # Real arms
-
-
-def real() -> Iterator[Task]:
-    """Real arms as recorded, and with a change put into the longest recording."""
-    for name in REAL:
-        yield Task(f"{name}_as_recorded", partial(as_recorded, name))
-        for part in (0.4, 0.6):
-            for mass in MASSES:
-                yield Task(
-                    f"{name}_{part:g}_{mass:g}kg", partial(loaded, name, part, mass)
-                )
-            for k, share in enumerate(SHARES):
-                rubbing = partial(rubbed, name, part, k, share)
-                yield Task(f"{name}_{part:g}_friction_{share:g}", rubbing)
 
 
 def as_recorded(name: str) -> Outcome:
@@ -419,119 +294,49 @@ def as_recorded(name: str) -> Outcome:
     return looked(case, f"real, {name}", "as recorded")
 
 
-def loaded(name: str, part: float, mass: float) -> Outcome:
-    """A load at the last link's frame, 5 cm along its axis, from some part of the longest recording on."""
-    case, recording, moment = longest(name, part)
-    one = [mass, 0.0, 0.0, 0.05 * mass, *np.zeros(6)]
-    added = _on_rows(recording, RigidBody(case.arm), np.array(one))
-    label = f"load of {mass:g} kg"
-    truth = Truth(PAYLOAD, [], "mass", label, recording.name, moment, mass)
-    return _with(case, recording, added, truth, name)
-
-
-def rubbed(name: str, part: float, k: int, share: float) -> Outcome:
-    """Coulomb friction of a joint, by turns."""
-    case, recording, moment = longest(name, part)
-    torque, joint = np.asarray(recording.tau), k % case.arm.n_joints
-    size = share * float(np.sqrt(np.mean(torque[:, joint] ** 2)))
-    speed = np.gradient(recording.q[:, joint], recording.t)
-    added = np.zeros_like(torque)
-    added[:, joint] = size * np.tanh(_smooth(speed, recording.rate) / 0.01)
-    place = [joint + 1], "coulomb"
-    label = f"Coulomb friction, {share:.0%} of the joint's torque"
-    truth = Truth(PLAIN_FRICTION, *place, label, recording.name, moment, size)
-    return _with(case, recording, added, truth, name)
-
-
-def longest(name: str, part: float) -> tuple[Case, Recording, float]:
-    """A real arm, its longest recording, and a moment of that [s]."""
-    case = load_case(CASES / f"{name}.yaml", any_unit=True)
-    own = max(case.recordings, key=lambda recording: recording.duration)
-    return case, own, float(own.t[0] + part * own.duration)
-
-
-def _on_rows(
-    recording: Recording, body: RigidBody, parameters: np.ndarray
-) -> np.ndarray:
-    """Torque of a body on the last link along the recorded motion [N m], (N, n)."""
-    segments = condition(recording, position_cutoff((recording,)))
-    t = np.concatenate([s.motion.t for s in segments])
-    parts = []
-    for segment in segments:
-        m = segment.motion
-        parts.append(body.last_link_regressor(m.q, m.dq, m.ddq) @ parameters)
-    torque = np.concatenate(parts)
-    columns = [np.interp(recording.t, t, column) for column in torque.T]
-    return np.stack(columns, axis=1)
-
-
-def _smooth(series: np.ndarray, rate: float) -> np.ndarray:
-    """Mean over 40 ms."""
-    width = max(1, round(0.04 * rate))
-    return np.convolve(series, np.ones(width) / width, mode="same")
-
-
-def _with(
-    case: Case, recording: Recording, added: np.ndarray, truth: Truth, name: str
-) -> Outcome:
-    """The case with a torque added to a recording from the moment on."""
-    after = (recording.t > truth.moment)[:, None]
-    spoiled = replace(recording, tau=np.asarray(recording.tau) + after * added)
-    recordings = tuple(spoiled if r is recording else r for r in case.recordings)
-    given = replace(case, recordings=recordings)
-    return looked(given, f"real, {name}", truth.label, truth)
-
-
 def table(outcomes: Sequence[Outcome]) -> str:
     """A row per kind, and per label: what was put in, what of it was told, what was false, and how far off."""
     heads = ("change", "cases", "named", "and where", "and when", "false", "moment")
     heads = (*heads, "off by (median, s)", "value", "off by (median)")
-    lines = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
     kinds = {o.kind: [x for x in outcomes if x.kind == o.kind] for o in outcomes}
+    rows = []
     for kind, own in kinds.items():
-        lines.append(row(kind, own))
+        rows.append(row(kind, own))
         labels = sorted({o.label for o in own} - {kind})
-        lines += [row(f"- {x}", [o for o in own if o.label == x]) for x in labels]
-    return "\n".join(lines)
+        rows += [row(f"- {x}", [o for o in own if o.label == x]) for x in labels]
+    return markdown(heads, rows)
 
 
-def row(name: str, own: Sequence[Outcome]) -> str:
+def row(name: str, own: Sequence[Outcome]) -> list[object]:
     """Cells of some outcomes; shares with Wilson's interval, moment and value those that lie in their intervals."""
     given = [o for o in own if o.truth is not None]
     hits = [o for o in given if o.hit is not None]
-    cells = [name, len(own), "", "", "", sum(o.false for o in own), "", "", "", ""]
+    cells: list[object] = [
+        name,
+        len(own),
+        "",
+        "",
+        "",
+        sum(o.false for o in own),
+        "",
+        "",
+        "",
+        "",
+    ]
     if given:
         by = ({}, {"where": True}, {"where": True, "when": True})
         told = [sum(o.like(**how) is not None for o in given) for how in by]
-        cells[2:5] = [share(n, len(given)) for n in told]
+        cells[2:5] = [share_text(n, len(given)) for n in told]
     if hits:
         off = [abs(o.hit["time"] - o.truth.moment) for o in hits if o.hit and o.truth]
         errors, deviations = np.array([o.value for o in hits]).T
         cells[6:8] = [
-            share(sum(o.inside for o in hits), len(hits)),
+            share_text(sum(o.inside for o in hits), len(hits)),
             f"{np.median(off):.3f}",
         ]
         inside = int((deviations <= HALF_WIDTH).sum())
-        cells[8:] = [share(inside, len(hits)), f"{np.median(errors):.1%}"]
-    return "| " + " | ".join(map(str, cells)) + " |"
-
-
-def share(hits: int, count: int) -> str:
-    """``19/21 (71 to 97 %)``."""
-    low, high = wilson(hits, count)
-    return f"{hits}/{count} ({100 * low:.0f} to {100 * high:.0f} %)"
-
-
-def beside(outcomes: Sequence[Outcome]) -> str:
-    """What all who were asked say of each case."""
-    lines = [f"| change | {' | '.join(ASKED)} |", "|" + "---|" * (1 + len(ASKED))]
-    for one in outcomes:
-        truth, said = one.truth, one.said or {}
-        where = f", joint {truth.joints[0]}" * bool(truth and truth.joints)
-        when = f", {truth.moment:.1f} s of {truth.recording}" if truth else ""
-        answers = ["; ".join(said[who]) or "nothing" for who in ASKED]
-        lines.append(f"| {one.label}{where}{when} | {' | '.join(answers)} |")
-    return "\n".join(lines)
+        cells[8:] = [share_text(inside, len(hits)), f"{np.median(errors):.1%}"]
+    return cells
 
 
 def read(file: Path) -> Outcome | None:
@@ -545,16 +350,11 @@ def read(file: Path) -> Outcome | None:
 
 def main() -> None:
     """Run what is not there yet, and print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = command_line(__doc__, no_real=False, out=Path("out/changes"), jobs=1)
     parser.add_argument("--arms", type=int, default=14, help="of the generator")
     parser.add_argument("--first", type=int, default=0, help="number of the first arm")
-    parser.add_argument("--effects", action="store_true", help="with every effect, too")
     parser.add_argument("--healthy", action="store_true", help="without change alone")
-    parser.add_argument("--sides", action="store_true", help="all who may tell it")
-    parser.add_argument("--no-real", action="store_true")
     parser.add_argument("--table", action="store_true", help="of what is there")
-    parser.add_argument("--out", type=Path, default=Path("out/changes"))
-    parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument(
         "--limit", type=float, default=600.0, help="processor time of a case [s]"
     )
@@ -562,8 +362,8 @@ def main() -> None:
     warnings.simplefilter("ignore", ModelWarning)
     seeds = range(options.first, options.first + options.arms)
     tasks = list(generated(seeds, options))
-    if not (options.no_real or options.sides):
-        tasks += real()
+    if not options.no_real:
+        tasks += [Task(f"{x}_as_recorded", partial(as_recorded, x)) for x in REAL]
     files = {task.name: options.out / f"{task.name}.json" for task in tasks}
     left = [task for task in tasks if not files[task.name].is_file()]
     progress = Progress("look", len(left))
@@ -583,8 +383,6 @@ def main() -> None:
     there = [read(file) for file in files.values() if file.is_file()]
     outcomes = [one for one in there if one is not None]
     print(table(outcomes))
-    if options.sides:
-        print("\n" + beside(outcomes))
     print(f"\n{len(files) - len(there)} of {len(files)} cases have no result")
 
 

@@ -11,7 +11,6 @@ among Gapscope's dependencies; PYTHON is that of an environment with them, and w
 
 from __future__ import annotations
 
-import argparse
 import json
 import re
 import shutil
@@ -26,6 +25,7 @@ from typing import Any
 import foreign_writers as writers
 import numpy as np
 import yaml
+from common import command_line
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
@@ -217,8 +217,7 @@ def score(form: Format, folder: Path, motion: writers.Motion) -> list[str]:
 
 def main() -> None:
     """Write, read and diagnose every format."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("out/formats"))
+    parser = command_line(__doc__, out=Path("out/formats"))
     parser.add_argument("--lerobot", default="", help="Python with lerobot")
     parser.add_argument("--mcap", default="", help="Python with mcap-ros2-support")
     parser.add_argument("--only", default="", help="formats whose name holds this text")

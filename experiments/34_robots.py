@@ -1,6 +1,6 @@
 """Robots as they come: which of many published robot files load and how far each gets, and effects on their arms.
 
-    .venv/bin/python experiments/34_robots.py files --folder ROBOTS --out out/robots [--only NAME] [--quick]
+    .venv/bin/python experiments/34_robots.py files --folder ROBOTS --out out/robots [--only NAME]
     .venv/bin/python experiments/34_robots.py effects --folder ROBOTS --out out/many_arms [--per-arm 4] [--only NAME]
 
 ``--folder`` holds robot files (URDF, MJCF, xacro), at any depth; each is one row, named by its file. For the table of
@@ -10,12 +10,10 @@
 The arm of a file is its longest chain of joints, without joints at its tip that move less than 1 % of the mass of the
 chain (fingers), and of what is left the last seven joints.
 
-``files``: the number of inertial base parameters; an exciting trajectory of 8 s within the limits, collisions
-unchecked; three recordings of 8 s at 200 Hz of the healthy arm and of the arm with Coulomb friction of 40 % of the
-scale of its torque on a middle joint, a quarter of that, up to three times, if the joint does not follow its
-controller; a diagnosis of both. Injected and explained by the same formula, this is a recovery check. A row that exists
-is not computed again; each robot has its own process with a time limit. With ``--quick`` robots without a row end after
-their base parameters. ``robots.json`` and ``robots.md`` hold the table.
+``files``: the number of inertial base parameters; three recordings of 8 s at 200 Hz of the healthy arm and of the arm
+with Coulomb friction of 40 % of the scale of its torque on a middle joint, a quarter of that, up to three times, if the
+joint does not follow its controller; a diagnosis of both. Injected and explained by the same formula: a recovery check.
+A row that exists is not computed again; each robot has its own process with a time limit. ``robots.md`` is the table.
 
 ``effects``: of an arm with five joints or more a second one is made, two or three of its joints free and the others
 locked at zero: planar arms, arms without a base parameter of some joint, light wrists alone. The first is as its file
@@ -29,11 +27,7 @@ Results that are there are kept; ``OUT/results.jsonl`` has one line per diagnosi
 
 from __future__ import annotations
 
-import argparse
 import json
-import subprocess
-import sys
-import time
 import warnings
 import zlib
 from collections import Counter
@@ -44,7 +38,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from common import run_part, run_tasks
+from common import command_line, markdown, run_part, run_tasks
 
 import gapscope
 from gapscope.arm.case import Case
@@ -60,8 +54,6 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.severity import draw, possible
 from gapscope.envs.recorder import Plan, record_case
-from gapscope.ident.excitation.design import ExcitationPlan, LimitPlan
-from gapscope.ident.excitation.trajectory_search import Budget
 from gapscope.ident.model.base_parameters import structural_base
 from gapscope.ident.model.regressor import Regressor
 
@@ -69,12 +61,10 @@ MAX_JOINTS = 7
 """Joints of an arm."""
 LIGHT = 0.01
 """Joints at the tip that move less than this share of the mass are no joints of the arm [1]."""
-FILE_LIMIT = 240.0
-"""Time that a robot may take [s]."""
 MAX_TRIES = 4
 """Amounts of friction that are tried."""
 FILE_PLAN = Plan(recordings=3, duration=8.0, rate=200.0)
-STEPS = ("loads", "base", "excited", "recorded", "healthy", "found")
+STEPS = ("loads", "base", "recorded", "healthy", "found")
 ENDINGS = ("*.urdf", "*.xacro", "*.xml")
 
 
@@ -99,14 +89,6 @@ def arm_of(file: Path) -> NominalArm:
         name for name, m in zip(chain, moved, strict=True) if m >= LIGHT * moved[0]
     ]
     return load_nominal_arm(file, joints=heavy[-MAX_JOINTS:])
-
-
-def excited(arm: NominalArm) -> str:
-    """Condition number of an exciting trajectory."""
-    plan = ExcitationPlan(duration=8.0, frequency=0.125, budget=Budget(evaluations=300))
-    limits = LimitPlan(collisions=False, singular=0.0)
-    found = gapscope.excite(arm, plan, limits, seed=0).excitation
-    return f"{found.condition:.3g}"
 
 
 def recorded(arm: NominalArm, joint: int | None) -> Case:
@@ -145,44 +127,26 @@ def diagnosed_file(arm: NominalArm, joint: int | None, notes: dict[str, Any]) ->
     return "yes" if right else said or document["verdict"]
 
 
-def row(file: Path, quick: bool = False) -> dict[str, Any]:
-    """How far a robot gets, and the message where it stops; ``quick``: no further than its base parameters."""
+def row(file: Path) -> dict[str, Any]:
+    """How far a robot gets, and the message where it stops."""
     out: dict[str, Any] = {"robot": file.stem}
-    begin = time.process_time()
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", ModelWarning)
+    try:
+        arm = arm_of(file)
+        out |= {"joints": arm.n_joints, "slides": sum(arm.sliding), "loads": "yes"}
+    except GapscopeError as error:
+        return {**out, "loads": _short(error, file)}
+    middle, rng = arm.n_joints // 2 + 1, np.random.default_rng(0)
+    bodies = Regressor(arm, quantities=())
+    steps: dict[str, Callable[[], str]] = {
+        "base": lambda: str(structural_base(bodies, rng, 300).count),
+        "healthy": lambda: diagnosed_file(arm, None, out),
+        "found": lambda: diagnosed_file(arm, middle, out),
+    }
+    for name, step in steps.items():
         try:
-            arm = arm_of(file)
-            out |= {
-                "joints": arm.n_joints,
-                "slides": sum(arm.sliding),
-                "loads": "yes",
-            }
-            middle = arm.n_joints // 2 + 1
-            steps: dict[str, Callable[[], str]] = {
-                "base": lambda: str(
-                    structural_base(
-                        Regressor(arm, quantities=()), np.random.default_rng(0), 300
-                    ).count
-                ),
-                "excited": lambda: excited(arm),
-                "healthy": lambda: diagnosed_file(arm, None, out),
-                "found": lambda: diagnosed_file(arm, middle, out),
-            }
+            out[name] = step()
         except GapscopeError as error:
-            steps = {}
-            out["loads"] = _short(error, file)
-        for name, step in steps.items():
-            if quick and name != "base":
-                continue
-            try:
-                out[name] = step()
-            except GapscopeError as error:
-                out[name] = _short(error, file)
-    out["notes"] = sorted(
-        {str(w.message).replace(str(file), file.name) for w in caught}
-    )
-    out["seconds"] = round(time.process_time() - begin, 1)
+            out[name] = _short(error, file)
     return out
 
 
@@ -190,30 +154,11 @@ def _short(error: GapscopeError, file: Path) -> str:
     return error.message.replace(str(file), file.name)
 
 
-def run(file: Path, name: str, out: Path) -> dict[str, Any]:
-    """The row of a robot, from a process of its own, unless it is there."""
-    target = out / "rows" / f"{name}.json"
-    if not target.exists():
-        command = [sys.executable, __file__, "files", "--one", str(file)]
-        command += ["--out", str(target)]
-        failed = ""
-        try:
-            done = subprocess.run(
-                command, timeout=FILE_LIMIT, check=False, capture_output=True, text=True
-            )
-            failed = "" if done.returncode == 0 else done.stderr.strip()[-300:]
-        except subprocess.TimeoutExpired:
-            failed = f"not done within {FILE_LIMIT:g} s"
-        if failed:
-            write_json({"robot": name, "loads": failed}, target)
-    return read_json(target, "remove it")
-
-
 def as_table(rows: list[dict[str, Any]]) -> str:
     """The table as Markdown; messages stand below it."""
     head = ("robot", "joints", "slides", *STEPS)
-    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
     messages: dict[str, list[str]] = {}
+    table = []
     for each in rows:
         cells = []
         for name in head:
@@ -222,8 +167,8 @@ def as_table(rows: list[dict[str, Any]]) -> str:
                 messages.setdefault(text, []).append(each["robot"])
                 text = f"({list(messages).index(text) + 1})"
             cells.append(text)
-        lines.append("| " + " | ".join(cells) + " |")
-    lines.append("")
+        table.append(cells)
+    lines = [markdown(head, table), ""]
     for number, text in enumerate(messages, 1):
         lines.append(f"{number}. {' '.join(text.split())}")
     return "\n".join(lines) + "\n"
@@ -231,37 +176,36 @@ def as_table(rows: list[dict[str, Any]]) -> str:
 
 def files_part() -> None:
     """Compute the missing rows and print the table."""
-    parser = argparse.ArgumentParser(description=files_part.__doc__)
-    parser.add_argument("--folder", type=Path)
-    parser.add_argument("--out", type=Path, default=Path("out/robots"))
+    parser = command_line(files_part.__doc__, out=Path("out/robots"))
+    parser.add_argument("--folder", type=Path, required=True)
     parser.add_argument("--only")
-    parser.add_argument("--one", type=Path)
-    parser.add_argument("--quick", action="store_true", help="no new recordings")
     args = parser.parse_args()
-    if args.one:
-        write_json(row(args.one), args.out)
-        return
-    (args.out / "rows").mkdir(parents=True, exist_ok=True)
-    files = sorted({f.resolve() for e in ENDINGS for f in args.folder.rglob(e)})
-    names = [f.name for f in files]
-    rows = []
+    warnings.simplefilter("ignore", ModelWarning)
+    files = robot_files(args.folder, args.only)
+    names = Counter(file.name for file in files)
+    rows = {}
     for file in files:
-        name = file.name
-        if names.count(name) > 1:
-            name = f"{file.parent.name}_{name}"
-        if args.only and args.only not in name:
-            continue
-        begin = time.time()
-        done = (args.out / "rows" / f"{name}.json").exists()
-        found = (
-            row(file, True) if args.quick and not done else run(file, name, args.out)
+        unique = (
+            file.name if names[file.name] == 1 else f"{file.parent.name}_{file.name}"
         )
-        rows.append({**found, "robot": name})
-        last = {k: v for k, v in rows[-1].items() if k != "notes"}
-        print(f"{time.time() - begin:5.0f} s  {last}", flush=True)
-    write_json({"rows": rows}, args.out / "robots.json")
-    (args.out / "robots.md").write_text(as_table(rows), encoding="utf-8")
-    print(as_table(rows))
+        rows[file] = args.out / "rows" / f"{unique}.json"
+
+    def ended(file: Path, how: str, seconds: float) -> None:
+        if how != "ended":
+            write_json({"robot": file.stem, "loads": how}, rows[file])
+        print(f"{seconds:5.0f} s  {read_json(rows[file], '')}", flush=True)
+
+    left = [file for file in files if not rows[file].is_file()]
+    run_tasks(lambda file: write_json(row(file), rows[file]), left, 1, LIMIT, ended)
+    found = [{**read_json(x, "remove it"), "robot": x.stem} for x in rows.values()]
+    (args.out / "robots.md").write_text(as_table(found), encoding="utf-8")
+    print(as_table(found))
+
+
+def robot_files(folder: Path, only: str | None) -> list[Path]:
+    """Robot files below a folder, or those whose name has a text in it."""
+    files = {f.resolve() for ending in ENDINGS for f in folder.rglob(ending)}
+    return sorted(file for file in files if not only or only in file.name)
 
 
 # Effects on the arms
@@ -272,7 +216,7 @@ MIN_JOINTS = 5
 ROTORS = 0.2
 """Rotor inertia over the largest own inertia of a joint that is free beside locked ones [1]."""
 LIMIT = 240.0
-"""Processor time that a diagnosis may take [s]."""
+"""Processor time that a robot file, or the diagnosis of an arm, may take [s]."""
 HEALTHY = "healthy"
 ANSWERS = ("exact", "first", "another", "unexplained", "no_gap", "refused")
 
@@ -300,10 +244,7 @@ def load(file: Path, free: tuple[int, ...]) -> NominalArm:
 
 def tasks(folder: Path, per_arm: int, only: str | None) -> Iterator[Task]:
     """What is to be done, arm by arm; files without an arm are named and left out."""
-    files = {f.resolve() for ending in ENDINGS for f in folder.rglob(ending)}
-    for file in sorted(files):
-        if only and only not in file.name:
-            continue
+    for file in robot_files(folder, only):
         try:
             n = arm_of(file).n_joints
         except GapscopeError as error:
@@ -365,22 +306,17 @@ def answer(row: dict[str, Any]) -> str:
 def table(rows: list[dict[str, Any]]) -> str:
     """Answers to each effect, as Markdown."""
     counts = Counter((row["effect"], answer(row)) for row in rows)
-    lines = ["| effect | cases | " + " | ".join(ANSWERS) + " |"]
-    lines.append("|---" * (len(ANSWERS) + 2) + "|")
+    lines = []
     for effect in sorted({row["effect"] for row in rows}):
         of_it = [counts[effect, each] for each in ANSWERS]
-        lines.append(
-            f"| {effect} | {sum(of_it)} | " + " | ".join(map(str, of_it)) + " |"
-        )
-    return "\n".join(lines)
+        lines.append([effect, sum(of_it), *of_it])
+    return markdown(("effect", "cases", *ANSWERS), lines)
 
 
 def effects_part() -> None:
     """Do what is missing, list what is not exact, and print the table."""
-    parser = argparse.ArgumentParser(description=effects_part.__doc__)
+    parser = command_line(effects_part.__doc__, out=Path("out/many_arms"), per_arm=4)
     parser.add_argument("--folder", type=Path, required=True)
-    parser.add_argument("--out", type=Path, default=Path("out/many_arms"))
-    parser.add_argument("--per-arm", type=int, default=4)
     parser.add_argument("--only", help="files whose name has this")
     args = parser.parse_args()
     warnings.simplefilter("ignore", ModelWarning)

@@ -11,7 +11,6 @@ alarms, and are listed; faults go into the others.
 
 from __future__ import annotations
 
-import argparse
 import os
 from collections import Counter
 from collections.abc import Iterator
@@ -19,6 +18,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from common import command_line
 
 from gapscope.arm.robots import KNOWN_ROBOTS
 from gapscope.model_audit.audit import check_description, read_description, total_mass
@@ -132,7 +132,7 @@ def tried(description: Description) -> dict[str, tuple[int, int]]:
 
 def main() -> None:
     """Print a row for each model, and the sums."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = command_line(__doc__)
     parser.add_argument("--models", type=Path, help="folder with URDF files")
     arguments = parser.parse_args()
     sums: Counter[str] = Counter()

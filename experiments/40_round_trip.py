@@ -16,7 +16,6 @@ nearest is exported. Prints the table of `docs/export.md`; takes some minutes.
 
 from __future__ import annotations
 
-import argparse
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -24,6 +23,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from common import command_line
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.json_file import write_json
@@ -317,9 +317,11 @@ def round_trip(
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--effects", default=",".join(("none", "friction", *CATALOGUE)))
-    parser.add_argument("--out", type=Path, default=Path("out/round_trip"))
+    parser = command_line(
+        __doc__,
+        effects=",".join(("none", "friction", *CATALOGUE)),
+        out=Path("out/round_trip"),
+    )
     options = parser.parse_args()
     # DART looks for no file below the current folder
     out = options.out.resolve()

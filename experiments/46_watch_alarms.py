@@ -1,21 +1,16 @@
-"""False alarms of a watch per 24 h, what it names and how late, and what it costs.
+"""False alarms of a watch per 24 h on arms at work and real ones, and what it names of changes put into recordings.
 
-    .venv/bin/python experiments/46_watch_alarms.py --out out/watch [--hours 4] [--arms 12] [--jobs 2] [--training]
+    .venv/bin/python experiments/46_watch_alarms.py --out out/watch [--parts healthy,real] [--hours 4] [--arms 12]
 
-Parts, each a JSON file per arm or change in ``--out`` so that a rerun goes on, and a table on standard output:
+Each arm is a JSON file in ``--out``, so that a rerun goes on; tables on standard output:
 
 healthy   arms at work (laws, heat and noise of another form than the model's) without any change,
           ``--hours`` each: programs that change, speeds, half of them started cold. Alarms, misfits, and slow drifts
           noted.
-changes   the same arms; after three minutes a load, friction, an offset, an encoder's zero, a delay or a force changes,
-          and the watch goes on for two minutes: named right, misnamed, missed, how late, how far off.
 real      recordings of real arms, ``--hours`` each: stretches of 5 to 15 s at random places and in random order; those
           of the last 40 % of each recording come only when what is normal was learnt from the others. A stretch that
           comes again has the same noise: that is fewer different motions than the hours say. Then with loads and
           friction added to the torque from some moment on, which is a recovery check.
-speed     processor time of a watch per second of a recording of seven joints at 1 kHz, from file to state.
-
-``--training`` takes other arms: those on which the numbers of ``gapscope/watching/thresholds.py`` were set by hand.
 
 The arms' torque comes from inverse dynamics of bodies that are off the nominal ones, with laws that the filter does not
 have: friction by an arctangent with a slow bend at low speed, a power of the speed, a difference between the directions
@@ -25,17 +20,16 @@ noise has the colour of its kind of arm. Nothing of this is shared with ``gapsco
 
 from __future__ import annotations
 
-import argparse
 import copy
 import tempfile
 import time
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from benchmarks.watch import READ, WATCH, shares
+from common import command_line, kept, markdown
 from joblib import Parallel, delayed
 from scipy.signal import lfilter
 from scipy.stats import chi2
@@ -43,7 +37,6 @@ from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.io.json_file import read_json, write_json
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
@@ -99,7 +92,6 @@ class WorkingArm:
     seed: int
     start_cold: bool = False
     t: float = 0.0
-    _program: list[np.ndarray] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         """Draw the arm, its true values and its programs."""
@@ -125,39 +117,11 @@ class WorkingArm:
         self.encoder = uniform(2e-6, 3e-5)
         self._filters = {a: np.zeros((1, n)) for a in NOISES[self.colour]}
         self._heat = (self.c + self.b * 0.4) * 0.4
-        self.load, self.offset = np.zeros(10), np.zeros(n)
-        self.zero, self.late, self.push = np.zeros(n), 0.0, np.zeros(3)
         self._programs = [self._points() for _ in range(4)]
         self._until, self._choice, self._speed = 0.0, 0, 1.0
         self._queue: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         self._place = self.sheet.home.copy()
         self._step, self._stops = 0, 0
-
-    def change(self, change: Change) -> None:
-        """Put a change in, from now on."""
-        j = None if change.joint is None else change.joint - 1
-        if change.effect == "payload":
-            centre = self.rng.uniform([-0.05, -0.05, 0.02], [0.05, 0.05, 0.12])
-            self.load[:4] += change.size * np.r_[1.0, centre]
-            self.load[[4, 6, 9]] += change.size * 2e-3
-        elif change.effect == "friction":
-            share = change.size / self.friction_level(j)
-            self.c[j] *= 1.0 + share
-            self.b[j] *= 1.0 + share
-        elif change.effect == "torque_offset":
-            # the catalogue: what is applied is the recorded torque and the offset
-            self.offset[j] -= change.size
-        elif change.effect == "encoder_offset":
-            self.zero[j] += change.size
-        elif change.label.startswith("delay"):
-            self.late += change.size
-        else:
-            way = self.rng.standard_normal(3)
-            self.push = change.size * way / np.linalg.norm(way)
-
-    def friction_level(self, joint: int) -> float:
-        """Friction of a joint at half a radian per second, warm [N m]."""
-        return float(self.c[joint] + self.b[joint] * 0.5 ** self.power[joint])
 
     def chunks(self, seconds: float) -> Iterator[Recording]:
         """The next seconds of work, in parts."""
@@ -173,18 +137,13 @@ class WorkingArm:
         q, dq, ddq = q[:count], dq[:count], ddq[:count]
         t = self.t + np.arange(count) / RATE
         self.t += count / RATE
-        late = self.late + self.lag
         # the torque that is recorded belongs to a moment before the positions
-        torque = self._torque(q - dq * late, dq - ddq * late, ddq)
-        q = q + self.zero + self.encoder * self.rng.standard_normal(q.shape)
+        torque = self._torque(q - dq * self.lag, dq - ddq * self.lag, ddq)
+        q = q + self.encoder * self.rng.standard_normal(q.shape)
         return Recording("shift", t, q, tau=torque)
 
     def _torque(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         rigid = self.body.inverse_dynamics(q, dq, ddq)
-        if self.load.any():
-            rigid += self.body.last_link_regressor(q, dq, ddq) @ self.load
-        if self.push.any():
-            rigid -= self.body.force_torque(q, self.push)
         speed = np.abs(dq)
         bend = 1.0 + self.rise * np.exp(-np.sqrt(speed / self.knee))
         dry = self.c * bend + self.by_load * np.abs(rigid)
@@ -193,7 +152,7 @@ class WorkingArm:
         friction += self.b * np.sign(dq) * speed**self.power
         friction *= self._warm(friction * dq)
         wave = self.ripple * self.c * np.sin(self.teeth * q + self.phase)
-        needed = rigid + self.armature * ddq + friction + wave + self.offset
+        needed = rigid + self.armature * ddq + friction + wave
         step = 1e-3 * np.maximum(self.c, 0.1)
         return np.round((needed + self._coloured(len(q))) / step) * step
 
@@ -274,18 +233,8 @@ def _bodies(
 CASES = Path(__file__).parent / "cases"
 REAL = ("ur10", "panda", "kuka_med7", "unitree_z1")
 """Real arms with a recording of 15 s or more."""
-TRAINING = 1000
-"""Added to the seeds of arms on which thresholds were set."""
-BEFORE, AFTER = 180.0, 120.0
-"""Work before and after a change [s]."""
-LOADS = (0.03, 0.1, 0.3)
-"""Loads over the largest that the arm carries [1]."""
-FRICTION = (0.15, 0.3, 0.6, 1.0)
-"""Rise of a joint's friction [1]."""
-OFFSETS = (0.1, 0.3, 1.0)
-"""Torque offsets over the joint's friction at half a radian per second [1]."""
-ZEROS = (0.5, 1.0, 3.0)
-"""Encoder offsets [deg]."""
+AFTER = 120.0
+"""Stretches of a recording with a change that are watched [s]."""
 FOUND = (ALARM, MISFIT)
 """Events that say that something has changed."""
 
@@ -331,85 +280,17 @@ def healthy(seed: int, hours: float) -> dict[str, Any]:
     }
 
 
-def draws(arm: WorkingArm) -> Iterator[Change]:
-    """Changes of all kinds and sizes on an arm; joints by turns."""
-    n, turn = arm.sheet.n, arm.seed
-    for share in LOADS:
-        mass = share * arm.sheet.payload
-        yield Change("payload", f"load, {share:.0%} of the largest", None, mass)
-    for k, share in enumerate(FRICTION):
-        joint = (turn + k) % n
-        size = share * arm.friction_level(joint)
-        yield Change("friction", f"friction +{share:.0%}", joint + 1, size)
-    for k, share in enumerate(OFFSETS):
-        joint = (turn + k) % n
-        size = share * arm.friction_level(joint)
-        label = f"offset of {share:.0%} of the friction"
-        yield Change("torque_offset", label, joint + 1, size)
-    for k, degrees in enumerate(ZEROS):
-        # no gravity tells of the last joint's zero, nor of that of an upright first one
-        joint = 1 + (turn + k) % max(n - 2, 1)
-        label = f"encoder zero off by {degrees:g} deg"
-        yield Change("encoder_offset", label, joint + 1, float(np.deg2rad(degrees)))
-    yield Change("other", "delay of 20 ms", None, 0.02)
-    force = 0.3 * 9.81 * arm.sheet.payload
-    yield Change("other", "force on the tip that stays, 30 % of a load", None, force)
-
-
-def changes(seed: int, out: Path) -> None:
-    """Every change on one arm, each from the same state before it; a file for each."""
-    arm = WorkingArm(seed)
-    files = [out / f"changes_{seed}_{k}.json" for k in range(len(list(draws(arm))))]
-    left = [file for file in files if not file.is_file()]
-    if not left:
-        return
-    watched = Detector(CorrectedArm(arm.nominal))
-    events = feed(watched, arm.chunks(BEFORE))
-    before = [e.sentence for e in events if e.event == ALARM]
-    for file, change in zip(files, draws(arm), strict=True):
-        if file in left:
-            row = changed(arm, watched, change)
-            write_json({"robot": arm.kind, "before": before, **row}, file)
-            print(f"  {file.name}", flush=True)
-
-
-def changed(arm: WorkingArm, watched: Detector, change: Change) -> dict[str, Any]:
-    """What became of a change on an arm at work, both as they are."""
-    own = copy.copy(arm)
-    own.rng = np.random.default_rng([arm.seed, 2])
-    own.c, own.b, own.load = arm.c.copy(), arm.b.copy(), arm.load.copy()
-    own.offset, own.zero = arm.offset.copy(), arm.zero.copy()
-    own._queue, own._filters = list(arm._queue), dict(arm._filters)
-    own.change(change)
-    told = feed(fork(watched), own.chunks(AFTER))
-    events = [e for e in told if e.event in FOUND]
-    return judged(change, events, own.t - AFTER)
-
-
-def judged(change: Change, events: list[Event], moment: float) -> dict[str, Any]:
-    """What became of a change: the first alarm or misfit counts, later ones are counted."""
-    row: dict[str, Any] = {
-        "effect": change.effect,
-        "label": change.label,
-        "joint": change.joint,
-        "size": change.size,
-        "sentences": [e.sentence for e in events],
-        "outcome": "missed",
-        "further": max(len(events) - 1, 0),
-    }
-    if not events:
-        return row
-    first = events[0]
-    joints = [] if change.joint is None else [change.joint]
-    # a misfit has the effect ``other``, and so has a change without a name
-    same = first.effect == change.effect and (
-        change.effect == "other" or list(first.joints) == joints
-    )
-    row["outcome"] = "right" if same else f"called {first.effect}"
-    row["delay"] = first.detected - moment
-    if same and first.sizes:
-        size = next(iter(first.sizes.values()))
-        row["error"] = size.value / change.size - 1.0
+def judged(change: Change, events: list[Event]) -> dict[str, Any]:
+    """What became of a change: the first alarm or misfit counts."""
+    row: dict[str, Any] = {"label": change.label, "outcome": "missed"}
+    if events:
+        first = events[0]
+        joints = [] if change.joint is None else [change.joint]
+        same = first.effect == change.effect and list(first.joints) == joints
+        row["outcome"] = "right" if same else f"called {first.effect}"
+        if same and first.sizes:
+            size = next(iter(first.sizes.values()))
+            row["error"] = size.value / change.size - 1.0
     return row
 
 
@@ -431,9 +312,7 @@ def real(name: str, hours: float) -> dict[str, Any]:
         changed = [with_change(r, change, body) for r in recordings]
         parts = stretches(changed, AFTER, np.random.default_rng(1), (0.0, 1.0))
         found = [e for e in feed(fork(watched), parts) if e.event in FOUND]
-        row = judged(change, found, float("nan"))
-        row["delay"] = None
-        rows.append(row)
+        rows.append(judged(change, found))
     return {
         "robot": name,
         "hours": hours,
@@ -512,20 +391,18 @@ def per_day(count: int, hours: float) -> str:
     return f"{count * scale:.2g} ({low * scale:.2g} .. {high * scale:.2g})"
 
 
-def rows_of_healthy(found: list[dict[str, Any]]) -> list[str]:
+def table_of_alarms(found: list[dict[str, Any]]) -> str:
     """Table of false alarms."""
-    lines = [
-        "| arms | hours | alarms | per 24 h (95 %) | as | misfits | per 24 h | drifts noted |",
-        "|" + "---|" * 8,
-    ]
+    head = ("arms", "hours", "alarms", "per 24 h (95 %)", "as", "misfits", "per 24 h")
+    rows = []
+    colours = {name: [f for f in found if f.get("noise") == name] for name in NOISES}
+    robots = {f["robot"]: [g for g in found if g["robot"] == f["robot"]] for f in found}
     groups = {
         "all": found,
-        "started warm": [f for f in found if not f.get("cold")],
+        "started warm": [f for f in found if f.get("cold") is False],
         "started cold": [f for f in found if f.get("cold")],
-        **{
-            n: [f for f in found if f.get("noise") == n]
-            for n in ("white", "red", "long")
-        },
+        **colours,
+        **robots,
     }
     for label, own in groups.items():
         hours = sum(f["hours"] for f in own)
@@ -536,26 +413,25 @@ def rows_of_healthy(found: list[dict[str, Any]]) -> list[str]:
         drifts = sum(len(f.get("drifts", ())) for f in own)
         rate = per_day(len(effects), hours)
         misfits = sum(f["misfits"] for f in own)
-        cells = [
-            f"{label}, {len(own)}",
-            f"{hours:g}",
-            len(effects),
-            rate,
-            names,
-            misfits,
-            per_day(misfits, hours),
-            drifts,
-        ]
-        lines.append("| " + " | ".join(map(str, cells)) + " |")
-    return lines
+        rows.append(
+            (
+                f"{label}, {len(own)}",
+                f"{hours:g}",
+                len(effects),
+                rate,
+                names,
+                misfits,
+                per_day(misfits, hours),
+                drifts,
+            )
+        )
+    return markdown((*head, "drifts noted"), rows)
 
 
-def rows_of_changes(rows: list[dict[str, Any]]) -> list[str]:
+def table_of_changes(rows: list[dict[str, Any]]) -> str:
     """Table of what became of changes."""
-    lines = [
-        "| change | cases | named right | called otherwise | missed | known after (median, s) | size off by (median) |",
-        "|" + "---|" * 7,
-    ]
+    head = ("change", "cases", "named right", "called otherwise", "missed")
+    lines = []
     for label in dict.fromkeys(row["label"] for row in rows):
         own = [row for row in rows if row["label"] == label]
         right = [row for row in own if row["outcome"] == "right"]
@@ -565,81 +441,48 @@ def rows_of_changes(rows: list[dict[str, Any]]) -> list[str]:
             if row["outcome"].startswith("called")
         ]
         names = ", ".join(f"{wrong.count(w)} {w}" for w in dict.fromkeys(wrong))
-        delays = [row["delay"] for row in own if row.get("delay") is not None]
         errors = [abs(row["error"]) for row in right if "error" in row]
-        late = f"{np.median(delays):.0f}" if delays else ""
         off = f"{np.median(errors):.0%}" if errors else ""
         missed = sum(row["outcome"] == "missed" for row in own)
-        lines.append(
-            f"| {label} | {len(own)} | {len(right)} | {names or 0} | {missed} | {late} | {off} |"
-        )
-    return lines
+        cells = [label, len(own), len(right), names or 0, missed, off]
+        lines.append(cells)
+    return markdown((*head, "size off by (median)"), lines)
 
 
-def kept(file: Path, make: Any, *arguments: Any) -> Any:
-    """A result from its file, or made and written."""
-    if not file.is_file():
-        with threadpool_limits(1):
-            write_json(make(*arguments), file)
-        print(f"  {file.name}", flush=True)
-    return read_json(file, "delete it")
+def single_thread(watch: Any, member: Any, hours: float) -> dict[str, Any]:
+    """What a watch says of an arm, by one thread."""
+    with threadpool_limits(1):
+        return dict(watch(member, hours))
 
 
 def main() -> None:
     """Run the parts that are asked for, and print their tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("out/watch"))
-    parser.add_argument("--parts", default="healthy,changes,real,speed")
-    parser.add_argument("--arms", type=int, default=12)
-    parser.add_argument("--hours", type=float, default=4.0, help="of each healthy arm")
-    parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--training", action="store_true")
-    parser.add_argument("--seed", type=int, default=0, help="of the first arm")
-    parser.add_argument(
-        "--table", action="store_true", help="of changes that are there"
+    parser = command_line(
+        __doc__, out=Path("out/watch"), parts="healthy,real", arms=12, jobs=1
     )
+    parser.add_argument("--hours", type=float, default=4.0, help="of each arm")
+    parser.add_argument("--seed", type=int, default=0, help="of the first arm")
     options = parser.parse_args()
-    first = options.seed + (TRAINING if options.training else 0)
-    seeds = range(first, first + options.arms)
     out, hours, parts = options.out, options.hours, options.parts.split(",")
-    run = Parallel(n_jobs=options.jobs)
-    if "healthy" in parts:
-        files = [out / f"healthy_{seed}_{hours:g}h.json" for seed in seeds]
-        jobs = zip(files, seeds, strict=True)
-        found = run(delayed(kept)(file, healthy, seed, hours) for file, seed in jobs)
-        print("\n".join(["", "Healthy arms at work", "", *rows_of_healthy(found)]))
+    members = {
+        "healthy": range(options.seed, options.seed + options.arms),
+        "real": REAL,
+    }
+    for part, watch in {"healthy": healthy, "real": real}.items():
+        if part not in parts:
+            continue
+        jobs = [(out / f"{part}_{x}_{hours:g}h.json", x) for x in members[part]]
+        run = Parallel(n_jobs=options.jobs)
+        found = run(
+            delayed(kept)(file, single_thread, watch, one, hours) for file, one in jobs
+        )
+        print("\n".join(["", f"{part.capitalize()} arms", "", table_of_alarms(found)]))
         for entry in found:
-            print(*(f"  {entry['robot']}: {s}" for s in entry["alarms"]), sep="\n")
+            print(*(f"  {entry['robot']}: {s}" for s in entry["alarms"][:10]), sep="\n")
         print(f"processor time per second: {np.median([f['cpu'] for f in found]):.1%}")
-    if "changes" in parts:
-        run(delayed(changes)(seed, out) for seed in seeds if not options.table)
-        there = [f for seed in seeds for f in sorted(out.glob(f"changes_{seed}_*"))]
-        rows = [read_json(file, "delete it") for file in there]
-        print("\n".join(["", "Changes on arms at work", "", *rows_of_changes(rows)]))
-        print(
-            f"further alarms and misfits after the first: {sum(r['further'] for r in rows)}"
-        )
-    if "real" in parts:
-        jobs = [
-            (out / f"real_{name}_{hours:g}h.json", real, name, hours) for name in REAL
-        ]
-        found = run(delayed(kept)(*job) for job in jobs)
-        print("\n".join(["", "Real arms", ""]))
-        for entry in found:
-            count, misfits = len(entry["alarms"]), entry["misfits"]
-            rate = per_day(count, entry["hours"])
-            print(
-                f"{entry['robot']}: {entry['hours']:g} h, {count} alarms, {rate} per 24 h, {misfits} misfits"
-            )
-            print(*(f"  {s}" for s in entry["alarms"][:10]), sep="\n")
-        rows = [row for entry in found for row in entry["changes"]]
-        print("\n".join(["", *rows_of_changes(rows)]))
-    if "speed" in parts:
-        with threadpool_limits(1):
-            found = shares(1000.0)
-        print(
-            f"\n7 joints at 1 kHz: {found[WATCH]:.1%} of a core, of which reading {found[READ]:.1%}"
-        )
+        rows = [row for entry in found for row in entry.get("changes", ())]
+        if rows:
+            print("\n".join(["", table_of_changes(rows)]))
 
 
 if __name__ == "__main__":

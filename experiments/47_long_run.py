@@ -30,6 +30,7 @@ from typing import NamedTuple
 
 import gymnasium
 import numpy as np
+from common import command_line, markdown
 from rich.console import Console
 from rich.progress import track
 from scipy.stats import linregress
@@ -197,22 +198,19 @@ def drift(count: np.ndarray, value: np.ndarray) -> Drift:
     return Drift(line.slope, line.stderr, y[0], y[-1])
 
 
-def row(part: str, file: Path) -> str:
+def row(part: str, file: Path) -> list[str]:
     """Row of the table."""
     readings = np.genfromtxt(file, delimiter=",", skip_header=1)
     count, values = readings[:, 0], readings[:, 1:].T
-    cells = [part, f"{count[-1]:.0f}", *(str(drift(count, value)) for value in values)]
-    return f"| {' | '.join(cells)} |"
+    return [part, f"{count[-1]:.0f}", *(str(drift(count, value)) for value in values)]
 
 
 def main() -> None:
     """Run the parts asked for, or read their files again, and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = command_line(
+        __doc__, steps=1000000, diagnoses=10000, out=Path("out/long_run"), again=False
+    )
     parser.add_argument("--part", nargs="+", choices=PARTS, default=PARTS)
-    parser.add_argument("--steps", type=int, default=1_000_000)
-    parser.add_argument("--diagnoses", type=int, default=10_000)
-    parser.add_argument("--out", type=Path, default=Path("out/long_run"))
-    parser.add_argument("--again", action="store_true")
     parser.add_argument("--inside", help=argparse.SUPPRESS)
     parser.add_argument("--size", type=int, help=argparse.SUPPRESS)
     parser.add_argument("--file", type=Path, help=argparse.SUPPRESS)
@@ -230,8 +228,8 @@ def main() -> None:
             size = given.steps if part in ENGINES else given.diagnoses
             run_apart(part, size, file)
         rows.append(row(part, file))
-    print("| part | count | memory [MB] | handles | temporary files | threads |")
-    print("|---|---|---|---|---|---|", *rows, sep="\n")
+    head = ("part", "count", "memory [MB]", "handles", "temporary files", "threads")
+    print(markdown(head, rows))
 
 
 if __name__ == "__main__":

@@ -35,6 +35,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import yaml
+from common import command_line, markdown
 
 # Inputs of the commands, and how folders of results are compared
 
@@ -253,10 +254,8 @@ ROOT = os.geteuid() == 0
 
 def arguments() -> argparse.Namespace:
     """Of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = command_line(__doc__, kills=200, seed=0)
     parser.add_argument("out", type=Path)
-    parser.add_argument("--kills", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", action="append", choices=COMMANDS)
     return parser.parse_args()
 
@@ -381,20 +380,18 @@ def set_writable(folder: Path) -> None:
 def table(rows: list[dict[str, Any]]) -> str:
     """A line for each command: disturbances of each kind, files that had to be made again, faults."""
     names = list(dict.fromkeys(row["command"] for row in rows))
-    lines = [
-        f"| command | {' | '.join(KINDS)} | files made again, mean | cut short | rerun unlike | tracebacks |",
-        f"|---|{'---|' * (len(KINDS) + 4)}",
-    ]
+    head = ("command", *KINDS, "files made again, mean", "cut short", "rerun unlike")
+    lines = []
     for name in [*names, "all"]:
         own = [row for row in rows if name in (row["command"], "all")]
         kinds = Counter(row["kind"] for row in own)
         faults = [fault.split(":")[0] for row in own for fault in set(row["faults"])]
         found = Counter(faults)
-        cells = [*(str(kinds[kind]) for kind in KINDS)]
-        cells.append(f"{sum(row['lost'] for row in own) / len(own):.1f}")
-        cells += [str(found["cut short"]), str(found["unlike"] + found["again"])]
-        lines.append(f"| {name} | {' | '.join(cells)} | {found['traceback']} |")
-    return "\n".join(lines)
+        lost = f"{sum(row['lost'] for row in own) / len(own):.1f}"
+        unlike = found["unlike"] + found["again"]
+        ends = (lost, found["cut short"], unlike, found["traceback"])
+        lines.append([name, *(kinds[kind] for kind in KINDS), *ends])
+    return markdown((*head, "tracebacks"), lines)
 
 
 def main() -> None:

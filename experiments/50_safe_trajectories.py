@@ -17,7 +17,6 @@ other and to the floor.
 
 from __future__ import annotations
 
-import argparse
 import csv
 import json
 import tempfile
@@ -32,6 +31,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import yaml
+from common import command_line
 from scipy.interpolate import BPoly
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -275,9 +275,8 @@ def _too_near(
 
 def main() -> None:
     """Run, go on, and count."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = command_line(__doc__, arms=1000)
     parser.add_argument("out", type=Path)
-    parser.add_argument("--arms", type=int, default=1000)
     parser.add_argument("--number", type=int, help="one arm alone")
     args = parser.parse_args()
     warnings.simplefilter("ignore")

@@ -1,6 +1,6 @@
 """Accuracy on recordings as loggers leave them: rows lost, wrong stamps, spikes, stuck sensors, rates, lengths.
 
-    .venv/bin/python experiments/52_data_as_it_is.py OUT [--only NAME ...] [--cases N] [--into docs/PAGE.md]
+    .venv/bin/python experiments/52_data_as_it_is.py OUT [--only NAME ...] [--cases N] [--robots NAME ...]
 
 Makes a set of cases with the blind check's generator, each recorded at 1 kHz: one of every effect of the catalogue, the
 rest healthy. Each damage is done to copies of the recordings, the labels untouched; the cases are read and diagnosed as
@@ -11,12 +11,11 @@ A recording is a mapping of its columns, ``t`` of shape (N,) and channels of sha
 of a case and gives back damaged copies; ranges and deviations are those of a joint over all recordings.
 
 Resumable: a diagnosis that is in OUT is kept. ``--only`` restricts the damages, ``--cases`` takes the first N of the
-cases. ``--fresh`` forgets the diagnoses of these damages. ``--into`` writes the table into a page.
+cases.
 """
 
 from __future__ import annotations
 
-import argparse
 import shutil
 import tempfile
 import time
@@ -28,8 +27,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 import yaml
-from benchmarks.measure import put_into
+from common import command_line
 from scipy.interpolate import make_interp_spline
 
 from gapscope.arm.case import load_case
@@ -51,32 +51,21 @@ CHANNELS = ("q", "dq", "tau", "q_ref", "dq_ref")
 
 def read(path: Path) -> Columns:
     """A recording from CSV."""
-    with path.open(encoding="utf-8") as file:
-        head = file.readline().strip().split(",")
-    table = np.loadtxt(path, delimiter=",", skiprows=1)
-    out = {"t": table[:, 0]}
+    table = pd.read_csv(path, float_precision="round_trip")
+    out = {"t": table["t"].to_numpy()}
     for channel in CHANNELS:
-        places = [k for k, x in enumerate(head) if x.rstrip("0123456789") == channel]
-        if places:
-            out[channel] = table[:, places]
+        own = table.filter(regex=rf"^{channel}\d+$")
+        if not own.empty:
+            out[channel] = own.to_numpy()
     return out
 
 
 def write(columns: Columns, path: Path) -> None:
     """A recording to CSV."""
-    head = ["t"]
+    series = {"t": columns["t"]}
     for name in columns.keys() - {"t"}:
-        head += [f"{name}{j + 1}" for j in range(columns[name].shape[1])]
-    series = [columns["t"], *(columns[name] for name in columns.keys() - {"t"})]
-    text = ",".join(head)
-    np.savetxt(
-        path,
-        np.column_stack(series),
-        "%.8g",
-        delimiter=",",
-        header=text,
-        comments="",
-    )
+        series |= {f"{name}{j}": x for j, x in enumerate(columns[name].T, 1)}
+    pd.DataFrame(series).to_csv(path, index=False, float_format="%.8g")
 
 
 def sampled(recording: Columns, rate: float) -> Columns:
@@ -198,7 +187,7 @@ def spikes(
     rng: np.random.Generator,
     channel: str,
     share: float,
-    size: float,
+    size: float = 10.0,
 ) -> list[Columns]:
     """Single samples of a joint off by so many deviations, to either side."""
     deviation = _stacked(recordings, channel).std(axis=0)
@@ -215,8 +204,8 @@ def stuck(
     recordings: list[Columns],
     rng: np.random.Generator,
     channel: str,
-    share: float,
-    seconds: float,
+    share: float = 0.0,
+    seconds: float = 0.0,
 ) -> list[Columns]:
     """One joint's channel keeps its value for a share of each recording and so many seconds more."""
     joint = int(rng.integers(recordings[0][channel].shape[1]))
@@ -288,86 +277,37 @@ class Damage:
 
 
 STAMPS = "time_stamps"
+
+
+def in_time(name: str, text: str, change: Any, **values: float) -> Damage:
+    """A damage of the stamps or rows of each recording by itself, which may be named as a fault of the stamps."""
+    return Damage(name, text, of_each(partial(change, **values)), fault=STAMPS)
+
+
+def in_values(name: str, text: str, change: Any, **values: Any) -> Damage:
+    """A damage of the values of all recordings."""
+    return Damage(name, text, partial(change, **values))
+
+
 DAMAGES = (
     Damage("clean", f"as recorded, {USUAL_RATE} Hz, 8 s"),
     Damage("dropped_2", "2 % of the rows lost", of_each(partial(dropped, share=0.02))),
     Damage("dropped_10", "10 % of the rows lost", of_each(partial(dropped, share=0.1))),
-    Damage("gap", "0.5 s lost", of_each(partial(gap, seconds=0.5)), fault=STAMPS),
-    Damage(
-        "same_stamp",
-        "5 % of the stamps repeat the one before",
-        of_each(partial(same_stamp, share=0.05)),
-        fault=STAMPS,
-    ),
-    Damage(
-        "stored_twice",
-        "5 % of the rows repeat the one before",
-        of_each(partial(stored_twice, share=0.05)),
-        fault=STAMPS,
-    ),
-    Damage(
-        "jitter_20",
-        "stamps off by 20 % of a step",
-        of_each(partial(jitter, share=0.2)),
-        fault=STAMPS,
-    ),
-    Damage(
-        "jitter_50",
-        "stamps off by 50 % of a step",
-        of_each(partial(jitter, share=0.5)),
-        fault=STAMPS,
-    ),
-    Damage(
-        "slow_torque",
-        "clock of the torque 0.5 % slow",
-        of_each(partial(slow_torque, share=0.005)),
-        fault=STAMPS,
-    ),
-    Damage(
-        "slow_clock",
-        "clock of everything 1 % slow",
-        of_each(partial(slow_clock, share=0.01)),
-        fault=STAMPS,
-    ),
-    Damage(
-        "clipped", "torque clipped at 60 % of its peak", partial(clipped, share=0.6)
-    ),
-    Damage(
-        "torque_spikes",
-        "0.5 % of the torques off by 10 deviations",
-        partial(spikes, channel="tau", share=0.005, size=10.0),
-    ),
-    Damage(
-        "position_spikes",
-        "0.5 % of the positions off by 10 deviations",
-        partial(spikes, channel="q", share=0.005, size=10.0),
-    ),
-    Damage(
-        "small_position_spikes",
-        "0.5 % of the positions off by 0.1 deviations",
-        partial(spikes, channel="q", share=0.005, size=0.1),
-    ),
-    Damage(
-        "stuck_torque",
-        "a joint's torque stands for 20 % of the time",
-        partial(stuck, channel="tau", share=0.2, seconds=0.0),
-    ),
-    Damage(
-        "stuck_position",
-        "a joint's position stands for 1 s",
-        partial(stuck, channel="q", share=0.0, seconds=1.0),
-    ),
+    in_time("gap", "0.5 s lost", gap, seconds=0.5),
+    in_time("same_stamp", "5 % of the stamps repeat the one before", same_stamp, share=0.05),
+    in_time("stored_twice", "5 % of the rows repeat the one before", stored_twice, share=0.05),
+    in_time("jitter_20", "stamps off by 20 % of a step", jitter, share=0.2),
+    in_time("jitter_50", "stamps off by 50 % of a step", jitter, share=0.5),
+    in_time("slow_torque", "clock of the torque 0.5 % slow", slow_torque, share=0.005),
+    in_time("slow_clock", "clock of everything 1 % slow", slow_clock, share=0.01),
+    in_values("clipped", "torque clipped at 60 % of its peak", clipped, share=0.6),
+    in_values("torque_spikes", "0.5 % of the torques off by 10 deviations", spikes, channel="tau", share=0.005),
+    in_values("position_spikes", "0.5 % of the positions off by 10 deviations", spikes, channel="q", share=0.005),
+    in_values("stuck_torque", "a joint's torque stands for 20 % of the time", stuck, channel="tau", share=0.2),
+    in_values("stuck_position", "a joint's position stands for 1 s", stuck, channel="q", seconds=1.0),
     Damage("no_velocity", "no velocity", of_each(without_velocity)),
-    Damage(
-        "coarse_1",
-        "torque in steps of 1 % of its range",
-        partial(quantised, share=0.01),
-    ),
-    Damage(
-        "coarse_3",
-        "torque in steps of 3 % of its range",
-        partial(quantised, share=0.03),
-    ),
+    in_values("coarse_1", "torque in steps of 1 % of its range", quantised, share=0.01),
+    in_values("coarse_3", "torque in steps of 3 % of its range", quantised, share=0.03),
     Damage("rate_30", "30 Hz", rate=30),
     Damage("rate_100", "100 Hz", rate=100),
     Damage("rate_1000", "1 kHz", rate=1000),
@@ -375,7 +315,7 @@ DAMAGES = (
     Damage("length_5", "recordings of 5 s", length=SHORT),
     Damage("length_60", "recordings of 60 s", length=LONG),
     Damage("hour", "two recordings of 30 min, 100 Hz", rate=100, length=HOUR),
-)
+)  # fmt: skip
 """All damages, the sound recordings first."""
 
 
@@ -385,8 +325,6 @@ SEED = 52
 HEALTHY = 8
 """Cases without an effect."""
 HEAD = "| recordings | cases | first effect right | exact | false alarms | unexplained | refused | told of |"
-WORSE = 0.1
-"""Share of the cases by which the table marks a fall [1]."""
 
 
 class Outcome(NamedTuple):
@@ -519,76 +457,35 @@ def new_notes(own: Outcome, clean: dict[str, Outcome]) -> frozenset[str]:
     return own.notes - (before.notes if before else frozenset())
 
 
-def line(
-    damage: Damage, count: int, own: dict[str, float], clean: dict[str, float]
-) -> str:
-    """A row of the table; a fall beyond ``WORSE`` is marked."""
-    cells = []
-    for key, value in own.items():
-        worse = key in ("top", "exact") and value < clean[key] - WORSE
-        worse |= key == "false" and value > clean[key] + WORSE
-        shown = "–" if np.isnan(value) else f"{value:.0%}".replace("%", " %")
-        cells.append(f"**{shown}**" if worse else shown)
-    return f"| {damage.text} | {count} | " + " | ".join(cells) + " |"
+def line(damage: Damage, count: int, own: dict[str, float]) -> str:
+    """A row of the table."""
+    cells = [
+        "–" if np.isnan(value) else f"{100 * value:.0f} %" for value in own.values()
+    ]
+    return f"| {damage.text} | {count} | {' | '.join(cells)} |"
 
 
 def main() -> None:
     """Make, damage, diagnose, score."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = command_line(__doc__, cases=30)
     parser.add_argument("out", type=Path)
     parser.add_argument("--only", nargs="*", choices=[d.name for d in DAMAGES])
-    parser.add_argument("--cases", type=int, default=30)
     parser.add_argument("--robots", nargs="*", choices=ROBOTS, default=ROBOTS)
-    parser.add_argument("--fresh", action="store_true")
-    parser.add_argument("--detail", action="store_true", help="each case that differs")
-    parser.add_argument("--into", type=Path)
     options = parser.parse_args()
-    rows = [HEAD, "|---" * 8 + "|"]
+    print(HEAD, "|---" * 8 + "|", sep="\n")
     clean: dict[str, Outcome] = {}
     for damage in DAMAGES:
         if options.only and damage.name not in (*options.only, "clean"):
             continue
         results = options.out / "results" / damage.name
-        if options.fresh and damage.name in (options.only or ()):
-            shutil.rmtree(results, ignore_errors=True)
-        cases = options.out / f"cases_{damage.length.seconds:g}s"
-        outcomes = []
-        for name, case, label in made(
-            cases, damage.length, options.cases, options.robots
-        ):
-            result = diagnosed(case, damage, results / f"{name}.json")
-            outcomes.append(outcome(name, label, damage, result))
-        if not outcomes:
-            continue
-        clean = clean or {o.compared.name: o for o in outcomes}
-        if options.detail:
-            print(*differing(damage, outcomes, clean), sep="\n")
-        sound = [
-            o
-            for o in clean.values()
-            if o.compared.name in {x.compared.name for x in outcomes}
-        ]
-        before = shares(sound, clean)
-        rows.append(line(damage, len(outcomes), shares(outcomes, clean), before))
-        print(rows[-1], flush=True)
-    text = "\n".join(rows)
-    print(text)
-    if options.into:
-        put_into(options.into, "data", "Accuracy", text)
-
-
-def differing(
-    damage: Damage, outcomes: list[Outcome], clean: dict[str, Outcome]
-) -> Iterator[str]:
-    """A line for each case that is not exact, or a false alarm, with what was said of it."""
-    for own in outcomes:
-        c = own.compared
-        if c.exact if c.truth else c.verdict == "no_gap":
-            continue
-        truth = ", ".join(f"{e.effect}{list(e.joints)}" for e in c.truth) or "healthy"
-        found = ", ".join(f"{e.effect}{list(e.joints)}" for e in c.found)
-        yield f"  {damage.name} {c.name} {c.robot} {truth}: {c.verdict} {found} {own.error}"
-        yield from (f"      {note}" for note in sorted(new_notes(own, clean)))
+        folder = options.out / f"cases_{damage.length.seconds:g}s"
+        outcomes = [
+            outcome(name, label, damage, diagnosed(case, damage, results / f"{name}.json"))
+            for name, case, label in made(folder, damage.length, options.cases, options.robots)
+        ]  # fmt: skip
+        if outcomes:
+            clean = clean or {o.compared.name: o for o in outcomes}
+            print(line(damage, len(outcomes), shares(outcomes, clean)), flush=True)
 
 
 if __name__ == "__main__":

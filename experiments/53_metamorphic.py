@@ -16,7 +16,6 @@ folder or the time of a run is left out.
 
 from __future__ import annotations
 
-import argparse
 import io
 import json
 import os
@@ -31,9 +30,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from common import command_line, kept, markdown
 from metamorphic import RELATIONS, CaseFiles, Difference, Relation, Twin, compare
 
 from gapscope.arm.case import load_case
+from gapscope.arm.io.json_file import write_json
 from gapscope.blind_check.generator.case import make_case, write_case
 from gapscope.blind_check.generator.simulate import STRONG, CaseSpec, Conditions
 from gapscope.diagnosis.diagnose import diagnose
@@ -90,7 +91,7 @@ def make(number: int, folder: Path) -> Path:
     shutil.rmtree(place, ignore_errors=True)
     made = make_case(_spec(CASES[number]), (SEED, number))
     write_case(made, name, CASES[number].bare, place, folder / f"{name}.csv")
-    truth.write_text(json.dumps(made.label, indent=1), "utf-8")
+    write_json(made.label, truth)
     return place
 
 
@@ -100,16 +101,16 @@ def applies(relation: str, number: int) -> bool:
 
 
 def _spec(wanted: Wanted) -> CaseSpec:
-    conditions: dict[str, Any] = {
-        "robot": wanted.robot,
-        "inertials_off": wanted.inertials_off,
-        "bare": wanted.bare,
-        "rate": wanted.rate,
-        "recordings": wanted.recordings,
-        "duration": DURATION,
-    }
+    conditions = Conditions(
+        wanted.robot,
+        inertials_off=wanted.inertials_off,
+        bare=wanted.bare,
+        rate=wanted.rate,
+        recordings=wanted.recordings,
+        duration=DURATION,
+    )
     severity = None if wanted.kind == "healthy" else STRONG[1]
-    return CaseSpec(wanted.kind, wanted.laws, severity, Conditions(**conditions))
+    return CaseSpec(wanted.kind, wanted.laws, severity, conditions)
 
 
 # The same command twice
@@ -303,10 +304,8 @@ def repeat(cases: Path, out: Path, only: str | None = None) -> str:
     """
     folder = out / "bitwise"
     folder.mkdir(parents=True, exist_ok=True)
-    lines = [
-        "| command | files | run again, or with `--jobs 2` | other hash seed | two threads |"
-    ]
-    lines.append("|---|---:|---|---|---|")
+    head = ("command", "files", "run again, or with `--jobs 2`", "other hash seed")
+    rows = []
     for command in commands(cases, folder):
         if only and only != command.name:
             continue
@@ -321,9 +320,9 @@ def repeat(cases: Path, out: Path, only: str | None = None) -> str:
             names = ", ".join(f"`{p}`" for p in differing[:4])
             said = f"last digits of {names}" if only_digits else f"{names} differ"
             cells.append(said if differing else "same")
-        lines.append(f"| {' | '.join(cells)} |")
-        print(lines[-1], flush=True)
-    return "\n".join(lines)
+        rows.append(cells)
+        print(*cells, flush=True)
+    return markdown((*head, "two threads"), rows)
 
 
 def _alike(one: Any, other: Any) -> bool:
@@ -385,16 +384,11 @@ def twin_of(case: Path, number: int, relation: Relation) -> Twin:
     return relation.twin(CaseFiles.read(case), rng)
 
 
-def diagnosed(folder: Path, file: Path) -> dict[str, Any]:
-    """Diagnosis of a folder; that of ``file`` if it is there."""
-    if not file.is_file():
-        begun = time.process_time()
-        document = dict(diagnose(load_case(folder, any_unit=True)).document)
-        seconds = time.process_time() - begun
-        aside = file.with_suffix(".aside")
-        aside.write_text(json.dumps({**document, "seconds": seconds}), "utf-8")
-        aside.replace(file)
-    return dict(json.loads(file.read_text("utf-8")))
+def diagnosed(folder: Path) -> dict[str, Any]:
+    """Diagnosis of a folder, with its processor time [s]."""
+    begun = time.process_time()
+    document = dict(diagnose(load_case(folder, any_unit=True)).document)
+    return {**document, "seconds": time.process_time() - begun}
 
 
 def examine(number: int, relation: Relation, out: Path) -> Difference:
@@ -402,15 +396,14 @@ def examine(number: int, relation: Relation, out: Path) -> Difference:
     name = f"case{number:02d}"
     case = make(number, out / "cases")
     results = out / "diagnoses"
-    results.mkdir(exist_ok=True)
-    original = diagnosed(case, results / f"{name}.json")
+    original = kept(results / f"{name}.json", diagnosed, case)
     twin = twin_of(case, number, relation)
     file = results / f"{name}_{relation.name}.json"
     folder = out / "twins" / f"{name}_{relation.name}"
     if not file.is_file():
         shutil.rmtree(folder, ignore_errors=True)
         twin.files.write(folder)
-    other = diagnosed(folder, file)
+    other = kept(file, diagnosed, folder)
     shutil.rmtree(folder, ignore_errors=True)
     return compare(original, other, twin)
 
@@ -418,9 +411,8 @@ def examine(number: int, relation: Relation, out: Path) -> Difference:
 def table(found: dict[str, list[Difference]]) -> str:
     """A line for each relation."""
     head = ["changed", "pairs", "same verdict", "same effects", "same possible ones"]
-    head += ["within tolerance", "value [std]", "closed", "share", "probability"]
-    head.append("NRMSE")
-    lines = [f"| {' | '.join(head)} |", "|---|" + "---:|" * (len(head) - 1)]
+    head += ["within tolerance", "value [std]", "closed", "share"]
+    lines = []
     for relation in RELATIONS:
         rows = found.get(relation.name)
         if not rows:
@@ -433,11 +425,11 @@ def table(found: dict[str, list[Difference]]) -> str:
         cells.append(str(sum(_holds(row, relation) for row in rows)))
         # what other effects say about the values is no difference of values
         same = [row for row in rows if row.same_names]
-        for key in ("value", "closed", "share", "probability", "nrmse"):
+        for key in ("value", "closed", "share"):
             largest = max((getattr(row, key) for row in same), default=0.0)
             cells.append(f"{largest:.1e}" if largest < 0.01 else f"{largest:.2f}")
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines)
+        lines.append(cells)
+    return markdown(head, lines)
 
 
 def main(out: Path, relations: list[str], cases: list[int]) -> int:
@@ -466,15 +458,14 @@ def _holds(difference: Difference, relation: Relation) -> bool:
 def _said(difference: Difference) -> str:
     """A line on one pair."""
     return (
-        f"value {difference.value:.1e} std, closed {difference.closed:.1e}, share {difference.share:.1e}, "
-        f"probability {difference.probability:.1e}, NRMSE {difference.nrmse:.1e}, floor {difference.floor:.1e} "
+        f"value {difference.value:.1e} std, closed {difference.closed:.1e}, share {difference.share:.1e} "
         f"{difference.words}"
     )
 
 
 if __name__ == "__main__":
     names = [relation.name for relation in RELATIONS]
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = command_line(__doc__)
     parser.add_argument("out", type=Path)
     parser.add_argument("--relation", action="append", choices=names)
     parser.add_argument("--case", action="append", type=int, choices=range(len(CASES)))

@@ -4,9 +4,8 @@
 
 Whatever ails an arm is in both sides, so that each effect that is named is false. Groups: real arms (``ur10``,
 ``panda``, ``tx40``, ``emps``: cuts of a recording against each other, and against those of another day), legs of a
-robot in the air (``go2``: six repeats of one motion), simulated cases (``sample``: recordings with other motions), and
-``withheld``, which is run only if it is named: arms on which nothing may be tuned. Between cuts ``GUARD`` seconds are
-left out. Some comparisons are made again with every recording listed twice and ten times.
+robot in the air (``go2``: six repeats of one motion), and simulated cases (``sample``: recordings with other motions).
+Between cuts ``GUARD`` seconds are left out.
 
 Resumable: run it again for the rest; each comparison has a result file. ``--results NAME`` keeps the results of several
 versions side by side, ``--sketch PROGRAM`` lets an outside program answer (``common.py``).
@@ -15,7 +14,6 @@ versions side by side, ``--sketch PROGRAM`` lets an outside program answer (``co
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import os
 import warnings
@@ -30,12 +28,12 @@ import numpy as np
 import yaml
 from common import (
     Wanted,
-    add_run_options,
-    diagnose_missing,
     names_of,
-    publish,
+    study,
+    study_options,
     verdict_of,
 )
+from real_carriers import load_carrier
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case, load_case
@@ -55,16 +53,13 @@ from gapscope.diagnosis.agreement import (
 from gapscope.reports.blind_check import Table
 
 REAL = ("ur10", "panda", "tx40", "emps")
-WITHHELD = ("kinova", "kuka", "z1")
-GROUPS = (*REAL, "go2", "sample", "withheld")
+GROUPS = (*REAL, "go2", "sample")
 GUARD = 0.5
 """Time that is left out between two cuts of a recording, longer than a gap is correlated [s]."""
 SHORTEST = 1.55
 """A cut is no shorter than this [s]; a diagnosis needs 1.5 s."""
 CUTS = {"half": 2, "third": 3, "quarter": 4}
 """Into how many cuts a recording is taken apart."""
-TIMES = (2, 10)
-"""How often recordings are listed in comparisons that are made again."""
 LEGS = ("FL", "FR", "RL", "RR")
 GAINS = {"hip": (20.0, 1.0), "thigh": (20.0, 1.0), "calf": (40.0, 2.0)}
 """Proportional [N m/rad] and damping gain [N m s/rad] of the drives of a leg, as asked for."""
@@ -82,7 +77,6 @@ class Comparison:
         group, arm: what is compared.
         relation: how case and reference lie to each other: ``cuts``, ``other day``, ``repeat`` or ``other motion``.
         case, reference: names of their recordings.
-        times: how often each recording is listed.
     """
 
     group: str
@@ -90,62 +84,53 @@ class Comparison:
     relation: str
     case: tuple[str, ...]
     reference: tuple[str, ...]
-    times: int = 1
 
     @property
     def name(self) -> str:
         """Name of its folder."""
-        sides = f"{'+'.join(self.case)}_against_{'+'.join(self.reference)}"
-        return f"{self.arm}_{sides}_x{self.times}"
+        return f"{self.arm}_{'+'.join(self.case)}_against_{'+'.join(self.reference)}"
 
 
-def cuts(recording: Recording, begin: str) -> Iterator[tuple[Recording, str, int]]:
-    """The cuts of a recording that are long enough: each with its kind and its place."""
+def cuts(recording: Recording) -> Iterator[list[Recording]]:
+    """The cuts of a recording, a list for each number of them with which they are long enough."""
     for kind, count in CUTS.items():
         edges = np.linspace(0.0, recording.duration, count + 1)
         inner = edges + GUARD / 2
         inner[[0, -1]] = 0.0, recording.duration
         if recording.duration / count - GUARD < SHORTEST:
             continue
+        parts = []
         for k in range(count):
             end = edges[k + 1] - GUARD / 2 if k + 1 < count else recording.duration
             inside = (recording.t >= inner[k]) & (recording.t <= end)
-            part = recording.part(inside, name=f"{begin}_{kind}{k + 1}")
-            yield replace(part, t=part.t - part.t[0]), kind, k
+            part = recording.part(inside, name=f"{recording.name}_{kind}{k + 1}")
+            parts.append(replace(part, t=part.t - part.t[0]))
+        yield parts
 
 
-def of_real_arm(arm: str, group: str, out: Path) -> tuple[Case, list[Comparison]]:
+def of_real_arm(arm: str, out: Path) -> tuple[Case, list[Comparison]]:
     """A real arm with its recordings and their cuts, and what is compared."""
-    # only here: the rest of this script needs the public interface alone
-    from real_carriers import load_carrier
-
     case = load_carrier(arm, out / "carriers" / arm)
     whole = [
         replace(r, name=f"day{k}", t=r.t - r.t[0])
         for k, r in enumerate(case.recordings, 1)
     ]
     recordings, found = list(whole), []
+
+    def compared(relation: str, one: str, *others: str) -> None:
+        found.append(Comparison(arm, arm, relation, (one,), others))
+
     for day in whole:
-        parts: dict[str, list[Recording]] = {}
-        for part, kind, _ in cuts(day, day.name):
-            parts.setdefault(kind, []).append(part)
-        for several in parts.values():
-            recordings += several
-            names = [r.name for r in several]
+        sides = [day.name]
+        for parts in cuts(day):
+            recordings += parts
+            names = [r.name for r in parts]
             for one in names:
-                rest = tuple(n for n in names if n != one)
-                found.append(Comparison(group, arm, "cuts", (one,), rest))
-        halves = parts.get("half", [])
-        for one, other in itertools.permutations([r.name for r in halves], 2):
-            for times in TIMES:
-                again = Comparison(group, arm, "cuts", (one,), (other,), times)
-                found.append(again)
+                compared("cuts", one, *(n for n in names if n != one))
+            sides += names if len(parts) == CUTS["half"] else []
         for other_day in whole:
-            if other_day is not day:
-                case_names = [day.name, *(r.name for r in halves)]
-                for one in case_names:
-                    against = (other_day.name,)
-                    found.append(Comparison(group, arm, "other day", (one,), against))
+            for one in sides if other_day is not day else ():
+                compared("other day", one, other_day.name)
     return replace(case, recordings=tuple(recordings)), found
 
 
@@ -179,9 +164,6 @@ def of_leg(leg: str, data: Path, out: Path) -> tuple[Case, list[Comparison]]:
     for k in range(6):
         case, reference = f"repeat{k}", (f"repeat{(k + 1) % 6}", f"repeat{(k + 2) % 6}")
         found.append(Comparison("go2", name, "repeat", (case,), reference))
-    for times in TIMES:
-        again = Comparison("go2", name, "repeat", ("repeat5",), ("repeat0",), times)
-        found.append(again)
     return Case(name, Path(), arm, tuple(recordings)), found
 
 
@@ -204,25 +186,17 @@ def of_sample(number: int, data: Path, out: Path) -> tuple[Case, list[Comparison
         others = [n for n in LETTERS if n != one]
         for pair in itertools.combinations(others, 2):
             found.append(Comparison("sample", name, "other motion", (one,), pair))
-    for times in TIMES:
-        found.append(
-            Comparison("sample", name, "other motion", ("d",), ("a", "b"), times)
-        )
     return replace(case, name=name, recordings=recordings), found
 
 
-def arms(
-    groups: Sequence[str], out: Path, data: Path
-) -> Iterator[tuple[Case, list[Comparison]]]:
-    """Every arm of some groups, with its recordings and comparisons."""
-    for group in groups:
-        if group == "go2":
-            yield from (of_leg(leg, data, out) for leg in LEGS)
-        elif group == "sample":
-            yield from (of_sample(k, data, out) for k in range(SAMPLES))
-        else:
-            members = WITHHELD if group == "withheld" else (group,)
-            yield from (of_real_arm(arm, group, out) for arm in members)
+def arms(group: str, out: Path, data: Path) -> Iterator[tuple[Case, list[Comparison]]]:
+    """Every arm of a group, with its recordings and comparisons."""
+    if group == "go2":
+        yield from (of_leg(leg, data, out) for leg in LEGS)
+    elif group == "sample":
+        yield from (of_sample(k, data, out) for k in range(SAMPLES))
+    else:
+        yield of_real_arm(group, out)
 
 
 def make(groups: Sequence[str], out: Path, data: Path) -> None:
@@ -232,15 +206,9 @@ def make(groups: Sequence[str], out: Path, data: Path) -> None:
         if plan.is_file():
             continue
         planned: list[Comparison] = []
-        for case, found in arms([group], out, data):
+        for case, found in arms(group, out, data):
             folder = out / "arms" / case.name
             write_case(case, folder, overwrite=True)
-            for again in range(2, max(TIMES) + 1):
-                for recording in case.recordings:
-                    copy = folder / f"{recording.name}.{again}.csv"
-                    copy.unlink(missing_ok=True)
-                    # the same rows under another name, without room for them
-                    copy.hardlink_to(folder / f"{recording.name}.csv")
             for one in found:
                 write_sides(one, folder, out)
             planned += found
@@ -256,10 +224,8 @@ def write_sides(one: Comparison, arm: Path, out: Path) -> None:
     for side, names in (("case", one.case), ("reference", one.reference)):
         folder = out / "cases" / one.name / side
         folder.mkdir(parents=True, exist_ok=True)
-        files = [f"{n}.csv" for n in names]
-        files += [f"{n}.{k}.csv" for k in range(2, one.times + 1) for n in names]
         content["name"] = f"{arm.name} {side}"
-        content["recordings"] = [str(beside / file) for file in files]
+        content["recordings"] = [str(beside / f"{name}.csv") for name in names]
         text = yaml.safe_dump(content, sort_keys=False)
         (folder / "case.yaml").write_text(text, encoding="utf-8")
 
@@ -275,13 +241,10 @@ def read_plans(groups: Sequence[str], out: Path) -> list[Comparison]:
     return found
 
 
-def wanted(plans: Sequence[Comparison], out: Path, results: Path) -> list[Wanted]:
-    """All comparisons, the long ones last."""
-    found = []
-    for plan in sorted(plans, key=lambda plan: plan.times):
-        folder, file = out / "cases" / plan.name, results / f"{plan.name}.json"
-        found.append(Wanted(folder / "case", folder / "reference", file))
-    return found
+def wanted(plan: Comparison, out: Path, results: Path) -> Wanted:
+    """The diagnosis of a comparison."""
+    folder, file = out / "cases" / plan.name, results / f"{plan.name}.json"
+    return Wanted(folder / "case", folder / "reference", file)
 
 
 def changes_of(result: dict[str, Any]) -> list[str]:
@@ -291,12 +254,10 @@ def changes_of(result: dict[str, Any]) -> list[str]:
 
 
 def tables(rows: Sequence[tuple[Comparison, dict[str, Any]]]) -> list[Table]:
-    """Rates by group, relation and times listed; and all that was named."""
+    """Rates by group and relation; and all that was named."""
     parts: dict[str, list[dict[str, Any]]] = {}
     for plan, result in rows:
-        listed = "" if plan.times == 1 else f", listed {plan.times} times"
-        parts.setdefault(f"{plan.group}, {plan.relation}{listed}", []).append(result)
-        parts.setdefault(f"~ all{listed or ', listed once'}", []).append(result)
+        parts.setdefault(f"{plan.group}, {plan.relation}", []).append(result)
         parts.setdefault("~ all", []).append(result)
     head = ("", "comparisons", "named", "rate", "95 % interval", "change during")
     head = (*head, "unexplained", "failed", "effects", "seconds: median, worst")
@@ -340,13 +301,6 @@ def _figures(results: Sequence[dict[str, Any]]) -> tuple[str, ...]:
     )
 
 
-def score(plans: Sequence[Comparison], results: Path) -> None:
-    """Print the tables of all that have a result, and write them beside the results."""
-    files = [(plan, results / f"{plan.name}.json") for plan in plans]
-    rows = [(plan, read_json(file, "")) for plan, file in files if file.is_file()]
-    publish(tables(rows), len(plans) - len(rows), len(plans), results)
-
-
 def agree(out: Path, data: Path) -> None:
     """Print whether the six repeats of each leg agree, and how far values scatter from repeat to repeat."""
     rows = []
@@ -379,15 +333,8 @@ def scatter(found: Agreement, quantity: str) -> str:
 
 def main() -> None:
     """Make, run and score."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--out", type=Path, default=Path("out/nothing_changed"))
-    usual = ",".join(group for group in GROUPS if group != "withheld")
-    parser.add_argument("--groups", default=usual, help="default: %(default)s")
-    add_run_options(parser)
-    steps = ("make", "run", "score", "all", "agree")
-    parser.add_argument("--step", choices=steps, default="all")
+    parser = study_options(__doc__, "agree", out=Path("out/nothing_changed"))
+    parser.add_argument("--groups", default=",".join(GROUPS), help="default: all")
     arguments = parser.parse_args()
     warnings.simplefilter("ignore", ModelWarning)
     groups, out = arguments.groups.split(","), arguments.out
@@ -396,13 +343,13 @@ def main() -> None:
     if arguments.step == "agree":
         agree(out, Path(os.environ["GAPSCOPE_DATA"]))
         return
-    if arguments.step in ("make", "all"):
-        make(groups, out, Path(os.environ["GAPSCOPE_DATA"]))
-    plans = read_plans(groups, out)
-    if arguments.step in ("run", "all"):
-        diagnose_missing(wanted(plans, out, results), arguments)
-    if arguments.step in ("score", "all"):
-        score(plans, results)
+    study(
+        arguments,
+        make=lambda: make(groups, out, Path(os.environ["GAPSCOPE_DATA"])),
+        plans=lambda: read_plans(groups, out),
+        wanted=lambda plan: wanted(plan, out, results),
+        tables=tables,
+    )
 
 
 if __name__ == "__main__":

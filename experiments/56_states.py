@@ -9,16 +9,13 @@ up to +-12 %. Where the states of a case are asked for, the data sheet is nearly
 without the reference too; in the other rows it is poor, inertials 10 to 30 % off and no friction, and the controller is
 unknown.
 
-Resumable: run it again for the rest; each diagnosis has a result file. What a document says under ``states`` or
-``agreement`` is printed as it is. ``--sketch PROGRAM`` lets an outside program answer (``common.py``), in
-comparisons with a reference.
+Resumable: run it again for the rest; each diagnosis has a result file. ``--sketch PROGRAM`` lets an outside program
+answer (``common.py``), in comparisons with a reference.
 """
 
 from __future__ import annotations
 
-import argparse
 import itertools
-import json
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -29,11 +26,10 @@ import numpy as np
 import yaml
 from common import (
     Wanted,
-    add_run_options,
-    diagnose_missing,
     names_of,
-    publish,
     run_tasks,
+    study,
+    study_options,
     verdict_of,
 )
 from threadpoolctl import threadpool_limits
@@ -72,8 +68,6 @@ CONSTANTS = (0.5, 1.5)
 REPEATED, STEP = 0.05, 4e-4
 """Share of rows that repeat the one before [1], and step of the encoders [rad]."""
 ATTEMPTS = 60
-STATES = ("states", "agreement")
-"""Keys of a document under which it may say that recordings do not agree."""
 
 
 @dataclass(frozen=True)
@@ -161,8 +155,8 @@ def loads(row: str, setup: CaseSetup, rng: np.random.Generator) -> list[list[Cau
     return [[first] if loaded else []] * 2
 
 
-Truth = dict[str, list[Any]]
-"""``effects`` that a right answer names, and ``recordings``: for each of the case what it has."""
+Truth = list[dict[str, Any]]
+"""Effects that a right answer names."""
 
 
 def drawn_case(row: str, number: int, seed: int, folder: Path) -> Truth:
@@ -229,7 +223,7 @@ def plants(
             labels[cold].append({**entry, "parameters": parameters})
     # of the same cause in both recordings, and of two loads, one entry
     effects = {entry["effect"]: entry for several in labels for entry in several}
-    return today, {"effects": [*effects.values()], "recordings": labels}
+    return today, [*effects.values()]
 
 
 def as_logged(
@@ -287,21 +281,11 @@ def make(cases: Sequence[tuple[str, int]], seed: int, out: Path, jobs: int) -> N
     run_tasks(made, left, jobs, 600.0, ended)
 
 
-def wanted(tasks: Sequence[Task], out: Path, results: Path) -> list[Wanted]:
-    """All diagnoses."""
-    found = []
-    for task in tasks:
-        folder = out / "cases" / task.case
-        reference = folder / "reference" if task.mode == "against" else None
-        file = results / f"{task.name}.json"
-        found.append(Wanted(folder / "case", reference, file))
-    return found
-
-
-def said_of_states(result: dict[str, Any]) -> dict[str, Any]:
-    """What a document says under the keys that are about states."""
-    document = result.get("document") or {}
-    return {key: document[key] for key in STATES if document.get(key)}
+def wanted(task: Task, out: Path, results: Path) -> Wanted:
+    """The diagnosis of a task."""
+    folder = out / "cases" / task.case
+    reference = folder / "reference" if task.mode == "against" else None
+    return Wanted(folder / "case", reference, results / f"{task.name}.json")
 
 
 @dataclass(frozen=True)
@@ -311,26 +295,19 @@ class Judged:
     Attributes:
         first, exact: whether the first name is right, and the set with its joints; without a truth, no name at all.
         false: names that are not true.
-        placed: whether what one recording has and the other has not is said to be in that one alone.
         failed, unexplained, seconds: of the diagnosis.
     """
 
     first: bool
     exact: bool
     false: int
-    placed: bool
     failed: bool
     unexplained: bool
     seconds: float
 
 
-def judged(
-    truth: list[dict[str, Any]],
-    recordings: list[list[dict[str, Any]]],
-    result: dict[str, Any],
-    n: int,
-) -> Judged:
-    """Set a result beside its truth: what the case has, and what each of its recordings."""
+def judged(truth: Truth, result: dict[str, Any], n: int) -> Judged:
+    """Set a result beside its truth."""
     document = result.get("document") or {"effects": [], "verdict": "failed"}
     true = [named(entry) for entry in truth]
     found = [named(entry) for entry in document["effects"]]
@@ -343,95 +320,42 @@ def judged(
         first=done and right,
         exact=done and whole and all(_joints(true[i], found[j]) for i, j in pairs),
         false=len(found) - len(pairs),
-        placed=done and placed(recordings, document),
         failed=not done,
         unexplained=document["verdict"] == "unexplained",
         seconds=float(result["cpu_seconds"]),
     )
 
 
-def placed(recordings: list[list[dict[str, Any]]], document: dict[str, Any]) -> bool:
-    """Whether what differs between recordings is said to be where it is, and nowhere else.
-
-    Friction that the day changes too is in both where the data sheet is asked.
-    """
-    names = document["states"]["recordings"]
-    true = [{part for entry in some for part in _parts(entry)} for some in recordings]
-    found = [
-        {part for place in _places(document, name) for part in _parts(place)}
-        for name in names
-    ]
-    differing = set.union(*true) - set.intersection(*true)
-    return all(
-        mine & differing == other & differing
-        for mine, other in zip(true, found, strict=True)
-    )
-
-
-def _parts(entry: dict[str, Any]) -> list[tuple[str, int]]:
-    """An effect joint by joint."""
-    return [(entry["effect"], joint) for joint in entry["joints"] or [0]]
-
-
-def _places(document: dict[str, Any], name: str) -> list[dict[str, Any]]:
-    """Effects that a recording has, as a document says."""
-    out = []
-    for entry in document["effects"]:
-        places = [entry, *entry.get("elsewhere", [])]
-        here = [p for p in places if name in p.get("recordings", [name])]
-        out += [{**place, "effect": entry["effect"]} for place in here[:1]]
-    return out
-
-
 def _joints(true: Named, found: Named) -> bool:
     return set(true.joints) == set(found.joints) or true.effect != found.effect
 
 
-def score(tasks: Sequence[Task], out: Path, results: Path) -> None:
-    """Print the tables of all that has a result, and write them beside the results."""
+def tables(rows: Sequence[tuple[Task, dict[str, Any]]], out: Path) -> list[Table]:
+    """The tables of all tasks that have a result."""
     groups: dict[tuple[str, str], list[Judged]] = {}
     said = []
-    for task in tasks:
-        file = results / f"{task.name}.json"
-        if not file.is_file():
-            continue
-        truth = json.loads((out / "truth" / f"{task.case}.json").read_text())
-        result = read_json(file, "")
-        said_at_all = "; ".join([*names_of(result), verdict_of(result)])
-        arm = yaml.safe_load((out / "cases" / task.case / "case/case.yaml").read_text())
-        effects = truth["effects"]
+    for task, result in rows:
+        truth: Truth = read_json(out / "truth" / f"{task.case}.json", "--step make")
+        answer = "; ".join([*names_of(result), verdict_of(result)])
         if task.mode == "plain" and result.get("document"):
             # friction that differs from the data sheet by a day's change may be said
-            stated = {entry["effect"] for entry in effects}
+            stated = {entry["effect"] for entry in truth}
             told = result["document"]["effects"]
             kept = [e for e in told if e["effect"] not in DAILY - stated]
             result["document"]["effects"] = kept
-        n = len(arm["nominal"]["armature"])
-        one = judged(effects, truth["recordings"], result, n)
+        arm = yaml.safe_load((out / "cases" / task.case / "case/case.yaml").read_text())
+        one = judged(truth, result, len(arm["nominal"]["armature"]))
         groups.setdefault((task.row, task.mode), []).append(one)
-        states = json.dumps(said_of_states(result))
-        true = " / ".join(
-            ", ".join(_short(entry) for entry in several) or "–"
-            for several in truth["recordings"]
-        )
-        said.append((task.name, true, said_at_all, states[:400]))
+        true = ", ".join(f"{e['effect']} {e['joints']}" for e in truth) or "–"
+        said.append((task.name, true, answer))
     head = ("", "question", "cases", "first right", "exact", "false names")
-    head = (*head, "unexplained", "where it is", "failed", "seconds: median, worst")
-    rows = [
+    head = (*head, "unexplained", "failed", "seconds: median, worst")
+    figures = [
         (ROWS[row].text, mode, *_figures(several))
         for (row, mode), several in groups.items()
     ]
-    second = Table("Answers", ("case", "truth", "answer", "states"), tuple(said))
-    tables = [Table("States", head, tuple(rows)), second]
-    publish(tables, len(tasks) - len(said), len(tasks), results)
-
-
-def _short(entry: dict[str, Any]) -> str:
-    """An effect of a label: name, joints, and the mass of a load."""
-    mass = entry["parameters"].get("mass", {}).get("value")
-    joints = ",".join(map(str, entry["joints"]))
-    size = "" if mass is None else f"{mass:.2f} kg"
-    return " ".join(filter(None, (entry["effect"], joints, size)))
+    answers = Table("Answers", ("case", "truth", "answer"), tuple(said))
+    return [Table("States", head, tuple(figures)), answers]
 
 
 def _figures(several: Sequence[Judged]) -> tuple[str, ...]:
@@ -448,7 +372,6 @@ def _figures(several: Sequence[Judged]) -> tuple[str, ...]:
         of("exact"),
         str(sum(one.false for one in several)),
         of("unexplained"),
-        of("placed"),
         of("failed"),
         f"{np.median(seconds):.1f}, {max(seconds):.1f}",
     )
@@ -456,16 +379,9 @@ def _figures(several: Sequence[Judged]) -> tuple[str, ...]:
 
 def main() -> None:
     """Make, run and score."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    parser = study_options(
+        __doc__, out=Path("out/states"), rows=",".join(ROWS), draws=6, seed=1
     )
-    parser.add_argument("--out", type=Path, default=Path("out/states"))
-    parser.add_argument("--rows", default=",".join(ROWS), help="default: %(default)s")
-    parser.add_argument("--draws", type=int, default=6)
-    parser.add_argument("--seed", type=int, default=1)
-    add_run_options(parser)
-    steps = ("make", "run", "score", "all")
-    parser.add_argument("--step", choices=steps, default="all")
     arguments = parser.parse_args()
     warnings.simplefilter("ignore", ModelWarning)
     out, results = arguments.out, arguments.out / arguments.results
@@ -477,12 +393,13 @@ def main() -> None:
         if mode == "against" or arguments.sketch is None
     ]
     threadpool_limits(1)
-    if arguments.step in ("make", "all"):
-        make(cases, arguments.seed, out, arguments.jobs)
-    if arguments.step in ("run", "all"):
-        diagnose_missing(wanted(tasks, out, results), arguments)
-    if arguments.step in ("score", "all"):
-        score(tasks, out, results)
+    study(
+        arguments,
+        make=lambda: make(cases, arguments.seed, out, arguments.jobs),
+        plans=lambda: tasks,
+        wanted=lambda task: wanted(task, out, results),
+        tables=lambda rows: tables(rows, out),
+    )
 
 
 if __name__ == "__main__":

@@ -13,7 +13,6 @@ the model of the arm is not true. Resumable: each pair has a result file that is
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 from dataclasses import dataclass, replace
 from functools import partial
@@ -22,17 +21,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from common import command_line, kept, markdown, share_text
 from joblib import Parallel, delayed
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.io.json_file import read_json, write_json
+from gapscope.arm.io.json_file import read_json
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.trajectory import Fourier, urdf_limits
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.blind_check.scoring import wilson
 from gapscope.diagnosis.diagnose_change import diagnose_change
 from gapscope.diagnosis.reference_file import identify_reference
 from gapscope.effects.applied import AppliedEffect
@@ -228,31 +227,18 @@ def judged(plan: tuple[str, float, str, bool, int], seed: int) -> dict[str, Any]
 def run(plan: tuple[str, float, str, bool, int], seed: int, out: Path) -> None:
     """Judge one pair and keep what came out, unless that was done."""
     name = "_".join(str(part).replace(" ", "-") for part in plan)
-    file = out / f"seed{seed}" / f"{name}.json"
-    if not file.exists():
-        file.parent.mkdir(parents=True, exist_ok=True)
-        write_json(judged(plan, seed), file)
-        print(name, flush=True)
-
-
-def counted(rows: list[bool]) -> str:
-    """How many, of how many, and the interval of the rate."""
-    if not rows:
-        return "0 of 0"
-    low, high = wilson(sum(rows), len(rows))
-    return f"{sum(rows)} of {len(rows)} ({100 * low:.0f} to {100 * high:.0f} %)"
+    kept(out / f"seed{seed}" / f"{name}.json", judged, plan, seed)
 
 
 def show(rows: list[dict[str, Any]]) -> None:
     """Print the figures as a Markdown table, a row for each share and for each layout."""
-    print(
-        "\n| | healthy: something named | changed: that alone | named first | probability above 0.8: right "
-        "| true value in the 95 % interval |\n|---|---|---|---|---|---|"
-    )
+    head = ("", "healthy: something named", "changed: that alone", "named first")
+    head = (*head, "probability above 0.8: right", "true value in the 95 % interval")
     groups: list[tuple[str, str, Any]] = [
         *((f"{100 * share:.0f} % unknown", "share", share) for share in SHARES),
         *((layout, "layout", layout) for layout in LAYOUTS),
     ]
+    table = []
     for text, key, value in groups:
         mine = [row for row in rows if row[key] == value]
         healthy = [row for row in mine if not row["true"]]
@@ -265,18 +251,15 @@ def show(rows: list[dict[str, Any]]) -> None:
             sure,
             [row["inside"] for row in changed if row["inside"] is not None],
         )
-        print(f"| {text} | " + " | ".join(map(counted, columns)) + " |")
+        table.append([text, *(share_text(sum(hits), len(hits)) for hits in columns)])
+    print(f"\n{markdown(head, table)}")
 
 
 def main() -> None:
     """Draw pairs, compare them, and count."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line(__doc__, seed=1, jobs=1)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--draws", type=int, default=8, help="of each cell")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--seconds", type=float, help="layouts of this length only")
     arguments = parser.parse_args()
     layouts = [

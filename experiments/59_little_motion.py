@@ -10,13 +10,13 @@ nominal arm leaves.
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import NamedTuple, NoReturn
 
 import numpy as np
+from common import command_line, markdown
 from pinocchio_arms import FORM_ARMS, FORMS, FormArm
 
 from gapscope.arm.case import Case
@@ -87,8 +87,7 @@ def _no_simulation() -> NoReturn:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--draws", type=int, default=3)
+    parser = command_line(__doc__, draws=3)
     parser.add_argument(
         "--reach", type=float, default=0.08, help="of the motions to fit [rad]"
     )
@@ -103,17 +102,17 @@ def main() -> None:
         rows.append(left(fit_parameters(case, IdentificationSettings())))
         shown = ", ".join(f"{key} {own.share:.1%}" for key, own in rows[-1].items())
         print(f"{name} {draw}: {shown}", flush=True)
-    print(
-        "\n| estimator | median | worst | worse than nominal | said |\n|---|---|---|---|---|"
-    )
+    table = []
     for name in rows[0]:
         some = [row for row in rows if name in row]
         shares = np.array([row[name].share for row in some])
         worse = sum(row[name].share > row["nominal"].share for row in some)
         said = sum(row[name].said for row in some)
-        print(
-            f"| {name} | {np.median(shares):.1%} | {shares.max():.1%} | {worse} of {len(some)} | {said} |"
-        )
+        of_all = f"{worse} of {len(some)}"
+        figures = [f"{np.median(shares):.1%}", f"{shares.max():.1%}"]
+        table.append([name, *figures, of_all, said])
+    head = ("estimator", "median", "worst", "worse than nominal", "said")
+    print(f"\n{markdown(head, table)}")
 
 
 if __name__ == "__main__":

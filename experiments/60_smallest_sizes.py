@@ -10,13 +10,13 @@ often it was found there with a lesser probability.
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from common import command_line
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case, load_case
@@ -95,11 +95,9 @@ def tried(
 
 def main() -> None:
     """Try all cases and print the rates."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = command_line(__doc__, terms=4, seed=0)
     parser.add_argument("cases", nargs="+", type=Path)
-    parser.add_argument("--terms", type=int, default=4)
     parser.add_argument("--multiples", type=float, nargs="+")
-    parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     multiples = arguments.multiples or [0.5, 0.8, 1.0, 1.25, 2.0]
     rng = np.random.default_rng(arguments.seed)

@@ -24,7 +24,7 @@ import tempfile
 import time
 import traceback
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from multiprocessing.connection import wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -38,6 +38,7 @@ from gapscope.arm.dynamics.plain_urdf import moving_links, plain_urdf
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.json_file import plain, read_json, write_json
 from gapscope.arm.io.write_case import write_case
+from gapscope.blind_check.scoring import wilson
 from gapscope.reports.blind_check import Table
 
 T = TypeVar("T")
@@ -47,9 +48,28 @@ Ended = Callable[[T, str, float], None]
 """Called with a task, how its process ended (``ended``, ``timed out`` or ``died``) and its seconds."""
 
 
+def command_line(description: str | None, **defaults: Any) -> argparse.ArgumentParser:
+    """A command line with options by their defaults: ``seeds=3`` is ``--seeds 3``, ``table=False`` a flag."""
+    parser = argparse.ArgumentParser(
+        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    for name, default in defaults.items():
+        option = f"--{name.replace('_', '-')}"
+        if default is False:
+            parser.add_argument(option, action="store_true")
+        else:
+            parser.add_argument(
+                option,
+                type=type(default),
+                default=default,
+                help="default: %(default)s",
+            )
+    return parser
+
+
 def run_part(description: str, parts: Mapping[str, Callable[[], object]]) -> None:
     """Run the part that the first word of the command line names; the other words are its own."""
-    parser = argparse.ArgumentParser(description=description.splitlines()[0])
+    parser = command_line(description)
     parser.add_argument(
         "part", choices=parts, help="one of them; PART --help says what it takes"
     )
@@ -191,7 +211,7 @@ class Wanted(NamedTuple):
 
 
 def diagnose_missing(wanted: Sequence[Wanted], options: argparse.Namespace) -> None:
-    """Diagnose all that has no result yet, as ``add_run_options`` has it."""
+    """Diagnose all that has no result yet, as ``study_options`` has it."""
     limit = options.limit
     left = [one for one in wanted if not one.file.is_file()]
     progress = Progress("diagnose", len(left))
@@ -225,8 +245,13 @@ def verdict_of(result: dict[str, Any]) -> str:
     return str(document.get("verdict", f"failed: {result.get('error', '')[:80]}"))
 
 
-def add_run_options(parser: argparse.ArgumentParser, jobs: int = 1) -> None:
-    """Options of scripts that make, run and score diagnoses."""
+def study_options(
+    description: str | None, *more_steps: str, jobs: int = 1, **defaults: Any
+) -> argparse.ArgumentParser:
+    """The command line of a script that makes, runs and scores diagnoses (``study``), with options of its own."""
+    parser = command_line(description, **defaults)
+    steps = ("make", "run", "score", "all", *more_steps)
+    parser.add_argument("--step", choices=steps, default="all")
     parser.add_argument("--results", default="results", help="folder in OUT")
     parser.add_argument("--jobs", type=int, default=jobs)
     parser.add_argument(
@@ -235,6 +260,56 @@ def add_run_options(parser: argparse.ArgumentParser, jobs: int = 1) -> None:
     parser.add_argument(
         "--sketch", type=Path, help="an outside program in place of Gapscope"
     )
+    return parser
+
+
+def study(
+    options: argparse.Namespace,
+    make: Callable[[], None],
+    plans: Callable[[], Sequence[T]],
+    wanted: Callable[[T], Wanted],
+    tables: Callable[[list[tuple[T, dict[str, Any]]]], Sequence[Table]],
+) -> None:
+    """Make cases, diagnose them, and publish tables of plans and results, as ``--step`` asks.
+
+    Args:
+        options: of ``study_options``, with ``out``.
+        make: writes the cases.
+        plans: what is planned, once the cases are made.
+        wanted: the diagnosis of a plan.
+        tables: of the plans that have a result.
+    """
+    if options.step in ("make", "all"):
+        make()
+    planned = [(plan, wanted(plan)) for plan in plans()]
+    if options.step in ("run", "all"):
+        made = [one for _, one in planned if (one.case / "case.yaml").is_file()]
+        diagnose_missing(made, options)
+    if options.step in ("score", "all"):
+        done = [(plan, one.file) for plan, one in planned if one.file.is_file()]
+        rows = [(plan, read_json(file, "remove it")) for plan, file in done]
+        results = options.out / options.results
+        publish(tables(rows), len(planned) - len(rows), len(planned), results)
+
+
+def kept(file: Path, make: Callable[..., Any], *arguments: Any) -> Any:
+    """JSON data from a file, or made, written whole and its name printed."""
+    if not file.is_file():
+        write_json(make(*arguments), file)
+        print(f"  {file.stem}", flush=True)
+    return read_json(file, "remove it")
+
+
+def markdown(head: Sequence[object], rows: Iterable[Sequence[object]]) -> str:
+    """A Markdown table."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines)
+
+
+def share_text(hits: int, count: int) -> str:
+    """``19 of 21 (71 to 97 %)``, the interval of 95 %."""
+    low, high = wilson(hits, count)
+    return f"{hits} of {count} ({100 * low:.0f} to {100 * high:.0f} %)"
 
 
 def publish(tables: Sequence[Table], missing: int, total: int, results: Path) -> None:

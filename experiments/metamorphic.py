@@ -337,10 +337,7 @@ class Difference:
         verdict, named, possible: whether they are the same; effects with their joints.
         value: largest difference of a value of a named effect over its standard deviation [1].
         share: largest difference of a share [1].
-        probability: largest difference of a probability [1].
         closed: difference of the closed share of the gap [1].
-        nrmse: largest difference of a joint's torque NRMSE, before and after [1].
-        floor: largest relative difference of a joint's floor over torque [1].
         words: both lists of effects, if they differ.
     """
 
@@ -349,10 +346,7 @@ class Difference:
     possible: bool
     value: float
     share: float
-    probability: float
     closed: float
-    nrmse: float
-    floor: float
     words: str = ""
 
     @property
@@ -369,18 +363,13 @@ def compare(case: Document, other: Document, twin: Twin) -> Difference:
     words = ""
     if not same or named != named_too or possible != possible_too:
         words = f"{_described(case, *lists[0])} -> {_described(other, *lists[1])}"
-    before = _by_joint(case, Twin(twin.files))
-    after = _by_joint(other, twin)
     return Difference(
         verdict=same,
         named=named == named_too,
         possible=possible == possible_too,
         value=_value_difference(case, other, twin),
-        share=_entry_difference(case, other, "share"),
-        probability=_entry_difference(case, other, "probability"),
+        share=_share_difference(case, other),
         closed=abs((case["closed"] or 0.0) - (other["closed"] or 0.0)),
-        nrmse=float(np.abs(before[:2] - after[:2]).max()),
-        floor=float(np.abs(before[2] - after[2]).max()),
         words=words,
     )
 
@@ -407,26 +396,12 @@ def _described(
     return f"{document['verdict']}: {', '.join(parts) or 'nothing'}"
 
 
-def _by_joint(document: Document, twin: Twin) -> np.ndarray:
-    """Torque NRMSE before and after, and the floor, in the order of the case's joints, (3, n)."""
-    gap = document["gap"]
-    rows = [gap["before"]["torque_nrmse"], gap["after"]["torque_nrmse"]]
-    rows = np.array([*rows, gap["before"]["floor"]], dtype=float)
-    places = np.array(twin.joints(list(range(1, rows.shape[1] + 1)))) - 1
-    sorted_rows = np.empty_like(rows)
-    sorted_rows[:, places] = rows
-    return sorted_rows
-
-
-def _entry_difference(case: Document, other: Document, key: str) -> float:
-    """Largest difference of a number of the effects that both name."""
-    entries = {entry["effect"]: entry for entry in other["effects"]}
-    sizes = [0.0]
-    for entry in case["effects"]:
-        if entry["effect"] in entries:
-            one, two = entry[key], entries[entry["effect"]][key]
-            sizes.append(abs((one or 0.0) - (two or 0.0)))
-    return max(sizes)
+def _share_difference(case: Document, other: Document) -> float:
+    """Largest difference of the share of an effect that both name."""
+    shares = {entry["effect"]: entry["share"] or 0.0 for entry in other["effects"]}
+    both = [entry for entry in case["effects"] if entry["effect"] in shares]
+    sizes = [abs((one["share"] or 0.0) - shares[one["effect"]]) for one in both]
+    return max(sizes, default=0.0)
 
 
 def _value_difference(case: Document, other: Document, twin: Twin) -> float:

@@ -22,7 +22,7 @@ from real_carriers import (
     load_prepared,
     write_piece,
 )
-from real_laws import LAWS, STEPS, Law, Scene, Values
+from real_laws import LAWS, STEPS, Law, Put, Scene, Values
 
 from gapscope.arm.io.json_file import read_json, write_json
 from gapscope.arm.joint_units import size_per_radian
@@ -81,7 +81,7 @@ class Injection:
 
     def applied(self, scene: Scene, recording: Recording) -> tuple[Recording, Values]:
         """A recording with it, and the values of the label."""
-        return self.law.apply(scene, recording, self.joints, self.x, self.drawn)
+        return self.law.apply(Put(scene, recording, self.joints, self.x, self.drawn))
 
 
 def draw(

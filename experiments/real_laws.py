@@ -125,10 +125,43 @@ class Scene:
         return np.sqrt((kept**2).mean(axis=0))
 
 
+@dataclass(frozen=True)
+class Put:
+    """An effect that is put into a recording.
+
+    Attributes:
+        scene: the healthy recording.
+        recording: that with the effects so far.
+        joints: from 0, (k,); empty for the arm.
+        x: size, one per joint or one number for the arm.
+        drawn: the values that do not set the size.
+    """
+
+    scene: Scene
+    recording: Recording
+    joints: np.ndarray
+    x: np.ndarray
+    drawn: Values
+
+    @property
+    def v(self) -> np.ndarray:
+        """Velocity of the joints [rad/s], (N, k)."""
+        return self.scene.dq[:, self.joints]
+
+    def added(self, torque: np.ndarray, *, link_side: bool = False) -> Recording:
+        """The recording with a torque of the joints added [N m], (N, k)."""
+        full = np.zeros_like(self.scene.dq)
+        full[:, self.joints] = torque
+        return added(self.recording, full, link_side=link_side)
+
+    def with_torque(self, torque: np.ndarray) -> Recording:
+        """The recording with another torque of the joints [N m], (N, k)."""
+        tau = np.array(self.recording.tau)
+        tau[:, self.joints] = torque
+        return replace(self.recording, tau=tau)
+
+
 Draw = Callable[[Scene, np.random.Generator, np.ndarray], Values]
-Apply = Callable[
-    [Scene, Recording, np.ndarray, np.ndarray, Values], tuple[Recording, Values]
-]
 
 
 @dataclass(frozen=True)
@@ -141,8 +174,7 @@ class Law:
         stage: order in which laws act: 0 loads, 1 friction and rotors, 2 transmission, 3 to 5 the way from the recorded
             torque to the joint, 6 sensing, 7 faults of the set-up.
         draw: values at random that do not set its size.
-        apply: recording with the effect and the values for the label; gets the scene, the recording so far, the joints
-            from 0, the size (one per joint, or one number for the arm) and what was drawn.
+        apply: recording with the effect and the values for the label.
         start: a size to begin with, in the unit of the parameter ``size``.
         size: parameter of the catalogue that is held against what is typical on real arms.
         place: ``joint`` (sized on that joint's torque), ``spread`` (on one joint, sized on the torque that it changes
@@ -155,7 +187,7 @@ class Law:
     form: str
     stage: int
     draw: Draw
-    apply: Apply
+    apply: Callable[[Put], tuple[Recording, Values]]
     start: float = 1.0
     size: str = ""
     place: str = "joint"
@@ -172,13 +204,6 @@ def added(
         sensor = sensor + torque
     tau = np.asarray(recording.tau) + torque
     return replace(recording, tau=tau, tau_sensor=sensor)
-
-
-def on_joints(series: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """A series (N, n) with zeros on all other joints."""
-    out = np.zeros_like(series)
-    out[:, joints] = series[:, joints]
-    return out
 
 
 def amount(form: np.ndarray, series: np.ndarray) -> np.ndarray:
@@ -212,17 +237,12 @@ def draw_coulomb(scene: Scene, rng: np.random.Generator, joints: np.ndarray) -> 
     return {"width": width, "skew": float(rng.choice([0.0, 0.075, -0.075]))}
 
 
-def coulomb(
-    scene: Scene, recording: Recording, joints: np.ndarray, x: np.ndarray, drawn: Values
-) -> tuple[Recording, Values]:
+def coulomb(put: Put) -> tuple[Recording, Values]:
     """C (2 / pi) atan(v / w) (1 + skew sgn v)."""
-    v = scene.dq[:, joints]
-    step = 2 / np.pi * np.arctan(v / drawn["width"])
-    torque = np.zeros_like(scene.dq)
-    torque[:, joints] = x * step * (1 + drawn["skew"] * np.sign(v))
+    step = 2 / np.pi * np.arctan(put.v / put.drawn["width"])
+    torque = put.x * step * (1 + put.drawn["skew"] * np.sign(put.v))
     # of the asymmetric one the mean over both directions
-    form = sign(v)
-    return added(recording, torque), {"torque": amount(form, torque[:, joints])}
+    return put.added(torque), {"torque": amount(sign(put.v), torque)}
 
 
 def draw_viscous(scene: Scene, rng: np.random.Generator, joints: np.ndarray) -> Values:
@@ -230,14 +250,11 @@ def draw_viscous(scene: Scene, rng: np.random.Generator, joints: np.ndarray) -> 
     return {"power": float(rng.choice([0.8, 0.9, 1.1, 1.2]))}
 
 
-def viscous(
-    scene: Scene, recording: Recording, joints: np.ndarray, x: np.ndarray, drawn: Values
-) -> tuple[Recording, Values]:
+def viscous(put: Put) -> tuple[Recording, Values]:
     """B v0 (abs v / v0)^p sgn v, with v0 the RMS speed."""
-    v, mean = scene.dq[:, joints], scene.speed[joints]
-    torque = np.zeros_like(scene.dq)
-    torque[:, joints] = x * mean * (np.abs(v) / mean) ** drawn["power"] * np.sign(v)
-    return added(recording, torque), {"coefficient": amount(v, torque[:, joints])}
+    v, mean = put.v, put.scene.speed[put.joints]
+    torque = put.x * mean * (np.abs(v) / mean) ** put.drawn["power"] * np.sign(v)
+    return put.added(torque), {"coefficient": amount(v, torque)}
 
 
 def draw_stribeck(scene: Scene, rng: np.random.Generator, joints: np.ndarray) -> Values:
@@ -246,44 +263,34 @@ def draw_stribeck(scene: Scene, rng: np.random.Generator, joints: np.ndarray) ->
     return {"velocity": np.clip(velocity, 0.02, 2.9)}
 
 
-def stribeck(
-    scene: Scene, recording: Recording, joints: np.ndarray, x: np.ndarray, drawn: Values
-) -> tuple[Recording, Values]:
+def stribeck(put: Put) -> tuple[Recording, Values]:
     """D sgn v / (1 + (v / vs)^2); the catalogue has a Gaussian."""
-    v, scale = scene.dq[:, joints], drawn["velocity"]
-    torque = np.zeros_like(scene.dq)
-    torque[:, joints] = x * sign(v) / (1 + (v / scale) ** 2)
-    truth = {"torque": x, "velocity": scale}
-    for k in range(len(joints)):
+    v, scale = put.v, put.drawn["velocity"]
+    torque = put.x * sign(v) / (1 + (v / scale) ** 2)
 
-        def gauss(speed: np.ndarray, d: float, vs: float) -> np.ndarray:
-            return d * np.exp(-((speed / vs) ** 2)) * sign(speed)
+    def gauss(speed: np.ndarray, d: float, vs: float) -> np.ndarray:
+        return d * np.exp(-((speed / vs) ** 2)) * sign(speed)
 
-        start = (x[k], scale[k])
-        found, _ = curve_fit(gauss, v[:, k], torque[:, joints[k]], start, maxfev=2000)
-        truth["torque"] = np.append(truth["torque"][:k], [found[0], *x[k + 1 :]])
-        truth["velocity"] = np.append(
-            truth["velocity"][:k], [abs(found[1]), *scale[k + 1 :]]
-        )
-    return added(recording, torque), truth
+    fits = []
+    for k, start in enumerate(np.column_stack([put.x, scale])):
+        fit, _ = curve_fit(gauss, v[:, k], torque[:, k], start, maxfev=2000)
+        fits.append(fit)
+    found, velocity = np.transpose(fits)
+    return put.added(torque), {"torque": found, "velocity": np.abs(velocity)}
 
 
-def load_friction(
-    scene: Scene, recording: Recording, joints: np.ndarray, x: np.ndarray, drawn: Values
-) -> tuple[Recording, Values]:
+def load_friction(put: Put) -> tuple[Recording, Values]:
     """Mu T (abs tau / T)^p tanh(v / w), T the mean load; tau, the motor's torque, overcomes this friction too."""
-    without, v = scene.torque[:, joints], scene.dq[:, joints]
+    without, power = put.scene.torque[:, put.joints], put.drawn["power"]
     mean = np.abs(without).mean(axis=0)
-    direction = np.tanh(v / (0.02 * scene.speed[joints]))
+    direction = np.tanh(put.v / (0.02 * put.scene.speed[put.joints]))
     motor = without
     for _ in range(LOAD_ROUNDS):
-        law = x * mean * (np.abs(motor) / mean) ** drawn["power"] * direction
+        law = put.x * mean * (np.abs(motor) / mean) ** power * direction
         # a joint that locks itself has no finite torque, and is no case
         motor = np.clip(without + law, -SELF_LOCKED, SELF_LOCKED)
-    torque = np.zeros_like(scene.dq)
-    torque[:, joints] = law
-    form = np.abs(motor) * sign(v)
-    return added(recording, torque), {"coefficient": amount(form, law)}
+    form = np.abs(motor) * sign(put.v)
+    return put.added(law), {"coefficient": amount(form, law)}
 
 
 def draw_drift(scene: Scene, rng: np.random.Generator, joints: np.ndarray) -> Values:
@@ -292,28 +299,23 @@ def draw_drift(scene: Scene, rng: np.random.Generator, joints: np.ndarray) -> Va
     return {"share": float(rng.uniform(0.2, 0.6)), "form": form}
 
 
-def drift(
-    scene: Scene, recording: Recording, joints: np.ndarray, x: np.ndarray, drawn: Values
-) -> tuple[Recording, Values]:
+def drift(put: Put) -> tuple[Recording, Values]:
     """Friction of the identified arm times a warm-up: linear to zero, or two exponentials."""
-    t, v, arm = recording.t, scene.dq, scene.truth
-    time = drawn["share"] * recording.duration
+    t, arm = put.recording.t, put.scene.truth
+    time = put.drawn["share"] * put.recording.duration
     fade = 0.7 * np.exp(-t / (0.6 * time)) + 0.3 * np.exp(-t / (2 * time))
-    if drawn["form"] == "linear":
+    if put.drawn["form"] == "linear":
         fade = np.clip(1 - t / (2 * time), 0.0, 1.0)
-    friction = arm.coulomb * sign(v) + arm.viscous * v
-    torque = on_joints(friction * fade[:, None], joints)
-    torque[:, joints] *= x
+    coulomb, viscous = arm.coulomb[put.joints], arm.viscous[put.joints]
+    friction = coulomb * sign(put.v) + viscous * put.v
 
     def exponential(at: np.ndarray, a: float, constant: float) -> np.ndarray:
         return a * np.exp(-at / constant)
 
     (height, constant), _ = curve_fit(exponential, t, fade, (1.0, time), maxfev=2000)
-    constants = np.full(len(joints), constant)
-    return added(recording, torque), {
-        "amplitude": x * height,
-        "time_constant": constants,
-    }
+    constants = np.full(len(put.joints), constant)
+    truth = {"amplitude": put.x * height, "time_constant": constants}
+    return put.added(friction * fade[:, None] * put.x), truth
 
 
 def draw_payload(scene: Scene, rng: np.random.Generator, joints: np.ndarray) -> Values:
@@ -321,18 +323,13 @@ def draw_payload(scene: Scene, rng: np.random.Generator, joints: np.ndarray) -> 
     return {"com": rng.uniform(-0.1, 0.1, 3), "gyration": rng.uniform(*BODY_SIZE, 3)}
 
 
-def payload(
-    scene: Scene, recording: Recording, joints: np.ndarray, x: np.ndarray, drawn: Values
-) -> tuple[Recording, Values]:
+def payload(put: Put) -> tuple[Recording, Values]:
     """A body on the last link, with rotational inertia of its own."""
-    mass, c = float(x), drawn["com"]
-    own = np.diag(mass * drawn["gyration"] ** 2)
-    body = ten_parameters(mass, c, own)
+    mass, c, scene = np.ravel(put.x)[0], put.drawn["com"], put.scene
+    own = np.diag(mass * put.drawn["gyration"] ** 2)
     increments = np.zeros((scene.n, 10))
-    increments[scene.nominal_body.last_link] = body
-    torque = changed_bodies(scene, increments)
-    truth = {"mass": mass, "com": c}
-    return added(recording, torque, link_side=True), truth
+    increments[scene.nominal_body.last_link] = ten_parameters(mass, c, own)
+    return with_bodies(put, increments), {"mass": mass, "com": c}
 
 
 def ten_parameters(mass: float, com: np.ndarray, inertia: np.ndarray) -> np.ndarray:
@@ -342,10 +339,11 @@ def ten_parameters(mass: float, com: np.ndarray, inertia: np.ndarray) -> np.ndar
     return np.concatenate([[mass], mass * com, moments])
 
 
-def changed_bodies(scene: Scene, increments: np.ndarray) -> np.ndarray:
-    """Torque by which other bodies differ from the nominal ones [N m], (N, n); increments (n, 10)."""
-    body = scene.nominal_body
-    return scene.rigid(body.changed(increments)) - scene.rigid(body)
+def with_bodies(put: Put, increments: np.ndarray) -> Recording:
+    """The recording of an arm whose bodies differ from the nominal ones; increments (n, 10)."""
+    body = put.scene.nominal_body
+    torque = put.scene.rigid(body.changed(increments)) - put.scene.rigid(body)
+    return added(put.recording, torque, link_side=True)
 
 
 def draw_link(scene: Scene, rng: np.random.Generator, joints: np.ndarray) -> Values:
@@ -354,31 +352,22 @@ def draw_link(scene: Scene, rng: np.random.Generator, joints: np.ndarray) -> Val
     return {"link": link, "com": rng.uniform(-0.02, 0.02, 3)}
 
 
-def link_inertia(
-    scene: Scene, recording: Recording, joints: np.ndarray, x: np.ndarray, drawn: Values
-) -> tuple[Recording, Values]:
+def link_inertia(put: Put) -> tuple[Recording, Values]:
     """A link of another size at the same density: its inertia grows with the power 5/3 of its mass."""
-    place = drawn["link"]
+    scene, place, com = put.scene, put.drawn["link"], put.drawn["com"]
     own = scene.nominal_body.model.inertias[int(scene.nominal_body.links[place])]
-    mass = own.mass + float(x)
+    mass = own.mass + np.ravel(put.x)[0]
     growth = (max(mass, 1e-3) / max(own.mass, 1e-3)) ** (5 / 3)
-    new = ten_parameters(
-        mass, own.lever + drawn["com"], np.asarray(own.inertia) * growth
-    )
+    new = ten_parameters(mass, own.lever + com, np.asarray(own.inertia) * growth)
     increments = np.zeros((scene.n, 10))
     increments[place] = new - own.toDynamicParameters()
-    truth = {"link": place + 1, "mass": float(x), "com": drawn["com"]}
-    torque = changed_bodies(scene, increments)
-    return added(recording, torque, link_side=True), truth
+    truth = {"link": place + 1, "mass": np.ravel(put.x)[0], "com": com}
+    return with_bodies(put, increments), truth
 
 
-def armature(
-    scene: Scene, recording: Recording, joints: np.ndarray, x: np.ndarray, drawn: Values
-) -> tuple[Recording, Values]:
+def armature(put: Put) -> tuple[Recording, Values]:
     """I a, of the acceleration of the benchmark's own filter."""
-    torque = on_joints(scene.ddq, joints)
-    torque[:, joints] *= x
-    return added(recording, torque), {"inertia": x}
+    return put.added(put.scene.ddq[:, put.joints] * put.x), {"inertia": put.x}
 
 
 LOAD_LAWS = (
@@ -422,18 +411,17 @@ def draw_direction(
     return {"direction": float(rng.uniform(-np.pi, np.pi))}
 
 
-def base_tilt(
-    scene: Scene, recording: Recording, joints: np.ndarray, x: np.ndarray, drawn: Values
-) -> tuple[Recording, Values]:
+def base_tilt(put: Put) -> tuple[Recording, Values]:
     """Gravity turned, on the bodies that were identified on the whole carrier."""
-    roll = float(x) * np.cos(drawn["direction"])
-    pitch = float(x) * np.sin(drawn["direction"])
+    scene, direction = put.scene, put.drawn["direction"]
+    angle = np.ravel(put.x)[0]
+    roll, pitch = angle * np.cos(direction), angle * np.sin(direction)
     gravity = turned_gravity(scene.truth.gravity, roll, pitch)
     body = scene.true_body
     turned = body.changed(np.zeros((scene.n, 10)), gravity)
     torque = scene.rigid(turned) - scene.rigid(body)
-    truth = {"roll": roll, "pitch": pitch}
-    return added(recording, torque, link_side=True), truth
+    changed = added(put.recording, torque, link_side=True)
+    return changed, {"roll": roll, "pitch": pitch}
 
 
 def draw_rest(scene: Scene, rng: np.random.Generator, joints: np.ndarray) -> Values:
@@ -443,21 +431,16 @@ def draw_rest(scene: Scene, rng: np.random.Generator, joints: np.ndarray) -> Val
     return {"rest": middle + rng.uniform(-0.7, 0.7, len(joints)) * half}
 
 
-def spring(
-    scene: Scene, recording: Recording, joints: np.ndarray, x: np.ndarray, drawn: Values
-) -> tuple[Recording, Values]:
+def spring(put: Put) -> tuple[Recording, Values]:
     """K (q - q0) (1 + 0.15 (q - q0)^2 / the largest), stiffness and rest by least squares."""
-    stretch = scene.recording.q[:, joints] - drawn["rest"]
+    q = put.scene.recording.q[:, put.joints]
+    stretch = q - put.drawn["rest"]
     cubic = stretch**3 / (stretch**2).max(axis=0)
-    torque = np.zeros_like(scene.dq)
-    torque[:, joints] = x * (stretch + 0.15 * cubic)
-    stiffness, rest = np.empty(len(joints)), np.empty(len(joints))
-    for k, joint in enumerate(joints):
-        q = scene.recording.q[:, joint]
-        slope, level = np.polyfit(q, torque[:, joint], 1)
-        stiffness[k], rest[k] = slope, -level / slope
-    truth = {"stiffness": stiffness, "rest": rest}
-    return added(recording, torque, link_side=True), truth
+    torque = put.x * (stretch + 0.15 * cubic)
+    lines = [np.polyfit(*pair, 1) for pair in zip(q.T, torque.T, strict=True)]
+    slope, level = np.transpose(lines)
+    truth = {"stiffness": slope, "rest": -level / slope}
+    return put.added(torque, link_side=True), truth
 
 
 def draw_force(scene: Scene, rng: np.random.Generator, joints: np.ndarray) -> Values:
@@ -470,46 +453,37 @@ def draw_force(scene: Scene, rng: np.random.Generator, joints: np.ndarray) -> Va
     return {"direction": unit, "start": start, "end": start + length}
 
 
-def external_force(
-    scene: Scene, recording: Recording, joints: np.ndarray, x: np.ndarray, drawn: Values
-) -> tuple[Recording, Values]:
+def external_force(put: Put) -> tuple[Recording, Values]:
     """A push that rises and falls by cosines over a fifth of its time; the force that fits best within its time."""
-    t, start, end = recording.t, drawn["start"], drawn["end"]
+    t, start, end = put.recording.t, put.drawn["start"], put.drawn["end"]
     edge = 0.2 * (end - start)
     rise = np.clip((t - start) / edge, 0, 1) * np.clip((end - t) / edge, 0, 1)
     shape = 0.5 - 0.5 * np.cos(np.pi * rise)
     inside = (t >= start) & (t <= end)
-    force = float(x) * drawn["direction"]
-    position = np.asarray(scene.recording.q)
-    torque = scene.nominal_body.force_torque(position, force)
-    mean = (shape[inside] * (torque[inside] ** 2).sum(axis=1)).sum()
-    share = float(mean / (torque[inside] ** 2).sum())
+    force = np.ravel(put.x)[0] * put.drawn["direction"]
+    position = np.asarray(put.scene.recording.q)
+    torque = put.scene.nominal_body.force_torque(position, force)
+    power = (torque[inside] ** 2).sum(axis=1)
+    share = float((shape[inside] * power).sum() / (torque[inside] ** 2).sum())
     truth = {"force": share * force, "start": start, "end": end}
-    return added(recording, -shape[:, None] * torque, link_side=True), truth
+    return added(put.recording, -shape[:, None] * torque, link_side=True), truth
 
 
-def scale(
-    scene: Scene, recording: Recording, joints: np.ndarray, x: np.ndarray, drawn: Values
-) -> tuple[Recording, Values]:
+def scale(put: Put) -> tuple[Recording, Values]:
     """applied = (1 + s (1 - 0.15 (u / largest)^2)) u, solved for the recorded u; s by least squares."""
-    applied = np.asarray(recording.tau)[:, joints]
+    applied = np.asarray(put.recording.tau)[:, put.joints]
     largest = np.abs(applied).max(axis=0)
-    u = applied / (1 + x)
+    u = applied / (1 + put.x)
     for _ in range(30):
-        u = applied / (1 + x * (1 - CURVATURE * (u / largest) ** 2))
-    tau = np.array(recording.tau)
-    tau[:, joints] = u
-    return replace(recording, tau=tau), {"scale": amount(u, applied) - 1}
+        u = applied / (1 + put.x * (1 - CURVATURE * (u / largest) ** 2))
+    return put.with_torque(u), {"scale": amount(u, applied) - 1}
 
 
-def offset(
-    scene: Scene, recording: Recording, joints: np.ndarray, x: np.ndarray, drawn: Values
-) -> tuple[Recording, Values]:
+def offset(put: Put) -> tuple[Recording, Values]:
     """An offset that drifts by 8 % over the recording; its mean."""
-    drift = 1 + OFFSET_DRIFT * (recording.t / recording.duration - 0.5)
-    torque = np.zeros_like(scene.dq)
-    torque[:, joints] = -x * drift[:, None]
-    return added(recording, torque), {"torque": x}
+    t = put.recording.t / put.recording.duration
+    drift = 1 + OFFSET_DRIFT * (t - 0.5)
+    return put.added(-put.x * drift[:, None]), {"torque": put.x}
 
 
 def draw_ripple(scene: Scene, rng: np.random.Generator, joints: np.ndarray) -> Values:
@@ -523,30 +497,24 @@ def draw_ripple(scene: Scene, rng: np.random.Generator, joints: np.ndarray) -> V
     return {"cycles": cycles, "phase": phases[0], "second": phases[1]}
 
 
-def ripple(
-    scene: Scene, recording: Recording, joints: np.ndarray, x: np.ndarray, drawn: Values
-) -> tuple[Recording, Values]:
+def ripple(put: Put) -> tuple[Recording, Values]:
     """A (sin(n q + phi) + sin(2 n q + phi') / 4)."""
-    angle = drawn["cycles"] * scene.recording.q[:, joints]
+    drawn = put.drawn
+    angle = drawn["cycles"] * put.scene.recording.q[:, put.joints]
     wave = np.sin(angle + drawn["phase"])
     wave = wave + SECOND_HARMONIC * np.sin(2 * angle + drawn["second"])
-    torque = np.zeros_like(scene.dq)
-    torque[:, joints] = -x * wave
-    truth = {"amplitude": x, "cycles": drawn["cycles"], "phase": drawn["phase"]}
-    return added(recording, torque), truth
+    truth = {"amplitude": put.x, "cycles": drawn["cycles"], "phase": drawn["phase"]}
+    return put.added(-put.x * wave), truth
 
 
-def delay(
-    scene: Scene, recording: Recording, joints: np.ndarray, x: np.ndarray, drawn: Values
-) -> tuple[Recording, Values]:
+def delay(put: Put) -> tuple[Recording, Values]:
     """recorded(t) = applied(t + T), by linear interpolation; the last samples have no torque and are left out."""
-    tau = np.array(recording.tau)
-    for joint, time in zip(joints, x, strict=True):
-        tau[:, joint] = np.interp(recording.t + time, recording.t, tau[:, joint])
-    changed = replace(recording, tau=tau)
-    last = recording.t[-1] - x.max()
-    count = int((recording.t <= last).sum())
-    return changed.part(slice(None, count)), {"delay": x}
+    t, tau = put.recording.t, np.array(put.recording.tau)
+    for joint, time in zip(put.joints, put.x, strict=True):
+        tau[:, joint] = np.interp(t + time, t, tau[:, joint])
+    count = int((t <= t[-1] - put.x.max()).sum())
+    changed = replace(put.recording, tau=tau)
+    return changed.part(slice(None, count)), {"delay": put.x}
 
 
 def draw_lag(scene: Scene, rng: np.random.Generator, joints: np.ndarray) -> Values:
@@ -554,20 +522,18 @@ def draw_lag(scene: Scene, rng: np.random.Generator, joints: np.ndarray) -> Valu
     return {"second": float(rng.uniform(0.0, 0.3))}
 
 
-def lag(
-    scene: Scene, recording: Recording, joints: np.ndarray, x: np.ndarray, drawn: Values
-) -> tuple[Recording, Values]:
+def lag(put: Put) -> tuple[Recording, Values]:
     """Two lags one after the other, inverted below 15 Hz; the sum of their time constants.
 
     Of the torque that the identified arm predicts: the noise of what was recorded did not pass the lags.
     """
-    first, second = x * (1 - drawn["second"]), x * drawn["second"]
+    scene, joints = put.scene, put.joints
+    first, second = put.x * (1 - put.drawn["second"]), put.x * put.drawn["second"]
     torque = filtered(scene.healthy_torque, scene.rate, LAG_BAND)
-    rate = np.gradient(torque, recording.t, axis=0, edge_order=2)
-    bend = np.gradient(rate, recording.t, axis=0, edge_order=2)
-    extra = np.zeros_like(torque)
-    extra[:, joints] = x * rate[:, joints] + first * second * bend[:, joints]
-    return added(recording, on_joints(extra, joints)), {"time_constant": x}
+    rate = np.gradient(torque, put.recording.t, axis=0, edge_order=2)
+    bend = np.gradient(rate, put.recording.t, axis=0, edge_order=2)
+    extra = put.x * rate[:, joints] + first * second * bend[:, joints]
+    return put.added(extra), {"time_constant": put.x}
 
 
 PATH_LAWS = (
@@ -611,59 +577,50 @@ def friction(scene: Scene, velocity: np.ndarray) -> np.ndarray:
     return arm.coulomb * np.tanh(velocity / 0.005) + arm.viscous * velocity
 
 
-def motor_moved(
-    scene: Scene, recording: Recording, joints: np.ndarray, twist: np.ndarray
-) -> Recording:
-    """A recording whose encoders sit on motors that lead the joints by a twist [rad], (N, n).
+def motor_moved(put: Put, twist: np.ndarray) -> Recording:
+    """A recording whose encoders sit on motors that lead the joints by a twist [rad], (N, k).
 
     The joints move as the carrier's; the motors' rotors and friction need another torque.
     """
-    twist = on_joints(twist, joints)
-    rate = np.gradient(twist, recording.t, axis=0, edge_order=2)
+    scene, recording = put.scene, put.recording
+    leading = np.zeros_like(scene.dq)
+    leading[:, put.joints] = twist
+    rate = np.gradient(leading, recording.t, axis=0, edge_order=2)
     bend = np.gradient(rate, recording.t, axis=0, edge_order=2)
     extra = scene.truth.armature * bend
     extra = extra + friction(scene, scene.dq + rate) - friction(scene, scene.dq)
     dq = None if recording.dq is None else recording.dq + rate
     tau = np.asarray(recording.tau) + extra
-    return replace(recording, q=recording.q + twist, dq=dq, tau=tau)
+    return replace(recording, q=recording.q + leading, dq=dq, tau=tau)
 
 
-def elasticity(
-    scene: Scene, recording: Recording, joints: np.ndarray, x: np.ndarray, drawn: Values
-) -> tuple[Recording, Values]:
+def elasticity(put: Put) -> tuple[Recording, Values]:
     """A spring that hardens by a quarter; x is the compliance [rad/kN m], the stiffness that of least squares."""
-    torque = load(scene)[:, joints]
+    torque = load(put.scene)[:, put.joints]
     largest = np.abs(torque).max(axis=0)
-    spring = 1e-3 * x * torque / (1 + HARDENING * (torque / largest) ** 2)
+    spring = 1e-3 * put.x * torque / (1 + HARDENING * (torque / largest) ** 2)
     compliance = (spring * torque).sum(axis=0) / (torque**2).sum(axis=0)
-    inertia = scene.inertia[joints]
+    inertia = put.scene.inertia[put.joints]
     damping = 2 * DAMPING * np.sqrt(inertia / compliance)
     # with the damper beside it the spring follows its torque late, by so little that the first order does
-    rate = np.gradient(spring, recording.t, axis=0, edge_order=2)
-    twist = np.zeros_like(scene.dq)
-    twist[:, joints] = spring - damping * compliance * rate
+    rate = np.gradient(spring, put.recording.t, axis=0, edge_order=2)
     truth = {"stiffness": 1 / compliance, "damping": damping}
-    return motor_moved(scene, recording, joints, twist), truth
+    return motor_moved(put, spring - damping * compliance * rate), truth
 
 
-def backlash(
-    scene: Scene, recording: Recording, joints: np.ndarray, x: np.ndarray, drawn: Values
-) -> tuple[Recording, Values]:
+def backlash(put: Put) -> tuple[Recording, Values]:
     """Free play that closes smoothly, w / 2 tanh(tau / T)."""
-    torque = load(scene)
+    torque = load(put.scene)[:, put.joints]
     soft = SOFT_FLANK * np.abs(torque).max(axis=0)
-    twist = np.zeros_like(torque)
-    twist[:, joints] = 0.5 * x * np.tanh(torque / soft)[:, joints]
-    return motor_moved(scene, recording, joints, twist), {"width": x}
+    twist = 0.5 * put.x * np.tanh(torque / soft)
+    return motor_moved(put, twist), {"width": put.x}
 
 
-def encoder_offset(
-    scene: Scene, recording: Recording, joints: np.ndarray, x: np.ndarray, drawn: Values
-) -> tuple[Recording, Values]:
+def encoder_offset(put: Put) -> tuple[Recording, Values]:
     """Positions shifted."""
-    q = np.array(recording.q)
-    q[:, joints] += x
-    return replace(recording, q=q), {"offset": x}
+    q = np.array(put.recording.q)
+    q[:, put.joints] += put.x
+    return replace(put.recording, q=q), {"offset": put.x}
 
 
 def draw_dither(scene: Scene, rng: np.random.Generator, joints: np.ndarray) -> Values:
@@ -671,32 +628,22 @@ def draw_dither(scene: Scene, rng: np.random.Generator, joints: np.ndarray) -> V
     return {"noise": rng.uniform(-DITHER, DITHER, scene.recording.q.shape)}
 
 
-def quantization(
-    scene: Scene, recording: Recording, joints: np.ndarray, x: np.ndarray, drawn: Values
-) -> tuple[Recording, Values]:
+def quantization(put: Put) -> tuple[Recording, Values]:
     """Positions rounded to steps, with dither."""
-    q = np.array(recording.q)
-    noise = drawn["noise"][: len(q), joints]
-    q[:, joints] = np.round(q[:, joints] / x + noise) * x
-    return replace(recording, q=q), {"step": x}
+    q = np.array(put.recording.q)
+    noise = put.drawn["noise"][: len(q), put.joints]
+    q[:, put.joints] = np.round(q[:, put.joints] / put.x + noise) * put.x
+    return replace(put.recording, q=q), {"step": put.x}
 
 
-def sign_flip(
-    scene: Scene, recording: Recording, joints: np.ndarray, x: np.ndarray, drawn: Values
-) -> tuple[Recording, Values]:
+def sign_flip(put: Put) -> tuple[Recording, Values]:
     """The torque of a joint turned round."""
-    tau = np.array(recording.tau)
-    tau[:, joints] *= -1
-    return replace(recording, tau=tau), {}
+    return put.with_torque(-np.asarray(put.recording.tau)[:, put.joints]), {}
 
 
-def joint_swap(
-    scene: Scene, recording: Recording, joints: np.ndarray, x: np.ndarray, drawn: Values
-) -> tuple[Recording, Values]:
+def joint_swap(put: Put) -> tuple[Recording, Values]:
     """The torques of two joints exchanged."""
-    tau = np.array(recording.tau)
-    tau[:, joints] = tau[:, joints[::-1]]
-    return replace(recording, tau=tau), {}
+    return put.with_torque(np.asarray(put.recording.tau)[:, put.joints[::-1]]), {}
 
 
 def draw_unit(scene: Scene, rng: np.random.Generator, joints: np.ndarray) -> Values:
@@ -704,17 +651,15 @@ def draw_unit(scene: Scene, rng: np.random.Generator, joints: np.ndarray) -> Val
     return {"unit": str(rng.choice(UNITS)), "ratio": float(rng.integers(50, 161))}
 
 
-def unit_mismatch(
-    scene: Scene, recording: Recording, joints: np.ndarray, x: np.ndarray, drawn: Values
-) -> tuple[Recording, Values]:
+def unit_mismatch(put: Put) -> tuple[Recording, Values]:
     """Degrees, milliseconds, or the motors' side of the gears."""
-    truth = {"unit": drawn["unit"]}
-    if drawn["unit"] == "milliseconds":
+    recording, truth = put.recording, {"unit": put.drawn["unit"]}
+    if put.drawn["unit"] == "milliseconds":
         return replace(recording, t=1e3 * recording.t), truth
-    degrees = drawn["unit"] == "degrees"
-    factor = 180 / np.pi if degrees else drawn["ratio"]
+    degrees = put.drawn["unit"] == "degrees"
+    factor = 180 / np.pi if degrees else put.drawn["ratio"]
     dq = None if recording.dq is None else factor * recording.dq
-    tau = np.asarray(recording.tau) / (1.0 if degrees else drawn["ratio"])
+    tau = np.asarray(recording.tau) / (1.0 if degrees else put.drawn["ratio"])
     return replace(recording, q=factor * recording.q, dq=dq, tau=tau), truth
 
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 import argparse
 import sys
 import traceback
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
@@ -54,12 +54,6 @@ def _module(part: str) -> ModuleType:
 def points_of(part: str, settings: Settings) -> list[Point]:
     """What a part measures; its module is imported for it."""
     return list(_module(part).points(settings))
-
-
-def conclusions_of(part: str, rows: Iterable[Row]) -> list[Row]:
-    """Rows that follow from all rows of a part, for instance an exponent; its module may have ``conclusions(rows)``."""
-    conclude = getattr(_module(part), "conclusions", None)
-    return list(conclude(list(rows))) if conclude else []
 
 
 def arguments(words: Sequence[str] | None) -> argparse.Namespace:
@@ -115,7 +109,7 @@ class Run:
         self.failed: list[str] = []
 
     def part(self, part: str) -> list[Row]:
-        """Rows of a part, and what follows from them."""
+        """Rows of a part."""
         options = self.options
         against = options.against.resolve() if options.against else None
         # cases and foreign tools are the same for all kinds of runs
@@ -127,8 +121,7 @@ class Run:
             tuple(options.case),
         )
         points = points_of(part, settings)
-        rows = [row for point in points for row in self.point(part, point)]
-        return [*rows, *conclusions_of(part, rows)]
+        return [row for point in points for row in self.point(part, point)]
 
     def point(self, part: str, point: Point) -> list[Row]:
         """Rows of a point: those stored, or measured now if it is wanted."""

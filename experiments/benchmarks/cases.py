@@ -10,13 +10,11 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from gapscope.arm.case import load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.write_case import write_case
 from gapscope.arm.motions.named_motions import workspace
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.position_controller import position_controller
@@ -81,11 +79,6 @@ EFFECTS = (
     AppliedEffect("actuator_delay", (1,), {"delay": [0.01]}),
 )
 """What the KUKA iiwa has beyond its model, of which a case takes the first ones."""
-RINGING = (
-    AppliedEffect("joint_elasticity", (2,), {"stiffness": [6000.0], "damping": [8.0]}),
-    AppliedEffect("armature", (2,), {"inertia": [0.5]}),
-)
-"""What makes a joint of the KUKA ring: a compliance that the search has to simulate."""
 FRICTION, LOAD = 2.0, 0.5
 """Friction of the first joint [N m] and mass at the tool [kg] of a chain."""
 
@@ -99,14 +92,12 @@ class Simulated:
         rate: [Hz].
         joints: of a chain of links; ``None``: the KUKA iiwa, which has seven.
         effects: how many of ``EFFECTS`` the KUKA has; a chain has two of its own.
-        rings: whether the KUKA has ``RINGING`` as well.
     """
 
     seconds: float = 60.0
     rate: float = 500.0
     joints: int | None = None
     effects: int = 2
-    rings: bool = False
 
     @property
     def name(self) -> str:
@@ -114,25 +105,12 @@ class Simulated:
         joints = f"{self.n_joints} joint" + "s" * (self.n_joints > 1)
         arm = joints if self.joints is None else f"chain of {joints}"
         what = f"{self.effects} effects" if self.joints is None else "2 effects"
-        name = f"{arm}, {self.seconds:g} s at {self.rate:g} Hz, {what}"
-        return f"{name}, a joint rings" if self.rings else name
+        return f"{arm}, {self.seconds:g} s at {self.rate:g} Hz, {what}"
 
     @property
     def n_joints(self) -> int:
         """Number of joints."""
         return self.joints or IIWA_JOINTS
-
-    @property
-    def sizes(self) -> dict[str, float | str]:
-        """Its sizes, for a row."""
-        return {
-            "arm": "KUKA iiwa" if self.joints is None else "chain",
-            "joints": self.n_joints,
-            "seconds": self.seconds,
-            "rate_hz": self.rate,
-            "effects": self.effects,
-            "rings": str(self.rings),
-        }
 
 
 def simulated_case(case: Simulated, folder: Path) -> Path:
@@ -170,7 +148,7 @@ def simulated_case(case: Simulated, folder: Path) -> Path:
 
 def _effects(case: Simulated, arm: NominalArm) -> tuple[AppliedEffect, ...]:
     if case.joints is None:
-        return EFFECTS[: case.effects] + RINGING * case.rings
+        return EFFECTS[: case.effects]
     friction = AppliedEffect("coulomb_friction", (1,), {"torque": [FRICTION]})
     load = AppliedEffect("payload", (), {"mass": LOAD, "com": [0.0, 0.0, 0.2]})
     return friction, load
@@ -186,10 +164,6 @@ REAL = (
     "ur10",
 )
 """Real arms, each with its file in ``experiments/cases``."""
-SPLIT = ("ur10", "unitree_z1")
-"""Of these the first part of a recording is the reference for the rest of it."""
-SHARE = 0.3
-"""The part that is the reference [1]."""
 
 
 @dataclass(frozen=True)
@@ -219,21 +193,3 @@ def real_cases() -> list[Measured]:
     if data_folder() is None:
         return []
     return [Measured(name, CASES / f"{name}.yaml") for name in REAL]
-
-
-def split_case(name: str, folder: Path) -> Measured:
-    """A real arm against a reference: the first part of each recording, and the rest."""
-    first, rest = folder / f"{name}_reference", folder / f"{name}_rest"
-    if not (rest / "case.yaml").is_file():
-        case = load_case(CASES / f"{name}.yaml", any_unit=True)
-        parts = [_parts(recording) for recording in case.recordings]
-        for place, k in ((first, 0), (rest, 1)):
-            recordings = tuple(part[k] for part in parts)
-            cut = replace(case, name=place.name, recordings=recordings, judged=())
-            write_case(cut, place, ending="npz", overwrite=True)
-    return Measured(f"{name} against its first part", rest, first)
-
-
-def _parts(recording: Recording) -> tuple[Recording, Recording]:
-    count = int(SHARE * len(recording.t))
-    return recording.part(slice(None, count)), recording.part(slice(count, None))

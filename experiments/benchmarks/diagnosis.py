@@ -1,4 +1,4 @@
-"""What a diagnosis costs: against length, rate, joints and number of effects, and on simulated and real recordings.
+"""What a diagnosis costs: against length, joints and number of effects, and on simulated and real recordings.
 
 Each diagnosis runs in a process of its own: processor time from reading the case to the finished diagnosis, without the
 import of the libraries and without the report, and peak memory. Cheap cases are repeated. With another checkout, its
@@ -6,36 +6,25 @@ diagnosis of the same case runs in turns with this one's, and the ratio says how
 
 Sizes: the KUKA iiwa in simulation, three recordings, friction and a load, 60 s at 500 Hz but for what varies; for the
 number of joints, chains of links. Real arms are read from the folder GAPSCOPE_DATA and left out if it is absent.
-
-    python -m experiments.benchmarks.diagnosis CASE... [--reference CASE] [--against CHECKOUT] [--top 12] [--stages]
-
-prints the slowest functions or stages. CASE is a folder or case file, or a part of the name of a point: ``real ur10
-against``, ``60 s at 500 Hz, 2``. A table per case and checkout: time of the function's own, and with what it calls [s
-of the processor], under the profiler; or the time of each stage without it.
 """
 
 from __future__ import annotations
 
-import argparse
 import subprocess
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gapscope.model.terms import Terms
-
 from .cases import (
-    SPLIT,
     Measured,
     Simulated,
     real_cases,
     sample_cases,
     simulated_case,
-    split_case,
 )
 from .child import ROOT, run_child
 from .measure import (
@@ -44,18 +33,14 @@ from .measure import (
     Point,
     Row,
     Settings,
-    along,
-    exponents,
     half_quartiles,
 )
 
-LENGTHS = (10.0, 30.0, 60.0, 180.0, 600.0, 1800.0, 3600.0)
+LENGTHS = (10.0, 60.0, 600.0, 3600.0)
 """[s]"""
-RATES = (30.0, 100.0, 250.0, 500.0, 1000.0, 5000.0)
-"""[Hz]"""
-JOINTS, CHAIN_RATE = (1, 2, 4, 7, 10, 14), 250.0
+JOINTS, CHAIN_RATE = (1, 4, 7, 10, 14), 250.0
 """Of chains of links, and the rate of their recordings [Hz]."""
-EFFECTS = (0, 1, 2, 4, 6, 8)
+EFFECTS = (0, 1, 4, 8)
 """How many effects of ``simulated_cases.EFFECTS`` the arm has."""
 QUICK = (6.0, 12.0, 24.0)
 """Lengths of a quick run [s]."""
@@ -73,12 +58,10 @@ class Planned:
     Attributes:
         name: of the point.
         place: makes the case, in a folder, when it is measured.
-        sizes: of a simulated one.
     """
 
     name: str
     place: Callable[[Path], Measured]
-    sizes: Mapping[str, float | str] = field(default_factory=dict)
 
 
 def points(settings: Settings) -> list[Point]:
@@ -88,31 +71,11 @@ def points(settings: Settings) -> list[Point]:
     return [Point(p.name, partial(_measure, settings, p)) for p in planned]
 
 
-def conclusions(rows: list[Row]) -> list[Row]:
-    """Exponents of growth along each size, the others as they are by default."""
-    found = []
-    for size, base in (
-        ("seconds", Simulated()),
-        ("rate_hz", Simulated()),
-        ("effects", Simulated()),
-        ("joints", chain(1)),
-    ):
-        others = {k: v for k, v in base.sizes.items() if k != size}
-        found += exponents(along(rows, size, others), size)
-    return found
-
-
 def named_cases(quick: bool = False) -> list[Planned]:
-    """Sample cases, real arms, and real arms against a reference, as far as they are there."""
+    """Sample cases and real arms, as far as they are there."""
     samples = [Planned(f"sample {case.name}", _given(case)) for case in sample_cases()]
     real = [Planned(f"real {case.name}", _given(case)) for case in real_cases()]
-    if quick or not real:
-        return samples[:1] + real[:1]
-    split = [
-        Planned(f"real {name} against a reference", partial(split_case, name))
-        for name in SPLIT
-    ]
-    return samples + real + split
+    return samples[:1] + real[:1] if quick else samples + real
 
 
 def sizes(quick: bool = False) -> list[Planned]:
@@ -122,9 +85,7 @@ def sizes(quick: bool = False) -> list[Planned]:
         return [_simulated(case) for case in (*short, chain(2, QUICK[0]))]
     cases = [
         *(chain(joints) for joints in JOINTS),
-        *(Simulated(rate=rate) for rate in RATES),
         *(Simulated(effects=effects) for effects in EFFECTS),
-        Simulated(effects=1, rings=True),
         *(Simulated(seconds) for seconds in LENGTHS),
     ]
     # the curves cross where all sizes are the default ones
@@ -140,7 +101,7 @@ def _simulated(case: Simulated) -> Planned:
     def place(folder: Path) -> Measured:
         return Measured(case.name, simulated_case(case, folder))
 
-    return Planned(case.name, place, case.sizes)
+    return Planned(case.name, place)
 
 
 def _given(case: Measured) -> Callable[[Path], Measured]:
@@ -180,9 +141,6 @@ def _row(
     """Time, memory and what was named; beside another checkout if that ran as well."""
     times = [run["cpu"] for run in runs]
     details: dict[str, float | str] = {MEMORY: _peak(runs)}
-    if "joints" in planned.sizes:
-        # each effect on each joint or link that it may be placed on
-        details["hypotheses"] = len(Terms(int(planned.sizes["joints"])).all)
     if any(STOPPED in run for run in runs):
         details[STOPPED] = LIMIT
     row = Row(
@@ -192,7 +150,6 @@ def _row(
         half_quartiles(times),
         note=_names(runs[0]),
         details=details,
-        sizes=planned.sizes,
     )
     if others is None:
         return row
@@ -228,71 +185,3 @@ def _names(run: Mapping[str, Any]) -> str:
 
 def _numbers(joints: Sequence[int]) -> str:
     return " ".join(map(str, joints))
-
-
-HEAD = "| function | calls | own [s] | with what it calls [s] |\n|---|---|---|---|"
-
-
-def cases(
-    words: Sequence[str], reference: Path | None, out: Path
-) -> Iterator[Measured]:
-    """The cases that words name.
-
-    Raises:
-        SystemExit: a word names no point, or several; lists them.
-    """
-    planned = [*named_cases(), *sizes()]
-    for word in words:
-        if Path(word).exists():
-            yield Measured(Path(word).name, Path(word), reference)
-            continue
-        found = [each for each in planned if word == each.name]
-        found = found or [each for each in planned if word in each.name]
-        if len(found) != 1:
-            names = "\n  ".join(each.name for each in found or planned)
-            raise SystemExit(f"{word!r} names {len(found)} points\n  {names}")
-        yield found[0].place(out / "cases")
-
-
-def functions(found: dict[str, Any]) -> str:
-    """A profile as a table."""
-    lines = [
-        f"| `{row['function']}` | {row['calls']} | {row['own']:.2f} | {row['with_called']:.2f} |"
-        for row in found["slowest"]
-    ]
-    return "\n".join([HEAD, *lines])
-
-
-def stages(found: dict[str, Any]) -> str:
-    """The stages as a table."""
-    lines = [f"| {name} | {spent:.2f} |" for name, spent in found["stages"].items()]
-    return "\n".join(["| stage | processor [s] |\n|---|---|", *lines])
-
-
-def main() -> None:
-    """Profile and print."""
-    parser = argparse.ArgumentParser(description="Slowest functions of a diagnosis.")
-    parser.add_argument("cases", nargs="+", metavar="CASE")
-    parser.add_argument("--reference", type=Path, help="of a case given as a path")
-    parser.add_argument("--against", type=Path, help="another checkout, profiled first")
-    parser.add_argument("--top", type=int, default=12, help="functions in a table")
-    parser.add_argument("--stages", action="store_true", help="no profile, but stages")
-    parser.add_argument("--out", type=Path, default=Path("out/benchmarks/diagnosis"))
-    options = parser.parse_args()
-    checkouts = {"before": options.against.resolve()} if options.against else {}
-    checkouts["now"] = ROOT
-    for case in cases(options.cases, options.reference, options.out):
-        reference = ["--reference", case.reference] if case.reference else []
-        words = [case.case, *reference]
-        if not options.stages:
-            words += ["--slowest", options.top]
-        for when, checkout in checkouts.items():
-            found = run_child("diagnose_case.py", *words, checkout=checkout)
-            text = stages(found) if options.stages else functions(found)
-            print(
-                f"\n### {case.name}, {when}: {found['cpu']:.1f} s\n\n{text}", flush=True
-            )
-
-
-if __name__ == "__main__":
-    main()

@@ -2,19 +2,14 @@
 
 KUKA iiwa, 20 steps of 1 ms per action, all along the same motion. *Friction* is the whole friction family on all
 joints, *residual* actions add a PD loop that runs in every step. The bare loops set torque in every step (PyBullet
-forgets it) and read the state once per action; the stricter of the two bare PyBullet loops is the yardstick, the other
-reads joint states in every step. The bare batch of MuJoCo makes all steps of an action in one call. Resets are not
-timed.
-
-PPO is trained on the nominal arm with its friction, whole rollouts with their updates and resets, without evaluations:
-eight environments on each engine, and as the shipped settings have it.
+forgets it) and read the state once per action; the bare batch of MuJoCo makes all steps of an action in one call.
+Resets are not timed.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -34,7 +29,6 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.engines.mujoco import arm_model
 from gapscope.envs.engines.pybullet import pybullet
 from gapscope.envs.environment import VectorArmTracking
-from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.simulated_arm import SimulatedArm
 
 from .measure import Point, Row, Settings, compared
@@ -138,20 +132,17 @@ def environment_loop(environment: gymnasium.Env, rows: list[np.ndarray]) -> Loop
     return Loop(lambda: environment.reset(seed=0), run)
 
 
-SUB_STEPS, ARMS, FEW = 20, (8, 64, 256), (8,)
-BEFORE = {"n_steps": 128, "batch_size": 128}
-"""Of PPO on eight environments."""
+SUB_STEPS, ARMS, FEW = 20, (8, 64), (8,)
 Loops = Mapping[str, Callable[[], object]]
 
 
 def points(settings: Settings) -> list[Point]:
-    """One environment on each engine, many on MuJoCo, and training."""
+    """One environment on each engine, and many on MuJoCo."""
     arms = FEW if settings.quick else ARMS
     return [
         Point("one, pybullet", partial(_one, settings, "pybullet")),
         Point("one, mujoco", partial(_one, settings, "mujoco")),
         *(Point(f"{n} together", partial(_together, settings, n)) for n in arms),
-        Point("PPO", partial(_ppo, settings)),
     ]
 
 
@@ -181,9 +172,7 @@ def _one(settings: Settings, engine: str) -> list[Row]:
     free, rough = torques(arm, ()), torques(arm, FRICTION)
     bare = SimulatedArm(arm, (), DT, engine=engine)
     held = np.repeat(free[::SUB_STEPS], SUB_STEPS, axis=0)
-    loops = {"bare, read once an action": _bare(bare, held, engine)}
-    if engine == "pybullet":
-        loops["bare, read in every step"] = _bare(bare, held, engine, 1)
+    loops = {"bare": _bare(bare, held, engine)}
     kinds = {"no effects": ((), free), "friction": (FRICTION, rough)}
     for label, (effects, torque) in kinds.items():
         for action in ("torque", "residual"):
@@ -198,10 +187,8 @@ def _one(settings: Settings, engine: str) -> list[Row]:
     return compared(times, next(iter(loops)), "µs an action", per, engine)
 
 
-def _bare(
-    arm: SimulatedArm, torque: np.ndarray, engine: str, read_every: int = SUB_STEPS
-) -> Loop:
-    """Every step with its torque and nothing of the project; the state is read after some steps."""
+def _bare(arm: SimulatedArm, torque: np.ndarray, engine: str) -> Loop:
+    """Every step with its torque and nothing of the project; the state is read once an action."""
     inside = arm._arms.inside._bodies
     prepare = partial(arm.reset, POSTURE)
     if engine == "mujoco":
@@ -225,14 +212,14 @@ def _bare(
                 physicsClientId=client,
             )
             pybullet.stepSimulation(physicsClientId=client)
-            if number % read_every == 0:
+            if number % SUB_STEPS == 0:
                 pybullet.getJointStates(robot, joints, physicsClientId=client)
 
     return Loop(prepare, run)
 
 
 def _together(settings: Settings, count: int) -> list[Row]:
-    """Many arms in a vector environment against the bare batch, and against as many single environments' time."""
+    """Many arms in a vector environment against the bare batch."""
     arm = _arm()
     free, rough = torques(arm, ()), torques(arm, FRICTION)
     loops = {"bare batch": _bare_batch(arm, free, count)}
@@ -240,9 +227,6 @@ def _together(settings: Settings, count: int) -> list[Row]:
     for label, (effects, torque) in kinds.items():
         one = make(arm, effects, "mujoco", SUB_STEPS)
         rows = actions(one, torque, SUB_STEPS)[:-1]
-        loops[f"{label}, one of them alone, times {count}"] = environment_loop(
-            one, list(rows)
-        )
         for action in ("torque", "residual"):
             share = {"action_share": 100.0} if action == "torque" else {}
             env = VectorArmTracking(
@@ -257,15 +241,10 @@ def _together(settings: Settings, count: int) -> list[Row]:
             played = rows if action == "torque" else np.zeros_like(rows)
             loops[f"{label}, {action}"] = _stepped(env, played, count)
     times = _in_turns(loops, settings, time.perf_counter)
-    alone = {name for name in times if "alone" in name}
-    scaled = {
-        name: [value * (count if name in alone else 1) for value in values]
-        for name, values in times.items()
-    }
     per = count * (len(free) / SUB_STEPS - 1) / 1e6
     notes = dict.fromkeys(times, "by the clock")
     what = f"{count} arms on MuJoCo"
-    return compared(scaled, "bare batch", "µs an action", per, what, notes)
+    return compared(times, "bare batch", "µs an action", per, what, notes)
 
 
 def _bare_batch(arm: NominalArm, torque: np.ndarray, count: int) -> Loop:
@@ -301,59 +280,3 @@ def _stepped(env: VectorArmTracking, rows: np.ndarray, count: int) -> Loop:
             env.step(actions)
 
     return Loop(lambda: env.reset(seed=0), run)
-
-
-def _ppo(settings: Settings) -> list[Row]:
-    """Time per action of training, of the processor and by the clock."""
-    from gapscope.agents.training.training_settings import RESIDUAL, read_settings
-
-    shipped = read_settings(RESIDUAL, randomise=())
-    before = replace(
-        shipped,
-        environments=8,
-        hyperparameters={**shipped.hyperparameters, **BEFORE},
-    )
-    loops = {
-        "eight, pybullet": _training(replace(before, engine="pybullet")),
-        "eight, mujoco": _training(before),
-        "shipped settings": _training(shipped),
-    }
-    clocks = {"processor": time.process_time, "clock": time.perf_counter}
-    times: dict[str, dict[str, list[float]]] = {
-        kind: {name: [] for name in loops} for kind in clocks
-    }
-    for _ in range(1 if settings.quick else min(settings.rounds, 3)):
-        for name, run in loops.items():
-            start = {kind: clock() for kind, clock in clocks.items()}
-            actions = run()
-            for kind, clock in clocks.items():
-                times[kind][name].append((clock() - start[kind]) / actions)
-    rows = []
-    for kind, found in times.items():
-        what = f"PPO, by the {kind}"
-        rows += compared(found, next(iter(loops)), "µs an action", 1e-6, what)
-    return rows
-
-
-def _training(settings: object) -> Callable[[], int]:
-    """Collects and learns from some rollouts; returns the number of actions."""
-    from gapscope.agents.training.learner import make_learner, seed_all
-    from gapscope.agents.training.task import Normalisation, Task
-    from gapscope.agents.training.training_loop import training_environments
-
-    task = Task.of("nominal", iiwa())
-    one = task.simulator(settings)
-    figures = Normalisation.measured(one, 0, settings.tolerance, episodes=1)
-    one.close()
-    vector = training_environments(task, settings, figures)
-    learner = make_learner(settings, vector)
-    vector.seed(seed_all(0, 1))
-    # a quarter of an episode, so that resets count as often as in training
-    actions = settings.round_length // 2
-
-    def run() -> int:
-        before = learner.num_timesteps
-        learner.learn(actions, reset_num_timesteps=False, log_interval=10**9)
-        return learner.num_timesteps - before
-
-    return run

@@ -1,9 +1,8 @@
-"""Identification against FIGAROH on a real arm, and against a bare pinocchio loop on a simulated one.
+"""Identification against FIGAROH on a real arm.
 
 The Stäubli TX40, rows and filter of ``experiments/10_tx40_against_figaroh.py``: time of all of ``gapscope identify``
 and of FIGAROH's regressor and base-parameter fit, and the residual over the torque on held-out rows (RMS, all joints,
-where they move). The simulated minute is 7 joints at 500 Hz; the bare loop calls pinocchio's regressor once for each
-sample and keeps nothing.
+where they move).
 """
 
 from __future__ import annotations
@@ -15,19 +14,17 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case, load_case
-from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.ident.examination import MOVING
 from gapscope.ident.identification import IdentificationSettings, identify
 from gapscope.ident.samples import Band
 from gapscope.model.conditioning import Segment
 
-from .cases import CASES, Simulated, data_folder, simulated_case
+from .cases import CASES, data_folder
 from .child import FIGAROH, figaroh_fit, install
-from .measure import Point, Row, Settings, compared, in_turns
+from .measure import Point, Row, Settings, compared
 
 CUTOFF = 10.0
 """Of the filter on both sides [Hz]."""
@@ -36,30 +33,10 @@ OURS, BARE = "gapscope identify", "bare pinocchio loop"
 
 
 def points(settings: Settings) -> list[Point]:
-    """The real arm if its recording is there, and the simulated one."""
-    simulated = Simulated(6.0 if settings.quick else 60.0)
-    found = [Point(simulated.name, partial(_against_loop, settings, simulated))]
-    if data_folder() is not None:
-        found.append(Point("TX40", partial(_against_figaroh, settings)))
-    return found
-
-
-def _against_loop(settings: Settings, simulated: Simulated) -> list[Row]:
-    case = load_case(simulated_case(simulated, settings.out / "cases"))
-    loops = {OURS: lambda: identify(case), BARE: lambda: _bare(case)}
-    with threadpool_limits(1):
-        times = in_turns(loops, settings.rounds)
-    return compared(times, BARE, what=simulated.name)
-
-
-def _bare(case: Case) -> None:
-    """Pinocchio's regressor at each sample of the recordings, at the measured positions."""
-    model = RigidBody(case.arm).model
-    data = model.createData()
-    for recording in case.recordings:
-        rates = np.zeros_like(recording.q)
-        for sample in zip(recording.q, rates, rates, strict=True):
-            pin.computeJointTorqueRegressor(model, data, *sample)
+    """The real arm if its recording is there."""
+    if data_folder() is None:
+        return []
+    return [Point("TX40", partial(_against_figaroh, settings))]
 
 
 def _against_figaroh(settings: Settings) -> list[Row]:

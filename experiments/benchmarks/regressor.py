@@ -3,9 +3,6 @@
 280 000 rows by 98 columns (70 inertial ones, rotor inertia, viscous and Coulomb friction, offset), the same states for
 all, one thread each. *Streamed* never holds the regressor, which is all that base parameters and estimates need. Base
 parameters include their expressions in the standard ones; FIGAROH's decomposition includes a copy of the base columns.
-
-Then samples of random motions, made on the fly in chunks, go into triangular factors, each length in a process of its
-own: time, peak memory, and the error of the base parameters in their standard deviations, about 1 in RMS.
 """
 
 from __future__ import annotations
@@ -26,12 +23,10 @@ from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.regressor import Regressor
 
 from .child import FIGAROH, install, run_child, without_meshes
-from .measure import MEMORY, Point, Row, Settings, compared
+from .measure import Point, Row, Settings, compared
 
 OURS, STREAMED, BARE = "Gapscope", "Gapscope, streamed", "bare pinocchio loop"
 STATES, FEW = 40_000, 4_000
-LENGTHS, SHORT = (100_000, 1_000_000, 10_000_000), 10_000
-"""Samples that are streamed; the last of the first takes some ten minutes."""
 CHUNK = 2_000
 """States whose regressor is held at a time."""
 Times = tuple[float, float]
@@ -45,26 +40,9 @@ def iiwa() -> Regressor:
 
 
 def points(settings: Settings) -> list[Point]:
-    """Regressor and base parameters at once, because they share the rounds; then streaming."""
+    """Regressor and base parameters at once, because they share the rounds."""
     states = FEW if settings.quick else STATES
-    together = partial(_compared, settings, states)
-    lengths = (SHORT,) if settings.quick else LENGTHS
-    return [
-        Point(f"{states} states", together),
-        *(Point(f"streamed {n} samples", partial(_streaming, n)) for n in lengths),
-    ]
-
-
-def _streaming(samples: int) -> list[Row]:
-    found = run_child("stream.py", samples)
-    row = Row(
-        f"streaming {samples} samples into triangular factors",
-        1e6 * (found["cpu"] - found["making"]) / samples,
-        "µs a sample",
-        note="without making the motions",
-        details={MEMORY: found["memory"], "RMS error [std]": found["error"]},
-    )
-    return [row]
+    return [Point(f"{states} states", partial(_compared, settings, states))]
 
 
 def _compared(settings: Settings, states: int) -> list[Row]:

@@ -7,7 +7,6 @@ included. 360 s an hour are a tenth of a core.
 from __future__ import annotations
 
 import tempfile
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -51,17 +50,6 @@ def loops(rate: float, seconds: float) -> Iterator[dict[str, Callable[[], object
             return sum(1 for _ in GrowingFile(file, Reading(arm, None)).poll())
 
         yield {WATCH: watch, READ: read}
-
-
-def shares(rate: float, seconds: float = 300.0) -> dict[str, float]:
-    """Share of a core that each needs [1]."""
-    found = {}
-    with loops(rate, seconds) as each:
-        for name, loop in each.items():
-            begin = time.process_time()
-            loop()
-            found[name] = (time.process_time() - begin) / seconds
-    return found
 
 
 def _columns(rate: float, seconds: float) -> dict[str, np.ndarray]:

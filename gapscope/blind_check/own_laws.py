@@ -11,7 +11,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from gapscope.arm.errors import InputError
-from gapscope.blind_check.generator.law import Draws, Law, LawValues, powers
+from gapscope.blind_check.generator.law import Draws, Law, LawValues
 from gapscope.blind_check.generator.laws import LAWS
 from gapscope.blind_check.generator.true_arm import TrueArm
 from gapscope.effects.arm_scale import ArmScale
@@ -79,7 +79,7 @@ def _law(effect: TorqueLaw) -> Law:
         effect.name,
         drawn,
         act,
-        powers(**{p.name: p.severity for p in effect.parameters if p.severity}),
+        {p.name: p.severity for p in effect.parameters if p.severity},
         {p.name: p.unit for p in effect.parameters},
         largest={
             p.name: p.bounds[1] if p.severity > 0 else -p.bounds[0]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -120,6 +119,10 @@ class Named:
     link: int = 0
 
 
+FAST = "fast"
+"""The kind of motion that moves above 3 Hz."""
+
+
 @dataclass(frozen=True)
 class Declared:
     """A pair of effects that count as the same under a condition.
@@ -128,12 +131,14 @@ class Declared:
         first, second: names.
         when: the condition, in words.
         why: the reason.
+        holds: the condition, of both effects, the number of joints and the kinds of the recordings.
     """
 
     first: str
     second: str
     when: str
     why: str
+    holds: Callable[[Named, Named, int, Sequence[str]], bool]
 
 
 CLASSES = (
@@ -142,21 +147,24 @@ CLASSES = (
         "actuator_lag",
         "no recording that was given moves above 3 Hz",
         "both delay the torque by the same time there; cosine of the signatures 1.00",
+        lambda delay, lag, n, motions: FAST not in motions,
     ),
     Declared(
         "armature",
         "link_inertia",
         "the armature acts on joints 1 or 2 only",
         "the same base parameters, exactly",
+        lambda rotor, link, n, motions: max(rotor.joints, default=9) <= 2,
     ),
     Declared(
-        "payload", "link_inertia", "the link is the last one", "the same body, exactly"
+        "payload",
+        "link_inertia",
+        "the link is the last one",
+        "the same body, exactly",
+        lambda load, link, n, motions: link.link == n,
     ),
 )
 """The classes."""
-
-FAST = "fast"
-"""The kind of motion that moves above 3 Hz."""
 
 
 def named(entry: dict[str, Any]) -> Named:
@@ -180,13 +188,11 @@ def same(one: Named, other: Named, n_joints: int, motions: Sequence[str]) -> boo
     if one.effect == other.effect:
         return True
     pair = {one.effect: one, other.effect: other}
-    if set(pair) == {"actuator_delay", "actuator_lag"}:
-        return FAST not in motions
-    if set(pair) == {"armature", "link_inertia"}:
-        return max(pair["armature"].joints, default=9) <= 2
-    if set(pair) == {"payload", "link_inertia"}:
-        return pair["link_inertia"].link == n_joints
-    return False
+    return any(
+        c.holds(pair[c.first], pair[c.second], n_joints, motions)
+        for c in CLASSES
+        if {c.first, c.second} == set(pair)
+    )
 
 
 def matched(
@@ -271,7 +277,6 @@ class Compared:
     findings: tuple[ScoredFinding, ...] = ()
     closure: dict[str, Any] | None = None
     seconds: float | None = None
-    robot: str = ""
     conditions: dict[str, Any] = field(default_factory=dict)
 
 
@@ -308,7 +313,6 @@ def compare(
         findings=tuple(_finding(entry, truth, n, motions) for entry in reported),
         closure=closed,
         seconds=seconds,
-        robot=label["conditions"]["robot"],
         conditions=label["conditions"],
     )
 
@@ -483,7 +487,7 @@ def summary(cases: Sequence[Compared]) -> dict[str, Any]:
         "failed": [case.name for case in cases if case.verdict == "failed"],
         "by_kind": _split(cases, lambda c: c.kind, ordered=False),
         "by_severity": _split(of("single", "ladder"), lambda c: c.severity),
-        "by_robot": _split(inside, lambda c: c.robot),
+        "by_robot": _split(inside, lambda c: c.conditions["robot"]),
         "by_rate": _split(inside, lambda c: f"{c.conditions['rate']} Hz"),
         "by_controller": _split(
             inside, lambda c: "unknown" if c.conditions["bare"] else "known"
@@ -718,21 +722,20 @@ def _baselines(
     """Figures of each plain method on the same cases."""
     designs = dict(zip(truth, _designs(cases, list(truth), jobs), strict=True))
     rng = np.random.default_rng(0)
-    answers: dict[str, Callable[[str], dict[str, Any] | None]] = {
-        "chance": lambda name: chance(len(truth[name]["gap"]), rng),
-    }
-    for method, function in METHODS.items():
-        answers[method] = partial(_answer_on, designs, function)
+    methods: dict[str, Callable[[Design], dict[str, Any]]] = dict(METHODS)
     if training is not None:
-        classifier = _trained(*training, jobs)
-        answers["classifier"] = partial(_answer_on, designs, classifier.diagnose)
-    figures = {}
-    for method, answer_to in answers.items():
-        compared = [
-            compare(name, label, answer_to(name)) for name, label in truth.items()
-        ]
-        figures[method] = _method_figures(compared)
-    return figures
+        methods["classifier"] = _trained(*training, jobs).diagnose
+    answers: dict[str, dict[str, dict[str, Any] | None]] = {
+        "chance": {k: chance(len(label["gap"]), rng) for k, label in truth.items()}
+    }
+    for method, function in methods.items():
+        answers[method] = {
+            k: None if x is None else function(x) for k, x in designs.items()
+        }
+    return {
+        method: _method_figures([compare(k, truth[k], own[k]) for k in truth])
+        for method, own in answers.items()
+    }
 
 
 def _method_figures(compared: list[Compared]) -> dict[str, Any]:
@@ -742,16 +745,6 @@ def _method_figures(compared: list[Compared]) -> dict[str, Any]:
         "healthy": healthy([case for case in compared if case.kind == "healthy"]),
         "unknown": unknown(compared),
     }
-
-
-def _answer_on(
-    designs: dict[str, Design | None],
-    method: Callable[[Design], dict[str, Any]],
-    name: str,
-) -> dict[str, Any] | None:
-    """Answer of a method that needs the regression of a case."""
-    made = designs[name]
-    return None if made is None else method(made)
 
 
 def _designs(cases: Path, names: list[str], jobs: int) -> list[Design | None]:

@@ -15,19 +15,18 @@ from gapscope.arm.display import effect_name
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.recording import Recording
 from gapscope.arm.root_mean_square import rms
-from gapscope.diagnosis.assessment.excess_residual import (
-    ExcessResidual,
-    excess_residual,
-)
 from gapscope.diagnosis.assessment.instrumental_values import instrumented
-from gapscope.diagnosis.assessment.predictable_share import Predictable, predictable
 from gapscope.diagnosis.assessment.replay_gap import ReplayGap, replay_gap
 from gapscope.diagnosis.assessment.sensor_sides import find_sides, sides_entry
+from gapscope.diagnosis.assessment.unknown import Unknown, unknown
 from gapscope.diagnosis.comparison import Comparison
-from gapscope.diagnosis.document.content import Document, nominal_friction
+from gapscope.diagnosis.document.content import (
+    Document,
+    motion_rows,
+    nominal_friction,
+)
 from gapscope.diagnosis.document.expected import expected_entries
 from gapscope.diagnosis.document.findings import (
-    GapStages,
     at_middle_entry,
     gravity_entry,
     known_numbers,
@@ -41,7 +40,6 @@ from gapscope.diagnosis.document.plotted_curves import (
     traces,
 )
 from gapscope.diagnosis.document.wording import misread
-from gapscope.diagnosis.gap.noise_floor import noise_floor
 from gapscope.diagnosis.gap.repeatability import repeatability
 from gapscope.diagnosis.locate import located as regions_of
 from gapscope.diagnosis.locate import stack
@@ -61,10 +59,9 @@ from gapscope.diagnosis.selection.undeclared_coupling import (
 from gapscope.diagnosis.setup_faults.detection import upright
 from gapscope.diagnosis.thresholds import (
     INERTIAL_ERROR,
+    MIN_FLOOR,
     NO_TORQUE,
-    PREDICTABLE_SHARE,
     PRESLIDING_GAIN,
-    SIGNIFICANT_RESIDUAL_RATIO,
     VISIBLE_EFFECT,
 )
 from gapscope.effects.applied import AppliedEffect, State
@@ -301,12 +298,6 @@ class SheetComparison(Comparison):
         count = (self.rows.trust**2).sum(axis=0)
         return np.asarray(count * error.white2 / error.noise2)
 
-    @property
-    def compliant(self) -> bool:
-        """Whether a compliant joint is among what is named."""
-        terms = (t for name in self.named for t in self._terms(name))
-        return any(not term.definition.locally_linear for term in terms)
-
     # What a healthy arm would leave, and what is left beyond it.
 
     @cached_property
@@ -317,44 +308,21 @@ class SheetComparison(Comparison):
         return [segment for recording in used for segment in condition(recording)]
 
     @cached_property
-    def error2(self) -> np.ndarray:
-        """Mean square that likely errors of a healthy arm explain [N^2 m^2], (n,).
+    def unknown(self) -> Unknown:
+        """What is left and comes again with the motion, beside likely errors of a healthy arm.
 
         Errors larger than two deviations beyond a good data sheet's explain what those of that size would.
         """
-        known = self.explained
-        largest = WORSE**2 * INERTIAL_ERROR
+        known, largest = self.explained, WORSE**2 * INERTIAL_ERROR
         share = largest / max(self.sheet_error, largest)
-        before = (known.after**2).mean(axis=0)
-        after = ((known.after - share * known.errors) ** 2).mean(axis=0)
-        return np.clip(before - after, 0.0, None)
+        gap = self.gap(known.after - share * known.errors)
+        return unknown(gap, motion_rows(self), known.trust, known.scale)
 
     @cached_property
     def floor(self) -> np.ndarray:
-        """RMS that a healthy arm of this kind would leave, errors of its bodies among it [N m], (n,)."""
-        return np.sqrt(self._noise2 + self.error2)
-
-    @cached_property
-    def _noise2(self) -> np.ndarray:
-        floors = [
-            noise_floor(self.corrected, self.body, s).floor for s in self.segments
-        ]
-        lengths = [len(s.motion.t[s.inner]) for s in self.segments]
-        return np.asarray(np.average(np.square(floors), axis=0, weights=lengths))
-
-    @cached_property
-    def residual(self) -> ExcessResidual:
-        """What exceeds the floor, before and after."""
-        known = self.explained
-        after2 = (known.after**2).mean(axis=0) - self.error2
-        return excess_residual(
-            np.sqrt((known.before**2).mean(axis=0)),
-            np.sqrt(after2),
-            np.sqrt(self._noise2),
-            known.scale,
-            self.samples,
-            compliant=self.compliant,
-        )
+        """RMS of what is left that has no unknown cause: noise, and errors of a healthy arm [N m], (n,)."""
+        left2 = (self.explained.after**2).mean(axis=0)
+        return np.sqrt(np.maximum(left2 - self.unknown.torque2, MIN_FLOOR**2))
 
     @cached_property
     def gaps(self) -> dict[str, TorqueGap]:
@@ -399,8 +367,7 @@ class SheetComparison(Comparison):
     @cached_property
     def coupling(self) -> UndeclaredCoupling | None:
         """Two joints that seem to be turned by one motor of which the case says nothing."""
-        above = (np.flatnonzero(self.residual.above) + 1).tolist()
-        return undeclared_coupling(self.searching, self.fit, above)
+        return undeclared_coupling(self.searching, self.fit, self.unknown.joints)
 
     @cached_property
     def by_commands(self) -> Mapping[str, AppliedEffect]:
@@ -445,7 +412,7 @@ def has_dry_friction(terms: Iterator[Term], n_joints: int) -> np.ndarray:
 class _Document(Document):
     """``diagnosis.json`` of a comparison with the data sheet."""
 
-    floor_from = "the gap's power density above the band, timing and form of friction"
+    floor_from = "what a flexible model leaves of held-out motions"
 
     def __init__(self, comparison: SheetComparison) -> None:
         super().__init__(comparison)
@@ -464,33 +431,8 @@ class _Document(Document):
         places = regions_of(gaps[stage].error, rows, load, floor, joints)
         return [region_entry(region) for region in places]
 
-    def open_joints(self) -> list[int]:
-        return [int(j) + 1 for j in np.flatnonzero(self._sheet.residual.above)]
-
-    def times_floor(self) -> np.ndarray:
-        return self._sheet.residual.ratio
-
-    def leaves_little(self, gap: GapStages) -> bool:
-        residual = self._sheet.residual
-        if not residual.open:
-            return True
-        # A repaired fault explains all that it took away: the residual is small beside the gap of the case as given.
-        widened = any(f.gap_before is not None for f in self._prepared.faults)
-        return widened and not residual.exceeds_explained_share_of(gap.recorded)
-
-    @cached_property
-    def _predictable(self) -> list[Predictable]:
-        after = self._sheet.gap(self._known.after)
-        return predictable(after, self._rows, self._sheet.floor, self.open_joints())
-
-    def is_significant(self) -> bool:
-        """Whether the residual of some joint is far above the floor, or can be predicted."""
-        ratio = self._sheet.residual.ratio
-        return self._prepared.another_arm or any(
-            p.share >= PREDICTABLE_SHARE
-            or ratio[p.joint - 1] >= SIGNIFICANT_RESIDUAL_RATIO
-            for p in self._predictable
-        )
+    def unknown2(self) -> np.ndarray:
+        return np.asarray(self._sheet.unknown.torque2 / self._known.scale**2)
 
     @property
     def rejected(self) -> bool:
@@ -549,7 +491,11 @@ class _Document(Document):
                 "log_evidence": found.gain,
             }
         return {
-            "predictable": [p.document() for p in self._predictable],
+            "predictable": [
+                p.document()
+                for p in self._sheet.unknown.predictable
+                if p.joint in joints
+            ],
             "coupling": pair,
         }
 
@@ -580,7 +526,6 @@ class _Document(Document):
             sheet.corrected,
             sheet.body,
             sheet.segments,
-            np.sqrt(sheet.error2),
         )
         if sides is not None:
             named = [

@@ -18,7 +18,7 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.comparison import Comparison
 from gapscope.diagnosis.document.content import Document, nominal_friction
 from gapscope.diagnosis.document.expected import expected_entries
-from gapscope.diagnosis.document.findings import GapStages, numbers
+from gapscope.diagnosis.document.findings import numbers
 from gapscope.diagnosis.document.plotted_curves import (
     located,
     signatures,
@@ -35,7 +35,6 @@ from gapscope.diagnosis.reference_file import (
 )
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.diagnosis.thresholds import (
-    EXPLAINED_RESIDUAL,
     FRICTION_DAY_TO_DAY,
     SAME_GRAVITY,
     SAME_JOINT_PLACE,
@@ -317,27 +316,12 @@ class _Document(Document):
     def load(self) -> np.ndarray:
         return np.asarray(self._known.before - self._known.after)
 
-    def open_joints(self) -> list[int]:
-        """Joints, from 1, with something unknown: form error is larger than on the reference, and far above it."""
-        grown = sorted({j for j, *_ in self._fit.grown})
-        ratio = self.times_floor()
-        return [j + 1 for j in grown if ratio[j] >= SIGNIFICANT_RESIDUAL_RATIO]
-
-    def times_floor(self) -> np.ndarray:
-        return np.asarray(self.stages.corrected / self.stages.floor)
-
-    def is_significant(self) -> bool:
-        return bool(self.open_joints())
-
-    def leaves_little(self, gap: GapStages) -> bool:
-        """Whether the gap that is left above the floor is a small part of what there was, on joints that are open."""
-        places = np.array(self.open_joints(), dtype=int) - 1
-        known, floor2 = self._known, self._known.floor**2
-        before2, after2 = (
-            np.clip((left**2).mean(axis=0) - floor2, 0.0, None)[places]
-            for left in (known.before, known.after)
-        )
-        return bool(after2.sum() <= EXPLAINED_RESIDUAL * before2.sum())
+    def unknown2(self) -> np.ndarray:
+        """What exceeds the floor where form error is larger than on the reference, and far above it."""
+        gap = self.stages
+        grown = np.isin(range(len(gap.floor)), [j for j, *_ in self._fit.grown])
+        far = self.times_floor() >= SIGNIFICANT_RESIDUAL_RATIO
+        return np.where(grown & far, gap.corrected**2 - gap.floor**2, 0.0)
 
     def further(self) -> dict[str, Any]:
         return {"against": self._against()}

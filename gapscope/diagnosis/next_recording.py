@@ -17,9 +17,8 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.motion import Motion
-from gapscope.arm.nominal import NominalArm
+from gapscope.arm.nominal import NominalArm, smooth_sign
 from gapscope.diagnosis.document.wording import listing
-from gapscope.diagnosis.gap.noise_floor import sticking_rms, timing_error
 from gapscope.diagnosis.hypotheses import (
     Hypothesis,
     Question,
@@ -34,7 +33,6 @@ from gapscope.diagnosis.thresholds import (
     ADVICE_SAMPLE_STEP,
     MAY_SETTLE,
     MIN_SCREENING,
-    MODEL_FORM,
     PAYLOAD_WORTH,
     SCREENING_SHARE,
     SETTLES,
@@ -51,7 +49,6 @@ from gapscope.ident.excitation.design import (
 from gapscope.ident.excitation.trajectory_search import Budget, Separated, random_search
 from gapscope.model.conditioning import TORQUE_CUTOFF
 from gapscope.model.effective_samples import band_samples
-from gapscope.model.torque_gap import torque_scale
 
 # What the next recording may be: motions of several speeds, without and with a known payload.
 
@@ -250,16 +247,12 @@ class Contrast:
         return WeightedPredictions(torque, slopes, samples)
 
     def _on_motion(self, motion: Motion) -> WeightedPredictions:
-        """Predictions on a new motion, in floors that grow with its torque and the rate of it."""
+        """Predictions on a new motion, in floors."""
         predictions = [
             _Prediction.elsewhere(h, self._body, motion) for h in self._hypotheses
         ]
-        torque = predictions[0].torque
-        timing = timing_error(torque, motion.t)
-        model_form = MODEL_FORM * torque_scale(torque)
-        floor = np.sqrt(self._floor**2 + timing**2 + model_form**2)
         rows = np.arange(len(motion.t))
-        weighted = self._weighted(predictions, self._body, motion, floor, rows)
+        weighted = self._weighted(predictions, self._body, motion, self._floor, rows)
         seconds = float(motion.t[-1] - motion.t[0])
         return weighted._replace(samples=band_samples(seconds, TORQUE_CUTOFF))
 
@@ -274,9 +267,9 @@ class Contrast:
         """Predictions and slopes at some rows over the floor; rows at which a joint may stick count less."""
         q, dq, ddq = motion.q[rows], motion.dq[rows], motion.ddq[rows]
         inertial = body.regressor(q, dq, ddq) * self._inertial_scale
-        weight = 1.0 / np.sqrt(
-            floor**2 + sticking_rms(self._coulomb, dq / body.per_radian) ** 2
-        )
+        # of a smoothed direction s the share sqrt(1 - s^2) of dry friction is not known
+        unknown2 = 1.0 - smooth_sign(dq / body.per_radian) ** 2
+        weight = 1.0 / np.sqrt(floor**2 + self._coulomb**2 * unknown2)
         torque = np.array([p.torque[rows] * weight for p in predictions])
         slopes = []
         for prediction in predictions:

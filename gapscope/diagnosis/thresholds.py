@@ -20,13 +20,10 @@ from gapscope.model.conditioning import TORQUE_CUTOFF
 
 # fmt: off
 
-# --- gap: the noise floor, what a healthy arm of this kind leaves
-TIMING_SKEW = 1e-4  # Skew between torque and motion that differs between a healthy arm's joints [s]. (hand)
-# Below this speed velocity does not determine dry friction: bristles bend, the joint sticks [rad/s]. (physical)
-STICKING_SPEED = 0.02
+# --- gap: what is used of recordings
+STICKING_SPEED = 0.02  # A joint that is slower all the time is called still [rad/s]. (physical)
 # A recording is used up to a change during it if that lasts this long [s]. (hand)
 MIN_UNCHANGED = 3.0
-MODEL_FORM = 0.004  # Share of the torque's deviation that a healthy arm leaves even without noise [1]. (hand)
 FRICTION_FORM = 0.03  # Share by which healthy dry friction differs from c sgn v when it slides [1]. (hand)
 EFFECT_FORM = 0.03  # Share of its torque by which a real effect differs from the catalogue's form [1]. (hand)
 
@@ -182,32 +179,23 @@ VISIBLE_TERM = 0.004  # A joint must gain this much in it to be named with an ef
 # friction of both joints, and lowers the RMS of the held-out gap of both by this share [1]: a wrist with a common motor
 # reaches 0.57, pairs of joints without one 0.05. (hand)
 COUPLING_CLOSES = 0.2
-# --- assessment: excess residual, what exceeds the floor
-# A healthy arm's residual is called above the floor on any joint in no more than this share of cases [1]. (statistics)
-FALSE_ALARM_RATE = 0.01
-ABOVE_FLOOR_RATIO = 1.6  # Without effects a gap is above the floor if it exceeds it by this factor [1]... (hand)
-RESIDUAL_ABOVE_FLOOR_RATIO = 1.3  # ...with effects by this one [1]... (hand)
-ABOVE_FLOOR_NRMSE = 0.012  # ...and by this much torque NRMSE, in squares [1]. (hand)
-# Effects explain a gap if they leave no more than this share of its square above the floor [1]; the form of a real
-# effect differs from the catalogue's... (hand)
-EXPLAINED_RESIDUAL = 0.12
-EXPLAINED_RESIDUAL_COMPLIANT = 0.45  # ...and that of a compliant joint by more [1]... (hand)
-WIDE_RESIDUAL_SHARE = 0.5  # ...and no joint is left with this share of its own [1]... (hand)
-WIDE_RESIDUAL_NRMSE = 0.05  # ...and with this much torque NRMSE [1]. (hand)
-# If every joint is above its floor, the quietest one raises all floors, up to this factor [1]. (hand)
-LOUDEST_FLOOR = 2.0
-SIGNIFICANT_RESIDUAL_RATIO = 2.2  # The residual is significant above this many times the floor [1]... (hand)
-# ...below, a flexible model must predict this share of it on held-out data [1]: louder noise looks alike but cannot
-# be predicted. (hand)
-PREDICTABLE_SHARE = 0.1
+# --- agreement: how often alike recordings are said to differ
+FALSE_ALARM_RATE = 0.01  # At most [1]. (statistics)
+
+# --- assessment: what is unknown
+# What follows the motion and has no known cause is named from this RMS on, over the torque's deviation [1]: two
+# visible effects'. (definition)
+UNKNOWN_TORQUE = 0.02
+# What complete models of healthy real arms leave at most of a joint's torque, over its deviation [1]: 0.04 to 0.23 on
+# six public arms. (physical)
+HEALTHY_REAL = 0.23
+# With a reference it must exceed what that leaves this many times [1]. (hand)
+SIGNIFICANT_RESIDUAL_RATIO = 2.2
 
 # --- assessment: share of a residual that a flexible model predicts
-PREDICTABLE_MIN_RATIO = 1.1  # Skip residuals below this many times the floor [1]. (hand)
 ROWS_PER_CUTOFF = 2.5  # Rows per period of the torque gap's cut-off; more hold nothing new. (statistics)
-# Random Fourier features of each length, of a joint's signals; half as many of the posture of the arm. (budget)
+# Waves of the posture of the arm; twice as many of a joint's signals. (budget)
 FOURIER_FEATURES = 60
-# Lengths of the features' kernels, over the distance that two samples have on average [1]. (hand)
-KERNEL_LENGTHS = (0.5, 1.25)
 # Time beside the border between two folds that is not fitted [s]: held-out rows have no neighbours in it. (hand)
 FOLD_GUARD = 0.3
 # Strengths of the ridge that are tried, over the mean square of the columns [1]. (budget)

@@ -19,7 +19,7 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect, State
 from gapscope.effects.coupled_motors import COUPLED_ARMATURE
-from gapscope.effects.deflection import behind_elasticity, behind_play
+from gapscope.effects.deflection import through_play, through_springs
 from gapscope.effects.effect import (
     SHEET,
     Drift,
@@ -238,16 +238,18 @@ class CorrectedArm:
         stiffness = self.value(ELASTICITY.name, "stiffness")
         damping = self.value(ELASTICITY.name, "damping")
         width = self.value(BACKLASH.name, "width")
-        if width.any():
-            torque = behind_play(
-                body.changed(increments), motion, torque, width, stiffness, damping
-            )
         # with free play its solver follows the spring too
         elastic = np.where(width > 0, 0.0, stiffness)
-        if elastic.any():
-            torque = behind_elasticity(
-                body.changed(increments), motion, torque, elastic, damping
+        if not (width.any() or elastic.any()):
+            return torque
+        state = motion.q, motion.dq, motion.ddq
+        matrices = body.changed(increments).sensitivities(*state)
+        if width.any():
+            torque = through_play(
+                matrices, motion.rate, torque, width, stiffness, damping
             )
+        if elastic.any():
+            torque = through_springs(matrices, motion.rate, torque, elastic, damping)
         return torque
 
     def _body_torque(

@@ -352,12 +352,9 @@ def _place(entry: Any, where: str, path: Path) -> Place | None:
             file=path,
             where=where,
         )
-    start, end = times
-    place = Place(
-        tuple(names),
-        -np.inf if start is None else float(start),
-        np.inf if end is None else float(end),
-    )
+    ends = zip(("start", "end"), times, strict=True)
+    limits = {name: float(t) for name, t in ends if t is not None}
+    place = Place(tuple(names), **limits)
     if place.start >= place.end:
         raise InputError(
             f"holds from {place.start:g} to {place.end:g} s, which is no time",

@@ -110,9 +110,9 @@ CALM = 0.3
 """For this long the springs are damped critically at first: how they swung before the recording is not known [s]."""
 
 
-def behind_elasticity(
-    body: RigidBody,
-    motion: Motion,
+def through_springs(
+    matrices: Matrices,
+    rate: float,
     torque: np.ndarray,
     stiffness: np.ndarray,
     damping: np.ndarray,
@@ -128,23 +128,11 @@ def behind_elasticity(
     damping for the first ``CALM`` seconds; joints without a spring have delta = 0.
 
     Args:
-        body: the bodies.
-        motion: of the motors, N samples.
+        matrices: derivatives of the bodies' torque by the motors' position, velocity and acceleration.
+        rate: sampling rate [Hz].
         torque: inverse dynamics of the motors' motion [N m], shape (N, n).
         stiffness, damping: per joint [N m/rad], [N m s/rad], shape (n,); 0 if there is no spring.
     """
-    matrices = body.sensitivities(motion.q, motion.dq, motion.ddq)
-    return through_springs(matrices, motion.rate, torque, stiffness, damping)
-
-
-def through_springs(
-    matrices: Matrices,
-    rate: float,
-    torque: np.ndarray,
-    stiffness: np.ndarray,
-    damping: np.ndarray,
-) -> np.ndarray:
-    """As ``behind_elasticity``, from the derivatives of the bodies' torque at a sampling rate [Hz], (N, n)."""
     springs = Springs(matrices, rate, torque, stiffness, damping)
     return np.asarray(torque - springs.of_bodies(springs.delta[:, :, None])[:, :, 0])
 
@@ -300,28 +288,6 @@ LONGEST_STEP = 2e-3
 """Steps with which free play is followed are no longer [s]: within one a link hardly leaves its flank."""
 
 
-def behind_play(
-    body: RigidBody,
-    motion: Motion,
-    torque: np.ndarray,
-    width: np.ndarray,
-    stiffness: np.ndarray,
-    damping: np.ndarray,
-) -> np.ndarray:
-    """Torque of bodies that follow the motors through free play [N m], shape (N, n).
-
-    As ``behind_elasticity``, with the spring's torque K (delta - w / 2 sgn delta) + D delta' outside the free play
-    abs(delta) < w / 2 and none inside it, where the link floats. Implicit Euler steps of ``LONGEST_STEP``, one joint
-    at a time; a joint without a spring has a contact of ``CONTACT``.
-
-    Args:
-        body, motion, torque, stiffness, damping: as for ``behind_elasticity``.
-        width: whole free play per joint [rad], shape (n,); 0 if there is none.
-    """
-    matrices = body.sensitivities(motion.q, motion.dq, motion.ddq)
-    return through_play(matrices, motion.rate, torque, width, stiffness, damping)
-
-
 def through_play(
     matrices: Matrices,
     rate: float,
@@ -330,7 +296,16 @@ def through_play(
     stiffness: np.ndarray,
     damping: np.ndarray,
 ) -> np.ndarray:
-    """As ``behind_play``, from the derivatives of the bodies' torque at a sampling rate [Hz], (N, n)."""
+    """Torque of bodies that follow the motors through free play [N m], shape (N, n).
+
+    As ``through_springs``, with the spring's torque K (delta - w / 2 sgn delta) + D delta' outside the free play
+    abs(delta) < w / 2 and none inside it, where the link floats. Implicit Euler steps of ``LONGEST_STEP``, one joint
+    at a time; a joint without a spring has a contact of ``CONTACT``.
+
+    Args:
+        matrices, rate, torque, stiffness, damping: as for ``through_springs``.
+        width: whole free play per joint [rad], shape (n,); 0 if there is none.
+    """
     deltas = _deflections(matrices, rate, torque, width, stiffness, damping)
     return torque - of_bodies(matrices, deltas)
 
@@ -343,7 +318,9 @@ def play_columns(
     Entry (i, j) is that of joint i from play on joint j; of joints whose torque keeps its sign there is none.
 
     Args:
-        body, motion, torque: as for ``behind_elasticity``.
+        body: the bodies.
+        motion: of the motors.
+        torque: as for ``through_springs``.
         width: free play [rad or m], (n,).
     """
     matrices = body.sensitivities(motion.q, motion.dq, motion.ddq)

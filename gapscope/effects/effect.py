@@ -194,6 +194,17 @@ RELATIVE_DIFFERENCE = 1e-4
 """Step of central differences about a value, over it [1]."""
 
 
+def derivative(
+    function: Callable[[np.ndarray], np.ndarray],
+    x: np.ndarray,
+    step: float = DIFFERENCE,
+) -> np.ndarray:
+    """Derivative of a function by coordinates x, (linear,), by central differences; they come last, (..., linear)."""
+    steps = step * np.eye(len(x))
+    pairs = [function(x + side) - function(x - side) for side in steps]
+    return np.stack(pairs, axis=-1) / (2 * step)
+
+
 class Mechanics(Protocol):
     """The bodies of an arm with effects on a motion of N samples: what columns of effects on them are made of."""
 
@@ -361,9 +372,7 @@ class LinkChange(Inertial):
             named = [np.squeeze(values[name], axis=-1) for name in values]
             return self.change(own, *where, *named)
 
-        steps = DIFFERENCE * np.eye(len(x))
-        pairs = [change(x + step) - change(x - step) for step in steps]
-        return np.stack(pairs, axis=1) / (2 * DIFFERENCE)
+        return derivative(change, x)
 
     def columns(self, at: Mechanics, x: np.ndarray, searched: np.ndarray) -> np.ndarray:
         """The inertial regressor of each link times the derivative of its ten parameters."""
@@ -387,12 +396,7 @@ class Turn(Inertial):
         def gravity(x: np.ndarray) -> np.ndarray:
             return self.rotation(*x).T @ at.gravity
 
-        pairs = [
-            gravity(x[:, 0] + step) - gravity(x[:, 0] - step)
-            for step in DIFFERENCE * np.eye(len(x))
-        ]
-        tangent = np.stack(pairs, axis=1) / (2 * DIFFERENCE)
-        return (at.gravity_regressor @ tangent)[..., None]
+        return (at.gravity_regressor @ derivative(gravity, x[:, 0]))[..., None]
 
 
 @dataclass(frozen=True)
@@ -464,16 +468,13 @@ class Sensing(Effect):
 
     def columns(self, at: Mechanics, x: np.ndarray, searched: np.ndarray) -> np.ndarray:
         """What moves the true positions changes the bodies' torque as their position does."""
-        out = np.empty((*at.q.shape, *x.shape))
-        for i, step in enumerate(DIFFERENCE * np.eye(len(x))):
-            moved = step[:, None]
-            above, below = (
-                self.true(at.motion.q, *self.fitted.values(x + side, searched).values())
-                for side in (moved, -moved)
-            )
-            by_x = (above - below) / (2 * DIFFERENCE)
-            out[:, :, i] = at.sensitivities[0] * by_x[:, None]
-        return out
+
+        def true(moved: np.ndarray) -> np.ndarray:
+            values = self.fitted.values(x + moved[:, None], searched)
+            return self.true(at.motion.q, *values.values())
+
+        by_x = np.moveaxis(derivative(true, np.zeros(len(x))), 2, 1)
+        return at.sensitivities[0][:, :, None] * by_x[:, None]
 
 
 @dataclass(frozen=True)

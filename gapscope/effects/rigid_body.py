@@ -6,7 +6,7 @@ import numpy as np
 
 from gapscope.arm.known_load import point_mass_parameters
 from gapscope.effects.arm_scale import ArmScale
-from gapscope.effects.effect import Inertial, LinkChange
+from gapscope.effects.effect import Inertial, LinkChange, derivative
 from gapscope.effects.parameter import Parameter
 from gapscope.effects.parametrisation import (
     Parametrisation,
@@ -45,14 +45,11 @@ def payload_tangent(x: np.ndarray) -> np.ndarray:
     # around nothing only mass and first moment count, whose squares the moments of inertia are
     if abs(mass) < 1e-3:
         return np.eye(10, 4)
-    steps = 1e-4 * abs(mass) * np.eye(4)
-    ends = [(x + step, x - step) for step in steps]
-    pairs = [
-        point_mass_parameters(above[0], above[1:] / above[0])
-        - point_mass_parameters(below[0], below[1:] / below[0])
-        for above, below in ends
-    ]
-    return np.stack(pairs, axis=1) / (2e-4 * abs(mass))
+
+    def change(x: np.ndarray) -> np.ndarray:
+        return point_mass_parameters(x[0], x[1:] / x[0])
+
+    return derivative(change, x, 1e-4 * abs(mass))
 
 
 def payload_values(x: np.ndarray, nonlinear: np.ndarray) -> Values:

@@ -91,8 +91,10 @@ class Fault:
 
     @classmethod
     def draw(cls, rng: np.random.Generator, n_joints: int) -> Fault:
-        """A fault as real set-ups have it, on an arm with n joints."""
-        raise NotImplementedError(f"{cls.name} is not drawn")
+        """A fault as real set-ups have it, on an arm with n joints: any variant, values in their typical ranges."""
+        variant = {"variant": str(rng.choice(cls.variants))} if cls.variants else {}
+        values = {p.name: float(rng.uniform(*p.typical)) for p in cls.parameters}
+        return cls(**variant, **values)
 
     @classmethod
     def candidates(cls, look: Look) -> list[Fault]:
@@ -456,11 +458,6 @@ class GravityCompensatedTorque(Fault):
     reference = "siciliano2009"
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, n_joints: int) -> GravityCompensatedTorque:
-        """The fault, which has no values."""
-        return cls()
-
-    @classmethod
     def candidates(cls, look: Look) -> list[Fault]:
         """The fault, of an arm that has a weight."""
         return [cls()] if look.has_weight and not look.reading.gravity else []
@@ -555,12 +552,6 @@ class LateTorque(Fault):
     parameters = (Parameter("delay", "T", "s", (1e-4, 0.2), (0.02, 0.1)),)
     variant: str
     delay: float
-
-    @classmethod
-    def draw(cls, rng: np.random.Generator, n_joints: int) -> LateTorque:
-        """A few hundredths of a second."""
-        variant = str(rng.choice(cls.variants))
-        return cls(variant, float(rng.uniform(*cls.parameters[0].typical)))
 
     @classmethod
     def candidates(cls, look: Look) -> list[Fault]:
@@ -729,11 +720,6 @@ class IgnoredVelocityReference(Fault):
     parameters = (Parameter("lead", "T", "s", (1e-4, 10.0), (0.02, 0.2)),)
     lead: float = 0.0557
 
-    @classmethod
-    def draw(cls, rng: np.random.Generator, n_joints: int) -> IgnoredVelocityReference:
-        """Some hundredths to tenths of a second."""
-        return cls(float(rng.uniform(*cls.parameters[0].typical)))
-
     def reading(self, n: int) -> Reading:
         """With the reference that a controller which does use its velocity would have followed."""
         return Reading.identity(n, lead=self.lead)
@@ -758,11 +744,6 @@ class VelocityOfReference(Fault):
     scope = "arm"
     looks_like = "a velocity that is not the derivative of the recorded position"
     reference = "siciliano2009"
-
-    @classmethod
-    def draw(cls, rng: np.random.Generator, n_joints: int) -> VelocityOfReference:
-        """The fault, which has no values."""
-        return cls()
 
     def reading(self, n: int) -> Reading:
         """Without the velocity."""
@@ -958,12 +939,6 @@ class UnmeasuredTorque(Fault):
     kp: Values = (80.0,)
     kd: Values = (2.5,)
     joints: tuple[int, ...] = ()
-
-    @classmethod
-    def draw(cls, rng: np.random.Generator, n_joints: int) -> UnmeasuredTorque:
-        """All joints with the same gains."""
-        kp, kd = (float(rng.uniform(*p.typical)) for p in cls.parameters)
-        return cls((kp,), (kd,))
 
     def apply(
         self, recording: Recording, rng: np.random.Generator, arm: NominalArm

@@ -23,20 +23,22 @@ from gapscope.effects.parametrisation import (
 from gapscope.effects.signals import log_uniform, slow_with_rates
 
 
+def over(values: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
+    """Values over stiffness; 0 where there is none."""
+    present = stiffness > 0
+    return np.where(present, values / np.where(present, stiffness, 1.0), 0.0)
+
+
 def elastic_deflection(
     torque: np.ndarray, stiffness: np.ndarray, damping: np.ndarray
 ) -> np.ndarray:
     """Theta - q = tau / k [rad]; tau in N m, k in N m/rad. If k is 0 the effect is off."""
-    return np.where(
-        stiffness > 0, torque / np.where(stiffness > 0, stiffness, 1.0), 0.0
-    )
+    return over(torque, stiffness)
 
 
 def elastic_lag(stiffness: np.ndarray, damping: np.ndarray) -> np.ndarray:
     """D / k [s]: with the damper d beside it, the spring follows the torque late."""
-    return np.where(
-        stiffness > 0, damping / np.where(stiffness > 0, stiffness, 1.0), 0.0
-    )
+    return over(damping, stiffness)
 
 
 def no_lag(width: np.ndarray) -> np.ndarray:

@@ -19,7 +19,6 @@ from gapscope.blind_check.check import (
     make,
     open_labels,
     read_plan,
-    readable_labels,
     run,
 )
 from gapscope.blind_check.scoring import score
@@ -153,14 +152,6 @@ def test_the_run_refuses_where_the_labels_can_be_read(
     assert not (tmp_path / "results").exists()
 
 
-def test_labels_of_another_set_beside_do_not_matter(
-    copied: tuple[Path, Path], tmp_path: Path
-) -> None:
-    (tmp_path / "other").mkdir()
-    (tmp_path / "other" / "labels.json").write_text("{}")
-    assert readable_labels(copied[0]) is None
-
-
 @pytest.mark.parametrize("what", ["label", "recording"])
 def test_a_truth_that_was_changed_is_refused(
     what: str, copied: tuple[Path, Path]
@@ -237,7 +228,7 @@ def test_frozen_covers_the_diagnosis_and_not_the_scorer() -> None:
 def test_frozen_holds_every_threshold_as_json() -> None:
     values = json.loads(to_json(frozen()))["thresholds"]
     assert values["OPEN_ALTERNATIVE"] == 0.05
-    assert values["KERNEL_LENGTHS"] == [0.5, 1.25]
+    assert values["PACE_LAGS"] == [0.0, 0.1, 0.3]
     written = json.loads(json.dumps(values))
     assert written.keys() == {name for name in vars(thresholds) if name.isupper()}
 

@@ -178,7 +178,7 @@ class TestVerdict:
         truth = Truth(coulomb=(0.0, 4.0, 2.0), extra=self.little)
         document = diagnose(synthetic.case(truth, seed=4)).document
         assert document["verdict"] == "effects_found"
-        # joint 2 stays above its floor, but no more than named effects may leave
+        # joint 2 has an unknown cause, but friction explains more
         assert not document["unexplained"]["above_floor"]
         assert document["unexplained"]["joints"] == [2]
         assert 0.0 < document["unexplained"]["share"] < 0.3

@@ -264,26 +264,6 @@ def test_variants_and_values_that_cannot_be_are_refused(
     assert caught.value.remedy and caught.value.where == where
 
 
-def test_names() -> None:
-    assert set(FAULTS) == {
-        "sign_flip",
-        "joint_swap",
-        "unit_mismatch",
-        "shifted_inertials",
-        "time_stamps",
-        "gravity_compensated_torque",
-        "torque_unit",
-        "late_torque",
-        "zero_offset",
-        "ignored_velocity_reference",
-        "velocity_of_reference",
-        "speed_scaling",
-        "coarse_reference",
-        "gain_mismatch",
-        "unmeasured_torque",
-    }
-
-
 @pytest.mark.parametrize("kind", FAULTS.values(), ids=FAULTS)
 def test_contract_of_every_fault(kind: type[Fault]) -> None:
     """Described, with typical values within the bounds, drawn alike from one seed, in every variant."""

@@ -8,8 +8,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from arms import ROD, chain
-from hypothesis import given
-from hypothesis import strategies as st
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
@@ -42,14 +40,6 @@ def _signals(
 
 
 GOLDEN = [
-    # tanh(0.005 / 0.005) = 0.761594
-    ("coulomb", friction.coulomb(_signals(velocity=0.005), np.array([4.0])), 3.046377),
-    (
-        "coulomb, backwards",
-        friction.coulomb(_signals(velocity=-1.0), np.array([4.0])),
-        -4.0,
-    ),
-    ("viscous", friction.viscous(_signals(velocity=-0.5), np.array([14.5])), -7.25),
     # at v = vs the peak has fallen to 1 / e
     (
         "stribeck",
@@ -61,37 +51,10 @@ GOLDEN = [
         friction.stribeck(_signals(velocity=2.0), np.array([3.0]), np.array([0.2])),
         0.0,
     ),
-    # at v = vs tanh 1 = 0.761594 of the level, far above all of it, at a tenth of vs about a tenth (tanh 0.1)
-    (
-        "saturating",
-        friction.saturating(_signals(velocity=-0.5), np.array([4.0]), np.array([0.5])),
-        -3.046377,
-    ),
-    (
-        "saturating, fast",
-        friction.saturating(_signals(velocity=9.0), np.array([4.0]), np.array([0.5])),
-        4.0,
-    ),
-    (
-        "saturating, slow",
-        friction.saturating(_signals(velocity=0.1), np.array([4.0]), np.array([1.0])),
-        0.398672,
-    ),
     (
         "saturating, off",
         friction.saturating(_signals(velocity=1.0), np.array([4.0]), np.array([0.0])),
         0.0,
-    ),
-    # tau = 10 + 0.2 tau: 12.5 when driving; tau = 10 - 0.2 tau: 8.333 when driven
-    (
-        "load, driving",
-        friction.load_dependent(_signals(velocity=1.0, load=10.0), np.array([0.2])),
-        2.5,
-    ),
-    (
-        "load, driven",
-        friction.load_dependent(_signals(velocity=-1.0, load=10.0), np.array([0.2])),
-        -1.666667,
     ),
     # 1 + 0.6 / e
     ("drift", friction.drift_change(30.0, np.array([0.6]), np.array([30.0])), 0.220728),
@@ -121,12 +84,7 @@ GOLDEN = [
         -0.002,
     ),
     ("inside backlash", transmission.through_backlash(0.009 * ONE, 0.02 * ONE), 0.0),
-    # 2 sin(6 * 15 deg) and 2 sin(6 * 15 deg + 30 deg)
-    (
-        "ripple",
-        actuation.ripple_torque(np.deg2rad([15.0]), 2.0 * ONE, 6.0 * ONE, 0.0 * ONE),
-        2.0,
-    ),
+    # 2 sin(6 * 15 deg + 30 deg)
     (
         "ripple, shifted",
         actuation.ripple_torque(
@@ -134,11 +92,8 @@ GOLDEN = [
         ),
         1.732051,
     ),
-    ("scale", actuation.scale(8.0 * ONE, None, 0.25 * ONE), 10.0),
-    ("offset", actuation.offset(8.0 * ONE, None, -3.5 * ONE), 4.5),
     ("saturation", actuation.saturate(-90.0 * ONE, None, 40.0 * ONE), -40.0),
     ("no saturation", actuation.saturate(-90.0 * ONE, None, 0.0 * ONE), -90.0),
-    ("encoder offset", sensing.add_offset(0.5 * ONE, 0.02 * ONE), 0.52),
     ("quantization", sensing.quantize(0.52 * ONE, 0.05 * ONE), 0.5),
     ("no quantization", sensing.quantize(0.52 * ONE, 0.0 * ONE), 0.52),
     ("force acts", environment.acts(2.5, 2.0 * ONE, 3.0 * ONE), 1.0),
@@ -161,14 +116,6 @@ def test_tilt_by_hand() -> None:
     )
     np.testing.assert_allclose(
         environment.tilt(0.0, np.pi / 2).T @ gravity, [9.81, 0, 0], atol=1e-12
-    )
-
-
-def test_point_mass_by_hand() -> None:
-    """2 kg at (0.1, 0, 0.3) m: Ixx = 2 * 0.09, Iyy = 2 * 0.1, Izz = 2 * 0.01, Ixz = -2 * 0.03 kg m^2."""
-    expected = [2.0, 0.2, 0.0, 0.6, 0.18, 0.0, 0.2, -0.06, 0.0, 0.02]
-    np.testing.assert_allclose(
-        point_mass_parameters(2.0, np.array([0.1, 0.0, 0.3])), expected, atol=1e-15
     )
 
 
@@ -316,15 +263,10 @@ OF_PENDULUM = [
         -9.81 / 1.25,
     ),  # helped by gravity: tau + 0.25|tau|
     ("load_friction", {"coefficient": 0.25}, one(0.0, dq=-1.0), -9.81 / 0.75),
-    ("load_friction", {"coefficient": 0.25}, one(np.pi, dq=1.0), 9.81 / 0.75),
-    ("load_friction", {"coefficient": 0.25}, one(np.pi, dq=-1.0), 9.81 / 1.25),
     ("load_friction", {"coefficient": 0.25}, one(0.0), -9.81),
     ("armature", {"inertia": 0.4}, one(UPRIGHT, ddq=20.0), 11.0 + 8.0),
-    ("armature", {"inertia": 0.4}, one(UPRIGHT, dq=2.0), 0.0),
     ("torque_scale", {"scale": 0.2}, one(0.0), -9.81 / 1.2),
-    ("torque_scale", {"scale": -0.25}, one(UPRIGHT, ddq=20.0), 11.0 / 0.75),
     ("torque_offset", {"torque": 1.5}, one(0.0), -9.81 - 1.5),
-    ("torque_offset", {"torque": -1.5}, one(UPRIGHT), 1.5),
     ("actuator_delay", {"delay": 0.02}, one(0.0), -9.81),
     (
         "encoder_offset",
@@ -338,7 +280,6 @@ OF_PENDULUM = [
         one(0.3),
         -9.81 * 0.8253356149096783,
     ),  # cos 0.6
-    ("encoder_offset", {"offset": 0.3}, one(0.3 + UPRIGHT, ddq=20.0), 11.0),
 ]
 
 
@@ -355,39 +296,9 @@ def test_torque_of_a_pendulum(
     )
 
 
-def test_delay_moves_a_sine_forward_by_its_delay(pendulum: NominalArm) -> None:
-    """Recorded(t) = needed(t + T): sin(2 pi t) comes as sin(2 pi t + 0.1 pi) with T = 50 ms."""
-    t = np.arange(501) / 250
-    zero = np.zeros((501, 1))
-    needed = np.sin(2 * np.pi * t)[:, None]
-    delayed = CorrectedArm(
-        pendulum, (applied("actuator_delay", delay=0.05),)
-    ).recorded_torque(needed, Motion(t, zero, zero, zero))
-    np.testing.assert_allclose(
-        delayed[:480, 0], np.sin(2 * np.pi * t + 0.1 * np.pi)[:480], atol=1e-6
-    )
-    np.testing.assert_allclose(
-        delayed[-1], needed[-1], atol=1e-9
-    )  # nothing is known beyond the end
-
-
 def signals(velocity: float, load: float) -> Signals:
     """One sample of one joint at the origin."""
     return Signals(0.0, np.zeros(1), np.array([velocity]), np.array([load]))
-
-
-@pytest.mark.parametrize("mu", [0.05, 0.3, 0.7])
-@pytest.mark.parametrize("load", [-30.0, -1.0, 0.0, 12.0])
-@pytest.mark.parametrize("direction", [-1.0, 0.0, 1.0])
-def test_load_friction_solves_its_own_equation(
-    mu: float, load: float, direction: float
-) -> None:
-    """tau = load + mu |tau| sgn v, found here by iterating, which converges as mu < 1."""
-    tau = load
-    for _ in range(300):
-        tau = load + mu * abs(tau) * direction
-    law = effect("load_friction").law(signals(direction, load), np.array([mu]))
-    np.testing.assert_allclose(law, tau - load, atol=1e-9)
 
 
 def test_point_mass_parameters() -> None:
@@ -396,13 +307,6 @@ def test_point_mass_parameters() -> None:
     np.testing.assert_allclose(
         point_mass_parameters(2.0, np.array([1.0, 2.0, 3.0])), expected
     )
-
-
-def test_payload_of_a_pendulum(pendulum: NominalArm) -> None:
-    """1 kg at 0.4 m: gravity torque -1 * 9.81 * 0.4, inertia 0.16 kg m^2."""
-    load = AppliedEffect("payload", (), {"mass": 1.0, "com": [0.4, 0.0, 0.0]})
-    assert torque(pendulum, one(0.0), load) == pytest.approx(-9.81 - 3.924)
-    assert torque(pendulum, one(UPRIGHT, ddq=10.0), load) == pytest.approx(5.5 + 1.6)
 
 
 @pytest.mark.parametrize("order", [("yaw", "pitch"), ("pitch", "yaw")])
@@ -427,25 +331,6 @@ def test_payload_equals_a_welded_body(
     np.testing.assert_allclose(
         CorrectedArm(arm, (load,)).predict(RigidBody(arm), seen), welded, atol=1e-9
     )
-
-
-@given(
-    velocity=st.floats(-10, 10),
-    load=st.floats(-100, 100),
-    name=st.sampled_from(["coulomb_friction", "viscous_friction", "load_friction"]),
-    part=st.floats(0, 1),
-)
-def test_friction_takes_energy_and_is_odd(
-    velocity: float, load: float, name: str, part: float
-) -> None:
-    """law(v) v >= 0 with the load, and turning the world round turns the torque round."""
-    definition = effect(name)
-    value = part * definition.parameters[0].bounds[1]
-    forth, back = (
-        definition.law(signals(s * velocity, s * load), value)[0] for s in (1, -1)
-    )
-    assert forth * velocity >= 0
-    assert forth == pytest.approx(-back)
 
 
 # Presliding: dry friction that builds up over a distance after each reversal.

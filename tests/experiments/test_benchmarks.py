@@ -8,22 +8,10 @@ import pytest
 from experiments.benchmarks import __main__ as benchmarks
 from experiments.benchmarks import joint as one_joint
 from experiments.benchmarks.measure import (
-    MEMORY,
     Point,
     Row,
-    along,
     compared,
-    exponents,
-    in_turns,
 )
-
-
-def test_loops_take_turns():
-    order = []
-    loops = {"a": lambda: order.append("a"), "b": lambda: order.append("b")}
-    times = in_turns(loops, 3)
-    assert order == ["a", "b"] * 3
-    assert {name: len(values) for name, values in times.items()} == {"a": 3, "b": 3}
 
 
 def test_ratio_is_the_median_of_the_rounds_ratios():
@@ -33,23 +21,6 @@ def test_ratio_is_the_median_of_the_rounds_ratios():
     assert ours.spread == pytest.approx(1e6)  # quartiles 1.5 and 3.5 s
     assert ours.ratio_spread == pytest.approx(0.75)  # ratios 2, 1, 4
     assert (bare.ratio, bare.ratio_spread) == (1.0, 0.0)
-
-
-def sized(n: int, stopped: bool = False) -> Row:
-    details = {MEMORY: 100.0 * n**0.5} | ({"stopped after [s]": 1.0} if stopped else {})
-    sizes = {"length": n, "rate": 500}
-    return Row(f"{n}", 3.0 * n**1.5, "s", details=details, sizes=sizes)
-
-
-def test_exponents_of_a_power_law():
-    rows = [sized(8), sized(2), sized(4), sized(64, stopped=True)]
-    rows.append(Row("other rate", 1.0, "s", sizes={"length": 16, "rate": 100}))
-    curve = along(rows, "length", {"rate": 500})
-    assert [row.name for row in curve] == ["2", "4", "8"]
-    time, memory = exponents(curve, "length")
-    assert (time.figure, memory.figure) == pytest.approx((1.5, 0.5))
-    assert time.details["between the last two"] == pytest.approx(1.5)
-    assert exponents(curve[:2], "length") == []
 
 
 @pytest.fixture
@@ -88,17 +59,6 @@ def test_a_run_goes_on_where_it_was_and_writes_into_the_page(part, tmp_path, cap
     assert "| row of good | 0.25 s | 2 to other |  |" in text and "old" not in text
     benchmarks.main(["fake", *out, "--again", "--only", "good"])
     assert part == ["good", "bad", "bad", "good"]
-
-
-def test_a_page_without_a_place_gets_a_section(part, tmp_path):
-    page = tmp_path / "page.md"
-    page.write_text("# Page\n")
-    words = ["fake", "--only", "good", "--out", str(tmp_path), "--into", str(page)]
-    for _ in range(2):  # the second time there is a place
-        benchmarks.main(words)
-    text = page.read_text()
-    assert text.startswith("# Page\n\n## A part\n\n<!-- fake: written by a script -->")
-    assert text.count("| row of good |") == text.count("## A part") == 1
 
 
 def test_the_pendulum_obeys_its_equation_and_sticks():

@@ -70,23 +70,8 @@ def test_values_are_those_of_joints_that_have_the_effect() -> None:
     ]
     assert [v.held for v in found] == [True, False, True, True, True]
     assert found[0].half == pytest.approx(0.196)
-    table = coverage_table("All", found, lambda v: v.parameter)
+    table = coverage_table("All", found)
     assert table.rows[-1][:3] == ("all", "5", "80 %")
-
-
-def test_another_link_has_no_value_to_compare() -> None:
-    def link(number: float) -> dict[str, Any]:
-        parameters = {
-            "link": {"unit": "1", "value": number, "std": 0.0},
-            "mass": {"unit": "kg", "value": 0.2, "std": 0.1},
-        }
-        return {"effect": "link_inertia", "joints": [], "parameters": parameters}
-
-    for number, count in ((3.0, 1), (4.0, 0)):
-        found = values(
-            "case", "", {"effects": [link(3.0)]}, {"effects": [link(number)]}
-        )
-        assert len(list(found)) == count
 
 
 def test_findings_are_right_if_the_label_has_them() -> None:

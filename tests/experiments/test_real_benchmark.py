@@ -23,29 +23,10 @@ runner = importlib.import_module("common")
 SIZES = [2.5, 4.0, 8.0]
 
 
-def test_a_third_of_the_default_set_is_healthy():
-    cases = plan.planned(list(carriers.ARMS), list(plan.MODES), SIZES, plan.COUNTS)
-    assert len(cases) == len({c.name for c in cases}) == 7 * 2 * 9
-    assert sum(c.kind == "healthy" for c in cases) == 42
-
-
-@pytest.mark.parametrize("per_arm", [1, 3, 9, 20])
-def test_number_of_cases_per_arm_is_what_was_asked_for(per_arm):
-    number = plan.counts(per_arm, full=False)
-    assert sum(number.values()) == per_arm
-    assert 3 * number["healthy"] >= per_arm
-
-
 def test_cases_of_an_arm_do_not_depend_on_the_other_arms():
     every = plan.planned(list(carriers.ARMS), list(plan.MODES), SIZES, plan.COUNTS)
     alone = plan.planned(["z1"], ["plain"], SIZES, plan.COUNTS)
     assert set(alone) <= set(every)
-
-
-def test_five_singles_of_an_arm_try_different_effects_first():
-    singles = [plan.Planned("ur10", "plain", "single", k, 4.0) for k in range(5)]
-    firsts = [plan.order(single, 1)[0] for single in singles]
-    assert len(set(firsts)) == 5
 
 
 def test_all_effects_come_first_somewhere_in_the_default_set():
@@ -171,13 +152,6 @@ def test_scores_of_right_wrong_and_healthy_cases():
     assert wrong == [rows[1].plan.name, rows[3].plan.name]
     (bin_,) = table(rows, "Calibration").rows
     assert bin_[1:4] == ("3", "0.90", "0.33")
-
-
-def test_possible_effects_are_listed_and_not_counted_as_named():
-    maybe = found("torque_offset", [1], [1.0], probability=0.3)
-    rows = [one("healthy", [], [], possible=[maybe])]
-    assert table(rows, "Total").rows[0][2] == "0/1 (0 %)"
-    assert table(rows, "Possible effects").rows[0] == ("healthy", "1", "0")
 
 
 def test_failed_case_counts_as_wrong_and_failed():

@@ -6,7 +6,7 @@ import hashlib
 import json
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -214,24 +214,24 @@ def _dataset(file: str, mutate: mutations.Mutation) -> Target:
     )
 
 
-def _robot(name: str) -> Target:
+def _read_robot(name: str) -> Callable[[Path], object]:
     def read(folder: Path) -> object:
         found = load_nominal_arm(folder / name)
         still = np.zeros((1, found.n_joints))
         return RigidBody(found).inverse_dynamics(still, still, still)
 
-    mutate = mutations.either(mutations.of_xml)
-    return Target(
-        Path(name).suffix[1:].replace("xml", "mjcf"), name, copies(name), read, mutate
-    )
+    return read
 
 
-def _audit(name: str) -> Target:
-    mutate = mutations.either(mutations.of_xml)
-    label = "audit_" + Path(name).suffix[1:].replace("xml", "mjcf")
-    return Target(
-        label, name, copies(name), lambda folder: audit_model(folder / name), mutate
-    )
+def _of_corpus(
+    name: str,
+    file: str,
+    read: Callable[[Path], object],
+    mutate: mutations.Mutation,
+    *beside: str,
+) -> Target:
+    """A file of the corpus with others beside it."""
+    return Target(name, file, copies(file, *beside), read, mutations.either(mutate))
 
 
 def _case() -> Target:
@@ -246,46 +246,17 @@ def _case() -> Target:
     return Target("case_yaml", "case.yaml", make, read, mutate, may_name_files=True)
 
 
-def _controller() -> Target:
-    return Target(
-        "controller_yaml",
-        "controller.yaml",
-        copies("controller.yaml"),
-        lambda folder: read_controller(folder / "controller.yaml", 2),
-        mutations.either(mutations.of_yaml),
-    )
+def _read_corrected(folder: Path) -> object:
+    read_with_faults(folder / "corrected.yaml")
+    return read_corrected_arm(arm(), folder / "corrected.yaml")
 
 
-def _corrected() -> Target:
-    def read(folder: Path) -> object:
-        read_with_faults(folder / "corrected.yaml")
-        return read_corrected_arm(arm(), folder / "corrected.yaml")
-
-    mutate = mutations.either(mutations.of_yaml)
-    make = copies("corrected.yaml")
-    return Target("corrected_yaml", "corrected.yaml", make, read, mutate)
-
-
-def _identification() -> Target:
-    def read(folder: Path) -> object:
-        return read_arm(str(folder / "identification.json"), arm())
-
-    make = copies("identification.json", "corrected.yaml", "case.yaml", "robot.urdf")
-    mutate = mutations.either(mutations.of_json)
-    return Target("identification_json", "identification.json", make, read, mutate)
-
-
-def _diagnosis() -> Target:
-    def read(folder: Path) -> object:
-        archive = Archive(folder)
-        answer(archive, "/")
-        for entry in archive.entries():
-            answer(archive, f"/units/{entry.unit}")
-        return read_document(folder / "diagnosis.json")
-
-    mutate = mutations.either(mutations.of_json)
-    make = copies("diagnosis.json")
-    return Target("diagnosis_json", "diagnosis.json", make, read, mutate)
+def _read_diagnosis(folder: Path) -> object:
+    archive = Archive(folder)
+    answer(archive, "/")
+    for entry in archive.entries():
+        answer(archive, f"/units/{entry.unit}")
+    return read_document(folder / "diagnosis.json")
 
 
 def _address() -> Target:
@@ -327,24 +298,29 @@ def _residual() -> Target:
     return Target("residual_npz", "residual.npz", make, read, mutate)
 
 
-def _reference(file: str, mutate: mutations.Mutation) -> Target:
-    names = ("reference.npz", "identified.urdf")
+def _rehashed(document: str, names: tuple[str, ...]) -> Callable[[Path], None]:
+    """Writes the hashes of other files into a document, as somebody who means harm would."""
 
-    def hashed(folder: Path) -> None:
-        """Write the hashes of the other files into the document, as somebody who means harm would."""
-        path = folder / "reference.json"
+    def finish(folder: Path) -> None:
+        path = folder / document
         content = json.loads(path.read_text())
         content["files"] = {name: _sha256(folder / name) for name in names}
         path.write_text(json.dumps(content))
 
-    return Target(
+    return finish
+
+
+def _reference(file: str, mutate: mutations.Mutation) -> Target:
+    names = ("reference.npz", "identified.urdf")
+    target = _of_corpus(
         f"reference_{Path(file).suffix[1:]}",
         file,
-        copies("reference.json", *names),
         read_reference,
-        mutations.either(mutate),
-        finish=hashed if file in names else lambda folder: None,
+        mutate,
+        *({"reference.json", *names} - {file}),
     )
+    rehashed = _rehashed("reference.json", names)
+    return replace(target, finish=rehashed) if file in names else target
 
 
 def _sha256(path: Path) -> str:
@@ -353,6 +329,7 @@ def _sha256(path: Path) -> str:
 
 def _agent(file: str, mutate: mutations.Mutation) -> Target:
     names = ("policy.zip", "normalisation.npz")
+    rehashed = _rehashed("agent.json", names)
 
     def make(folder: Path) -> None:
         from gapscope.agents.training.learner import make_learner, write_weights
@@ -367,19 +344,13 @@ def _agent(file: str, mutate: mutations.Mutation) -> Target:
         document = {"schema": 1, "joints": list(arm().joints), "model": "nominal"}
         document |= {"observation": {"position": 6}, "actions": 2}
         document |= {"settings": settings.plain(), "robot": "two"}
-        document["files"] = {name: _sha256(folder / name) for name in names}
         (folder / "agent.json").write_text(json.dumps(document))
+        rehashed(folder)
 
     def read(folder: Path) -> object:
         from gapscope.agents.training.policy import read_agent_model
 
         return read_agent_model(folder, arm())
-
-    def hashed(folder: Path) -> None:
-        path = folder / "agent.json"
-        content = json.loads(path.read_text())
-        content["files"] = {name: _sha256(folder / name) for name in names}
-        path.write_text(json.dumps(content))
 
     return Target(
         f"agent_{Path(file).suffix[1:]}",
@@ -387,7 +358,7 @@ def _agent(file: str, mutate: mutations.Mutation) -> Target:
         make,
         read,
         mutations.either(mutate),
-        finish=hashed if file in names else lambda folder: None,
+        finish=rehashed if file in names else lambda folder: None,
     )
 
 
@@ -419,15 +390,40 @@ def targets() -> dict[str, Target]:
         _mat(),
         _dataset("meta/info.json", of_json),
         _dataset("data", mutations.of_bytes),
-        _robot("robot.urdf"),
-        _robot("robot.xml"),
-        _audit("robot.urdf"),
-        _audit("robot.xml"),
+        _of_corpus("urdf", "robot.urdf", _read_robot("robot.urdf"), mutations.of_xml),
+        _of_corpus("mjcf", "robot.xml", _read_robot("robot.xml"), mutations.of_xml),
+        _of_corpus(
+            "audit_urdf",
+            "robot.urdf",
+            lambda folder: audit_model(folder / "robot.urdf"),
+            mutations.of_xml,
+        ),
+        _of_corpus(
+            "audit_mjcf",
+            "robot.xml",
+            lambda folder: audit_model(folder / "robot.xml"),
+            mutations.of_xml,
+        ),
         _case(),
-        _controller(),
-        _corrected(),
-        _identification(),
-        _diagnosis(),
+        _of_corpus(
+            "controller_yaml",
+            "controller.yaml",
+            lambda folder: read_controller(folder / "controller.yaml", 2),
+            mutations.of_yaml,
+        ),
+        _of_corpus(
+            "corrected_yaml", "corrected.yaml", _read_corrected, mutations.of_yaml
+        ),
+        _of_corpus(
+            "identification_json",
+            "identification.json",
+            lambda folder: read_arm(str(folder / "identification.json"), arm()),
+            mutations.of_json,
+            *("corrected.yaml", "case.yaml", "robot.urdf"),
+        ),
+        _of_corpus(
+            "diagnosis_json", "diagnosis.json", _read_diagnosis, mutations.of_json
+        ),
         _address(),
         _residual(),
         _reference("reference.json", of_json),

@@ -9,7 +9,6 @@ from diagnosis.synthetic import Truth
 from scipy.signal import butter, sosfiltfilt
 
 from gapscope.arm.motions.motion import Motion
-from gapscope.diagnosis.gap.noise_floor import noise_floor
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.environment import tilt
@@ -115,45 +114,6 @@ def test_corrected_arm_leaves_a_healthy_gap() -> None:
         for e in ((), (effect,))
     )
     assert before.nrmse[0] > 0.1 and after.nrmse.max() < 0.02
-
-
-class TestFloor:
-    def test_grows_with_the_noise(self) -> None:
-        """White noise of 1 N m at 250 Hz leaves sqrt(2 * 12 / 250) of its RMS below 12 Hz."""
-        (segment, *_) = segments(synthetic.Truth())
-        nominal = CorrectedArm(synthetic.arm())
-        predicted = nominal.predict(synthetic.body(), segment.motion)
-        noise = np.random.default_rng(0).standard_normal(predicted.shape)
-        loud, quiet = (
-            noise_floor(
-                nominal,
-                synthetic.body(),
-                Segment("s", segment.motion, predicted + sigma * noise),
-            )
-            for sigma in (5.0, 0.05)
-        )
-        np.testing.assert_allclose(loud.steady, 5.0 * np.sqrt(24 / 250), rtol=0.3)
-        assert (quiet.steady < 0.2 * loud.steady).all()
-
-    def test_friction_is_in_doubt_where_the_joint_sticks(self) -> None:
-        (segment, *_) = segments(synthetic.Truth())
-        found = noise_floor(CorrectedArm(synthetic.arm()), synthetic.body(), segment)
-        speed = np.abs(segment.motion.dq[segment.inner])
-        for j in range(synthetic.N):
-            slow, fast = speed[:, j] < 0.003, speed[:, j] > 0.3
-            assert found.sticking[slow, j].min() > 5 * found.sticking[fast, j].max()
-        assert (
-            found.floor.shape == (synthetic.N,) and (found.floor >= found.steady).all()
-        )
-
-    @pytest.mark.parametrize("seed", range(3))
-    def test_lies_above_the_gap_of_a_healthy_arm(self, seed: int) -> None:
-        nominal = CorrectedArm(synthetic.arm())
-        for recording in synthetic.recordings(synthetic.Truth(), seed, duration=6.0):
-            (segment,) = condition(recording, 20.0)
-            gap = torque_gap(nominal, synthetic.body(), [segment]).rmse
-            floor = noise_floor(nominal, synthetic.body(), segment).floor
-            assert (gap < 1.6 * floor).all() and (floor < 20 * gap).all()
 
 
 # Changes of a prediction, against predictions of the changed arms.

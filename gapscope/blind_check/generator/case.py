@@ -171,8 +171,6 @@ def draw_setup(conditions: Conditions, rng: np.random.Generator) -> CaseSetup | 
             middle=motions[-1].q.mean(axis=0),
             tip=tip_path(model, np.vstack([motion.q[::20] for motion in motions])),
             shortest=float(min(motion.t[-1] for motion in motions)),
-            loop_rate=float(conditions.loop_rate),
-            rate=float(conditions.rate),
             encoder_step=healthy.encoder_step,
         ),
         # measured below, on the setup itself

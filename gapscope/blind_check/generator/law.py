@@ -27,8 +27,6 @@ class LawContext:
         middle: middle of that range [rad], (n,).
         tip: path of the tip on all motions [m], (M, 3).
         shortest: duration of the shortest recording [s].
-        loop_rate: rate of the controller [Hz].
-        rate: rate of the recordings [Hz].
         encoder_step: of the data sheet [rad].
     """
 
@@ -41,8 +39,6 @@ class LawContext:
     middle: np.ndarray
     tip: np.ndarray
     shortest: float
-    loop_rate: float
-    rate: float
     encoder_step: float
 
 
@@ -91,7 +87,6 @@ class Draws(LawContext):
 
 Draw = Callable[[Draws], LawValues]
 Act = Callable[[TrueArm, np.ndarray, LawValues], None]
-Resize = Callable[[LawValues, np.ndarray], LawValues]
 
 
 @dataclass(frozen=True)
@@ -102,7 +97,7 @@ class Law:
         name: name of the effect that it generates; outside the catalogue, its own name.
         draw: values at a first guess of the size.
         act: puts the values into the true arm.
-        resize: values with their size times a factor per joint (one for all if they belong to the arm).
+        powers: of the factor by which a cause is sized, for each value that grows or shrinks with it [1].
         units: unit of each value that the label gives.
         joints: ``some``, ``one``, ``inner`` (one, neither the first nor the last two), ``middle`` (some, neither the
             first nor the last), ``pair`` or ``arm``.
@@ -117,8 +112,8 @@ class Law:
     name: str
     draw: Draw
     act: Act
-    resize: Resize
-    units: Mapping[str, str]
+    powers: Mapping[str, float] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
     joints: str = "some"
     largest: Mapping[str, float] = field(default_factory=dict)
     own: bool = True
@@ -143,8 +138,15 @@ class Cause:
     values: LawValues
 
     def sized(self, factor: np.ndarray) -> Cause:
-        """The same cause with another size."""
-        return replace(self, values=self.law.resize(dict(self.values), factor))
+        """The same cause with its size times a factor per joint, or, of what belongs to the arm, the largest one."""
+        changed = dict(self.values)
+        for name, power in self.law.powers.items():
+            own = factor if factor.shape == changed[name].shape else factor.max()
+            grown = own ** abs(power)
+            changed[name] = (
+                changed[name] * grown if power > 0 else changed[name] / grown
+            )
+        return replace(self, values=changed)
 
     def believable(self) -> bool:
         """Whether every value is within what its law allows."""
@@ -167,12 +169,8 @@ class Cause:
         }
         joints = (self.joints + 1).tolist()
         if self.law.outside:
-            return {
-                "effect": "unknown",
-                "kind": self.law.name,
-                "joints": joints,
-                "parameters": parameters,
-            }
+            kind = {"effect": "unknown", "kind": self.law.name}
+            return {**kind, "joints": joints, "parameters": parameters}
         label = {"effect": self.law.name, "joints": joints, "parameters": parameters}
         return {**label, "recovery": True} if self.law.recovery else label
 
@@ -195,24 +193,3 @@ def adds(**fields: str) -> Act:
             plant.add(name, joints, values[value])
 
     return act
-
-
-def times(*names: str) -> Resize:
-    """Size by multiplying the values of these names."""
-    return powers(**dict.fromkeys(names, 1.0))
-
-
-def powers(**exponents: float) -> Resize:
-    """Size by multiplying each value by a power of the factor; of one for the arm by that of the largest factor."""
-
-    def resize(values: LawValues, factor: np.ndarray) -> LawValues:
-        changed = {}
-        for name, exponent in exponents.items():
-            own = factor if factor.shape == values[name].shape else factor.max()
-            if exponent > 0:
-                changed[name] = values[name] * own**exponent
-            else:
-                changed[name] = values[name] / own**-exponent
-        return {**values, **changed}
-
-    return resize

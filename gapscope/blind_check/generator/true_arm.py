@@ -208,9 +208,6 @@ class TrueArm:
         """The joints as the compiled step wants them: a ``JOINT`` array of length 1."""
         out = np.zeros(1, dtype=JOINT)
         n, h, values = self.arm.n, self.healthy.step, self.values
-        divisors = ("knee", "fall_speed", "level_power", "drift_time", "drift_power")
-        for divisor in divisors:
-            out[divisor] = 1.0
         for name in FIELDS:
             out[name][0, :n] = values[name]
         armature = values["armature"]

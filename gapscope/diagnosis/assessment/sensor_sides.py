@@ -10,29 +10,20 @@ import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
-from gapscope.diagnosis.gap.noise_floor import (
-    dry_friction,
-    noise_floor,
-    simplified_effect_rms,
-    steady_floor,
-)
+from gapscope.diagnosis.assessment.unknown import unknown
+from gapscope.diagnosis.locate import stack
 from gapscope.diagnosis.thresholds import (
-    ABOVE_FLOOR_NRMSE,
-    ABOVE_FLOOR_RATIO,
-    EFFECT_FORM,
-    FRICTION_FORM,
     MIN_FLOOR,
     SENSOR_LAG,
     SENSOR_SCALE,
     SENSOR_ZERO,
+    UNKNOWN_TORQUE,
 )
-from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import known_effect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Signals, TorqueLaw
 from gapscope.model.conditioning import TORQUE_CUTOFF, Segment, low_pass
 from gapscope.model.effective_samples import variance_inflation
-from gapscope.model.prediction import without
 from gapscope.model.torque_gap import TorqueGap, filtered_torque, torque_scale
 
 # A sensor behind the gear reads what reaches the link,
@@ -72,53 +63,6 @@ def sensor_errors(link: np.ndarray, t: np.ndarray, spread: np.ndarray) -> np.nda
     return out.reshape(len(link), n, 3 * n)
 
 
-def link_floor(
-    corrected: CorrectedArm, body: RigidBody, segment: Segment
-) -> np.ndarray:
-    """RMS that a healthy arm and its sensors leave on the link side [N m], (n,)."""
-    assert segment.torque_sensor is not None
-    body = segment.bodies(body)
-
-    def link(arm: CorrectedArm) -> np.ndarray:
-        return link_torque(arm, body, segment.motion)
-
-    form = simplified_effect_rms(corrected, segment, _share(link, corrected))
-    gap = segment.torque_sensor - link(corrected)
-    return steady_floor(gap, segment.torque_sensor, segment, EFFECT_FORM * form)
-
-
-def actuator_floor(
-    corrected: CorrectedArm, body: RigidBody, segment: Segment
-) -> np.ndarray:
-    """RMS that a healthy arm leaves on the actuator side where its friction is known [N m], (n,)."""
-    assert segment.torque is not None and segment.torque_sensor is not None
-    motion, body = segment.motion, segment.bodies(body)
-
-    def actuator(arm: CorrectedArm) -> np.ndarray:
-        return arm.unlimited.predict(body, motion) - link_torque(arm, body, motion)
-
-    share = _share(actuator, corrected)
-    dry_rms = np.sqrt((dry_friction(corrected, segment) ** 2).mean(axis=0))
-    form = np.hypot(
-        EFFECT_FORM * simplified_effect_rms(corrected, segment, share),
-        FRICTION_FORM * dry_rms,
-    )
-    gap = (
-        corrected.delivered(segment.torque)
-        - segment.torque_sensor
-        - actuator(corrected)
-    )
-    return steady_floor(gap, segment.torque, segment, form)
-
-
-def _share(
-    predicted: Callable[[CorrectedArm], np.ndarray], corrected: CorrectedArm
-) -> Callable[[AppliedEffect], np.ndarray]:
-    """What one of an arm's effects does to the torque that ``predicted`` gives for an arm [N m], (N, n)."""
-    whole = predicted(corrected)
-    return lambda applied: whole - predicted(without(corrected, applied))
-
-
 @dataclass(frozen=True)
 class SideGap:
     """Gap on one side of the sensors, in the norm of ``torque_nrmse`` of the recorded torque; each of shape (n,).
@@ -134,11 +78,8 @@ class SideGap:
 
     @property
     def carries(self) -> np.ndarray:
-        """Joints on which the nominal arm's gap is clearly above the floor, (n,)."""
-        least = np.maximum(
-            ABOVE_FLOOR_RATIO * self.floor, self.floor + ABOVE_FLOOR_NRMSE
-        )
-        return np.asarray(self.before > least)
+        """Joints on which the nominal arm's gap is above the floor by what is worth a search, (n,)."""
+        return np.asarray(self.before**2 > self.floor**2 + UNKNOWN_TORQUE**2)
 
     def entry(self) -> dict[str, Any]:
         """The entry in ``diagnosis.json``."""
@@ -187,7 +128,6 @@ def find_sides(
     corrected: CorrectedArm,
     body: RigidBody,
     segments: list[Segment],
-    inertial_error: np.ndarray,
 ) -> SensorSides | None:
     """The gap on both sides; ``None`` if no segment has sensors.
 
@@ -197,7 +137,6 @@ def find_sides(
         nominal, corrected: the arm of the data sheet, and with the effects found.
         body: dynamics of the nominal arm.
         segments: on which gaps are measured.
-        inertial_error: RMS of what errors of the nominal inertials explain, which show on the link side [N m], (n,).
     """
     with_sensor = [s for s in segments if s.torque_sensor is not None]
     if not with_sensor:
@@ -212,16 +151,22 @@ def find_sides(
         torque = link_torque(corrected, segment.bodies(body), segment.motion)
         return sensor_errors(torque, segment.motion.t, zero_unit) @ errors
 
-    gaps = [
-        _side_gaps(arm, body, with_sensor, reading_errors).rmse.reshape(2, -1) / scale
+    before, after = (
+        _side_gaps(arm, body, with_sensor, reading_errors)
         for arm in (nominal, corrected)
-    ]
-    actuator_floors, link_floors = _floors(corrected, body, with_sensor)
-    link_floors = np.hypot(link_floors, inertial_error)
+    )
+    rows = stack([s for s in with_sensor if s.torque is not None])
+    sides = []
+    for own in (slice(0, len(scale)), slice(len(scale), None)):
+        gap = TorqueGap(after.measured[:, own], after.predicted[:, own], after.edges)
+        found = unknown(gap, rows, np.ones_like(gap.error), scale)
+        left2 = gap.rmse**2 - found.torque2
+        each = before.rmse[own], gap.rmse, np.sqrt(np.maximum(left2, MIN_FLOOR**2))
+        sides.append(SideGap(*(x / scale for x in each)))
     zero, gain, lag = errors.reshape(3, -1)
     return SensorSides(
-        actuator=SideGap(gaps[0][0], gaps[1][0], actuator_floors / scale),
-        link=SideGap(gaps[0][1], gaps[1][1], link_floors / scale),
+        actuator=sides[0],
+        link=sides[1],
         zero=zero_unit * zero,
         scale=SENSOR_SCALE * gain,
         lag=SENSOR_LAG * lag,
@@ -290,21 +235,6 @@ def _side_gaps(
         predicted.append(low_pass(expected, s.motion.rate, TORQUE_CUTOFF)[s.inner])
         edges.append(edges[-1] + len(measured[-1]))
     return TorqueGap(np.vstack(measured), np.vstack(predicted), tuple(edges))
-
-
-def _floors(
-    arm: CorrectedArm, body: RigidBody, segments: list[Segment]
-) -> tuple[np.ndarray, np.ndarray]:
-    """RMS that a healthy arm and its sensors leave, actuator side and link side [N m], (n,) each."""
-    actuator, link = [], []
-    for segment in segments:
-        # Dry friction acts before the sensor: it is not determined on the actuator side alone.
-        sticking = noise_floor(arm, body, segment).sticking
-        sticking2 = (sticking**2).mean(axis=0)
-        steady2 = np.square(actuator_floor(arm, body, segment))
-        actuator.append(steady2 + sticking2)
-        link.append(np.square(link_floor(arm, body, segment)))
-    return np.sqrt(np.mean(actuator, axis=0)), np.sqrt(np.mean(link, axis=0))
 
 
 def sides_entry(sides: SensorSides, found: list[dict[str, Any]]) -> dict[str, Any]:

@@ -29,7 +29,7 @@ from gapscope.diagnosis.gap.commanded_torque import WARNING
 from gapscope.diagnosis.gap.plausible_data import short_note, still_note
 from gapscope.diagnosis.locate import MotionRows, located, regions
 from gapscope.diagnosis.selection.undeclared_coupling import UndeclaredCoupling
-from gapscope.diagnosis.thresholds import FALSE_DISCOVERY_RATE
+from gapscope.diagnosis.thresholds import FALSE_DISCOVERY_RATE, UNKNOWN_TORQUE
 from gapscope.model.change_findings import change_findings
 from gapscope.model.conditioning import TORQUE_CUTOFF
 from gapscope.model.terms import Candidate
@@ -83,21 +83,13 @@ class Document:
         """Torque by which regions tell much load from little [N m], (M, n)."""
         raise NotImplementedError
 
-    def open_joints(self) -> list[int]:
-        """Joints, from 1, with something unknown."""
-        raise NotImplementedError
-
-    def leaves_little(self, gap: GapStages) -> bool:
-        """Whether what is left above the floor is a small part of what there was."""
-        raise NotImplementedError
-
-    def is_significant(self) -> bool:
-        """Whether what is left is more than noise that is louder than estimated."""
+    def unknown2(self) -> np.ndarray:
+        """Mean square of the torque that has an unknown cause, over the scale's square [1], (n,)."""
         raise NotImplementedError
 
     def times_floor(self) -> np.ndarray:
         """What is left over the floor, (n,)."""
-        raise NotImplementedError
+        return np.asarray(self.stages.corrected / self.stages.floor)
 
     def replay(self) -> dict[str, Any]:
         """Entries on the replay, of the gap before and after the findings, by ``gap``, ``before`` and ``after``."""
@@ -134,6 +126,19 @@ class Document:
         return []
 
     # What all say.
+
+    def open_joints(self) -> list[int]:
+        """Joints, from 1, with something unknown."""
+        return [int(j) + 1 for j in np.flatnonzero(self.unknown2())]
+
+    def knows_most(self) -> bool:
+        """Whether what is named explains more of the gap, and of that of each joint, than what is unknown."""
+        gap, unknown2 = self.stages, self.unknown2()
+        # a repaired fault explains all that it took away
+        before2 = np.maximum(gap.recorded, gap.repaired) ** 2
+        closed2 = np.clip(before2 - gap.corrected**2, 0.0, None)
+        most = unknown2.sum() <= closed2.sum()
+        return bool(most and (unknown2 <= closed2).all())
 
     @property
     def rejected(self) -> bool:
@@ -217,8 +222,7 @@ class Document:
     def _verdict(self, *, found: bool) -> Verdict:
         return verdict(
             found=found,
-            explained=self.leaves_little(self.stages),
-            significant=self.is_significant(),
+            unknown=self._prepared.another_arm or not self.knows_most(),
             rejected=self.rejected,
         )
 
@@ -324,9 +328,10 @@ class Document:
         return [region_entry(region) for region in places]
 
     def _widest_first(self) -> list[int]:
-        """Joints, from 1, whose gap is above the floor."""
+        """Joints, from 1, whose gap is above the floor by what is worth a search."""
         nrmse, floor = self.stages.repaired, self.stages.floor
-        return [int(j) + 1 for j in np.argsort(-nrmse) if nrmse[j] > floor[j]]
+        above = nrmse**2 > floor**2 + UNKNOWN_TORQUE**2
+        return [int(j) + 1 for j in np.argsort(-nrmse) if above[j]]
 
     def _context(self, reached: str) -> dict[str, Any]:
         """The arm, the recordings, how they were conditioned, and what was noticed."""

@@ -17,7 +17,7 @@ from gapscope.arm.display import (
     uncertain,
 )
 from gapscope.arm.joint_units import SLIDING_UNITS, common_unit, joint_unit, units_of
-from gapscope.diagnosis.thresholds import NO_TORQUE
+from gapscope.diagnosis.thresholds import HEALTHY_REAL, NO_TORQUE
 from gapscope.effects.catalogue import known_effect
 from gapscope.effects.coupled_motors import COUPLED_MOTORS
 from gapscope.model.change_findings import change_text
@@ -83,23 +83,18 @@ def in_text(text: str) -> str:
 Verdict = Literal["effects_found", "no_gap", "unexplained"]
 
 
-def verdict(
-    *, found: bool, explained: bool, significant: bool, rejected: bool
-) -> Verdict:
+def verdict(*, found: bool, unknown: bool, rejected: bool) -> Verdict:
     """The verdict of a diagnosis.
 
     Args:
         found: an effect, a fault of the set-up or a change during a recording is named.
-        explained: the residual is no more than named effects may leave of a gap.
-        significant: the residual is more than noise that is louder than estimated.
+        unknown: what is not named explains more of the gap than what is.
         rejected: an effect was found and rejected on held-out data.
     """
-    if found:
-        return "effects_found" if explained or not significant else "unexplained"
     # A rejected effect explained a gap in the recordings to which it was fitted: the gap exists, its cause is open.
-    if significant or rejected:
+    if unknown or (rejected and not found):
         return "unexplained"
-    return "no_gap"
+    return "effects_found" if found else "no_gap"
 
 
 def misread(
@@ -398,14 +393,12 @@ MAX_CHANGES = 2
 """Changes during recordings that a sentence names."""
 MAX_CAUSES = 3
 """Effects that a sentence names."""
-HEALTHY_REAL = 0.23
-"""Torque NRMSE that a complete model of a healthy real arm may leave on a joint: 0.04 to 0.23 on six public arms."""
 
 
 def verdict_sentence(document: Document) -> str:
     """The main cause, its share of the gap, and what stays; first, whether the recordings share a state."""
     states, cause = states_sentence(document), _cause_sentence(document)
-    if states and cause.startswith(("No", "The")):
+    if states and cause.startswith(("No", "The", "What")):
         cause = cause[0].lower() + cause[1:]
     return states + cause
 
@@ -459,7 +452,7 @@ def _other_loads(entry: Mapping[str, Any], recordings: Sequence[str]) -> str:
 def _cause_sentence(document: Document) -> str:
     """The main cause, its share of the gap, and what stays, in one sentence of plain English."""
     if document["verdict"] == "no_gap":
-        return "The nominal arm predicts every joint's torque as well as a healthy arm of this kind allows."
+        return "What the nominal arm misses of the torque is noise: nothing of it comes again with the motion."
     if document.get("changes"):
         return f"{_changed(document)} {_before_changes(document)}"
     return _explained(document)
@@ -478,7 +471,7 @@ def _before_changes(document: Document) -> str:
     """The other findings, which are of the arm before it changed."""
     if document["effects"] or document["verdict"] == "unexplained":
         return f"Before that: {_explained(document)}"
-    return "Before that nothing stands out: the nominal arm predicts every joint's torque as a healthy arm allows."
+    return "Before that nothing stands out: what the nominal arm misses of the torque is noise."
 
 
 def _explained(document: Document) -> str:
@@ -488,7 +481,7 @@ def _explained(document: Document) -> str:
     if _diagnosed(document):
         text = f"{capital(_causes(document))}; {_left(document)}."
     elif document["effects"] and document["verdict"] != "unexplained":
-        text = "Nothing stands out: the nominal arm predicts every joint's torque as a healthy arm allows."
+        text = "Nothing stands out: what the nominal arm misses of the torque is noise."
     elif document["possible"]:
         text = f"No effect reaches 50 % probability: {_left(document)}."
     else:
@@ -600,9 +593,7 @@ def possible_texts(document: Document) -> list[str]:
 def unexplained_sentence(document: Document) -> str:
     """The unexplained part of the gap, in one sentence."""
     if document["verdict"] == "no_gap":
-        return (
-            "Nothing needs an explanation: a healthy arm of this kind leaves as much."
-        )
+        return "Nothing needs an explanation: what is left is noise."
     left = _left(document)
     coupling = document["unexplained"].get("coupling")
     if coupling is not None:
@@ -615,7 +606,7 @@ def unexplained_sentence(document: Document) -> str:
         return f"{capital(left)}: something is missing."
     if document["unexplained"]["share"] == 0.0:
         return f"{capital(left)}."
-    return f"{capital(left)}, within the accuracy of named effects: nothing is missing."
+    return f"{capital(left)}, less than what is named explains."
 
 
 def sides_sentence(document: Document) -> str:

@@ -147,7 +147,7 @@ def test_a_payload_lies_on_the_link_side() -> None:
 def test_a_finding_on_the_wrong_side_closes_nothing_where_the_gap_lies() -> None:
     """A torque that looks like a spring, which the sensors do not see."""
     looks = Truth(extra=lambda t, q, dq: np.array([0.0, 4.0, 0.0]) * (q - 0.3))
-    case = sensed.case(looks, on_link=Truth(), duration=5.0)
+    case = sensed.case(looks, on_link=Truth(), duration=10.0)
     both = diagnose(replace(case, recordings=case.recordings[:2])).document
     assert named(both) == [("parallel_spring", [2])]
     sides = both["sides"]
@@ -202,10 +202,10 @@ def test_sides_in_words() -> None:
 
 
 def test_each_joint_is_carried_by_the_sides_above_their_floors() -> None:
-    """A side carries a gap above 1.6 floors and above the floor by 0.012."""
+    """A side carries a gap that exceeds the floor by 0.02, in squares."""
     floor, zero = np.array([0.1, 0.1, 0.1, 0.001]), np.zeros(4)
-    actuator = SideGap(np.array([0.2, 0.2, 0.15, 0.012]), zero, floor)
-    link = SideGap(np.array([0.2, 0.1, 0.17, 0.014]), zero, floor)
+    actuator = SideGap(np.array([0.2, 0.2, 0.101, 0.019]), zero, floor)
+    link = SideGap(np.array([0.2, 0.1, 0.103, 0.021]), zero, floor)
     sides = SensorSides(actuator, link, zero, zero, zero, ())
     assert sides.carried_by == ["both", "actuator", "link", "link"]
     assert SensorSides(link, actuator, zero, zero, zero, ()).carried_by[1:] == [

@@ -16,7 +16,6 @@ from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
-from gapscope.diagnosis.gap.noise_floor import NoiseFloor, sticking_rms, timing_error
 from gapscope.diagnosis.gap.plausible_data import (
     check_moving,
     check_rates,
@@ -30,8 +29,6 @@ from gapscope.diagnosis.setup_faults.clocks import find_stamps
 from gapscope.diagnosis.thresholds import (
     EXAMINED,
     MIN_WINDOW,
-    STICKING_SPEED,
-    TIMING_SKEW,
     WINDOW,
 )
 from gapscope.effects.applied import AppliedEffect
@@ -197,28 +194,6 @@ def test_of_too_many_recordings_some_are_looked_at_from_first_to_last() -> None:
     ).recordings
     assert len(seen) == EXAMINED / MIN_WINDOW
     assert (seen[0].name, seen[-1].name) == ("0.csv", "99.csv")
-
-
-# Parts of the noise floor whose size is known.
-
-
-def test_friction_at_rest_lies_anywhere_between_its_bounds() -> None:
-    """A uniform value in -3..3 has the RMS sqrt 3."""
-    at_rest = sticking_rms(np.array([3.0]), np.zeros((1, 1)))
-    assert at_rest[0, 0] == pytest.approx(np.sqrt(3.0))
-    sliding = sticking_rms(np.array([3.0]), np.full((1, 1), 20 * STICKING_SPEED))
-    assert sliding[0, 0] == pytest.approx(0.0, abs=1e-9)
-
-
-def test_timing_error_of_a_ramp_is_its_slope_times_the_skew() -> None:
-    t = np.linspace(0.0, 1.0, 11)
-    ramp = np.column_stack([5.0 * t, np.zeros(11)])
-    np.testing.assert_allclose(timing_error(ramp, t), [5.0 * TIMING_SKEW, 0.0])
-
-
-def test_floor_adds_squares_of_both_parts() -> None:
-    floor = NoiseFloor(np.array([3.0]), np.array([[4.0], [4.0]]))
-    assert floor.floor == pytest.approx([5.0])
 
 
 # The torque predicted at every sample: finite for each row, of t and q alone, and the same that the gap uses.

@@ -6,14 +6,16 @@ import documents
 import numpy as np
 import pytest
 
-from gapscope.diagnosis.assessment.curves import Variable, curve_of
-from gapscope.diagnosis.assessment.predictable_share import (
+from gapscope.diagnosis.assessment.unknown import (
     Folds,
     Predictable,
+    Unknown,
+    Variable,
     amplitudes,
+    curve_of,
     predict_held_out,
     predict_oscillation,
-    predictable,
+    unknown,
 )
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.locate import MotionRows
@@ -22,7 +24,7 @@ from gapscope.model.torque_gap import TorqueGap
 from gapscope.reports.diagnosis import render
 
 RATE, SECONDS, N = 250.0, 20.0, 6
-FLOOR = np.full(N, 0.1)
+NOISE, SCALE = 0.1, 5.0
 
 
 def rows(recordings: int = 3, seconds: float = SECONDS) -> MotionRows:
@@ -55,25 +57,63 @@ def rows(recordings: int = 3, seconds: float = SECONDS) -> MotionRows:
     )
 
 
-def found(
-    left: np.ndarray, at: MotionRows, joint: int = 1, floor: np.ndarray = FLOOR
-) -> Predictable:
-    """What is predicted of a torque that is left on joint 1, with noise at the floor on top."""
+def what_is_left(left: np.ndarray, at: MotionRows) -> Unknown:
+    """Of a torque that is left on joint 1 of three, with noise on top."""
     noise = np.random.default_rng(9).standard_normal((len(at.t), N))
-    error = low_pass(np.sqrt(RATE / 24.0) * floor[0] * noise, RATE, 12.0)
+    error = low_pass(np.sqrt(RATE / 24.0) * NOISE * noise, RATE, 12.0)
     error[:, 0] += left
     load = 20.0 * np.cos(at.q)
-    gap = TorqueGap(load + error, load, (0, len(at.t)))
-    return predictable(gap, at, floor, [joint])[0]
+    gap = TorqueGap((load + error)[:, :3], load[:, :3], (0, len(at.t)))
+    return unknown(gap, at, np.ones((len(at.t), 3)), np.full(3, SCALE))
+
+
+def found(left: np.ndarray, at: MotionRows) -> Predictable:
+    """What is predicted of it on joint 1."""
+    return what_is_left(left, at).predictable[0]
 
 
 def test_noise_is_white_and_cannot_be_predicted() -> None:
     at = rows()
-    said = found(np.zeros(len(at.t)), at, floor=0.6 * FLOOR)
-    loud = found(np.zeros(len(at.t)), at)
-    assert loud.share == 0.0 and said.share < 0.05 and max(said.by.values()) < 0.05
-    noise = found(np.zeros(len(at.t)), at, joint=2)
-    assert noise.whiteness_p > 1e-3
+    said = what_is_left(np.zeros(len(at.t)), at)
+    for joint in said.predictable:
+        assert joint.share < 0.05 and max(joint.by.values()) < 0.05
+        assert joint.whiteness_p > 1e-3
+    assert not said.joints and not said.torque2.any()
+
+
+@pytest.mark.parametrize(("size", "joints"), [(0.01, []), (0.04, [1])])
+def test_an_unknown_cause_has_a_size_that_is_worth_a_search(
+    size: float, joints: list[int]
+) -> None:
+    at = rows()
+    torque = size * SCALE * np.sqrt(2.0) * np.sin(6.0 * at.q[:, 0])
+    said = what_is_left(torque, at)
+    assert said.joints == joints
+    if joints:
+        of_cause = np.sqrt(said.torque2[0]) / SCALE
+        assert of_cause == pytest.approx(size, rel=0.15)
+
+
+def test_what_does_not_come_again_is_no_unknown_cause() -> None:
+    """A torque that wanders slowly, whatever the motion."""
+    at = rows()
+    steps = np.random.default_rng(3).standard_normal(len(at.t)) / RATE
+    said = what_is_left(np.cumsum(steps) * SCALE, at)
+    assert said.left[0] > (0.02 * SCALE) ** 2
+    assert said.joints == []
+
+
+def test_rows_on_which_a_joint_may_stick_say_nothing() -> None:
+    at = rows()
+    sticks = np.abs(at.dq[:, 0]) < 0.3
+    load = 20.0 * np.cos(at.q[:, :3])
+    error = np.zeros_like(load)
+    error[sticks, 0] = 0.1 * SCALE * np.sign(at.dq[sticks, 0])
+    gap, scale = TorqueGap(load + error, load, (0, len(load))), np.full(3, SCALE)
+    trust = np.ones_like(load)
+    assert unknown(gap, at, trust, scale).joints == [1]
+    trust[sticks, 0] = 0.01
+    assert unknown(gap, at, trust, scale).joints == []
 
 
 CAUSES = {
@@ -124,9 +164,9 @@ def test_it_is_the_same_every_time() -> None:
         20.0 * np.cos(at.q),
         (0, len(at.t)),
     )
-    first, again = (predictable(gap, at, FLOOR, [1, 2, 3]) for _ in range(2))
+    trust, scale = np.ones_like(gap.measured), np.ones(N)
+    first, again = (unknown(gap, at, trust, scale).predictable for _ in range(2))
     assert [p.document() for p in first] == [p.document() for p in again]
-    assert predictable(gap, at, FLOOR, []) == []
 
 
 def test_it_is_in_the_document_and_in_the_report(tmp_path) -> None:
@@ -186,14 +226,14 @@ def test_hats_interpolate_and_add_up_to_one() -> None:
 def test_a_straight_gap_gives_a_straight_curve() -> None:
     """Second differences are held small, and those of a line over even knots are zero."""
     even = Variable("load", "N m", np.linspace(0.0, 8.0, 400))
-    curve = curve_of(even, 3.0 * even.values + 1.0)
+    curve = curve_of(even, 3.0 * even.values + 1.0, np.ones(400))
     np.testing.assert_allclose(curve.y, 3.0 * curve.x + 1.0, rtol=1e-4)
     assert (curve.variable, curve.unit) == ("load", "N m")
 
 
 def test_a_direction_has_three_knots() -> None:
     direction = Variable("direction", "1", np.repeat([-1.0, 1.0], 50))
-    curve = curve_of(direction, 0.5 * direction.values)
+    curve = curve_of(direction, 0.5 * direction.values, np.ones(100))
     assert curve.x.tolist() == [-1.0, 0.0, 1.0]
     assert curve.y == pytest.approx([-0.5, 0.0, 0.5], abs=0.02)
 
@@ -201,7 +241,7 @@ def test_a_direction_has_three_knots() -> None:
 def test_a_variable_that_stands_still_has_a_curve() -> None:
     still = Variable("position", "rad", np.full(30, 2.0))
     assert still.knots.tolist() == [1.0, 3.0]
-    assert np.isfinite(curve_of(still, np.ones(30)).y).all()
+    assert np.isfinite(curve_of(still, np.ones(30), np.ones(30)).y).all()
 
 
 # An oscillation at one frequency: predicted on the other half of its recording, with its amplitude.
@@ -212,21 +252,27 @@ SEGMENT = np.zeros(len(T), dtype=int)
 HALF = (T >= 10.0).astype(int)
 
 
+def oscillation(gap: np.ndarray, fold: np.ndarray) -> np.ndarray:
+    """What is predicted of the gap of one joint."""
+    series, weight = gap[:, None], np.ones((len(T), 1))
+    return predict_oscillation(T, series, weight, SEGMENT, fold)[:, 0]
+
+
 def test_each_half_is_predicted_from_the_other() -> None:
     gap = 0.5 * np.sin(2 * np.pi * 3.0 * T + 0.7)
-    predicted = predict_oscillation(T, gap, SEGMENT, HALF)
+    predicted = oscillation(gap, HALF)
     assert np.std(gap - predicted) < 0.2 * np.std(gap)  # frequencies are tried in steps
 
 
 def test_a_phase_that_jumps_between_the_halves_is_not() -> None:
     gap = np.sin(2 * np.pi * 3.0 * T + np.pi * HALF)
-    predicted = predict_oscillation(T, gap, SEGMENT, HALF)
+    predicted = oscillation(gap, HALF)
     assert np.std(gap - predicted) > np.std(gap)
 
 
 def test_a_recording_without_a_rest_is_predicted_as_zero() -> None:
     gap = np.sin(2 * np.pi * 3.0 * T)
-    assert not predict_oscillation(T, gap, SEGMENT, SEGMENT).any()
+    assert not oscillation(gap, SEGMENT).any()
 
 
 def test_amplitudes_are_root_mean_squares_over_recordings() -> None:

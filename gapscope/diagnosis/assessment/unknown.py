@@ -1,0 +1,569 @@
+"""What is unknown: what of a gap comes again with the motion, or with time, though nothing that is named explains it.
+
+Noise is what a flexible model leaves of data that it has not seen; what it predicts there has a cause. The model is a
+ridge regression on random Fourier features, a kernel method whose fit to any set of folds follows from sums of normal
+equations, so that leaving folds out costs little; beside it an oscillation at one frequency that follows no motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from gapscope.diagnosis.locate import MotionRows
+from gapscope.diagnosis.thresholds import (
+    FOLD_GUARD,
+    FOURIER_FEATURES,
+    HEALTHY_REAL,
+    MAX_OSCILLATION,
+    MIN_OSCILLATION,
+    OSCILLATION_GRID,
+    RIDGE_STRENGTHS,
+    ROWS_PER_CUTOFF,
+    UNKNOWN_TORQUE,
+)
+from gapscope.ident.examination import band_correlation, whiteness
+from gapscope.model.conditioning import TORQUE_CUTOFF
+from gapscope.model.design import drawn_waves
+from gapscope.model.difference import ANY
+from gapscope.model.effective_samples import variance_inflation
+from gapscope.model.torque_gap import TorqueGap
+
+# Curves of a gap over one variable.
+
+KNOTS = 16
+"""Knots of a curve, at equal shares of the samples and of the range in turn."""
+MOVING = 0.02
+"""A joint moves in a direction when it is faster than about this [rad/s]."""
+SMOOTH = 0.02
+"""Weight of a curve's second differences, over the number of samples per knot."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """The gap over one variable: x in ``unit``, y [N m], each (K,)."""
+
+    variable: str
+    unit: str
+    x: np.ndarray
+    y: np.ndarray
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One variable of a joint at every row.
+
+    Attributes:
+        name: ``position``, ``velocity``, ``speed``, ``direction``, ``acceleration``, ``load`` or ``time``.
+        unit: its unit.
+        values: shape (M,).
+    """
+
+    name: str
+    unit: str
+    values: np.ndarray
+
+    @property
+    def knots(self) -> np.ndarray:
+        """Knots of a curve over the variable, ascending, (K,)."""
+        # A direction is -1 or 1, hardly ever between.
+        if self.name == "direction":
+            return np.array([-1.0, 0.0, 1.0])
+        low, high = float(self.values.min()), float(self.values.max())
+        if low == high:
+            return np.array([low - 1.0, low + 1.0])
+
+        quantiles = np.quantile(self.values, np.linspace(0.0, 1.0, KNOTS))
+        even = np.linspace(low, high, KNOTS)
+        # Even in samples alone, knots would be rare at the ends; even in range alone, some would hold no sample.
+        return np.asarray(0.5 * (quantiles + even))
+
+    def hats(self) -> np.ndarray:
+        """Hat functions over the knots: a curve through values at the knots is linear in them; (M, K)."""
+        knots = self.knots
+        columns = []
+        for heights in np.eye(len(knots)):
+            columns.append(np.interp(self.values, knots, heights))
+        return np.column_stack(columns)
+
+    def smooth(self) -> list[np.ndarray]:
+        """Smooth functions of the variable for a model of many variables; each (M,)."""
+        # Angles repeat after a turn.
+        if self.name == "position":
+            return [np.sin(self.values), np.cos(self.values)]
+        # A speed is no smooth function of the velocity, and follows from it.
+        if self.name == "speed":
+            return []
+        return [self.values]
+
+
+def variables(
+    rows: MotionRows, kept: np.ndarray, j: int, load: np.ndarray
+) -> list[Variable]:
+    """The variables of joint j (from 0) on the rows kept, (M,).
+
+    ``speed`` is dq without its sign, ``velocity`` with it, ``load`` the torque that the corrected arm predicts,
+    ``time`` counts from the start of each recording.
+    """
+    v = rows.dq[kept, j]
+    return [
+        Variable("position", "rad", rows.q[kept, j]),
+        Variable("speed", "rad/s", np.abs(v)),
+        Variable("velocity", "rad/s", v),
+        Variable("direction", "1", np.tanh(v / MOVING)),
+        Variable("acceleration", "rad/s^2", rows.ddq[kept, j]),
+        Variable("load", "N m", load),
+        Variable("time", "s", rows.clock[kept]),
+    ]
+
+
+def curve_of(variable: Variable, gap: np.ndarray, weight: np.ndarray) -> Curve:
+    """The smooth curve nearest to a gap [N m], (M,): least squares on hats with second differences held small.
+
+    Args:
+        variable: of the curve.
+        gap: times the weight of its row [N m], (M,).
+        weight: of the rows [1], (M,).
+    """
+    hats, knots = variable.hats() * weight[:, None], variable.knots
+
+    identity = np.eye(len(knots))
+    bends = np.diff(identity, 2, axis=0)
+    stiffness = SMOOTH * len(gap) / len(knots)
+
+    # The last term decides at knots without samples.
+    least = 1e-9 * len(gap) * identity
+    gram = hats.T @ hats + stiffness * bends.T @ bends + least
+
+    heights = np.linalg.solve(gram, hats.T @ gap)
+    return Curve(variable.name, variable.unit, knots, heights)
+
+
+# Ridge regression with prediction of held-out folds, from sums of normal equations.
+
+
+@dataclass(frozen=True)
+class Folds:
+    """How rows are left out together.
+
+    Attributes:
+        fold: of each row, (M,).
+        fitted: rows that may be fitted, (M,); all are predicted.
+    """
+
+    fold: np.ndarray
+    fitted: np.ndarray
+
+
+def predict_held_out(x: np.ndarray, y: np.ndarray, folds: Folds) -> np.ndarray:
+    """Prediction of y, (M,), each fold with a ridge regression on columns x, (M, p), of the other folds.
+
+    The strength for a fold is the one that predicts the other folds best, those being left out in turn. If even the
+    best is worse than predicting 0 there, the prediction is 0.
+    """
+    rows_of_fold = [folds.fold == fold for fold in np.unique(folds.fold)]
+    by_strength = _predictions(x, y, folds.fitted, rows_of_fold)
+
+    # Squared errors per strength and fold, and those of predicting 0.
+    squares = (y - by_strength) ** 2
+    errors = np.column_stack([squares[:, rows].sum(axis=1) for rows in rows_of_fold])
+    powers = np.array([(y[rows] ** 2).sum() for rows in rows_of_fold])
+
+    out = np.zeros(len(y))
+    for k, rows in enumerate(rows_of_fold):
+        # A fold has no say in its own strength: it is chosen by how the others are predicted.
+        on_others = errors.sum(axis=1) - errors[:, k]
+        best = int(np.argmin(on_others))
+        if on_others[best] < powers.sum() - powers[k]:
+            out[rows] = by_strength[best, rows]
+    return out
+
+
+def _predictions(
+    x: np.ndarray, y: np.ndarray, fitted: np.ndarray, rows_of_fold: list[np.ndarray]
+) -> np.ndarray:
+    """Prediction of each fold from the others under each strength of the ridge, (strengths, M)."""
+    # Normal equations of each fold: those of all others are sums less its own.
+    grams, rights = [], []
+    for rows in rows_of_fold:
+        own = rows & fitted
+        columns = x[own]
+        grams.append(columns.T @ columns)
+        rights.append(columns.T @ y[own])
+    gram = np.sum(grams, axis=0)
+    right = np.sum(rights, axis=0)
+    mean_square = np.trace(gram) / len(gram)
+
+    out = np.zeros((len(RIDGE_STRENGTHS), len(y)))
+    for rows, own_gram, own_right in zip(rows_of_fold, grams, rights, strict=True):
+        # One decomposition serves all strengths: a ridge adds to every eigenvalue.
+        value, vector = np.linalg.eigh(gram - own_gram)
+        rotated = vector.T @ (right - own_right)
+
+        for k, strength in enumerate(RIDGE_STRENGTHS):
+            ridged = np.maximum(value + strength * mean_square, 1e-300)
+            coefficients = vector @ (rotated / ridged)
+            out[k, rows] = x[rows] @ coefficients
+    return out
+
+
+# An oscillation at one frequency that does not follow the motion, predicted on held-out halves of recordings.
+
+
+def predict_oscillation(
+    t: np.ndarray,
+    gap: np.ndarray,
+    weight: np.ndarray,
+    segment: np.ndarray,
+    fold: np.ndarray,
+) -> np.ndarray:
+    """Prediction of weighted gaps [N m], (M, n), as a sin(2 pi f t) + b cos(2 pi f t), a and b per recording.
+
+    Each fold of a joint is predicted with f from all others, and a and b from the rest of its own recording; 0 if a
+    recording has no rest.
+
+    Args:
+        t: time of the rows since the start of their recording [s], (M,).
+        gap: of n joints, times the weight of its row [N m], (M, n).
+        weight: [1], (M, n).
+        segment: recording of each row, (M,).
+        fold: what is left out together, (M,).
+    """
+    longest = max(float(np.ptp(t[segment == s])) for s in np.unique(segment))
+    out = np.zeros_like(gap)
+    if longest <= 0:
+        return out
+
+    step = 1.0 / (OSCILLATION_GRID * longest)
+    frequency = np.arange(MIN_OSCILLATION, MAX_OSCILLATION, step)
+    # The power spectrum of any set of folds follows from the Fourier sums of each.
+    sums = {
+        f: fourier(frequency, t[fold == f], gap[fold == f]) for f in np.unique(fold)
+    }
+
+    for left_out in sums:
+        own = fold == left_out
+        recording = segment[own][0]
+        rest = (segment == recording) & ~own
+
+        # A phase is known within a recording alone.
+        if not rest.any():
+            continue
+        power = _power_without(left_out, sums, segment, fold)
+        strongest = frequency[np.argmax(power, axis=0)]
+        for j, f in enumerate(strongest):
+            waves = _waves(f, t[rest]) * weight[rest, j, None]
+            amplitude, *_ = np.linalg.lstsq(waves, gap[rest, j], rcond=None)
+            out[own, j] = _waves(f, t[own]) * weight[own, j, None] @ amplitude
+    return out
+
+
+def _power_without(
+    left_out: int, sums: dict[int, np.ndarray], segment: np.ndarray, fold: np.ndarray
+) -> np.ndarray:
+    """Power per frequency over all folds but one, (K, n); phases count within a recording, not between recordings."""
+    power = np.zeros(sums[left_out].shape)
+    for s in np.unique(segment):
+        kept = (segment == s) & (fold != left_out)
+        parts = [sums[f] for f in np.unique(fold[kept])]
+
+        if parts:
+            power += np.abs(np.sum(parts, axis=0)) ** 2 / kept.sum()
+    return power
+
+
+def amplitudes(
+    t: np.ndarray, gap: np.ndarray, segment: np.ndarray, frequency: np.ndarray
+) -> np.ndarray:
+    """Amplitude of a gap at some frequencies [N m], root mean square over the recordings, (K,)."""
+    power = np.zeros(len(frequency))
+    for s in np.unique(segment):
+        rows = segment == s
+        count = rows.sum()
+
+        amplitude = np.abs(2.0 / count * fourier(frequency, t[rows], gap[rows]))
+        power += count * amplitude**2
+    return np.sqrt(power / len(gap))
+
+
+def fourier(frequency: np.ndarray, t: np.ndarray, series: np.ndarray) -> np.ndarray:
+    """Sum of series(t), (M, ...), times exp(-2 pi i f t), (K, ...); to single precision."""
+    # Whole turns are taken off before the precision is.
+    turns = np.outer(frequency, t) % 1.0
+    angle = (2.0 * np.pi * turns).astype(np.float32)
+    values = series.astype(np.float32)
+
+    real = np.cos(angle) @ values
+    imaginary = np.sin(angle) @ values
+    return np.asarray(real - 1j * imaginary)
+
+
+def _waves(frequency: float, t: np.ndarray) -> np.ndarray:
+    """Sine and cosine, (M, 2)."""
+    angle = 2.0 * np.pi * frequency * t
+    return np.column_stack([np.sin(angle), np.cos(angle)])
+
+
+# What follows the motion of what is left.
+
+
+OSCILLATION = "frequency"
+"""Name of the oscillation among the variables."""
+
+
+@dataclass(frozen=True)
+class Predictable:
+    """What can be predicted of one joint's gap that the effects leave.
+
+    Attributes:
+        joint: from 1.
+        share: of the squared gap, predicted on held-out data from all variables together [1].
+        by: the same from one variable alone, by its name; ``frequency`` is an oscillation that follows no motion.
+        whiteness_p: how often white noise, filtered as the gap is, would look less white (Ljung and Box) [1].
+        curve: the gap as a function of the variable that predicts most; over ``frequency`` its amplitude.
+        evidence: log evidence of what predicts it over none [nats].
+    """
+
+    joint: int
+    share: float
+    by: dict[str, float]
+    whiteness_p: float
+    curve: Curve
+    evidence: float
+
+    def document(self) -> dict[str, object]:
+        """The entry in ``diagnosis.json``."""
+        curve = self.curve
+        return {
+            "joint": self.joint,
+            "share": self.share,
+            "by": self.by,
+            "whiteness_p": self.whiteness_p,
+            "curve": {
+                "variable": curve.variable,
+                "unit": curve.unit,
+                "x": curve.x.tolist(),
+                "y": curve.y.tolist(),
+            },
+        }
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """What follows the motion of a gap that is left, n joints.
+
+    Attributes:
+        left: mean square of the gap by trust [N^2 m^2], (n,).
+        predictable: of each joint.
+        scale: normalisation of the torque gap [N m], (n,).
+    """
+
+    left: np.ndarray
+    predictable: list[Predictable]
+    scale: np.ndarray
+
+    @cached_property
+    def torque2(self) -> np.ndarray:
+        """Mean square of the torque that has an unknown cause [N^2 m^2], (n,); 0 on joints without one.
+
+        There is one if it is likelier than not and of a size that is worth a search, or if more is left than any
+        complete model of a healthy arm leaves.
+        """
+        share = np.array([p.share for p in self.predictable])
+        evidence = np.array([p.evidence for p in self.predictable])
+        likely = evidence > np.log(len(self.scale) / ANY)
+        seen = share * self.left > (UNKNOWN_TORQUE * self.scale) ** 2
+        beyond = self.left - (HEALTHY_REAL * self.scale) ** 2
+        return np.maximum(np.where(likely & seen, share * self.left, 0.0), beyond)
+
+    @property
+    def joints(self) -> list[int]:
+        """Joints on which there is an unknown cause, from 1."""
+        return [int(j) + 1 for j in np.flatnonzero(self.torque2)]
+
+
+def unknown(
+    gap: TorqueGap, rows: MotionRows, trust: np.ndarray, scale: np.ndarray
+) -> Unknown:
+    """What a flexible model predicts of a gap, for each joint.
+
+    Each half of a recording is predicted with the model fitted to its other half and to all other recordings.
+
+    Args:
+        gap: of the corrected arm on held-out data, M samples of n joints.
+        rows: motion of the same samples.
+        trust: how far friction is known on each of them [1], (M, n): a joint that may stick hides what is there.
+        scale: normalisation of the torque gap [N m], (n,).
+    """
+    thinned = _thinned(rows)
+    kept, folds = thinned.kept, thinned.folds
+    # what all joints share is computed once
+    of_arm = _arm_features(rows.q[kept], rows.dq[kept], gap.predicted[kept])
+    p_values = _whiteness(gap, rows)
+    weight = trust[kept] / np.sqrt((trust[kept] ** 2).mean(axis=0))
+    left, t = gap.error[kept] * weight, rows.t[kept]
+    waves = predict_oscillation(t, left, weight, thinned.segment, folds.fold)
+    every = []
+    for j, p_value in enumerate(p_values.tolist()):
+        known = variables(rows, kept, j, gap.predicted[kept, j])
+        residual = _Residual(j + 1, left[:, j], weight[:, j], known, t, thinned)
+        every.append(_of_joint(residual, waves[:, j], of_arm, p_value))
+    return Unknown((left**2).mean(axis=0), every, scale)
+
+
+@dataclass(frozen=True)
+class _Thinned:
+    """Rows that are kept, (K,), their recording, and the halves of recordings that are left out together."""
+
+    kept: np.ndarray
+    segment: np.ndarray
+    folds: Folds
+
+
+@dataclass(frozen=True)
+class _Residual:
+    """The gap of one joint on the rows kept.
+
+    Attributes:
+        joint: from 1.
+        gap: weighted [N m], (K,).
+        weight: of each row [1], (K,).
+        variables: of the joint, by which the gap may be predicted.
+        t: time since the start of the recording [s], (K,).
+        rows: the rows kept.
+    """
+
+    joint: int
+    gap: np.ndarray
+    weight: np.ndarray
+    variables: list[Variable]
+    t: np.ndarray
+    rows: _Thinned
+
+    def predicted(self, columns: np.ndarray, gap: np.ndarray) -> np.ndarray:
+        """Prediction of a weighted gap from columns, (K, p), on rows that are held out, (K,)."""
+        return predict_held_out(columns * self.weight[:, None], gap, self.rows.folds)
+
+    def share(self, predicted: np.ndarray) -> float:
+        """Share of the squared gap that a prediction, (K,), takes away [1]."""
+        before = np.mean(self.gap**2)
+        remaining = np.mean((self.gap - predicted) ** 2)
+        return float(np.clip(1.0 - remaining / max(before, 1e-300), 0.0, 1.0))
+
+
+def _of_joint(
+    residual: _Residual, wave: np.ndarray, of_arm: np.ndarray, p_value: float
+) -> Predictable:
+    """The predictable share of one joint.
+
+    Args:
+        residual: its gap.
+        wave: what an oscillation predicts of it [N m], (K,).
+        of_arm: features of all joints together, (K, F).
+        p_value: of its whiteness.
+    """
+    gap, rows = residual.gap, residual.rows
+    # Each variable alone, as a curve of any form.
+    predicted = {
+        variable.name: residual.predicted(variable.hats(), gap)
+        for variable in residual.variables
+    }
+    predicted[OSCILLATION] = wave
+    by = {name: residual.share(some) for name, some in predicted.items()}
+    if by[OSCILLATION] == 0.0:
+        wave = np.zeros_like(gap)
+
+    # The oscillation is taken out first: features of the motion cannot predict it.
+    features = np.hstack([_signal_features(residual.variables), of_arm])
+    together = wave + residual.predicted(features, gap - wave)
+
+    best = max(by, key=lambda name: by[name])
+    share = residual.share(together)
+    # One variable alone may predict more than all together, as a model of many features has more to learn.
+    if by[best] > share:
+        share, together = by[best], predicted[best]
+    # A prediction that leaves the share 1 - s of the squares has the log likelihood -m/2 ln(1 - s) over none.
+    inflation = variance_inflation((gap - together)[:, None], rows.segment)[0]
+    evidence = -len(gap) / inflation / 2 * np.log(max(1.0 - share, 1e-9))
+    # It is the best of so many.
+    evidence -= np.log(len(by) + 1)
+    curve = _curve(residual, best)
+    return Predictable(residual.joint, share, by, p_value, curve, float(evidence))
+
+
+def _curve(residual: _Residual, name: str) -> Curve:
+    """The gap as a function of a variable, or its amplitude over frequency."""
+    if name == OSCILLATION:
+        frequency = np.arange(MIN_OSCILLATION, MAX_OSCILLATION, 0.05)
+        amplitude = amplitudes(
+            residual.t, residual.gap, residual.rows.segment, frequency
+        )
+        return Curve(OSCILLATION, "Hz", frequency, amplitude)
+    variable = next(v for v in residual.variables if v.name == name)
+    return curve_of(variable, residual.gap, residual.weight)
+
+
+def _thinned(rows: MotionRows) -> _Thinned:
+    """Rows at about the rate of what a filtered gap holds, in halves of recordings."""
+    kept, folds, fitted = [], [], []
+    for segment, rate in enumerate(rows.rates):
+        step = max(1, int(rate / (ROWS_PER_CUTOFF * TORQUE_CUTOFF)))
+        own = np.flatnonzero(rows.segment == segment)[::step]
+
+        second_half = np.arange(len(own)) >= len(own) / 2
+        t = rows.t[own]
+        border = t[int(np.argmax(second_half))]
+
+        kept.append(own)
+        folds.append(2 * segment + second_half)
+        # Rows beside the border are nearly those on its other side: fitting them would leak what is held out.
+        fitted.append(np.abs(t - border) > FOLD_GUARD)
+
+    places = np.concatenate(kept)
+    halves = Folds(np.concatenate(folds), np.concatenate(fitted))
+    return _Thinned(places, rows.segment[places], halves)
+
+
+def _signal_features(known: list[Variable]) -> np.ndarray:
+    """A 1, a joint's signals, and waves of them; (K, 1 + signals + waves)."""
+    columns = [column for variable in known for column in variable.smooth()]
+    signals = np.column_stack(columns)
+    deviation = np.maximum(signals.std(axis=0), 1e-9)
+    normalised = (signals - signals.mean(axis=0)) / deviation
+    waves = _unit_waves(normalised, 2 * FOURIER_FEATURES)
+    return np.column_stack([np.ones(len(signals)), normalised, waves])
+
+
+def _arm_features(q: np.ndarray, dq: np.ndarray, load: np.ndarray) -> np.ndarray:
+    """Velocities and loads of all joints, which act on others by couplings, and waves of the arm's posture, (K, F).
+
+    Args:
+        q, dq: motion [rad], [rad/s], (K, n).
+        load: torque that the corrected arm predicts [N m], (K, n).
+    """
+    signals = np.hstack([dq, load])
+    deviation = np.maximum(signals.std(axis=0), 1e-9)
+    angles = np.hstack([np.sin(q), np.cos(q)])
+    # A joint that hardly moves gives no information: its deviation counts as 0.05 at least.
+    spread = np.maximum(angles.std(axis=0), 0.05)
+    waves = _unit_waves((angles - angles.mean(axis=0)) / spread, FOURIER_FEATURES)
+    return np.hstack([(signals - signals.mean(axis=0)) / deviation, waves])
+
+
+def _unit_waves(state: np.ndarray, count: int) -> np.ndarray:
+    """Waves of a state, (M, d), as large as signals that are normalised, (M, count)."""
+    return np.sqrt(count) * drawn_waves(state, count)
+
+
+def _whiteness(after: TorqueGap, rows: MotionRows) -> np.ndarray:
+    """Ljung and Box's p-value of the gap of each joint, sampled at its cut-off, (n,)."""
+    rate = float(np.median(rows.rates))
+    # The filter correlates neighbours: rows are thinned to its cut-off, and the rest of the correlation is known.
+    cutoff = min(TORQUE_CUTOFF, 0.95 * rate / 2)
+    step = max(1, round(rate / cutoff))
+    expected = band_correlation(rate, cutoff, step)
+
+    test = whiteness(after.error[::step], rows.segment[::step], expected)
+    return test.p_value
