@@ -328,8 +328,9 @@ def tried(
     task: Task, settings: TrainingSettings, policy: Policy | None
 ) -> list[dict[str, Any]]:
     """Episodes of a policy, or of none, on the hidden arm."""
-    env = task.hidden_arm(settings, ENGINE)
-    motions = held_out(settings, env, UNSEEN)
+    count = settings.seeds * len(settings.motions)
+    env = task.trials(settings, count, hidden=True, engine=ENGINE)
+    motions = held_out(settings, env.setup.space, UNSEEN)
     scores = episodes(env, policy or idle(env), motions)
     env.close()
     names = [name for name, _ in motions]

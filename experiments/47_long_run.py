@@ -2,7 +2,7 @@
 
     .venv/bin/python experiments/47_long_run.py [--steps 1000000] [--diagnoses 10000] [--part NAME ...]
 
-Parts ``pybullet``, ``mujoco`` and ``dart``: environment steps as in training, four environments in vector form that
+Parts ``pybullet`` and ``mujoco``: environment steps as in training, four environments in vector form that
 reset themselves, other effects in every episode, random actions. Part ``diagnosis``: short cases (two joints, two
 recordings of 3 s at 100 Hz), each read from a folder of its own, diagnosed, written with its report, and removed, in
 one process. Every part runs in a process and a temporary folder of its own; memory is the resident set after a

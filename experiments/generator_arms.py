@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from gapscope.agents.controllers import AgentController, Tuning, gains
+from gapscope.agents.controllers import AgentController, Tuning
 from gapscope.agents.models import AgentModel, TorqueModel
 from gapscope.agents.tracking import Measures, TrackingMetrics, TrackingRun
 from gapscope.arm.case import load_case
+from gapscope.arm.control import Targets
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.named_motions import workspace
@@ -28,9 +29,9 @@ from gapscope.blind_check.generator.simulate import (
 )
 from gapscope.envs.actions import Gains
 from gapscope.envs.position_controller import (
-    CUTOFF,
-    FILTER_DAMPING,
     RATE,
+    VELOCITY_CUTOFF,
+    VELOCITY_DAMPING,
     loop_inertia,
 )
 
@@ -129,7 +130,11 @@ class GeneratorArm:
         ticks = round(DURATION * RATE)
         # the derivative of the tracking error is filtered, not that of the position: both pass the same filter
         filtered = VelocityFilter(
-            RATE, CUTOFF, FILTER_DAMPING, motion.q[0], np.zeros(self.arm.n_joints)
+            RATE,
+            VELOCITY_CUTOFF,
+            VELOCITY_DAMPING,
+            motion.q[0],
+            np.zeros(self.arm.n_joints),
         )
         rate = np.array([filtered(q) for q in motion.q[:ticks]])
         cut = Motion(motion.t[:ticks], motion.q[:ticks], rate, motion.ddq[:ticks])
@@ -187,15 +192,15 @@ class GeneratorArm:
     def _plant(self, bandwidth: float, limit: float) -> object:
         """The true arm with a loop of its own gains; what its laws changed stays."""
         plant, loop = copy.copy(self.made.plant), self.made.plant.loop
-        own = gains(self._inertia, Tuning(bandwidth))
+        own = Tuning(bandwidth).gains(self._inertia)
         plant.loop = replace(
             loop,
             rate=RATE,
             kp=own.kp,
             kd=own.kd,
             limit=limit * loop.limit,
-            cutoff=CUTOFF,
-            damping=FILTER_DAMPING,
+            cutoff=VELOCITY_CUTOFF,
+            damping=VELOCITY_DAMPING,
         )
         changed = {"kp": own.kp, "kd": own.kd, "limit": limit * loop.limit}
         plant.values = {**plant.values, **changed}
@@ -210,11 +215,13 @@ def _steered(
     none, unlimited = Gains(np.zeros(n), np.zeros(n)), np.full(n, np.inf)
     controller = AgentController(none, unlimited, agent)
     controller.begin(motion)
-    rate = VelocityFilter(RATE, CUTOFF, FILTER_DAMPING, np.zeros(n), np.zeros(n))
+    rate = VelocityFilter(
+        RATE, VELOCITY_CUTOFF, VELOCITY_DAMPING, np.zeros(n), np.zeros(n)
+    )
 
     def steer(k: int, q: np.ndarray) -> np.ndarray:
         velocity = motion.dq[k] - rate(motion.q[k] - q)
-        now = motion.q[k], motion.dq[k], motion.ddq[k]
-        return controller.torque(*now, q, velocity, planned[k])
+        now = Targets(motion.q[k], motion.dq[k], motion.ddq[k], planned[k])
+        return controller(now, q, velocity)
 
     return steer

@@ -21,7 +21,6 @@ from gapscope.envs.simulated_arm import SimulatedArm
 NEEDED_FOR = {
     "blind": "a faster gapscope blind make",
     "cluster": "gapscope fleet and diagnose --backend ray",
-    "dart": "--engine dart",
     "hdf5": "logs in HDF5 and MATLAB 7.3 files",
     "learn": "gapscope train, gapscope residual, agents in gapscope evaluate",
     "pybullet": "--engine pybullet, the robot xarm6",

@@ -70,7 +70,7 @@ ONLY_IN = {
     "pybullet_data": ("envs/engines/",),
     "mujoco": ("envs/engines/", "blind_check/generator/rigid.py"),
     "numba": ("blind_check/generator/joint.py",),
-    "dartpy": ("envs/engines/",),
+    "dartpy": (),
     "torch": ("ident/residual/", "agents/training/"),
     "stable_baselines3": ("agents/training/",),
     "optuna": ("agents/training/tuning.py",),

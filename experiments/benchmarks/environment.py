@@ -189,7 +189,7 @@ def _one(settings: Settings, engine: str) -> list[Row]:
 
 def _bare(arm: SimulatedArm, torque: np.ndarray, engine: str) -> Loop:
     """Every step with its torque and nothing of the project; the state is read once an action."""
-    inside = arm._arms._bodies
+    inside = arm._arms.inside._bodies
     prepare = partial(arm.reset, POSTURE)
     if engine == "mujoco":
         rows = torque[::SUB_STEPS]
@@ -199,7 +199,6 @@ def _bare(arm: SimulatedArm, torque: np.ndarray, engine: str) -> Loop:
                 inside.run(row, SUB_STEPS)
 
         return Loop(prepare, steps)
-    inside = inside._engine
     robot, joints, client = inside._robot, inside._joints, inside._client
     forces = torque.tolist()
 
@@ -254,7 +253,7 @@ def _bare_batch(arm: NominalArm, torque: np.ndarray, count: int) -> Loop:
     model = arm_model(moving_links(body), np.asarray(body.gravity), DT)
     mujoco.mj_setConst(model, mujoco.MjData(model))
     env = VectorArmTracking(count, arm)
-    threads = env._plant._arms._bodies._batch.nthread
+    threads = env._episodes._arms.inside._bodies._batch.nthread
     batch = Batch(model, count, threads)
     position, force = batch.bind("qpos"), batch.bind("qfrc_applied")
     seen = np.zeros_like(position)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import partial
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -15,7 +16,6 @@ from gapscope.agents.controllers import (
     Feedforward,
     TrackingController,
     Tuning,
-    gains,
 )
 from gapscope.agents.models import AgentModel, ArmModel, Candidate, Gravity
 from gapscope.agents.tracking import (
@@ -52,40 +52,16 @@ NOISE = 1e-4
 """Standard deviation of the encoders' noise [rad]."""
 
 
-class Disturbance(NamedTuple):
-    """A disturbance: effects beside those of the arm, and the encoders' noise [rad]."""
-
-    effects: tuple[AppliedEffect, ...] = ()
-    noise: float = 0.0
-
-
-def check_disturbance(name: str, effects: tuple[AppliedEffect, ...]) -> None:
-    """Check that there is such a disturbance, and that it can be put on an arm with these effects.
-
-    Raises:
-        InputError: it is unknown, or a push on an arm that has an external force already.
-    """
-    check_known("disturbance", name, DISTURBANCES, where="disturbances")
-    if name == "push" and any(isinstance(e.effect, External) for e in effects):
-        raise InputError(
-            "the arm has an external force already",
-            "leave out push",
-            where="disturbances",
-        )
-
-
 def disturbance(
     name: str, rng: np.random.Generator, scale: ArmScale, duration: float
-) -> Disturbance:
-    """A disturbance of a motion of ``duration`` [s]; a push comes from a direction drawn at random."""
-    if name == "noise":
-        return Disturbance(noise=NOISE)
-    if name == "none":
-        return Disturbance()
+) -> tuple[tuple[AppliedEffect, ...], float]:
+    """Effects and encoders' noise [rad] of a motion of ``duration`` [s]; a push comes from any direction."""
+    if name != "push":
+        return (), NOISE * (name == "noise")
     direction = rng.standard_normal(3)
     start = START * duration
     force = FORCE * 9.81 * scale.lift * direction / np.linalg.norm(direction)
-    return Disturbance((push(force, start, start + LENGTH),))
+    return (push(force, start, start + LENGTH),), 0.0
 
 
 LAWS = ("feedforward", "computed")
@@ -165,7 +141,7 @@ class EvaluationCache(Protocol):
         model: Candidate,
         engine: str,
         seed: int,
-        compute: Callable[[], list[Episode]],
+        compute: Callable[[], Iterable[Episode]],
     ) -> list[Episode]:
         """Episodes of a model with one seed: the cached ones, or those that ``compute`` returns."""
 
@@ -207,8 +183,13 @@ class TrackingBench:
         self.arm, self.effects, self.plan = arm, effects, plan
         for name in plan.motions:
             check_motion_name(name, arm.n_joints)
-        for name in plan.disturbances:
-            check_disturbance(name, effects)
+        forced = any(isinstance(e.effect, External) for e in effects)
+        if "push" in plan.disturbances and forced:
+            raise InputError(
+                "the arm has an external force already",
+                "leave out push",
+                where="disturbances",
+            )
         body = RigidBody(arm)
         self.space = workspace(body)
         self._metrics = TrackingMetrics(arm, body, self.space)
@@ -216,19 +197,13 @@ class TrackingBench:
         self._truth = ArmModel(CorrectedArm(arm, effects))
         self._courses: dict[tuple[str, int], tuple[SampledReference, np.ndarray]] = {}
         self._margins: dict[str, float] = {}
-        self._inertia = self._loop_inertia()
-
-    def _loop_inertia(self) -> np.ndarray:
-        """Inertia that gains are computed with [kg m^2], shape (n,): stable along all motions of the plan."""
-        tuning = self.plan.tuning
-        courses = [
-            self.course(motion, seed)[0]
-            for motion in self.plan.motions
-            for seed in self.plan.seeds
-        ]
+        every = itertools.product(plan.motions, plan.seeds)
+        courses = [self.course(motion, seed)[0] for motion, seed in every]
         along = np.vstack([course.motion.q[::POSTURE_TICKS] for course in courses])
-        return loop_inertia(
-            self.arm, self.space.posture, tuning.bandwidth, along, tuning.damping
+        posture, tuning = self.space.posture, plan.tuning
+        # stable along all motions of the plan
+        self._inertia = loop_inertia(
+            arm, posture, tuning.bandwidth, along, tuning.damping
         )
 
     def controller(
@@ -252,7 +227,7 @@ class TrackingBench:
         if not limited:
             limit = np.full(self.arm.n_joints, np.inf)
         outside = self.plan.law == "feedforward"
-        loop = gains(self._inertia, tuning)
+        loop = tuning.gains(self._inertia)
         if isinstance(model, AgentModel):
             if not outside:
                 raise InputError(
@@ -310,9 +285,7 @@ class TrackingBench:
                 # every model meets the same disturbance
                 rng = np.random.default_rng((HELD_OUT, seed, number))
                 extra = disturbance(kind, rng, self._scale, plan.duration)
-                with self._simulated(
-                    engine, extra.effects, extra.noise, rng
-                ) as simulated:
+                with self._simulated(engine, *extra, rng) as simulated:
                     run = track(simulated, controller, course)
                 yield Episode(
                     model=name,
@@ -406,21 +379,15 @@ def evaluate(
             which = f"{engine}, {name} ({number} of {len(models)})"
             for seed in bench.plan.seeds:
                 progress(f"{which}: tracks, seed {seed}")
-                compute = partial(_episodes, bench, name, model, engine, seed)
-                if cache is None:
-                    episodes += compute()
-                else:
-                    episodes += cache.episodes(name, model, engine, seed, compute)
+                compute = partial(bench.episodes, name, model, engine, seed)
+                episodes += (
+                    cache.episodes(name, model, engine, seed, compute)
+                    if cache
+                    else compute()
+                )
             progress(f"{which}: raises the gains")
             find = partial(bench.margin, model, engine)
-            if cache is None:
-                margins[name, engine] = find()
-            else:
-                margins[name, engine] = cache.margin(name, model, engine, find)
+            margins[name, engine] = (
+                cache.margin(name, model, engine, find) if cache else find()
+            )
     return Evaluation(tuple(episodes), margins)
-
-
-def _episodes(
-    bench: TrackingBench, name: str, model: Candidate, engine: str, seed: int
-) -> list[Episode]:
-    return list(bench.episodes(name, model, engine, seed))

@@ -9,6 +9,7 @@ from math import inf
 import numpy as np
 
 from gapscope.agents.controllers import TrackingController
+from gapscope.arm.control import Targets
 from gapscope.arm.dynamics.kinematics import Kinematics
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
@@ -36,12 +37,12 @@ class SampledReference:
     Attributes:
         motion: the reference; negative times hold its start [s], [rad], [rad/s], [rad/s^2].
         first: tick of t = 0.
-        torque: feedforward of a controller at every tick [N m], shape (N, n), or ``None``.
+        torque: feedforward of a controller at every tick [N m], shape (N, n); zeros at first.
     """
 
     motion: Motion
     first: int
-    torque: np.ndarray | None = None
+    torque: np.ndarray
 
     @classmethod
     def of(
@@ -69,7 +70,7 @@ class SampledReference:
             dq=np.where(moving, reference.velocity(held), 0.0),
             ddq=np.where(moving, reference.acceleration(held), 0.0),
         )
-        return cls(motion, first)
+        return cls(motion, first, np.zeros_like(motion.q))
 
     def planned(self, controller: TrackingController) -> SampledReference:
         """The same with the feedforward of a controller."""
@@ -132,14 +133,13 @@ def track(
         np.zeros(n),
         motion.dq[0] - start_speed,
     )
+    targets = Targets(motion.q, motion.dq, motion.ddq, course.torque)
     q, tau = np.empty((2, course.ticks, n))
     done, ran_away = course.ticks, False
     for i in range(course.ticks):
-        q_ref, dq_ref, ddq_ref = motion.q[i], motion.dq[i], motion.ddq[i]
+        now = targets.at(i)
         q[i] = simulated.encoders()
-        velocity = dq_ref - error_rate(q_ref - q[i])
-        planned = None if course.torque is None else course.torque[i]
-        tau[i] = controller.torque(q_ref, dq_ref, ddq_ref, q[i], velocity, planned)
+        tau[i] = controller(now, q[i], now.dq - error_rate(now.q - q[i]))
         simulated.step(tau[i])
         if diverged(simulated.dq):
             done, ran_away = i, True
@@ -198,37 +198,31 @@ class TrackingMetrics:
         """Measure a track with a period of ``dt`` [s] on a course of ``duration`` [s]."""
         every = max(1, round(ACTION / dt))
         actions = max(1, round(duration / dt) // every)
-        reward = self._reward_per_action(track, every, actions)
+        reward = float(self._rewards(track, every, actions).sum()) / actions
         if track.diverged:
             return Measures(inf, inf, reward, inf, True)
+        # the tool by the kinematics, once per action
+        tool = self._kinematics.tool
+        wanted, reached = (
+            np.array([tool(q).position for q in series[::every]])
+            for series in (track.q_ref, track.q)
+        )
         return Measures(
             joint_error=_rms(track.q_ref - track.q),
-            tool_error=self._tool_error(track, every),
+            tool_error=float(np.sqrt(np.mean(np.square(wanted - reached).sum(axis=1)))),
             reward=reward,
             torque_rate=_rms(np.diff(track.tau, axis=0) / dt),
             diverged=False,
         )
 
-    def _tool_error(self, track: TrackingRun, every: int) -> float:
-        """RMS distance of the tool between reference and encoders, once per action [m]."""
-        tool = self._kinematics.tool
-        wanted = [tool(q).position for q in track.q_ref[::every]]
-        reached = [tool(q).position for q in track.q[::every]]
-        squares = np.square(np.array(wanted) - np.array(reached)).sum(axis=1)
-        return float(np.sqrt(np.mean(squares)))
-
-    def _reward_per_action(self, track: TrackingRun, every: int, actions: int) -> float:
-        """Mean reward of the actions, those that were not done included."""
+    def _rewards(self, track: TrackingRun, every: int, actions: int) -> np.ndarray:
+        """Reward of each action that was done, of so many ticks each, by the torque of the ticks before its end."""
         effort = track.tau / self._rated
-        last = min(len(track.t), actions * every + 1)
-        total = 0.0
-        for i in range(every, last, every):
-            error = track.q_ref[i] - track.q[i]
-            load = float(np.mean(effort[i - every : i] ** 2))
-            before = max(i - 1 - every, 0)
-            jump = effort[i - 1] - effort[before]
-            total += float(self._reward(error, load, jump).total)
-        return total / actions
+        ends = np.arange(every, min(len(track.t), actions * every + 1), every)
+        blocks = effort[: len(ends) * every].reshape(len(ends), every * effort.shape[1])
+        load = np.mean(blocks**2, axis=1)
+        jump = effort[ends - 1] - effort[np.maximum(ends - 1 - every, 0)]
+        return self._reward(track.q_ref[ends] - track.q[ends], load, jump).total
 
 
 def _rms(x: np.ndarray) -> float:

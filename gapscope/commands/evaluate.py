@@ -37,7 +37,7 @@ def evaluate(
     ] = None,
     engine: Annotated[
         str | None,
-        Option(help="pybullet, mujoco or dart; several with commas"),
+        Option(help="pybullet or mujoco; both with a comma"),
     ] = None,
     motions: Annotated[
         str, Option(help="motions, with commas between them")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
@@ -55,7 +55,7 @@ class Cells:
         model: Candidate,
         engine: str,
         seed: int,
-        compute: Callable[[], list[Episode]],
+        compute: Callable[[], Iterable[Episode]],
     ) -> list[Episode]:
         """Episodes of a model with one seed, kept or new."""
 

@@ -26,7 +26,7 @@ RobotOption = Annotated[str, Option(help=_ROBOT, metavar="ROBOT")]
 Engine = Annotated[
     str | None,
     Option(
-        help="pybullet, mujoco or dart; default: pybullet if it is installed, else mujoco"
+        help="pybullet or mujoco; default: pybullet if it is installed, else mujoco"
     ),
 ]
 

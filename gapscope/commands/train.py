@@ -44,7 +44,7 @@ def train(
     ] = None,
     engine: Annotated[
         str | None,
-        Option(help="mujoco (default: all environments together), pybullet or dart"),
+        Option(help="mujoco (default: all environments together) or pybullet"),
     ] = None,
     parallel: Annotated[
         bool,
@@ -97,7 +97,7 @@ def train(
         settings = task.settled(settings)
         task.check(settings)
         with error_context(effects, hidden or ()):
-            task.hidden_arm(settings).close()
+            task.trials(settings, 1, hidden=True).close()
         with locked(out):
             claim(out, task, settings, tune, again=again)
             if tune:

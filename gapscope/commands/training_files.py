@@ -27,7 +27,7 @@ from gapscope.arm.nominal import SHEET_UNITS, NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.commands.inputs import is_case
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.envs.divergence import described
+from gapscope.effects.corrected_file import described
 from gapscope.envs.registration import NAME
 from gapscope.provenance import fingerprint
 from gapscope.reports.training import write_page

@@ -68,7 +68,7 @@ def write_corrected(
         "schema": 1,
         "case": case,
         "effects": [
-            *(_with_states(states) if states else map(_described, effects)),
+            *(_with_states(states) if states else map(described, effects)),
             *map(described_fault, faults),
         ],
     }
@@ -92,7 +92,7 @@ def write_corrected(
         )
 
 
-def _described(applied: AppliedEffect) -> dict[str, Any]:
+def described(applied: AppliedEffect) -> dict[str, Any]:
     """An effect as an entry of the file."""
     values = {name: value.tolist() for name, value in applied.parameters.items()}
     return {
@@ -104,7 +104,7 @@ def _described(applied: AppliedEffect) -> dict[str, Any]:
 
 def _with_states(states: Sequence[State]) -> list[dict[str, Any]]:
     """Entries of all states, what all of them have without a place, first."""
-    each = [(state.place, list(map(_described, state.effects))) for state in states]
+    each = [(state.place, list(map(described, state.effects))) for state in states]
     every = [entry for _, entries in each for entry in entries]
     common = [
         entry

@@ -103,6 +103,12 @@ def rated_torque(arm: NominalArm, body: RigidBody, space: Workspace) -> np.ndarr
     )
 
 
+def pd_gains(inertia: np.ndarray, bandwidth: float, damping: float = DAMPING) -> Gains:
+    """kp = w^2 M [N m/rad] and kd = 2 zeta w M [N m s/rad], on inertias M [kg m^2], w = 2 pi ``bandwidth``; (n,)."""
+    w = 2 * np.pi * bandwidth
+    return Gains(w**2 * inertia, 2 * damping * w * inertia)
+
+
 def low_gains(
     arm: NominalArm, body: RigidBody, posture: np.ndarray, bandwidth: float
 ) -> Gains:
@@ -112,16 +118,8 @@ def low_gains(
     already damps the loop.
     """
     inertia = np.diag(body.mass_matrix(posture)) + arm.armature
-    w = 2 * np.pi * bandwidth
-    return Gains(w**2 * inertia + w * arm.viscous, 2 * DAMPING * w * inertia)
-
-
-def slower(gains: Gains, viscous: np.ndarray, share: float) -> Gains:
-    """Gains as ``low_gains`` gives them at a share of the bandwidth; viscous friction b [N m s/rad], shape (n,)."""
-    w = gains.kp / (gains.kd / (2 * DAMPING) + viscous)
-    return Gains(
-        share**2 * (gains.kp - w * viscous) + share * w * viscous, share * gains.kd
-    )
+    kp, kd = pd_gains(inertia, bandwidth)
+    return Gains(kp + 2 * np.pi * bandwidth * arm.viscous, kd)
 
 
 def control(

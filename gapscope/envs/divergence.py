@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from gapscope.arm.control import PD
 from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
@@ -16,12 +15,10 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.velocity_filter import filter_gains
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.envs.actions import Control, Gains, slower
+from gapscope.envs.actions import Gains
 from gapscope.envs.episode import FASTEST_OBSERVED, Setup
-from gapscope.envs.position_controller import SampledLoop, estimate_gains
+from gapscope.envs.position_controller import SampledLoop, largest_stable, pd_loop
 
-SMALLEST = 1e-3
-"""A share of the step or of the bandwidth below this is no remedy [1]."""
 SMALLER = {
     "residual": "a smaller action_share or action_reach",
     "scale": "smaller actions",
@@ -29,6 +26,9 @@ SMALLER = {
     "torque": "a smaller action_share",
 }
 """What makes an action of 1 less, by kind of action."""
+
+SAFE = 0.7
+"""Share of the largest stable bandwidth that is advised [1]: half of kp."""
 
 
 def diverged(dq: np.ndarray) -> bool:
@@ -61,7 +61,8 @@ def divergence_info(
     arm, control, dt = setup.arm, setup.control, setup.timing.dt
     joint, time, causes = fastest(dq), float(steps * dt), []
     if control.gains is not None:
-        causes = unstable_loop(setup.body.mass_matrix(q), arm, control.gains, dt)
+        mass = setup.body.mass_matrix(q) + np.diag(arm.armature)
+        causes = _unstable(control.gains, mass, arm.viscous, dt)
     if not np.isfinite(control.limit[joint]):
         causes.append(
             "no torque limit: give sheet={'torque_limit': [...]} in N m, one number per joint"
@@ -70,7 +71,13 @@ def divergence_info(
         causes.append(
             f"no damping: joint {joint + 1} has no viscous friction; give sheet={{'viscous': [...]}} in N m s/rad"
         )
-    causes += _drivers(control, acted, effects)
+    # actions that were zero drive nothing
+    if acted:
+        causes.append(f"actions drive it: {SMALLER[control.kind]}")
+    if effects:
+        causes.append("effects drive it: milder effects")
+    if control.gains is None and not acted:
+        causes.append("nothing holds the arm: the action, zero here, is all its torque")
     if not causes:
         causes.append("feedforward drives it: another model, or feedforward='none'")
     speed = float(abs(dq[joint]))
@@ -86,83 +93,38 @@ def divergence_info(
     }
 
 
-def _drivers(
-    control: Control, acted: bool, effects: tuple[AppliedEffect, ...]
-) -> list[str]:
-    """What may drive the arm, each with what to change; actions that were zero do not."""
-    found = [f"actions drive it: {SMALLER[control.kind]}"] if acted else []
-    if effects:
-        found.append("effects drive it: milder effects")
-    if control.gains is None and not acted:
-        found.append("nothing holds the arm: the action, zero here, is all its torque")
-    return found
-
-
 def fastest(dq: np.ndarray) -> int:
     """Index of the fastest joint; dq [rad/s], shape (n,), may hold what is no number, which counts as fastest."""
     return int(np.argmax(np.where(np.isfinite(dq), np.abs(dq), np.inf)))
 
 
-def unstable_loop(
-    mass: np.ndarray, arm: NominalArm, gains: Gains, dt: float
+def _unstable(
+    gains: Gains, mass: np.ndarray, viscous: np.ndarray, dt: float
 ) -> list[str]:
-    """What to change if the PD loop is unstable; nothing if it is stable. M [kg m^2] is without armature."""
-    mass = mass + np.diag(arm.armature)
-    longest = longest_step(mass, arm, gains, dt)
-    if longest is None:
+    """What to change if the PD loop is unstable with a mass matrix M + I [kg m^2]; nothing if it is stable."""
+    longest = longest_step(gains, mass, viscous, dt)
+    if longest == dt:
         return []
-    lower = largest_stable(
-        lambda share: stable(mass, arm, slower(gains, arm.viscous, share), dt), 1.0
-    )
+    lower = pd_loop(gains, dt).stable_share([mass], viscous)
     ways = [f"time_step below {0.5 * longest:.2g} s"] if longest > 0 else []
     ways.append(
-        f"bandwidth below {0.7 * lower:.2g} of what it is"
+        f"bandwidth below {SAFE * lower:.2g} of what it is"
         if lower > 0
         else "a lower bandwidth"
     )
-    return [
-        f"too large a step or gains: the PD loop is unstable at {dt:.3g} s; {', or '.join(ways)}"
-    ]
+    what = f"too large a step or gains: the PD loop is unstable at {dt:.3g} s"
+    return [f"{what}; {', or '.join(ways)}"]
 
 
 def longest_step(
-    mass: np.ndarray, arm: NominalArm, gains: Gains, dt: float
-) -> float | None:
-    """Longest stable step of the sampled PD loop [s]: ``None`` if ``dt`` is stable, 0 if none is; see ``stable``.
+    gains: Gains, mass: np.ndarray, viscous: np.ndarray, dt: float
+) -> float:
+    """Longest stable step of the sampled PD loop up to ``dt`` [s], 0 if none is."""
 
-    Args:
-        mass: M with armature [kg m^2], shape (n, n).
-        arm: its viscous friction is B [N m s/rad].
-        gains: Kp and Kd.
-        dt: [s].
-    """
-    return (
-        None
-        if stable(mass, arm, gains, dt)
-        else largest_stable(lambda step: stable(mass, arm, gains, step), dt)
-    )
+    def works(step: float) -> bool:
+        return pd_loop(gains, step).stable(mass, viscous)
 
-
-def stable(mass: np.ndarray, arm: NominalArm, gains: Gains, dt: float) -> bool:
-    """Whether all eigenvalues of the sampled PD loop lie within the unit circle.
-
-    The loop is that of ``gapscope.envs.position_controller``, with the environment's velocity estimate; arguments as in
-    ``longest_step``.
-    """
-    law = PD(rate=1.0 / dt, kp=gains.kp, kd=gains.kd)
-    loop = SampledLoop(law, dt, estimate_gains(1.0 / dt))
-    return loop.stable(mass, arm.viscous)
-
-
-def largest_stable(works: Callable[[float], bool], fails: float) -> float:
-    """The largest number that works, below one that fails, by bisection; 0 if ``SMALLEST`` of that fails too."""
-    low, high = SMALLEST * fails, fails
-    if not works(low):
-        return 0.0
-    for _ in range(20):
-        middle = float(np.sqrt(low * high))
-        low, high = (middle, high) if works(middle) else (low, middle)
-    return low
+    return dt if works(dt) else largest_stable(works, dt)
 
 
 def title(arm: NominalArm, effects: Sequence[AppliedEffect]) -> str:
@@ -190,20 +152,6 @@ def ending(info: Mapping[str, Any]) -> str:
     return info.get("limit") or divergence.split("\n")[0]
 
 
-def described(applied: AppliedEffect) -> dict[str, Any]:
-    """An effect as in ``corrected.yaml``: plain data."""
-    values = {name: value.tolist() for name, value in applied.parameters.items()}
-    return {
-        "effect": applied.name,
-        "joints": list(applied.joints),
-        "parameters": values,
-    }
-
-
-SAFE = 0.7
-"""Share of the largest stable bandwidth that is advised [1]: half of kp."""
-
-
 def diverged_recording(
     arm: NominalArm,
     effects: tuple[AppliedEffect, ...],
@@ -222,20 +170,26 @@ def diverged_recording(
         speed: of the joints [rad/s], shape (n,).
         time: since the start of the recording [s].
     """
-    joint = fastest(speed)
+    joint, causes = fastest(speed), []
     estimate = filter_gains(
         controller.rate, controller.velocity_cutoff, controller.velocity_damping
     )
     loop = SampledLoop(controller, 1.0 / controller.rate, estimate)
     share = _stable_share(loop, CorrectedArm(arm), postures)
     if share < 1.0:
-        causes = [
-            f"the controller's gains are too large for this arm: {_lower(controller, share)}"
-        ]
+        lower = _lower(controller, share)
+        causes.append(f"the controller's gains are too large for this arm: {lower}")
     elif effects:
-        causes = [_effects_at_work(loop, CorrectedArm(arm, effects), postures)]
-    else:
-        causes = []
+        true = CorrectedArm(arm, effects)
+        names = ", ".join(dict.fromkeys(effect.name for effect in effects))
+        delay = float(np.max(true.quantity("delay")))
+        late = replace(loop, late=round(delay / loop.dt))
+        share = _stable_share(late, true, postures)
+        causes.append(
+            f"{names} makes a stable loop unstable: milder effects, or {_lower(controller, share)}"
+            if share < 1.0
+            else f"the loop is stable without {names}: milder effects, or lower gains of the controller"
+        )
     if arm.torque_limit is None:
         causes.append("nothing limits the torque: give torque_limit in the data sheet")
     if arm.viscous[joint] == 0 and arm.armature[joint] == 0:
@@ -248,36 +202,13 @@ def diverged_recording(
     )
 
 
-def _effects_at_work(
-    loop: SampledLoop, true: CorrectedArm, postures: np.ndarray
-) -> str:
-    """What the effects do to a loop that is stable without them."""
-    names = ", ".join(dict.fromkeys(effect.name for effect in true.effects))
-    delay = float(np.max(true.quantity("delay")))
-    late = replace(loop, late=round(delay / loop.dt))
-    share = _stable_share(late, true, postures)
-    if share < 1.0:
-        return f"{names} makes a stable loop unstable: milder effects, or {_lower(loop.controller, share)}"
-    return f"the loop is stable without {names}: milder effects, or lower gains of the controller"
-
-
 def _stable_share(loop: SampledLoop, arm: CorrectedArm, postures: np.ndarray) -> float:
     """Largest share of the loop's bandwidth that is stable at all postures [1]; 1 if the loop is."""
-    nominal = arm.arm
-    body = arm.body(RigidBody(nominal))
-    rotors = arm.quantity("rotor")
-    masses = [body.mass_matrix(q) + np.diag(rotors) for q in postures]
-    believed_body, own = RigidBody(nominal), np.diag(nominal.armature)
-    believed = [believed_body.mass_matrix(q) + own for q in postures]
-
-    def stable(share: float) -> bool:
-        slower = loop.times(share)
-        pairs = zip(masses, believed, strict=True)
-        return all(
-            slower.stable(m, nominal.viscous, nominal_m) for m, nominal_m in pairs
-        )
-
-    return 1.0 if stable(1.0) else largest_stable(stable, 1.0)
+    nominal, body = arm.arm, RigidBody(arm.arm)
+    own, rotors = np.diag(nominal.armature), np.diag(arm.quantity("rotor"))
+    masses = [arm.body(body).mass_matrix(q) + rotors for q in postures]
+    believed = [body.mass_matrix(q) + own for q in postures]
+    return loop.stable_share(masses, nominal.viscous, believed)
 
 
 def _lower(controller: Controller, share: float) -> str:

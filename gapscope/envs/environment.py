@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
@@ -35,7 +36,6 @@ from gapscope.envs.episode import (
     TIME_STEP,
     Effects,
     EpisodeOptions,
-    EpisodePlan,
     FeedforwardModel,
     Layout,
     SampledReference,
@@ -43,10 +43,12 @@ from gapscope.envs.episode import (
     Timing,
     chosen_effects,
 )
-from gapscope.envs.plant import ONE_BY_ONE, ControlledArms
+from gapscope.envs.plant import ControlledArms
 from gapscope.envs.randomisation import Randomisation, checked_randomisation
-from gapscope.envs.rendering import Screen
 from gapscope.envs.reward import Reward, RewardParts, chosen_reward
+
+if TYPE_CHECKING:
+    from gapscope.envs.rendering import Screen
 
 REWARDS = tuple(f"reward_{name}" for name in RewardParts._fields)
 """Where ``info`` holds the parts of the reward."""
@@ -56,55 +58,44 @@ NEAR_STOP = 1e-3
 """A joint within this distance of its stop has come to it [rad]."""
 
 
-class Episodes:
-    """The running episodes of N environments, each at an action of its own.
-
-    Args:
-        setup: of the environments.
-        plant: their arms.
+class Episodes(ControlledArms):
+    """The running episodes of N environments, each at an action of its own; arguments as of ``ControlledArms``.
 
     Attributes:
-        at: number of the next action of each, shape (N,).
         action: the actions before, shape (N, ...).
     """
 
-    def __init__(self, setup: Setup, plant: ControlledArms) -> None:
-        self._setup, self._plant, self.at = setup, plant, plant.courses.at
-        count = len(plant.load)
+    def __init__(self, setup: Setup, count: int = 1, **options: Any) -> None:
+        super().__init__(setup, count, **options)
         self.action: np.ndarray = np.zeros((count, setup.control.size))
         self._acted = np.zeros(count, dtype=bool)
         # of the shape of the positions: numpy takes longer for what it must spread
-        self._lowest, self._highest = (np.tile(x, (count, 1)) for x in setup.stops)
+        self._stops = [np.tile(x, (count, 1)) for x in setup.stops]
 
     def begin(
         self, number: int, options: Mapping[str, Any], rng: np.random.Generator
-    ) -> EpisodePlan:
+    ) -> SampledReference:
         """Draw a motion and effects for one environment, numbered from 0, and put its arm at the motion's start.
 
         Raises:
             InputError: an option that cannot be used.
         """
         seeds = rng.integers(2**63, size=2)
-        episode = self._setup.draw(options, seeds)
-        self._plant.reset(number, episode.effects, episode.course, seeds)
+        course, effects = self.setup.draw(options, seeds)
+        self.reset(number, effects, course, seeds)
         self.action[number], self._acted[number] = 0.0, False
-        return episode
-
-    def truth(self, number: int) -> dict[str, Any]:
-        """The hidden state of an environment, if it is told."""
-        return self._plant.truth(number) if self._setup.debug else {}
+        return course
 
     def error(self) -> np.ndarray:
         """The tracking errors [rad], shape (N, n)."""
-        return self._plant.courses.position - self._plant.position
+        return self.courses.position - self.position
 
     def observations(self, error: np.ndarray) -> np.ndarray:
         """The observations with the tracking errors [rad], shape (N, n)."""
-        plant = self._plant
-        measured = (plant.position, plant.velocity, error, self.action)
-        return self._setup.layout.assemble(measured, plant.courses.planned)
+        measured = (self.position, self.velocity, error, self.action)
+        return self.setup.layout.assemble(measured, self.courses.planned)
 
-    def act(
+    def play(
         self, action: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, dict[str, Any], dict[int, dict[str, Any]]]:
         """Carry out an action in each environment, shape (N, ...), what exceeds -1 .. 1 clipped in place.
@@ -113,27 +104,27 @@ class Episodes:
             Tracking errors [rad], shape (N, n); rewards, shape (N,); what ``info`` says of each action, by name, each
             (N,); and why episodes ended early, by number of the environment.
         """
-        setup, plant = self._setup, self._plant
         np.minimum(np.maximum(action, -1.0, action), 1.0, action)
         if np.count_nonzero(self._acted) < len(action):
             self._acted |= action.any(axis=1)
-        plant.act(action)
+        self.act(action)
         error = self.error()
-        parts = setup.reward(error, plant.load, action - self.action)
+        parts = self.setup.reward(error, self.load, action - self.action)
         self.action = action
         # an action in which the arm diverges earns nothing for tracking
-        for number in plant.diverged:
+        for number in self.diverged:
             parts.tracking[number] = 0.0
         values: dict[str, Any] = dict(zip(REWARDS, parts, strict=True))
         squares = np.vecdot(error, error)
         values["tracking_rms"] = np.sqrt(squares / error.shape[1])
-        values["torque_rate"] = plant.torque_rate
-        stopped = (plant.q <= self._lowest) | (plant.q >= self._highest)
-        early = set(plant.diverged)
+        values["torque_rate"] = self.torque_rate
+        lowest, highest = self._stops
+        stopped = (self.q <= lowest) | (self.q >= highest)
+        early = set(self.diverged)
         if np.count_nonzero(stopped):
             early.update(np.flatnonzero(stopped.any(axis=1)).tolist())
         ends = {
-            number: plant.early_end(number, bool(self._acted[number]))
+            number: self.early_end(number, bool(self._acted[number]))
             for number in sorted(early)
         }
         return error, parts.total, values, ends
@@ -217,7 +208,7 @@ class ArmTracking(gymnasium.Env):
         chosen_model = arguments.chosen_feedforward(feedforward)
         chosen_motion = arguments.checked_motion(motion, n)
         chosen_randomisation = checked_randomisation(randomisation)
-        self._timing = timing = Timing(
+        timing = Timing(
             arguments.positive("time_step", time_step, "s"),
             arguments.whole("sub_steps", sub_steps),
             arguments.positive("episode_length", episode_length, "s"),
@@ -225,7 +216,7 @@ class ArmTracking(gymnasium.Env):
         )
         allowed = arguments.checked_limits(limits, n)
         self.space = workspace(self.body, allowed, arguments.checked_posture(posture))
-        self._control = control(
+        own_control = control(
             self.arm,
             self.body,
             self.space,
@@ -236,10 +227,9 @@ class ArmTracking(gymnasium.Env):
         )
         base = arguments.chosen_base(simulated, self.arm, effects)
         # an arm instead of the nominal one brings its own effects
-        own = None if simulated is None else base.effects
-        given = chosen_effects(effects, self.arm) if own is None else own
+        given = base.effects if simulated else chosen_effects(effects, self.arm)
         lower, upper = self.body.position_limits()
-        self.layout = Layout(n, timing.look_ahead, self._control.size)
+        self.layout = Layout(n, timing.look_ahead, own_control.size)
         self.setup = Setup(
             arm=self.arm,
             body=self.body,
@@ -247,7 +237,7 @@ class ArmTracking(gymnasium.Env):
             base=base,
             encoder_noise=arguments.noise("encoder_noise", encoder_noise, n),
             space=self.space,
-            control=self._control,
+            control=own_control,
             timing=timing,
             feedforward=chosen_model,
             options=EpisodeOptions(chosen_motion, given, chosen_randomisation),
@@ -256,47 +246,29 @@ class ArmTracking(gymnasium.Env):
             stops=(lower + NEAR_STOP, upper - NEAR_STOP),
             debug=debug,
         )
-        self._plant = ControlledArms(self.setup, engine=engine)
-        self._episodes = Episodes(self.setup, self._plant)
+        self._episodes = Episodes(self.setup, engine=engine)
         self._course: SampledReference | None = None
-        size = self._control.size
         self.observation_space = self.layout.space
-        self.action_space = Box(-1.0, 1.0, (size,), dtype=np.float32)
-        self._set_rendering(render_mode)
-
-    def _set_rendering(self, render_mode: str | None) -> None:
-        """Open a screen if one is wanted."""
-        period = self._timing.period
+        self.action_space = Box(-1.0, 1.0, (own_control.size,), dtype=np.float32)
+        fps = max(1, round(1 / timing.period))
         self.render_mode = render_mode
-        self.metadata = self.metadata | {"render_fps": max(1, round(1 / period))}
+        self.metadata = self.metadata | {"render_fps": fps}
         self._screen: Screen | None = None
         if render_mode is not None:
-            self._screen = Screen(self.space.kinematics, render_mode, period)
+            # pictures alone wait for matplotlib
+            from gapscope.envs.rendering import Screen
+
+            self._screen = Screen(self.space.kinematics, render_mode, timing.period)
 
     @property
     def torque_scale(self) -> np.ndarray:
         """Torque of an action of 1 [N m], shape (n,); 0 with ``scale``."""
-        return self._control.scale
-
-    @property
-    def actions(self) -> int:
-        """Numbers in an action."""
-        return self._control.size
-
-    @property
-    def length(self) -> float:
-        """Length of an episode [s]."""
-        return self._timing.duration
-
-    @property
-    def period(self) -> float:
-        """Time between actions [s]."""
-        return self._timing.period
+        return self.setup.control.scale
 
     @property
     def effects(self) -> tuple[AppliedEffect, ...]:
         """Effects of this episode, drawn ones included."""
-        return self._plant.effects[0]
+        return self._episodes.effects[0]
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -311,10 +283,9 @@ class ArmTracking(gymnasium.Env):
         """
         super().reset(seed=seed)
         episodes = self._episodes
-        episode = episodes.begin(0, options or {}, self.np_random)
-        self._course = episode.course
+        self._course = course = episodes.begin(0, options or {}, self.np_random)
         if self._screen is not None:
-            self._screen.begin(title(self.arm, episode.effects), episode.course.q)
+            self._screen.begin(title(self.arm, self.effects), course.q)
         error = episodes.error()
         self._show(error[0], {})
         return episodes.observations(error)[0], episodes.truth(0)
@@ -333,12 +304,12 @@ class ArmTracking(gymnasium.Env):
         if self._course is None:
             raise ResetNeeded("the episode has ended or not begun: call reset() first")
         episodes = self._episodes
-        chosen = arguments.checked_actions(action, (self._control.size,))
-        errors, rewards, values, early = episodes.act(chosen[None])
+        chosen = checked_actions(action, episodes.action.shape[1:])
+        errors, rewards, values, early = episodes.play(chosen[None])
         info: dict[str, Any] = {name: float(x[0]) for name, x in values.items()}
         info |= early.get(0, {}) | episodes.truth(0)
         terminated = bool(early)
-        truncated = bool(episodes.at[0] >= self._timing.actions)
+        truncated = bool(episodes.courses.at[0] >= self.setup.timing.actions)
         self._show(errors[0], info)
         if terminated or truncated:
             self._course = None
@@ -351,22 +322,24 @@ class ArmTracking(gymnasium.Env):
 
     def close(self) -> None:
         """Free the engine and close the window; a second call does nothing."""
-        self._plant.close()
+        self._episodes.close()
         if self._screen is not None:
             self._screen.close()
 
     def _show(self, error: np.ndarray, info: dict[str, Any]) -> None:
         if self._screen is not None:
-            share = self._plant.torque[0] / self._control.rated
-            self._screen.add(self._plant.q[0], error, share, ending(info))
+            episodes, rated = self._episodes, self.setup.control.rated
+            share = episodes.torque[0] / rated
+            self._screen.add(episodes.q[0], error, share, ending(info))
 
 
 class VectorArmTracking(VectorEnv):
-    """N environments ``ArmTracking`` on MuJoCo; each does what a single one with its seed does, bit by bit.
+    """N environments ``ArmTracking``; each does what a single one with its seed does, bit by bit.
 
     Actions, observations, rewards, endings and ``info`` are those of N single environments in Gymnasium's
-    ``SyncVectorEnv``. The bodies are stepped on threads; controllers, drives, friction, delays and encoders over all
-    arms at once. Drawn effects change fields of a model, and no model is compiled at a reset.
+    ``SyncVectorEnv``. Controllers and encoders are computed over all arms at once. On MuJoCo the bodies are stepped on
+    threads, drives, friction and delays over all arms at once, and no model is compiled at a reset; on PyBullet, and
+    with motors of their own, coupled motors or stiff springs, drives and bodies are stepped one arm after the other.
 
     Args:
         num_envs: N.
@@ -375,11 +348,10 @@ class VectorArmTracking(VectorEnv):
             action) or ``SameStep`` (the step that ends it resets it; its last observation is
             ``info["final_obs"]``).
         threads: on which bodies are stepped; 0 for one on every processor that this process may use.
-        options: the other arguments of ``ArmTracking``; ``engine`` must be ``mujoco``, and nothing is drawn.
+        options: the other arguments of ``ArmTracking``; ``engine`` is ``mujoco`` by default, and nothing is drawn.
 
     Raises:
-        InputError: an argument that cannot be used, or an arm that cannot be stepped beside others: with a residual
-            network, an elastic joint or one with play, or a motor that turns several joints.
+        InputError: an argument that cannot be used.
     """
 
     def __init__(
@@ -393,38 +365,31 @@ class VectorArmTracking(VectorEnv):
     ) -> None:
         self.num_envs = whole("num_envs", num_envs)
         engine = options.pop("engine", None) or "mujoco"
-        if engine != "mujoco":
-            raise InputError(
-                f"the vector environment runs on mujoco, not on {engine}",
-                ONE_BY_ONE,
-                where="engine",
-            )
         if options.get("render_mode") is not None:
             raise InputError(
-                "the vector environment draws nothing", ONE_BY_ONE, where="render_mode"
+                "the vector environment draws nothing",
+                "vectorization_mode='sync' does",
+                where="render_mode",
             )
         self._mode = _checked_mode(autoreset_mode)
         self.metadata = {"autoreset_mode": self._mode, "render_modes": []}
-        one = ArmTracking(robot, engine="mujoco", **options)
+        one = ArmTracking(robot, engine=engine, **options)
         one.close()
-        _check_drawn(one.setup.options.randomisation)
-        if one.setup.base.residual is not None:
-            raise InputError(
-                "the vector environment does not step a residual network",
-                ONE_BY_ONE,
-                where="simulated",
-            )
         self.arm, self.setup, self.layout = one.arm, one.setup, one.layout
         self.single_observation_space = one.observation_space
         self.single_action_space = one.action_space
         self.observation_space = batch_space(one.observation_space, self.num_envs)
         self.action_space = batch_space(one.action_space, self.num_envs)
-        self._plant = ControlledArms(self.setup, self.num_envs, threads)
+        episodes = partial(Episodes, self.setup, self.num_envs, engine=engine)
+        together = engine == "mujoco" and not _draws_motors(self.setup)
+        try:
+            self._episodes = episodes(together=together, threads=threads)
+        except InputError:
+            self._episodes = episodes()
         self._rngs: list[np.random.Generator | None] = [None] * self.num_envs
         self._seeds = [-1] * self.num_envs
         self._ended = np.ones(self.num_envs, dtype=bool)
         self._begun = False
-        self._episodes = Episodes(self.setup, self._plant)
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
@@ -434,7 +399,7 @@ class VectorArmTracking(VectorEnv):
     @property
     def effects(self) -> tuple[tuple[AppliedEffect, ...], ...]:
         """Effects of the episode of each environment, drawn ones included."""
-        return tuple(self._plant.effects)
+        return tuple(self._episodes.effects)
 
     def reset(
         self,
@@ -452,11 +417,22 @@ class VectorArmTracking(VectorEnv):
         Raises:
             InputError: an option that cannot be used, or a list of another length.
         """
-        seeds = self._listed(seed)
-        each = self._each(options or {})
+        count = self.num_envs
+        seeds: Any = [None] * count if seed is None else seed
+        if isinstance(seed, int):
+            seeds = [seed + number for number in range(count)]
+        options = dict(options or {})
+        each = options.pop("each", [{}] * count)
+        for name, values in (("seed", seeds), ("options['each']", each)):
+            if len(values) != count:
+                raise InputError(
+                    f"expected {count}, one for each environment, got {len(values)}",
+                    where=name,
+                )
         infos: dict[str, Any] = {}
         for number in range(self.num_envs):
-            info = self._reset_one(number, seeds[number], each[number])
+            own = options | dict(each[number])
+            info = self._reset_one(number, seeds[number], own)
             infos = self._add_info(infos, info, number)
         self._begun = True
         return self._episodes.observations(self._episodes.error()), infos
@@ -474,11 +450,11 @@ class VectorArmTracking(VectorEnv):
             raise ResetNeeded("no episode has begun: call reset() first")
         episodes, waiting = self._episodes, self._ended.copy()
         chosen = checked_actions(actions, episodes.action.shape)
-        error, rewards, values, early = episodes.act(chosen)
+        error, rewards, values, early = episodes.play(chosen)
         early = {i: why for i, why in early.items() if not waiting[i]}
         terminated = np.zeros(self.num_envs, dtype=bool)
         terminated[list(early)] = True
-        truncated = (episodes.at >= self.setup.timing.actions) & ~waiting
+        truncated = (episodes.courses.at >= self.setup.timing.actions) & ~waiting
         ended = terminated | truncated
         now = ended if self._mode == AutoresetMode.SAME_STEP else waiting
         told = ~now
@@ -497,7 +473,8 @@ class VectorArmTracking(VectorEnv):
         return episodes.observations(error), rewards, terminated, truncated, infos
 
     def close_extras(self, **options: Any) -> None:
-        """Nothing outlives the object."""
+        """Free the engine."""
+        self._episodes.close()
 
     def _reset_one(
         self, number: int, seed: int | None, options: Mapping[str, Any]
@@ -545,31 +522,6 @@ class VectorArmTracking(VectorEnv):
         found = {"final_obs": last, "final_info": info}
         return found | {f"_{name}": ended.copy() for name in found}
 
-    def _listed(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
-        """A seed for each environment."""
-        if seed is None:
-            return [None] * self.num_envs
-        if isinstance(seed, int):
-            return [seed + number for number in range(self.num_envs)]
-        return self._one_each("seed", seed)
-
-    def _each(self, options: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
-        """Options of a reset for each environment."""
-        if "each" not in options:
-            return [options] * self.num_envs
-        common = {name: x for name, x in options.items() if name != "each"}
-        each = self._one_each("options['each']", options["each"])
-        return [common | dict(own) for own in each]
-
-    def _one_each(self, name: str, values: Sequence[Any]) -> Sequence[Any]:
-        """The values, if there is one for each environment; raises ``InputError`` if not."""
-        if len(values) != self.num_envs:
-            raise InputError(
-                f"expected {self.num_envs}, one for each environment, got {len(values)}",
-                where=name,
-            )
-        return values
-
 
 def _checked_mode(mode: AutoresetMode | str) -> AutoresetMode:
     """The mode of autoreset; raises ``InputError`` if it is none of ``MODES``."""
@@ -582,25 +534,15 @@ def _checked_mode(mode: AutoresetMode | str) -> AutoresetMode:
     return found
 
 
-def _check_drawn(randomisation: Randomisation | EffectRanges | None) -> None:
-    """Check that no effect may be drawn with which an arm cannot be stepped beside others.
-
-    Raises:
-        InputError: one may be; names it.
-    """
-    if randomisation is None:
-        return
-    ranges = isinstance(randomisation, EffectRanges)
+def _draws_motors(setup: Setup) -> bool:
+    """Whether effects may be drawn with which joints have motors of their own, or motors turn several joints."""
+    drawn = setup.options.randomisation
+    if drawn is None:
+        return False
     names = (
-        [item.low.name for item in randomisation.ranges]
-        if isinstance(randomisation, EffectRanges)
-        else list(randomisation.names)
+        [item.low.name for item in drawn.ranges]
+        if isinstance(drawn, EffectRanges)
+        else drawn.names
     )
-    for name in names:
-        effect = CATALOGUE[name]
-        if isinstance(effect, Transmission) or effect.reach == "motor":
-            raise InputError(
-                f"{name} may be drawn, with which arms are not stepped together",
-                ONE_BY_ONE,
-                where="ranges" if ranges else "randomisation.names",
-            )
+    effects = [CATALOGUE[name] for name in names]
+    return any(isinstance(x, Transmission) or x.reach == "motor" for x in effects)

@@ -214,21 +214,16 @@ def chosen_effects(effects: Effects, arm: NominalArm) -> tuple[AppliedEffect, ..
         InputError: the file is at fault, what was given is no effect, or an effect acts on a joint that the arm lacks.
     """
     file = effects if isinstance(effects, (str, Path)) else None
-    found = _records(effects) if file is None else _read(file)
+    if file is None:
+        found = _records(effects)
+    elif str(file) in CATALOGUE and not Path(file).exists():
+        what = f"{str(file)!r} is the name of an effect, without values"
+        raise InputError(what, GIVE, where="effects")
+    else:
+        found = read_corrected(file)
     with error_context(file, found):
         CorrectedArm(arm, found).check()
     return found
-
-
-def _read(file: Path | str) -> tuple[AppliedEffect, ...]:
-    """The effects in a file."""
-    if str(file) in CATALOGUE and not Path(file).exists():
-        raise InputError(
-            f"{str(file)!r} is the name of an effect, without values",
-            GIVE,
-            where="effects",
-        )
-    return read_corrected(file)
 
 
 def _records(effects: Any) -> tuple[AppliedEffect, ...]:
@@ -247,13 +242,12 @@ def _records(effects: Any) -> tuple[AppliedEffect, ...]:
         effects = (effects,)
     if not isinstance(effects, Iterable):
         raise InputError(f"{effects!r} is no effect with values", GIVE, where="effects")
-    return tuple(_record(item, f"effects[{i}]") for i, item in enumerate(effects))
-
-
-def _record(item: object, where: str) -> AppliedEffect:
-    if isinstance(item, Mapping):
-        return read_entry(item, where)
-    return record_of(where, item, AppliedEffect, GIVE)
+    return tuple(
+        read_entry(item, f"effects[{i}]")
+        if isinstance(item, Mapping)
+        else record_of(f"effects[{i}]", item, AppliedEffect, GIVE)
+        for i, item in enumerate(effects)
+    )
 
 
 class EpisodeOptions(NamedTuple):
@@ -268,18 +262,6 @@ class EpisodeOptions(NamedTuple):
     motion: str | ReferenceMotion
     effects: tuple[AppliedEffect, ...]
     randomisation: Randomisation | EffectRanges | None
-
-
-class EpisodePlan(NamedTuple):
-    """One episode.
-
-    Attributes:
-        course: reference and feedforward.
-        effects: of the simulated arm, drawn ones included.
-    """
-
-    course: SampledReference
-    effects: tuple[AppliedEffect, ...]
 
 
 class Setup(NamedTuple):
@@ -316,8 +298,10 @@ class Setup(NamedTuple):
     stops: tuple[np.ndarray, np.ndarray]
     debug: bool
 
-    def draw(self, options: Mapping[str, Any], seeds: np.ndarray) -> EpisodePlan:
-        """An episode.
+    def draw(
+        self, options: Mapping[str, Any], seeds: np.ndarray
+    ) -> tuple[SampledReference, tuple[AppliedEffect, ...]]:
+        """Course and effects of an episode, drawn ones included.
 
         Args:
             options: instead of the environment's own, by the names of ``EpisodeOptions``.
@@ -338,7 +322,7 @@ class Setup(NamedTuple):
         if isinstance(motion, str):
             rng = np.random.default_rng(seeds[0])
             motion = draw_motion(motion, rng, self.space, self.timing.duration)
-        return EpisodePlan(SampledReference(self, motion), effects)
+        return SampledReference(self, motion), effects
 
     def _chosen(self, options: Mapping[str, Any]) -> EpisodeOptions:
         """The options of one episode, checked."""

@@ -12,12 +12,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import add, maximum, minimum, multiply, subtract
 
-from gapscope.arm.errors import InputError
 from gapscope.arm.velocity_filter import VelocityFilter, filter_gains
 from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected_file import described
 from gapscope.envs.actions import Gains, scaled
-from gapscope.envs.divergence import described, divergence_info, stop_info
-from gapscope.envs.drive.arm_drive import ArmDrive, Encoders, nominal_body
+from gapscope.envs.divergence import divergence_info, stop_info
 from gapscope.envs.episode import FASTEST_OBSERVED, SampledReference, Setup, Timing
 from gapscope.envs.position_controller import VELOCITY_DAMPING, cutoff
 from gapscope.envs.simulated_arm import NetworkTorque, SimulatedArms
@@ -26,14 +25,12 @@ SENSOR_PERIOD = 10e-3
 """The encoders are read at least this often [s], and at every step if a PD loop runs."""
 SLOW = FASTEST_OBSERVED**2
 """Sum of squares of velocities of which none exceeds what is observed [rad^2/s^2]."""
-ONE_BY_ONE = (
-    "gymnasium.make_vec(..., vectorization_mode='sync') steps such arms one by one"
-)
-"""What to do if arms cannot be stepped together."""
 
 
 class SampledReferences:
     """Courses of N episodes, K actions of S steps, n joints; each at an action of its own.
+
+    An episode that is over stands still for the action in which it waits for the next one.
 
     Args:
         timing: of the episodes.
@@ -48,88 +45,43 @@ class SampledReferences:
     """
 
     def __init__(self, timing: Timing, count: int, n_joints: int, planned: int) -> None:
-        n, self._sub_steps = n_joints, timing.sub_steps
-        # an episode that is over stands still for the action in which it waits for the next one
-        self._actions = timing.actions + 2
-        self._steps = (timing.actions + 1) * self._sub_steps + 1
-        # number of the action, its row of a plan, and rows of its steps, which go on together
-        self._rows = np.zeros((self._sub_steps + 3, count), dtype=int)
-        self._strides = np.ones_like(self._rows)
-        self._strides[2:] = self._sub_steps
-        self.at = self._rows[0]
+        self._sub_steps = timing.sub_steps
+        self.at: np.ndarray = np.zeros(count, dtype=int)
         self.planned = np.zeros((count, planned))
-        self.position, self.rate = self.planned[:, :n], self.planned[:, n : 2 * n]
-        # those of all episodes below each other, from which the rows of one action are taken
-        self._plans = np.zeros((count * self._actions, planned))
-        self._q, self._torque = np.zeros((2, count * self._steps, n))
+        self.position = self.planned[:, :n_joints]
+        self.rate = self.planned[:, n_joints : 2 * n_joints]
+        # rows of actions; reference and feedforward of steps
+        none = np.zeros((timing.actions + 2, planned))
+        still = np.zeros((2, (timing.actions + 1) * timing.sub_steps + 1, n_joints))
+        self._plans, self._series = [none] * count, [still] * count
 
     def put(self, number: int, course: SampledReference) -> None:
         """Give an episode, numbered from 0, another course, at whose start it is."""
-        plan, step = number * self._actions, number * self._steps
-        for rows, first, values, still in (
-            (self._plans, plan, course.planned, 1),
-            (self._q, step, course.step_q, self._sub_steps),
-            (self._torque, step, course.step_torque, self._sub_steps),
-        ):
-            end = first + len(rows) // len(self.at) - still
-            rows[first:end] = values[: end - first]
-            rows[end : end + still] = rows[end - 1]
-        steps = step + np.arange(self._sub_steps + 1)
-        self._rows[:, number] = [0, plan, *steps]
-        self.planned[number] = course.planned[0]
+        self.at[number], self.planned[number] = 0, course.planned[0]
+        self._plans[number] = np.pad(course.planned, ((0, 1), (0, 0)), "edge")
+        series = np.stack(
+            [course.step_q[: len(course.step_torque)], course.step_torque]
+        )
+        waiting = ((0, 0), (0, self._sub_steps), (0, 0))
+        self._series[number] = np.pad(series, waiting, "edge")
 
     def steps(self) -> tuple[np.ndarray, np.ndarray]:
         """Reference [rad] and feedforward [N m] at the steps of the next action, the first after it included.
 
         Two arrays of shape (S + 1, N, n).
         """
-        rows = self._rows[2:]
-        return self._q.take(rows, axis=0), self._torque.take(rows, axis=0)
+        count = self._sub_steps
+        both = np.empty((2, count + 1, *self.position.shape))
+        for number, at in enumerate(self.at.tolist()):
+            rows = slice(at * count, at * count + count + 1)
+            both[:, :, number] = self._series[number][:, rows]
+        return both[0], both[1]
 
     def go_on(self) -> None:
         """The next action is done."""
-        self._rows += self._strides
-        self.planned[...] = self._plans.take(self._rows[1], axis=0)
-
-
-class Readings:
-    """The encoders of N arms, n joints in the arm's order; each arm has its own source of noise.
-
-    Args:
-        one: those of one arm.
-        noise: standard deviation [rad], a number or shape (n,).
-        shape: (N, n).
-    """
-
-    def __init__(
-        self, one: Encoders, noise: np.ndarray | float, shape: tuple[int, int]
-    ) -> None:
-        count, n = shape
-        self._one, self._all = [one] * count, one.beside(count)
-        self._noise, self._noisy = np.broadcast_to(noise, n), bool(np.any(noise))
-        self._rngs = [np.random.default_rng() for _ in range(count)]
-
-    def put(self, number: int, one: Encoders, seed: np.ndarray) -> None:
-        """Give an arm, numbered from 0, other encoders, and its noise a seed, whole numbers of shape (k,)."""
-        self._one[number] = one
-        self._all.put(number, one)
-        self._rngs[number] = np.random.default_rng(seed)
-
-    def __call__(self, q: np.ndarray) -> np.ndarray:
-        """Readings [rad] of the true positions q [rad] of motors or joints, shape (N n,)."""
-        noise = None
-        if self._noisy:
-            noise = np.concatenate([self._drawn(arm) for arm in range(len(self._one))])
-        return self._all(q, noise)
-
-    def of(self, number: int, q: np.ndarray) -> np.ndarray:
-        """Reading [rad] of one arm at its true position q [rad], shape (n,)."""
-        return self._one[number](q, self._drawn(number) if self._noisy else None)
-
-    def _drawn(self, number: int) -> np.ndarray:
-        """Noise of an arm [rad], shape (n,)."""
-        rng = self._rngs[number]
-        return self._noise * rng.standard_normal(len(self._noise))
+        self.at += 1
+        for number, at in enumerate(self.at.tolist()):
+            self.planned[number] = self._plans[number][at]
 
 
 class VelocityFilters:
@@ -141,7 +93,7 @@ class VelocityFilters:
     """
 
     def __init__(self, rate: float, shape: tuple[int, int]) -> None:
-        self._rate, self._shape = rate, shape
+        self._rate = rate
         gains = np.array(filter_gains(rate, cutoff(rate), VELOCITY_DAMPING))
         pasts: np.ndarray = np.zeros((2, 5, shape[0] * shape[1]))
         self._product, tables = gains.dot, pasts
@@ -149,46 +101,29 @@ class VelocityFilters:
             # one product per arm: a single large one would round differently
             self._product = partial(np.matmul, gains)
             tables = pasts.reshape(2, 5, *shape).swapaxes(1, 2)
-        # the rows from one array into another, in turns: numpy takes longer to move them within one
+        # from one array into the other, in turns: numpy takes longer to move rows within one, and to slice again
         self._turns = [
-            _Past(past, table, past[0], past[:-1], past[1:], past[3], table[..., 3, :])
+            (past[0], past[:-1], past[1:], table, table[..., 3, :], past[3])
             for past, table in zip(pasts, tables, strict=True)
         ]
+        self._pasts = [past.reshape(5, *shape) for past in pasts]
 
     def put(self, number: int, position: np.ndarray, velocity: np.ndarray) -> None:
         """Start an arm at a position [rad], until which it had a velocity [rad/s], each (n,)."""
         rate = self._rate
         one = VelocityFilter(rate, cutoff(rate), VELOCITY_DAMPING, position, velocity)
-        self._turns[0].rows.reshape(5, *self._shape)[:, number] = one.past
+        self._pasts[0][:, number] = one.past
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
         """Filtered velocities [rad/s] for the next positions q [rad], (N n,); valid until the next call but one."""
-        now, after = self._turns
-        now.newest[...] = q
-        after.older[...] = now.kept
-        self._product(now.table, out=after.result)
+        newest, kept, _, table, _, _ = self._turns[0]
+        _, _, older, _, result, velocity = self._turns[1]
+        newest[...] = q
+        older[...] = kept
+        self._product(table, out=result)
         self._turns.reverse()
-        return after.velocity
-
-
-class _Past(NamedTuple):
-    """``VelocityFilter.past`` of N arms, and parts of the same memory.
-
-    Attributes:
-        rows: of all joints, shape (5, N n).
-        table: by arms, or of one arm the rows.
-        newest: first row.
-        kept, older: all rows but the last, and but the first.
-        velocity, result: last velocity in a row, and where it comes from the table.
-    """
-
-    rows: np.ndarray
-    table: np.ndarray
-    newest: np.ndarray
-    kept: np.ndarray
-    older: np.ndarray
-    velocity: np.ndarray
-    result: np.ndarray
+        self._pasts.reverse()
+        return velocity
 
 
 class _Diverged(NamedTuple):
@@ -211,12 +146,10 @@ class ControlledArms:
 
     Args:
         setup: of the environments.
-        count: N, or ``None`` for one arm, which may have any effect and engine.
-        threads: on which they are stepped, see ``gapscope.envs.engines.mujoco``.
-        engine: name of the engine.
+        count: N.
+        engine, together, threads: as of ``gapscope.envs.simulated_arm.SimulatedArms``.
 
     Attributes:
-        effects: of each arm beyond the base.
         position: as the encoders give it, quantised as the data sheet says [rad], shape (N, n).
         velocity: estimate from the encoders [rad/s], shape (N, n).
         torque: commanded in the last step [N m], shape (N, n).
@@ -228,37 +161,34 @@ class ControlledArms:
         diverged: the arms that diverged in the last action, by number.
 
     Raises:
-        InputError: an engine that is not there, or arms that cannot be stepped beside others.
+        InputError: an engine that is not there, or arms that cannot be stepped together.
     """
 
     def __init__(
         self,
         setup: Setup,
-        count: int | None = None,
+        count: int = 1,
+        *,
+        engine: str | None = None,
+        together: bool = False,
         threads: int = 0,
-        engine: str | None = "mujoco",
     ) -> None:
-        self._setup, self._control, self._timing = setup, setup.control, setup.timing
-        self._base, self._encoder_step = setup.base, setup.arm.encoder_step or 0.0
-        self._alone, self._engine, count = count is None, engine, count or 1
-        arm, dt = setup.base.arm, setup.timing.dt
-        self._nominal = nominal_body(arm)
-        first = arm.n_joints * np.arange(count)[:, None]
-        self._order, self._places = (
-            (first + row).ravel() for row in (self._nominal.order, self._nominal.places)
+        self.setup, self._control, self._timing = setup, setup.control, setup.timing
+        self._arms = SimulatedArms(
+            setup.base.arm,
+            setup.options.effects,
+            setup.timing.dt,
+            count,
+            engine=engine,
+            encoder_step=setup.arm.encoder_step or 0.0,
+            encoder_noise=setup.encoder_noise,
+            together=together,
+            threads=threads,
         )
-        self._ordered = bool((self._order == np.arange(self._order.size)).all())
-        drive = self._drive(setup.options.effects)
-        self._arms = SimulatedArms(drive, count, threads, engine)
-        encoders = Encoders(drive.corrected, self._encoder_step)
-        self.effects: list[tuple[AppliedEffect, ...]] = [setup.options.effects] * count
-        self._drives = [drive] * count
         self._networks: dict[int, NetworkTorque] = {}
         self._chunk = 1 if setup.control.gains else sensor_chunk(setup.timing)
-        rate = 1.0 / (dt * self._chunk)
-        shape = (count, arm.n_joints)
-        self._on_motor = encoders.on_motor
-        self._readings = Readings(encoders, setup.encoder_noise, shape)
+        rate = 1.0 / (setup.timing.dt * self._chunk)
+        shape = (count, setup.arm.n_joints)
         self._estimate = VelocityFilters(rate, shape)
         planned = len(range(setup.layout.size)[setup.layout.planned])
         self.courses = SampledReferences(setup.timing, *shape, planned)
@@ -277,15 +207,13 @@ class ControlledArms:
             np.tile(x, (count, 1)) for x in (control.scale, control.rated)
         )
         self._lowest = -self._limit
-        self._error, self._work = np.zeros((2, self._order.size))
+        self._error, self._work = np.zeros((2, self._limit.size))
         self._series = np.zeros((2, count, setup.timing.sub_steps, shape[1]))
 
-    def _drive(self, effects: tuple[AppliedEffect, ...]) -> ArmDrive:
-        """The drives and bodies of an arm with effects; raises ``InputError`` if they cannot be simulated."""
-        drive = ArmDrive(self._base.arm, effects, self._timing.dt, self._nominal)
-        if not self._alone:
-            _check_beside_others(drive, effects)
-        return drive
+    @property
+    def effects(self) -> list[tuple[AppliedEffect, ...]]:
+        """Effects of each arm beyond the base."""
+        return self._arms.effects
 
     def close(self) -> None:
         """Free the engine."""
@@ -305,38 +233,30 @@ class ControlledArms:
         Raises:
             InputError: one of the effects cannot be simulated, or not beside other arms.
         """
-        if effects is not self.effects[number]:
-            drive = self._drive(effects)
-            if self._alone:
-                arms = SimulatedArms(drive, engine=self._engine)
-                self.close()
-                self._arms = arms
-            else:
-                self._arms.put(number, drive)
-            self._drives[number], self.effects[number] = drive, effects
-        encoders = Encoders(self._drives[number].corrected, self._encoder_step)
-        self._readings.put(number, encoders, seed)
+        arms = self._arms
+        arms.put(number, effects)
+        arms.draw_noise_from(number, np.random.default_rng(seed))
         self.courses.put(number, course)
         start, still = course.q[0], np.zeros(len(course.dq))
-        self._arms.start(number, encoders, start, course.dq)
-        self.q[number] = self._own(self._arms.q)[number]
-        self._home[number] = self._arms.q.reshape(self._home.shape)[number]
+        arms.start(number, start, course.dq)
+        self._home[number] = self.q[number] = arms.in_order(arms.inside.q)[number]
         moving = self._control.gains is None
         first = (start, course.dq) if moving else (still, still)
         self._estimate.put(number, *first)
-        seen = self._own(self._arms.seen(self._on_motor))[number]
-        self.position[number] = self._readings.of(number, seen)
+        self.position[number] = arms.read_one(number)
         self.velocity[number] = course.dq
         self.torque[number] = course.step_torque[0]
         self.dq[number], self.applied[number] = course.dq, 0.0
         self.load[number] = self.torque_rate[number] = 0.0
-        if self._base.residual is not None:
-            having = replace(self._base, effects=effects)
+        if self.setup.base.residual is not None:
+            having = replace(self.setup.base, effects=effects)
             steps = self._timing.sub_steps
             self._networks[number] = NetworkTorque(having, course.motion, steps)
 
     def truth(self, number: int) -> dict[str, Any]:
-        """True motion [rad], [rad/s] and torque [N m] of an arm, and its effects: hidden from controllers."""
+        """True motion [rad], [rad/s], torque [N m] and effects of an arm if they are told; hidden from controllers."""
+        if not self.setup.debug:
+            return {}
         return {
             "q_true": self.q[number].copy(),
             "dq_true": self.dq[number].copy(),
@@ -352,12 +272,12 @@ class ControlledArms:
         """
         reading = self.position[number]
         if number not in self.diverged:
-            return dict(stop_info(self._setup, self.q[number], reading))
+            return dict(stop_info(self.setup, self.q[number], reading))
         before = int(self.courses.at[number] - 1) * self._timing.sub_steps
         until = before + self.diverged[number].done
         state = reading, self.dq[number]
         hidden = self.effects[number]
-        return divergence_info(self._setup, until, *state, hidden, acted)
+        return divergence_info(self.setup, until, *state, hidden, acted)
 
     def act(self, action: np.ndarray) -> None:
         """Carry out the next action of each, shape (N, ...); the courses go on."""
@@ -370,9 +290,9 @@ class ControlledArms:
             courses.go_on()
         else:
             self._track(action)
-        arms = self._arms
-        self.q, self.dq = self._own(arms.q), self._own(arms.dq)
-        self.applied = self._own(arms.applied)
+        in_order, inside = self._arms.in_order, self._arms.inside
+        self.q, self.dq = in_order(inside.q), in_order(inside.dq)
+        self.applied = in_order(inside.applied)
         for number, end in self.diverged.items():
             self.torque[number], self.position[number] = end.torque, end.position
             self.q[number], self.dq[number] = end.q, end.dq
@@ -446,37 +366,32 @@ class ControlledArms:
                 table = felt.reshape(self.q.shape)
                 step = self.courses.at[number] * self._timing.sub_steps + done
                 table[number] -= network.torque(step)
-        arms.hold(felt if self._ordered else felt[self._order], self._chunk)
-        dq = arms.dq
+        arms.hold(felt, self._chunk)
+        dq = arms.inside.dq
         # fast: no joint is faster than all together
         if not dq.dot(dq) <= SLOW:
             speeds = np.abs(dq).reshape(self.q.shape).max(axis=1)
             for number in np.flatnonzero(~(speeds <= FASTEST_OBSERVED)).tolist():
                 self._stop(number, done, torque.reshape(self.q.shape)[number])
-        q = arms.seen(self._on_motor)
-        reading = self._readings(q if self._ordered else q[self._places])
+        reading = arms.read()
         self.position = reading.reshape(self.q.shape)
         return reading
 
     def _stop(self, number: int, done: int, torque: np.ndarray) -> None:
         """Note what an arm had when it diverged, if this is the first time in the action, and park it."""
-        arms = self._arms
+        arms, inside = self._arms, self._arms.inside
         if number not in self.diverged:
             self.diverged[number] = _Diverged(
                 done,
                 torque.copy(),
                 self.position[number].copy(),
                 self.velocity[number].copy(),
-                self._own(arms.q)[number],
-                self._own(arms.dq)[number],
-                self._own(arms.applied)[number],
+                *(
+                    arms.in_order(values)[number]
+                    for values in (inside.q, inside.dq, inside.applied)
+                ),
             )
         arms.reset(number, self._home[number], np.zeros(len(torque)))
-
-    def _own(self, values: np.ndarray) -> np.ndarray:
-        """A copy of values (N n,) in kinematic order, by arms and in the arm's order, (N, n)."""
-        own = values.copy() if self._ordered else values[self._places]
-        return own.reshape(self._home.shape)
 
     def _note_series(self, torque: np.ndarray, before: np.ndarray) -> None:
         """Note the torque of an action's steps [N m], (S, N, n), and of the step before, (N, n)."""
@@ -506,25 +421,6 @@ class ControlledArms:
         count = steps * len(self._control.rated)
         self.load = squares / count
         self.torque_rate = np.sqrt(jumps / count) / self._timing.dt
-
-
-def _check_beside_others(drive: ArmDrive, effects: tuple[AppliedEffect, ...]) -> None:
-    """Raise ``InputError`` if an arm cannot be stepped beside others."""
-    flexible = np.flatnonzero(~drive.rigid)
-    why = ""
-    if len(flexible):
-        why = "an elastic joint or one with play has a motor of its own"
-    elif drive.coupled.present:
-        why = "a motor turns several joints"
-    elif drive.parts > 1:
-        why = f"a spring divides each step into {drive.parts} parts"
-    if why:
-        names = ", ".join(applied.name for applied in effects)
-        raise InputError(
-            f"{why}, which the vector environment does not step ({names})",
-            ONE_BY_ONE,
-            where="effects",
-        )
 
 
 def sensor_chunk(timing: Timing) -> int:

@@ -6,6 +6,7 @@ that are stable along a whole motion.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,8 +18,8 @@ from gapscope.arm.dynamics.plain_urdf import check_inertia
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.velocity_filter import FilterGains, bilinear, filter_gains
-from gapscope.envs.actions import DAMPING, Gains
+from gapscope.arm.velocity_filter import FilterGains, filter_gains
+from gapscope.envs.actions import DAMPING, Gains, pd_gains
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,21 @@ class SampledLoop:
     def times(self, share: float) -> SampledLoop:
         """The same loop with a bandwidth ``share`` times as large and the same damping."""
         return replace(self, controller=self.controller.times(share))
+
+    def stable_share(
+        self,
+        masses: Sequence[np.ndarray],
+        viscous: np.ndarray,
+        believed: Sequence[np.ndarray] | None = None,
+    ) -> float:
+        """Largest share of the bandwidth that is stable with every mass matrix [1]: 1 if the loop is, 0 if none is."""
+        pairs = list(zip(masses, believed or masses, strict=True))
+
+        def works(share: float) -> bool:
+            loop = self.times(share)
+            return all(loop.stable(mass, viscous, nominal) for mass, nominal in pairs)
+
+        return 1.0 if works(1.0) else largest_stable(works, 1.0)
 
     def stable(
         self, mass: np.ndarray, viscous: np.ndarray, believed: np.ndarray | None = None
@@ -88,6 +104,23 @@ class SampledLoop:
         return float(np.abs(np.linalg.eigvals(after)).max())
 
 
+SMALLEST = 1e-3
+"""A share of the step or of the bandwidth below this is no remedy [1]."""
+
+
+def largest_stable(works: Callable[[float], bool], fails: float) -> float:
+    """The largest number that works, below one that fails, by bisection; 0 if ``SMALLEST`` of that fails too."""
+    low, high = SMALLEST * fails, fails
+    if not works(low):
+        return 0.0
+    for _ in range(20):
+        middle = float(np.sqrt(low * high))
+        low, high = (middle, high) if works(middle) else (low, middle)
+    return low
+
+
+RATE = 1000.0
+"""Of the controller [Hz]."""
 VELOCITY_CUTOFF = 80.0
 """Cut-off of the velocity estimate [Hz]; at most ``WIDEST`` of the rate at which the encoders are read."""
 WIDEST = 0.4
@@ -101,15 +134,13 @@ def cutoff(rate: float) -> float:
     return min(VELOCITY_CUTOFF, WIDEST * rate)
 
 
-def estimate_gains(rate: float) -> FilterGains:
-    """Gains of the differentiator at a rate [Hz]."""
-    return bilinear(rate, cutoff(rate), VELOCITY_DAMPING)
+def pd_loop(gains: Gains, dt: float) -> SampledLoop:
+    """The loop of PD gains with the velocity estimate, a period of dt [s], and torque that is not late."""
+    rate = 1.0 / dt
+    law = PD(rate=rate, kp=gains.kp, kd=gains.kd)
+    return SampledLoop(law, dt, filter_gains(rate, cutoff(rate), VELOCITY_DAMPING))
 
 
-RATE = 1000.0
-"""Of the controller [Hz]."""
-CUTOFF, FILTER_DAMPING = 80.0, 0.9
-"""Cut-off [Hz] and damping ratio [1] of its velocity filter."""
 GAIN_MARGIN = 2.0
 """Factor on all gains at which the loop must still be stable [1]: 6 dB, the usual gain margin."""
 LATE = 1
@@ -149,8 +180,8 @@ def position_controller(
         kp=kp,
         kd=kd,
         feedforward="nominal",
-        velocity_cutoff=CUTOFF,
-        velocity_damping=FILTER_DAMPING,
+        velocity_cutoff=VELOCITY_CUTOFF,
+        velocity_damping=VELOCITY_DAMPING,
     )
 
 
@@ -217,13 +248,11 @@ def stiffest_mode(
     Raises:
         InputError: no inertia is stable at this bandwidth.
     """
-    estimate = filter_gains(RATE, CUTOFF, FILTER_DAMPING)
     kp, kd = pd_gains(np.ones(1), bandwidth, damping)
 
     def growth(log_factor: float) -> float:
         factor = np.exp(log_factor)
-        law = PD(rate=RATE, kp=factor * kp, kd=factor * kd)
-        loop = SampledLoop(law, 1.0 / RATE, estimate, late)
+        loop = replace(pd_loop(Gains(factor * kp, factor * kd), 1.0 / RATE), late=late)
         return loop.spectral_radius(np.eye(1), np.zeros(1)) - 1.0
 
     # gains over the inertia from next to nothing to far beyond what any loop bears
@@ -235,9 +264,3 @@ def stiffest_mode(
             where="bandwidth",
         )
     return float(np.exp(brentq(growth, low, high))) / GAIN_MARGIN
-
-
-def pd_gains(inertia: np.ndarray, bandwidth: float, damping: float = DAMPING) -> Gains:
-    """kp [N m/rad] and kd [N m s/rad], each (n,)."""
-    w = 2 * np.pi * bandwidth
-    return Gains(w**2 * inertia, 2 * damping * w * inertia)

@@ -67,10 +67,9 @@ class Randomisation:
         object.__setattr__(self, "names", names)
         for name in names:
             check_known("effect", name, sorted(CATALOGUE), where="randomisation.names")
-        joints = None if self.joints is None else _listed("joints", self.joints)
-        if not names or (
-            joints is not None and not (joints and all(map(_is_joint, joints)))
-        ):
+        joints = (1,) if self.joints is None else _listed("joints", self.joints)
+        on_joints = all(isinstance(j, Integral) and int(j) >= 1 for j in joints)
+        if not (names and joints and on_joints):
             raise InputError(
                 "there is nothing to draw",
                 "name effects, and joints from 1 on or None",
@@ -105,10 +104,6 @@ def _listed(name: str, value: object) -> tuple[Any, ...]:
             f"expected a list, got {value!r}", where=f"randomisation.{name}"
         )
     return tuple(value)
-
-
-def _is_joint(joint: object) -> bool:
-    return isinstance(joint, Integral) and int(joint) >= 1
 
 
 def _check_range(name: str, value: object, least: float, most: float) -> None:

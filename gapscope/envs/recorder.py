@@ -90,7 +90,7 @@ def record(
             of the one commanded; row i holds what is applied from t[i] on.
         settle: time at the reference's start before t = 0 [s].
         name: name of the recording.
-        engine: ``pybullet``, ``mujoco`` or ``dart``; by default PyBullet if it is installed, else MuJoCo.
+        engine: ``pybullet`` or ``mujoco``; by default PyBullet if it is installed, else MuJoCo.
         later: a time [s], and the effects that take the place of the others from then on, as when a payload is picked
             up; position and velocity of the joints continue, states of effects are reset.
 
@@ -98,125 +98,77 @@ def record(
         InputError: ``rate`` does not divide the controller's rate, or an effect cannot be simulated on this arm.
         GapscopeError: the simulated arm diverged; says why.
     """
-    every = _ticks_per_row(controller, rate)
-    command = _Command(arm, reference, controller, duration, settle)
-    step = (arm.encoder_step or 0.0) if encoder_step is None else encoder_step
-    steps = steps_per_tick(controller)
-    dt = 1.0 / (controller.rate * steps)
-    simulate = partial(
-        SimulatedArm,
-        arm,
-        dt=dt,
-        engine=engine,
-        encoder_step=step,
-        encoder_noise=encoder_noise,
-        rng=rng,
-    )
-    with ExitStack() as stack:
-        change, following = later or (np.inf, effects)
-        having = [effects] if later is None else [effects, following]
-        arms = [stack.enter_context(simulate(those)) for those in having]
-        try:
-            q, dq, tau = _run(arms, change, controller, command, steps, read_back)
-        except _RanAwayError as error:
-            at_work = following if error.time >= change else effects
-            raise diverged_recording(
-                arm, at_work, controller, error.postures, error.speed, error.time
-            ) from None
-    rows = np.arange(command.first, len(command.t), every)
-    tau = tau[rows] + rng.standard_normal((len(rows), arm.n_joints)) * torque_noise
-    return Recording(
-        name,
-        command.t[rows],
-        q[rows],
-        tau,
-        dq=dq[rows],
-        q_ref=command.motion.q[rows],
-        dq_ref=command.motion.dq[rows],
-    )
-
-
-def _ticks_per_row(controller: Controller, rate: float) -> int:
-    """Ticks of the controller per row of the recording."""
-    ticks = round(controller.rate / rate)
-    if abs(ticks * rate - controller.rate) > 1e-6 * rate:
-        near = controller.rate / max(1, ticks)
+    every = round(controller.rate / rate)
+    if abs(every * rate - controller.rate) > 1e-6 * rate:
+        near = controller.rate / max(1, every)
         raise InputError(
             f"{rate:g} Hz does not divide the controller's {controller.rate:g} Hz",
             f"record at {near:g} Hz, or another whole part of the controller's rate",
             where="rate",
         )
-    return ticks
-
-
-class _RanAwayError(Exception):
-    """The arm diverged: at a time [s], with speeds [rad/s], (n,), after postures of the reference [rad], (K, n)."""
-
-    def __init__(self, time: float, speed: np.ndarray, postures: np.ndarray) -> None:
-        super().__init__()
-        self.time, self.speed, self.postures = time, speed, postures
-
-
-class _Command:
-    """Targets ``motion`` at times ``t`` of every tick, also before t = 0; ``first`` is the tick of t = 0."""
-
-    def __init__(
-        self,
-        arm: NominalArm,
-        reference: ReferenceMotion,
-        controller: Controller,
-        duration: float,
-        settle: float,
-    ) -> None:
-        rests = np.abs(reference.velocity(np.zeros(1))).max() < 1e-9
-        self.first = round(settle * controller.rate) if rests else 0
-        ticks = np.arange(-self.first, round(duration * controller.rate) + 1)
-        self.t = ticks / controller.rate
-        # before t = 0 the reference rests at its start
-        held = np.maximum(self.t, 0.0)
-        ddq = np.where(ticks[:, None] < 0, 0.0, reference.acceleration(held))
-        self.motion = Targets.of(
-            arm, controller, reference.position(held), reference.velocity(held), ddq
-        )
-
-
-def _run(
-    arms: list[SimulatedArm],
-    change: float,
-    controller: Controller,
-    command: _Command,
-    steps: int,
-    read_back: bool,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Positions as the encoders gave them, filtered velocities and torques at every tick, each (N, n).
-
-    The last of the arms takes over from the first at time ``change`` [s].
-    """
-    simulated, last = arms[0], arms[-1]
-    motion, control = command.motion, ControlLoop(controller, simulated.arm)
-    q, dq, tau = (np.empty_like(motion.q) for _ in range(3))
+    rests = np.abs(reference.velocity(np.zeros(1))).max() < 1e-9
+    first = round(settle * controller.rate) if rests else 0
+    ticks = np.arange(-first, round(duration * controller.rate) + 1)
+    t = ticks / controller.rate
+    # before t = 0 the reference rests at its start
+    held = np.maximum(t, 0.0)
+    ddq = np.where(ticks[:, None] < 0, 0.0, reference.acceleration(held))
+    targets = Targets.of(
+        arm, controller, reference.position(held), reference.velocity(held), ddq
+    )
+    control = ControlLoop(controller, arm)
     filtered = VelocityFilter(
         controller.rate,
         controller.velocity_cutoff,
         controller.velocity_damping,
-        motion.q[0],
-        motion.dq[0],
+        targets.q[0],
+        targets.dq[0],
     )
-    simulated.start(motion.q[0], motion.dq[0], command.t[0])
-    for i, t in enumerate(command.t):
-        if simulated is not last and t >= change:
-            last.reset(simulated.q, simulated.dq, t)
-            simulated = last
-        q[i] = simulated.encoders()
-        dq[i] = filtered(q[i])
-        tau[i] = control(motion.at(i), q[i], dq[i])
-        simulated.step(tau[i], steps)
-        if diverged(simulated.dq):
-            recent = motion.q[max(0, i - RECENT_TICKS) : i + 1]
-            raise _RanAwayError(float(t), simulated.dq.copy(), recent[::-POSTURE_TICKS])
-        if read_back:
-            tau[i] = simulated.applied
-    return q, dq, tau
+    steps = steps_per_tick(controller)
+    simulate = partial(
+        SimulatedArm,
+        arm,
+        dt=1.0 / (controller.rate * steps),
+        engine=engine,
+        encoder_step=(arm.encoder_step or 0.0)
+        if encoder_step is None
+        else encoder_step,
+        encoder_noise=encoder_noise,
+        rng=rng,
+    )
+    change, following = later or (np.inf, effects)
+    at_work = effects
+    q, dq, tau = (np.empty_like(targets.q) for _ in range(3))
+    with ExitStack() as stack:
+        simulated = stack.enter_context(simulate(effects))
+        last = simulated if later is None else stack.enter_context(simulate(following))
+        simulated.start(targets.q[0], targets.dq[0], t[0])
+        for i, now in enumerate(t.tolist()):
+            if simulated is not last and now >= change:
+                last.reset(simulated.q, simulated.dq, now)
+                simulated, at_work = last, following
+            q[i] = simulated.encoders()
+            dq[i] = filtered(q[i])
+            tau[i] = control(targets.at(i), q[i], dq[i])
+            simulated.step(tau[i], steps)
+            if diverged(simulated.dq):
+                recent = targets.q[max(0, i - RECENT_TICKS) : i + 1][::-POSTURE_TICKS]
+                raise diverged_recording(
+                    arm, at_work, controller, recent, simulated.dq, now
+                )
+            if read_back:
+                tau[i] = simulated.applied
+    rows = np.arange(first, len(t), every)
+    noise = rng.standard_normal((len(rows), arm.n_joints)) * torque_noise
+    return Recording(
+        name,
+        t[rows],
+        q[rows],
+        tau[rows] + noise,
+        dq=dq[rows],
+        q_ref=targets.q[rows],
+        dq_ref=targets.dq[rows],
+    )
 
 
 SLOWEST = 0.4
@@ -239,7 +191,7 @@ class Plan:
             position control; otherwise the torque recorded is the one that the controller commands.
         noise: standard deviation of the recorded torque's noise over that of the joint's torque [1].
         encoder_noise: standard deviation of the encoders' noise [rad].
-        engine: ``pybullet``, ``mujoco`` or ``dart``.
+        engine: ``pybullet`` or ``mujoco``.
 
     Raises:
         InputError: a number that is not above zero, a duration shorter than a case may hold, or no such engine.
@@ -300,9 +252,16 @@ def record_case(
     CorrectedArm(arm, effects).check()
     space = workspace(RigidBody(arm))
     motions = _motions(arm, plan, rng, space)
+    durations = [
+        motion.duration if isinstance(motion, Sampled) else plan.duration
+        for motion in motions
+    ]
     if isinstance(controller, str):
-        along = np.vstack([_postures(motion, plan.duration) for motion in motions])
-        pd = position_controller(arm, space.posture, along=along)
+        along = [
+            motion.position(np.arange(0.0, duration, POSTURE_PERIOD))
+            for motion, duration in zip(motions, durations, strict=True)
+        ]
+        pd = position_controller(arm, space.posture, along=np.vstack(along))
         controller = like_pd(pd, controller, DAMPING)
     recordings = []
     for i, motion in enumerate(motions):
@@ -312,7 +271,7 @@ def record_case(
             effects,
             motion,
             controller,
-            duration=motion.duration if isinstance(motion, Sampled) else plan.duration,
+            duration=durations[i],
             rng=rng,
             rate=plan.rate,
             encoder_noise=plan.encoder_noise,
@@ -354,22 +313,12 @@ def _warn_of_stops(recording: Recording, arm: NominalArm) -> None:
     )
 
 
-def _postures(motion: ReferenceMotion, duration: float) -> np.ndarray:
-    """Postures that a motion passes [rad], every ``POSTURE_PERIOD``, shape (K, n)."""
-    if isinstance(motion, Sampled):
-        duration = motion.duration
-    return motion.position(np.arange(0.0, duration, POSTURE_PERIOD))
-
-
 def _motions(
     arm: NominalArm, plan: Plan, rng: np.random.Generator, space: Workspace
 ) -> list[ReferenceMotion]:
     """A motion for each recording, from slow to as fast as the limits allow, or as the file of a motion has it."""
-    speeds = (
-        np.linspace(SLOWEST, 1.0, plan.recordings)
-        if plan.recordings > 1
-        else np.ones(1)
-    )
+    slowest = SLOWEST if plan.recordings > 1 else 1.0
+    speeds = np.linspace(slowest, 1.0, plan.recordings)
     if plan.motion.endswith(".csv"):
         sampled = read_sampled(Path(plan.motion), arm.n_joints)
         return [sampled.slower(speed) for speed in speeds]

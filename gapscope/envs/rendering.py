@@ -2,559 +2,249 @@
 
 from __future__ import annotations
 
-import os
-import sys
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import cache
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.text import Text
+from PIL import Image
 from rich.console import Console
 from rich.control import Control
 from rich.style import Style
-from rich.text import Text
+from rich.text import Text as Characters
 
 from gapscope.arm.dynamics.kinematics import Kinematics
 from gapscope.arm.nearest_name import check_known
 
-
-@dataclass
-class Scene:
-    """One episode, n joints; grows with every action.
-
-    Attributes:
-        title: robot and effects.
-        period: time between actions [s].
-        q_ref: reference at every action [rad], shape (K + 1, n).
-        q: true positions so far [rad], each (n,).
-        error: reference minus encoders so far [rad], each (n,).
-        load: commanded over rated torque at last [1], shape (n,).
-        ending: why the episode ended early, or nothing.
-    """
-
-    title: str
-    period: float
-    q_ref: np.ndarray
-    q: list[np.ndarray] = field(default_factory=list)
-    error: list[np.ndarray] = field(default_factory=list)
-    load: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    ending: str = ""
-
-    @property
-    def now(self) -> int:
-        """Number of actions done."""
-        return len(self.q) - 1
-
-
-Colour = tuple[int, int, int]
-
-FINE = 2
-"""Pixels that are drawn per pixel of the picture, in each direction."""
-PAPER: Colour = (250, 250, 247)
-INK: Colour = (38, 42, 48)
-FAINT: Colour = (214, 216, 216)
-GREY: Colour = (120, 125, 130)
-ARM: Colour = (240, 146, 56)
-"""Colour of the arm itself."""
-GHOST: Colour = (70, 130, 200)
-"""Colour of the reference."""
-JOINT_COLOURS: tuple[Colour, ...] = (
-    (0, 114, 178),
-    (213, 94, 0),
-    (0, 158, 115),
-    (204, 121, 167),
-    (120, 94, 240),
-    (150, 130, 0),
-    (86, 180, 233),
-    (90, 90, 90),
+WIDTH, HEIGHT = 960, 560
+"""Size of the picture [pixels]."""
+DPI = 100
+PAPER, INK, GREY, FAINT = "#fafaf7", "#262a30", "#787d82", "#d6d8d8"
+ARM, GHOST, WAY, ERROR = "#f09238", "#aac6e0", "#4682c8", "#c81e2d"
+"""Colours of the arm itself, of the reference, of its way, and of the tool's error."""
+JOINT_COLOURS = (
+    *("#0072b2", "#d55e00", "#009e73", "#cc79a7"),
+    *("#785ef0", "#968200", "#56b4e9", "#5a5a5a"),
 )
 """Colours of joints 1, 2, ..., distinguished by colour-blind eyes too; the ninth is the first again."""
-
-
-class Canvas:
-    """A picture under construction; coordinates and widths in its pixels, origin at the top left."""
-
-    def __init__(self, width: int, height: int) -> None:
-        self.width, self.height = width, height
-        self._image = Image.new("RGB", (width * FINE, height * FINE), PAPER)
-        self._draw = ImageDraw.Draw(self._image)
-
-    def pixels(self) -> np.ndarray:
-        """The picture, uint8, shape (height, width, 3)."""
-        return np.asarray(self._image.reduce(FINE))
-
-    def line(self, points: np.ndarray, colour: Colour, width: float = 1.0) -> None:
-        """A line through points of shape (N, 2)."""
-        if len(points) > 1:
-            self._draw.line(
-                _fine(points),
-                fill=colour,
-                width=max(1, round(width * FINE)),
-                joint="curve",
-            )
-
-    def disc(
-        self,
-        centre: np.ndarray,
-        radius: float,
-        colour: Colour,
-        outline: Colour | None = None,
-    ) -> None:
-        """A filled circle, with a line of one pixel around it if ``outline`` is given."""
-        x, y = np.asarray(centre) * FINE
-        r = radius * FINE
-        self._draw.ellipse(
-            (x - r, y - r, x + r, y + r), fill=colour, outline=outline, width=FINE
-        )
-
-    def capsule(
-        self, start: np.ndarray, end: np.ndarray, radius: float, colour: Colour
-    ) -> None:
-        """A thick line with round ends."""
-        self.line(np.array([start, end]), colour, 2 * radius)
-        self.disc(start, radius, colour)
-        self.disc(end, radius, colour)
-
-    def box(
-        self,
-        left: float,
-        top: float,
-        right: float,
-        bottom: float,
-        fill: Colour | None,
-        edge: Colour | None,
-    ) -> None:
-        """A rectangle."""
-        self._draw.rectangle(
-            [v * FINE for v in (left, top, right, bottom)],
-            fill=fill,
-            outline=edge,
-            width=FINE,
-        )
-
-    def text(
-        self,
-        x: float,
-        y: float,
-        text: str,
-        colour: Colour = INK,
-        size: int = 12,
-        anchor: str = "ls",
-    ) -> None:
-        """Text, by default with its left end on the baseline at (x, y); anchors as in Pillow."""
-        self._draw.text(
-            (x * FINE, y * FINE),
-            text,
-            fill=colour,
-            font=_font(size * FINE),
-            anchor=anchor,
-        )
-
-
-def blend(colour: Colour, share: float, other: Colour = PAPER) -> Colour:
-    """A colour with a share of another [1]."""
-    return tuple(round(a + share * (b - a)) for a, b in zip(colour, other, strict=True))  # type: ignore[return-value]
-
-
-@cache
-def _font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-    return ImageFont.load_default(size)
-
-
-def _fine(points: np.ndarray) -> list[tuple[float, float]]:
-    return [(float(x) * FINE, float(y) * FINE) for x, y in points]
-
-
 AZIMUTH, ELEVATION = np.deg2rad(-55.0), np.deg2rad(20.0)
 """Direction that the camera looks from: about z from x on, and above the ground [rad]."""
 PATH_POINTS = 120
 """Points of the tool's way that are drawn."""
-ERROR_COLOUR: Colour = (200, 30, 45)
-
-
-class ArmView:
-    """Draws a scene in a rectangle of the canvas, seen in parallel from a fixed direction, at a scale per episode.
-
-    Args:
-        kinematics: of the arm.
-        area: left, top, width and height [pixels].
-    """
-
-    def __init__(
-        self, kinematics: Kinematics, area: tuple[float, float, float, float]
-    ) -> None:
-        self._kinematics, self._area = kinematics, area
-        ca, sa, ce, se = (
-            np.cos(AZIMUTH),
-            np.sin(AZIMUTH),
-            np.cos(ELEVATION),
-            np.sin(ELEVATION),
-        )
-        self._axes = np.array(
-            [[-sa, ca, 0.0], [-ca * se, -sa * se, ce], [ca * ce, sa * ce, se]]
-        )
-
-    @property
-    def axes(self) -> np.ndarray:
-        """Right, up and towards the eye, in the base frame, shape (3, 3)."""
-        return self._axes
-
-    def begin(self, scene: Scene) -> None:
-        """Compute the way of the tool, and a scale at which the whole motion fits."""
-        rows = np.unique(
-            np.linspace(0, len(scene.q_ref) - 1, PATH_POINTS).round().astype(int)
-        )
-        bones = np.array([self._kinematics.skeleton(q) for q in scene.q_ref[rows]])
-        self._path, self._rows = bones[:, -1], rows
-        self._reach = max(float(np.abs(bones).max()), 1e-3)
-        ground = self._ground()
-        flat = np.vstack([bones.reshape(-1, 3), ground]) @ self._axes[:2].T
-        low, high = flat.min(axis=0), flat.max(axis=0)
-        _, _, width, height = self._area
-        self._scale = 0.86 * min(
-            width / (high - low)[0], height / (high - low)[1]
-        )  # the ground is never a point
-        self._middle = (low + high) / 2
-
-    def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Draw ground, way of the tool, ghost, arm, and the error of the tool."""
-        flat = self._projection()
-        self._draw_ground(canvas, flat)
-        canvas.line(flat(self._path), blend(GHOST, 0.6), 1.2)
-        canvas.line(flat(self._path[self._rows <= scene.now]), GHOST, 2.0)
-        actual, wanted = (
-            self._kinematics.skeleton(q) for q in (scene.q[-1], scene.q_ref[scene.now])
-        )
-        self._draw_arm(canvas, wanted, flat, blend(GHOST, 0.55), halo=5.0)
-        self._draw_arm(canvas, actual, flat, ARM, halo=0.0)
-        tools = flat(np.array([actual[-1], wanted[-1]]))
-        canvas.line(tools, ERROR_COLOUR, 2.5)
-        canvas.disc(tools[1], 4, GHOST, outline=INK)
-        canvas.disc(tools[0], 3, ERROR_COLOUR)
-
-    def _projection(self) -> Callable[[np.ndarray], np.ndarray]:
-        left, top, width, height = self._area
-        centre = np.array([left + width / 2, top + height / 2])
-
-        def flat(points: np.ndarray) -> np.ndarray:
-            """Pixels of points in the base frame [m], shape (N, 2)."""
-            return centre + (
-                points @ self._axes[:2].T - self._middle
-            ) * self._scale * np.array([1.0, -1.0])
-
-        return flat
-
-    def _ground(self) -> np.ndarray:
-        """Corners of a square of ground around the base [m], shape (4, 3)."""
-        side = 0.7 * self._reach
-        return side * np.array(
-            [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], dtype=float
-        )
-
-    def _draw_ground(
-        self, canvas: Canvas, flat: Callable[[np.ndarray], np.ndarray]
-    ) -> None:
-        side = 0.7 * self._reach
-        for place in np.linspace(-side, side, 8):
-            for ends in (
-                [[place, -side, 0], [place, side, 0]],
-                [[-side, place, 0], [side, place, 0]],
-            ):
-                canvas.line(flat(np.array(ends)), FAINT, 1.0)
-
-    def _draw_arm(
-        self,
-        canvas: Canvas,
-        bones: np.ndarray,
-        flat: Callable[[np.ndarray], np.ndarray],
-        colour: Colour,
-        halo: float,
-    ) -> None:
-        """Links from far to near, thinner towards the tool; a ghost is wider by its halo and has no edges."""
-        points, depth = flat(bones), bones @ self._axes[2]
-        widths = np.linspace(0.052, 0.022, len(bones)) * self._reach * self._scale
-        order = np.argsort(np.maximum(depth[:-1], depth[1:]))
-        for link in order:
-            start, end, radius = points[link], points[link + 1], widths[link]
-            if halo:
-                canvas.capsule(start, end, radius + halo, colour)
-                continue
-            canvas.capsule(start, end, radius + 1.2, INK)
-            canvas.capsule(start, end, radius, colour)
-            shine = np.array([-0.3, -0.35]) * radius
-            canvas.capsule(
-                start + shine, end + shine, 0.25 * radius, blend(colour, 0.45)
-            )
-            if link > 0:
-                canvas.disc(start, 0.62 * radius, blend(colour, 0.75, INK), outline=INK)
-        if not halo:
-            base = points[0]
-            canvas.text(
-                base[0], base[1] + widths[0] + 16, "base", GREY, 11, anchor="ms"
-            )
-
-
-Area = tuple[float, float, float, float]
-"""Left, top, right and bottom [pixels]."""
-
-
-def draw_errors(canvas: Canvas, scene: Scene, area: Area) -> None:
-    """Tracking error of each joint over the whole episode [mrad]."""
-    left, top, right, bottom = area
-    errors = 1e3 * np.array(scene.error)
-    span = _round_up(max(float(np.abs(errors).max()), 0.1))
-    canvas.text(left, top - 8, "tracking error, mrad", INK, 13)
-    canvas.box(left, top, right, bottom, None, FAINT)
-    duration = scene.period * (len(scene.q_ref) - 1)
-    for level in (-span, -span / 2, 0.0, span / 2, span):
-        y = (top + bottom) / 2 - level / span * (bottom - top) / 2
-        canvas.line(np.array([[left, y], [right, y]]), GREY if level == 0 else FAINT)
-        canvas.text(left - 5, y, f"{level:g}", GREY, 10, anchor="rm")
-    for t in np.linspace(0, duration, 6):
-        x = left + (right - left) * t / duration
-        canvas.text(
-            x,
-            bottom + 14,
-            f"{t:.3g}" + (" s" if t == duration else ""),
-            GREY,
-            10,
-            anchor="ms",
-        )
-    columns = left + (right - left) * np.arange(len(errors)) / max(
-        len(scene.q_ref) - 1, 1
-    )
-    for joint in range(errors.shape[1]):
-        heights = (top + bottom) / 2 - errors[:, joint] / span * (bottom - top) / 2
-        canvas.line(
-            np.column_stack([columns, heights]),
-            JOINT_COLOURS[joint % len(JOINT_COLOURS)],
-            1.6,
-        )
-
-
-def draw_joints(canvas: Canvas, scene: Scene, area: Area) -> None:
-    """Per joint its colour, its present error [mrad], and its commanded torque over the rated torque as a bar."""
-    left, top, right, bottom = area
-    count = len(scene.load)
-    middle, half = left + 0.64 * (right - left), 0.22 * (right - left)
-    canvas.text(left, top - 8, "joint", INK, 13)
-    canvas.text(
-        left + 0.32 * (right - left), top - 8, "error, mrad", INK, 13, anchor="rs"
-    )
-    canvas.text(middle, top - 8, "torque / rated", INK, 13, anchor="ms")
-    pitch = min((bottom - top) / count, 22.0)
-    for joint, (load, error) in enumerate(
-        zip(scene.load, scene.error[-1], strict=True)
-    ):
-        y, colour = (
-            top + (joint + 0.6) * pitch,
-            JOINT_COLOURS[joint % len(JOINT_COLOURS)],
-        )
-        canvas.disc(np.array([left + 6, y]), 4.5, colour)
-        canvas.text(left + 16, y, str(joint + 1), INK, 12, anchor="lm")
-        canvas.text(
-            left + 0.32 * (right - left),
-            y,
-            f"{round(1e3 * float(error), 2) + 0.0:+.2f}",
-            INK,
-            12,
-            anchor="rm",
-        )
-        tip = middle + half * float(np.clip(load, -1, 1))
-        canvas.box(
-            min(middle, tip),
-            y - 0.28 * pitch,
-            max(middle, tip),
-            y + 0.28 * pitch,
-            blend(colour, 0.3),
-            None,
-        )
-        canvas.text(
-            right, y, f"{round(float(load), 2) + 0.0:+.2f}", GREY, 10, anchor="rm"
-        )
-    for mark in (middle - half, middle, middle + half):
-        canvas.line(
-            np.array([[mark, top], [mark, top + count * pitch]]),
-            GREY if mark == middle else FAINT,
-        )
-
-
-def draw_tool_error(canvas: Canvas, offset: np.ndarray, area: Area) -> None:
-    """Where the tool is beside where it should be, across the line of sight; what is along it is written below.
-
-    Args:
-        canvas: to draw on.
-        offset: right, up and towards the eye [m], shape (N, 3), last is now.
-        area: of the circle.
-    """
-    depth, offset = 1e3 * float(offset[-1, 2]), offset[:, :2]
-    left, top, right, bottom = area
-    centre = np.array([(left + right) / 2, (top + bottom) / 2])
-    radius = (right - left) / 2
-    span = _round_up(max(1.1e3 * float(np.linalg.norm(offset[-1])), 0.1))
-    canvas.disc(centre, radius, (255, 255, 255), outline=GREY)
-    canvas.disc(centre, radius / 2, (255, 255, 255), outline=FAINT)
-    for way in (np.array([radius, 0.0]), np.array([0.0, radius])):
-        canvas.line(np.array([centre - way, centre + way]), FAINT)
-    pixels = centre + 1e3 * offset / span * radius * np.array([1.0, -1.0])
-    pixels = pixels[np.linalg.norm(pixels - centre, axis=1) < radius]
-    canvas.line(pixels, (235, 150, 155), 1.5)
-    canvas.disc(centre, 4, GHOST, outline=INK)
-    if len(pixels):
-        canvas.disc(pixels[-1], 4, (200, 30, 45), outline=INK)
-    canvas.text(
-        left - 8, bottom + 14, f"tool as seen, circle of {span:g} mm;", GREY, 11
-    )
-    canvas.text(
-        left - 8,
-        bottom + 27,
-        f"{abs(depth):.1f} mm {'nearer' if depth > 0 else 'farther'}",
-        GREY,
-        11,
-    )
-
-
-def _round_up(value: float) -> float:
-    """The next of 1, 2, 3, 4, 6, 8, 10 times a power of ten."""
-    power = 10.0 ** np.floor(np.log10(value))
-    return float(
-        next(
-            step * power
-            for step in (1, 2, 3, 4, 6, 8, 10)
-            if step * power >= value * (1 - 1e-9)
-        )
-    )
-
-
-WIDTH, HEIGHT = 960, 560
-"""Size of the picture [pixels]."""
 TRAIL = 60
 """Actions for which the error of the tool is shown."""
 
 
-class Picture:
-    """Draws scenes of one arm."""
+class Scene:
+    """One episode, n joints; grows with every action, and is drawn seen in parallel from a fixed direction.
 
-    def __init__(self, kinematics: Kinematics) -> None:
-        self._kinematics = kinematics
-        self._view = ArmView(kinematics, (20, 40, 540, 490))
+    Args:
+        title: robot and effects.
+        period: time between actions [s].
+        kinematics: of the arm.
+        q_ref: reference at every action [rad], shape (K + 1, n).
+    """
 
-    def begin(self, scene: Scene) -> None:
-        """Prepare for a new episode."""
-        self._view.begin(scene)
+    def __init__(
+        self, title: str, period: float, kinematics: Kinematics, q_ref: np.ndarray
+    ) -> None:
+        self.title, self._period, self._kinematics = title, period, kinematics
+        self._q_ref = q_ref
+        self._colours = np.resize(JOINT_COLOURS, q_ref.shape[1]).tolist()
+        self._q: list[np.ndarray] = []
+        self._error: list[np.ndarray] = []
+        ca, sa = np.cos(AZIMUTH), np.sin(AZIMUTH)
+        ce, se = np.cos(ELEVATION), np.sin(ELEVATION)
+        # right and up in the base frame
+        self._view = np.array([[-sa, ca, 0.0], [-ca * se, -sa * se, ce]])
+        self._figure = Figure((WIDTH / DPI, HEIGHT / DPI), dpi=DPI, facecolor=PAPER)
+        self._canvas = FigureCanvasAgg(self._figure)
+        self._moving: list[Artist] = []
+        self._figure.text(0.016, 0.95, title, color=INK, size=12)
+        self._facts = self._text(0.016, 0.905, INK)
+        self._ending = self._text(0.62, 0.03, ERROR)
+        self._draw_arm(self._panel(0.02, 0.06, 0.56, 0.83))
+        self._draw_errors()
+        self._draw_loads(self._panel(0.77, 0.1, 0.21, 0.32))
+        self._draw_tool()
+        self._spans, self._shown = [0.1, 0.1], [0.0, 0.0]
 
-    def draw(self, scene: Scene) -> np.ndarray:
-        """The scene as it is now, uint8, shape (``HEIGHT``, ``WIDTH``, 3)."""
-        canvas = Canvas(WIDTH, HEIGHT)
-        self._view.draw(canvas, scene)
-        draw_errors(canvas, scene, (620, 66, 940, 270))
-        draw_joints(canvas, scene, (590, 336, 940, 500))
-        offset = self._tool_offset(scene)
-        draw_tool_error(canvas, offset @ self._view.axes.T, (24, 372, 136, 484))
-        self._label(canvas, scene, float(np.linalg.norm(offset[-1])))
-        return canvas.pixels()
+    def add(
+        self, q: np.ndarray, error: np.ndarray, load: np.ndarray, ending: str
+    ) -> None:
+        """Add what an action came to; see ``Screen.add``."""
+        self._q.append(np.array(q))
+        self._error.append(np.array(error))
+        self._load = np.array(load)
+        self._ending.set_text(ending)
 
-    def _tool_offset(self, scene: Scene) -> np.ndarray:
-        """Tip minus reference of the tip in the last actions [m], shape (N, 3)."""
-        rows = range(max(0, scene.now - TRAIL), scene.now + 1)
+    def caption(self) -> str:
+        """One line: what is seen, time and error."""
+        rms = 1e3 * float(np.sqrt(np.mean(self._error[-1] ** 2)))
+        at = f"t = {self._period * (len(self._q) - 1):.2f} s"
+        return (
+            f"{self.title}: {at}, error {rms:.2f} mrad RMS. {self._ending.get_text()}"
+        )
+
+    def pixels(self) -> np.ndarray:
+        """The picture as it is now, uint8, shape (``HEIGHT``, ``WIDTH``, 3)."""
+        now, errors = len(self._q) - 1, 1e3 * np.array(self._error)
+        for line, column in zip(self._errors, errors.T, strict=True):
+            line.set_data(self._period * np.arange(now + 1), column)
+        rows = zip(errors[-1].tolist(), self._load.tolist(), strict=True)
+        for joint, (error, load) in enumerate(rows):
+            tip = min(max(load, -1.0), 1.0)
+            self._bars[joint].set_data([0.0, tip], [joint, joint])
+            self._rows[joint].set_text(f"{joint + 1}   {error:+.2f} mrad   {load:+.2f}")
         skeleton = self._kinematics.skeleton
-        return np.array(
-            [
-                skeleton(scene.q[row])[-1] - skeleton(scene.q_ref[row])[-1]
-                for row in rows
-            ]
+        actual, wanted = skeleton(self._q[-1]), skeleton(self._q_ref[now])
+        self._ghost.set_data(*self._flat(wanted).T)
+        for line in (self._edge, self._arm):
+            line.set_data(*self._flat(actual).T)
+        self._tools.set_data(*self._flat(np.array([actual[-1], wanted[-1]])).T)
+        self._done.set_data(*self._flat(self._path[self._times <= now]).T)
+        trail = range(max(0, now - TRAIL), now + 1)
+        offset = np.array(
+            [skeleton(self._q[k])[-1] - skeleton(self._q_ref[k])[-1] for k in trail]
+        )
+        seen = 1e3 * self._flat(offset)
+        self._trail.set_data(*seen.T)
+        self._tip.set_data(*seen[-1:].T)
+        rms = float(np.sqrt(np.mean(errors**2)))
+        distance = 1e3 * float(np.linalg.norm(offset[-1]))
+        self._facts.set_text(
+            f"t = {self._period * now:.2f} s     error so far {rms:.2f} mrad RMS"
+            f"     tool off by {distance:.2f} mm"
+        )
+        self._widen(float(np.abs(errors).max()), float(np.abs(seen).max()))
+        # what stays is drawn once: that takes ten times as long as what moves
+        self._canvas.restore_region(self._still)
+        for artist in self._moving:
+            artist.draw(self._canvas.get_renderer())
+        return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
+
+    def _widen(self, error: float, offset: float) -> None:
+        """Double the scales of errors [mrad] and of the tool's offset [mm] until they hold these."""
+        spans = self._spans
+        for place, value in enumerate((error, offset)):
+            while spans[place] < value:
+                spans[place] *= 2.0
+        if self._shown == spans:
+            return
+        self._shown = spans.copy()
+        self._error_panel.set_ylim(-spans[0], spans[0])
+        self._tool_panel.set(xlim=(-spans[1], spans[1]), ylim=(-spans[1], spans[1]))
+        self._canvas.draw()
+        self._still = self._canvas.copy_from_bbox(self._figure.bbox)
+
+    def _flat(self, points: np.ndarray) -> np.ndarray:
+        """Right and up of points in the base frame [m], shape (N, 2)."""
+        return points @ self._view.T
+
+    def _panel(self, left: float, bottom: float, width: float, height: float) -> Axes:
+        """A part of the picture, in shares of it."""
+        axes = self._figure.add_axes((left, bottom, width, height), facecolor="none")
+        axes.tick_params(colors=GREY, labelsize=8, length=0)
+        for spine in axes.spines.values():
+            spine.set_color(FAINT)
+        return axes
+
+    def _text(self, x: float, y: float, colour: str) -> Text:
+        """Text that changes, at shares of the picture."""
+        text = self._figure.text(x, y, "", color=colour, size=9, animated=True)
+        self._moving.append(text)
+        return text
+
+    def _line(self, axes: Axes, colour: str, width: float, **look: Any) -> Line2D:
+        """A line that moves."""
+        (line,) = axes.plot(
+            *([], []),
+            color=colour,
+            linewidth=width,
+            solid_capstyle="round",
+            solid_joinstyle="round",
+            animated=True,
+            **look,
+        )
+        self._moving.append(line)
+        return line
+
+    def _draw_arm(self, axes: Axes) -> None:
+        """Ground, way of the tool, ghost and arm, at a scale at which the whole motion fits."""
+        times = np.linspace(0, len(self._q_ref) - 1, PATH_POINTS).round().astype(int)
+        self._times = np.unique(times)
+        bones = np.array(
+            [self._kinematics.skeleton(q) for q in self._q_ref[self._times]]
+        )
+        self._path = bones[:, -1]
+        side = 0.7 * max(float(np.abs(bones).max()), 1e-3)
+        for place in np.linspace(-side, side, 8):
+            line = np.array([[place, -side, 0.0], [place, side, 0.0]])
+            for way in (line, line[:, [1, 0, 2]]):
+                axes.plot(*self._flat(way).T, color=FAINT, linewidth=1.0)
+        axes.update_datalim(self._flat(bones.reshape(-1, 3)))
+        axes.margins(0.06)
+        axes.autoscale_view()
+        axes.set_aspect("equal")
+        axes.axis("off")
+        axes.plot(*self._flat(self._path).T, color=GHOST, linewidth=1.0)
+        self._done = self._line(axes, WAY, 1.6)
+        self._ghost = self._line(axes, GHOST, 24)
+        self._edge = self._line(axes, INK, 17)
+        self._arm = self._line(axes, ARM, 15, marker="o", markersize=6, mfc=INK, mew=0)
+        self._tools = self._line(axes, ERROR, 2, marker=".")
+        named = {"arm": ARM, "reference": GHOST, "error of the tool": ERROR}
+        axes.legend(
+            [Line2D([], [], color=colour, linewidth=6) for colour in named.values()],
+            list(named),
+            loc="lower right",
+            ncols=3,
+            frameon=False,
+            fontsize=8,
+            labelcolor=GREY,
         )
 
-    def _label(self, canvas: Canvas, scene: Scene, offset: float) -> None:
-        rms = 1e3 * float(np.sqrt(np.mean(np.square(scene.error))))
-        canvas.text(16, 26, scene.title, INK, 16)
-        facts = (
-            f"t = {scene.period * scene.now:.2f} s",
-            f"error so far {rms:.2f} mrad RMS",
-        )
-        canvas.text(
-            16,
-            46,
-            "     ".join([*facts, f"tool off by {1e3 * offset:.2f} mm"]),
-            INK,
-            13,
-        )
-        canvas.capsule(np.array([24, 534]), np.array([38, 534]), 6, ARM)
-        canvas.text(52, 534, "arm", GREY, 12, anchor="lm")
-        canvas.capsule(
-            np.array([104, 534]), np.array([118, 534]), 6, blend(GHOST, 0.55)
-        )
-        canvas.text(132, 534, "reference and its way", GREY, 12, anchor="lm")
-        canvas.line(np.array([[278, 534], [296, 534]]), ERROR_COLOUR, 2.5)
-        canvas.text(304, 534, "error of the tool", GREY, 12, anchor="lm")
-        if scene.ending:
-            canvas.text(590, 526, scene.ending, ERROR_COLOUR, 12)
+    def _draw_errors(self) -> None:
+        """Tracking error of each joint over the whole episode [mrad]."""
+        self._error_panel = axes = self._panel(0.66, 0.52, 0.32, 0.36)
+        axes.set_title("tracking error, mrad", size=9, color=INK, loc="left")
+        axes.set_xlim(0.0, self._period * (len(self._q_ref) - 1))
+        axes.set_xlabel("t, s", size=8, color=GREY)
+        axes.grid(color=FAINT)
+        self._errors = [self._line(axes, colour, 1.6) for colour in self._colours]
+
+    def _draw_loads(self, axes: Axes) -> None:
+        """Per joint its number, its present error [mrad], and its commanded over the rated torque as a bar."""
+        axes.set_title("torque / rated", size=9, color=INK)
+        self._bars, self._rows = [], []
+        for joint, colour in enumerate(self._colours):
+            self._bars.append(self._line(axes, colour, 8))
+            self._bars[-1].set_solid_capstyle("butt")
+            place = 0.1 + 0.32 * (1 - (joint + 0.5) / len(self._colours))
+            self._rows.append(self._text(0.6, place - 0.01, INK))
+        axes.set(xlim=(-1.0, 1.0), ylim=(len(self._colours) - 0.5, -0.5), yticks=[])
+        axes.axvline(0.0, color=GREY, linewidth=0.8)
+
+    def _draw_tool(self) -> None:
+        """Where the tool is beside where it should be, across the line of sight [mm]."""
+        self._tool_panel = axes = self._panel(0.04, 0.1, 0.13, 0.2)
+        axes.set_title("tool as seen, mm", size=8, color=GREY)
+        axes.set_aspect("equal")
+        axes.locator_params(nbins=3)
+        axes.plot(0.0, 0.0, "o", color=WAY, markersize=5)
+        self._trail = self._line(axes, ERROR, 1, alpha=0.4)
+        self._tip = self._line(axes, ERROR, 1, marker="o", markersize=5)
 
 
 TERMINAL_PERIOD = 0.5
 """Pictures in the terminal are at least this far apart [s]."""
 TERMINAL_COLUMNS, TERMINAL_ROWS = 80, 24
 """Size of a picture in the terminal [characters]; each character shows two pixels, one above the other."""
-
-
-class Viewer(Protocol):
-    """Shows pictures."""
-
-    def show(self, picture: np.ndarray, caption: str) -> None:
-        """Show a picture, uint8, shape (height, width, 3), with a line of text if pictures are coarse."""
-
-    def close(self) -> None:
-        """Stop showing."""
-
-
-def open_viewer(title: str, period: float) -> Viewer:
-    """A window if there is a display and Tk, else the terminal; a picture every ``period`` seconds at most."""
-    if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
-        return TerminalViewer()
-    try:
-        import tkinter
-    except ImportError:
-        return TerminalViewer()
-    try:
-        return WindowViewer(tkinter, title, period)
-    except tkinter.TclError:
-        return TerminalViewer()
-
-
-class WindowViewer:
-    """A window of Tk; waits so that pictures follow each other in real time."""
-
-    def __init__(self, tkinter: Any, title: str, period: float) -> None:
-        self._tkinter, self._period, self._due = tkinter, period, 0.0
-        self._window = tkinter.Tk()
-        self._window.title(title)
-        self._label = tkinter.Label(self._window, borderwidth=0)
-        self._label.pack()
-        self._open = True
-        self._window.protocol("WM_DELETE_WINDOW", self.close)
-
-    def show(self, picture: np.ndarray, caption: str) -> None:
-        """Show a picture; does nothing once the window was closed."""
-        if not self._open:
-            return
-        time.sleep(max(0.0, self._due - time.monotonic()))
-        self._due = time.monotonic() + self._period
-        height, width, _ = picture.shape
-        data = b"P6 %d %d 255 " % (width, height) + picture.tobytes()
-        self._image = self._tkinter.PhotoImage(
-            master=self._window, data=data, format="PPM"
-        )
-        self._label.configure(image=self._image)
-        self._window.update()
-
-    def close(self) -> None:
-        """Close the window; a second call does nothing."""
-        if self._open:
-            self._open = False
-            self._window.destroy()
 
 
 class TerminalViewer:
@@ -578,25 +268,66 @@ class TerminalViewer:
         """Nothing stays open."""
 
 
-def _half_blocks(picture: np.ndarray) -> Text:
+def _half_blocks(picture: np.ndarray) -> Characters:
     """A picture as characters whose upper and lower half have the colour of a pixel each."""
-    height, width, _ = picture.shape
-    rows = np.linspace(0, height, 2 * TERMINAL_ROWS + 1).astype(int)[:-1]
-    columns = np.linspace(0, width, TERMINAL_COLUMNS + 1).astype(int)[:-1]
-    sums = np.add.reduceat(
-        np.add.reduceat(picture.astype(float), rows, axis=0), columns, axis=1
-    )
-    counts = np.diff(np.r_[rows, height])[:, None] * np.diff(np.r_[columns, width])
-    coarse = (sums / counts[:, :, None]).astype(int)
-    text = Text()
+    size = TERMINAL_COLUMNS, 2 * TERMINAL_ROWS
+    coarse = np.asarray(Image.fromarray(picture).resize(size, Image.Resampling.BOX))
+    text = Characters()
     for upper, lower in zip(coarse[::2], coarse[1::2], strict=True):
-        for above, below in zip(upper, lower, strict=True):
-            colours = (
-                f"rgb({','.join(map(str, colour))})" for colour in (above, below)
+        for above, below in zip(upper.tolist(), lower.tolist(), strict=True):
+            style = " on ".join(
+                f"rgb({red},{green},{blue})" for red, green, blue in (above, below)
             )
-            text.append("▀", Style.parse(" on ".join(colours)))
+            text.append("▀", Style.parse(style))
         text.append("\n")
     return text
+
+
+class WindowViewer:
+    """A window of matplotlib; waits so that pictures follow each other in real time.
+
+    Raises:
+        ImportError: there is no display, or nothing that opens a window.
+    """
+
+    def __init__(self, title: str, period: float) -> None:
+        import matplotlib
+        from matplotlib import pyplot
+        from matplotlib.backends import BackendFilter, backend_registry
+
+        self._pyplot, self._period, self._due = pyplot, period, 0.0
+        self._figure = pyplot.figure(title, (WIDTH / DPI, HEIGHT / DPI), dpi=DPI)
+        windows = backend_registry.list_builtin(BackendFilter.INTERACTIVE)
+        # without a display pyplot falls back to one that opens none
+        if matplotlib.get_backend().lower() not in (x.lower() for x in windows):
+            self.close()
+            raise ImportError("no window can be opened")
+        axes = self._figure.add_axes((0, 0, 1, 1))
+        axes.axis("off")
+        self._image = axes.imshow(np.zeros((HEIGHT, WIDTH, 3), np.uint8))
+        pyplot.show(block=False)
+
+    def show(self, picture: np.ndarray, caption: str) -> None:
+        """Show a picture; does nothing once the window was closed."""
+        if not self._pyplot.fignum_exists(self._figure.number):
+            return
+        self._image.set_data(picture)
+        canvas = self._figure.canvas
+        canvas.draw_idle()
+        canvas.start_event_loop(max(1e-3, self._due - time.monotonic()))
+        self._due = time.monotonic() + self._period
+
+    def close(self) -> None:
+        """Close the window; a second call does nothing."""
+        self._pyplot.close(self._figure)
+
+
+def open_viewer(title: str, period: float) -> WindowViewer | TerminalViewer:
+    """A window if there is a display, else the terminal; a picture every ``period`` seconds at most."""
+    try:
+        return WindowViewer(title, period)
+    except ImportError:
+        return TerminalViewer()
 
 
 MODES = ("human", "rgb_array")
@@ -615,18 +346,14 @@ class Screen:
     """
 
     def __init__(self, kinematics: Kinematics, mode: str, period: float) -> None:
-        self._mode, self._period = (
-            check_known("render mode", mode, MODES, where="render_mode"),
-            period,
-        )
-        self._picture = Picture(kinematics)
+        self._mode = check_known("render mode", mode, MODES, where="render_mode")
+        self._kinematics, self._period = kinematics, period
         self._scene: Scene | None = None
-        self._viewer: Viewer | None = None
+        self._viewer: WindowViewer | TerminalViewer | None = None
 
     def begin(self, title: str, q_ref: np.ndarray) -> None:
         """Begin an episode with its reference at every action [rad], shape (K + 1, n)."""
-        self._scene = Scene(title, self._period, q_ref)
-        self._picture.begin(self._scene)
+        self._scene = Scene(title, self._period, self._kinematics, q_ref)
 
     def add(
         self, q: np.ndarray, error: np.ndarray, load: np.ndarray, ending: str = ""
@@ -642,21 +369,17 @@ class Screen:
         scene = self._scene
         if scene is None:
             return
-        scene.q.append(np.array(q))
-        scene.error.append(np.array(error))
-        scene.load, scene.ending = np.array(load), ending
+        scene.add(q, error, load, ending)
         if self._mode == "human":
             if self._viewer is None:
                 self._viewer = open_viewer("Gapscope", self._period)
-            rms = 1e3 * float(np.sqrt(np.mean(np.square(error))))
-            caption = f"{scene.title}: t = {scene.period * scene.now:.2f} s, error {rms:.2f} mrad RMS. {ending}"
-            self._viewer.show(self._picture.draw(scene), caption)
+            self._viewer.show(scene.pixels(), scene.caption())
 
     def picture(self) -> np.ndarray | None:
         """The picture now, uint8, shape (height, width, 3), in mode ``rgb_array``; nothing before the first episode."""
         if self._mode != "rgb_array" or self._scene is None:
             return None
-        return self._picture.draw(self._scene)
+        return self._scene.pixels()
 
     def close(self) -> None:
         """Close the window, if there is one; a second call does nothing."""

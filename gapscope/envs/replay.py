@@ -18,7 +18,7 @@ from scipy.signal import butter, sosfiltfilt
 from gapscope.arm.control import ControlLoop, Targets, integral_at_start
 from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.dynamics.rollout import LONGEST_STEP, UNSTABLE_SPEED, steps_per_tick
+from gapscope.arm.dynamics.rollout import LONGEST_STEP, steps_per_tick
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
@@ -27,7 +27,8 @@ from gapscope.arm.velocity_filter import VelocityFilter, rule_of
 from gapscope.effects.applied import AppliedEffect, State
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.residual import ResidualNetwork
-from gapscope.envs.simulated_arm import NetworkTorque, SimulatedArm
+from gapscope.envs.divergence import diverged, fastest
+from gapscope.envs.simulated_arm import NetworkTorque, SimulatedArm, between
 
 TRIM = 0.3
 """Time cut from both ends of a stretch before the gap is measured [s]."""
@@ -83,7 +84,7 @@ def replay(
         effects: what the simulated arm has beyond it and the known payload of the recording.
         recording: with ``q_ref`` if the replay goes through the controller, with ``tau`` otherwise.
         controller: the controller, if known.
-        engine: ``pybullet``, ``mujoco`` or ``dart``; by default PyBullet if it is installed, else MuJoCo.
+        engine: ``pybullet`` or ``mujoco``; by default PyBullet if it is installed, else MuJoCo.
         residual: a residual network of the arm with these effects, or ``None``: its torque is taken off the command.
         states: what it has in this recording, or spans of it, in place of ``effects``; the replay starts anew at each.
 
@@ -191,7 +192,9 @@ def _tracked(
         control.integral = controller.integrator.bounded(held)
     elif controller.integrator is not None:
         speed = first.dq if recorded is None else recorded
-        needed = _torque_at_start(corrected, recording, reference)
+        # what the arm needs at the start of its reference
+        body = RigidBody(corrected.arm).carrying(recording.payload)
+        needed = replace(corrected, residual=None).predict(body, reference)[0]
         control.start_with(needed, first, start, speed)
     q, tau = np.empty_like(commands.q), np.empty_like(commands.q)
     steps = steps_per_tick(controller)
@@ -214,16 +217,7 @@ def _tracked(
             _check(simulated, time, CHECK_CONTROLLER)
     # a row holds the torque of the last tick before it
     tick = ((t - t[0]) * controller.rate + 1e-6).astype(int)
-    return _between(ticks, q, t), tau[tick]
-
-
-def _torque_at_start(
-    corrected: CorrectedArm, recording: Recording, reference: Motion
-) -> np.ndarray:
-    """Torque that the arm needs at the start of its reference [N m], (n,)."""
-    body = RigidBody(corrected.arm).carrying(recording.payload)
-    without_network = replace(corrected, residual=None)
-    return without_network.predict(body, reference)[0]
+    return between(ticks, q, t), tau[tick]
 
 
 def _driven(
@@ -246,14 +240,14 @@ def _driven(
         for first in range(0, len(t), count):
             window = slice(first, min(first + count, len(t)))
             grid = np.arange(t[window][0], t[window][-1] + dt, dt)
-            torque = _between(t, applied, grid)
+            torque = between(t, applied, grid)
             positions = np.empty((len(grid), tau.shape[1]))
             simulated.start(smooth[first], speed[first], grid[0])
             for i, held in enumerate(torque):
                 positions[i] = simulated.encoders()
                 simulated.step(held)
                 _check(simulated, grid[i], GIVE_DATA_SHEET)
-            q[window] = _between(grid, positions, t[window])
+            q[window] = between(grid, positions, t[window])
     return q, tau
 
 
@@ -274,13 +268,9 @@ def _network_torque(
 def _check(simulated: SimulatedArm, time: float, remedy: str) -> None:
     """Stop an arm that diverges."""
     dq = simulated.dq
-    # called at every tick: no joint is faster than all together
-    if dq.dot(dq) < UNSTABLE_SPEED**2:
-        return
-    speed = np.abs(dq)
-    if not speed.max() < UNSTABLE_SPEED:
+    if diverged(dq):
         raise GapscopeError(
-            f"the replayed arm diverged at joint {int(speed.argmax()) + 1}, at t = {time:.3g} s",
+            f"the replayed arm diverged at joint {fastest(dq) + 1}, at t = {time:.3g} s",
             remedy,
         )
 
@@ -292,8 +282,3 @@ def _smooth(q: np.ndarray, rate: float) -> np.ndarray:
     padding = min(len(q) - 1, int(3 * rate / cutoff))
     smooth: np.ndarray = sosfiltfilt(sos, q, axis=0, padlen=padding)
     return smooth
-
-
-def _between(t: np.ndarray, series: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """A series (K, n) at other times (N,), linear between its samples and constant beyond them, (N, n)."""
-    return np.stack([np.interp(at, t, column) for column in series.T], axis=1)

@@ -5,21 +5,23 @@ One arm is one of N arms. The torque of a residual network is taken off what it 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from gapscope.arm.dynamics.plain_urdf import moving_links
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import InputError
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.residual import Memory, ResidualNetwork, channels, channels_with
+from gapscope.effects.residual import Memory, channels, channels_with
 from gapscope.envs.drive.arm_drive import ArmDrive, Encoders, nominal_body
-from gapscope.envs.drive.rigid_step import Predicted, RigidStep
-from gapscope.envs.engines import Bodies, make_engine
+from gapscope.envs.drive.rigid_step import RigidStep
+from gapscope.envs.engines import make_bodies
 
 START_TRIALS = 50
 """Iterations of ``start`` for joints whose motor leads them."""
@@ -27,8 +29,8 @@ SPACING = 5
 """Steps between values on the reference."""
 
 
-class SimulatedArms:
-    """N simulated arms with effects, n joints in kinematic order.
+class ArmsTogether:
+    """N simulated arms with effects that are stepped together, n joints in kinematic order.
 
     Springs beside the joints, forces from outside and laws that a user entered are computed one arm after the other;
     all other effects over all arms at once. Each arm does what it does alone, bit by bit. Arrays hold the joints of all
@@ -36,9 +38,9 @@ class SimulatedArms:
 
     Args:
         first: bodies and drives of all arms at first. Of several arms none has a motor of its own at a joint.
-        count: N; of engines but MuJoCo 1.
+        count: N; on PyBullet 1.
         threads: on which MuJoCo steps them, see ``gapscope.envs.engines.mujoco.MuJoCoBodies``.
-        engine: ``pybullet``, ``mujoco`` or ``dart``; by default PyBullet if it is installed, else MuJoCo.
+        engine: ``pybullet`` or ``mujoco``; by default PyBullet if it is installed, else MuJoCo.
 
     Attributes:
         q, dq: true positions [rad] and velocities [rad/s], shape (N n,); they keep their places.
@@ -58,7 +60,8 @@ class SimulatedArms:
         engine: str | None = "mujoco",
     ) -> None:
         self._h, self._parts = first.h, first.parts
-        self._bodies = _bodies(first, engine, count, threads)
+        several = {"count": count, "threads": threads} if count > 1 else {}
+        self._bodies = make_bodies(engine, first.body, first.h, **several)
         self._step = RigidStep(self._bodies, self._h)
         self.q, self.dq = self._step.q, self._step.dq
         self.applied = np.zeros(self.q.size)
@@ -77,8 +80,7 @@ class SimulatedArms:
     def put(self, number: int, drive: ArmDrive) -> None:
         """Give an arm, numbered from 0, other effects; ``reset`` has to follow."""
         if drive.altered or self._drives[number].altered:
-            links = moving_links(drive.body)
-            self._bodies.set_bodies(number, links, np.asarray(drive.body.gravity))
+            self._bodies.set_bodies(number, drive.body)
         self._friction.put(number, drive.friction)
         self._path.put(number, drive.path)
         self._drives[number] = drive
@@ -240,42 +242,232 @@ class SimulatedArms:
         self._bodies.close()
 
 
-def _bodies(drive: ArmDrive, engine: str | None, count: int, threads: int) -> Bodies:
-    """The bodies of ``count`` arms in an engine."""
-    links, gravity = moving_links(drive.body), np.asarray(drive.body.gravity)
-    several = {"count": count, "threads": threads} if count > 1 else {}
-    made = make_engine(engine, links, gravity, drive.h, **several)
-    if isinstance(made, Bodies):
-        return made
-    limits = np.array([link.limits or (-np.inf, np.inf) for link in links]).T
-    return Predicted(made, drive.body, limits, drive.h)
+class SeparateArms:
+    """N simulated arms, each in a simulator of its own: with any effects, on any engine; otherwise ``ArmsTogether``.
+
+    Args:
+        drives: bodies and drives of each arm at first, which have states of their own.
+        engine: as of ``ArmsTogether``.
+    """
+
+    def __init__(self, drives: Sequence[ArmDrive], engine: str | None) -> None:
+        self._engine = engine
+        self._arms = [ArmsTogether(drive, engine=engine) for drive in drives]
+        self.q, self.dq, self.applied = np.zeros((3, sum(len(d.rigid) for d in drives)))
+
+    def put(self, number: int, drive: ArmDrive) -> None:
+        """Give an arm, numbered from 0, other effects; ``reset`` or ``start`` has to follow."""
+        arm = ArmsTogether(drive, engine=self._engine)
+        self._arms[number].close()
+        self._arms[number] = arm
+
+    def reset(self, number: int, *state: Any) -> None:
+        """Put an arm at a true state, see ``ArmsTogether.reset``."""
+        self._arms[number].reset(0, *state)
+        self._take()
+
+    def start(self, number: int, *state: Any) -> None:
+        """Put an arm where its encoders read what they are to, see ``ArmsTogether.start``."""
+        self._arms[number].start(0, *state)
+        self._take()
+
+    def seen(self, on_motor: bool) -> np.ndarray:
+        """True positions of what the encoders sit on [rad], shape (N n,)."""
+        return np.concatenate([arm.seen(on_motor) for arm in self._arms])
+
+    def hold(self, torque: np.ndarray, steps: int = 1) -> None:
+        """Hold the commanded torque [N m], shape (N n,), for so many time steps."""
+        rows = torque.reshape(len(self._arms), -1)
+        for arm, row in zip(self._arms, rows, strict=True):
+            arm.hold(row, steps)
+        self._take()
+
+    @property
+    def time(self) -> np.ndarray:
+        """Time since the start of the recording [s], shape (N n,)."""
+        return np.concatenate([arm.time for arm in self._arms])
+
+    def _take(self) -> None:
+        """Take the state of the arms."""
+        for name in ("q", "dq", "applied"):
+            row = getattr(self, name)
+            np.concatenate([getattr(arm, name) for arm in self._arms], out=row)
+
+    def close(self) -> None:
+        """Free the engines' worlds; a second call does nothing."""
+        for arm in self._arms:
+            arm.close()
 
 
-class SimulatedArm:
-    """A simulated arm with effects, n joints in the arm's order, in a world of its own.
+class SimulatedArms:
+    """N simulated arms with effects and encoders, n joints in the arm's order; one arm is one of N.
+
+    Each arm does what it does alone, bit by bit. Arrays that are handed in and out at every step hold the joints of all
+    arms in a row, (N n,).
 
     Args:
         arm: the nominal arm; its armature and friction are simulated too.
-        effects: what the simulated arm has beyond them.
+        effects: what all simulated arms have beyond them at first.
         dt: time step [s] in which torque is held; stiff joints divide it further.
-        engine: ``pybullet``, ``mujoco`` or ``dart``; by default PyBullet if it is installed, else MuJoCo.
+        count: N.
+        engine: ``pybullet`` or ``mujoco``; by default PyBullet if it is installed, else MuJoCo.
         encoder_step: quantisation of the encoders [rad]; none by default.
         encoder_noise: standard deviation of white noise of the encoders [rad], a number or shape (n,).
-        rng: source of the noise.
         load: known body on the last link, beyond the effects.
+        together: whether several arms are stepped by one simulator, which needs MuJoCo and rigid joints; otherwise each
+            has one of its own.
+        threads: on which MuJoCo steps them, see ``gapscope.envs.engines.mujoco``.
 
     Attributes:
-        q: true joint positions [rad], shape (n,).
-        dq: true joint velocities [rad/s], shape (n,).
-        applied: motor torque that reached the joints in the last step, before friction [N m], shape (n,).
-        time: since the start of the recording [s]; drift and external force go by it.
         nominal: nominal rigid bodies with the known load.
+        effects, drives: of each arm.
+        inside: what steps them, joints in kinematic order.
+
+    Raises:
+        InputError: an effect on a joint that does not exist, armature or friction that is negative in total, an arm
+            whose inertia is not physical, a stiffness that the step cannot hold, an engine that is not installed, or
+            arms that cannot be stepped together.
+    """
+
+    def __init__(
+        self,
+        arm: NominalArm,
+        effects: tuple[AppliedEffect, ...] = (),
+        dt: float = 1e-3,
+        count: int = 1,
+        *,
+        engine: str | None = None,
+        encoder_step: float = 0.0,
+        encoder_noise: np.ndarray | float = 0.0,
+        load: KnownLoad | None = None,
+        together: bool = False,
+        threads: int = 0,
+    ) -> None:
+        self.nominal = nominal_body(arm, load)
+        self.arm, self.dt = arm, dt
+        self._shape = count, arm.n_joints
+        self._engine, self._together = engine, together
+        self.effects = [effects] * count
+        one = together or count == 1
+        self.drives = [self._drive(effects) for _ in range(1 if one else count)]
+        drive = self.drives[0]
+        self.inside: ArmsTogether | SeparateArms
+        if one:
+            self.inside = ArmsTogether(drive, count, threads, engine)
+            self.drives *= count
+        else:
+            self.inside = SeparateArms(self.drives, engine)
+        first = arm.n_joints * np.arange(count)[:, None]
+        order, places = self.nominal.order, self.nominal.places
+        self._order, self._places = (first + order).ravel(), (first + places).ravel()
+        self._ordered = bool((order == np.arange(arm.n_joints)).all())
+        self._encoder_step = encoder_step
+        encoders = Encoders(drive.corrected, encoder_step)
+        self._encoders, self._readings = [encoders] * count, encoders.beside(count)
+        self._on_motor = encoders.on_motor
+        self._noise, self._noisy = encoder_noise, False
+        self._rngs: list[np.random.Generator | None] = [None] * count
+
+    def _drive(self, effects: tuple[AppliedEffect, ...]) -> ArmDrive:
+        """The drives and bodies of an arm with effects; raises ``InputError`` if they cannot be simulated."""
+        drive = ArmDrive(self.arm, effects, self.dt, self.nominal)
+        flexible = not drive.rigid.all() or drive.parts > 1
+        if self._together and (flexible or drive.coupled.present):
+            names = ", ".join(applied.name for applied in effects)
+            raise InputError(
+                f"motors of their own, coupled motors and stiff springs are not stepped together ({names})",
+                "give them when the environments are made, or take vectorization_mode='sync'",
+                where="effects",
+            )
+        return drive
+
+    def put(self, number: int, effects: tuple[AppliedEffect, ...]) -> None:
+        """Give an arm, numbered from 0, other effects; ``reset`` or ``start`` has to follow.
+
+        Raises:
+            InputError: they cannot be simulated, or not together with the other arms.
+        """
+        if effects is self.effects[number]:
+            return
+        drive = self._drive(effects)
+        if self._together or len(self.effects) > 1:
+            self.inside.put(number, drive)
+        else:
+            inside = ArmsTogether(drive, engine=self._engine)
+            self.close()
+            self.inside = inside
+        self.drives[number], self.effects[number] = drive, effects
+        self._encoders[number] = Encoders(drive.corrected, self._encoder_step)
+        self._readings.put(number, self._encoders[number])
+
+    def draw_noise_from(self, number: int, rng: np.random.Generator | None) -> None:
+        """Give the encoders of an arm, numbered from 0, a source of noise."""
+        self._rngs[number] = rng if np.any(self._noise) else None
+        self._noisy = any(one is not None for one in self._rngs)
+
+    def reset(
+        self, number: int, q: np.ndarray, dq: np.ndarray, time: float = 0.0
+    ) -> None:
+        """Put an arm at true positions q [rad] with velocities dq [rad/s], each (n,), and forget its past.
+
+        Motors of elastic joints are where they carry their link's weight. ``time`` [s] is that of the recording.
+        """
+        order = self.nominal.order
+        self.inside.reset(number, q[order], dq[order], time)
+
+    def start(
+        self, number: int, reading: np.ndarray, dq: np.ndarray, time: float = 0.0
+    ) -> None:
+        """Put an arm where its encoders, but for rounding and noise, read ``reading`` [rad], with dq [rad/s], (n,)."""
+        self.inside.start(number, self._encoders[number], reading, dq, time)
+
+    def hold(self, torque: np.ndarray, steps: int = 1) -> None:
+        """Hold the commanded torque [N m], (N n,), which is not to be changed then, for so many time steps."""
+        self.inside.hold(torque if self._ordered else torque[self._order], steps)
+
+    def read(self) -> np.ndarray:
+        """Positions as the encoders read them [rad], shape (N n,); each call draws its own noise."""
+        noise = None
+        if self._noisy:
+            noise = np.concatenate([self._drawn(arm) for arm in range(self._shape[0])])
+        # a reading is an array of its own, so that nothing is copied here
+        seen = self.inside.seen(self._on_motor)
+        return self._readings(seen if self._ordered else seen[self._places], noise)
+
+    def read_one(self, number: int) -> np.ndarray:
+        """Positions as the encoders of one arm read them [rad], shape (n,)."""
+        seen = self.in_order(self.inside.seen(self._on_motor))[number]
+        noise = None if self._rngs[number] is None else self._drawn(number)
+        return self._encoders[number](seen, noise)
+
+    def _drawn(self, number: int) -> np.ndarray:
+        """Noise of an arm [rad], shape (n,)."""
+        rng, n = self._rngs[number], self._shape[1]
+        return np.zeros(n) if rng is None else self._noise * rng.standard_normal(n)
+
+    def in_order(self, values: np.ndarray) -> np.ndarray:
+        """A copy of values (N n,) of ``inside``, by arms and in the arm's order, (N, n)."""
+        own = values.copy() if self._ordered else values[self._places]
+        return own.reshape(self._shape)
+
+    def close(self) -> None:
+        """Free the engine's world; a second call does nothing."""
+        self.inside.close()
+
+
+class SimulatedArm:
+    """One simulated arm with effects, n joints in the arm's order, in a world of its own.
+
+    Args:
+        arm, effects, dt, options: as of ``SimulatedArms``.
+        rng: source of the encoders' noise.
+
+    Attributes:
         body: the rigid bodies with its load, payload, link errors and tilt.
         parts: into how many parts a step is divided.
 
     Raises:
-        InputError: an effect on a joint that does not exist, armature or friction that is negative in total, an arm
-            whose inertia is not physical, a stiffness that the step cannot hold, or an engine that is not installed.
+        InputError: as ``SimulatedArms``.
     """
 
     def __init__(
@@ -284,21 +476,14 @@ class SimulatedArm:
         effects: tuple[AppliedEffect, ...] = (),
         dt: float = 1e-3,
         *,
-        engine: str | None = None,
-        encoder_step: float = 0.0,
-        encoder_noise: np.ndarray | float = 0.0,
         rng: np.random.Generator | None = None,
-        load: KnownLoad | None = None,
+        **options: Any,
     ) -> None:
-        self.nominal = nominal_body(arm, load)
-        drive = ArmDrive(arm, effects, dt, self.nominal)
-        self.arm, self.dt, self.body, self.parts = arm, dt, drive.body, drive.parts
-        self._order, self._places = self.nominal.order, self.nominal.places
-        self._ordered = bool((self._order == np.arange(arm.n_joints)).all())
-        self._encoders = Encoders(drive.corrected, encoder_step)
-        self._noise, self._rng = encoder_noise, rng if np.any(encoder_noise) else None
-        self._arms = SimulatedArms(drive, engine=engine)
-        self._q, self._dq = self._arms.q, self._arms.dq
+        self.arm, self.dt = arm, dt
+        self._arms = SimulatedArms(arm, effects, dt, **options)
+        self._arms.draw_noise_from(0, rng)
+        drive = self._arms.drives[0]
+        self.body, self.parts = drive.body, drive.parts
         self.reset(np.zeros(arm.n_joints))
 
     def __enter__(self) -> SimulatedArm:
@@ -314,65 +499,55 @@ class SimulatedArm:
         self._arms.close()
 
     def reset(
-        self, q: np.ndarray, dq: np.ndarray | None = None, time: float = 0.0
+        self, q: np.ndarray, dq: np.ndarray | float = 0.0, time: float = 0.0
     ) -> None:
-        """Put the arm at true positions q [rad] with velocities dq [rad/s] (0 by default), and forget past torque.
+        """Put the arm at true positions q [rad] with velocities dq [rad/s], and forget past torque.
 
         Motors of elastic joints are where they carry their link's weight. ``time`` [s] is that of the recording.
         """
-        true = np.asarray(q, dtype=float)[self._order]
-        speed = np.zeros(len(true))
-        if dq is not None:
-            speed = np.asarray(dq, dtype=float)[self._order]
-        self._arms.reset(0, true, speed, time)
+        true = np.asarray(q, dtype=float)
+        self._arms.reset(0, true, np.zeros_like(true) + dq, time)
 
     def start(
-        self, reading: np.ndarray, dq: np.ndarray | None = None, time: float = 0.0
+        self, reading: np.ndarray, dq: np.ndarray | float = 0.0, time: float = 0.0
     ) -> None:
         """Put the arm where its encoders, but for rounding and noise, read ``reading`` [rad], shape (n,)."""
         seen = np.asarray(reading, dtype=float)
-        speed = np.zeros(len(seen)) if dq is None else np.asarray(dq, dtype=float)
-        self._arms.start(0, self._encoders, seen, speed, time)
+        self._arms.start(0, seen, np.zeros_like(seen) + dq, time)
 
     @property
     def q(self) -> np.ndarray:
         """True joint positions [rad], shape (n,)."""
-        return self._q.copy() if self._ordered else self._q[self._places]
+        return self._arms.in_order(self._arms.inside.q)[0]
 
     @property
     def dq(self) -> np.ndarray:
         """True joint velocities [rad/s], shape (n,)."""
-        return self._dq.copy() if self._ordered else self._dq[self._places]
+        return self._arms.in_order(self._arms.inside.dq)[0]
 
     @property
     def motor_q(self) -> np.ndarray:
         """True positions of the motors [rad], joint side, shape (n,); those of rigid joints are the joints'."""
-        return self._arms.seen(on_motor=True)[self._places]
+        return self._arms.in_order(self._arms.inside.seen(on_motor=True))[0]
 
     @property
     def applied(self) -> np.ndarray:
         """Motor torque that reached the joints in the last step, before friction [N m], shape (n,)."""
-        return self._arms.applied[self._places]
+        return self._arms.in_order(self._arms.inside.applied)[0]
 
     @property
     def time(self) -> float:
-        """Time since the start of the recording [s]."""
-        return float(self._arms.time[0])
+        """Time since the start of the recording [s]; drift and external force go by it."""
+        return float(self._arms.inside.time[0])
 
     def encoders(self) -> np.ndarray:
         """Positions as the encoders read them [rad], shape (n,); each call draws its own noise."""
-        noise = None
-        if self._rng is not None:
-            noise = self._noise * self._rng.standard_normal(len(self._q))
-        # a reading is an array of its own, so that nothing is copied here
-        seen = self._arms.seen(self._encoders.on_motor)
-        return self._encoders(seen if self._ordered else seen[self._places], noise)
+        return self._arms.read()
 
     def step(self, torque: np.ndarray, steps: int = 1) -> None:
         """Hold the commanded torque [N m], shape (n,), for ``steps`` time steps."""
         # a copy: it is held, whatever becomes of the array
-        command = np.array(torque, dtype=float)
-        self._arms.hold(command if self._ordered else command[self._order], steps)
+        self._arms.hold(np.array(torque, dtype=float), steps)
 
 
 class NetworkTorque:
@@ -402,7 +577,11 @@ class NetworkTorque:
         load = replace(corrected, residual=None).predict(
             RigidBody(corrected.arm).carrying(payload), motion
         )
-        self._planned = _on_lines(self._residual, motion, load)
+        last = len(motion.t) - 1
+        spaced = np.append(np.arange(0, last, SPACING), last)
+        windows = self._residual.inputs.windows(motion, load, spaced)
+        said = self._residual.of_windows(windows).torque
+        self._planned = between(spaced, said, np.arange(last + 1))
         rows = slice(None, None, sub_steps)
         coarse = Motion(
             motion.t[rows], motion.q[rows], motion.dq[rows], motion.ddq[rows]
@@ -434,16 +613,6 @@ class NetworkTorque:
         return np.asarray(self._planned[step] + self._off)
 
 
-def _on_lines(
-    residual: ResidualNetwork, motion: Motion, load: np.ndarray
-) -> np.ndarray:
-    """Residual torque at every step [N m], shape (N, n), on lines between every ``SPACING``-th step."""
-    rows = np.append(np.arange(0, len(motion.t) - 1, SPACING), len(motion.t) - 1)
-    said = residual.of_windows(residual.inputs.windows(motion, load, rows)).torque
-    place = np.searchsorted(rows, np.arange(len(motion.t)), side="right").clip(
-        1, len(rows) - 1
-    )
-    part = (
-        (np.arange(len(motion.t)) - rows[place - 1]) / (rows[place] - rows[place - 1])
-    )[:, None]
-    return np.asarray((1 - part) * said[place - 1] + part * said[place])
+def between(t: np.ndarray, series: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """A series (K, n) at other times (N,), linear between its samples and constant beyond them, (N, n)."""
+    return np.stack([np.interp(at, t, column) for column in series.T], axis=1)

@@ -69,7 +69,7 @@ def replay(
         case: the case, or its folder.
         recording: a recording, or its number from 0 or its name in the case.
         model: what corrects the nominal arm; see ``Model``.
-        engine: ``pybullet``, ``mujoco`` or ``dart``; by default PyBullet if it is installed, else MuJoCo.
+        engine: ``pybullet`` or ``mujoco``; by default PyBullet if it is installed, else MuJoCo.
         progress: called with a few words at each step.
 
     Raises:

@@ -17,7 +17,7 @@ from gapscope.agents.evaluation import Evaluation, TrackingBench
 from gapscope.agents.summary import Mean, SummaryLine, relation
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import write_json
-from gapscope.envs.divergence import described
+from gapscope.effects.corrected_file import described
 from gapscope.reports.pages import (
     COLOURS,
     PageSection,

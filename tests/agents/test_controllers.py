@@ -8,15 +8,16 @@ import pytest
 from gapscope.agents.controllers import (
     ComputedTorque,
     Feedforward,
+    TrackingController,
     Tuning,
-    gains,
-    own_inertia,
 )
 from gapscope.agents.evaluation import EvaluationPlan, TrackingBench
 from gapscope.agents.models import ArmModel, Gravity
 from gapscope.agents.tracking import SampledReference, track
+from gapscope.arm.control import Targets
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
+from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.named_motions import draw_motion, workspace
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.corrected import CorrectedArm
@@ -24,63 +25,50 @@ from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.simulated_arm import SimulatedArm
 
 UNLIMITED = np.array([np.inf])
-NOW = tuple(np.array([x]) for x in (0.3, 0.2, 0.5, 0.1, -0.1))
-"""q_ref, dq_ref, ddq_ref, q, dq of the pendulum."""
+Q, DQ = np.array([0.1]), np.array([-0.1])
+MOTION = Motion(np.zeros(1), *(np.array([[x]]) for x in (0.3, 0.2, 0.5)))
+"""Position and velocity of the pendulum [rad], [rad/s], and a reference of one sample."""
 TUNING = Tuning(1.0, 0.5)
 W = 2 * np.pi
+PD = W**2 * 0.2 + W * 0.3
+"""What the loop of 1 kg m^2 adds [N m]."""
 
 
-def test_gains_of_the_pendulum(pendulum: NominalArm) -> None:
-    inertia = own_inertia(pendulum, np.zeros(1))
-    assert inertia == pytest.approx([2 * 0.5**2 + 0.1 + 0.4])  # 1 kg m^2
-    kp, kd = gains(inertia, TUNING)
-    assert kp == pytest.approx([W**2]) and kd == pytest.approx(
-        [W]
-    )  # 2 zeta w M with zeta = 1/2
-    doubled = gains(inertia, TUNING.times(2.0))
+def _commanded(controller: TrackingController, far: float = 0.0) -> float:
+    """Torque of the sample, or of one whose reference is farther away [N m]."""
+    series = (MOTION.q + far, MOTION.dq, MOTION.ddq, controller.plan(MOTION))
+    return float(controller(Targets(*series).at(0), Q, DQ)[0])
+
+
+def test_gains_of_the_pendulum() -> None:
+    kp, kd = TUNING.gains(np.ones(1))
+    # 2 zeta w M with zeta = 1/2
+    assert kp == pytest.approx([W**2]) and kd == pytest.approx([W])
+    doubled = TUNING.times(2.0).gains(np.ones(1))
     assert doubled.kp == pytest.approx(4 * kp) and doubled.kd == pytest.approx(2 * kd)
 
 
-def test_pd_by_hand(pendulum: NominalArm) -> None:
-    controller = Feedforward(gains(np.ones(1), TUNING), UNLIMITED)
-    assert controller.torque(*NOW) == pytest.approx([W**2 * 0.2 + W * 0.3])
-
-
-def test_pd_with_gravity_by_hand(pendulum: NominalArm) -> None:
-    """The height of the mass is -0.5 sin q: gravity takes -2 * 9.81 * 0.5 cos q_ref."""
-    controller = Feedforward(gains(np.ones(1), TUNING), UNLIMITED, Gravity(pendulum))
-    expected = W**2 * 0.2 + W * 0.3 - 9.81 * np.cos(0.3)
-    assert controller.torque(*NOW) == pytest.approx([expected])
-
-
-def test_pd_with_inverse_dynamics_by_hand(pendulum: NominalArm) -> None:
-    controller = Feedforward(
-        gains(np.ones(1), TUNING), UNLIMITED, ArmModel(CorrectedArm(pendulum))
-    )
-    expected = W**2 * 0.2 + W * 0.3 - 9.81 * np.cos(0.3) + 1.0 * 0.5
-    assert controller.torque(*NOW) == pytest.approx([expected])
-    assert controller.torque(*NOW, planned=np.array([7.0])) == pytest.approx(
-        [W**2 * 0.2 + W * 0.3 + 7.0]
-    )
-
-
-def test_computed_torque_by_hand(pendulum: NominalArm) -> None:
-    """Gravity at the measured position, 1 kg m^2 times the acceleration that is asked for."""
-    controller = ComputedTorque(TUNING, UNLIMITED, ArmModel(CorrectedArm(pendulum)))
-    expected = 1.0 * (0.5 + W**2 * 0.2 + W * 0.3) - 9.81 * np.cos(0.1)
-    assert controller.torque(*NOW) == pytest.approx([expected])
-    assert controller.plan is not None
+def test_laws_by_hand(pendulum: NominalArm) -> None:
+    """The height of the mass is -0.5 sin q: gravity takes -2 * 9.81 * 0.5 cos q; rod and rotor have 1 kg m^2."""
+    loop, model = TUNING.gains(np.ones(1)), ArmModel(CorrectedArm(pendulum))
+    weight = -9.81 * np.cos(0.3)
+    expected = {None: PD, Gravity(pendulum): PD + weight, model: PD + weight + 0.5}
+    for fed, torque in expected.items():
+        found = _commanded(Feedforward(loop, UNLIMITED, fed))
+        assert found == pytest.approx(torque)
+    # gravity at the measured position, the inertia times the acceleration that is asked for
+    inside = _commanded(ComputedTorque(TUNING, UNLIMITED, model))
+    assert inside == pytest.approx(0.5 + PD - 9.81 * np.cos(0.1))
 
 
 @pytest.mark.parametrize("limit", [1.0, 8.0])
 def test_torque_is_clipped(pendulum: NominalArm, limit: float) -> None:
     model = ArmModel(CorrectedArm(pendulum))
     for controller in (
-        Feedforward(gains(np.ones(1), TUNING), np.array([limit]), model),
+        Feedforward(TUNING.gains(np.ones(1)), np.array([limit]), model),
         ComputedTorque(TUNING, np.array([limit]), model),
     ):
-        far = (NOW[0] + 9, *NOW[1:])
-        assert controller.torque(*far) == pytest.approx([limit])
+        assert _commanded(controller, far=9.0) == pytest.approx(limit)
 
 
 @pytest.mark.parametrize(
@@ -101,10 +89,11 @@ def test_inverse_dynamics_tracks_an_arm_without_effects_within_a_milliradian(
     space = workspace(body)
     model, tuning = ArmModel(CorrectedArm(arm)), Tuning(4.0)
     limit = np.asarray(arm.torque_limit)
+    inertia = np.diag(body.mass_matrix(space.posture)) + arm.armature
     controller = (
         ComputedTorque(tuning, limit, model)
         if computed
-        else Feedforward(gains(own_inertia(arm, space.posture), tuning), limit, model)
+        else Feedforward(tuning.gains(inertia), limit, model)
     )
     course = SampledReference.of(
         draw_motion("fourier", np.random.default_rng(5), space, 2.0), 2.0, 1e-3

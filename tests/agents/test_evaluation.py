@@ -25,7 +25,6 @@ from gapscope.arm.motions.named_motions import workspace
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.envs.engines import installed
 
 HIDDEN = (
     AppliedEffect(
@@ -149,17 +148,6 @@ def test_straight_lines_need_three_joints_and_a_push_no_other_force(
     values = {"force": np.ones(3), "start": np.array(0.0), "end": np.array(1.0)}
     with pytest.raises(InputError, match="external force"):
         TrackingBench(two, (AppliedEffect("external_force", (), values),), SHORT)
-
-
-def test_engines_agree(two: NominalArm) -> None:
-    if not installed("mujoco"):
-        pytest.skip("needs MuJoCo")
-    bench = TrackingBench(two, HIDDEN, replace(SHORT, disturbances=("none",)))
-    pair = [
-        next(bench.episodes("gravity", Gravity(two), engine, 0)).measures
-        for engine in ("pybullet", "mujoco")
-    ]
-    assert pair[0].joint_error == pytest.approx(pair[1].joint_error, rel=1e-4)
 
 
 def test_names_of_models() -> None:

@@ -1,15 +1,13 @@
 """Models: what they feed forward is what the corrected arm predicts, for one sample and for a series."""
 
 import numpy as np
-import pytest
 from cases import limits, motion_of
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gapscope.agents.controllers import Feedforward, Tuning, gains
+from gapscope.agents.controllers import Feedforward, Tuning
 from gapscope.agents.models import ArmModel
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.errors import InputError
 from gapscope.arm.motions.trajectory import Fourier
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
@@ -66,7 +64,7 @@ def test_feedforward_is_what_the_corrected_arm_predicts(
     )
     model, seen = ArmModel(corrected), motion_of(REFERENCE, np.linspace(0.0, 2.0, 101))
     predicted = corrected.predict(RigidBody(two), seen)
-    planned = Feedforward(gains(np.ones(2), Tuning()), np.full(2, np.inf), model).plan(
+    planned = Feedforward(Tuning().gains(np.ones(2)), np.full(2, np.inf), model).plan(
         seen
     )
     np.testing.assert_array_equal(planned, predicted)
@@ -155,24 +153,3 @@ def test_the_network_adds_its_torque(two: NominalArm) -> None:
     expected = plain.series(seen) + np.array([0.5, 2.0])
     np.testing.assert_allclose(learnt.series(seen), expected)
     np.testing.assert_allclose(samples(learnt, seen.t[::10]), expected[::10])
-
-
-def test_an_effect_on_a_joint_that_is_not_there_is_refused(two: NominalArm) -> None:
-    with pytest.raises(InputError):
-        ArmModel(
-            CorrectedArm(
-                two, (AppliedEffect("coulomb_friction", (7,), {"torque": [1.0]}),)
-            )
-        )
-
-
-def test_one_sample_of_an_arm_whose_columns_are_in_another_order(
-    two: NominalArm,
-) -> None:
-    swapped = RigidBody(NominalArm("swapped", two.urdf, ("pitch", "yaw")))
-    q, dq, ddq = (np.array(x) for x in ([0.3, -0.4], [1.0, 0.5], [-2.0, 3.0]))
-    expected = swapped.inverse_dynamics(q[None], dq[None], ddq[None])[0]
-    np.testing.assert_allclose(swapped.torque(q, dq, ddq), expected, rtol=1e-12)
-    np.testing.assert_allclose(
-        RigidBody(two).torque(q[::-1], dq[::-1], ddq[::-1]), expected[::-1], rtol=1e-12
-    )

@@ -126,23 +126,8 @@ def test_torque_rate_is_told(pendulum) -> None:
 
 def test_reach_gives_every_joint_the_same_say(data_sheet_arm: NominalArm) -> None:
     env = ArmTracking(data_sheet_arm, action_reach=0.02, bandwidth=4.0)
-    np.testing.assert_allclose(env.torque_scale, 0.02 * env.unwrapped._control.gains.kp)
+    np.testing.assert_allclose(env.torque_scale, 0.02 * env.setup.control.gains.kp)
     env.close()
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"feedforward": 3}, r"series\(motion\)"),
-        ({"action": "scal"}, "did you mean 'scale'"),
-        ({"action": "torque", "action_reach": 0.1}, "action_reach"),
-        ({"action_share": 0.1, "action_reach": 0.1}, "action_reach"),
-        ({"action_reach": -1}, "above zero"),
-    ],
-)
-def test_bad_arguments_are_refused(pendulum, options: dict, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        ArmTracking(pendulum(), **options)
 
 
 def test_simulated_arms_are_checked(pendulum, data_sheet_arm: NominalArm) -> None:

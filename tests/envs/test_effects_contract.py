@@ -163,35 +163,6 @@ def test_a_very_stiff_joint_is_nearly_rigid(
     np.testing.assert_allclose(elastic[:, 7:14], rigid[:, 7:14], atol=1e-3)
 
 
-@pytest.mark.parametrize("name", CATALOGUE)
-def test_a_joint_that_does_not_exist_is_refused(
-    data_sheet_arm: NominalArm, name: str
-) -> None:
-    effect = CATALOGUE[name]
-    if effect.scope == "arm":
-        pytest.skip("acts on the whole arm")
-    values = {
-        p.name: np.full(p.size, p.typical[1]) if p.size > 1 else p.typical[1]
-        for p in effect.parameters
-    }
-    wrong = _applied(
-        effect, {**values, "link": 9.0} if "link" in values else values, joints=(9,)
-    )
-    with pytest.raises(InputError, match="joint 9 of an arm with 7 joints"):
-        SimulatedArm(data_sheet_arm, (wrong,))
-
-
-def test_a_link_left_with_negative_mass_is_refused(data_sheet_arm: NominalArm) -> None:
-    wrong = AppliedEffect(
-        "link_inertia", (), {"link": 3.0, "mass": -50.0, "com": np.zeros(3)}
-    )
-    with pytest.raises(
-        InputError, match=r"joint 3 \(lbr_iiwa_joint_3\) has mass -"
-    ) as caught:
-        SimulatedArm(data_sheet_arm, (wrong,))
-    assert caught.value.where == "link_inertia" and "above zero" in caught.value.remedy
-
-
 def test_spring_that_the_step_cannot_hold_is_refused(
     data_sheet_arm: NominalArm,
 ) -> None:

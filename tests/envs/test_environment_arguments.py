@@ -39,89 +39,48 @@ def test_actions_at_fault_are_refused(action: object, kind: str, text: str) -> N
     with pytest.raises(InputError, match=text) as caught:
         env.step(action)
     assert caught.value.where == "action"
-    env.step(np.zeros(env.actions))  # the episode goes on
+    env.step(np.zeros(env.action_space.shape))  # the episode goes on
     env.close()
 
 
-STRAY = AppliedEffect("coulomb_friction", (9,), {"torque": [1.0]})
 BAD = [
     ({"robot": "kuka_iwa"}, "did you mean 'kuka_iiwa'"),
-    ({"engine": "pybulet"}, "pybullet"),
-    (
-        {"effects": (STRAY,)},
-        "joint 9 of an arm with 7 joints(?s:.)*joints count from 1",
-    ),
-    (
-        {"effects": ("coulomb_friction",)},
-        r"effects\[0\]: expected AppliedEffect, got 'coulomb_fric(?s:.)*give AppliedEffect",
-    ),
-    (
-        {"effects": "coulomb_friction"},
-        "is the name of an effect, without values(?s:.)*give AppliedEffect",
-    ),
-    ({"effects": 3}, "effects: 3 is no effect with values"),
-    (
-        {"effects": {"effects": [], "residual": "residual.npz"}},
-        "a residual network is no effect(?s:.)*simulated=",
-    ),
-    (
-        {"effects": {"effect": "payload"}},
-        r"effects\[0\], payload: expected the parameters",
-    ),
-    (
-        {"effects": [{"effect": "payload", "parameters": {"mass": 1}}]},
-        r"effects\[0\], payload: expected the parameters",
-    ),
-    ({"robot": "panda"}, "did you mean 'franka_panda'"),
-    ({"robot": "KUKA_IIWA"}, "did you mean 'kuka_iiwa'"),
-    ({"robot": None}, "robot: expected NominalArm, got None(?s:.)*xarm6"),
-    ({"robot": 3}, "robot: expected NominalArm, got 3"),
+    ({"robot": 3}, "robot: expected NominalArm, got 3(?s:.)*xarm6"),
     ({"engine": "MuJoCo"}, "did you mean 'mujoco'"),
-    (
-        {"simulated": "corrected.yaml"},
-        "simulated: expected CorrectedArm(?s:.)*read_corrected_arm",
-    ),
+    ({"effects": ("payload",)}, r"effects\[0\]: expected AppliedEffect, got 'payload"),
+    ({"effects": "coulomb_friction"}, "is the name of an effect, without values"),
+    ({"effects": 3}, "effects: 3 is no effect with values"),
+    ({"effects": {"effects": [], "residual": "r.npz"}}, "no effect(?s:.)*simulated="),
+    ({"effects": {"effect": "payload"}}, r"effects\[0\], payload: expected the param"),
+    ({"effects": "missing.yaml"}, "missing.yaml"),
+    ({"simulated": "corrected.yaml"}, "expected CorrectedArm(?s:.)*read_corrected_arm"),
     ({"encoder_noise": -1e-3}, "encoder_noise: expected one number from zero on, or 7"),
     ({"encoder_noise": [1e-3] * 6}, "encoder_noise"),
-    ({"encoder_noise": float("nan")}, "encoder_noise"),
     ({"encoder_noise": "some"}, "encoder_noise: holds what is not a number"),
-    ({"reward": {"tolerance": 0.01}}, "reward: expected Reward"),
     ({"reward": 0.01}, "reward: expected Reward"),
     ({"randomisation": "payload"}, "randomisation: expected Randomisation"),
     ({"limits": 3}, "limits: expected Limits, got 3"),
-    (
-        {"limits": Limits([-1.0] * 7, [1.0] * 7, [1.0] * 6, [1.0] * 7)},
-        "limits.velocity: expected 7 numbers",
-    ),
-    (
-        {"limits": Limits([1.0] * 7, [1.0] * 7, [1.0] * 7, [1.0] * 7)},
-        "limits: lower has to be below upper",
-    ),
-    (
-        {"limits": Limits([-1.0] * 7, [1.0] * 7, [1.0] * 7, ["x"] * 7)},
-        "limits: holds what is not a number",
-    ),
-    ({"effects": "missing.yaml"}, "missing.yaml"),
+    ({"limits": Limits(*[[1.0] * 6] * 4)}, "limits.lower: expected 7 numbers"),
+    ({"limits": Limits(*[[1.0] * 7] * 4)}, "limits: lower has to be below upper"),
+    ({"limits": Limits(*[["x"] * 7] * 4)}, "limits: holds what is not a number"),
     ({"action": "torqe"}, "did you mean 'torque'"),
     ({"feedforward": "full"}, "nominal"),
+    ({"feedforward": 3}, r"series\(motion\)"),
     ({"motion": "weld"}, "did you mean 'weld_seam'"),
     ({"motion": 3}, "is no motion"),
     ({"motion": PointToPoint(np.zeros(3), np.ones(3), 1.0)}, r"shape \(1, 3\)"),
     ({"posture": [0.0] * 6}, "expected 7 numbers"),
-    ({"posture": [9.0] * 7}, "outside its limits"),
-    ({"posture": "home"}, "posture: holds what is not a number"),
     ({"posture": [float("nan")] * 7}, "outside its limits"),
+    ({"posture": "home"}, "posture: holds what is not a number"),
     ({"episode_length": -1.0}, "episode_length: expected a number above zero"),
-    ({"time_step": 0.0}, "time_step"),
     ({"time_step": float("nan")}, "time_step"),
     ({"sub_steps": 2.5}, "sub_steps: expected a whole number"),
-    ({"look_ahead": [-0.1]}, "look_ahead"),
     ({"look_ahead": [float("inf")]}, "look_ahead: expected times above zero"),
     ({"look_ahead": 0.1}, "look_ahead: expected times above zero(?s:.)*give a list"),
-    ({"look_ahead": "soon"}, "look_ahead: holds what is not a number"),
-    ({"look_ahead": None}, "look_ahead: expected times above zero"),
     ({"bandwidth": 0}, "bandwidth"),
     ({"action_share": -1}, "action_share"),
+    ({"action": "torque", "action_reach": 0.1}, "action_reach"),
+    ({"action_share": 0.1, "action_reach": 0.1}, "action_reach"),
     ({"render_mode": "ascii"}, "rgb_array"),
     ({"sheet": {"torque_limit": [1.0]}}, "sheet.torque_limit: expected 7 numbers"),
     (

@@ -175,9 +175,8 @@ class TestTorque:
         got = each(motion, torque) + dry * np.tanh(motion.dq / 0.005)
         assert got == pytest.approx(needed(arm, motion), rel=1e-6, abs=1e-9)
 
-    @pytest.mark.skipif(not installed("dart"), reason="dartpy is not installed")
     def test_of_sdf_in_dart(self, tmp_path: Path) -> None:
-        import dartpy
+        dartpy = pytest.importorskip("dartpy")
 
         arm = CorrectedArm(load_nominal_arm("kuka_iiwa"), BODIES + OFF)
         export(arm, "sdf", tmp_path / "arm.sdf")

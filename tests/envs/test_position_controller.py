@@ -15,11 +15,11 @@ from gapscope.arm.robots import load_nominal_arm
 from gapscope.arm.velocity_filter import VelocityFilter, filter_gains
 from gapscope.envs.mystery_arm import POSTURE
 from gapscope.envs.position_controller import (
-    CUTOFF,
-    FILTER_DAMPING,
     GAIN_MARGIN,
     LATE,
     RATE,
+    VELOCITY_CUTOFF,
+    VELOCITY_DAMPING,
     SampledLoop,
     loop_inertia,
     position_controller,
@@ -31,7 +31,9 @@ from gapscope.envs.recorder import Plan, record_case
 def _speed_left(stiffness: float, bandwidth: float) -> float:
     """Speed of a pushed joint of inertia 1 after 3 s [rad/s], its torque late by ``LATE`` periods."""
     w, dt = 2 * np.pi * bandwidth, 1 / RATE
-    filtered = VelocityFilter(RATE, CUTOFF, FILTER_DAMPING, np.zeros(1), np.zeros(1))
+    filtered = VelocityFilter(
+        RATE, VELOCITY_CUTOFF, VELOCITY_DAMPING, np.zeros(1), np.zeros(1)
+    )
     q, dq, waiting = np.zeros(1), np.full(1, 1e-3), [np.zeros(1)] * LATE
     for _ in range(3000):
         waiting.append(-stiffness * (w**2 * q + 1.4 * w * filtered(q)))
@@ -58,7 +60,7 @@ def test_a_loop_of_several_joints_is_as_stable_as_its_stiffest_mode() -> None:
     rng = np.random.default_rng(0)
     root = rng.standard_normal((3, 3))
     mass, inertia = root @ root.T + np.eye(3), rng.uniform(0.5, 2.0, 3)
-    estimate = filter_gains(RATE, CUTOFF, FILTER_DAMPING)
+    estimate = filter_gains(RATE, VELOCITY_CUTOFF, VELOCITY_DAMPING)
 
     def radius(mass: np.ndarray, inertia: np.ndarray) -> float:
         law = PD(rate=RATE, kp=4e3 * inertia, kd=120.0 * inertia)
@@ -150,7 +152,7 @@ def test_gains_against_friction_keep_their_margin(robot: str) -> None:
     pd = position_controller(arm, along[0], along=along)
     assert (pd.kp > 1.1 * plain).any()
     law = PD(rate=RATE, kp=GAIN_MARGIN * pd.kp, kd=GAIN_MARGIN * pd.kd)
-    estimate = filter_gains(RATE, CUTOFF, FILTER_DAMPING)
+    estimate = filter_gains(RATE, VELOCITY_CUTOFF, VELOCITY_DAMPING)
     loop = SampledLoop(law, 1 / RATE, estimate, LATE)
     assert all(loop.stable(body.mass_matrix(q), arm.viscous) for q in along)
 

@@ -51,25 +51,6 @@ def test_every_effect_can_be_drawn_mild_and_severe(
     assert any(abs(ratio - 1) > 0.1 for ratio in ratios.values())
 
 
-def test_more_severe_is_more(data_sheet_arm: NominalArm) -> None:
-    for name, parameter, sign in (
-        ("coulomb_friction", "torque", 1),
-        ("joint_elasticity", "stiffness", -1),
-    ):
-        mild, bad = (
-            _draw(
-                data_sheet_arm,
-                0,
-                names=[name],
-                count=(1, 1),
-                joints=[2],
-                severity=(s, s),
-            )[0].parameters[parameter]
-            for s in (0.2, 0.8)
-        )
-        assert (sign * (bad - mild) > 0).all()
-
-
 def test_draws_are_varied_on_the_joints_allowed_and_as_many_as_asked(
     data_sheet_arm: NominalArm,
 ) -> None:
@@ -137,17 +118,12 @@ BAD = [
     ({"names": []}, "nothing to draw"),
     ({"names": ["payload"], "joints": [0]}, "joints from 1"),
     ({"names": ["payload"], "severity": (0.0, 1.5)}, "severity"),
-    ({"names": ["payload"], "severity": (0.6, 0.5)}, "severity"),
     ({"names": ["payload"], "count": (1, 2)}, "count"),
     ({"names": ["payload"], "joint_count": (0, 1)}, "joint_count"),
-    ({"names": "payloads"}, "did you mean 'payload'"),
     ({"names": 3}, "randomisation.names: expected a list"),
     ({"names": ["payload"], "joints": 2}, "randomisation.joints: expected a list"),
-    ({"names": ["payload"], "joints": ["elbow"]}, "joints from 1"),
     ({"names": ["payload"], "count": 1}, "randomisation.count: expected a list"),
-    ({"names": ["payload"], "count": (1, 1, 1)}, r"count: \(1, 1, 1\) is no range"),
     ({"names": ["payload"], "count": (0.5, 1)}, "whole number"),
-    ({"names": ["payload"], "severity": ("mild", "bad")}, "severity"),
     ({"names": ["payload"], "severity": (0.5, float("nan"))}, "severity"),
 ]
 

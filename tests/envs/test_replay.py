@@ -90,20 +90,6 @@ def test_a_known_payload_is_one_more(
     np.testing.assert_allclose(both.q, carried.q, atol=1e-9)
 
 
-@pytest.mark.parametrize("engine", ["mujoco", "dart"])
-def test_engines_agree(
-    data_sheet_arm: NominalArm,
-    controller: Controller,
-    recording: Recording,
-    engines,
-    engine: str,
-) -> None:
-    other = replay(
-        data_sheet_arm, EFFECTS, recording, controller, engine=engines(engine)
-    )
-    assert other.rmse.max() < 1e-4, other.rmse
-
-
 def test_without_the_controller_the_recorded_torque_moves_the_arm(
     data_sheet_arm: NominalArm, recording: Recording
 ) -> None:

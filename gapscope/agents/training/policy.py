@@ -27,11 +27,10 @@ from gapscope.arm.input_file import (
     is_folder,
 )
 from gapscope.arm.io.atomic_write import atomic_write
-from gapscope.arm.io.json_file import read_json, write_json
+from gapscope.arm.io.json_file import field, read_json, schema_fault, write_json
 from gapscope.arm.motions.named_motions import workspace
 from gapscope.arm.nominal import NominalArm
 from gapscope.envs.actions import control
-from gapscope.envs.environment import ArmTracking
 from gapscope.envs.episode import LOOK_AHEAD, SUB_STEPS, TIME_STEP
 from gapscope.provenance import library_versions, sha256
 
@@ -39,8 +38,6 @@ POLICY, DOCUMENT = "policy.zip", "agent.json"
 LAST = "last"
 """Folder, beside the agent that is kept, of the one after the last round."""
 LIBRARIES = ("gapscope", "numpy", "torch", "stable_baselines3")
-LARGEST_SIZE = 10_000
-"""Numbers in an observation or action beyond which it is of no arm [1]."""
 _REMEDY = "give the folder that gapscope train wrote, or train again with --again"
 
 
@@ -62,31 +59,8 @@ class TrainedAgent:
 
     def act(self, observation: np.ndarray) -> np.ndarray:
         """Action in -1 .. 1, of an observation as the environment gives it."""
-        return np.asarray(
-            self.learner.predict(self.normalisation(observation), deterministic=True)[0]
-        )
-
-    def check(self, env: ArmTracking) -> None:
-        """Check that an environment is one that this agent can act in.
-
-        Raises:
-            InputError: it has other joints, another observation or another kind of action.
-        """
-        _check_joints(self.document["joints"], env.arm, None)
-        for what, own, there in (
-            (
-                "numbers in the observation",
-                len(self.normalisation.mean),
-                env.layout.size,
-            ),
-            ("numbers in an action", self.document["actions"], env.actions),
-        ):
-            if there != own:
-                raise InputError(
-                    f"the agent has {own} {what}, the environment {there}",
-                    "use the action kind and look-ahead that it was trained with",
-                    where="agent",
-                )
+        seen = self.normalisation(observation)
+        return np.asarray(self.learner.predict(seen, deterministic=True)[0])
 
 
 def write_agent(task: Task, trained: Trained, folder: Path) -> dict[str, Any]:
@@ -99,7 +73,7 @@ def write_agent(task: Task, trained: Trained, folder: Path) -> dict[str, Any]:
     """
     env = task.simulator(trained.settings)
     layout = {name: part.stop - part.start for name, part in env.layout.slices.items()}
-    size = env.actions
+    size = env.setup.control.size
     env.close()
     content = {
         "schema": 1,
@@ -185,25 +159,18 @@ def _document(folder: Path) -> dict[str, Any]:
             f"holds no trained agent (no file {DOCUMENT})", _REMEDY, file=folder
         )
     content = read_json(path, _REMEDY)
-    try:
-        sizes = [content["actions"], *content["observation"].values()]
-        usable = (
-            all(type(size) is int and 0 < size <= LARGEST_SIZE for size in sizes)
-            and all(isinstance(joint, str) for joint in content["joints"])
-            and set(content["files"]) == {POLICY, NORMALISATION}
-            and isinstance(content["settings"], dict)
-            and isinstance(content["model"], str)
-        )
-    except (TypeError, KeyError, AttributeError) as error:
+    fault = schema_fault(content, "agent")
+    if fault is not None:
         raise InputError(
-            f"is no document of a trained agent ({error})", _REMEDY, file=path
-        ) from None
-    if not usable:
-        raise InputError("is no document of a trained agent", _REMEDY, file=path)
+            f"is no document of a trained agent ({fault.message})",
+            _REMEDY,
+            file=path,
+            where=field(fault.absolute_path),
+        )
     return dict(content)
 
 
-def _check_joints(joints: list[str], arm: NominalArm, path: Path | None) -> None:
+def _check_joints(joints: list[str], arm: NominalArm, path: Path) -> None:
     if list(joints) != list(arm.joints):
         raise InputError(
             f"is an agent of an arm with the joints {', '.join(joints)}, not {', '.join(arm.joints)}",

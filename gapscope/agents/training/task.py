@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
-from functools import partial
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from math import inf
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-import gymnasium
 import numpy as np
-from gymnasium.spaces import Box
-from gymnasium.wrappers import TransformObservation
 
 from gapscope.agents.evaluation import HELD_OUT, MOTIONS
 from gapscope.agents.models import ArmModel, Gravity, TorqueModel, read_arm
@@ -21,7 +18,7 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.input_file import read_arrays
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import plain
-from gapscope.arm.motions.named_motions import check_motion_name, draw_motion
+from gapscope.arm.motions.named_motions import Workspace, check_motion_name, draw_motion
 from gapscope.arm.motions.trajectory import ReferenceMotion
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.compare_units import read_ranges
@@ -82,7 +79,7 @@ class Normalisation:
         places = (velocity.start, velocity.stop), (rate.start, rate.stop)
         unscaled = cls(np.zeros(size), np.ones(size), *places)
         rows = []
-        idle = np.zeros(env.actions)
+        idle = np.zeros(env.setup.control.size)
         for number in range(episodes):
             observation, _ = env.reset(seed=seed + number)
             over = False
@@ -184,7 +181,12 @@ class Task:
             e for e in believed.effects if not isinstance(e.effect, External)
         )
         known = replace(believed, effects=lasting)
-        return cls(arm, source, known, hidden, _left_open(source, known))
+        ranges = None
+        # the 95 % intervals of the diagnosis that wrote a corrected.yaml, if it lies beside it unchanged
+        if Path(source).suffix in (".yaml", ".yml"):
+            with suppress(InputError):
+                ranges = read_ranges(Path(source), known, ())
+        return cls(arm, source, known, hidden, ranges)
 
     def settled(self, settings: TrainingSettings) -> TrainingSettings:
         """The settings with what is drawn around the model, if they leave it open: what a diagnosis could find.
@@ -220,31 +222,33 @@ class Task:
         return ArmTracking(**self._simulator(settings, length))
 
     def simulators(self, settings: TrainingSettings) -> VectorArmTracking:
-        """The training environments, stepped together; an episode is followed by the next one at once.
-
-        Raises:
-            InputError: an engine other than MuJoCo, or an arm that cannot be stepped beside others.
-        """
+        """The training environments in one; an episode is followed by the next one at once."""
+        arguments = self._simulator(settings, None)
         return VectorArmTracking(
-            settings.environments,
-            autoreset_mode="SameStep",
-            **self._simulator(settings, None),
+            settings.environments, autoreset_mode="SameStep", **arguments
         )
 
-    def trials(self, settings: TrainingSettings, count: int) -> VectorArmTracking:
-        """``simulator`` many times, stepped together, with episodes as long as an evaluation; raises likewise."""
-        arguments = self._simulator(settings, settings.duration)
-        return VectorArmTracking(count, **arguments)
-
-    def hidden_trials(
-        self, settings: TrainingSettings, count: int
+    def trials(
+        self, settings: TrainingSettings, count: int, hidden: bool = False, **more: Any
     ) -> VectorArmTracking:
-        """``hidden_arm`` many times, stepped together; raises likewise."""
-        return VectorArmTracking(count, **self._hidden(settings, settings.engine))
+        """``simulator``, or the arm with hidden effects, many times, with episodes as long as an evaluation.
+
+        Args:
+            settings: of the training.
+            count: how many.
+            hidden: whether it is the arm with hidden effects.
+            more: arguments of the environment in place of the settings'.
+        """
+        arguments = self._simulator(settings, settings.duration)
+        if hidden:
+            effects = self.hidden or ()
+            arguments = self._arguments(settings, settings.duration, effects=effects)
+        return VectorArmTracking(count, **arguments | more)
 
     def _simulator(
         self, settings: TrainingSettings, length: float | None
     ) -> dict[str, Any]:
+        """Arguments of the environment made from the model."""
         drawn: Randomisation | EffectRanges | None = settings.randomisation
         simulated = self.believed
         if drawn is None and self.ranges is not None:
@@ -255,24 +259,6 @@ class Task:
         return self._arguments(
             settings, length, simulated=simulated, randomisation=drawn
         )
-
-    def hidden_arm(
-        self, settings: TrainingSettings, engine: str | None = None
-    ) -> ArmTracking:
-        """The environment with the hidden effects; its episodes are as long as an evaluation."""
-        return ArmTracking(**self._hidden(settings, engine or settings.engine))
-
-    def _hidden(self, settings: TrainingSettings, engine: str) -> dict[str, Any]:
-        options = {"effects": self.hidden or (), "engine": engine}
-        return self._arguments(settings, settings.duration, **options)
-
-    def normalised(
-        self, settings: TrainingSettings, normalisation: Normalisation
-    ) -> list[Any]:
-        """What makes each of the training environments, for a vector environment."""
-        return [
-            partial(_normalised, self, settings, normalisation)
-        ] * settings.environments
 
     def _arguments(
         self, settings: TrainingSettings, length: float | None, **options: Any
@@ -294,32 +280,11 @@ class Task:
         }
 
 
-def _left_open(source: str, known: CorrectedArm) -> EffectRanges | None:
-    """The 95 % intervals of the diagnosis that wrote a ``corrected.yaml``, if it lies beside it unchanged."""
-    path = Path(source)
-    if path.suffix not in (".yaml", ".yml"):
-        return None
-    try:
-        return read_ranges(path, known, ())
-    except InputError:
-        return None
-
-
-def _normalised(
-    task: Task, settings: TrainingSettings, normalisation: Normalisation
-) -> gymnasium.Env:
-    env = task.simulator(settings)
-    shape = env.observation_space.shape
-    seen = Box(-LARGEST, LARGEST, shape, np.float32)
-    return TransformObservation(env, normalisation, seen)
-
-
 Policy = Callable[[np.ndarray], np.ndarray]
 """Action of an observation as the environment gives it."""
 
 
-@dataclass(frozen=True)
-class AgentScore:
+class AgentScore(NamedTuple):
     """How an agent does on some motions, means over them.
 
     Attributes:
@@ -338,17 +303,25 @@ class AgentScore:
 
     def plain(self) -> dict[str, Any]:
         """As JSON data; what is not finite is ``None``."""
-        return dict(plain(asdict(self), null_if_not_finite=True))
+        return dict(plain(self._asdict(), null_if_not_finite=True))
+
+    @classmethod
+    def of(cls, content: dict[str, Any]) -> AgentScore:
+        """From JSON data."""
+        known: dict[str, Any] = {
+            name: inf if x is None else x for name, x in content.items()
+        }
+        return cls(**known)
 
 
 def held_out(
-    settings: TrainingSettings, env: ArmTracking, first: int = 0
+    settings: TrainingSettings, space: Workspace, first: int = 0
 ) -> list[tuple[str, ReferenceMotion]]:
     """Names and motions of an evaluation: those of ``gapscope evaluate``, from seeds that no training draws.
 
     Args:
         settings: kinds of motions, how many of each, and how long.
-        env: the arm that does them.
+        space: of the arm that does them.
         first: seed of the first; motions from other seeds have chosen no agent.
     """
     found = []
@@ -356,74 +329,30 @@ def held_out(
         for name in settings.motions:
             number = list(MOTIONS).index(name) if name in MOTIONS else 99
             rng = np.random.default_rng((HELD_OUT, number, seed))
-            found.append((name, draw_motion(name, rng, env.space, settings.duration)))
+            found.append((name, draw_motion(name, rng, space, settings.duration)))
     return found
 
 
-def idle(env: ArmTracking) -> Policy:
-    """The policy that does nothing, in one environment or in several."""
-    size = env.actions
+def idle(env: ArmTracking | VectorArmTracking) -> Policy:
+    """The policy that does nothing."""
+    size = env.setup.control.size
     return lambda observation: np.zeros((*np.shape(observation)[:-1], size))
 
 
 def episodes(
-    env: ArmTracking | VectorArmTracking,
+    env: VectorArmTracking,
     policy: Policy,
     motions: Sequence[tuple[str, ReferenceMotion]],
 ) -> list[AgentScore]:
     """A score for each motion; effects that the environment draws are the same at each call.
 
     Args:
-        env: an environment, or one for each motion, stepped together.
-        policy: gives the action of an observation, or those of several in rows.
+        env: an environment for each motion.
+        policy: gives the actions of observations in rows.
         motions: names and motions.
     """
-    if isinstance(env, VectorArmTracking):
-        return _together(env, policy, [motion for _, motion in motions])
-    return [
-        _episode(env, policy, motion, number)
-        for number, (_, motion) in enumerate(motions)
-    ]
-
-
-def judge(
-    env: ArmTracking | VectorArmTracking,
-    policy: Policy,
-    motions: Sequence[tuple[str, ReferenceMotion]],
-) -> AgentScore:
-    """The mean score over motions."""
-    scores = episodes(env, policy, motions)
-    return AgentScore(
-        reward=float(np.mean([score.reward for score in scores])),
-        joint_error=float(np.mean([score.joint_error for score in scores])),
-        torque_rate=float(np.mean([score.torque_rate for score in scores])),
-        ended=sum(score.ended for score in scores),
-        episodes=len(scores),
-    )
-
-
-def _episode(
-    env: ArmTracking, policy: Policy, motion: ReferenceMotion, number: int
-) -> AgentScore:
-    observation, _ = env.reset(seed=HELD_OUT + number, options={"motion": motion})
-    rewards, errors, rates = [], [], []
-    while True:
-        observation, reward, terminated, truncated, info = env.step(policy(observation))
-        rewards.append(reward)
-        errors.append(info["tracking_rms"])
-        rates.append(info["torque_rate"])
-        if terminated or truncated:
-            break
-    count = round(env.length / env.period)
-    return _score(rewards, errors, rates, count, bool(terminated))
-
-
-def _together(
-    env: VectorArmTracking, policy: Policy, motions: Sequence[ReferenceMotion]
-) -> list[AgentScore]:
-    """The scores of one episode of each motion."""
     seeds = [HELD_OUT + number for number in range(len(motions))]
-    each = [{"motion": motion} for motion in motions]
+    each = [{"motion": motion} for _, motion in motions]
     observations, _ = env.reset(seed=seeds, options={"each": each})
     count = env.setup.timing.actions
     # an action in which all episodes begin anew has no figures
@@ -441,27 +370,24 @@ def _together(
     for number, length in enumerate(lengths.tolist()):
         rewards, errors, rates = series[:length, :, number].T
         early = bool(fallen[length - 1][number])
-        scores.append(_score(rewards, errors, rates, count, early))
+        rms = np.sqrt(np.mean(np.square([errors, rates]), axis=1)).tolist()
+        rms = [inf, inf] if early else rms
+        earned = float(sum(rewards)) / count
+        scores.append(AgentScore(earned, rms[0], rms[1], int(early), 1))
     return scores
 
 
-def _score(
-    rewards: Sequence[float] | np.ndarray,
-    errors: Sequence[float] | np.ndarray,
-    rates: Sequence[float] | np.ndarray,
-    count: int,
-    ended: bool,
+def judge(
+    env: VectorArmTracking,
+    policy: Policy,
+    motions: Sequence[tuple[str, ReferenceMotion]],
 ) -> AgentScore:
-    """The score of an episode.
-
-    Args:
-        rewards, errors, rates: of its actions [1], [rad], [N m/s].
-        count: actions of a whole episode.
-        ended: whether it ended early.
-    """
-    reward = float(sum(rewards)) / count
-    if ended:
-        return AgentScore(reward, inf, inf, 1, 1)
-    error = float(np.sqrt(np.mean(np.square(errors))))
-    rate = float(np.sqrt(np.mean(np.square(rates))))
-    return AgentScore(reward, error, rate, 0, 1)
+    """The mean score over motions."""
+    scores = episodes(env, policy, motions)
+    return AgentScore(
+        reward=float(np.mean([score.reward for score in scores])),
+        joint_error=float(np.mean([score.joint_error for score in scores])),
+        torque_rate=float(np.mean([score.torque_rate for score in scores])),
+        ended=sum(score.ended for score in scores),
+        episodes=len(scores),
+    )

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-import csv
-import json
 import os
 import shutil
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
-from math import inf
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+
+import gymnasium
+import numpy as np
+import pandas as pd
+from gymnasium.spaces import Box
+from gymnasium.wrappers import TransformObservation
 
 from gapscope.agents.training.learner import (
     check_installed,
@@ -23,6 +26,7 @@ from gapscope.agents.training.learner import (
     write_weights,
 )
 from gapscope.agents.training.task import (
+    LARGEST,
     AgentScore,
     Normalisation,
     Policy,
@@ -34,12 +38,9 @@ from gapscope.agents.training.task import (
 from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.atomic_write import atomic_write
-from gapscope.arm.io.json_file import to_json
-from gapscope.envs.environment import ArmTracking, VectorArmTracking
-from gapscope.provenance import sha256
+from gapscope.arm.io.json_file import read_json, to_json
 
-MANIFEST, STATE = "manifest.json", "state.json"
-_PREFIX = "round_"
+STATE = "state.json"
 _REMEDY = "remove that folder to resume from the round before, if it is there, or train from the start with --again"
 
 
@@ -57,7 +58,7 @@ def written_checkpoint(
     Raises:
         GapscopeError: it cannot be written.
     """
-    aside, place = folder / f".{os.getpid()}", folder / f"{_PREFIX}{number:05d}"
+    aside, place = folder / f".{os.getpid()}", folder / f"round_{number:05d}"
     try:
         for left in folder.glob(".*"):  # by a process that was killed
             shutil.rmtree(left)
@@ -65,12 +66,10 @@ def written_checkpoint(
         try:
             yield aside
             (aside / STATE).write_text(to_json(state), encoding="utf-8")
-            hashes = {path.name: sha256(path) for path in sorted(aside.iterdir())}
-            (aside / MANIFEST).write_text(to_json(hashes), encoding="utf-8")
             aside.replace(place)
         finally:
             shutil.rmtree(aside, ignore_errors=True)
-        for older in _all(folder):
+        for older in folder.glob("round_*"):
             if older != place:
                 shutil.rmtree(older)
     except OSError as error:
@@ -84,39 +83,13 @@ def read_checkpoint(folder: Path) -> tuple[Path, dict[str, Any]] | None:
     """Folder and state of the newest checkpoint, or ``None`` if there is none.
 
     Raises:
-        InputError: a file of it is missing, was cut short or changed.
+        InputError: its state is missing or was cut short; that of its other files is seen when they are read.
     """
-    found = _all(folder)
-    if not found:
-        return None
-    newest = found[-1]
-    try:
-        hashes = json.loads((newest / MANIFEST).read_text(encoding="utf-8"))
-        for name, digest in hashes.items():
-            if sha256(newest / name) != digest:
-                raise InputError(
-                    "was cut short or changed", _REMEDY, file=newest / name
-                )
-        return newest, json.loads((newest / STATE).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(
-            f"is not whole ({error.strerror}: {error.filename})", _REMEDY, file=newest
-        ) from None
-    except (ValueError, AttributeError) as error:
-        raise InputError(
-            f"is not whole ({error})", _REMEDY, file=newest / MANIFEST
-        ) from None
+    newest = max(folder.glob("round_*"), default=None)
+    return None if newest is None else (newest, read_json(newest / STATE, _REMEDY))
 
 
-def _all(folder: Path) -> list[Path]:
-    return sorted(folder.glob(f"{_PREFIX}*")) if folder.is_dir() else []
-
-
-COLUMNS = ("reward", "joint_error", "torque_rate", "ended")
-
-
-@dataclass(frozen=True)
-class Point:
+class Point(NamedTuple):
     """Scores after some actions of training.
 
     Attributes:
@@ -131,29 +104,16 @@ class Point:
 
     def plain(self) -> dict[str, Any]:
         """As JSON data."""
-        hidden = None if self.hidden is None else self.hidden.plain()
-        return {
-            "steps": self.steps,
-            "simulator": self.simulator.plain(),
-            "hidden": hidden,
-        }
+        scores = {"simulator": self.simulator, "hidden": self.hidden}
+        plain = {name: score and score.plain() for name, score in scores.items()}
+        return {"steps": self.steps, **plain}
 
     @classmethod
     def of(cls, content: dict[str, Any]) -> Point:
         """From plain data."""
         hidden = content["hidden"]
-        return cls(
-            content["steps"],
-            _score(content["simulator"]),
-            None if hidden is None else _score(hidden),
-        )
-
-
-def _score(content: dict[str, Any]) -> AgentScore:
-    known: dict[str, Any] = {
-        name: inf if value is None else value for name, value in content.items()
-    }
-    return AgentScore(**known)
+        known = hidden and AgentScore.of(hidden)
+        return cls(content["steps"], AgentScore.of(content["simulator"]), known)
 
 
 def write_curve(curve: Sequence[Point], path: Path) -> None:
@@ -161,27 +121,17 @@ def write_curve(curve: Sequence[Point], path: Path) -> None:
 
     Columns: steps, then with ``simulator_`` and ``hidden_`` reward [1], joint_error [rad], torque_rate [N m/s], ended.
     """
-    parts = ("simulator", "hidden")
-    with (
-        atomic_write(path) as aside,
-        aside.open("w", newline="", encoding="utf-8") as file,
-    ):
-        writer = csv.writer(file)
-        writer.writerow(
-            ["steps", *(f"{part}_{name}" for part in parts for name in COLUMNS)]
-        )
-        for point in curve:
-            plain = point.plain()
-            writer.writerow(
-                [
-                    point.steps,
-                    *(
-                        (plain[part] or {}).get(name)
-                        for part in parts
-                        for name in COLUMNS
-                    ),
-                ]
-            )
+    names = [name for name in AgentScore._fields if name != "episodes"]
+    rows = []
+    for point in curve:
+        row: dict[str, Any] = {"steps": point.steps}
+        for part in ("simulator", "hidden"):
+            score = point.plain()[part] or {}
+            row |= {f"{part}_{name}": score.get(name) for name in names}
+        rows.append(row)
+    with atomic_write(path) as aside:
+        # as objects, whole numbers stay whole beside what is missing
+        pd.DataFrame(rows, dtype=object).to_csv(aside, index=False)
 
 
 CHECKPOINTS, EVENTS = "checkpoint", "tensorboard"
@@ -236,6 +186,25 @@ class Trained:
         )
 
 
+def training_environments(
+    task: Task, settings: TrainingSettings, normalisation: Normalisation
+) -> Any:
+    """The training environments for stable-baselines3: in one, or each in a process of its own."""
+    from stable_baselines3.common.vec_env import SubprocVecEnv
+
+    from gapscope.agents.training.vector_adapter import NormalisedArms
+
+    if not settings.parallel:
+        return NormalisedArms(task.simulators(settings), normalisation)
+
+    def make() -> gymnasium.Env:
+        one = task.simulator(settings)
+        seen = Box(-LARGEST, LARGEST, one.observation_space.shape, np.float32)
+        return TransformObservation(one, normalisation, seen)
+
+    return SubprocVecEnv([make] * settings.environments)
+
+
 class Training:
     """A training that writes its checkpoints into a folder, and continues from the newest one that is there.
 
@@ -268,79 +237,49 @@ class Training:
 
     def run(self, rounds: int | None = None) -> Trained:
         """Train to the end, or for so many rounds at most."""
-        settings = self._settings
-        self._simulator = self._task.simulator(settings, settings.duration)
-        self._motions = held_out(settings, self._simulator)
-        self._set_trials()
+        task, settings = self._task, self._settings
+        one = task.simulator(settings, settings.duration)
+        self._motions = held_out(settings, one.space)
+        count = len(self._motions)
+        self._trials = task.trials(settings, count)
+        self._hidden = (
+            None if task.hidden is None else task.trials(settings, count, hidden=True)
+        )
         found = read_checkpoint(self._folder / CHECKPOINTS)
         vector = None
         try:
             if found is None:
                 self._normalisation = Normalisation.measured(
-                    self._simulator, settings.seed, settings.tolerance
+                    one, settings.seed, settings.tolerance
                 )
             else:
                 self._normalisation = Normalisation.read(found[0] / NORMALISATION)
-            vector = self._vector()
+            vector = training_environments(task, settings, self._normalisation)
             self._learner = make_learner(settings, vector, self._folder / EVENTS)
             self._rate = float(self._learner.learning_rate)
             if found is None:
-                self._point(idle(self._simulator))
+                self._point(idle(one))
                 self._write()
             else:
                 self._restore(*found)
-            left = (
-                settings.rounds
-                if rounds is None
-                else min(settings.rounds, self._done + rounds)
-            )
+            left = settings.rounds
+            if rounds is not None:
+                left = min(left, self._done + rounds)
             while self._done < left and not self._stopped:
                 self._round(vector)
             return self._trained()
         finally:
-            for env in (self._simulator, self._trials, self._hidden, vector):
+            for env in (one, self._trials, self._hidden, vector):
                 if env is not None:
                     env.close()
-
-    def _set_trials(self) -> None:
-        """Set the environments of the evaluations: all motions together, if such arms can be stepped together."""
-        task, settings, count = self._task, self._settings, len(self._motions)
-        self._trials: ArmTracking | VectorArmTracking = self._simulator
-        self._hidden: ArmTracking | VectorArmTracking | None = None
-        with suppress(InputError):
-            self._trials = task.trials(settings, count)
-        if task.hidden is None:
-            return
-        try:
-            self._hidden = task.hidden_trials(settings, count)
-        except InputError:
-            self._hidden = task.hidden_arm(settings)
-
-    def _vector(self) -> Any:
-        """The training environments: stepped together, one by one, or in processes of their own."""
-        from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
-
-        from gapscope.agents.training.vector_adapter import NormalisedArms
-
-        settings, normalisation = self._settings, self._normalisation
-        makers = self._task.normalised(settings, normalisation)
-        if settings.parallel:
-            return SubprocVecEnv(makers)
-        try:
-            return NormalisedArms(self._task.simulators(settings), normalisation)
-        except InputError as error:
-            self._progress(f"environments are stepped one by one: {error.problem}")
-        return DummyVecEnv(makers)
 
     def _round(self, vector: Any) -> None:
         settings, learner = self._settings, self._learner
         self._done += 1
         vector.seed(seed_all(settings.seed, self._done))
         learner._last_obs = None  # so that the environments are reset
-        rate = self._rate * (
-            1
-            + (settings.final_rate - 1) * (self._done - 1) / max(1, settings.rounds - 1)
-        )
+        share = (self._done - 1) / max(1, settings.rounds - 1)
+        rate = self._rate * (1 + (settings.final_rate - 1) * share)
         learner.lr_schedule = lambda _: rate
         left = settings.total - learner.num_timesteps
         length = min(settings.round_length, left)
@@ -349,16 +288,15 @@ class Training:
         self._write()
 
     def _policy(self, observation: Any) -> Any:
-        return self._learner.predict(
-            self._normalisation(observation), deterministic=True
-        )[0]
+        seen = self._normalisation(observation)
+        return self._learner.predict(seen, deterministic=True)[0]
 
     def _point(self, policy: Policy) -> None:
         """Try the agent, and note whether it is the best so far."""
         simulated = judge(self._trials, policy, self._motions)
-        tried = (
-            None if self._hidden is None else judge(self._hidden, policy, self._motions)
-        )
+        tried = None
+        if self._hidden is not None:
+            tried = judge(self._hidden, policy, self._motions)
         self._curve.append(Point(self._learner.num_timesteps, simulated, tried))
         best = self._curve[self._best].simulator
         if simulated.reward > best.reward + self._settings.improvement:
@@ -416,9 +354,8 @@ class Training:
             InputError: it was made with other settings.
         """
         learner, asked = self._learner, self._settings.same()
-        if other := [
-            name for name in asked if state["settings"].get(name) != asked[name]
-        ]:
+        before = state["settings"]
+        if other := [name for name in asked if before.get(name) != asked[name]]:
             raise InputError(
                 f"was made with another {' and '.join(other)}",
                 "choose another folder, or --again",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from importlib.resources import files
@@ -11,119 +10,34 @@ from typing import Any
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.case_file import read_yaml
+from gapscope.arm.io.json_file import plain, schema, schema_fault
 from gapscope.arm.motions.named_motions import MOTIONS
 from gapscope.arm.nearest_name import check_known, nearest
 from gapscope.envs.actions import ACTION_KINDS
-from gapscope.envs.arguments import positive, whole
 from gapscope.envs.engines import check_engine
 from gapscope.envs.mystery_arm import HIDDEN
 from gapscope.envs.randomisation import Randomisation
 from gapscope.envs.reward import Reward
 
-A_WHOLE_NUMBER, NUMBER, ENTROPY = (
-    "a whole number from 1 on",
-    "a number from 0 on",
-    "a number, auto, or auto_ and a number",
-)
-COUNT = "a whole number from 0 on"
-_COMMON = {"learning_rate": NUMBER, "gamma": NUMBER, "batch_size": A_WHOLE_NUMBER}
-_REPLAY = {
-    "buffer_size": A_WHOLE_NUMBER,
-    "learning_starts": COUNT,
-    "tau": NUMBER,
-    "train_freq": A_WHOLE_NUMBER,
-    "gradient_steps": A_WHOLE_NUMBER,
-}
-KNOWN: dict[str, dict[str, str]] = {
-    "ppo": {
-        **_COMMON,
-        "n_steps": A_WHOLE_NUMBER,
-        "n_epochs": A_WHOLE_NUMBER,
-        "gae_lambda": NUMBER,
-        "clip_range": NUMBER,
-        "ent_coef": NUMBER,
-        "vf_coef": NUMBER,
-        "max_grad_norm": NUMBER,
-        "target_kl": NUMBER,
-    },
-    "sac": {
-        **_COMMON,
-        **_REPLAY,
-        "ent_coef": ENTROPY,
-        "target_entropy": "a number or auto",
-    },
-    "td3": {
-        **_COMMON,
-        **_REPLAY,
-        "policy_delay": A_WHOLE_NUMBER,
-        "target_policy_noise": NUMBER,
-        "target_noise_clip": NUMBER,
-    },
-}
-"""By algorithm: names as in stable-baselines3, and what is expected."""
-ALGORITHMS = tuple(KNOWN)
-
-
-def checked(algorithm: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """The hyperparameters, if the algorithm has them and their values are of the kind that it expects.
-
-    Raises:
-        InputError: an unknown name, or a value of another kind.
-    """
-    known = KNOWN[algorithm]
-    for name, value in given.items():
-        where = f"hyperparameters.{name}"
-        if name not in known:
-            raise InputError(
-                f"{algorithm} has no hyperparameter {name!r}",
-                f"{nearest(str(name), known)}known are {', '.join(known)}",
-                where=where,
-            )
-        if known[name] == A_WHOLE_NUMBER:
-            whole(where, value)
-        elif not _fits(known[name], value):
-            raise InputError(f"expected {known[name]}, got {value!r}", where=where)
-    return dict(given)
-
-
-def _fits(expected: str, value: Any) -> bool:
-    if isinstance(value, str):
-        start, _, number = value.partition("_")
-        return (
-            start == "auto"
-            and expected != NUMBER
-            and (not number or (expected == ENTROPY and _is_number(number)))
-        )
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        return False
-    if expected == COUNT:
-        return isinstance(value, int) and value >= 0
-    return expected == "a number or auto" or 0 <= value < float("inf")
-
-
-def _is_number(text: str) -> bool:
-    try:
-        return float(text) > 0
-    except ValueError:
-        return False
-
-
-POSITIVE = {
-    "action_reach": "rad",
-    "exploration": "1",
-    "final_rate": "1",
-    "bandwidth": "Hz",
-    "episode_length": "s",
-    "duration": "s",
-}
-WHOLE = ("steps", "round_steps", "environments", "patience", "seeds")
-LISTS = ("network", "value_network", "motions", "randomise")
-OPTIONAL = ("value_network", "randomise")
-"""Lists that may be left open."""
+ALGORITHMS = ("ppo", "sac", "td3")
+"""Sections of ``gapscope/schemas/training.schema.json``, which has their hyperparameters."""
 RESIDUAL = "ppo_residual"
 """Settings that ship for models without inverse dynamics."""
-MAX_LAYERS, MAX_UNITS = 16, 4096
-"""Size of the largest network [1]: 16 MB for each two layers, many times what an arm needs."""
+
+
+def _check(values: Mapping[str, Any], section: str, where: str = "") -> None:
+    """Check values by a section of the schema of trainings.
+
+    Raises:
+        InputError: one is not what is expected; says what is.
+    """
+    fault = schema_fault(plain(values, null_if_not_finite=True), "training", section)
+    if fault is not None:
+        name = str(fault.absolute_path[0])
+        expected = fault.schema["description"]
+        raise InputError(
+            f"expected {expected}, got {values[name]!r}", where=where + name
+        )
 
 
 @dataclass(frozen=True)
@@ -195,58 +109,27 @@ class TrainingSettings:
         check_known("algorithm", self.algorithm, ALGORITHMS, where="algorithm")
         check_known("action", self.action, ACTION_KINDS, where="action")
         check_engine(self.engine)
-        for name, unit in POSITIVE.items():
-            positive(name, getattr(self, name), unit)
-        for name in WHOLE:
-            whole(name, getattr(self, name))
-        for name in LISTS:
-            values = getattr(self, name)
-            if values is None and name in OPTIONAL:
-                continue
-            if not isinstance(values, (list, tuple)):
-                raise InputError(f"expected a list, got {values!r}", where=name)
-            object.__setattr__(self, name, tuple(values))
-        for name in ("network", "value_network"):
-            layers = getattr(self, name) or ()
-            for units in layers:
-                whole(name, units)
-            if len(layers) > MAX_LAYERS or max(layers, default=0) > MAX_UNITS:
-                raise InputError(
-                    f"expected at most {MAX_LAYERS} layers of at most {MAX_UNITS} units",
-                    where=name,
-                )
+        _check(vars(self), "settings")
+        for name in ("network", "value_network", "motions", "randomise"):
+            value = getattr(self, name)
+            object.__setattr__(self, name, value if value is None else tuple(value))
+        for name in ("count", "severity"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
         motions = (*MOTIONS, "random")
         check_known("motion", self.motion, motions, where="motion")
         for name in self.motions:
             check_known("motion", name, motions, where="motions")
-        self._check_flags()
-        if not isinstance(self.hyperparameters, Mapping):
-            raise InputError(
-                "expected names with values",
-                "write learning_rate: 3.0e-4, ...",
-                where="hyperparameters",
-            )
-        hyperparameters = checked(self.algorithm, self.hyperparameters)
-        object.__setattr__(self, "hyperparameters", hyperparameters)
+        known = schema("training")["properties"][self.algorithm]["properties"]
+        for name in self.hyperparameters:
+            if name not in known:
+                raise InputError(
+                    f"{self.algorithm} has no hyperparameter {name!r}",
+                    f"{nearest(str(name), known)}known are {', '.join(known)}",
+                    where=f"hyperparameters.{name}",
+                )
+        _check(self.hyperparameters, self.algorithm, "hyperparameters.")
+        object.__setattr__(self, "hyperparameters", dict(self.hyperparameters))
         _ = self.reward, self.randomisation  # they check their own numbers
-
-    def _check_flags(self) -> None:
-        """Check the values that are no positive numbers, lists or names."""
-        if not isinstance(self.parallel, bool):
-            raise InputError(
-                f"expected true or false, got {self.parallel!r}", where="parallel"
-            )
-        is_whole = isinstance(self.seed, int) and not isinstance(self.seed, bool)
-        if not is_whole or self.seed < 0:
-            raise InputError(
-                f"expected a whole number from 0 on, got {self.seed!r}", where="seed"
-            )
-        is_number = isinstance(self.improvement, (int, float))
-        if not is_number or not 0 <= self.improvement < math.inf:
-            raise InputError(
-                f"expected a number from 0 on [1], got {self.improvement!r}",
-                where="improvement",
-            )
 
     @property
     def reward(self) -> Reward:
@@ -258,16 +141,6 @@ class TrainingSettings:
         """What is drawn at every reset, or ``None``."""
         if not self.randomise:
             return None
-        for name in ("count", "severity"):
-            value = getattr(self, name)
-            if (
-                not isinstance(value, tuple)
-                or len(value) != 2
-                or not all(isinstance(x, (int, float)) for x in value)
-            ):
-                raise InputError(
-                    f"expected a lowest and a highest number, got {value!r}", where=name
-                )
         return Randomisation(self.randomise, count=self.count, severity=self.severity)
 
     @property
@@ -302,15 +175,7 @@ class TrainingSettings:
 
     def plain(self) -> dict[str, Any]:
         """As YAML or JSON data."""
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
-        return {
-            k: list(v)
-            if isinstance(v, tuple)
-            else dict(v)
-            if isinstance(v, Mapping)
-            else v
-            for k, v in values.items()
-        }
+        return dict(plain(self))
 
 
 def read_settings(agent: str | Path, **changed: Any) -> TrainingSettings:
@@ -360,8 +225,4 @@ def from_plain(content: Any, **changed: Any) -> TrainingSettings:
                 f"{nearest(str(name), known)}known are {', '.join(known)}",
                 where=str(name),
             )
-    content = {
-        k: tuple(v) if k in ("count", "severity") and isinstance(v, list) else v
-        for k, v in content.items()
-    }
     return TrainingSettings(**{**content, **changed})

@@ -68,54 +68,38 @@ def tune(
         raise GapscopeError(
             f"{folder}: cannot be written ({error.strerror})", "choose another place"
         ) from None
-    # a resumed search must not repeat the draws of the trials that are finished
-    seed = settings.seed + _finished(optuna, storage)
+    complete = (optuna.trial.TrialState.COMPLETE,)
     study = optuna.create_study(
-        study_name="tune",
-        storage=storage,
-        sampler=optuna.samplers.TPESampler(seed=seed),
-        direction="maximize",
-        load_if_exists=True,
+        study_name="tune", storage=storage, direction="maximize", load_if_exists=True
     )
     if not study.trials:
         study.enqueue_trial(_start(settings))
+    finished = len(study.get_trials(deepcopy=False, states=complete))
+    # a resumed search must not repeat the draws of the trials that are finished
+    study.sampler = optuna.samplers.TPESampler(seed=settings.seed + finished)
     without_hidden = replace(task, hidden=None)
 
     def value(trial: Any) -> float:
-        reward = _trial_reward(without_hidden, settings, trial, folder)
+        """Reward of the best round of one short training in the simulator; its files are removed."""
+        place = folder / f"trial_{trial.number}"
+        shutil.rmtree(place, ignore_errors=True)
+        tried = _with(settings, _suggest(trial))
+        trained = Training(without_hidden, tried, place).run()
+        shutil.rmtree(place, ignore_errors=True)
+        reward = trained.curve[trained.best].simulator.reward
         progress(f"trial {trial.number + 1}: reward {reward:.3f}")
         return reward
 
-    # one at a time: a trial of an interrupted search does not count
-    while _finished(optuna, storage) < trials:
-        study.optimize(value, n_trials=1)
+    if finished < trials:
+        # a trial of an interrupted search does not count
+        enough = optuna.study.MaxTrialsCallback(trials, states=complete)
+        study.optimize(value, callbacks=[enough])
     best = _with(settings, study.best_params)
     with atomic_write(folder / "tuned.yaml") as aside:
         aside.write_text(
             yaml.safe_dump(best.plain(), sort_keys=False), encoding="utf-8"
         )
     return folder / "tuned.yaml"
-
-
-def _trial_reward(
-    task: Task, settings: TrainingSettings, trial: Any, folder: Path
-) -> float:
-    """Reward of the best round of one short training in the simulator; its files are removed."""
-    place = folder / f"trial_{trial.number}"
-    shutil.rmtree(place, ignore_errors=True)
-    trained = Training(task, _with(settings, _suggest(trial)), place).run()
-    shutil.rmtree(place, ignore_errors=True)
-    return trained.curve[trained.best].simulator.reward
-
-
-def _finished(optuna: Any, storage: Any) -> int:
-    """Trials that came to their end."""
-    names = [study.study_name for study in optuna.get_all_study_summaries(storage)]
-    if "tune" not in names:
-        return 0
-    study = optuna.load_study(study_name="tune", storage=storage)
-    complete = (optuna.trial.TrialState.COMPLETE,)
-    return len(study.get_trials(deepcopy=False, states=complete))
 
 
 def _start(settings: TrainingSettings) -> dict[str, Any]:

@@ -185,7 +185,7 @@ def nominal_body(arm: NominalArm, load: KnownLoad | None = None) -> RigidBody:
     body = RigidBody(arm)
     check_inertia(body)
     for note in odd_inertials(body):
-        warnings.warn(note, ModelWarning, stacklevel=3)
+        warnings.warn(note, ModelWarning, stacklevel=4)
     return body.carrying(load)
 
 

@@ -14,11 +14,10 @@ from __future__ import annotations
 import numpy as np
 from numpy import absolute, add, greater, multiply, sign, subtract
 
-from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.rollout import ForwardDynamics
 from gapscope.envs.drive.arm_drive import ArmDrive
 from gapscope.envs.drive.friction import DryFriction
-from gapscope.envs.engines import Bodies, Engine
+from gapscope.envs.engines import Bodies
 
 HOLD = 1e10
 """Inertia that holds a sticking joint [kg m^2]; what it takes of the torque is the friction."""
@@ -27,88 +26,6 @@ GUESSES = 3
 
 A joint that turns round within a step takes three. Of the steps whose third guess fails, hardly one in twenty would
 find its solution by guessing on."""
-READ_EVERY = 20
-"""Steps after which the engine is asked for its state: rounding would grow, since the torque given is no feedback."""
-NEAR_LIMIT = 0.1
-"""Distance from a joint's limit [rad] within which the engine is asked for its state after every step."""
-
-
-class Predicted(Bodies):
-    """One arm in an engine without rotors: a step is solved first, and M a + h, the torque that makes it, is given on.
-
-    Away from limits the engine's next state is the one solved for, to rounding, and is read now and then only.
-
-    Args:
-        engine: moves the bodies.
-        body: the loaded arm.
-        limits: the joints' lower and upper limits [rad], shape (2, n).
-        dt: time step [s].
-    """
-
-    def __init__(
-        self, engine: Engine, body: RigidBody, limits: np.ndarray, dt: float
-    ) -> None:
-        n = body.n_joints
-        self._engine, self._unread, self._near = engine, 0, False
-        self.new = True
-        self._lowest, self._highest = limits[0] + NEAR_LIMIT, limits[1] - NEAR_LIMIT
-        self.position, self.velocity, self.force, self.ahead, self._work = np.zeros(
-            (5, n)
-        )
-        self.rotors, self._steps = np.zeros((1, n)), np.full(n, dt)
-        self._rotors = self.rotors[0]
-        self._forward = ForwardDynamics(body, self._rotors)
-
-    def reset(self, number: int, q: np.ndarray, dq: np.ndarray) -> None:
-        """Put the arm at positions q [rad or m] with velocities dq, shape (n,)."""
-        self._engine.reset(q, dq)
-        self._read()
-
-    def set_rotors(self, rotors: np.ndarray) -> None:
-        """Change the inertia on the diagonal of the mass matrix [kg m^2], shape (n,)."""
-        super().set_rotors(rotors)
-        self._forward.set_rotors(self._rotors)
-
-    def run(self, torque: np.ndarray, count: int) -> None:
-        """Hold joint torque [N m or N], shape (n,), for ``count`` time steps of the bodies alone."""
-        self._engine.step(torque, count)
-        self._read()
-
-    def step(self, only: np.ndarray | None = None) -> None:
-        """Solve a step under ``force``: its acceleration and the velocity after it."""
-        acceleration = self._forward.acceleration(
-            self.position, self.velocity, self.force
-        )
-        multiply(acceleration, self._steps, self._work)
-        add(self._work, self.velocity, self.ahead)
-        self.acceleration = acceleration
-
-    def accept(self, stopped: bool = False) -> None:
-        """Give on what makes the step that was solved last."""
-        work = self._work
-        # what rotors, friction and what holds have taken
-        multiply(self._rotors, self.acceleration, work)
-        subtract(self.force, work, work)
-        self._engine.step(work)
-        self._unread += 1
-        if self._near or self._unread == READ_EVERY:
-            self._read()
-            return
-        self.velocity[...] = self.ahead
-        multiply(self.ahead, self._steps, work)
-        add(self.position, work, self.position)
-
-    def _read(self) -> None:
-        """Take the engine's state, which includes joint limits."""
-        self._engine.read()
-        q = self.position
-        q[...], self.velocity[...] = self._engine.q, self._engine.dq
-        self._unread, self.new = 0, True
-        self._near = bool(np.count_nonzero((q < self._lowest) | (q > self._highest)))
-
-    def close(self) -> None:
-        """Free the engine's world; a second call does nothing."""
-        self._engine.close()
 
 
 class RigidStep:

@@ -6,6 +6,7 @@ A time step is divided into as many parts as it takes to follow springs in and b
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
@@ -196,25 +197,23 @@ def substeps(
     n, worst, joint, where = len(rotors), 0.0, 0, ""
     if not (elastic.any() or spring.any()):
         return 1
-    motor = np.where(elastic, rotors, 1.0)
+    # name inside a gear, its values, those beside the joint, and the power of an eigenvalue that is a rate
+    kinds = (
+        ("gear_stiffness", stiffness, np.abs(spring), 0.5),
+        ("gear_damping", damping, 0.0 * spring, 1.0),
+    )
+    on_motors = np.diag(np.where(elastic, rotors, 1.0))
     for mass in masses:
-        inertia = np.zeros((2 * n, 2 * n))
-        inertia[:n, :n] = mass + np.diag(np.where(elastic, 0.0, rotors))
-        inertia[n:, n:] = np.diag(motor)
-        root = np.linalg.inv(np.linalg.cholesky(inertia))
-        for values, power in ((stiffness, 0.5), (damping, 1.0)):
-            k, s = (
-                np.diag(np.where(elastic, values, 0.0)),
-                np.diag(np.abs(spring) if power == 0.5 else 0.0 * spring),
-            )
-            rates, modes = np.linalg.eigh(
-                root @ np.block([[k + s, -k], [-k, k]]) @ root.T
-            )
+        on_links = mass + np.diag(np.where(elastic, 0.0, rotors))
+        root = np.linalg.inv(np.linalg.cholesky(block_diag(on_links, on_motors)))
+        for inside, values, beside, power in kinds:
+            k = np.diag(np.where(elastic, values, 0.0))
+            whole = np.block([[k + np.diag(beside), -k], [-k, k]])
+            rates, modes = np.linalg.eigh(root @ whole @ root.T)
             if rates[-1] ** power > worst:
                 worst = float(rates[-1] ** power)
                 shape = np.abs(root.T @ modes[:, -1])
                 joint = int((shape[:n] + shape[n:] * elastic).argmax())
-                inside = "gear_stiffness" if power == 0.5 else "gear_damping"
                 effect, name = of_quantity(inside if elastic[joint] else "stiffness")
                 where = f"{effect.name}.{name}"
     parts = max(1, int(np.ceil(worst * dt / RESOLUTION - 1e-9)))

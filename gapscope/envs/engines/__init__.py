@@ -14,45 +14,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gapscope.arm.dynamics.plain_urdf import Link
+from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import EngineWarning, InputError
 from gapscope.arm.nearest_name import check_known
 
 
-class Engine(ABC):
-    """Rigid bodies of an arm with n joints in kinematic order, fixed base, no friction, no rotors.
-
-    A step is semi-implicit: dq[k+1] = dq[k] + dt ddq(q[k], dq[k], torque[k]), q[k+1] = q[k] + dt dq[k+1]. The central
-    difference of q at step k is therefore the acceleration that the torque of step k causes: position and torque of one
-    step belong together, without the half step by which a held torque acts late.
-
-    Attributes:
-        q: joint positions [rad or m] at the last ``read`` or ``reset``, shape (n,).
-        dq: joint velocities [rad/s or m/s], shape (n,).
-    """
-
-    q: np.ndarray
-    dq: np.ndarray
-
-    @abstractmethod
-    def reset(self, q: np.ndarray, dq: np.ndarray) -> None:
-        """Put the arm at positions q with velocities dq, each of shape (n,)."""
-
-    @abstractmethod
-    def step(self, torque: np.ndarray, count: int = 1) -> None:
-        """Hold joint torque [N m or N], shape (n,), for ``count`` time steps; ``q`` and ``dq`` stay as they are."""
-
-    @abstractmethod
-    def read(self) -> None:
-        """Bring ``q`` and ``dq`` up to date, in place."""
-
-    @abstractmethod
-    def close(self) -> None:
-        """Free the world; a second call does nothing."""
-
-
 class Bodies(ABC):
     """Rigid bodies of N arms with rotors, n joints each in kinematic order, whose steps are tried before they are made.
+
+    Bases are fixed, and joints have no friction. A step is semi-implicit: dq[k+1] = dq[k] + dt ddq(q[k], dq[k],
+    torque[k]), q[k+1] = q[k] + dt dq[k+1]. The central difference of q at step k is therefore the acceleration that the
+    torque of step k causes: position and torque of one step belong together, without the half step by which a held
+    torque acts late.
 
     Arrays hold the joints of all arms in a row, those of the first arm first, (N n,), and keep their places.
 
@@ -77,10 +50,8 @@ class Bodies(ABC):
     def reset(self, number: int, q: np.ndarray, dq: np.ndarray) -> None:
         """Put an arm, numbered from 0, at positions q [rad or m] with velocities dq, shape (n,)."""
 
-    def set_bodies(
-        self, number: int, links: tuple[Link, ...], gravity: np.ndarray
-    ) -> None:
-        """Give an arm other bodies of the same structure, and another gravity [m/s^2], where an engine can."""
+    def set_bodies(self, number: int, body: RigidBody) -> None:
+        """Give an arm other bodies of the same structure, and another gravity, in an engine that holds several."""
         raise NotImplementedError
 
     def set_rotors(self, rotors: np.ndarray) -> None:
@@ -119,7 +90,7 @@ class _Kind(NamedTuple):
 ENGINES = {
     "pybullet": _Kind(
         "gapscope.envs.engines.pybullet",
-        "PyBulletEngine",
+        "PyBulletBodies",
         "pybullet",
         "pip install 'gapscope[pybullet]', which has wheels for Python 3.10 and 3.11 on Linux",
     ),
@@ -128,12 +99,6 @@ ENGINES = {
         "MuJoCoBodies",
         "mujoco",
         "pip install mujoco",
-    ),
-    "dart": _Kind(
-        "gapscope.envs.engines.dart",
-        "DartEngine",
-        "dartpy",
-        "pip install 'gapscope[dart]'",
     ),
 }
 """The engines by name."""
@@ -172,26 +137,18 @@ def check_engine(name: str | None) -> str:
     return name
 
 
-def make_engine(
-    name: str | None,
-    links: tuple[Link, ...],
-    gravity: np.ndarray,
-    dt: float,
-    **options: int,
-) -> Engine | Bodies:
-    """The engine called ``name`` with an arm in it.
+def make_bodies(name: str | None, body: RigidBody, dt: float, **options: int) -> Bodies:
+    """The bodies of an arm, or of several, in the engine called ``name``.
 
     Args:
         name: one of ``ENGINES``; ``None`` for the default engine.
-        links: the moving bodies, parents before children.
-        gravity: in the base frame [m/s^2], shape (3,).
+        body: the arm.
         dt: time step [s].
-        options: of ``Bodies`` for several arms.
+        options: ``count`` and ``threads`` of ``gapscope.envs.engines.mujoco.MuJoCoBodies``.
 
     Raises:
         InputError: no such engine, or it is not installed.
     """
     kind = ENGINES[check_engine(name)]
-    made = getattr(import_module(kind.module), kind.name)
-    engine: Engine | Bodies = made(links, gravity, dt, **options)
-    return engine
+    bodies: Bodies = getattr(import_module(kind.module), kind.name)(body, dt, **options)
+    return bodies

@@ -9,7 +9,13 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from gapscope.arm.dynamics.plain_urdf import Link, plain_mjcf, quaternion
+from gapscope.arm.dynamics.plain_urdf import (
+    Link,
+    moving_links,
+    plain_mjcf,
+    quaternion,
+)
+from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.envs.engines import Bodies
 
 _LOG = logging.getLogger(__name__)
@@ -89,8 +95,7 @@ class MuJoCoBodies(Bodies):
     Masses, inertias, gravity and rotors of each arm can be changed without a model being compiled.
 
     Args:
-        links: the moving bodies of the first arm, parents before children; the others begin as copies of it.
-        gravity: in the base frame [m/s^2], shape (3,).
+        body: the first arm; the others begin as copies of it.
         dt: time step [s].
         count: N.
         threads: on which they are stepped; 0 for one on every processor that this process may use, as long as each has
@@ -98,14 +103,9 @@ class MuJoCoBodies(Bodies):
     """
 
     def __init__(
-        self,
-        links: tuple[Link, ...],
-        gravity: np.ndarray,
-        dt: float,
-        count: int = 1,
-        threads: int = 0,
+        self, body: RigidBody, dt: float, count: int = 1, threads: int = 0
     ) -> None:
-        model = arm_model(links, gravity, dt)
+        model = arm_model(moving_links(body), np.asarray(body.gravity), dt)
         mujoco.mj_setConst(model, mujoco.MjData(model))
         most = max(1, min(usable_processors(), count // FEWEST_PER_THREAD))
         self._batch: OneArm | Batch = (
@@ -130,10 +130,9 @@ class MuJoCoBodies(Bodies):
         self._bodies: dict[str, np.ndarray] | None = None
         self.new = True
 
-    def set_bodies(
-        self, number: int, links: tuple[Link, ...], gravity: np.ndarray
-    ) -> None:
-        """Give an arm, numbered from 0, other bodies of the same structure, and another gravity [m/s^2]."""
+    def set_bodies(self, number: int, body: RigidBody) -> None:
+        """Give an arm, numbered from 0, other bodies of the same structure, and another gravity."""
+        links = moving_links(body)
         if self._bodies is None:
             names = ("mass", "inertia", "ipos", "iquat", "sameframe", "simple")
             self._bodies = {x: self._batch.expand(f"body_{x}") for x in names}
@@ -148,7 +147,7 @@ class MuJoCoBodies(Bodies):
         bodies["iquat"][number, moving] = turns
         bodies["sameframe"][number, moving] = 0
         bodies["simple"][number, moving] = 0
-        self._gravity[number] = gravity
+        self._gravity[number] = body.gravity
         # the constants of a single arm are computed before it gets its rotors
         rotors = self.rotors[number].copy()
         self.rotors[number] = 0.0

@@ -10,9 +10,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from numpy import add, multiply, subtract
 
-from gapscope.arm.dynamics.plain_urdf import Link, plain_urdf
-from gapscope.envs.engines import Engine
+from gapscope.arm.dynamics.plain_urdf import Link, moving_links, plain_urdf
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.dynamics.rollout import ForwardDynamics
+from gapscope.envs.engines import Bodies
 
 
 @contextmanager
@@ -37,56 +40,97 @@ with quiet_errors():  # it says there when it was built
     import pybullet
 
 
-class PyBulletEngine(Engine):
-    """Rigid bodies in a PyBullet world of their own. PyBullet lets no joint turn faster than 100 rad/s.
+READ_EVERY = 20
+"""Steps after which the engine is asked for its state: rounding would grow, since the torque given is no feedback."""
+NEAR_LIMIT = 0.1
+"""Distance from a joint's limit [rad] within which the engine is asked for its state after every step."""
+
+
+class PyBulletBodies(Bodies):
+    """One arm in a PyBullet world of its own, where no joint turns faster than 100 rad/s.
+
+    PyBullet has no rotors: a step is solved first, and M a + h, the torque that makes it, is given on. Away from limits
+    the next state is the one solved for, to rounding, and is read now and then only.
 
     Args:
-        links: the moving bodies, parents before children.
-        gravity: in the base frame [m/s^2], shape (3,).
+        body: the loaded arm.
         dt: time step [s].
     """
 
-    def __init__(self, links: tuple[Link, ...], gravity: np.ndarray, dt: float) -> None:
+    def __init__(self, body: RigidBody, dt: float) -> None:
+        links, n = moving_links(body), body.n_joints
         self._client: int | None = pybullet.connect(pybullet.DIRECT)
-        self._robot, self._joints = _load(self._client, links, gravity, dt)
-        self.q, self.dq = np.zeros((2, len(links)))
         client = {"physicsClientId": self._client}
-        self._set = partial(
+        self._robot, self._joints = _load(self._client, links, body.gravity, dt)
+        arm = self._robot, self._joints
+        self._hold = partial(
             pybullet.setJointMotorControlArray,
-            self._robot,
-            self._joints,
+            *arm,
             pybullet.TORQUE_CONTROL,
             **client,
         )
         self._advance = partial(pybullet.stepSimulation, **client)
-        self._states = partial(
-            pybullet.getJointStates, self._robot, self._joints, **client
+        self._states = partial(pybullet.getJointStates, *arm, **client)
+        limits = np.array([link.limits or (-np.inf, np.inf) for link in links]).T
+        self._lowest, self._highest = limits[0] + NEAR_LIMIT, limits[1] - NEAR_LIMIT
+        self.position, self.velocity, self.force, self.ahead, self._work = np.zeros(
+            (5, n)
         )
+        self.rotors, self._steps = np.zeros((1, n)), np.full(n, dt)
+        self._rotors = self.rotors[0]
+        self._forward = ForwardDynamics(body, self._rotors)
 
-    def reset(self, q: np.ndarray, dq: np.ndarray) -> None:
-        """Put the arm at positions q [rad or m] with velocities dq."""
-        for joint, position, velocity in zip(
-            self._joints, q.tolist(), dq.tolist(), strict=True
-        ):
-            pybullet.resetJointState(
-                self._robot, joint, position, velocity, physicsClientId=self._client
-            )
-        self.read()
+    def reset(self, number: int, q: np.ndarray, dq: np.ndarray) -> None:
+        """Put the arm at positions q [rad or m] with velocities dq, shape (n,)."""
+        for state in zip(self._joints, q.tolist(), dq.tolist(), strict=True):
+            pybullet.resetJointState(self._robot, *state, physicsClientId=self._client)
+        self._read()
 
-    def step(self, torque: np.ndarray, count: int = 1) -> None:
-        """Hold joint torque [N m or N] for ``count`` time steps; PyBullet forgets it after each."""
-        forces, hold, advance = torque.tolist(), self._set, self._advance
-        hold(forces=forces)
-        advance()
-        for _ in range(count - 1):
-            hold(forces=forces)
-            advance()
+    def set_rotors(self, rotors: np.ndarray) -> None:
+        """Change the inertia on the diagonal of the mass matrix [kg m^2], shape (n,)."""
+        super().set_rotors(rotors)
+        self._forward.set_rotors(self._rotors)
 
-    def read(self) -> None:
-        """Bring ``q`` and ``dq`` up to date."""
-        states = self._states()
-        self.q[:] = [state[0] for state in states]
-        self.dq[:] = [state[1] for state in states]
+    def run(self, torque: np.ndarray, count: int) -> None:
+        """Hold joint torque [N m or N], shape (n,), for ``count`` time steps; PyBullet forgets it after each."""
+        forces = torque.tolist()
+        for _ in range(count):
+            self._hold(forces=forces)
+            self._advance()
+        self._read()
+
+    def step(self, only: np.ndarray | None = None) -> None:
+        """Solve a step under ``force``: its acceleration and the velocity after it."""
+        acceleration = self._forward.acceleration(
+            self.position, self.velocity, self.force
+        )
+        multiply(acceleration, self._steps, self._work)
+        add(self._work, self.velocity, self.ahead)
+        self.acceleration = acceleration
+
+    def accept(self, stopped: bool = False) -> None:
+        """Give on what makes the step that was solved last."""
+        work = self._work
+        # what rotors, friction and what holds have taken
+        multiply(self._rotors, self.acceleration, work)
+        subtract(self.force, work, work)
+        self._hold(forces=work.tolist())
+        self._advance()
+        self._unread += 1
+        if self._near or self._unread == READ_EVERY:
+            self._read()
+            return
+        self.velocity[...] = self.ahead
+        multiply(self.ahead, self._steps, work)
+        add(self.position, work, self.position)
+
+    def _read(self) -> None:
+        """Take the engine's state, which includes joint limits."""
+        q, states = self.position, self._states()
+        q[:] = [state[0] for state in states]
+        self.velocity[:] = [state[1] for state in states]
+        self._unread, self.new = 0, True
+        self._near = bool(np.count_nonzero((q < self._lowest) | (q > self._highest)))
 
     def close(self) -> None:
         """Free the PyBullet world."""

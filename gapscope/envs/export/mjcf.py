@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from gapscope.arm.dynamics.link_shapes import PlacedShape
 from gapscope.arm.dynamics.plain_urdf import numbers, rotation
@@ -24,12 +25,7 @@ from gapscope.envs.drive.two_mass import (
     mass_matrices,
     substeps,
 )
-from gapscope.envs.export.plain_arm import (
-    JointDrive,
-    PlainArm,
-    mesh_path,
-    passive_quantity,
-)
+from gapscope.envs.export.plain_arm import PlainArm, mesh_path, passive_quantity
 from gapscope.envs.export.texts import rendered
 
 MESHES = (".stl", ".obj", ".msh")
@@ -84,7 +80,7 @@ def as_mjcf(arm: PlainArm, out: Path, relative: bool) -> tuple[str, tuple[str, .
             own = f"{Path(file).stem}_{number}"
             name = meshes.setdefault((file, numbers(np.array(shape.size))), own)
         shapes.append((shape, name))
-    for joint, drive in arm.drives.items():
+    for joint, drive in arm.drives.iterrows():
         bristle = dry_bristle(drive, step)
         if bristle is not None and builds_up(drive):
             distance = bristle.coulomb / bristle.stiffness
@@ -101,11 +97,13 @@ def as_mjcf(arm: PlainArm, out: Path, relative: bool) -> tuple[str, tuple[str, .
         shapes=shapes,
         meshes=meshes,
         coupled=_coupled_motors(arm),
-        motor_name=lambda joint: joint + "_motor" * bool(arm.drives[joint].gear),
+        motor_name=lambda joint: joint + "_motor" * bool(arm.drives.at[joint, "gear"]),
         builds_up=builds_up,
         dry_bristle=dry_bristle,
         saturating_bristles=saturating_bristles,
-        filter_time=lambda lag: _filter_time(lag, step),
+        # MuJoCo applies a step's last torque throughout, which is early by half a step. The delay of its filter is
+        # e / (1 - e) steps, with e = exp(-step / T'), at low frequency; it is T for T' = step / ln(1 + step / T)
+        filter_time=lambda lag: step / np.log1p(step / lag),
         rotation=rotation,
         within=_within,
         teeth=(1 / (2 * np.pi * TOOTH_FREQUENCY * TOOTH_DAMPING), TOOTH_DAMPING),
@@ -119,20 +117,14 @@ def time_step(arm: PlainArm) -> float:
     Raises:
         InputError: a stiffness needs a step that is too short to be simulated.
     """
-    joints = [arm.drives[name] for name in arm.body.joints]
-    gears = [drive.gear for drive in joints]
-    stiffness = np.array([g.stiffness if g else 0.0 for g in gears])
-    damping = np.array([g.damping if g else 0.0 for g in gears])
-    order = arm.body.order
-    parts = substeps(
-        mass_matrices(arm.body),
-        np.array([drive.rotor for drive in joints])[order],
-        np.array([gear is not None for gear in gears])[order],
-        stiffness[order],
-        damping[order],
-        np.array([drive.stiffness for drive in joints])[order],
-        LONGEST_STEP,
+    drives = arm.drives.iloc[arm.body.order]
+    gear = drives["gear"].to_numpy()
+    rotors, stiffness, damping, spring = (
+        drives[name].to_numpy()
+        for name in ("rotor", "gear_stiffness", "gear_damping", "stiffness")
     )
+    masses = mass_matrices(arm.body)
+    parts = substeps(masses, rotors, gear, stiffness, damping, spring, LONGEST_STEP)
     return LONGEST_STEP / parts
 
 
@@ -146,7 +138,7 @@ class Bristle(NamedTuple):
     velocity: float
 
 
-def dry_bristle(drive: JointDrive, step: float) -> Bristle | None:
+def dry_bristle(drive: pd.Series, step: float) -> Bristle | None:
     """The bristle of dry friction; ``None`` if Coulomb friction, set-valued at rest, says it all.
 
     With a presliding distance it carries Coulomb and Stribeck friction, and its damper makes good the step by which
@@ -169,12 +161,12 @@ def dry_bristle(drive: JointDrive, step: float) -> Bristle | None:
     return None
 
 
-def builds_up(drive: JointDrive) -> bool:
+def builds_up(drive: pd.Series) -> bool:
     """Whether Coulomb friction builds up over a distance."""
-    return drive.presliding > 0 and drive.friction > 0
+    return bool(drive.presliding > 0 and drive.friction > 0)
 
 
-def saturating_bristles(drive: JointDrive, step: float) -> tuple[Bristle, ...]:
+def saturating_bristles(drive: pd.Series, step: float) -> tuple[Bristle, ...]:
     """Saturating friction d tanh(v / vt) as bristles that carry nothing at rest, to ``TANH_ERROR`` of d.
 
     They need no damping, as they do not stick.
@@ -196,15 +188,6 @@ def saturating_bristles(drive: JointDrive, step: float) -> tuple[Bristle, ...]:
         )
         for share, relative in zip(TANH_SHARES, TANH_SPEEDS, strict=True)
     )
-
-
-def _filter_time(lag: float, step: float) -> float:
-    """Time constant [s] of a filter whose torque at the end of each step is as late as 1 / (1 + T s) within it.
-
-    MuJoCo applies a step's last torque throughout, which is early by half a step. The delay of its filter is
-    e / (1 - e) steps, with e = exp(-step / T'), at low frequency; it is T for T' = step / ln(1 + step / T).
-    """
-    return float(step / np.log1p(step / lag))
 
 
 def _coupled_motors(arm: PlainArm) -> list[dict[str, Any]]:

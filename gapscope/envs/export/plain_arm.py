@@ -6,11 +6,11 @@ A drive is what acts between the command and the body of a joint, nominal values
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from gapscope.arm.dynamics.link_shapes import (
@@ -28,95 +28,63 @@ from gapscope.arm.dynamics.plain_urdf import (
 )
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.effect import QUANTITIES, LinkChange
+from gapscope.effects.effect import LinkChange
 from gapscope.effects.passivity import total
 from gapscope.envs.drive.two_mass import least_inertia, mass_matrices, teeth
 
 NOT_NEGATIVE = {"friction": "N m", "damping": "N m s/rad", "rotor": "kg m^2"}
 """Quantities that may not be negative in total, with their unit."""
+DRIVEN = (
+    *("breakaway", "breakaway_speed", "saturating", "saturating_speed"),
+    *("stiffness", "rest", "delay", "lag", "scale", "offset", "zero"),
+    *("ripple", "ripple_cycles", "ripple_phase"),
+    *("gear_stiffness", "gear_damping", "play"),
+)
+"""The other quantities of a drive."""
 
 
-class Gear(NamedTuple):
-    """What lies between motor and joint: k [N m/rad], d [N m s/rad], free play of the whole width w [rad].
+def joint_drives(corrected: CorrectedArm, body: RigidBody) -> pd.DataFrame:
+    """The drives of a corrected arm, a row for each joint by its name.
 
-    ``elastic`` says whether k and d are those of an effect, not of teeth in contact.
-    """
+    Columns are quantities with the names and units of ``gapscope.effects.effect.QUANTITIES``, nominal values and
+    effects together, joint side; ``rest`` and ``ripple_phase`` hold at the coordinate of the file, which is what the
+    encoder reads. Beside them:
 
-    stiffness: float
-    damping: float
-    width: float
-    elastic: bool
+    - presliding: distance over which dry friction builds up [rad], 0 if at once;
+    - inertia: smallest inertia that friction holds, however the other joints move [kg m^2];
+    - gear: whether something yields between the joint and a motor of its own, whose rotor is known;
+    - elastic: whether stiffness and damping of the gear are those of an effect, not of teeth in contact;
+    - effort, velocity: lowest known limits of the commanded torque [N m] and of the velocity [rad/s], or infinite.
 
-
-@dataclass(frozen=True)
-class JointDrive:
-    """What acts on one joint, nominal values and effects together, joint side.
-
-    Quantities have the names and units of ``gapscope.effects.effect.QUANTITIES``; ``rest`` and ``ripple_phase`` hold at
-    the coordinate of the file, which is what the encoder reads.
-
-    Attributes:
-        presliding: distance over which dry friction builds up [rad], 0 if at once.
-        inertia: smallest inertia that friction holds, however the other joints move [kg m^2].
-        gear: between motor and joint, or ``None`` if they are one body.
-        effort: lowest known limit of the commanded torque [N m], infinite if none is known.
-        velocity: limit of the joint's velocity [rad/s], infinite if none is known.
-    """
-
-    friction: float
-    damping: float
-    rotor: float
-    breakaway: float
-    breakaway_speed: float
-    saturating: float
-    saturating_speed: float
-    stiffness: float
-    rest: float
-    delay: float
-    lag: float
-    scale: float
-    offset: float
-    ripple: float
-    ripple_cycles: float
-    ripple_phase: float
-    zero: float
-    presliding: float
-    inertia: float
-    gear: Gear | None
-    effort: float
-    velocity: float
-
-
-def joint_drives(corrected: CorrectedArm, body: RigidBody) -> dict[str, JointDrive]:
-    """The drives of a corrected arm by name of the joint; ``body`` holds its changed bodies.
+    Args:
+        corrected: the arm.
+        body: its changed bodies.
 
     Raises:
         InputError: friction or rotor inertia that is negative in total.
     """
     arm = corrected.arm
-    names = [field.name for field in fields(JointDrive)]
-    columns = {x: corrected.quantity(x) for x in names if x in QUANTITIES}
-    columns |= {name: passive_quantity(corrected, name) for name in NOT_NEGATIVE}
+    drives = pd.DataFrame(index=list(arm.joints))
+    for name in NOT_NEGATIVE:
+        drives[name] = passive_quantity(corrected, name)
+    for name in DRIVEN:
+        drives[name] = corrected.quantity(name)
     # springs and ripple follow the true position, the coordinates of a file are what the encoders read
-    zero = columns["zero"]
-    columns["rest"] = columns["rest"] + zero
-    columns["ripple_phase"] = columns["ripple_phase"] - columns["ripple_cycles"] * zero
+    drives["rest"] += drives["zero"]
+    drives["ripple_phase"] -= drives["ripple_cycles"] * drives["zero"]
     masses = mass_matrices(body)[:, body.places][:, :, body.places]
-    gears = _gears(corrected, columns["rotor"], least_inertia(masses))
+    rotors = drives["rotor"].to_numpy()
+    drives["elastic"] = drives["gear_stiffness"] > 0
+    drives["gear"] = (rotors > 0) & (drives["elastic"] | (drives["play"] > 0))
+    names = ("gear_stiffness", "gear_damping")
+    for name, value in zip(names, teeth(rotors, least_inertia(masses)), strict=True):
+        drives[name] = drives[name].where(drives["elastic"], value)
     limit = body.effort_limits() if arm.torque_limit is None else arm.torque_limit
-    columns |= {
-        "presliding": arm.presliding,
-        "inertia": _held_inertia(masses, columns["rotor"], gears),
-        "effort": np.minimum(_known(limit), _known(corrected.quantity("limit"))),
-        "velocity": _known(body.velocity_limits()),
-    }
-    return {
-        joint: JointDrive(
-            gear=gears[j],
-            **{name: float(column[j]) for name, column in columns.items()},
-        )
-        for j, joint in enumerate(arm.joints)
-    }
+    drives["presliding"] = arm.presliding
+    drives["inertia"] = _held_inertia(masses, rotors, drives["gear"].to_numpy())
+    drives["effort"] = np.minimum(_known(limit), _known(corrected.quantity("limit")))
+    drives["velocity"] = _known(body.velocity_limits())
+    return drives
 
 
 def passive_quantity(corrected: CorrectedArm, name: str, of: str = "") -> np.ndarray:
@@ -134,38 +102,18 @@ def _known(limit: np.ndarray) -> np.ndarray:
 
 
 def _held_inertia(
-    masses: np.ndarray, rotors: np.ndarray, gears: list[Gear | None]
+    masses: np.ndarray, rotors: np.ndarray, alone: np.ndarray
 ) -> np.ndarray:
     """Inertia [kg m^2], (n,), by which springs of any stiffness s on all joints are no faster than sqrt(s / inertia).
 
-    Of motors and bodies whose mass matrices are of shape (K, n, n), without their rotors.
+    Of bodies whose mass matrices are of shape (K, n, n), without their rotors, and of the motors that are ``alone``.
     """
-    alone = np.array([gear is not None for gear in gears])
     together = masses + np.diag(np.where(alone, 0.0, rotors))
     least = least_inertia(together)
     root = np.sqrt(least)
     # the largest eigenvalue of M^-1, with each joint's own least inertia as unit
     coupling = np.linalg.eigvalsh(root[:, None] * np.linalg.inv(together) * root)
     return np.where(alone, rotors, least / coupling.max())
-
-
-def _gears(
-    corrected: CorrectedArm, rotors: np.ndarray, inertia: np.ndarray
-) -> list[Gear | None]:
-    """Gears of the joints; ``None`` where nothing yields, or where no rotor is known that could turn on its own."""
-    stiffness, damping, width = (
-        corrected.quantity(name) for name in ("gear_stiffness", "gear_damping", "play")
-    )
-    elastic = stiffness > 0
-    tooth_stiffness, tooth_damping = teeth(rotors, inertia)
-    stiffness = np.where(elastic, stiffness, tooth_stiffness)
-    damping = np.where(elastic, damping, tooth_damping)
-    return [
-        Gear(float(stiffness[j]), float(damping[j]), float(width[j]), bool(elastic[j]))
-        if rotors[j] > 0 and (elastic[j] or width[j] > 0)
-        else None
-        for j in range(len(rotors))
-    ]
 
 
 @dataclass(frozen=True)
@@ -177,7 +125,7 @@ class PlainArm:
         nominal: the bodies of the nominal arm.
         body: the bodies of the corrected arm.
         links: the moving bodies, parents before children; their joints' coordinates are what the encoders read.
-        drives: by name of the joint.
+        drives: see ``joint_drives``.
         mount: R from the base to a world whose gravity points along -z, shape (3, 3): the orientation of the base, with
             tilt.
         gravity: strength of gravity [m/s^2].
@@ -190,7 +138,7 @@ class PlainArm:
     nominal: RigidBody
     body: RigidBody
     links: tuple[Link, ...]
-    drives: dict[str, JointDrive]
+    drives: pd.DataFrame
     mount: np.ndarray
     gravity: float
     frames: dict[str, Frame]
@@ -237,7 +185,9 @@ def plain_arm(corrected: CorrectedArm) -> PlainArm:
     strength = float(np.linalg.norm(corrected.arm.gravity))
     shapes, missing = read_shapes(body)
     drives = joint_drives(corrected, body)
-    links = tuple(_shifted(x, drives[x.joint].zero) for x in moving_links(body))
+    links = tuple(
+        _shifted(x, float(drives.at[x.joint, "zero"])) for x in moving_links(body)
+    )
     return PlainArm(
         corrected,
         nominal,

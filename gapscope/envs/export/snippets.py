@@ -8,9 +8,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 import yaml
 
 from gapscope.arm.controller import Controller
@@ -20,7 +21,7 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import LinkChange
 from gapscope.envs.effect_ranges import EffectRange, EffectRanges, write_effect_ranges
-from gapscope.envs.export.plain_arm import JointDrive, PlainArm, joint_drives
+from gapscope.envs.export.plain_arm import PlainArm, joint_drives
 from gapscope.envs.export.texts import (
     TEMPLATES,
     described,
@@ -39,54 +40,6 @@ HEAD = (
 """Comment of their file."""
 MIN_SHARE = 0.01
 """Share of a link's mass that remains at the lower end of a range [1]."""
-
-
-def finite(values: Mapping[str, float]) -> dict[str, float]:
-    """The entries that are finite."""
-    return {name: value for name, value in values.items() if np.isfinite(value)}
-
-
-@dataclass(frozen=True)
-class JointValues(JointDrive):
-    """What acts on one joint, and the gains that command it.
-
-    Attributes:
-        name: name of the joint.
-        kp, kd: gains of the commanded torque [N m/rad], [N m s/rad]; 0 if the controller is no PD law.
-    """
-
-    name: str
-    kp: float
-    kd: float
-
-    @property
-    def static_friction(self) -> float:
-        """Dry friction at rest [N m]."""
-        return self.friction + self.breakaway
-
-    @property
-    def gain(self) -> float:
-        """Torque that reaches the joint over the one commanded [1]."""
-        return 1.0 + self.scale
-
-    @property
-    def applied_kp(self) -> float:
-        """Torque that reaches the joint over the position's error [N m/rad]."""
-        return self.gain * self.kp
-
-    @property
-    def applied_kd(self) -> float:
-        """Torque that reaches the joint over the velocity's error [N m s/rad]."""
-        return self.gain * self.kd
-
-    @property
-    def applied_effort(self) -> float:
-        """Limit of the torque that reaches the joint [N m]."""
-        return self.gain * self.effort
-
-    def table(self, names: Mapping[str, str]) -> dict[str, float]:
-        """Attributes under other names, those that are finite."""
-        return finite({key: getattr(self, name) for key, name in names.items()})
 
 
 class BodyRange(NamedTuple):
@@ -109,28 +62,40 @@ class SnippetArm:
 
     Attributes:
         plain: its bodies and drives.
-        joints: its joints, in the order of the case.
-        low, high: the same at the ends of the ranges; the joints themselves without ranges.
+        values: drives of its joints, see ``joint_drives``, with name, gains kp [N m/rad] and kd [N m s/rad] of the
+            commanded torque (0 if the controller is no PD law), dry friction at rest [N m], torque that arrives over
+            the one commanded (gain), and what arrives of gains and effort.
+        low, high: the same at the ends of the ranges; the values themselves without ranges.
         bodies: bodies that have a range.
         ranges: what both come from, or ``None``.
     """
 
     plain: PlainArm
-    joints: tuple[JointValues, ...]
-    low: tuple[JointValues, ...]
-    high: tuple[JointValues, ...]
+    values: pd.DataFrame
+    low: pd.DataFrame
+    high: pd.DataFrame
     bodies: tuple[BodyRange, ...] = ()
     ranges: EffectRanges | None = None
 
+    @property
+    def joints(self) -> list[Any]:
+        """A record of each joint's values, in the order of the case."""
+        return list(self.values.itertuples(index=False))
+
     def ends(self, name: str) -> dict[str, tuple[float, float]]:
         """Lowest and highest value of each joint, by its name; twice the value without ranges."""
-        pairs = zip(self.low, self.high, strict=True)
-        return {a.name: (getattr(a, name), getattr(b, name)) for a, b in pairs}
+        pairs = zip(self.low[name].tolist(), self.high[name].tolist(), strict=True)
+        return dict(zip(self.values.index, pairs, strict=True))
 
     def ranged(self, name: str) -> dict[str, tuple[float, float]]:
         """Lowest and highest value of the joints that have a range."""
         ends = self.ends(name).items()
         return {joint: (low, high) for joint, (low, high) in ends if low < high}
+
+    def table(self, joint: str, names: Mapping[str, str]) -> dict[str, float]:
+        """Some values of a joint under other names, those that are finite."""
+        row = self.values.loc[joint]
+        return {key: row[name] for key, name in names.items() if np.isfinite(row[name])}
 
     def ranges_of(
         self, names: Mapping[str, str]
@@ -147,21 +112,18 @@ class SnippetArm:
 
         A value that is zero has no factor.
         """
-        found = {}
-        for joint in self.joints:
-            ratios = [1.0]
-            for name in names:
-                value = getattr(joint, name)
-                if value > 0:
-                    ratios += [end / value for end in self.ends(name)[joint.name]]
-            if np.ptp(ratios) > 0:
-                found[joint.name] = (min(ratios), max(ratios))
-        return found
+        own = self.values[list(names)]
+        sides = [
+            (side[own.columns] / own).where(own > 0) for side in (self.low, self.high)
+        ]
+        ratios = pd.concat([*sides, pd.Series(1.0, own.index)], axis=1)
+        ends = zip(own.index, ratios.min(axis=1), ratios.max(axis=1), strict=True)
+        return {joint: (low, high) for joint, low, high in ends if low < high}
 
     def column(self, name: str, joints: Sequence[str]) -> dict[str, float]:
         """A value of some joints, if it is finite."""
-        values = {j.name: getattr(j, name) for j in self.joints if j.name in joints}
-        return finite(values)
+        values = self.values.loc[list(joints), name]
+        return dict(values[np.isfinite(values)])
 
     def groups(self, name: str) -> dict[tuple[float, float], list[str]]:
         """Joints by the lowest and highest of a value, in the order of the first of each group."""
@@ -178,7 +140,8 @@ class SnippetArm:
     @property
     def gains(self) -> dict[str, float]:
         """Torque that arrives over the one commanded, of joints at which they differ [1]."""
-        return {j.name: j.gain for j in self.joints if j.gain != 1.0}
+        gain = self.values["gain"]
+        return dict(gain[gain != 1.0])
 
 
 def snippet_arm(
@@ -207,15 +170,21 @@ def snippet_arm(
 
 def _joints(
     plain: PlainArm, corrected: CorrectedArm, controller: Controller | None
-) -> tuple[JointValues, ...]:
-    """The values of the joints with the effects of an arm."""
+) -> pd.DataFrame:
+    """The values of the joints with the effects of an arm; see ``SnippetArm``."""
     drives = joint_drives(corrected, plain.body)
-    none = np.zeros(len(drives))
-    pd = controller is not None and controller.kind == "pd"
-    kp, kd = (getattr(controller, x) if pd else none for x in ("kp", "kd"))
-    return tuple(
-        JointValues(**vars(drive), name=name, kp=float(kp[j]), kd=float(kd[j]))
-        for j, (name, drive) in enumerate(drives.items())
+    law = controller is not None and controller.kind == "pd"
+    kp, kd = (getattr(controller, x) if law else 0.0 for x in ("kp", "kd"))
+    gain = 1.0 + drives["scale"]
+    return drives.assign(
+        name=drives.index,
+        kp=kp,
+        kd=kd,
+        static_friction=drives["friction"] + drives["breakaway"],
+        gain=gain,
+        applied_kp=gain * kp,
+        applied_kd=gain * kd,
+        applied_effort=gain * drives["effort"],
     )
 
 
@@ -351,8 +320,8 @@ class Target:
             if hint is None and self.model and holds(BODIES, effect):
                 hint = f"in the file of gapscope export --format {self.model}, which this belongs to"
             lines.append(described(applied, corrected.arm, hint))
-        distances = {n: d.presliding for n, d in arm.plain.drives.items()}
-        if any(distances.values()):
+        distances = arm.plain.drives["presliding"]
+        if distances.any():
             figures = ", ".join(f"{n} {x:.3g}" for n, x in distances.items() if x)
             lines.append(
                 f"presliding, {figures} rad: dry friction sets in at once, not over this distance"

@@ -69,7 +69,10 @@ def _templates() -> jinja2.Environment:
         "exact": lambda value: repr(float(value)),
         "numbers": numbers,
         "pose": _pose,
-        "quaternion": _quaternion,
+        # MuJoCo writes the real part first
+        "quaternion": lambda turn: numbers(
+            np.roll(Rotation.from_matrix(turn).as_quat(), 1)
+        ),
     }
     made.globals |= {"inf": np.inf, "friction_smoothing": FRICTION_SMOOTHING}
     return made
@@ -78,11 +81,6 @@ def _templates() -> jinja2.Environment:
 def _pose(place: tuple[np.ndarray, np.ndarray]) -> str:
     """Position [m] and roll, pitch, yaw [rad] of a position and a rotation matrix."""
     return numbers(np.r_[place[0], Rotation.from_matrix(place[1]).as_euler("xyz")])
-
-
-def _quaternion(turn: np.ndarray) -> str:
-    """A rotation matrix as a quaternion, which MuJoCo writes with its real part first."""
-    return numbers(np.roll(Rotation.from_matrix(turn).as_quat(), 1))
 
 
 def number(value: float) -> str:
@@ -171,6 +169,7 @@ def holds(held: Collection[str], effect: Effect) -> bool:
 def left_out(arm: PlainArm, form: str) -> tuple[str, ...]:
     """What a file of this format leaves out of a corrected arm, in words and figures."""
     corrected = arm.corrected
+    more: list[str] = []
     # rotors are told in total, nominal and found
     held = HELD[form] | {"rotor"}
     lines = [
@@ -178,57 +177,42 @@ def left_out(arm: PlainArm, form: str) -> tuple[str, ...]:
         for e in corrected.effects
         if not holds(held, e.effect)
     ]
+    gear, rotors, distances = (
+        arm.drives[name].to_numpy() for name in ("gear", "rotor", "presliding")
+    )
     if form == "mjcf":
-        lines += _without_rotor(arm)
+        for applied in corrected.effects:
+            rigid = [joint for joint in applied.joints if not gear[joint - 1]]
+            if rigid and not GEAR.isdisjoint(applied.effect.quantities.values()):
+                lines.append(
+                    f"{applied.name}{_joints(rigid)}: a motor of its own needs a rotor; give nominal.armature in the "
+                    "data sheet, or add the effect armature"
+                )
+        if (arm.drives["velocity"] < np.inf).any():
+            more.append("velocity limits of the joints: MuJoCo knows none")
     else:
-        lines += _beside_the_format(arm)
+        if rotors.any():
+            lines.append(
+                f"armature (nominal and found), joints in order: inertia {_figures(rotors)} kg m^2"
+            )
+        if distances.any():
+            lines.append(
+                f"presliding, joints in order: distance {_figures(distances)} rad (friction of the file sets in at "
+                "once)"
+            )
     if corrected.residual is not None:
         lines.append("residual network: it predicts torque and moves nothing")
     if corrected.arm.encoder_step:
         lines.append(
             f"resolution of the encoders: {corrected.arm.encoder_step:.4g} rad"
         )
-    if form == "mjcf" and any(d.velocity < np.inf for d in arm.drives.values()):
-        lines.append("velocity limits of the joints: MuJoCo knows none")
     # of a URDF the elements stay as they are, if their mesh is in a package that may be elsewhere
     kept = [
         form == "urdf" and x.endswith(NOT_FOUND) and "://" in x for x in arm.missing
     ]
     ends = (", its name is kept" if name_kept else "" for name_kept in kept)
-    return (*lines, *(x + end for x, end in zip(arm.missing, ends, strict=True)))
-
-
-def _without_rotor(arm: PlainArm) -> list[str]:
-    """Effects of a gear on joints whose rotor is not known."""
-    lines = []
-    names = arm.corrected.arm.joints
-    for applied in arm.corrected.effects:
-        if GEAR.isdisjoint(applied.effect.quantities.values()):
-            continue
-        rigid = [j for j in applied.joints if arm.drives[names[j - 1]].gear is None]
-        if rigid:
-            lines.append(
-                f"{applied.name}{_joints(rigid)}: a motor of its own needs a rotor; give nominal.armature in the data "
-                "sheet, or add the effect armature"
-            )
-    return lines
-
-
-def _beside_the_format(arm: PlainArm) -> list[str]:
-    """What the joints of the data sheet have and the format does not."""
-    joints = [arm.drives[joint] for joint in arm.corrected.arm.joints]
-    rotors = np.array([drive.rotor for drive in joints])
-    distances = np.array([drive.presliding for drive in joints])
-    lines = []
-    if rotors.any():
-        lines.append(
-            f"armature (nominal and found), joints in order: inertia {_figures(rotors)} kg m^2"
-        )
-    if distances.any():
-        lines.append(
-            f"presliding, joints in order: distance {_figures(distances)} rad (friction of the file sets in at once)"
-        )
-    return lines
+    shapes = (x + end for x, end in zip(arm.missing, ends, strict=True))
+    return (*lines, *more, *shapes)
 
 
 def remarks(arm: PlainArm) -> tuple[str, ...]:

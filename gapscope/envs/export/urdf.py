@@ -6,6 +6,7 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from gapscope.arm.dynamics.description import SCHEMES, find_mesh
@@ -15,7 +16,7 @@ from gapscope.arm.dynamics.inertials import (
     set_parameters,
 )
 from gapscope.arm.dynamics.plain_urdf import numbers, plain_urdf
-from gapscope.envs.export.plain_arm import JointDrive, PlainArm, mesh_path
+from gapscope.envs.export.plain_arm import PlainArm, mesh_path
 
 MOVABLE = ("revolute", "continuous", "prismatic", "floating", "planar")
 """Types of joints that move."""
@@ -58,8 +59,8 @@ def as_urdf(arm: PlainArm, out: Path, relative: bool) -> tuple[str, tuple[str, .
             )
             set_parameters(element, inertia.toDynamicParameters())
     for joint in root.findall("joint"):
-        if (drive := arm.drives.get(joint.get("name", ""))) is not None:
-            _set_drive(joint, drive)
+        if joint.get("name") in arm.drives.index:
+            _set_drive(joint, arm.drives.loc[joint.get("name")])
     if not arm.upright:
         _turn_base(root, arm.mount)
     return ET.tostring(root, encoding="unicode"), notes
@@ -69,7 +70,7 @@ def _fix_others(root: ET.Element, arm: PlainArm) -> tuple[str, ...]:
     """Fix joints that are not the arm's; says which."""
     fixed = []
     for joint in root.findall("joint"):
-        if joint.get("type") in MOVABLE and joint.get("name") not in arm.drives:
+        if joint.get("type") in MOVABLE and joint.get("name") not in arm.drives.index:
             fixed.append(joint.get("name", ""))
             position = arm.corrected.arm.locked.get(joint.get("name", ""), 0.0)
             _set_origin(joint, position)
@@ -161,12 +162,12 @@ def _set_bodies(root: ET.Element, arm: PlainArm) -> None:
         set_parameters(link, total)
 
 
-def _set_drive(joint: ET.Element, drive: JointDrive) -> None:
+def _set_drive(joint: ET.Element, drive: pd.Series) -> None:
     """Friction and limits of a joint."""
     dynamics = joint.find("dynamics")
     dynamics = ET.SubElement(joint, "dynamics") if dynamics is None else dynamics
-    dynamics.set("damping", repr(drive.damping))
-    dynamics.set("friction", repr(drive.friction))
+    dynamics.set("damping", repr(float(drive.damping)))
+    dynamics.set("friction", repr(float(drive.friction)))
     limit = joint.find("limit")
     limit = (
         ET.SubElement(joint, "limit", effort="0", velocity="0")
@@ -174,23 +175,24 @@ def _set_drive(joint: ET.Element, drive: JointDrive) -> None:
         else limit
     )
     if drive.effort < np.inf:
-        limit.set("effort", repr(drive.effort))
+        limit.set("effort", repr(float(drive.effort)))
     if drive.velocity < np.inf:
-        limit.set("velocity", repr(drive.velocity))
+        limit.set("velocity", repr(float(drive.velocity)))
 
 
 def _shift_zeros(root: ET.Element, arm: PlainArm) -> None:
     """Let the coordinates of the joints be what their encoders read, the true ones plus a zero [rad or m]."""
+    zeros = arm.drives["zero"]
     for joint in root.findall("joint"):
-        drive = arm.drives.get(joint.get("name", ""))
-        if drive is None or drive.zero == 0:
+        zero = float(zeros.get(joint.get("name"), 0.0))
+        if zero == 0:
             continue
-        _set_origin(joint, -drive.zero)
+        _set_origin(joint, -zero)
         for tag, name in LIMITS:
             element = joint.find(tag)
             limit = None if element is None else element.get(name)
             if element is not None and limit is not None:
-                element.set(name, repr(float(limit) + drive.zero))
+                element.set(name, repr(float(limit) + zero))
 
 
 def _turn_base(root: ET.Element, mount: np.ndarray) -> None:

@@ -31,7 +31,7 @@ from gapscope.effects.residual import (
     write_residual,
 )
 from gapscope.envs.effect_ranges import EffectRanges, effect_range
-from gapscope.envs.environment import ArmTracking
+from gapscope.envs.environment import VectorArmTracking
 from gapscope.envs.mystery_arm import HIDDEN
 
 from .conftest import rod, short
@@ -117,15 +117,13 @@ def test_simulator_follows_the_models_inverse_dynamics(
     )  # gains are equal over models
     with_other.close()
     env.reset(seed=0, options={"motion": reference})
-    expected = (
-        ArmModel(task.believed).series(seen)[:1001:20] / env.unwrapped._control.rated
-    )
+    expected = ArmModel(task.believed).series(seen)[:1001:20] / env.setup.control.rated
     np.testing.assert_allclose(
         env.unwrapped._course.planned[:, -1:], expected, atol=1e-9
     )
-    score = judge(env, idle(env), [("own", reference)])
-    assert score.joint_error < 4e-4
     env.close()
+    alone = task.trials(settings, 1)
+    assert judge(alone, idle(alone), [("own", reference)]).joint_error < 4e-4
 
 
 def test_a_model_that_is_wrong_about_the_hidden_arm_leaves_an_error(
@@ -133,9 +131,9 @@ def test_a_model_that_is_wrong_about_the_hidden_arm_leaves_an_error(
 ) -> None:
     settings, errors = short(), {}
     for name in ("nominal", "corrected"):
-        env = Task.of(files[name], arm, EFFECTS).hidden_arm(settings)
-        errors[name] = judge(env, idle(env), held_out(settings, env)).joint_error
-        env.close()
+        env = Task.of(files[name], arm, EFFECTS).trials(settings, 1, hidden=True)
+        motions = held_out(settings, env.setup.space)
+        errors[name] = judge(env, idle(env), motions).joint_error
     assert errors["corrected"] < 0.1 * errors["nominal"]
 
 
@@ -147,7 +145,8 @@ def test_the_network_acts_in_the_simulator(
     true = Task.of(files["network"], arm)
     errors = []
     for name in ("network", "corrected"):
-        env = ArmTracking(
+        env = VectorArmTracking(
+            1,
             arm,
             simulated=true.believed,
             feedforward=ArmModel(Task.of(files[name], arm).believed),
@@ -155,7 +154,6 @@ def test_the_network_acts_in_the_simulator(
             engine=short().engine,
         )
         errors.append(judge(env, idle(env), [("own", reference)]).joint_error)
-        env.close()
     assert errors[0] < 0.1 * errors[1]
 
 

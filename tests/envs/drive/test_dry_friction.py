@@ -1,7 +1,6 @@
 """Dry friction solved in one step: Coulomb's law holds exactly, for any coupling between joints."""
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -24,15 +23,3 @@ def test_solution_fulfils_coulombs_law(seed: int, n: int) -> None:
         assert (np.abs(impulse) <= limit + 1e-12).all()
         moving = velocity != 0
         np.testing.assert_allclose(impulse[moving], (limit * np.sign(velocity))[moving])
-
-
-def test_one_joint_by_hand() -> None:
-    friction = DryFriction(1)
-    velocity, impulse = friction.solve(
-        np.array([[2.0]]), np.array([5.0]), np.array([1.0])
-    )
-    assert velocity == pytest.approx([2.0]) and impulse == pytest.approx([1.0])
-    velocity, impulse = friction.solve(
-        np.array([[2.0]]), np.array([-0.4]), np.array([1.0])
-    )
-    assert velocity == pytest.approx([0.0]) and impulse == pytest.approx([-0.4])

@@ -36,16 +36,3 @@ def test_equal_to_the_law_on_any_arguments(law) -> None:
         before = x.copy(), y.copy()
         np.testing.assert_array_equal(noted(x, y), law(x, y))
         np.testing.assert_array_equal((x, y), before)
-
-
-def test_what_does_not_depend_on_the_arguments_is_computed_once() -> None:
-    calls = []
-
-    def law(x: np.ndarray) -> np.ndarray:
-        calls.append(0)
-        return CONSTANT * x
-
-    noted = repeated(law, 1, 3)
-    for _ in range(5):
-        noted(np.ones(3))
-    assert len(calls) == 1

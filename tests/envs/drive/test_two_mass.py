@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.optimize import curve_fit
 
-from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.engines import ENGINES
@@ -167,7 +166,7 @@ def test_energy_only_falls(
         for _ in range(round(0.5 / dt)):
             twist = simulated.motor_q - simulated.q
             wound = np.maximum(np.abs(twist) - 0.005, 0.0)
-            speed = simulated._arms.motors.velocity
+            speed = simulated._arms.inside.motors.velocity
             energies.append(
                 float(
                     (
@@ -183,26 +182,3 @@ def test_energy_only_falls(
     assert (energy - lowest).max() < allowed * energy[0] and energy[-1] < 0.5 * energy[
         0
     ]
-
-
-def test_stiffness_that_no_part_of_the_step_holds_is_refused(pendulum) -> None:
-    elastic = AppliedEffect(
-        "joint_elasticity", (1,), {"stiffness": [1e7], "damping": [0.0]}
-    )
-    with pytest.raises(InputError, match=r"joint 1.*cannot hold") as caught:
-        SimulatedArm(pendulum(armature=1e-3), (elastic,), 1e-3)
-    assert "steps of at most" in caught.value.remedy
-
-
-def test_stiff_joints_divide_the_step(pendulum) -> None:
-    elastic = AppliedEffect(
-        "joint_elasticity", (1,), {"stiffness": [1e5], "damping": [0.0]}
-    )
-    with SimulatedArm(pendulum(armature=0.3), (elastic,)) as simulated:
-        assert 5 <= simulated.parts <= 10  # w = 718 rad/s
-
-
-def test_motor_without_rotor_is_refused(pendulum) -> None:
-    with pytest.raises(InputError, match="no rotor inertia") as caught:
-        SimulatedArm(pendulum(), (AppliedEffect("backlash", (1,), {"width": [0.01]}),))
-    assert "armature" in caught.value.remedy

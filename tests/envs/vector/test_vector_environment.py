@@ -57,8 +57,9 @@ def _compare(
 ) -> int:
     """Assert that both forms are equal under random actions; returns how many episodes ended."""
     options = {"episode_length": 0.16, "debug": True, "motion": "fourier", **options}
+    options = {"engine": "mujoco", **options}
     alone = SyncVectorEnv(
-        [lambda: ArmTracking(arm, engine="mujoco", **options)] * count,
+        [lambda: ArmTracking(arm, **options)] * count,
         autoreset_mode=mode,
     )
     together = VectorArmTracking(count, arm, autoreset_mode=mode, **options)
@@ -182,7 +183,6 @@ def test_options_for_each_environment(data_sheet_arm: NominalArm) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"engine": "pybullet"}, "runs on mujoco, not on pybullet"),
         ({"render_mode": "rgb_array"}, "draws nothing"),
         ({"autoreset_mode": "Disabled"}, "expected NextStep or SameStep"),
         ({"num_envs": 0}, "whole number from 1 on"),
@@ -193,14 +193,27 @@ def test_what_it_does_not_do_is_refused(options: dict, message: str) -> None:
         VectorArmTracking(**{"num_envs": 2, **options})
 
 
-@pytest.mark.parametrize("name", ALONE)
-def test_arms_with_motors_of_their_own_are_refused(
-    data_sheet_arm: NominalArm, name: str
+@pytest.mark.parametrize("engine", ["pybullet", "mujoco"])
+def test_arms_stepped_one_by_one_are_equal_too(
+    data_sheet_arm: NominalArm, engine: str
 ) -> None:
     scale = ArmScale.of(data_sheet_arm)
-    effect = draw(name, np.random.default_rng(7), scale, joints=(2, 4))
-    with pytest.raises(InputError, match="motor of its own") as caught:
-        VectorArmTracking(2, data_sheet_arm, effects=(effect,))
+    soft, tight = (
+        draw(name, np.random.default_rng(7), scale, joints=(2, 4)) for name in ALONE
+    )
+    drawn = Randomisation((*ALONE, "payload"), count=(0, 2))
+    for options in ({"effects": (soft, tight)}, {"randomisation": drawn}):
+        _compare(data_sheet_arm, engine=engine, steps=10, count=2, **options)
+
+
+def test_motors_of_their_own_come_when_the_environments_are_made(
+    data_sheet_arm: NominalArm,
+) -> None:
+    scale = ArmScale.of(data_sheet_arm)
+    effect = draw(ALONE[0], np.random.default_rng(7), scale, joints=(2, 4))
+    env = VectorArmTracking(2, data_sheet_arm)
+    with pytest.raises(InputError, match="not stepped together") as caught:
+        env.reset(seed=0, options={"effects": effect})
     assert "sync" in caught.value.remedy
 
 
