@@ -15,7 +15,6 @@ from gapscope.ident.estimators.linear import (
     Estimator,
     HuberLeastSquares,
     MaximumLikelihood,
-    OnBase,
     OrdinaryLeastSquares,
     PartialUpdate,
     Ridge,
@@ -183,17 +182,17 @@ METHODS: dict[str, Method] = {
         "posterior, of the data and the nominal arm together",
     ),
     "log_cholesky": Method(
-        lambda given: OnBase(LogCholesky(given.nominal), given.base),
+        lambda given: LogCholesky(given.nominal, given.base),
         _repeated,
         _UNBIASED,
     ),
     "sdp_euclidean": Method(
-        lambda given: OnBase(ConsistentSdp(given.nominal), given.base),
+        lambda given: ConsistentSdp(given.nominal, given.base),
         _repeated,
         _UNBIASED,
     ),
     "sdp_entropic": Method(
-        lambda given: OnBase(ConsistentSdp(given.nominal, "entropic"), given.base),
+        lambda given: ConsistentSdp(given.nominal, given.base, entropic=True),
         _repeated,
         _UNBIASED,
     ),

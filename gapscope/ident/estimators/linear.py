@@ -11,7 +11,7 @@ from scipy.linalg import solve, solve_triangular
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.root_mean_square import rms
-from gapscope.ident.model.base_parameters import BaseParameters, Factor
+from gapscope.ident.model.base_parameters import Factor
 from gapscope.ident.model.friction import FOLDS, stretches
 from gapscope.ident.model.linear_problem import (
     Problem,
@@ -125,17 +125,21 @@ def least_noise(noise: np.ndarray, largest_torque: float) -> np.ndarray:
     return np.maximum(noise, least)
 
 
+def free_fit(
+    problem: Problem, prior: np.ndarray, unit: np.ndarray | None = None
+) -> np.ndarray:
+    """The least-squares estimate, shape (b,); the nearest to a prior, in the columns' units by default."""
+    matrix, torque = problem.stacked()
+    unit = 1 / column_norms(matrix) if unit is None else unit
+    factor = Factor.of(matrix * unit, torque - matrix @ prior)
+    step = np.linalg.lstsq(factor.triangle, factor.rotated, rcond=1e-9)[0]
+    return prior + unit * step
+
+
 def column_norms(matrix: np.ndarray) -> np.ndarray:
     """Norms of columns to divide by, shape (b,); 1 for a column of zeros."""
     norms = np.linalg.norm(matrix, axis=0)
     return np.where(norms > 0, norms, 1.0)
-
-
-def scaled_inverse(matrix: np.ndarray) -> np.ndarray:
-    """Pseudo-inverse of a symmetric matrix, computed with its diagonal brought to 1."""
-    scale = 1 / np.sqrt(np.diag(matrix))
-    outer = np.outer(scale, scale)
-    return np.linalg.pinv(matrix * outer, hermitian=True) * outer
 
 
 def finished(
@@ -153,37 +157,6 @@ def finished(
         residual=residual,
         warnings=warnings,
     )
-
-
-# An estimator of standard parameters, asked for base parameters.
-
-
-@dataclass(frozen=True)
-class OnBase:
-    """Estimates pi on W C, then states beta = C pi with covariance C S C^T; W the base columns, shape (N, n, b).
-
-    Attributes:
-        inner: estimates pi, shape (p,).
-        base: C, shape (b, p).
-    """
-
-    inner: Estimator
-    base: BaseParameters
-
-    def estimate(self, problem: Problem) -> Estimate:
-        """Estimate base parameters; raises what ``inner`` raises."""
-        C = self.base.combination
-        whole = Problem(
-            problem.matrix @ C,
-            problem.torque,
-            self.base.names,
-            problem.group,
-            problem.interval,
-        )
-        found = self.inner.estimate(whole)
-        return finished(
-            problem, C @ found.value, C @ found.covariance @ C.T, found.warnings
-        )
 
 
 # Equations of each joint as a triangle: all that least squares with any weights of the joints need of them.
@@ -457,8 +430,7 @@ def _directions(problem: Problem, prior: np.ndarray | None) -> _Directions:
     check_samples(problem, full_rank=False)
     matrix = problem.stacked()[0]
     centre = np.zeros(matrix.shape[1]) if prior is None else np.array(prior, float)
-    free = _free(problem, centre, 1 / column_norms(matrix))
-    noise = joint_noise(problem, free)
+    noise = joint_noise(problem, free_fit(problem, centre))
     weighted = replace(
         problem, matrix=problem.matrix / noise[:, None], torque=problem.torque / noise
     )
@@ -814,7 +786,7 @@ class PartialUpdate:
                 where="prior",
             )
         noise = np.hypot(
-            joint_noise(problem, _free(problem, prior, spread)),
+            joint_noise(problem, free_fit(problem, prior, spread)),
             START_NOISE * np.sqrt((problem.torque**2).mean(axis=0).max()),
         )
         beta, covariance, moved = self._updated(problem, prior, spread, noise)
@@ -857,14 +829,6 @@ class PartialUpdate:
             units = spread[moved]
             covariance[block] = own * np.outer(units, units)
         return prior + spread * step, covariance, moved
-
-
-def _free(problem: Problem, prior: np.ndarray, spread: np.ndarray) -> np.ndarray:
-    """The least-squares estimate, the nearest to the prior if there are many, shape (b,)."""
-    matrix, torque = problem.stacked()
-    factor = Factor.of(matrix * spread, torque - matrix @ prior)
-    step = np.linalg.lstsq(factor.triangle, factor.rotated, rcond=1e-9)[0]
-    return prior + spread * step
 
 
 def default_spread(problem: Problem, prior: np.ndarray) -> np.ndarray:

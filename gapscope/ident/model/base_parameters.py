@@ -15,6 +15,9 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.trajectory import urdf_limits
 from gapscope.ident.model.regressor import Regressor
 
+TINY = float(np.finfo(float).tiny)
+"""The least positive number of full precision: what would be divided by zero is divided by it."""
+
 # Numerical rank of a regressor: unit columns, and the gap in a spectrum.
 
 
@@ -471,7 +474,7 @@ def _significance(
     value, inverse = factor.solve(), np.diag(factor.inverse_gram())
     spread = np.sqrt(inflation * factor.rest / factor.freedom * inverse)
     size = np.abs(value)
-    relative = spread / np.maximum(size, np.finfo(float).tiny)
+    relative = spread / np.maximum(size, TINY)
     return value, relative, size / np.sqrt(inverse)
 
 
