@@ -47,7 +47,6 @@ from gapscope.ident.estimators.linear import (
     Estimator,
     HuberLeastSquares,
     MaximumLikelihood,
-    OrdinaryLeastSquares,
     PartialUpdate,
     Ridge,
     TotalLeastSquares,
@@ -304,7 +303,7 @@ HEAD = ["estimator", "runs", *(f"noise {level:.0%}" for level in LEVELS)]
 
 Made = Callable[[World, float], Estimator]
 BASE: dict[str, Made] = {
-    "OLS": lambda world, level: OrdinaryLeastSquares(),
+    "OLS": lambda world, level: WeightedLeastSquares(rounds=0),
     "WLS": lambda world, level: WeightedLeastSquares(),
     "IRLS, Huber": lambda world, level: HuberLeastSquares(),
     "ridge": lambda world, level: Ridge("motion", world.base.of(world.prior)),

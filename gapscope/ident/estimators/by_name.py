@@ -15,7 +15,6 @@ from gapscope.ident.estimators.linear import (
     Estimator,
     HuberLeastSquares,
     MaximumLikelihood,
-    OrdinaryLeastSquares,
     PartialUpdate,
     Ridge,
     TotalLeastSquares,
@@ -148,7 +147,9 @@ METHODS: dict[str, Method] = {
         f"{_WITH_FORM}, of weighted least squares without the constraints",
     ),
     "wls": Method(lambda given: WeightedLeastSquares(), _by_joint, _WITH_FORM),
-    "ols": Method(lambda given: OrdinaryLeastSquares(), _unweighted, _WITH_FORM),
+    "ols": Method(
+        lambda given: WeightedLeastSquares(rounds=0), _unweighted, _WITH_FORM
+    ),
     "irls": Method(lambda given: HuberLeastSquares(), _robust, _JACKKNIFE),
     "ridge": Method(
         lambda given: Ridge(

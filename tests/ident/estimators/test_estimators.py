@@ -32,7 +32,6 @@ from gapscope.ident.estimators.linear import (
     JointTriangles,
     MaximumLikelihood,
     OnBase,
-    OrdinaryLeastSquares,
     PartialUpdate,
     Ridge,
     TotalLeastSquares,
@@ -63,7 +62,7 @@ class Claim:
 
 
 CLAIMS = {
-    "ols": Claim(OrdinaryLeastSquares(), ("well conditioned",)),
+    "ols": Claim(WeightedLeastSquares(rounds=0), ("well conditioned",)),
     "wls": Claim(
         WeightedLeastSquares(),
         ("well conditioned", "noise per joint"),
@@ -119,7 +118,8 @@ def test_has_at_most_half_the_error_of_ordinary_least_squares(
     name: str, kind: str
 ) -> None:
     own, plain = (
-        errors(e, kind, 20) for e in (CLAIMS[name].estimator, OrdinaryLeastSquares())
+        errors(e, kind, 20)
+        for e in (CLAIMS[name].estimator, WeightedLeastSquares(rounds=0))
     )
     assert np.median(own) < 0.5 * np.median(plain)
 
@@ -139,7 +139,7 @@ def test_states_names_a_covariance_and_what_is_left(claim: Claim) -> None:
 def test_three_directions_recover_what_four_cannot() -> None:
     kind, three = "ill conditioned", TruncatedSvd(count=3)
     assert errors(three, kind).max() < SOLVABLE[kind].recovered
-    own, plain = (errors(e, kind, 20) for e in (three, OrdinaryLeastSquares()))
+    own, plain = (errors(e, kind, 20) for e in (three, WeightedLeastSquares(rounds=0)))
     assert np.median(own) < 0.5 * np.median(plain)
 
 
@@ -208,7 +208,7 @@ def test_held_out_motions_choose_what_another_motion_bears(
     draws = [small_motion(np.random.default_rng(s), 0.05, 0.02) for s in range(6)]
     own, rows = (
         [error(estimator.estimate(draw).value) for draw in draws]
-        for estimator in (make(prior), OrdinaryLeastSquares())
+        for estimator in (make(prior), WeightedLeastSquares(rounds=0))
     )
     assert max(own) < 1.1 * error(prior) and np.median(own) < 0.8 * error(prior)
     assert max(rows) > 5 * error(prior)
@@ -229,7 +229,7 @@ def test_as_many_directions_as_asked() -> None:
 class TestByHand:
     def test_line_through_three_points(self) -> None:
         """tau = 1, 2, 4 at w = 1, 2, 3: beta = 17 / 14, residual 21 - 17^2 / 14 = 5 / 14, variance 5 / 28 / 14."""
-        estimate = OrdinaryLeastSquares().estimate(
+        estimate = WeightedLeastSquares(rounds=0).estimate(
             column([1.0, 2.0, 3.0], [1.0, 2.0, 4.0])
         )
         assert estimate.value[0] == pytest.approx(17 / 14)
@@ -248,7 +248,7 @@ class TestByHand:
         w, tau = [2.0, 1.0, -1.0, 1.0], [1.0, 2.0, 1.0, -1.0]
         estimate = TotalLeastSquares(np.ones(1), 1.0).estimate(column(w, tau))
         assert estimate.value[0] == pytest.approx(1.0)
-        assert OrdinaryLeastSquares().estimate(column(w, tau)).value[
+        assert WeightedLeastSquares(rounds=0).estimate(column(w, tau)).value[
             0
         ] == pytest.approx(2 / 7)
 
@@ -282,7 +282,7 @@ class TestByHand:
         W[3] = 2.0
         tau = np.array([[0.0, 0.0], [2.0, 6.0], [0.0, 0.0], [4.0, 12.0]])
         found = WeightedLeastSquares(rounds=1).estimate(problem(W, tau))
-        start = OrdinaryLeastSquares().estimate(problem(W, tau)).value[0]
+        start = WeightedLeastSquares(rounds=0).estimate(problem(W, tau)).value[0]
         rest = tau - W[..., 0] * start
         weight = 1 / (rest**2).mean(axis=0)
         assert found.value[0] == pytest.approx(
@@ -437,7 +437,7 @@ def test_ordinary_least_squares_gives_bodies_that_cannot_be(
         given.group,
         given.interval,
     )
-    beta = OrdinaryLeastSquares().estimate(reduced).value
+    beta = WeightedLeastSquares(rounds=0).estimate(reduced).value
     assert not is_consistent(bodies(base.nearest(beta, regressor.nominal()))).all()
 
 
@@ -466,7 +466,7 @@ def test_with_noise_other_torque_is_predicted_better_than_without_constraints(
             given.group,
             0.01,
         )
-        beta = base.spread(OrdinaryLeastSquares().estimate(reduced).value)
+        beta = base.spread(WeightedLeastSquares(rounds=0).estimate(reduced).value)
         own.append(np.sqrt((other.residual(value) ** 2).mean()))
         plain.append(np.sqrt((other.residual(beta) ** 2).mean()))
     assert np.mean(own) < 0.7 * np.mean(plain)
@@ -618,7 +618,7 @@ def test_an_interval_is_its_own_estimators() -> None:
 def test_refit_jackknife_is_that_of_the_estimator() -> None:
     given = of_three(1)
     free, held = (
-        refit_jackknife(given, OrdinaryLeastSquares()),
+        refit_jackknife(given, WeightedLeastSquares(rounds=0)),
         refit_jackknife(given, Ridge(1e3)),
     )
     assert (held.deviation < 0.5 * free.deviation).all()
@@ -716,7 +716,7 @@ def judged(transfer: Transfer, duration: float, seeds: range) -> dict[str, float
         )
         values = {
             "prior": transfer.prior,
-            "full refit": OrdinaryLeastSquares().estimate(given).value,
+            "full refit": WeightedLeastSquares(rounds=0).estimate(given).value,
             "partial update": PartialUpdate(transfer.prior).estimate(given).value,
         }
         for name, value in values.items():

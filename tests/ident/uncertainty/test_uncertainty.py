@@ -22,7 +22,6 @@ from gapscope.envs.recorder import record
 from gapscope.ident.estimators.by_name import method
 from gapscope.ident.estimators.linear import (
     MaximumLikelihood,
-    OrdinaryLeastSquares,
     WeightedLeastSquares,
 )
 from gapscope.ident.examination import (
@@ -88,7 +87,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     hits: dict[str, list[np.ndarray]] = {"stated": [], "jackknife": []}
     for seed in range(80):
         given = drawn(seed)
-        estimate = OrdinaryLeastSquares().estimate(given)
+        estimate = WeightedLeastSquares(rounds=0).estimate(given)
         methods = (
             Uncertainty(estimate.covariance, np.inf, 1),
             block_jackknife(given, estimate.value),
@@ -138,11 +137,11 @@ def holds(problem: Problem, name: str) -> np.ndarray:
 
 def test_jackknife_leaves_out_each_block_in_turn() -> None:
     given = drawn(2)
-    beta = OrdinaryLeastSquares().estimate(given).value
+    beta = WeightedLeastSquares(rounds=0).estimate(given).value
     length = SAMPLES // GROUPS
     left_out = np.array(
         [
-            OrdinaryLeastSquares().estimate(given.rows(given.group != g)).value
+            WeightedLeastSquares(rounds=0).estimate(given.rows(given.group != g)).value
             for g in range(GROUPS)
         ]
     )
@@ -184,10 +183,10 @@ class TestModelError:
         hits, bare, warned = [], [], []
         for seed in range(runs):
             given, other, torque = self.pair(seed, size)
-            estimate = OrdinaryLeastSquares().estimate(given)
+            estimate = WeightedLeastSquares(rounds=0).estimate(given)
             interval = torque_interval(
                 given,
-                OrdinaryLeastSquares(),
+                WeightedLeastSquares(rounds=0),
                 block_jackknife(given, estimate.value),
                 cutoff=5.0,
             )
@@ -213,7 +212,9 @@ class TestModelError:
 
     def test_names_the_joint_and_the_size_of_the_noise(self) -> None:
         given, _, _ = self.pair(0, 0.5)
-        error = model_error(given, held_out(given, OrdinaryLeastSquares()), cutoff=5.0)
+        error = model_error(
+            given, held_out(given, WeightedLeastSquares(rounds=0)), cutoff=5.0
+        )
         assert error.found[0] == 1 and error.p_value[0] < error.p_value[1]
         assert (
             error.systematic[0] > error.systematic[1]
@@ -226,7 +227,10 @@ class TestModelError:
     def test_interval_of_recorded_torque_is_wider(self) -> None:
         given, other, _ = self.pair(0, 0.5)
         interval = torque_interval(
-            given, OrdinaryLeastSquares(), block_jackknife(given, BETA), cutoff=5.0
+            given,
+            WeightedLeastSquares(rounds=0),
+            block_jackknife(given, BETA),
+            cutoff=5.0,
         )
         assert (
             interval.half_width(other, recorded=True) > interval.half_width(other)
@@ -241,8 +245,8 @@ class TestModelError:
             given.matrix, given.torque, given.names, np.zeros(SAMPLES, int), INTERVAL
         )
         assert np.allclose(
-            held_out(single, OrdinaryLeastSquares()),
-            held_out(given, OrdinaryLeastSquares()),
+            held_out(single, WeightedLeastSquares(rounds=0)),
+            held_out(given, WeightedLeastSquares(rounds=0)),
         )
 
 
@@ -282,7 +286,7 @@ def test_intervals_count_a_form_that_repeats_with_the_motion() -> None:
         functions = np.cos(state * np.arange(1.0, 6.0) + np.arange(5.0))
         lacking = 0.3 * functions @ rng.standard_normal(5)
         given = recorded(rng, W, 0.01 * filtered(rng), lacking)
-        beta = OrdinaryLeastSquares().estimate(given).value
+        beta = WeightedLeastSquares(rounds=0).estimate(given).value
         for name, forms in (("blocks", ()), ("form", (functions,))):
             uncertainty = block_jackknife(replace(given, forms=forms), beta)
             lower, upper = uncertainty.interval(beta)
@@ -305,9 +309,12 @@ def test_few_samples_are_not_taken_for_an_effect_that_is_lacking() -> None:
         W = W * (0.02 + np.eye(4)[np.arange(160) * 4 // 160])[:, None, :]
         noise = low_pass(rng.standard_normal((560, 2)), 1 / INTERVAL, 5.0)[200:-200]
         given = recorded(rng, W, 0.1 * noise / noise.std())
-        estimate = OrdinaryLeastSquares().estimate(given)
+        estimate = WeightedLeastSquares(rounds=0).estimate(given)
         interval = torque_interval(
-            given, OrdinaryLeastSquares(), block_jackknife(given, estimate.value), 5.0
+            given,
+            WeightedLeastSquares(rounds=0),
+            block_jackknife(given, estimate.value),
+            5.0,
         )
         warned.append(bool(interval.warnings))
     assert not any(warned)
@@ -354,7 +361,9 @@ def compared(
     missing: float, *, repeat: bool, runs: int = 20
 ) -> tuple[list[str], np.ndarray]:
     found = [
-        compare_groups(groups(seed, missing, repeat=repeat), OrdinaryLeastSquares())
+        compare_groups(
+            groups(seed, missing, repeat=repeat), WeightedLeastSquares(rounds=0)
+        )
         for seed in range(runs)
     ]
     return [one.verdict for one in found], np.array([one.ratio for one in found])
@@ -380,10 +389,12 @@ def test_a_missing_effect_repeats_with_the_motion() -> None:
 
 
 def test_says_what_it_means() -> None:
-    bias = compare_groups(groups(0, 0.3, repeat=False), OrdinaryLeastSquares())
+    bias = compare_groups(groups(0, 0.3, repeat=False), WeightedLeastSquares(rounds=0))
     assert "bias that changes with the motion" in bias.warnings[0]
     assert (
-        compare_groups(groups(0, 0.0, repeat=False), OrdinaryLeastSquares()).warnings
+        compare_groups(
+            groups(0, 0.0, repeat=False), WeightedLeastSquares(rounds=0)
+        ).warnings
         == ()
     )
     assert (bias.between > 2 * bias.stated).any()
@@ -399,7 +410,7 @@ def test_one_group_is_cut_into_four() -> None:
         np.zeros(len(given.torque), int),
         INTERVAL,
     )
-    assert len(compare_groups(single, OrdinaryLeastSquares()).values) == 4
+    assert len(compare_groups(single, WeightedLeastSquares(rounds=0)).values) == 4
 
 
 def test_a_group_that_is_too_short_is_named() -> None:
@@ -407,7 +418,7 @@ def test_a_group_that_is_too_short_is_named() -> None:
     group = np.r_[np.zeros(len(given.torque) - 1, int), 1]
     uneven = Problem(given.matrix, given.torque, given.names, group, INTERVAL)
     with pytest.raises(InputError, match="group 2.*too few"):
-        compare_groups(uneven, OrdinaryLeastSquares())
+        compare_groups(uneven, WeightedLeastSquares(rounds=0))
 
 
 @pytest.mark.slow
