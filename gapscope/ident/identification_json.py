@@ -204,12 +204,12 @@ def states_document(states: StatesAndFriction | None) -> dict[str, Any] | None:
     """Friction by the unscented filter over time, and how well it predicts the encoders; ``None`` if not asked for."""
     if states is None:
         return None
-    track, chosen = states.track, _moments(states.track.t)
-    value, deviation = states.friction[chosen], states.deviation[chosen]
+    track, chosen = states.friction, _moments(states.friction.t)
+    value, deviation = track.value[chosen], track.deviation[chosen]
     return {
         "recording": states.recording,
         "time": track.t[chosen],
-        "innovation_rms": rms(track.innovation[1:]),
+        "innovation_rms": rms(states.innovation[1:]),
         "parameters": [
             {
                 "name": name,
@@ -217,7 +217,7 @@ def states_document(states: StatesAndFriction | None) -> dict[str, Any] | None:
                 "value": _rounded(value[:, i]),
                 "std": _rounded(deviation[:, i]),
             }
-            for i, name in enumerate(states.names)
+            for i, name in enumerate(track.names)
         ],
     }
 

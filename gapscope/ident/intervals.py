@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -19,7 +18,7 @@ from gapscope.ident.estimators.linear import (
     WeightedLeastSquares,
 )
 from gapscope.ident.form_error import form_error
-from gapscope.ident.model.linear_problem import Problem
+from gapscope.ident.model.linear_problem import Problem, equal_parts
 from gapscope.model.conditioning import TORQUE_CUTOFF
 from gapscope.model.effective_samples import (
     autocovariance,
@@ -304,13 +303,6 @@ def _blocks(group: np.ndarray, length: int) -> list[slice]:
         count = max(1, round((rows.stop - rows.start) / length))
         out += equal_parts(rows, count)
     return out
-
-
-def equal_parts(rows: slice, count: int) -> list[slice]:
-    """A slice cut into parts of about equal length, empty ones left out."""
-    edges = np.linspace(rows.start, rows.stop, count + 1).astype(int).tolist()
-    pairs = itertools.pairwise(edges)
-    return [slice(start, stop) for start, stop in pairs if stop > start]
 
 
 def several_groups(group: np.ndarray) -> list[slice]:

@@ -9,7 +9,6 @@ import numpy as np
 
 from gapscope.arm.errors import InputError
 from gapscope.ident.estimators.experiment import Experiment
-from gapscope.ident.estimators.kalman import Kalman
 from gapscope.ident.estimators.linear import (
     Estimate,
     Estimator,
@@ -34,6 +33,7 @@ from gapscope.ident.intervals import (
     block_jackknife,
     refit_jackknife,
 )
+from gapscope.ident.kalman import Kalman
 from gapscope.ident.model.base_parameters import BaseParameters
 from gapscope.ident.model.linear_problem import Problem
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -62,6 +63,12 @@ class Problem:
             self.interval,
             [each[chosen] for each in self.forms],
         )
+
+
+def equal_parts(rows: slice, count: int) -> list[slice]:
+    """A slice cut into parts of about equal length, empty ones left out."""
+    edges = np.linspace(rows.start, rows.stop, count + 1).astype(int).tolist()
+    return [slice(a, b) for a, b in pairwise(edges) if b > a]
 
 
 # Friction of drives as columns: direction of motion, its memory at rest, Stribeck and saturating friction.
