@@ -64,7 +64,7 @@ class Estimator(Protocol):
 ROUNDS = 100
 """Most rounds of estimating noise, or weights, and parameters in turn."""
 SETTLED = 1e-6
-"""They end before if parameters move by this share of their deviations, or the fitted torque by this of its size [1]."""
+"""They end before if parameters move by this share of their deviations, or the torque by this of its size [1]."""
 
 
 def whitened(problem: Problem, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
