@@ -37,7 +37,7 @@ from gapscope.ident.identification import Identification
 from gapscope.ident.intervals import GroupComparison, PredictedTorque
 from gapscope.ident.kalman import Departure, FilterReview, StatesAndFriction
 from gapscope.ident.model.base_parameters import EssentialParameters, orthonormal_base
-from gapscope.ident.model.friction import STRONGEST
+from gapscope.ident.model.friction import STRONGER
 from gapscope.ident.model.physical_parameters import LinkCheck
 from gapscope.model.change_findings import change_findings
 
@@ -325,7 +325,7 @@ def _settings(result: Identification) -> dict[str, Any]:
         "saturation_speeds": law.saturation_speeds,
         "presliding": law.presliding,
         "pull": choice.pull,
-        "strongest_pull": choice.pull >= STRONGEST,
+        "strongest_pull": choice.pull >= max(STRONGER),
         "tried": [
             {"what": what, "unseen_error": error} for what, error in choice.tried
         ],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -12,8 +12,8 @@ from scipy.linalg import cholesky
 from scipy.optimize import least_squares
 
 from gapscope.arm.motions.motion import Motion
-from gapscope.ident.model.friction import Choice
-from gapscope.ident.model.linear_problem import ModelColumns
+from gapscope.ident.model.base_parameters import TINY
+from gapscope.ident.model.friction import Choice, pulled_solution
 from gapscope.ident.model.physical_parameters import check_links, inconsistent
 from gapscope.ident.samples import PER_CUTOFF, Samples
 
@@ -55,7 +55,7 @@ class JointZeros:
     known: np.ndarray
     value: np.ndarray
     cost: tuple[float, float]
-    impossible: tuple[tuple[int, ...], tuple[int, ...]]
+    impossible: tuple[tuple[int, ...], ...]
 
     @property
     def asked(self) -> np.ndarray:
@@ -117,6 +117,10 @@ def estimate_zeros(samples: Samples, choice: Choice, penalty: np.ndarray) -> Joi
         max_nfev=MAX_EVALUATIONS,
     )
     without, final = at((0.0,) * n), at(tuple(found.x))
+    impossible = (
+        inconsistent(check_links(one.value[: columns.links]))
+        for one in (without, final)
+    )
     # a band of f Hz holds 2 f independent samples a second
     noise_scale = np.sqrt(max(final.cost / rows, 1e-12) * PER_CUTOFF / 2)
     determined = (final.spread < KNOWN * WIDTH) & (found.active_mask == 0)
@@ -128,17 +132,8 @@ def estimate_zeros(samples: Samples, choice: Choice, penalty: np.ndarray) -> Joi
         known=determined & bool(found.success),
         value=final.value,
         cost=(without.cost / rows, final.cost / rows),
-        impossible=(
-            _impossible(without.value, columns),
-            _impossible(final.value, columns),
-        ),
+        impossible=tuple(tuple(c.link for c in checks) for checks in impossible),
     )
-
-
-def _impossible(value: np.ndarray, columns: ModelColumns) -> tuple[int, ...]:
-    """Links whose parameters are those of no body, from 1."""
-    wrong = inconsistent(check_links(value[: columns.links]))
-    return tuple(check.link for check in wrong)
 
 
 class _Reduced(NamedTuple):
@@ -165,18 +160,12 @@ class _Reduced(NamedTuple):
         return np.sqrt(np.diag(np.linalg.inv(self.jacobian.T @ self.jacobian)))
 
 
-@dataclass(frozen=True)
 class _ZeroProblem:
     """Regularised least squares over parameters and offsets; see ``estimate_zeros``."""
 
-    samples: Samples
-    choice: Choice
-    weight: np.ndarray
-
-    @cached_property
-    def nominal(self) -> np.ndarray:
-        """x of the nominal arm, shape (p,)."""
-        return self.samples.columns.nominal(self.choice.law)
+    def __init__(self, samples: Samples, choice: Choice, weight: np.ndarray) -> None:
+        self.samples, self.choice, self.weight = samples, choice, weight
+        self.nominal = samples.columns.nominal(choice.law)
 
     def reduced(self, offset: np.ndarray) -> _Reduced:
         """The problem at some offsets, x eliminated by the triangular factor of [W, S, y]."""
@@ -185,7 +174,8 @@ class _ZeroProblem:
             replace(s.motion, q=s.motion.q - offset) for s in self.samples.segments
         ]
         equations = self._weighed(self._equations(motions))
-        value = self._best_value(equations.T @ equations)
+        gram = equations.T @ equations
+        value = pulled_solution(gram, 1, self.weight, self.nominal)
         slopes = self._weighed(self._slopes(motions, value))
         whole = np.hstack([equations[:, :-1], slopes, equations[:, -1:]])
         gram = whole.T @ whole
@@ -200,15 +190,6 @@ class _ZeroProblem:
         # rows below those of x hold what x cannot explain: [S, y] in n + 1 directions
         rest = factor[p:, p:]
         return _Reduced(value, rest[:, -1], -rest[:, :-1])
-
-    def _best_value(self, gram: np.ndarray) -> np.ndarray:
-        """The x of the smallest cost, from the Gram matrix of [W, y]."""
-        normal = gram[:-1, :-1] + np.diag(self.weight)
-        right = gram[:-1, -1] - gram[:-1, :-1] @ self.nominal
-        # columns differ by orders of magnitude: scaled to a unit diagonal
-        unit = 1.0 / np.sqrt(np.diag(normal))
-        scaled = normal * unit[:, None] * unit
-        return self.nominal + unit * np.linalg.solve(scaled, unit * right)
 
     def _weighed(self, parts: Iterable[np.ndarray]) -> np.ndarray:
         """Columns of each segment, (N, n, k), in the band, thinned, at unit noise, one row for each joint; (M n, k)."""
@@ -243,7 +224,7 @@ class _ZeroProblem:
 
 def _triangular(gram: np.ndarray) -> np.ndarray:
     """Upper triangular R with R^T R the Gram matrix, of columns that differ by orders of magnitude."""
-    unit = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
+    unit = np.sqrt(np.maximum(np.diag(gram), TINY))
     scaled = gram / unit[:, None] / unit
     # a little weight keeps the factor real where columns depend on each other to rounding
     return cholesky(scaled + 1e-13 * np.eye(len(gram))) * unit
