@@ -101,6 +101,8 @@ OFF = 0.1
 """Gains that fit better when scaled by more than this are wrong [1]."""
 EXPLAINED = 0.5
 """Share of the miss that other gains must explain before they are called wrong [1]."""
+UNCLIPPED = 0.999
+"""Torque below this share of its limit is not at it [1]."""
 SEEN = 0.01
 """Feedback below this share of the torque's spread is too small to test gains [1]."""
 
@@ -141,22 +143,32 @@ def check_controller(
     )
     free = np.ones(feedback.shape, dtype=bool)
     if limit is not None:
-        free = (np.abs(recording.tau) < 0.999 * limit)[edge : len(rows) - edge]
-    spread = recording.tau.std(axis=0).max()
-    found = []
-    for j in range(recording.n_joints):
-        rows_free = free[:, j]
-        found.append(
-            _joint(
-                recording,
-                j,
-                feedback[rows_free, j],
-                stiff[rows_free, j],
-                damped[rows_free, j],
-                spread,
+        below = np.abs(recording.tau) < UNCLIPPED * limit
+        free = below[edge : len(rows) - edge]
+    spread, found = recording.tau.std(axis=0), []
+    for j, rows_free in enumerate(free.T):
+        own, both = feedback[rows_free, j], (stiff[rows_free, j], damped[rows_free, j])
+        size, error = rms(own), rms(own - sum(both))
+        # too small to test gains, or within what noise may do
+        if size < SEEN * spread.max() or error < max(AGREES * size, NOISE * spread[j]):
+            continue
+        terms = np.stack(both, axis=1)
+        scale = np.linalg.lstsq(terms, own, rcond=None)[0]
+        # other gains that explain the torque: a wrong gain or unit; otherwise another controller
+        explained = rms(own - terms @ scale) < (1 - EXPLAINED) * error
+        if explained and np.abs(scale - 1).max() > OFF:
+            raise InputError(
+                f"the torque of joint {j + 1} fits kp times {scale[0]:.3g} and kd times {scale[1]:.3g}",
+                "correct the gains, or their unit, in controller:; a simulated closed loop needs those of the "
+                "recording",
+                file=recording.name,
+                where="controller.kp, controller.kd",
             )
+        found.append(
+            f"{recording.name}: {error / size:.0%} of the feedback torque of joint {j + 1} is not what the controller "
+            "commands; check feedforward, delay, and whether the recorded torque is the command"
         )
-    return [warning for warning in found if warning]
+    return found
 
 
 def _velocity(recording: Recording, controller: PD, commands: Commands) -> np.ndarray:
@@ -173,38 +185,3 @@ def _velocity(recording: Recording, controller: PD, commands: Commands) -> np.nd
         rule_of(recording, controller),
     )
     return np.array([filtered(row) for row in q])
-
-
-def _joint(
-    recording: Recording,
-    joint: int,
-    feedback: np.ndarray,
-    stiff: np.ndarray,
-    damped: np.ndarray,
-    spread: float,
-) -> str:
-    """A warning about one joint, or an empty string."""
-    assert recording.tau is not None
-    size = rms(feedback)
-    if size < SEEN * spread:
-        return ""
-    error = rms(feedback - (stiff + damped))
-    noise = NOISE * float(recording.tau[:, joint].std())
-    if error < max(AGREES * size, noise):
-        return ""
-    terms = np.stack([stiff, damped], axis=1)
-    scale = np.linalg.lstsq(terms, feedback, rcond=None)[0]
-    rescaled_error = rms(feedback - terms @ scale)
-    # other gains that explain the torque: a wrong gain or unit; otherwise another controller
-    other_gains = np.abs(scale - 1).max() > OFF
-    if other_gains and rescaled_error < (1 - EXPLAINED) * error:
-        raise InputError(
-            f"the torque of joint {joint + 1} fits kp times {scale[0]:.3g} and kd times {scale[1]:.3g}",
-            "correct the gains, or their unit, in controller:; a simulated closed loop needs those of the recording",
-            file=recording.name,
-            where="controller.kp, controller.kd",
-        )
-    return (
-        f"{recording.name}: {error / size:.0%} of the feedback torque of joint {joint + 1} is not what the controller "
-        "commands; check feedforward, delay, and whether the recorded torque is the command"
-    )

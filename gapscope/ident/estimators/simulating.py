@@ -15,7 +15,7 @@ from gapscope.arm.control import PD
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.recording import Recording
 from gapscope.arm.root_mean_square import rms
-from gapscope.ident.estimators.experiment import Experiment, diverged
+from gapscope.ident.estimators.experiment import Experiment
 from gapscope.ident.estimators.linear import Estimate, WeightedLeastSquares
 from gapscope.ident.intervals import Uncertainty, jackknife
 from gapscope.ident.model.base_parameters import BaseParameters
@@ -175,7 +175,12 @@ def _divergence(iteration: int) -> Iterator[None]:
     except InputError:
         raise
     except GapscopeError as error:
-        raise diverged(error, iteration) from error
+        raise GapscopeError(
+            f"the simulated arm diverged in iteration {iteration} ({error.message})",
+            "check (a) that gains, feedforward and reference are those of the recording, (b) that the start is near "
+            "the arm: take the estimate of a linear estimator, or the data sheet, as the prior, (c) that the motion "
+            "excites every parameter, so that no estimate makes the mass matrix negative",
+        ) from error
 
 
 def _estimate(
