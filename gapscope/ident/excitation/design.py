@@ -53,7 +53,6 @@ from gapscope.ident.excitation.trajectory_search import (
     TrajectorySearch,
     condition_number,
     evolution,
-    family,
     random_search,
     refinement,
     swarm,
@@ -91,33 +90,31 @@ def write_joint_trajectory(
     Positions, velocities and accelerations at about ``rate`` points per second, first and last sample included.
 
     Raises:
-        InputError: the number of names is not that of the joints.
         GapscopeError: the file cannot be written.
     """
-    if len(joints) != motion.q.shape[1]:
-        raise InputError(
-            f"{len(joints)} names for {motion.q.shape[1]} joints", where="joints"
-        )
     last = len(motion.t) - 1
     step = max(1, round(motion.rate / rate))
-    rows = np.unique([*range(0, last + 1, step), last])
-    lines = [
-        "header: {stamp: {sec: 0, nanosec: 0}, frame_id: ''}",
-        f"joint_names: [{', '.join(map(_quoted, joints))}]",
-        "points:",
-    ]
-    for i in rows:
-        nanoseconds = round(float(motion.t[i]) * 1e9)
-        sec, nanosec = divmod(nanoseconds, 10**9)
-        lines += [
-            f"- positions: {_numbers(motion.q[i])}",
-            f"  velocities: {_numbers(motion.dq[i])}",
-            f"  accelerations: {_numbers(motion.ddq[i])}",
-            "  effort: []",
-            f"  time_from_start: {{sec: {sec}, nanosec: {nanosec}}}",
-        ]
+    series = {
+        "positions": motion.q,
+        "velocities": motion.dq,
+        "accelerations": motion.ddq,
+    }
+    points = []
+    for i in np.unique([*range(0, last + 1, step), last]):
+        sec, nanosec = divmod(round(float(motion.t[i]) * 10**9), 10**9)
+        # no negative zeros
+        point = {name: (x[i].round(9) + 0.0).tolist() for name, x in series.items()}
+        stamp = {"sec": sec, "nanosec": nanosec}
+        points.append({**point, "effort": [], "time_from_start": stamp})
+    message = {
+        "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""},
+        "joint_names": list(joints),
+        "points": points,
+    }
+    dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+    text = yaml.dump(message, Dumper=dumper, sort_keys=False, default_flow_style=None)
     with atomic_write(path) as aside:
-        aside.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        aside.write_text(text, encoding="utf-8")
 
 
 def read_joint_trajectory(path: Path) -> Sampled:
@@ -131,14 +128,6 @@ def read_joint_trajectory(path: Path) -> Sampled:
         for key in ("positions", "velocities", "accelerations")
     )
     return Sampled(Motion(t, *series))
-
-
-def _numbers(values: np.ndarray) -> str:
-    return "[" + ", ".join(f"{value + 0.0:.9f}" for value in values.round(9)) + "]"
-
-
-def _quoted(name: str) -> str:
-    return "'" + name.replace("'", "''") + "'"
 
 
 # What was written is read back and checked at finer steps than it holds, as a controller would carry it out.
@@ -323,7 +312,8 @@ class ExcitationPlan:
 
     def family(self, n_joints: int) -> Family:
         """The family of trajectories for an arm of n joints."""
-        return family(self.kind, n_joints, self.length, self.order, self.frequency)
+        made = KINDS[self.kind]
+        return made(n_joints, self.length, self.order, self.frequency)
 
 
 @dataclass(frozen=True)
@@ -670,7 +660,7 @@ def _result(prepared: Prepared, accepted: Accepted, seconds: float) -> Excitatio
     return Excitation(
         reference=accepted.reference,
         motion=motion,
-        torque=search.model.torque(motion),
+        torque=final.torque(motion),
         margins=accepted.margins,
         condition=condition_number(model.matrix(few)),
         inertial_condition=condition_number(inertial),
