@@ -36,7 +36,7 @@ from gapscope.ident.examination import (
 from gapscope.ident.identification import Identification
 from gapscope.ident.intervals import GroupComparison, PredictedTorque
 from gapscope.ident.kalman import Departure, FilterReview, StatesAndFriction
-from gapscope.ident.model.base_parameters import EssentialParameters, orthonormal_base
+from gapscope.ident.model.base_parameters import EssentialParameters
 from gapscope.ident.model.friction import STRONGER
 from gapscope.ident.model.physical_parameters import LinkCheck
 from gapscope.model.change_findings import change_findings
@@ -60,9 +60,8 @@ def write_base(result: Identification, path: Path | str) -> None:
         GapscopeError: ``path`` cannot be written.
     """
     base, names = result.base, result.base.names
-    # C has full rank, so that its rows, padded to p, have the row space of the samples and no weak direction of theirs
-    padding = np.zeros((len(names) - base.count, len(names)))
-    orthonormal = orthonormal_base(np.vstack([base.combination, padding]), names)
+    # the row space of the samples
+    orthonormal = np.linalg.svd(base.combination, full_matrices=False)[2].T
     from_orthonormal = base.combination @ orthonormal
     back = np.zeros((len(names), base.count))
     back[base.kept] = np.eye(base.count)
