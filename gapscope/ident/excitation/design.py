@@ -51,12 +51,12 @@ from gapscope.ident.excitation.trajectory_search import (
     Separator,
     Signatures,
     TrajectorySearch,
-    condition_number,
     evolution,
     random_search,
     refinement,
     swarm,
 )
+from gapscope.ident.model.base_parameters import condition_number
 from gapscope.ident.model.regressor import JOINT_COLUMNS
 
 # An exciting trajectory into files: CSV in the columns of the case format, and a ROS ``JointTrajectory``.

@@ -29,7 +29,11 @@ from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.severity import draw
 from gapscope.ident.excitation.limits import Checker
-from gapscope.ident.model.base_parameters import TINY, random_states, structural_base
+from gapscope.ident.model.base_parameters import (
+    TINY,
+    random_states,
+    structural_base,
+)
 from gapscope.ident.model.regressor import JOINT_COLUMNS, Regressor
 
 # Families of trajectories, each q(t) = q0 + B(t) C: a basis over time, and coefficients C from free numbers.
@@ -349,15 +353,6 @@ class Criterion:
         scaled = flat / scale
         values, vectors = np.linalg.eigh(scaled.T @ scaled)
         return np.maximum(values, FLOOR * values[-1] + TINY), vectors, scaled, scale
-
-
-def condition_number(matrix: np.ndarray) -> float:
-    """Condition number of W, shape (N, n, b), with every column scaled to unit norm [1]; infinite for a zero column."""
-    flat = matrix.reshape(-1, matrix.shape[2])
-    norms = np.linalg.norm(flat, axis=0)
-    if (norms == 0).any():
-        return float("inf")
-    return float(np.linalg.cond(flat / norms))
 
 
 def _ends(least: float, largest: float) -> Callable[[int], np.ndarray]:

@@ -70,6 +70,13 @@ def unit_triangle(Y: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.n
     return np.where(full, rows, 0.0) / norms, norms
 
 
+def condition_number(matrix: np.ndarray) -> float:
+    """Condition number of W, shape (N, n, b), with every column scaled to unit norm [1]; infinite for a zero column."""
+    triangle = np.linalg.qr(matrix.reshape(-1, matrix.shape[2]), mode="r")
+    norms = np.linalg.norm(triangle, axis=0)
+    return float(np.linalg.cond(triangle / norms)) if norms.all() else float("inf")
+
+
 def rank_by_gap(spectrum: np.ndarray) -> int:
     """Number of values that are not nil, of a falling spectrum that starts near 1.
 
