@@ -154,8 +154,3 @@ class Assembly:
             np.repeat(np.arange(len(segments)), [len(x) for x in torques]),
             self.every / segments[0].motion.rate,
         )
-
-    def times(self, recording: Recording) -> np.ndarray:
-        """Times [s] of the samples that a recording contributes."""
-        segments = condition(recording, self.cutoff)
-        return np.concatenate([s.motion.t[s.inner][:: self.every] for s in segments])

@@ -15,8 +15,8 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.trajectory import urdf_limits
 from gapscope.ident.model.regressor import Regressor
 
-TINY = float(np.finfo(float).tiny)
-"""The least positive number of full precision: what would be divided by zero is divided by it."""
+TINY = float(np.sqrt(np.finfo(float).tiny))
+"""What would be divided by zero is divided by this: its square and its reciprocal are numbers yet."""
 
 # Numerical rank of a regressor: unit columns, and the gap in a spectrum.
 

@@ -30,7 +30,7 @@ from gapscope.ident.excitation.design import (
     read_joint_trajectory,
     write_joint_trajectory,
 )
-from gapscope.ident.excitation.limits import Allowed, Checker, check_sampling
+from gapscope.ident.excitation.limits import Allowed, Checker
 from gapscope.ident.excitation.trajectory_search import Budget
 from gapscope.reports.trajectory import write_trajectory
 
@@ -187,16 +187,6 @@ def test_margins_say_how_far_when_and_which(
     }
 
 
-def test_a_broken_limit_is_not_kept(
-    arm: NominalArm, body: RigidBody, limits: Limits
-) -> None:
-    q = np.array([[0.0, 1.6, 0.0]])
-    margins = checker(arm, body, limits).margins(
-        Motion(np.zeros(1), q, 0 * q, 0 * q), 0 * q
-    )
-    assert next(m.name for m in margins if not m.kept) == "position"
-
-
 @pytest.mark.parametrize(
     ("changed", "word"),
     [
@@ -262,14 +252,6 @@ def test_torque_limits_come_from_the_data_sheet_first(
     np.testing.assert_allclose(
         LimitPlan(torque=0.5).allowed(sheet, body).torque, [5.0, 10.0, 15.0]
     )
-
-
-def test_ten_samples_per_period_are_enough_and_fewer_are_not() -> None:
-    check_sampling(25.0, 2.5)
-    with pytest.raises(
-        InputError, match="24 samples per second.*25 Hz|highest frequency"
-    ):
-        check_sampling(24.0, 2.5)
 
 
 @pytest.mark.parametrize(
