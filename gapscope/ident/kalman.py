@@ -188,14 +188,16 @@ def follow(problem: Problem, openings: Sequence[Opening] = ()) -> Followed:
         noise, inflation = _noise(problem, residual)
     triangles = _triangles(problem, stretches, noise * np.sqrt(inflation))
     wandering = np.abs(batch) * [name[0] in WANDERS for name in problem.names]
-    least, level, track = np.inf, 0.0, None
-    for tried in LEVELS:
-        drift = tried * wandering
-        found = _filtered(problem, stretches, triangles, openings, drift)
-        error = _error_ahead(problem, stretches, found, noise)
-        if track is None or error < (1 - WORTH) * least:
-            least, level, track = error, tried, found
-    assert track is not None
+    tracks = [
+        _filtered(problem, stretches, triangles, openings, level * wandering)
+        for level in LEVELS
+    ]
+    errors = [_error_ahead(problem, stretches, track, noise) for track in tracks]
+    best = 0
+    for k, error in enumerate(errors):
+        if error < (1 - WORTH) * errors[best]:
+            best = k
+    level, track = LEVELS[best], tracks[best]
     innovation = _predicted_ahead(problem, stretches, track, 1) / noise
     return Followed(
         problem=problem,

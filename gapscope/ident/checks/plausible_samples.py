@@ -141,21 +141,22 @@ def check_controller(
     feedback, stiff, damped = (
         low_pass(x, rate, TORQUE_CUTOFF)[edge : len(rows) - edge] for x in terms
     )
-    free = np.ones(feedback.shape, dtype=bool)
+    free: np.ndarray = np.ones(feedback.shape, dtype=bool)
     if limit is not None:
         below = np.abs(recording.tau) < UNCLIPPED * limit
         free = below[edge : len(rows) - edge]
-    spread, found = recording.tau.std(axis=0), []
+    spread = recording.tau.std(axis=0)
+    found: list[str] = []
     for j, rows_free in enumerate(free.T):
         own, both = feedback[rows_free, j], (stiff[rows_free, j], damped[rows_free, j])
         size, error = rms(own), rms(own - sum(both))
         # too small to test gains, or within what noise may do
         if size < SEEN * spread.max() or error < max(AGREES * size, NOISE * spread[j]):
             continue
-        terms = np.stack(both, axis=1)
-        scale = np.linalg.lstsq(terms, own, rcond=None)[0]
+        columns = np.stack(both, axis=1)
+        scale = np.linalg.lstsq(columns, own, rcond=None)[0]
         # other gains that explain the torque: a wrong gain or unit; otherwise another controller
-        explained = rms(own - terms @ scale) < (1 - EXPLAINED) * error
+        explained = rms(own - columns @ scale) < (1 - EXPLAINED) * error
         if explained and np.abs(scale - 1).max() > OFF:
             raise InputError(
                 f"the torque of joint {j + 1} fits kp times {scale[0]:.3g} and kd times {scale[1]:.3g}",

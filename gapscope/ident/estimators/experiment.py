@@ -180,7 +180,8 @@ class Experiment:
         if key not in self._last:
             self._last.clear()
             body, plant = self.regressor.body, self.plant(beta)
-            limit, rolled = self.regressor.arm.torque_limit, {}
+            limit = self.regressor.arm.torque_limit
+            rolled: dict[int, RollOut] = {}
             for rule, members in self._alike.items():
                 commands, starts = zip(*map(self._begun, members), strict=True)
                 found = roll_outs(

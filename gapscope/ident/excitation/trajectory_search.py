@@ -118,8 +118,8 @@ class FourierFamily(Family):
 
     def reference(self, centre: np.ndarray, coefficients: np.ndarray) -> Fourier:
         """A Fourier series."""
-        parts = np.split(coefficients, 2)
-        return Fourier(centre, *parts, self.frequency, self.duration, RAMP)
+        sine, cosine = np.split(coefficients, 2)
+        return Fourier(centre, sine, cosine, self.frequency, self.duration, RAMP)
 
 
 class MultisineFamily(FourierFamily):
@@ -755,7 +755,7 @@ class TrajectorySearch:
     def _slacks(self, q: np.ndarray) -> list[np.ndarray]:
         """Slack of singular value and distance at q, (N, n), each (N,), over what counts as broken by all of it."""
         allowed, checker = self.checker.allowed, self.checker
-        singular = np.full(len(q), np.inf)
+        singular: np.ndarray = np.full(len(q), np.inf)
         if allowed.singular > 0:
             singular = checker.singular_value(q) / allowed.singular - 1
         distance = (checker.distance(q) - allowed.clearance) / DISTANCE_SCALE

@@ -512,7 +512,7 @@ class Equations(NamedTuple):
     gram: np.ndarray
     moment: np.ndarray
     square: float
-    count: float
+    rows: float
 
 
 @dataclass(frozen=True)
@@ -568,7 +568,7 @@ class Prior:
         w, share, noise = d * unit, self.share, np.exp(self.logs[-1])
         inverse = lapack.dtrtri(factor, lower=1)[0]
         posterior = (inverse**2).sum(axis=0)
-        count = share * equations.count
+        count = share * equations.rows
         cost = 0.5 * (share * equations.square / noise - scaled @ unit)
         cost += np.log(np.diag(factor)).sum() + 0.5 * count * self.logs[-1]
         by_size = 0.5 * np.bincount(self.part, 1.0 - posterior - unit**2)
@@ -1061,10 +1061,10 @@ def fit_residual(
             fit_residual(trajectories, replace(settings, apart=apart), progress)
             for apart in APART
         )
-        closed = strict[1].closed_apart | free[1].closed_apart
-        better = closed[free[1].apart] - closed[strict[1].apart] >= MIN_GAIN
+        by_apart = strict[1].closed_apart | free[1].closed_apart
+        better = by_apart[free[1].apart] - by_apart[strict[1].apart] >= MIN_GAIN
         network, report = free if better else strict
-        return network, replace(report, closed_apart=closed)
+        return network, replace(report, closed_apart=by_apart)
     rows = rows_of(trajectories, settings)
     folds = make_folds(rows.group, settings.members, rows.residual, rows.q)
     candidates = [
