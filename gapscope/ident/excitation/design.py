@@ -161,14 +161,6 @@ def check_written(
     motion = Motion(
         t, written.position(t), written.velocity(t), written.acceleration(t)
     )
-    _check_rest(motion, checker, path)
-    for margin in checker.margins(motion, checker.torque(motion)):
-        if not margin.kept:
-            raise _refusal(margin, path)
-
-
-def _check_rest(motion: Motion, checker: Checker, path: Path) -> None:
-    """Check that a motion starts and ends at rest; raises ``GapscopeError``."""
     limits, ends = checker.allowed.motion, [0, -1]
     for name, values, limit in (
         ("velocity", motion.dq, limits.velocity),
@@ -182,19 +174,18 @@ def _check_rest(motion: Motion, checker: Checker, path: Path) -> None:
                 f"{100 * share[end, joint]:.3g} % of its limit",
                 "report this: what is designed starts and ends at rest",
             )
-
-
-def _refusal(margin: Margin, path: Path) -> GapscopeError:
-    """What to say of a limit that does not hold."""
-    place, excess = "the arm", -float(np.min(margin.margin))
-    if margin.limit.ndim:
-        joint = int((margin.margin / margin.limit).argmin())
-        place, excess = f"joint {joint + 1}", -float(margin.margin[joint])
-    unit = "" if margin.unit == "1" else f" {margin.unit}"
-    return GapscopeError(
-        f"{path}: not written: {place} breaks its limit of {margin.name} by {excess:.3g}{unit} at {margin.at:.3f} s",
-        "raise --rate, or design it with lower limits",
-    )
+    for margin in checker.margins(motion, checker.torque(motion)):
+        if not margin.kept:
+            place, excess = "the arm", -float(np.min(margin.margin))
+            if margin.limit.ndim:
+                joint = int((margin.margin / margin.limit).argmin())
+                place, excess = f"joint {joint + 1}", -float(margin.margin[joint])
+            unit = "" if margin.unit == "1" else f" {margin.unit}"
+            raise GapscopeError(
+                f"{path}: not written: {place} breaks its limit of {margin.name} by {excess:.3g}{unit} at "
+                f"{margin.at:.3f} s",
+                "raise --rate, or design it with lower limits",
+            )
 
 
 # What kind of exciting trajectory is wanted.
@@ -245,15 +236,9 @@ class ExcitationPlan:
 
     def __post_init__(self) -> None:
         """Check the names and numbers, and that the rate fits the frequencies."""
-        self._check_names()
-        self._check_numbers()
-        check_sampling(self.rate, self.family(1).highest_frequency)
-
-    def _check_names(self) -> None:
         check_known("kind of trajectory", self.kind, KINDS, where="kind")
-        check_known(
-            "criterion", self.criterion, [*CRITERIA, "separation"], where="criterion"
-        )
+        criteria = [*CRITERIA, "separation"]
+        check_known("criterion", self.criterion, criteria, where="criterion")
         if self.optimiser is not None:
             check_known("optimiser", self.optimiser, OPTIMISERS, where="optimiser")
         if self.criterion == "separation" and len(self.effects) < 2:
@@ -268,8 +253,6 @@ class ExcitationPlan:
                 "use cma, swarm or random",
                 where="optimiser",
             )
-
-    def _check_numbers(self) -> None:
         if not (self.order >= 1 and self.order == int(self.order)):
             raise InputError(
                 f"{self.order:g} is no number of harmonics",
@@ -293,6 +276,7 @@ class ExcitationPlan:
                 where="duration",
             )
         check_sample_count(length, max(self.rate, CHECKED_RATE))
+        check_sampling(self.rate, self.family(1).highest_frequency)
 
     @property
     def length(self) -> float:
@@ -416,8 +400,21 @@ def binding_limit(
         x: its numbers, shape (d,).
         condition: its condition number [1].
     """
-    widened = [BindingLimit(name, _widened(search, x, name)) for name in OPTIONS]
-    best = min(widened, key=lambda found: found.condition)
+    space, found = search.parametrisation, []
+    t = np.linspace(0.0, space.family.duration, SAMPLES)
+    for name in OPTIONS:
+        limits = space.limits
+        if name == "position":
+            middle = (limits.upper + limits.lower) / 2
+            half = WIDER * (limits.upper - limits.lower) / 2
+            limits = limits._replace(lower=middle - half, upper=middle + half)
+        else:
+            limits = limits._replace(**{name: WIDER * getattr(limits, name)})
+        wider = Parametrisation(space.family, limits)
+        motion = wider.motion(x, t, space.family.basis(t))
+        of_wider = condition_number(search.model.matrix(motion))
+        found.append(BindingLimit(name, of_wider))
+    best = min(found, key=lambda one: one.condition)
     return best if WORTH * best.condition <= condition else None
 
 
@@ -440,24 +437,6 @@ def check_condition(search: TrajectorySearch, x: np.ndarray, condition: float) -
             problem, remedy, where="limits" if binding is None else binding.limit
         )
     warnings.warn(f"{problem}; {remedy}", ModelWarning, stacklevel=3)
-
-
-def _widened(search: TrajectorySearch, x: np.ndarray, name: str) -> float:
-    """Condition number of the candidate were one limit ``WIDER`` [1]."""
-    space = search.parametrisation
-    t = np.linspace(0.0, space.family.duration, SAMPLES)
-    wider = Parametrisation(space.family, _wider(space.limits, name))
-    motion = wider.motion(x, t, space.family.basis(t))
-    return condition_number(search.model.matrix(motion))
-
-
-def _wider(limits: Limits, name: str) -> Limits:
-    """Limits with one of them ``WIDER``."""
-    if name != "position":
-        return limits._replace(**{name: WIDER * getattr(limits, name)})
-    middle = (limits.upper + limits.lower) / 2
-    half = WIDER * ((limits.upper - limits.lower) / 2)
-    return limits._replace(lower=middle - half, upper=middle + half)
 
 
 # From an arm and a plan to the best trajectory found, checked at every sample.
