@@ -36,7 +36,7 @@ from gapscope.ident.identification import Identification
 from gapscope.ident.intervals import PredictedTorque
 from gapscope.ident.kalman import FilterReview, StatesAndFriction, Track
 from gapscope.ident.model.base_parameters import TINY
-from gapscope.ident.model.friction import STRONGER
+from gapscope.ident.model.friction import PULLS
 from gapscope.ident.model.physical_parameters import LinkCheck
 from gapscope.model.change_findings import change_findings
 
@@ -271,7 +271,7 @@ def document(
         "base": _base(result),
         **examined_document(result.examined, result.predicted),
         "changes": [_change(entry) for entry in change_findings(result.changes)],
-        "filter": filter_document(result.filtered, result.base.expressions(1e-4)),
+        "filter": filter_document(result.filtered, result.base.expressions()),
         "states_and_friction": states_document(result.states),
         "parameters": result.recovered,
         "links": [
@@ -307,7 +307,7 @@ def _settings(result: Identification) -> dict[str, Any]:
         "saturation_speeds": law.saturation_speeds,
         "presliding": law.presliding,
         "pull": choice.pull,
-        "strongest_pull": choice.pull >= max(STRONGER),
+        "strongest_pull": choice.pull >= max(PULLS),
         "tried": [
             {"what": what, "unseen_error": error} for what, error in choice.tried
         ],
@@ -318,7 +318,7 @@ def _base(result: Identification) -> dict[str, Any]:
     base, value = result.base, result.estimate.value
     low, high = result.uncertainty.interval(value)
     columns = {
-        "expression": base.expressions(1e-4),
+        "expression": base.expressions(),
         "value": value,
         "std": result.uncertainty.deviation,
         "interval": np.column_stack([low, high]),

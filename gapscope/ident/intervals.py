@@ -139,6 +139,8 @@ def model_error(
 # Both methods here use the scores g_i = W_i^T S^-1 e_i, shape (b,), of samples i as they follow each other.
 
 
+LEVEL = 0.95
+"""Share of parameters, and of samples of torque, that an interval is to hold [1]."""
 MAX_BLOCKS = 200
 """Blocks of the jackknife; more only take longer, as Student's t is normal by then [1]."""
 
@@ -165,11 +167,10 @@ class Uncertainty:
         """Standard errors, shape (b,)."""
         return np.sqrt(np.diag(self.covariance).clip(0.0))
 
-    def interval(
-        self, value: np.ndarray, level: float = 0.95
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def interval(self, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper end of each parameter's interval, by Student's t; each of shape (b,)."""
-        half = student.ppf(0.5 + level / 2, max(self.freedom, 1.0)) * self.deviation
+        quantile = student.ppf(0.5 + LEVEL / 2, max(self.freedom, 1.0))
+        half = quantile * self.deviation
         return value - half, value + half
 
 
@@ -185,7 +186,7 @@ def block_length(scores: np.ndarray, group: np.ndarray) -> int:
         group: shape (N,).
     """
     n = len(scores)
-    lags = min(n - 1, max(20, int(2 * np.sqrt(n)) + 50))
+    lags = min(n - 1, int(2 * np.sqrt(n)) + 50)
     covariance = autocovariance(scores - scores.mean(axis=0), group, lags)
     stay = max(5, int(np.sqrt(np.log10(n))))
     lengths = []
@@ -446,9 +447,7 @@ class TorqueInterval:
     error: ModelError
     warnings: tuple[str, ...]
 
-    def half_width(
-        self, matrix: np.ndarray, level: float = 0.95, *, recorded: bool = False
-    ) -> np.ndarray:
+    def half_width(self, matrix: np.ndarray, *, recorded: bool = False) -> np.ndarray:
         """Half the width of the interval [N m], shape (N, n), about W beta.
 
         t sqrt(v + s^2), v = W C W^T with the parameters' covariance C, and the model error s of each joint. Student's
@@ -457,7 +456,6 @@ class TorqueInterval:
 
         Args:
             matrix: W of the other trajectory, shape (N, n, b).
-            level: share of samples that the interval is to hold [1].
             recorded: of the torque as it would be recorded, noise included, instead of the torque itself.
         """
         # what the form moves in the parameters it gives back in torque; what it leaves there is model error
@@ -473,7 +471,7 @@ class TorqueInterval:
         parts = np.maximum(own_part + systematic_part, TINY)
         freedom = np.maximum(variance**2 / parts, 1.0)
         noise = self.error.noise**2 if recorded else 0.0
-        return student.ppf(0.5 + level / 2, freedom) * np.sqrt(variance + noise)
+        return student.ppf(0.5 + LEVEL / 2, freedom) * np.sqrt(variance + noise)
 
 
 @dataclass(frozen=True)
@@ -494,7 +492,7 @@ class PredictedTorque:
 
 
 def predicted_torque(
-    interval: TorqueInterval, problem: Problem, beta: np.ndarray, level: float = 0.95
+    interval: TorqueInterval, problem: Problem, beta: np.ndarray
 ) -> PredictedTorque:
     """Intervals on recordings that were not fitted, and how many of their samples lie within.
 
@@ -502,14 +500,12 @@ def predicted_torque(
         interval: of the model.
         problem: other recordings in the same base columns.
         beta: what is predicted with, shape (b,).
-        level: share of samples that an interval is to hold [1].
     """
     own, recorded = (
-        interval.half_width(problem.matrix, level, recorded=noisy)
-        for noisy in (False, True)
+        interval.half_width(problem.matrix, recorded=noisy) for noisy in (False, True)
     )
     inside = np.abs(problem.residual(beta)) <= recorded
-    return PredictedTorque(level, rms(own), rms(recorded), inside.mean(axis=0))
+    return PredictedTorque(LEVEL, rms(own), rms(recorded), inside.mean(axis=0))
 
 
 def torque_interval(

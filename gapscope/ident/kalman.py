@@ -22,7 +22,7 @@ from gapscope.ident.estimators.linear import (
     whitened,
 )
 from gapscope.ident.examination import Whiteness, band_correlation, whiteness
-from gapscope.ident.model.base_parameters import TINY, Factor
+from gapscope.ident.model.base_parameters import TINY, WORTH, Factor
 from gapscope.ident.model.linear_problem import Problem, equal_parts
 from gapscope.ident.model.regressor import Regressor
 from gapscope.ident.samples import Samples
@@ -104,8 +104,6 @@ WANDERS = "bcdso"
 """First letters of the parameters that may wander: friction and offsets warm up; masses and rotors stay."""
 LEVELS = (0.0, 0.003, 0.01, 0.03, 0.1)
 """Process noise tried: share of its value by which a parameter wanders in one second [1/sqrt(s)]."""
-WORTH = 0.02
-"""Process noise has to lower the squared error of the torque predicted ahead by this share [1]."""
 AHEAD = 1.0
 """Stretches are predicted from those that end this long before [s]: errors of the model last for less."""
 SETTLED = 1 / 3

@@ -19,6 +19,7 @@ from gapscope.ident.estimators.linear import (
     TotalLeastSquares,
     TruncatedSvd,
     WeightedLeastSquares,
+    least_noise,
 )
 from gapscope.ident.estimators.physical import ConsistentSdp, LogCholesky
 from gapscope.ident.estimators.simulating import (
@@ -97,10 +98,8 @@ def method(name: str) -> Method:
 def _by_joint(
     problem: Problem, estimator: Estimator, estimate: Estimate
 ) -> Uncertainty:
-    least = 1e-9 * max(float(estimate.residual.max()), 1e-300)
-    return block_jackknife(
-        problem, estimate.value, np.diag(np.maximum(estimate.residual, least) ** -2.0)
-    )
+    noise = least_noise(estimate.residual, float(np.abs(problem.torque).max()))
+    return block_jackknife(problem, estimate.value, np.diag(noise**-2.0))
 
 
 def _unweighted(

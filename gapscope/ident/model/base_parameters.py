@@ -18,6 +18,9 @@ from gapscope.ident.model.regressor import Regressor
 TINY = float(np.sqrt(np.finfo(float).tiny))
 """What would be divided by zero is divided by this: its square and its reciprocal are numbers yet."""
 
+WORTH = 0.02
+"""A richer model has to lower an error on other data by this share; a poorer one may raise it by as much [1]."""
+
 # Numerical rank of a regressor: unit columns, and the gap in a spectrum.
 
 
@@ -28,7 +31,7 @@ DEPENDENT = 2e-5
 decimals make directions of up to 5e-6, which no recording resolves."""
 CLEAR_GAP = 1e3
 """Ratio of two neighbours in a spectrum from which the rank is certain."""
-FLOOR = 1e-16
+FLOOR = float(np.finfo(float).eps)
 """Values of a spectrum below this are rounding."""
 
 
@@ -150,6 +153,10 @@ class Factor:
 
 ACCELERATION = 5.0
 """Typical acceleration of random states [rad/s^2]."""
+STATES = 300
+"""Random states from which what an arm shows is found, whatever its recordings excite."""
+NEGLIGIBLE = 1e-4
+"""Factors smaller than this, or as near to 1, are not written."""
 _CLEAN = 1e-9
 _SPAN = 1e-4
 
@@ -212,14 +219,14 @@ class BaseParameters:
         """The pi nearest to a prior, shape (p,), that gives the same torque as beta (least squares)."""
         return prior + np.linalg.pinv(self.combination) @ (beta - self.of(prior))
 
-    def expressions(self, tolerance: float = 1e-6) -> tuple[str, ...]:
+    def expressions(self) -> tuple[str, ...]:
         """Each base parameter as a readable combination, ``mx2 + 0.5 m3``, its kept one first; shape (b,)."""
         out = []
         for kept, row in zip(self.kept.tolist(), self.combination, strict=True):
             parts = [self.names[kept]]
-            for place in np.flatnonzero(np.abs(row) > tolerance):
+            for place in np.flatnonzero(np.abs(row) > NEGLIGIBLE):
                 sign, size = "-" if row[place] < 0 else "+", abs(row[place])
-                factor = "" if abs(size - 1) <= tolerance else f"{size:.6g} "
+                factor = "" if abs(size - 1) <= NEGLIGIBLE else f"{size:.6g} "
                 if place != kept:
                     parts.append(f"{sign} {factor}{self.names[place]}")
             out.append(" ".join(parts))
@@ -274,17 +281,14 @@ def base_parameters(Y: np.ndarray, names: Sequence[str]) -> BaseParameters:
     )
 
 
-def structural_base(
-    regressor: Regressor, rng: np.random.Generator, samples: int = 300
-) -> BaseParameters:
+def structural_base(regressor: Regressor, rng: np.random.Generator) -> BaseParameters:
     """Base parameters of an arm, whatever its recordings excite: of random states within the arm's limits.
 
     Args:
         regressor: of the arm, with the columns wanted.
         rng: source of the states.
-        samples: number N of states; at least p / n.
     """
-    states = random_states(regressor, rng, samples)
+    states = random_states(regressor, rng, STATES)
     return base_parameters(regressor.matrix(states), regressor.names)
 
 
@@ -339,8 +343,6 @@ DEVIATION = 0.3
 """A parameter with a larger relative standard deviation than this is not known from the recording [1]."""
 CONTRIBUTION = 1e-3
 """A parameter that explains a smaller part of the RMS torque than this is negligible [1]."""
-GROWTH = 0.02
-"""All that is dropped together may raise the residual by no more than this part of it [1]."""
 
 
 @dataclass(frozen=True)
@@ -385,7 +387,7 @@ def essential_parameters(
     Each step drops the parameter with the largest relative deviation sigma_k / |beta_k|, which is also the one whose
     loss raises the sum of squares least, by beta_k^2 / [(R^T R)^-1]_kk, and fits again. It ends when the next one
     is known to ``DEVIATION`` and explains ``CONTRIBUTION`` of the torque, or when the residual would
-    have grown by more than ``GROWTH`` in all (or beyond ``CONTRIBUTION`` of the torque, if there is hardly any).
+    have grown by more than ``WORTH`` in all (or beyond ``CONTRIBUTION`` of the torque, if there is hardly any).
 
     Args:
         factor: of the base columns and the torque, full rank; weighted, if joints differ in noise.
@@ -406,7 +408,7 @@ def essential_parameters(
     before = np.sqrt(factor.rest)
     torque = float(np.hypot(np.linalg.norm(factor.rotated), before))
     # a residual of almost nothing may grow by more than a share of itself
-    limit = max((1 + GROWTH) * before, CONTRIBUTION * torque)
+    limit = max((1 + WORTH) * before, CONTRIBUTION * torque)
     places = list(range(len(names)))
     dropped: list[Dropped] = []
     current = factor
@@ -493,7 +495,7 @@ def recoveries(
     inside = np.einsum("pb,bp->p", inverse, base.combination)
     size = np.linalg.norm(base.combination, axis=0)
     deviations = np.sqrt(np.einsum("pb,bc,pc->p", inverse, covariance, inverse).clip(0))
-    expressions = base.expressions(1e-4)
+    expressions = base.expressions()
     out = []
     for j, name in enumerate(base.names):
         deviation: float | None = None

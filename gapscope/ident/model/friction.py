@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gapscope.arm.root_mean_square import rms
+from gapscope.ident.model.base_parameters import WORTH
 from gapscope.ident.model.linear_problem import (
     PRESLIDING_DISTANCES,
     SATURATION_SHARES,
@@ -141,14 +142,10 @@ def stretches(group: np.ndarray) -> list[slice]:
 # Form of the friction and strength of the pull to the nominal arm, chosen by validation inside the fitted samples.
 
 
-WORTH = 0.02
-"""A friction law with more parameters must lower the error on held-out stretches by this share."""
 EXCEEDED = 3.0
 """Every moving drive must be faster at times than a Stribeck speed by this factor."""
-PULLS = (1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0)
+PULLS = np.logspace(-4, 4, 9)
 """Strengths of the pull to the nominal arm that are tried [1]."""
-STRONGER = (1e2, 1e3, 1e4)
-"""If the strongest of them predicts best, these are tried too [1]."""
 
 
 @dataclass(frozen=True)
@@ -178,7 +175,7 @@ def choose(
         nonlinear: whether a Stribeck term, or one that saturates with speed, may be chosen.
         presliding: whether friction that keeps its direction at rest may be chosen.
     """
-    law, pull = FrictionLaw(), PULLS[1]
+    law, pull = FrictionLaw(), float(PULLS[1])
     noise = joint_noise(samples, law, pull)
     trials = FrictionTrials(samples, noise)
     best = _error(trials, law, pull)
@@ -201,14 +198,10 @@ def choose(
     # the pull is chosen last: it depends little on the form of the friction
     noise = joint_noise(samples, law, pull)
     mse = FrictionTrials(samples, noise).held_out(law)
-    errors: dict[float, float] = {}
-    for value in (*PULLS, *STRONGER):
-        # beyond ``PULLS`` as long as a stronger one is better
-        if value in STRONGER and min(errors, key=lambda p: errors[p]) < max(errors):
-            break
-        errors[value] = float(np.sqrt(mse(value).mean()))
-    tried += [(f"{law}; pull {value:g}", error) for value, error in errors.items()]
-    pull = min(errors, key=lambda value: errors[value])
+    errors = [float(np.sqrt(mse(value).mean())) for value in PULLS]
+    pairs = zip(PULLS, errors, strict=True)
+    tried += [(f"{law}; pull {value:g}", error) for value, error in pairs]
+    pull = float(PULLS[np.argmin(errors)])
     noise = joint_noise(samples, law, pull)
     return Choice(law=law, pull=pull, noise=noise, tried=tuple(tried))
 

@@ -40,9 +40,8 @@ def _basis() -> np.ndarray:
 
 BASIS = _basis()
 """B, shape (10, 4, 4): J = sum_k pi_k B_k."""
-_DUAL = np.linalg.solve(
-    np.einsum("kab,lab->kl", BASIS, BASIS), BASIS.reshape(10, 16)
-).reshape(10, 4, 4)
+_FLAT = BASIS.reshape(len(BASIS), -1)
+_DUAL = np.linalg.solve(_FLAT @ _FLAT.T, _FLAT).reshape(BASIS.shape)
 
 
 def pseudo_inertia(parameters: np.ndarray) -> np.ndarray:

@@ -35,9 +35,9 @@ from gapscope.effects.residual import (
     nearest,
     part_of_each,
 )
-from gapscope.ident.model.base_parameters import TINY
+from gapscope.ident.model.base_parameters import TINY, WORTH
 from gapscope.ident.model.regressor import JOINT_COLUMNS, Regressor
-from gapscope.ident.samples import split
+from gapscope.ident.samples import PER_CUTOFF, split
 from gapscope.model.conditioning import (
     TORQUE_CUTOFF,
     Segment,
@@ -299,8 +299,6 @@ def _places(applied: AppliedEffect) -> list[tuple[str, int]]:
 # What a residual network is trained on: trajectories with the residual of their torque, and their rows.
 
 
-PER_CUTOFF = 4.0
-"""Rows per period of the cut-off; more hold no further information."""
 EDGE = 0.2
 """Time left out at both ends of a block [s], so that what lies in one is no neighbour of what lies in another."""
 
@@ -431,7 +429,7 @@ def rows_of(
     """Rows of trajectories as a network sees them."""
     group = groups(trajectories, settings.members)
     residual = np.concatenate([x.residual[x.rows] for x in trajectories])
-    scale = np.maximum(np.sqrt((residual**2).mean(axis=0)), 1e-9)
+    scale = rms(residual) + TINY
     weighted = residual / scale
     inputs = _inputs(trajectories, settings)
     windows = np.concatenate(
@@ -478,7 +476,7 @@ def _inputs(trajectories: Sequence[Trajectory], settings: ResidualSettings) -> I
         taps=settings.taps,
         spacing=SPACING,
         mean=mean,
-        std=np.maximum(np.maximum(std, least), 1e-9),
+        std=np.maximum(std, least) + TINY,
     )
 
 
@@ -583,10 +581,6 @@ class Prior:
 
 QUIET = 0.1
 """A recording weighs as if its RMS were at least this share of the loudest one's."""
-MIN_GAIN = 0.02
-"""A form that closes less than this share of the squares held out of a joint, less its error, gets no say there."""
-MAX_LOSS = 0.02
-"""A form may add no more than this share to the squares of a joint in any group that it did not see."""
 GAINS = np.linspace(0.05, 1.0, 20)
 """Factors tried on a joint's output."""
 
@@ -686,21 +680,21 @@ def usefulness(
     """Share of the squares closed on rows held out, mean over the groups, and the factor for it; each (n,).
 
     The factor on a joint's output is the one of ``GAINS`` with the largest share, less its standard error over the
-    groups, at which no group is left with more than ``MAX_LOSS`` above its squares. It is 0 if that share less its
-    error is below ``MIN_GAIN``.
+    groups, at which no group is left with more than ``WORTH`` above its squares. It is 0 if that share less its
+    error is below ``WORTH``.
 
     Args:
         shares: of each group, at each factor, see ``shares_closed``.
-        strict: every group by itself must close ``MIN_GAIN`` after that error is taken off: a motion that is in none
+        strict: every group by itself must close ``WORTH`` after that error is taken off: a motion that is in none
             of the groups is then likely to gain as well.
     """
     worst, mean = shares.min(axis=0), shares.mean(axis=0)
     error = shares.std(axis=0, ddof=1) / np.sqrt(len(shares))
-    harmless = worst - error >= MIN_GAIN if strict else worst >= -MAX_LOSS
+    harmless = worst - error >= WORTH if strict else worst >= -WORTH
     certain = np.where(harmless, mean - error, 0.0)
     best = certain.argmax(axis=1)
     joints = np.arange(len(best))
-    of_use = certain[joints, best] >= MIN_GAIN
+    of_use = certain[joints, best] >= WORTH
     return (
         np.where(of_use, mean[joints, best], 0.0),
         np.where(of_use, GAINS[best], 0.0),
@@ -1062,7 +1056,7 @@ def fit_residual(
             for apart in APART
         )
         by_apart = strict[1].closed_apart | free[1].closed_apart
-        better = by_apart[free[1].apart] - by_apart[strict[1].apart] >= MIN_GAIN
+        better = by_apart[free[1].apart] - by_apart[strict[1].apart] >= WORTH
         network, report = free if better else strict
         return network, replace(report, closed_apart=by_apart)
     rows = rows_of(trajectories, settings)
