@@ -10,6 +10,7 @@ from scipy.signal import butter, sosfreqz
 from scipy.stats import chi2
 
 from gapscope.ident.intervals import (
+    DOUBT,
     GroupComparison,
     TorqueInterval,
 )
@@ -111,8 +112,6 @@ MOVING = 0.05
 """A joint moves when it is faster than this [rad/s]."""
 LAGS = 20
 """Lags of the test for whiteness."""
-LEVEL = 1e-3
-"""Noise alone fails the test this often."""
 Predict = Callable[[Segment], np.ndarray]
 
 
@@ -154,7 +153,7 @@ class Whiteness:
     @property
     def white(self) -> np.ndarray:
         """Joints whose residual may be noise, shape (n,)."""
-        return self.p_value > LEVEL
+        return self.p_value > DOUBT
 
 
 @dataclass(frozen=True)

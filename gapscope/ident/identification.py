@@ -38,6 +38,7 @@ from gapscope.ident.intervals import (
 )
 from gapscope.ident.kalman import FilterReview, StatesAndFriction, follow_states, review
 from gapscope.ident.model.base_parameters import (
+    STATES,
     BaseParameters,
     EssentialParameters,
     Factor,
@@ -261,7 +262,7 @@ def _examine(fitted: FittedParameters, estimator: Estimator) -> Examination:
 
 def _structural(columns: ModelColumns, law: FrictionLaw) -> BaseParameters:
     """Base parameters of the arm, whatever its recordings excite."""
-    states = random_states(columns.regressor, np.random.default_rng(0), 300)
+    states = random_states(columns.regressor, np.random.default_rng(0), STATES)
     # the states do not follow from one another, so that no direction can be kept from one to the next
     law = replace(law, presliding=None)
     return base_parameters(columns.matrix(states, law), columns.names(law))

@@ -26,14 +26,13 @@ from gapscope.effects.applied import AppliedEffect, drives_with
 from gapscope.ident.estimators.by_name import method
 from gapscope.ident.examination import (
     CONDITION_LIMIT,
-    LEVEL,
     MOVING,
     Examination,
     Validation,
     Whiteness,
 )
 from gapscope.ident.identification import Identification
-from gapscope.ident.intervals import PredictedTorque
+from gapscope.ident.intervals import DOUBT, PredictedTorque
 from gapscope.ident.kalman import FilterReview, StatesAndFriction, Track
 from gapscope.ident.model.base_parameters import TINY
 from gapscope.ident.model.friction import PULLS
@@ -238,7 +237,7 @@ def _whiteness(white: Whiteness) -> dict[str, Any]:
     return {
         "ljung_box": white.statistic,
         "p_value": white.p_value,
-        "level": LEVEL,
+        "level": DOUBT,
         "white": white.white,
         "largest_autocorrelation": white.largest,
         "bound": white.bound,

@@ -56,8 +56,7 @@ class Band:
 
     def thinned(self, series: np.ndarray, segment: Segment) -> np.ndarray:
         """The same at every ``step``-th of these samples, at a fraction of the cost; in arrays of its own."""
-        rows, flat = self.rows(segment), series.reshape(len(series), -1)
-        kept = slice(rows.start, rows.stop, self.step(segment))
+        flat, kept = series.reshape(len(series), -1), self.kept(segment)
         present = flat.any(axis=0)
         some = low_passed_rows(flat[:, present], segment.motion.rate, self.cutoff, kept)
         out = np.zeros((len(some), flat.shape[1]))
@@ -67,6 +66,11 @@ class Band:
     def rows(self, segment: Segment) -> slice:
         """The samples of a segment that count."""
         return segment.inner if self.trim else slice(0, len(segment.motion.t))
+
+    def kept(self, segment: Segment) -> slice:
+        """Those of them that are kept to fit."""
+        rows = self.rows(segment)
+        return slice(rows.start, rows.stop, self.step(segment))
 
     def step(self, segment: Segment) -> int:
         """Every which sample is kept to fit."""
@@ -116,18 +120,15 @@ class Samples:
         self.columns = columns
         self.segments = list(segments)
         self.band = band
-        kept = [
-            (s.motion.t, s.motion.dq, s.measured, slice(r.start, r.stop, band.step(s)))
-            for s, r in ((s, band.rows(s)) for s in self.segments)
-        ]
-        self.times, self.velocity, self.measured = (
-            np.concatenate([own[k][own[3]] for own in kept]) for k in range(3)
-        )
+        kept = [(s, band.kept(s)) for s in self.segments]
+        self.times = np.concatenate([s.motion.t[rows] for s, rows in kept])
+        self.velocity = np.concatenate([s.motion.dq[rows] for s, rows in kept])
+        self.measured = np.concatenate([s.measured[rows] for s, rows in kept])
         self.smooth = self.filtered_each(columns.smooth)
         self.torque = self._stack(
             np.asarray(s.torque) - s.known_torque(columns.body) for s in self.segments
         )
-        lengths = [len(t[rows]) for t, _, _, rows in kept]
+        lengths = [len(s.motion.t[rows]) for s, rows in kept]
         self.group = np.repeat(np.arange(len(lengths)), lengths)
         first = self.segments[0]
         self.interval = band.step(first) / first.motion.rate

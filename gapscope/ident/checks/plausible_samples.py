@@ -101,8 +101,8 @@ OFF = 0.1
 """Gains that fit better when scaled by more than this are wrong [1]."""
 EXPLAINED = 0.5
 """Share of the miss that other gains must explain before they are called wrong [1]."""
-UNCLIPPED = 0.999
-"""Torque below this share of its limit is not at it [1]."""
+AT_LIMIT = 0.99
+"""Share of its limit from which a torque is at it [1]."""
 SEEN = 0.01
 """Feedback below this share of the torque's spread is too small to test gains [1]."""
 
@@ -143,7 +143,7 @@ def check_controller(
     )
     free: np.ndarray = np.ones(feedback.shape, dtype=bool)
     if limit is not None:
-        below = np.abs(recording.tau) < UNCLIPPED * limit
+        below = np.abs(recording.tau) < AT_LIMIT * limit
         free = below[edge : len(rows) - edge]
     spread = recording.tau.std(axis=0)
     found: list[str] = []

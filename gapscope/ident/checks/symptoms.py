@@ -9,6 +9,7 @@ from scipy.ndimage import binary_opening
 from scipy.signal import welch
 
 from gapscope.arm.recording import Recording
+from gapscope.ident.checks.plausible_samples import AT_LIMIT
 from gapscope.ident.model.base_parameters import TINY
 from gapscope.ident.model.friction import Choice
 from gapscope.model.conditioning import uniform
@@ -18,8 +19,6 @@ from gapscope.model.conditioning import uniform
 
 SAME = 1e-6
 """Torques that differ by less than this share are the same [1]."""
-NEARLY = 0.99
-"""Share of its limit from which a torque is at it [1]."""
 FLAT = 3
 """Equal samples in a row at a joint's largest torque that count as clipped."""
 
@@ -87,7 +86,7 @@ def clipped(recordings: Sequence[Recording], limit: np.ndarray | None) -> np.nda
             # samples that are part of at least ``FLAT`` in a row
             at_limit = binary_opening(extreme, np.ones(FLAT))
             if limit is not None:
-                at_limit |= np.abs(x) >= NEARLY * limit[j]
+                at_limit |= np.abs(x) >= AT_LIMIT * limit[j]
             share[j] += at_limit.sum() / total
     return share
 

@@ -519,92 +519,45 @@ class TruncatedSvd:
 # Total least squares: the regressor has errors too, since velocity and acceleration come from noisy positions.
 
 
+UNTOLD = 1e-8
+"""Least share of the torque in the direction with the least error [1]."""
+
+
 @dataclass(frozen=True)
 class TotalLeastSquares:
     """Minimises |[dW D^-1, dtau / s]|_F^2 with (W + dW) beta = tau + dtau, by the least right singular vector.
 
-    D and s are the standard deviations of the errors in the columns and in the torque. Columns without error are
-    eliminated first (mixed least squares and total least squares). The answer is consistent if rows have
-    independent errors of these relative sizes; with the default, equal relative error of every column, it is only as
-    good as that assumption.
+    D and s are the RMS of the columns and of the torque: the answer is consistent if rows have independent errors of
+    these relative sizes, and only as good as that assumption. Covariance s^2 (1 + |x|^2) (A^T A - M s^2 I)^-1 in
+    scaled columns.
 
-    Attributes:
-        column_noise: standard deviation of the errors of each column, shape (b,), 0 if it is exact; by default in
-            proportion to the column's RMS.
-        torque_noise: standard deviation of the torque's error in the same scale [N m]; by default in proportion to
-            the torque's RMS.
-
-    Covariance s^2 (1 + |x|^2) (A^T A - M s^2 I)^-1 in scaled columns. Source: vanhuffel1991.
+    Source: vanhuffel1991.
     """
-
-    column_noise: np.ndarray | None = None
-    torque_noise: float | None = None
 
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate; raises ``InputError`` if the samples do not determine the parameters."""
         check_samples(problem)
-        matrix, torque = problem.stacked()
-        columns, scale = self._scales(matrix, torque)
-        # columns without error come first: only the rest may be corrected
-        exact = columns == 0
-        order = np.argsort(~exact, kind="stable")
-        first = int(exact.sum())
-        unit = np.where(exact, 1.0, columns)
-        equations = np.column_stack([(matrix / unit)[:, order], torque / scale])
-        triangle = np.asarray(np.linalg.qr(equations, mode="r"))
-        _, values, right = np.linalg.svd(triangle[first:, first:])
-        least = right[-1]
-        # the solution divides by this component
-        if abs(least[-1]) < 1e-8:
+        equations = np.column_stack(problem.stacked())
+        b, scale = equations.shape[1] - 1, rms(equations)
+        triangle = np.asarray(np.linalg.qr(equations / scale, mode="r"))
+        values, right = np.linalg.svd(triangle)[1:]
+        # the solution divides by the last component
+        if abs(right[-1, -1]) < UNTOLD:
             raise InputError(
                 "no total least squares solution: the direction with the least error does not involve the torque. "
-                "Either (a) columns nearly depend on each other, (b) the errors of the columns are set too large, or "
-                "(c) the torque does not follow from the motion",
-                "use base parameters, give column_noise, or use ordinary least squares",
+                "Either (a) columns nearly depend on each other, or (b) the torque does not follow from the motion",
+                "use base parameters, or ordinary least squares",
                 where="matrix",
             )
-        scaled = np.zeros(len(order))
-        scaled[first:] = -least[:-1] / least[-1]
-        if first:
-            corrected = triangle[:first, first:-1] @ scaled[first:]
-            known = triangle[:first, -1] - corrected
-            scaled[:first] = np.linalg.solve(triangle[:first, :first], known)
-        ordered = _covariance(triangle, values[-1], scaled, first, len(torque))
-        # back to the order and the units of the problem
-        beta, covariance = np.empty(len(order)), np.empty_like(ordered)
-        beta[order] = scaled
-        covariance[np.ix_(order, order)] = ordered
-        per_unit = np.outer(unit, unit) / scale**2
-        return finished(problem, beta * scale / unit, covariance / per_unit)
-
-    def _scales(
-        self, matrix: np.ndarray, torque: np.ndarray
-    ) -> tuple[np.ndarray, float]:
-        columns, noise = rms(matrix), rms(torque)
-        if self.torque_noise is not None:
-            noise = np.array(self.torque_noise)
-        if self.column_noise is not None:
-            columns = np.asarray(self.column_noise, dtype=float)
-        wrong = columns.shape != matrix.shape[1:] or (columns < 0).any()
-        if wrong or not columns.any():
-            raise InputError(
-                f"expected {matrix.shape[1]} standard deviations from 0 on, not all 0",
-                where="column_noise",
-            )
-        return columns, float(noise)
-
-
-def _covariance(
-    triangle: np.ndarray, least: float, scaled: np.ndarray, first: int, rows: int
-) -> np.ndarray:
-    """Covariance in scaled columns, those without error first; shape (b, b)."""
-    gram = triangle[:, :-1].T @ triangle[:, :-1]
-    noisy = np.arange(len(gram)) >= first
-    variance = least**2 / max(rows - len(gram), 1)
-    # the noise of the columns adds to their squares
-    bias = least**2 * np.diag(noisy.astype(float)) * (1 - 1e-9)
-    inverse = np.linalg.pinv(gram - bias, hermitian=True)
-    return variance * (1 + scaled[noisy] @ scaled[noisy]) * inverse
+        x = -right[-1, :-1] / right[-1, -1]
+        # the noise of the columns adds to their squares
+        gram = triangle[:, :-1].T @ triangle[:, :-1]
+        noise2 = values[-1] ** 2
+        inverse = np.linalg.pinv(gram - noise2 * (1 - 1e-9) * np.eye(b), hermitian=True)
+        variance = noise2 / max(len(equations) - b, 1)
+        unit = scale[-1] / scale[:-1]
+        covariance = variance * (1 + x @ x) * inverse * np.outer(unit, unit)
+        return finished(problem, x * unit, covariance)
 
 
 # Maximum likelihood with a noise covariance across the joints, estimated along with the parameters.

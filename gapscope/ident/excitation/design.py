@@ -42,6 +42,7 @@ from gapscope.ident.excitation.trajectory_search import (
     KINDS,
     RAMP,
     SAMPLES,
+    TIGHTER,
     Budget,
     ExcitationModel,
     Family,
@@ -56,7 +57,7 @@ from gapscope.ident.excitation.trajectory_search import (
     refinement,
     swarm,
 )
-from gapscope.ident.model.base_parameters import condition_number
+from gapscope.ident.model.base_parameters import STATES, condition_number
 from gapscope.ident.model.regressor import JOINT_COLUMNS
 
 # An exciting trajectory into files: CSV in the columns of the case format, and a ROS ``JointTrajectory``.
@@ -168,10 +169,10 @@ def check_written(
     ):
         share = np.abs(values[ends]) / limit
         if (share > REST).any():
-            end, joint = np.unravel_index(int(share.argmax()), share.shape)
+            end, j = np.unravel_index(int(share.argmax()), share.shape)
             raise GapscopeError(
-                f"{path}: not written: joint {joint + 1} does not rest at {motion.t[ends[end]]:.3f} s, its {name} is "
-                f"{100 * share[end, joint]:.3g} % of its limit",
+                f"{path}: not written: joint {j + 1} does not rest at {motion.t[ends[end]]:.3f} s, its {name} is "
+                f"{100 * share[end, j]:.3g} % of its limit",
                 "report this: what is designed starts and ends at rest",
             )
     for margin in checker.margins(motion, checker.torque(motion)):
@@ -444,16 +445,12 @@ def check_condition(search: TrajectorySearch, x: np.ndarray, condition: float) -
 
 SLOW = 0.2
 """Speed of the version of a trajectory that is run first, as a share of its own [1]."""
-TIGHTER = {"torque": 0.01, "singular": 0.1, "clearance": 0.01}
-"""By how much the limits are tighter in the search: share, share, m."""
 TRIES = 20
 """Candidates that are checked at every sample, the best first, before giving up."""
 JUDGED = 2000
 """Most samples on which condition number and separation are stated."""
 SEPARATING_RATE = 50.0
 """Samples per second of a candidate that is scored by predictions over time [Hz]."""
-POSTURES = 300
-"""Random postures on which it is checked that limits allow any at all."""
 
 
 @dataclass(frozen=True)
@@ -654,6 +651,6 @@ def _result(prepared: Prepared, accepted: Accepted, seconds: float) -> Excitatio
 
 
 def _postures(limits: Limits) -> np.ndarray:
-    """Random postures within the limits of position, shape (POSTURES, n)."""
-    shape = (POSTURES, len(limits.lower))
+    """Random postures within the limits of position, shape (STATES, n)."""
+    shape = (STATES, len(limits.lower))
     return np.random.default_rng(0).uniform(limits.lower, limits.upper, shape)

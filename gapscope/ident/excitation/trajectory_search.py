@@ -30,6 +30,7 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.severity import draw
 from gapscope.ident.excitation.limits import Checker
 from gapscope.ident.model.base_parameters import (
+    STATES,
     TINY,
     random_states,
     structural_base,
@@ -176,8 +177,6 @@ RESERVE = 0.998
 """Share of the limits that is used, for what lies between those samples [1]."""
 ROOM = 0.9
 """Share of the position range in which a centre may lie [1]."""
-UNUSED = 1e-12
-"""Use of a limit by a joint that does not move [1]."""
 
 
 class _Decoded(NamedTuple):
@@ -285,7 +284,7 @@ class Parametrisation:
         highest, lowest = series.argmax(axis=1), series.argmin(axis=1)
         time = np.where(is_upper, highest[kind, joints], lowest[kind, joints])
         # a joint that does not move uses no limit
-        use = np.maximum(uses[most_used, joints], UNUSED)
+        use = np.maximum(uses[most_used, joints], TINY)
         return _Decoded(
             centre=centre,
             share=ndtr(x[n : 2 * n]),
@@ -315,7 +314,7 @@ FLOOR = 1e-13
 
 @dataclass(frozen=True)
 class Criterion:
-    """A sum w . log v over the eigenvalues v of A = S W^T W S, ascending, to be made small.
+    """A sum w . log s over the singular values s of W S, ascending, to be made small.
 
     Attributes:
         weights: w, of their number b.
@@ -329,13 +328,13 @@ class Criterion:
     def evaluate(self, matrix: np.ndarray, reference: np.ndarray) -> float:
         """The value for W of shape (N, n, b), given the columns' RMS over random states, (b,)."""
         values, _, _, _ = self._spectrum(matrix, reference)
-        return float(self.weights(len(values)) @ np.log(values))
+        return float(self.weights(len(values)) @ np.log(values)) / 2
 
     def gradient(self, matrix: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """Derivative of the value by W, shape (N, n, b)."""
         values, vectors, scaled, scale = self._spectrum(matrix, reference)
         by_gram = (vectors * (self.weights(len(values)) / values)) @ vectors.T
-        by_scaled = 2 * scaled @ by_gram
+        by_scaled = scaled @ by_gram
         if self.unit:
             # the norm of a column is divided out: no gradient along the column
             by_scaled -= scaled * (scaled * by_scaled).sum(axis=0)
@@ -344,7 +343,7 @@ class Criterion:
     def _spectrum(
         self, matrix: np.ndarray, reference: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Eigenvalues and eigenvectors of A, and W S with the reciprocals of S."""
+        """Squares of s and their directions, and W S with the reciprocals of S."""
         flat = matrix.reshape(-1, matrix.shape[2])
         scale = np.sqrt(len(flat)) * reference
         if self.unit:
@@ -356,14 +355,14 @@ class Criterion:
 
 
 def _ends(least: float, largest: float) -> Callable[[int], np.ndarray]:
-    """Weights of the least and the largest eigenvalue alone."""
+    """Weights of the least and the largest alone."""
     return lambda b: np.array([least, *np.zeros(b - 2), largest])
 
 
 CRITERIA = {
-    "condition": Criterion(_ends(-0.5, 0.5), unit=True),
-    "d": Criterion(lambda b: np.full(b, -0.5 / b), unit=False),
-    "e": Criterion(_ends(-0.5, 0.0), unit=False),
+    "condition": Criterion(_ends(-1.0, 1.0), unit=True),
+    "d": Criterion(lambda b: np.full(b, -1.0 / b), unit=False),
+    "e": Criterion(_ends(-1.0, 0.0), unit=False),
 }
 """``condition``: log of the condition number, columns scaled to unit norm [gautier1992]. ``d``: minus the mean log of
 the singular values, half the log determinant over b; ``e``: minus the log of the smallest singular value
@@ -468,11 +467,11 @@ class Signatures:
 # Model that scores a candidate: the base columns of its regressor and its torque, with exact derivatives.
 
 
-MODEL_SAMPLES = 400
-"""Random samples from which the base columns are found."""
-SHIFTS = np.array([1.0, 3.0, 5.0, 7.0]) * np.pi / 4
-"""Shifts from which the derivative of a trigonometric polynomial of degree two is exact [rad]."""
-WEIGHTS = np.array([1.0, -1.0, 1.0, -1.0]) / (8 * np.sin(SHIFTS / 2) ** 2)
+DEGREE = 2
+"""Degree of the columns as trigonometric polynomials of a position."""
+SHIFTS = np.pi * (np.arange(2 * DEGREE) + 0.5) / DEGREE
+"""Shifts from which the derivative of such a polynomial is exact [rad]."""
+WEIGHTS = (-1.0) ** np.arange(2 * DEGREE) / (4 * DEGREE * np.sin(SHIFTS / 2) ** 2)
 """Their weights."""
 
 
@@ -499,11 +498,11 @@ class ExcitationModel:
         self.arm, self.body = arm, body
         self._regressor = Regressor(arm, body, quantities)
         rng = np.random.default_rng(0)
-        base = structural_base(self._regressor, rng, MODEL_SAMPLES)
+        base = structural_base(self._regressor, rng)
         self._kept, self.names = base.kept, base.kept_names
         # typical size of each column, whatever the motion
         rng = np.random.default_rng(0)
-        states = random_states(self._regressor, rng, MODEL_SAMPLES)
+        states = random_states(self._regressor, rng, STATES)
         self.reference = rms(self.matrix(states), axis=(0, 1))
 
     def matrix(self, motion: Motion) -> np.ndarray:
@@ -558,15 +557,15 @@ PENALTY = 10.0
 """Score for a limit broken by all of it; smaller breaches count in proportion."""
 PENALISED = ("torque", "singular value", "distance")
 """Limits that candidates may break; the others are kept by construction."""
-TOLERATED = np.array([0.005, 0.05, 0.05])
-"""Breaches that still count as kept: half of what the limits are tightened by [1]. Up to there the penalty grows with
-the square, so that a descent does not stall on the edge of what is allowed."""
+TIGHTER = {"torque": 0.01, "singular": 0.1, "clearance": 0.01}
+"""By how much the limits are tighter in the search: share, share, m."""
 DISTANCE_SCALE = 0.1
 """Distance by which a clearance counts as broken by all of it [m]."""
+TOLERATED = np.array(list(TIGHTER.values())) / [2, 2, 2 * DISTANCE_SCALE]
+"""Breaches that still count as kept: half of what the limits are tightened by [1]. Up to there the penalty grows with
+the square, so that a descent does not stall on the edge of what is allowed."""
 SLOPE_STEP = 1e-4
 """Step of the differences of singular value and distance [rad]."""
-INSEPARABLE = 1e-12
-"""Effects that are less than this apart are as one [1]."""
 
 
 @dataclass(frozen=True)
@@ -734,7 +733,7 @@ class TrajectorySearch:
         if self.signatures is None:
             return self.criterion.evaluate(matrix, self.model.reference)
         separation = self.signatures.separate(motion, matrix).least
-        return -float(np.log(max(separation, INSEPARABLE)))
+        return -float(np.log(max(separation, TINY)))
 
     def _note(self, x: np.ndarray, value: float, breach: np.ndarray) -> float:
         """The score; a candidate that keeps all limits is counted, and kept if it is the best so far."""

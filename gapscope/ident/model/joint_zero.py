@@ -29,8 +29,6 @@ WORTH = 0.1
 """Offsets have to lower the cost of the fit by this share [1]."""
 LARGEST = np.deg2rad(45.0)
 """Offsets are sought up to this; one that ends there is not determined [rad]."""
-MAX_EVALUATIONS = 30
-"""Evaluations after which the search gives up; three or four are usual."""
 CLOSE = 1e-4
 """The search ends when offsets move by less than this share of their size [1]..."""
 SETTLED = 1e-5
@@ -114,7 +112,6 @@ def estimate_zeros(samples: Samples, choice: Choice, penalty: np.ndarray) -> Joi
         bounds=(-widest, widest),
         xtol=CLOSE,
         ftol=SETTLED,
-        max_nfev=MAX_EVALUATIONS,
     )
     without, final = at((0.0,) * n), at(tuple(found.x))
     impossible = (
@@ -122,7 +119,7 @@ def estimate_zeros(samples: Samples, choice: Choice, penalty: np.ndarray) -> Joi
         for one in (without, final)
     )
     # a band of f Hz holds 2 f independent samples a second
-    noise_scale = np.sqrt(max(final.cost / rows, 1e-12) * PER_CUTOFF / 2)
+    noise_scale = np.sqrt(max(final.cost / rows, TINY) * PER_CUTOFF / 2)
     determined = (final.spread < KNOWN * WIDTH) & (found.active_mask == 0)
     # where a slide's zero lies shows in the levers alone
     determined &= ~np.array(columns.arm.sliding)

@@ -293,9 +293,9 @@ def check_samples(
     ):
         bad = np.argwhere(~np.isfinite(values))
         if len(bad):
-            rows = len(np.unique(bad[:, 0]))
+            wrong = len(np.unique(bad[:, 0]))
             raise InputError(
-                f"is not a finite number in {rows} of {len(values)} samples, first in sample {bad[0][0] + 1}, joint "
+                f"is not a finite number in {wrong} of {len(values)} samples, first in sample {bad[0][0] + 1}, joint "
                 f"{bad[0][1] + 1}. Either (a) the log has gaps filled with NaN, (b) a column holds text or is empty, "
                 "or (c) a division in the import went wrong",
                 remedy,
