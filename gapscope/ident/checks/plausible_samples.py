@@ -13,7 +13,7 @@ from gapscope.arm.dynamics.rollout import Commands
 from gapscope.arm.errors import InputError
 from gapscope.arm.recording import STILL, Recording, resting
 from gapscope.arm.root_mean_square import rms
-from gapscope.arm.velocity_filter import VelocityFilter, rule_of
+from gapscope.arm.velocity_filter import VelocityFilter
 from gapscope.ident.samples import Samples
 from gapscope.model.conditioning import TORQUE_CUTOFF, TRIM, low_pass
 from gapscope.model.effective_samples import band_samples
@@ -127,11 +127,20 @@ def check_controller(
     assert recording.tau is not None
     rate = recording.rate
     rows = ((recording.t - recording.t[0]) * controller.rate + 1e-6).astype(int)
-    velocity = (
-        recording.dq
-        if recording.dq is not None
-        else _velocity(recording, controller, commands)[rows]
-    )
+    velocity = recording.dq
+    if velocity is None:
+        # the controller's, at its ticks
+        q = make_interp_spline(recording.t, recording.q, k=3)(
+            np.minimum(commands.t, recording.t[-1])
+        )
+        filtered = VelocityFilter(
+            controller.rate,
+            controller.velocity_cutoff,
+            controller.velocity_damping,
+            q[0],
+            commands.dq[0],
+        )
+        velocity = np.array([filtered(row) for row in q])[rows]
     terms = [
         recording.tau - commands.torque[rows],
         controller.kp * (commands.q[rows] - recording.q),
@@ -170,19 +179,3 @@ def check_controller(
             "commands; check feedforward, delay, and whether the recorded torque is the command"
         )
     return found
-
-
-def _velocity(recording: Recording, controller: PD, commands: Commands) -> np.ndarray:
-    """The controller's velocity at its ticks [rad/s], from recorded positions, shape (K, n)."""
-    q = make_interp_spline(recording.t, recording.q, k=3)(
-        np.minimum(commands.t, recording.t[-1])
-    )
-    filtered = VelocityFilter(
-        controller.rate,
-        controller.velocity_cutoff,
-        controller.velocity_damping,
-        q[0],
-        commands.dq[0],
-        rule_of(recording, controller),
-    )
-    return np.array([filtered(row) for row in q])

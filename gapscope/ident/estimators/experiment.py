@@ -112,26 +112,24 @@ class Experiment:
         self, beta: np.ndarray
     ) -> tuple[tuple[Recording, np.ndarray, np.ndarray], ...]:
         """Simulated recordings with d q / d beta [rad] and d tau / d beta [N m], each of shape (N, n, b)."""
-        rolled, simulated = self._rolled(beta), self.simulate(beta)
-        directions, every = self._directions(), ticks_per_step(self.controller)
-        out: dict[int, tuple[Recording, np.ndarray, np.ndarray]] = {}
-        for rule, members in self._alike.items():
-            along = sensitivity(
-                self.regressor.body,
-                self.plant(beta),
-                self.controller,
-                [rolled[k] for k in members],
-                directions,
-                self.regressor.arm.torque_limit,
-                rule,
-            )
-            for k, both in zip(members, along, strict=True):
-                # numbers between two rows of a series interpolated
-                rows = np.minimum(self._rows[k] / every, len(both[0]) - 1)
-                steps = np.arange(len(both[0]))
-                by_q, by_tau = (make_interp_spline(steps, x, k=1)(rows) for x in both)
-                out[k] = simulated[k], by_q, by_tau
-        return tuple(out[k] for k in range(len(self.recordings)))
+        along = sensitivity(
+            self.regressor.body,
+            self.plant(beta),
+            self.controller,
+            self._rolled(beta),
+            self._directions(),
+            self.regressor.arm.torque_limit,
+            self._rule,
+        )
+        out = []
+        whole = zip(self.simulate(beta), self._rows, along, strict=True)
+        for simulated, rows, both in whole:
+            # numbers between two rows of a series interpolated
+            steps = np.arange(len(both[0]))
+            at = np.minimum(rows / ticks_per_step(self.controller), steps[-1])
+            by_q, by_tau = (make_interp_spline(steps, x, k=1)(at) for x in both)
+            out.append((simulated, by_q, by_tau))
+        return tuple(out)
 
     def check(self, problem: Problem) -> None:
         """Check that a problem is one of these recordings and determines the parameters, or raise ``InputError``."""
@@ -143,13 +141,10 @@ class Experiment:
         check_samples(problem)
 
     @cached_property
-    def _alike(self) -> dict[str, list[int]]:
-        """Numbers of the recordings whose controller discretised its filter alike, by that rule."""
-        rules = [rule_of(recording, self.controller) for recording in self.recordings]
-        return {
-            rule: [k for k, own in enumerate(rules) if own == rule]
-            for rule in dict.fromkeys(rules)
-        }
+    def _rule(self) -> str:
+        """How the controller discretises its velocity filter: what the longest recording shows."""
+        longest = max(self.recordings, key=lambda recording: recording.duration)
+        return rule_of(longest, self.controller)
 
     @cached_property
     def _last(self) -> dict[bytes, tuple[RollOut, ...]]:
@@ -179,16 +174,17 @@ class Experiment:
         key = beta.tobytes()
         if key not in self._last:
             self._last.clear()
-            body, plant = self.regressor.body, self.plant(beta)
-            limit = self.regressor.arm.torque_limit
-            rolled: dict[int, RollOut] = {}
-            for rule, members in self._alike.items():
-                commands, starts = zip(*map(self._begun, members), strict=True)
-                found = roll_outs(
-                    body, plant, self.controller, commands, limit, starts, rule
-                )
-                rolled |= dict(zip(members, found, strict=True))
-            self._last[key] = tuple(rolled[k] for k in sorted(rolled))
+            begun = map(self._begun, range(len(self.recordings)))
+            commands, starts = zip(*begun, strict=True)
+            self._last[key] = roll_outs(
+                self.regressor.body,
+                self.plant(beta),
+                self.controller,
+                commands,
+                self.regressor.arm.torque_limit,
+                starts,
+                self._rule,
+            )
         return self._last[key]
 
     def _begun(self, k: int) -> tuple[Commands, tuple[np.ndarray, np.ndarray]]:
@@ -234,27 +230,14 @@ class Experiment:
                 "cut it there into two recordings",
                 file=recording.name,
             )
-        ticks = (
-            t[0]
-            + np.arange(int((t[-1] - t[0]) * self.controller.rate + 1e-6) + 2)
-            / self.controller.rate
-        )
-        held = np.minimum(ticks, t[-1])
-        dq_ref = (
-            make_interp_spline(t, q_ref, k=3)(t, 1)
-            if recording.dq_ref is None
-            else recording.dq_ref
-        )
+        rate = self.controller.rate
+        ticks = t[0] + np.arange(int((t[-1] - t[0]) * rate + 1e-6) + 2) / rate
+        held, dq_ref = np.minimum(ticks, t[-1]), recording.dq_ref
+        if dq_ref is None:
+            dq_ref = make_interp_spline(t, q_ref, k=3)(t, 1)
         velocity = make_interp_spline(t, dq_ref, k=3)
-        q, dq, ddq = (
-            CubicHermiteSpline(t, q_ref, dq_ref)(held),
-            velocity(held),
-            velocity(held, 1),
-        )
+        q = CubicHermiteSpline(t, q_ref, dq_ref)(held)
+        dq, ddq = velocity(held), velocity(held, 1)
         arm, body = self.regressor.arm, self.regressor.body
-        return Commands(
-            t=ticks,
-            q=q,
-            dq=dq,
-            torque=feedforward(arm, body, self.controller.feedforward, q, dq, ddq),
-        )
+        torque = feedforward(arm, body, self.controller.feedforward, q, dq, ddq)
+        return Commands(t=ticks, q=q, dq=dq, torque=torque)
