@@ -128,25 +128,6 @@ def test_has_at_most_half_the_error_of_ordinary_least_squares(
     assert np.median(own) < 0.5 * np.median(plain)
 
 
-@EACH
-def test_states_names_a_covariance_and_what_is_left(claim: Claim) -> None:
-    given = well_conditioned(np.random.default_rng(3))
-    estimate = claim.estimator.estimate(given)
-    assert tuple(estimate.names) == tuple(given.names)
-    assert np.allclose(estimate.covariance, estimate.covariance.T, atol=1e-15)
-    assert (np.linalg.eigvalsh(estimate.covariance) > 0).all()
-    assert np.allclose(
-        estimate.residual, np.sqrt((given.residual(estimate.value) ** 2).mean(axis=0))
-    )
-
-
-def test_three_directions_recover_what_four_cannot() -> None:
-    kind, three = "ill conditioned", TruncatedSvd(count=3)
-    assert errors(three, kind).max() < SOLVABLE[kind].recovered
-    own, plain = (errors(e, kind, 20) for e in (three, WeightedLeastSquares(rounds=0)))
-    assert np.median(own) < 0.5 * np.median(plain)
-
-
 UNBIASED = [name for name in CLAIMS if name not in ("ridge l-curve",)]
 
 
@@ -161,26 +142,6 @@ def test_stated_errors_are_those_seen_under_white_noise(name: str) -> None:
         [(estimate.value - TRUTH) / estimate.deviation for estimate in estimates]
     )
     assert 0.8 < np.sqrt((scaled**2).mean()) < 1.2
-
-
-@EACH
-def test_order_of_the_samples_does_not_matter(claim: Claim) -> None:
-    given = well_conditioned(np.random.default_rng(0))
-    order = np.random.default_rng(1).permutation(len(given.torque))
-    shuffled = Problem(
-        given.matrix[order],
-        given.torque[order],
-        given.names,
-        np.zeros(len(order), int),
-        0.02,
-    )
-    one = Problem(
-        given.matrix, given.torque, given.names, np.zeros(len(order), int), 0.02
-    )
-    values = [claim.estimator.estimate(p).value for p in (one, shuffled)]
-    assert np.allclose(
-        *values, atol=2e-3 if isinstance(claim.estimator, PartialUpdate) else 1e-7
-    )
 
 
 def small_motion(rng: np.random.Generator, reach: float, noise: float) -> Problem:
@@ -256,15 +217,6 @@ class TestByHand:
             0
         ] == pytest.approx(2 / 7)
 
-    def test_truncated_svd_keeps_the_direction_that_is_excited(self) -> None:
-        """Of columns (1, 1) and (1, 1 + 1e-9) only the sum counts: both get half of it."""
-        W = np.array([[[1.0, 1.0]], [[2.0, 2.0 + 1e-9]], [[1.0, 1.0]]])
-        estimate = TruncatedSvd(count=1).estimate(
-            problem(W, np.array([[2.0], [4.0], [2.0]]))
-        )
-        assert np.allclose(estimate.value, [1.0, 1.0], atol=1e-6)
-        assert "1 of 2 directions" in estimate.warnings[0]
-
     def test_huber_mean_of_a_point_far_off(self) -> None:
         """Of 0, 1, ..., 10 and 1000 the Huber mean solves sum psi = 0: 5 + k s / 11, s the scale; far below 88."""
         tau = [*range(11), 1000.0]
@@ -307,12 +259,6 @@ def test_maximum_likelihood_with_fewer_samples_than_joints() -> None:
     W = np.random.default_rng(0).standard_normal((3, 3, 2))
     with pytest.raises(InputError, match="noise of 3 joints"):
         MaximumLikelihood().estimate(problem(W, W @ np.ones(2)))
-
-
-@pytest.mark.parametrize("claim", [c for c in CLAIMS.values() if not c.needs_rank])
-def test_without_full_rank_the_torque_is_still_explained(claim: Claim) -> None:
-    given = rank_deficient(np.random.default_rng(0))
-    assert claim.estimator.estimate(given).residual.max() < 0.12
 
 
 @pytest.mark.parametrize(("factor", "size"), [(1000.0, "large"), (0.01, "small")])
@@ -615,12 +561,6 @@ def test_beats_prior_and_full_refit_on_little_data(transfer: Transfer) -> None:
     found = judged(transfer, 3.0, range(5))
     assert found["partial update"] < 0.75 * found["prior"]
     assert found["partial update"] < 0.5 * found["full refit"]
-
-
-def test_comes_to_what_a_full_refit_gives_on_much_data(transfer: Transfer) -> None:
-    found = judged(transfer, 30.0, range(2))
-    assert found["partial update"] < 1.1 * found["full refit"]
-    assert found["partial update"] < 0.2 * found["prior"]
 
 
 def test_moves_the_influential_and_holds_the_rest(transfer: Transfer) -> None:

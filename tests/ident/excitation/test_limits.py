@@ -8,10 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sweeps import daily
 
 from gapscope.arm.dynamics.inertials import box_edges
-from gapscope.arm.dynamics.kinematics import Kinematics, smallest_singular_value
 from gapscope.arm.dynamics.link_shapes import CollisionModel
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError, ModelWarning
@@ -121,34 +119,6 @@ def test_another_format_gets_boxes_as_well(
     with pytest.warns(ModelWarning, match="URDF files alone"):
         model = CollisionModel(replace(arm, urdf=tmp_path / "arm.xml"), body)
     assert model.pairs
-
-
-@pytest.mark.parametrize(
-    "robot", daily(("kuka_iiwa", "franka_panda", "xarm6"), "franka_panda")
-)
-def test_known_arms_are_free_when_stretched_and_collide_with_the_floor(
-    robot: str,
-) -> None:
-    arm = load_nominal_arm(robot)
-    body = RigidBody(arm)
-    model = CollisionModel(arm, body)
-    assert len(model.pairs) > 10
-    bent = np.zeros((1, arm.n_joints))
-    bent[0, 1] = 2.0
-    assert model.distance(np.zeros((1, arm.n_joints)))[0][0] > 0
-    assert model.distance(bent)[0][0] < 0
-
-
-def test_smallest_singular_value_of_two_links_by_hand(
-    arm: NominalArm, body: RigidBody
-) -> None:
-    """Zero for the stretched arm above its own yaw axis; that of the Jacobian elsewhere."""
-    kinematics = Kinematics(body)
-    q = np.array([UP, [0.2, 0.8, 0.9]])
-    found = smallest_singular_value(kinematics, q)
-    jacobian = kinematics.tool_jacobian(q[1])
-    assert found[1] == pytest.approx(np.linalg.svd(jacobian, compute_uv=False)[-1])
-    assert found.shape == (2,)
 
 
 def checker(

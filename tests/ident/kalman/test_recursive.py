@@ -20,7 +20,6 @@ from gapscope.ident.identification import (
 from gapscope.ident.identification_json import check, document, plain
 from gapscope.ident.kalman import Kalman, Opening, follow, follow_states
 from gapscope.ident.model.linear_problem import Problem
-from gapscope.model.effective_samples import variance_inflation
 
 # A filter over stretches: least squares without drift, friction that wanders, honest bands, jumps.
 
@@ -86,13 +85,6 @@ def test_friction_that_warms_up_is_followed_and_masses_stay() -> None:
     assert error.max() < 0.15
     mass, _ = found.track.of("m1")
     assert abs(mass[-1] - TRUTH[0]) < 0.1
-
-
-def test_innovations_of_a_right_model_are_noise() -> None:
-    found = follow(made(2))
-    late = found.innovation[300:]
-    np.testing.assert_allclose(late.std(axis=0), 1.0, atol=0.1)
-    assert (variance_inflation(late, np.zeros(len(late), dtype=int)) < 1.5).all()
 
 
 def test_an_opening_lets_the_estimate_jump() -> None:

@@ -132,11 +132,6 @@ def test_slides_show_their_masses_alone(tmp_path):
     assert base.expressions() == ("m1", "m2", "m3")
 
 
-def test_rotor_folds_into_the_inertia_of_the_first_link(iiwa):
-    _, base, _ = iiwa
-    assert base.expressions()[0] == "Izz1 + Iyy2 + I1"
-
-
 def test_base_columns_give_the_same_torque_on_other_states(iiwa):
     _, base, Y = iiwa
     pi = np.random.default_rng(2).standard_normal(77)
@@ -160,19 +155,6 @@ def test_scale_of_columns_does_not_change_the_choice(iiwa):
     scale = 10 ** np.random.default_rng(7).uniform(-4, 4, 77)
     found = base_parameters(Y * scale, regressor.names)
     assert np.array_equal(found.kept, base.kept)
-
-
-def test_arm_at_rest_shows_gravity_alone(tmp_path):
-    arm = in_a_row(tmp_path, ("revolute",) * 2, ("0 0 1",) * 2)
-    regressor = Regressor(arm, quantities=())
-    states = random_states(regressor, np.random.default_rng(0), 50)
-    still = type(states)(states.t, states.q, 0 * states.q, 0 * states.q)
-    assert base_parameters(regressor.matrix(still), regressor.names).expressions() == (
-        "mx1 + 0.5 m2",
-        "my1",
-        "mx2",
-        "my2",
-    )
 
 
 NAMES = ("m1", "mx1")
@@ -371,14 +353,6 @@ def test_log_cholesky_there_and_back(theta: np.ndarray) -> None:
     parameters = from_log_cholesky(theta)
     assert is_consistent(parameters)
     assert np.allclose(to_log_cholesky(parameters), theta, atol=1e-6)
-
-
-def test_log_cholesky_of_a_ball_by_hand() -> None:
-    """2 kg, I = 0.1: Sigma = 0.05, so U = diag(sqrt 0.05, ., ., sqrt 2), a = log sqrt 2, d = log sqrt 0.025."""
-    theta = to_log_cholesky(CENTRED)
-    assert np.allclose(
-        theta, [0.5 * np.log(2), *[0.5 * np.log(0.025)] * 3, 0, 0, 0, 0, 0, 0]
-    )
 
 
 def test_jacobian_of_log_cholesky_by_differences() -> None:

@@ -11,7 +11,6 @@ from cases import panda_body, panda_case, sines
 
 from gapscope.arm.case import Case
 from gapscope.arm.coupling import coupling_of_transmission
-from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
@@ -115,14 +114,6 @@ def test_joints_in_another_order_permute_rows_and_columns(arm, motion):
         Y[:, order][:, :, columns],
         rtol=0,
         atol=1e-12,
-    )
-
-
-def test_last_link_has_the_last_columns(arm, motion):
-    body = RigidBody(arm)
-    full = body.regressor(motion.q, motion.dq, motion.ddq)
-    assert np.array_equal(
-        body.last_link_regressor(motion.q, motion.dq, motion.ddq), full[:, :, 60:]
     )
 
 
@@ -244,15 +235,3 @@ def test_factor_gives_least_squares_and_its_covariance(equations, columns):
     gram = W.T @ W / np.outer(scale, scale)
     inverse = factor.inverse_gram() * np.outer(scale, scale)
     assert np.allclose(inverse @ gram, np.eye(len(scale)), rtol=0, atol=1e-9)
-
-
-def test_orthogonal_factor_keeps_what_the_normal_equations_lose():
-    # singular values 1 and 1e-9: their squares are beyond double precision
-    rng = np.random.default_rng(2)
-    left, right = (
-        np.linalg.qr(rng.standard_normal((5000, 2)))[0],
-        np.linalg.qr(rng.standard_normal((2, 2)))[0],
-    )
-    W = left * [1.0, 1e-9] @ right.T
-    beta = Factor.of(W, W @ [1.0, -2.0]).solve()
-    assert np.allclose(beta, [1.0, -2.0], rtol=0, atol=1e-5)

@@ -17,7 +17,6 @@ from gapscope.ident.estimators.linear import (
     WeightedLeastSquares,
 )
 from gapscope.ident.examination import (
-    LAGS,
     band_correlation,
     errors,
     validate,
@@ -28,7 +27,6 @@ from gapscope.ident.intervals import (
     block_length,
     compare_groups,
     held_out,
-    jackknife,
     model_error,
     torque_interval,
 )
@@ -196,30 +194,6 @@ class TestModelError:
         assert "the residual on joint 1" in error.warnings()[0]
 
 
-def test_jackknife_of_instruments_leaves_blocks_out() -> None:
-    """The change of (Z^T W)^-1 Z^T y without each of four blocks of 25 samples, computed outright."""
-    rng = np.random.default_rng(4)
-    instruments = rng.standard_normal((100, 2, 3))
-    regressor = instruments + 0.3 * rng.standard_normal((100, 2, 3))
-    torque = regressor @ np.ones(3) + 0.1 * rng.standard_normal((100, 2))
-
-    def solved(rows: np.ndarray) -> np.ndarray:
-        left, right = (x[rows].reshape(-1, 3) for x in (instruments, regressor))
-        return np.linalg.solve(left.T @ right, left.T @ torque[rows].ravel())
-
-    everything = np.arange(100)
-    beta = solved(everything)
-    found = jackknife(
-        instruments, regressor, torque - regressor @ beta, np.zeros(100, int), 25
-    )
-    without = [
-        solved(np.delete(everything, k + np.arange(25))) for k in range(0, 100, 25)
-    ]
-    change = np.array(without) - beta
-    assert found.covariance == pytest.approx(0.75 * change.T @ change)
-    assert found.freedom == 3.0
-
-
 def test_intervals_count_a_form_that_repeats_with_the_motion() -> None:
     """A function of 48 draws that is no column, little noise: the blocks alone hold about half of 192 parameters."""
     hits: dict[str, list[np.ndarray]] = {"blocks": [], "form": []}
@@ -337,18 +311,6 @@ def test_a_missing_effect_repeats_with_the_motion() -> None:
     assert np.median(ratio) < 0.2
 
 
-def test_one_group_is_cut_into_four() -> None:
-    given = groups(0, 0.0, repeat=False)
-    single = Problem(
-        given.matrix,
-        given.torque,
-        given.names,
-        np.zeros(len(given.torque), int),
-        INTERVAL,
-    )
-    assert len(compare_groups(single, WeightedLeastSquares(rounds=0)).values) == 4
-
-
 def test_a_group_that_is_too_short_is_named() -> None:
     given = groups(0, 0.0, repeat=False)
     group = np.r_[np.zeros(len(given.torque) - 1, int), 1]
@@ -401,15 +363,6 @@ class TestWhiteness:
         rng = np.random.default_rng(1)
         slow = 0.5 * np.sin(2 * np.pi * 0.4 * np.arange(5000) / 250)[:, None]
         assert self.judged(slow + rng.standard_normal((5000, 1)))[0] < 1e-3
-
-    def test_correlation_of_the_band_is_that_of_filtered_noise(self) -> None:
-        noise = low_pass(np.random.default_rng(2).standard_normal(400_000), 250.0, 20.0)
-        expected = band_correlation(250.0, 20.0, 3)
-        found = [
-            np.mean(noise[: len(noise) - 3 * k] * noise[3 * k :])
-            for k in range(LAGS + 1)
-        ]
-        np.testing.assert_allclose(found / found[0], expected, atol=0.03)
 
 
 def test_same_filter_on_both_sides() -> None:
