@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -261,39 +261,25 @@ def effect_columns(
     physical = replace(corrected.unlimited, residual=None)
     columns = [np.zeros((*motion.q.shape, 0))]
     for k, applied in enumerate(physical.effects):
-        others = physical.effects[:k], physical.effects[k + 1 :]
-        for name, i in _places(applied):
-            parameter = applied.effect.parameter(name)
-            value = np.atleast_1d(np.asarray(applied.parameters[name], dtype=float))
-            size = max(abs(value[i]), abs(parameter.typical[1])) or 1.0
-            sides = []
-            for side in (-STEP * size, STEP * size):
-                moved = np.array(applied.parameters[name], dtype=float)
-                moved.reshape(-1)[i] += side
-                values = {**applied.parameters, name: moved}
-                with suppress(InputError):  # beyond the bound
-                    changed = AppliedEffect(applied.name, applied.joints, values)
-                    sides.append((changed, side))
-            if len(sides) == 1:
-                sides.append((applied, 0.0))
-            (first, at), (last, to) = sides
-            lower, upper = (
-                replace(physical, effects=(*others[0], one, *others[1]))
-                for one in (first, last)
-            )
-            change = upper.predict(body, motion) - lower.predict(body, motion)
-            columns.append(change[:, :, None] / (to - at))
+        before, after = physical.effects[:k], physical.effects[k + 1 :]
+        for parameter in applied.effect.parameters:
+            if parameter.name in NOT_LINEAR:
+                continue
+            value = np.array(applied.parameters[parameter.name], dtype=float)
+            size = np.maximum(np.abs(value), abs(parameter.typical[1]))
+            for i in np.ndindex(value.shape):
+                torques, places = [], []
+                for side in (-STEP, STEP):
+                    moved = value.copy()
+                    moved[i] = np.clip(value[i] + side * size[i], *parameter.bounds)
+                    parameters = {**applied.parameters, parameter.name: moved}
+                    one = AppliedEffect(applied.name, applied.joints, parameters)
+                    arm = replace(physical, effects=(*before, one, *after))
+                    torques.append(arm.predict(body, motion))
+                    places.append(moved[i])
+                slope = (torques[1] - torques[0]) / (places[1] - places[0])
+                columns.append(slope[:, :, None])
     return np.concatenate(columns, axis=2)
-
-
-def _places(applied: AppliedEffect) -> list[tuple[str, int]]:
-    """Parameter and entry of each column of an effect."""
-    return [
-        (name, i)
-        for name, values in applied.parameters.items()
-        if name not in NOT_LINEAR
-        for i in range(np.size(values))
-    ]
 
 
 # What a residual network is trained on: trajectories with the residual of their torque, and their rows.
@@ -622,23 +608,15 @@ class Folds:
         return np.asarray((outputs * held).sum(axis=0) / total)
 
 
-def make_folds(
-    group: np.ndarray, members: int, residual: np.ndarray, q: np.ndarray
-) -> Folds:
-    """Folds by group.
-
-    Args:
-        group: of each row, (N,).
-        members: in the ensemble; member m holds out the groups m, m + members, ...
-        residual: over its scale [1], (N, n).
-        q: orthonormal columns of the physics, (N, n, r).
-    """
+def make_folds(rows: ResidualRows, members: int) -> Folds:
+    """Folds by group: member m of an ensemble holds out the groups m, m + members, ..."""
+    group, residual, q = rows.group, rows.residual, rows.q
     held = np.stack([(group % members == m) & (group >= 0) for m in range(members)])
     held = held[held.any(axis=1)]
     targets = []
-    for rows in (group >= 0) & ~held:
-        gram = np.einsum("mnr,mns->rs", q[rows], q[rows])
-        moment = np.einsum("mnr,mn->r", q[rows], residual[rows])
+    for fitted in (group >= 0) & ~held:
+        gram = np.einsum("mnr,mns->rs", q[fitted], q[fitted])
+        moment = np.einsum("mnr,mn->r", q[fitted], residual[fitted])
         explaining = np.linalg.pinv(gram, rcond=1e-10, hermitian=True) @ moment
         targets.append(residual - q @ explaining)
     return Folds(group, held, np.stack(targets), group_weights(residual, group))
@@ -1060,7 +1038,7 @@ def fit_residual(
         network, report = free if better else strict
         return network, replace(report, closed_apart=by_apart)
     rows = rows_of(trajectories, settings)
-    folds = make_folds(rows.group, settings.members, rows.residual, rows.q)
+    folds = make_folds(rows, settings.members)
     candidates = [
         _candidate(form, rows, folds, settings, progress) for form in settings.forms
     ]
@@ -1234,10 +1212,7 @@ def learn_residual(
     """
     progress("reads the residual of the corrected arm")
     plain = replace(corrected, residual=None, remainder=None)
-    fit, held_out = split(case, judge)
-    fitted, judged = (
-        _trajectories(plain, recordings) for recordings in (fit, held_out)
-    )
+    fitted, judged = (_trajectories(plain, own) for own in split(case, judge))
     residual, report = fit_residual(fitted, settings, progress)
     settings = replace(settings, apart=report.apart)
     progress("fits boosted trees to compare with")
@@ -1258,7 +1233,8 @@ def learn_residual(
 def _trajectories(
     corrected: CorrectedArm, recordings: Sequence[Recording]
 ) -> list[Trajectory]:
-    """Trajectories of recordings with a torque."""
+    """Trajectories of recordings with a torque: of each part of theirs that shares a state, long enough if several."""
+    body, found = RigidBody(corrected.arm), []
     for recording in recordings:
         if recording.tau is None:
             raise InputError(
@@ -1266,24 +1242,12 @@ def _trajectories(
                 "give recordings with tau1.., or leave this one out of the case",
                 file=recording.name,
             )
-    body = RigidBody(corrected.arm)
-    return [
-        from_segment(arm, body, segment)
-        for recording in recordings
-        for part, arm in _parts(corrected, recording)
-        for segment in condition(part)
-    ]
-
-
-def _parts(
-    corrected: CorrectedArm, recording: Recording
-) -> Iterator[tuple[Recording, CorrectedArm]]:
-    """The parts of a recording that share a state, and the arm there; of several, those long enough."""
-    spans = corrected.spans(recording.name, recording.t)
-    for inside, arm in spans:
-        part = recording.part(inside)
-        if len(spans) == 1 or pieces(part):
-            yield part, arm
+        spans = corrected.spans(recording.name, recording.t)
+        for inside, arm in spans:
+            part = recording.part(inside)
+            if len(spans) == 1 or pieces(part):
+                found += [from_segment(arm, body, s) for s in condition(part)]
+    return found
 
 
 def torque_left(

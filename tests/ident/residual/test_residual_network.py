@@ -249,6 +249,6 @@ def _fitted() -> tuple[ResidualRows, Folds, Network]:
     """An additive network of three toy trajectories, before it is kept apart."""
     settings = toy.quick()
     rows = rows_of([toy.trajectory(k) for k in range(3)], settings)
-    folds = make_folds(rows.group, settings.members, rows.residual, rows.q)
+    folds = make_folds(rows, settings.members)
     network = fit_additive(rows, folds, 0)
     return rows, folds, network
