@@ -21,7 +21,7 @@ from gapscope.ident.estimators.linear import (
     finished,
     whitened,
 )
-from gapscope.ident.examination import Whiteness, band_correlation, whiteness
+from gapscope.ident.examination import MOVING, Whiteness, band_correlation, whiteness
 from gapscope.ident.model.base_parameters import TINY, WORTH, Factor
 from gapscope.ident.model.linear_problem import Problem, equal_parts
 from gapscope.ident.model.regressor import Regressor
@@ -305,9 +305,7 @@ LONGEST = 20.0
 UNSURE = 0.3
 """Standard deviation of friction before the first sample, over its identified value [1]."""
 MIN_SHARE = 0.02
-"""The same at least, as a share of the joint's RMS torque [1]..."""
-MIN_SPEED = 0.05
-"""...at its RMS speed, which counts as at least this [rad/s]."""
+"""The same at least, as a share of the joint's RMS torque at its RMS speed, which counts as ``MOVING`` [1]."""
 WANDER = 0.1
 """How far friction wanders in one second, over that standard deviation [1/sqrt(s)]."""
 AT_REST = 0.1
@@ -446,7 +444,7 @@ def _least(recording: Recording) -> np.ndarray:
     """Least standard deviation of b and c, which a share of the joint's torque at its RMS speed sets, shape (2 n,)."""
     torque = MIN_SHARE * rms(np.asarray(recording.tau))
     speed = np.gradient(recording.q, recording.t, axis=0)
-    return np.concatenate([torque / np.maximum(rms(speed), MIN_SPEED), torque])
+    return np.concatenate([torque / np.maximum(rms(speed), MOVING), torque])
 
 
 def _encoder_noise(recording: Recording, arm: NominalArm) -> float:
@@ -545,7 +543,10 @@ def review(
         )
         if len(after):
             D = _moved(found, problem, names, samples.times)
-            openings += _openings(found, D, after)
+            # unknown after the moment, and again where the recording ends if another follows
+            variance = WIDER * (found.value**2 + found.deviation**2)
+            covariance = (D * variance) @ D.T
+            openings += [Opening(int(k), covariance) for k in (after[0], after[-1] + 1)]
             told.append(found)
             moved.append(D @ found.value)
     openings = [some for some in openings if some.sample < len(names)]
@@ -554,6 +555,14 @@ def review(
     ends = np.array([own.stop - 1 for own in followed.stretches.rows])
     batch = followed.batch if batch is None else batch
     converged = _converged(followed)
+    # innovations are sampled at the cut-off, as in the validation
+    rate, cutoff = 1.0 / problem.interval, samples.band.cutoff
+    step, counted = max(1, round(rate / cutoff)), _first_sample(followed, converged)
+    white = whiteness(
+        followed.innovation[counted][::step],
+        problem.group[counted][::step],
+        band_correlation(rate, cutoff, step),
+    )
     return FilterReview(
         followed=followed,
         batch=batch,
@@ -561,7 +570,7 @@ def review(
         times=samples.times[ends],
         converged=converged,
         departures=_departures(followed, batch, converged),
-        whiteness=_whiteness(followed, samples.band.cutoff, converged),
+        whiteness=white,
         changes=tuple(told),
         moved=np.array(moved),
     )
@@ -589,13 +598,6 @@ def _moved(
     scale = np.linalg.norm(W, axis=0)
     right = torque.reshape(len(W), -1)
     return np.linalg.lstsq(W / scale, right, rcond=DETERMINED)[0] / scale[:, None]
-
-
-def _openings(found: Change, moved: np.ndarray, after: np.ndarray) -> list[Opening]:
-    """What changed is unknown after the moment, and again where the recording ends if another follows."""
-    variance = WIDER * (found.value**2 + found.deviation**2)
-    covariance = (moved * variance) @ moved.T
-    return [Opening(int(k), covariance) for k in (after[0], after[-1] + 1)]
 
 
 def _converged(followed: Followed) -> int | None:
@@ -636,13 +638,3 @@ def _departures(
         if size[k, i] > BAND
     ]
     return tuple(sorted(found, key=lambda departure: -departure.size))
-
-
-def _whiteness(followed: Followed, cutoff: float, converged: int | None) -> Whiteness:
-    """Of the innovations sampled at the cut-off, as in the validation."""
-    rate = 1.0 / followed.problem.interval
-    step = max(1, round(rate / cutoff))
-    counted = _first_sample(followed, converged)
-    series = followed.innovation[counted][::step]
-    group = followed.problem.group[counted][::step]
-    return whiteness(series, group, band_correlation(rate, cutoff, step))

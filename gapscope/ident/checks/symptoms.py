@@ -17,8 +17,6 @@ from gapscope.model.conditioning import uniform
 # Measurements behind the troubleshooting table, each one number per joint.
 
 
-SAME = 1e-6
-"""Torques that differ by less than this share are the same [1]."""
 FLAT = 3
 """Equal samples in a row at a joint's largest torque that count as clipped."""
 
@@ -80,9 +78,7 @@ def clipped(recordings: Sequence[Recording], limit: np.ndarray | None) -> np.nda
         highest = max(x.max() for x in series)
         lowest = min(x.min() for x in series)
         for x in series:
-            extreme = np.isclose(x, highest, rtol=SAME) | np.isclose(
-                x, lowest, rtol=SAME
-            )
+            extreme = np.isclose(x, highest) | np.isclose(x, lowest)
             # samples that are part of at least ``FLAT`` in a row
             at_limit = binary_opening(extreme, np.ones(FLAT))
             if limit is not None:

@@ -12,7 +12,7 @@ from scipy.linalg import solve, solve_triangular
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.root_mean_square import rms
-from gapscope.ident.model.base_parameters import TINY, Factor
+from gapscope.ident.model.base_parameters import TINY, WORTH, Factor
 from gapscope.ident.model.friction import FOLDS, stretches
 from gapscope.ident.model.linear_problem import (
     Problem,
@@ -328,9 +328,6 @@ PULLED = 0.9
 """Share of the directions that the data have to decide; of fewer a warning is given [1]."""
 FLAT = 1e-12
 """Speed along the L-curve, to the third power, below which a curvature is rounding [1]."""
-WORSE = 1.02
-"""The L-curve of a well-conditioned problem has no corner of its own: a strength that leaves more than this times the
-least squared residual is not taken [1]."""
 
 
 @dataclass(frozen=True)
@@ -471,7 +468,7 @@ def _at_corner(found: _Directions) -> float:
     # the differences at the ends are one-sided
     corner = int(np.argmax(curvature[2:-2]) + 2)
     # a corner at which the fit is much worse is none
-    last_good = int((residual <= WORSE * residual[0]).sum()) - 1
+    last_good = int((residual <= (1 + WORTH) * residual[0]).sum()) - 1
     return float(STRENGTHS[min(corner, last_good)])
 
 

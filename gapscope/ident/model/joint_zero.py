@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import NamedTuple
@@ -16,6 +16,7 @@ from gapscope.ident.model.base_parameters import TINY
 from gapscope.ident.model.friction import Choice, pulled_solution
 from gapscope.ident.model.physical_parameters import check_links, inconsistent
 from gapscope.ident.samples import PER_CUTOFF, Samples
+from gapscope.model.conditioning import Segment
 
 WIDTH = 0.15
 """Standard deviation that zeros are believed to have before the data speak [rad]."""
@@ -97,12 +98,11 @@ def estimate_zeros(samples: Samples, choice: Choice, penalty: np.ndarray) -> Joi
     """
     columns = samples.columns
     n, rows = columns.arm.n_joints, samples.torque.size
-    problem = _ZeroProblem(samples, choice, rows * penalty)
 
     # the solver asks for the residual and its derivative at the same offsets
     @cache
     def at(offset: tuple[float, ...]) -> _Reduced:
-        return problem.reduced(np.array(offset))
+        return _reduced(samples, choice, rows * penalty, np.array(offset))
 
     widest = LARGEST * columns.arm.per_radian
     found = least_squares(
@@ -157,66 +157,49 @@ class _Reduced(NamedTuple):
         return np.sqrt(np.diag(np.linalg.inv(self.jacobian.T @ self.jacobian)))
 
 
-class _ZeroProblem:
-    """Regularised least squares over parameters and offsets; see ``estimate_zeros``."""
+def _reduced(
+    samples: Samples, choice: Choice, weight: np.ndarray, offset: np.ndarray
+) -> _Reduced:
+    """Regularised least squares at some offsets, x eliminated by the triangular factor of [W, S, y]."""
+    columns, law, p, n = samples.columns, choice.law, len(weight), len(offset)
+    nominal, body = columns.nominal(law), columns.body
+    true = [replace(s.motion, q=s.motion.q - offset) for s in samples.segments]
 
-    def __init__(self, samples: Samples, choice: Choice, weight: np.ndarray) -> None:
-        self.samples, self.choice, self.weight = samples, choice, weight
-        self.nominal = samples.columns.nominal(choice.law)
-
-    def reduced(self, offset: np.ndarray) -> _Reduced:
-        """The problem at some offsets, x eliminated by the triangular factor of [W, S, y]."""
-        p, n = len(self.weight), len(offset)
-        motions = [
-            replace(s.motion, q=s.motion.q - offset) for s in self.samples.segments
-        ]
-        equations = self._weighed(self._equations(motions))
-        gram = equations.T @ equations
-        value = pulled_solution(gram, 1, self.weight, self.nominal)
-        slopes = self._weighed(self._slopes(motions, value))
-        whole = np.hstack([equations[:, :-1], slopes, equations[:, -1:]])
-        gram = whole.T @ whole
-        # penalties are further rows: sqrt(w) (x - x0), and (delta + step) / WIDTH
-        pull = np.concatenate([self.weight, np.full(n, WIDTH**-2.0), [0.0]])
-        target = np.concatenate([self.nominal, -offset])
-        gram[:-1, :-1] += np.diag(pull[:-1])
-        gram[:-1, -1] += pull[:-1] * target
-        gram[-1, :-1] = gram[:-1, -1]
-        gram[-1, -1] += target @ (pull[:-1] * target)
-        factor = _triangular(gram)
-        # rows below those of x hold what x cannot explain: [S, y] in n + 1 directions
-        rest = factor[p:, p:]
-        return _Reduced(value, rest[:, -1], -rest[:, :-1])
-
-    def _weighed(self, parts: Iterable[np.ndarray]) -> np.ndarray:
+    def stacked(part: Callable[[Segment, Motion], np.ndarray]) -> np.ndarray:
         """Columns of each segment, (N, n, k), in the band, thinned, at unit noise, one row for each joint; (M n, k)."""
-        rows = []
-        for part, segment in zip(parts, self.samples.segments, strict=True):
-            thinned = self.samples.band.thinned(part, segment)
-            thinned /= self.choice.noise[:, None]
-            rows.append(thinned.reshape(-1, part.shape[2]))
-        return np.vstack(rows)
+        pairs = zip(samples.segments, true, strict=True)
+        parts = [samples.band.thinned(part(s, motion), s) for s, motion in pairs]
+        rows = np.concatenate(parts) / choice.noise[:, None]
+        return rows.reshape(-1, rows.shape[2])
 
-    def _equations(self, motions: Sequence[Motion]) -> Iterator[np.ndarray]:
-        """[W, y] of each segment on its motion less the offsets, (N, n, p + 1)."""
-        columns = self.samples.columns
-        for segment, true in zip(self.samples.segments, motions, strict=True):
-            known = replace(segment, motion=true).known_torque(columns.body)
-            torque = np.asarray(segment.torque) - known
-            dry = columns.dry(segment.motion, self.choice.law)
-            parts = [columns.smooth(true), dry, torque[:, :, None]]
-            yield np.concatenate(parts, axis=2)
+    def equations(segment: Segment, motion: Motion) -> np.ndarray:
+        known = replace(segment, motion=motion).known_torque(body)
+        torque = np.asarray(segment.torque) - known
+        dry = columns.dry(segment.motion, law)
+        parts = [columns.smooth(motion), dry, torque[:, :, None]]
+        return np.concatenate(parts, axis=2)
 
-    def _slopes(
-        self, motions: Sequence[Motion], value: np.ndarray
-    ) -> Iterator[np.ndarray]:
-        """S = -d tau / d q of each segment with the bodies as they are identified now, (N, n, n)."""
-        columns = self.samples.columns
-        body = columns.body
-        change = value[: columns.links] - body.inertial_parameters()
-        for segment, true in zip(self.samples.segments, motions, strict=True):
-            changed = segment.bodies(body).changed(change.reshape(-1, 10))
-            yield -changed.sensitivities(true.q, true.dq, true.ddq)[0]
+    whole = stacked(equations)
+    value = pulled_solution(whole.T @ whole, 1, weight, nominal)
+    change = (value[: columns.links] - body.inertial_parameters()).reshape(-1, 10)
+
+    def slopes(segment: Segment, motion: Motion) -> np.ndarray:
+        """S = -d tau / d q with the bodies as they are identified now."""
+        bodies = segment.bodies(body).changed(change)
+        return -bodies.sensitivities(motion.q, motion.dq, motion.ddq)[0]
+
+    whole = np.hstack([whole[:, :-1], stacked(slopes), whole[:, -1:]])
+    gram = whole.T @ whole
+    # penalties are further rows: sqrt(w) (x - x0), and (delta + step) / WIDTH
+    pull = np.concatenate([weight, np.full(n, WIDTH**-2.0)])
+    target = np.concatenate([nominal, -offset])
+    gram[:-1, :-1] += np.diag(pull)
+    gram[:-1, -1] += pull * target
+    gram[-1, :-1] = gram[:-1, -1]
+    gram[-1, -1] += target @ (pull * target)
+    # rows below those of x hold what x cannot explain: [S, y] in n + 1 directions
+    rest = _triangular(gram)[p:, p:]
+    return _Reduced(value, rest[:, -1], -rest[:, :-1])
 
 
 def _triangular(gram: np.ndarray) -> np.ndarray:
