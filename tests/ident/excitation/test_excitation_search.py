@@ -234,29 +234,6 @@ def test_every_candidate_keeps_the_limits_at_every_millisecond(
         assert (np.abs(reference.acceleration(t)) <= limits.acceleration).all()
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_full_amplitude_meets_a_limit_on_every_joint(kind: str, limits: Limits) -> None:
-    made, t = space(kind, limits), np.linspace(0, DURATION, 10001)
-    x = made.draw(np.random.default_rng(1))
-    x[3:6] = 9.0
-    reference = made.reference(x)
-    q, dq, ddq = reference.position(t), reference.velocity(t), reference.acceleration(t)
-    centre = q[0]
-    room = np.where(
-        q > centre,
-        (q - centre) / (limits.upper - centre),
-        (centre - q) / (centre - limits.lower),
-    )
-    use = np.maximum.reduce(
-        [
-            room.max(0),
-            np.abs(dq / limits.velocity).max(0),
-            np.abs(ddq / limits.acceleration).max(0),
-        ]
-    )
-    np.testing.assert_allclose(use, 1.0, atol=0.005)
-
-
 def test_multisine_has_the_same_velocity_at_all_harmonics(limits: Limits) -> None:
     made = KINDS["multisine"](3, DURATION, 4, 0.1)
     sine, cosine = np.split(

@@ -18,9 +18,6 @@ from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect, drives_with
 from gapscope.effects.catalogue import of_quantity
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.ident.model.base_parameters import (
-    Factor,
-)
 from gapscope.ident.model.friction import PULLS, choose
 from gapscope.ident.model.linear_problem import (
     FrictionLaw,
@@ -213,25 +210,3 @@ def test_right_bodies_are_pulled_to_as_strongly_as_can_be_and_wrong_ones_are_not
 
 
 # Least squares by a triangular factor: that of some columns, and of weighted rows of joints, is that of the equations.
-
-
-@pytest.fixture
-def equations():
-    rng = np.random.default_rng(0)
-    W = rng.standard_normal((600, 12)) * 10 ** rng.uniform(-3, 3, 12)
-    return W, W @ rng.uniform(1, 2, 12) + rng.standard_normal(len(W))
-
-
-@pytest.mark.parametrize("columns", [range(12), [7, 2, 11]])
-def test_factor_gives_least_squares_and_its_covariance(equations, columns):
-    W, tau = equations
-    factor = Factor.of(W, tau).select(columns)
-    W = W[:, columns]
-    beta, square = np.linalg.lstsq(W, tau, rcond=None)[:2]
-    assert np.linalg.norm(factor.solve() - beta) < 1e-10 * np.linalg.norm(beta)
-    assert factor.rest == pytest.approx(square[0], rel=1e-10)
-    assert factor.rows == 600 and factor.freedom == 600 - len(columns)
-    scale = np.linalg.norm(W, axis=0)
-    gram = W.T @ W / np.outer(scale, scale)
-    inverse = factor.inverse_gram() * np.outer(scale, scale)
-    assert np.allclose(inverse @ gram, np.eye(len(scale)), rtol=0, atol=1e-9)
