@@ -134,76 +134,52 @@ class JointTriangles:
 
     Attributes:
         names: of the parameters, (b,).
-        rows: [R_j, z_j] of each joint, b + 1 rows at most, b + 1 columns.
-        samples: N, equations of each joint.
+        factors: R_j, z_j of each joint.
 
     Source: demmel2012.
     """
 
     names: tuple[str, ...]
-    rows: tuple[np.ndarray, ...]
-    samples: int
+    factors: tuple[Factor, ...]
 
     @classmethod
     def of(cls, problem: Problem) -> JointTriangles:
         """Those of a problem."""
-        joints = range(problem.n_joints)
-        rows = tuple(
-            _triangle(problem.matrix[:, j], problem.torque[:, j]) for j in joints
-        )
-        return cls(tuple(problem.names), rows, len(problem.torque))
+        joints = zip(problem.matrix.swapaxes(0, 1), problem.torque.T, strict=True)
+        return cls(tuple(problem.names), tuple(Factor.of(*joint) for joint in joints))
 
     @classmethod
     def joined(cls, parts: Iterable[JointTriangles]) -> JointTriangles:
         """Those of several problems of the same parameters together."""
         some = list(parts)
-        stacked = map(np.vstack, zip(*(part.rows for part in some), strict=True))
-        rows = tuple(_triangle(own[:, :-1], own[:, -1]) for own in stacked)
-        return cls(some[0].names, rows, sum(part.samples for part in some))
+        joints = zip(*(part.factors for part in some), strict=True)
+        return cls(some[0].names, tuple(Factor.together(own) for own in joints))
 
     @property
-    def equations(self) -> int:
-        """N n."""
-        return self.samples * len(self.rows)
-
-    def squares(self, beta: np.ndarray) -> np.ndarray:
-        """|tau_j - W_j beta|^2 of each joint, (n,)."""
-        z = np.append(-beta, 1.0)
-        return np.array([float(np.sum((rows @ z) ** 2)) for rows in self.rows])
+    def rows(self) -> np.ndarray:
+        """R_j of all joints, one below the other."""
+        return np.vstack([own.triangle for own in self.factors])
 
     def noise(self, beta: np.ndarray) -> np.ndarray:
         """As ``joint_noise``, (n,)."""
-        torque = max(float(np.abs(rows[:, -1]).max(initial=0.0)) for rows in self.rows)
-        free = max(1.0 - len(beta) / self.equations, 1.0 / self.equations)
-        noise = np.sqrt(self.squares(beta) / self.samples / free)
-        return least_noise(noise, torque)
-
-    def stacked(self, noise: np.ndarray | None = None) -> np.ndarray:
-        """[R, z] of all joints one below the other, each divided by its noise, (n,), if that is given."""
-        spread = np.ones(len(self.rows)) if noise is None else noise
-        return np.vstack([x / s for x, s in zip(self.rows, spread, strict=True)])
+        squares = np.array([own.squares(beta) for own in self.factors])
+        samples = self.factors[0].rows
+        equations = samples * len(squares)
+        free = max(1.0 - len(beta) / equations, 1.0 / equations)
+        largest = max(float(np.abs(own.rotated).max()) for own in self.factors)
+        return least_noise(np.sqrt(squares / samples / free), largest)
 
     def factor(self, noise: np.ndarray | None = None) -> Factor:
         """The factor of all equations, each joint's divided by its noise, (n,)."""
-        stacked = self.stacked(noise)
-        factor = Factor.of(stacked[:, :-1], stacked[:, -1])
-        return replace(factor, rows=self.equations)
-
-
-def _triangle(matrix: np.ndarray, torque: np.ndarray) -> np.ndarray:
-    """R of rows [W, tau]; half of a joint's columns are zero, as its torque has nothing of the bodies before it."""
-    present = np.append(matrix.any(axis=0), True)
-    equations = np.column_stack([matrix[:, present[:-1]], torque])
-    some = np.linalg.qr(equations, mode="r")
-    out = np.zeros((len(some), len(present)))
-    out[:, present] = some
-    return out
+        spread = np.ones(len(self.factors)) if noise is None else noise
+        pairs = zip(self.factors, spread, strict=True)
+        return Factor.together([own.over(s) for own, s in pairs])
 
 
 def checked_triangles(problem: Problem) -> JointTriangles:
     """Those of a problem that determines its parameters; raises ``InputError`` otherwise."""
     triangles = JointTriangles.of(problem)
-    check_samples(problem, rows=triangles.stacked()[:, :-1])
+    check_samples(problem, rows=triangles.rows)
     return triangles
 
 
@@ -238,7 +214,7 @@ class WeightedLeastSquares:
         Raises:
             InputError: they do not determine the parameters.
         """
-        check_rank(triangles.stacked()[:, :-1], triangles.names)
+        check_rank(triangles.rows, triangles.names)
         return self._factor(triangles).solve()
 
     def _factor(self, triangles: JointTriangles) -> Factor:

@@ -120,18 +120,40 @@ class Factor:
     def of(cls, matrix: np.ndarray, torque: np.ndarray) -> Factor:
         """The factor of equations, matrix of shape (M, b) and torque of shape (M,)."""
         b = matrix.shape[1]
-        equations = np.column_stack([matrix, torque])
-        triangle = np.asarray(np.linalg.qr(equations, mode="r"))
+        # half of a joint's columns are zero, as its torque has nothing of the bodies before it
+        present = matrix.any(axis=0)
+        equations = np.column_stack([matrix[:, present], torque])
+        some = np.asarray(np.linalg.qr(equations, mode="r"))
+        count = int(present.sum())
         # fewer equations than columns: rows of zeros complete the triangle
-        missing = max(0, b + 1 - len(triangle))
-        triangle = np.vstack([triangle, np.zeros((missing, b + 1))])
-        rest = float(triangle[b, b] ** 2)
-        return cls(triangle[:b, :b], triangle[:b, b], rest, len(matrix))
+        triangle, rotated = np.zeros((b, b)), np.zeros(b)
+        upper = some[:count]
+        triangle[: len(upper), present] = upper[:, :count]
+        rotated[: len(upper)] = upper[:, count]
+        rest = float((some[count:, count] ** 2).sum())
+        return cls(triangle, rotated, rest, len(matrix))
+
+    @classmethod
+    def together(cls, parts: Sequence[Factor]) -> Factor:
+        """The factor of the equations of all parts, of the same parameters."""
+        triangles = np.vstack([part.triangle for part in parts])
+        found = cls.of(triangles, np.concatenate([part.rotated for part in parts]))
+        rest = found.rest + sum(part.rest for part in parts)
+        return replace(found, rest=rest, rows=sum(part.rows for part in parts))
 
     def select(self, columns: Sequence[int]) -> Factor:
         """The factor of some columns of W, in the order given."""
-        part = Factor.of(self.triangle[:, columns], self.rotated)
-        return replace(part, rest=part.rest + self.rest, rows=self.rows)
+        return Factor.together([replace(self, triangle=self.triangle[:, columns])])
+
+    def over(self, noise: float) -> Factor:
+        """The factor of the equations divided by a noise."""
+        triangle, rotated = self.triangle / noise, self.rotated / noise
+        return Factor(triangle, rotated, self.rest / noise**2, self.rows)
+
+    def squares(self, beta: np.ndarray) -> float:
+        """|tau - W beta|^2."""
+        left = self.rotated - self.triangle @ beta
+        return float(left @ left) + self.rest
 
     @property
     def freedom(self) -> int:

@@ -207,6 +207,3 @@ def test_right_bodies_are_pulled_to_as_strongly_as_can_be_and_wrong_ones_are_not
     wrong = AppliedEffect("payload", (), {"mass": 3.0, "com": [0.0, 0.0, 0.1]})
     assert chosen(panda_case()) >= PULLS[-2]
     assert chosen(panda_case((wrong,))) < 10.0
-
-
-# Least squares by a triangular factor: that of some columns, and of weighted rows of joints, is that of the equations.
