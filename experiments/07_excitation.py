@@ -42,9 +42,9 @@ from gapscope.ident.excitation.trajectory_search import (
     Budget,
     ExcitationModel,
     Optimiser,
-    condition_number,
     random_search,
 )
+from gapscope.ident.model.base_parameters import condition_number
 
 EFFECTS = ("coulomb_friction", "load_friction")
 RATE = 200.0

@@ -47,7 +47,6 @@ from gapscope.ident.estimators.linear import (
     Estimator,
     HuberLeastSquares,
     MaximumLikelihood,
-    OrdinaryLeastSquares,
     PartialUpdate,
     Ridge,
     TotalLeastSquares,
@@ -141,15 +140,6 @@ class World:
             self.regressor.names,
             group,
             EVERY / RATE,
-        )
-
-    def errors(self, level: float) -> tuple[np.ndarray, float]:
-        """Standard deviation of the errors of each base column, shape (b,), and of the torque [N m], by one draw."""
-        noisy = self.reduced(self.problem(self.noisy(level, np.random.default_rng(0))))
-        clean = self.reduced(self.problem(self.fit))
-        columns = (noisy.matrix - clean.matrix).std(axis=(0, 1))
-        return np.where(columns > 1e-9, columns, 0.0), float(
-            (noisy.torque - clean.torque).std()
         )
 
     def reduced(self, problem: Problem) -> Problem:
@@ -304,27 +294,25 @@ HEAD = ["estimator", "runs", *(f"noise {level:.0%}" for level in LEVELS)]
 
 Made = Callable[[World, float], Estimator]
 BASE: dict[str, Made] = {
-    "OLS": lambda world, level: OrdinaryLeastSquares(),
+    "OLS": lambda world, level: WeightedLeastSquares(rounds=0),
     "WLS": lambda world, level: WeightedLeastSquares(),
     "IRLS, Huber": lambda world, level: HuberLeastSquares(),
     "ridge": lambda world, level: Ridge("motion", world.base.of(world.prior)),
     "ridge, L-curve": lambda world, level: Ridge("l_curve", world.base.of(world.prior)),
     "truncated SVD": lambda world, level: TruncatedSvd(world.base.of(world.prior)),
     "total least squares": lambda world, level: TotalLeastSquares(),
-    "TLS, column noise given": lambda world, level: TotalLeastSquares(
-        *world.errors(level)
-    ),
     "maximum likelihood": lambda world, level: MaximumLikelihood(),
     "partial update": lambda world, level: PartialUpdate(world.base.of(world.prior)),
 }
 """Estimators of base parameters, ``--runs`` runs each."""
 STANDARD: dict[str, Made] = {
-    "SDP": lambda world, level: ConsistentSdp(),
-    "SDP, Euclidean pull": lambda world, level: ConsistentSdp(world.prior),
-    "SDP, entropic pull": lambda world, level: ConsistentSdp(world.prior, "entropic"),
-    "log-Cholesky": lambda world, level: LogCholesky(world.prior),
+    "SDP, Euclidean pull": lambda world, level: ConsistentSdp(world.prior, world.base),
+    "SDP, entropic pull": lambda world, level: ConsistentSdp(
+        world.prior, world.base, entropic=True
+    ),
+    "log-Cholesky": lambda world, level: LogCholesky(world.prior, world.base),
 }
-"""Estimators of all standard parameters, ``--consistent`` runs each."""
+"""Estimators of bodies that can exist, ``--consistent`` runs each."""
 
 
 SIMULATING: dict[str, Callable[[Experiment], Estimator]] = {
@@ -392,16 +380,14 @@ class Comparison:
         world = self._world
         base = {name: made(world, level) for name, made in BASE.items()}
         for run in range(max(counts.runs, counts.consistent)):
-            problem = world.problem(world.noisy(level, rng))
+            reduced = world.reduced(world.problem(world.noisy(level, rng)))
             found = {}
             if run < counts.runs:
-                reduced = world.reduced(problem)
                 for name, estimator in base.items():
                     found[name] = estimator.estimate(reduced).value
             if run < counts.consistent:
                 for name, made in STANDARD.items():
-                    value = made(world, level).estimate(problem).value
-                    found[name] = world.base.of(value)
+                    found[name] = made(world, level).estimate(reduced).value
             self.add(level, found)
 
     def simulating(self, level: float, rng: np.random.Generator) -> None:

@@ -370,7 +370,8 @@ class Trust:
     def factor(self, now: np.ndarray) -> np.ndarray:
         """Trust, (n, N), of inputs (n, N, C)."""
         u = np.clip(self.distance(now) / self.radius[:, None] - 1.0, 0.0, 1.0)
-        return np.asarray(1.0 - u * u * (3.0 - 2.0 * u))
+        trust: np.ndarray = 1.0 - u * u * (3.0 - 2.0 * u)
+        return trust
 
 
 def nearest(points: np.ndarray, others: np.ndarray) -> np.ndarray:

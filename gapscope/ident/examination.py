@@ -4,22 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from scipy.signal import butter, sosfreqz
 from scipy.stats import chi2
 
-from gapscope.arm.errors import InputError
 from gapscope.ident.intervals import (
+    DOUBT,
     GroupComparison,
     TorqueInterval,
 )
 from gapscope.ident.model.base_parameters import (
-    EMPTY,
+    TINY,
     BaseParameters,
     EssentialParameters,
     rank_by_gap,
+    unit_triangle,
 )
 from gapscope.ident.samples import Band, SampleCount
 from gapscope.model.conditioning import Segment
@@ -67,71 +67,42 @@ def identifiability(samples: np.ndarray, base: BaseParameters) -> Identifiabilit
             motion does not show.
 
     Raises:
-        InputError: values that are not finite, another number of columns, or no motion at all.
+        InputError: values that are not finite, too few rows, or no motion at all.
 
     Source: gautier1992.
     """
-    rows = samples.reshape(-1, samples.shape[-1])
-    if rows.shape[1] != len(base.names):
-        raise InputError(
-            f"{rows.shape[1]} columns, but {len(base.names)} parameters",
-            where="regressor",
-        )
-    triangle = np.asarray(np.linalg.qr(rows, mode="r"))
-    norms = np.linalg.norm(triangle, axis=0)
-    if not norms.any():
-        raise InputError(
-            "the regressor is zero: nothing moves and nothing weighs", "record a motion"
-        )
-    columns, kept_norms = triangle[:, base.kept], norms[base.kept]
-    excited = kept_norms > EMPTY * norms.max()
-    # columns without excitation would divide by zero
-    unit = np.where(excited, columns, 0.0) / np.where(excited, kept_norms, 1.0)
+    scaled, norms = unit_triangle(samples, base.names)
+    unit = scaled[:, base.kept]
     values, right = np.linalg.svd(unit)[1:]
     relative = values / values[0]
-    rank = rank_by_gap(relative)
+    rank, condition = rank_by_gap(relative), float(np.linalg.cond(unit))
     # the parameters that make up the direction that the samples show least
-    last = np.abs(right[-1])
-    names = base.kept_names
-    order = [int(k) for k in np.argsort(-last)]
+    last, names = np.abs(right[-1]), base.kept_names
+    order = np.argsort(-last).tolist()
     weakest = tuple(names[k] for k in order if last[k] > _WEAK * last.max())
-    condition, raw = float(np.linalg.cond(unit)), float(np.linalg.cond(columns))
+    warnings = []
+    if rank < base.count:
+        warnings.append(
+            f"the samples determine only {rank} of {base.count} base parameters, not {', '.join(weakest)}; "
+            "record a motion that moves every joint, up to higher speed and acceleration"
+        )
+    if condition > CONDITION_LIMIT:
+        warnings.append(
+            f"condition number {condition:.3g} with unit columns is above {CONDITION_LIMIT:g}: "
+            f"{', '.join(weakest)} cannot be separated; record an optimised exciting motion, or drop what is not "
+            "essential"
+        )
+    # columns without content are zero, and have the norm 1
+    seen = scaled.any(axis=0) * norms / np.sqrt(samples.size / len(norms))
     return Identifiability(
         base=base,
         rank=rank,
         condition=condition,
         singular_values=relative,
-        column_norms=norms / np.sqrt(len(rows)),
+        column_norms=seen,
         weakest=weakest,
-        warnings=_warnings(base, rank, condition, raw, weakest),
+        warnings=tuple(warnings),
     )
-
-
-def _warnings(
-    base: BaseParameters,
-    rank: int,
-    condition: float,
-    raw: float,
-    weakest: tuple[str, ...],
-) -> tuple[str, ...]:
-    out = []
-    if rank < base.count:
-        out.append(
-            f"the samples determine only {rank} of {base.count} base parameters, not {', '.join(weakest)}; "
-            "record a motion that moves every joint, up to higher speed and acceleration"
-        )
-    if condition > CONDITION_LIMIT:
-        out.append(
-            f"condition number {condition:.3g} with unit columns is above {CONDITION_LIMIT:g}: "
-            f"{', '.join(weakest)} cannot be separated; record an optimised exciting motion, or drop what is not "
-            "essential"
-        )
-    elif raw > CONDITION_LIMIT:
-        out.append(
-            f"condition number {raw:.3g} is above {CONDITION_LIMIT:g} for the sake of units alone; scale the columns "
-            "to unit norm before solving"
-        )
-    return tuple(out)
 
 
 # Validation: how well the identified model predicts recordings, per joint, and whether the residual is noise.
@@ -141,8 +112,6 @@ MOVING = 0.05
 """A joint moves when it is faster than this [rad/s]."""
 LAGS = 20
 """Lags of the test for whiteness."""
-LEVEL = 1e-3
-"""Noise alone fails the test this often."""
 Predict = Callable[[Segment], np.ndarray]
 
 
@@ -184,7 +153,7 @@ class Whiteness:
     @property
     def white(self) -> np.ndarray:
         """Joints whose residual may be noise, shape (n,)."""
-        return self.p_value > LEVEL
+        return self.p_value > DOUBT
 
 
 @dataclass(frozen=True)
@@ -234,75 +203,53 @@ def validate(
         predict: the identified model, segment to torque [N m], (N, n).
         nominal: the nominal arm, likewise.
     """
-    pieces: list[_Compared] = []
+    parts: list[tuple[np.ndarray, ...]] = []
     for segment in segments:
         rows = band.rows(segment)
-        pieces.append(
-            _Compared(
-                t=segment.motion.t[rows],
-                dq=segment.motion.dq[rows],
-                measured=segment.measured[rows],
-                torque=band.filtered(np.asarray(segment.torque), segment),
-                after=band.filtered(predict(segment), segment),
-                before=band.filtered(nominal(segment), segment),
-            )
-        )
-    whole = _Compared(*(np.concatenate(x) for x in zip(*pieces, strict=True)))
-    lengths = [len(piece.t) for piece in pieces]
+        motion = segment.motion
+        sides = (np.asarray(segment.torque), predict(segment), nominal(segment))
+        filtered = (band.filtered(side, segment) for side in sides)
+        known = motion.t[rows], motion.dq[rows], segment.measured[rows]
+        parts.append((*known, *filtered))
+    t, dq, every, torque, after, before = map(np.concatenate, zip(*parts, strict=True))
+    lengths = [len(part[0]) for part in parts]
     edges = np.cumsum([0, *lengths])
-    group = np.repeat(np.arange(len(pieces)), lengths)
+    group = np.repeat(np.arange(len(parts)), lengths)
     names = tuple(dict.fromkeys(segment.recording for segment in segments))
     rate = segments[0].motion.rate
     # the test of whiteness sees the samples that the band holds, not more
     step = max(1, round(rate / band.cutoff))
-    every = whole.measured
-    residual = np.where(every, whole.torque - whole.after, 0.0)[::step]
+    residual = np.where(every, torque - after, 0.0)[::step]
     expected = band_correlation(rate, band.cutoff, step)
-    moving = np.abs(whole.dq) > MOVING
     return Validation(
         recordings=names,
         role=role,
-        every=errors(whole.torque, whole.after, every),
-        moving=errors(whole.torque, whole.after, every & moving),
-        nominal=errors(whole.torque, whole.before, every),
+        every=errors(torque, after, every),
+        moving=errors(torque, after, every & (np.abs(dq) > MOVING)),
+        nominal=errors(torque, before, every),
         whiteness=whiteness(residual, group[::step], expected),
-        t=whole.t,
-        torque=whole.torque,
-        predicted=whole.after,
-        before=whole.before,
-        velocity=whole.dq,
-        edges=tuple(int(edge) for edge in edges),
+        t=t,
+        torque=torque,
+        predicted=after,
+        before=before,
+        velocity=dq,
+        edges=tuple(edges.tolist()),
     )
-
-
-class _Compared(NamedTuple):
-    """Time [s], velocity [rad/s], whether the torque was measured, and torque [N m]: recorded, identified, nominal."""
-
-    t: np.ndarray
-    dq: np.ndarray
-    measured: np.ndarray
-    torque: np.ndarray
-    after: np.ndarray
-    before: np.ndarray
 
 
 def errors(torque: np.ndarray, predicted: np.ndarray, counted: np.ndarray) -> Errors:
     """Errors [N m] on the samples that count; torque, prediction and mask of shape (N, n)."""
-    residual = np.where(counted, torque - predicted, 0.0)
-    counted_torque = np.where(counted, torque, 0.0)
+    residual, known = (np.where(counted, x, 0.0) for x in (torque - predicted, torque))
     count = counted.sum(axis=0)
-    rmse = np.sqrt((residual**2).sum(axis=0) / np.maximum(count, 1))
-    size = np.sqrt((counted_torque**2).sum(axis=0) / np.maximum(count, 1))
+    squares, power = (residual**2).sum(axis=0), (known**2).sum(axis=0)
     # a joint without samples has no relative error
     with np.errstate(divide="ignore", invalid="ignore"):
-        relative = np.where(count > 0, rmse / size, np.nan)
-    power = float((counted_torque**2).sum())
-    overall = float(np.sqrt((residual**2).sum() / power)) if power > 0 else float("nan")
-    largest = np.abs(residual).max(axis=0)
+        relative = np.where(count > 0, np.sqrt(squares / power), np.nan)
+        overall = float(np.sqrt(squares.sum() / power.sum()))
     return Errors(
-        rmse=rmse,
+        rmse=np.sqrt(squares / np.maximum(count, 1)),
         relative=relative,
-        largest=largest,
+        largest=np.abs(residual).max(axis=0),
         overall=overall,
         share=count / len(torque),
     )
@@ -335,7 +282,7 @@ def whiteness(
     n = len(residual)
     lags = max(1, min(LAGS, n // 4))
     covariance = autocovariance(residual - residual.mean(axis=0), group, lags)
-    rho = covariance[1:] / np.maximum(covariance[0], 1e-300)
+    rho = covariance[1:] / np.maximum(covariance[0], TINY)
     beyond_band = rho - expected[1 : lags + 1, None]
     pairs = (n - np.arange(1, lags + 1))[:, None]
     statistic = n * (n + 2) * (beyond_band**2 / pairs).sum(axis=0)

@@ -20,6 +20,7 @@ import numpy as np
 
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import FRICTION_SMOOTHING
+from gapscope.ident.model.base_parameters import TINY
 from gapscope.ident.model.linear_problem import STRIBECK_SPEEDS, Problem
 from gapscope.ident.samples import Samples
 from gapscope.model.design import WAVES, drawn_waves
@@ -39,7 +40,7 @@ def form_columns(samples: Samples) -> tuple[np.ndarray, ...]:
         return np.hstack([motion.q, motion.dq])
 
     spread = np.concatenate([state(motion) for motion in motions]).std(axis=0)
-    spread = np.maximum(spread, 1e-9)
+    spread = np.maximum(spread, TINY)
 
     def columns(motion: Motion) -> np.ndarray:
         own, speed = state(motion) / spread, motion.dq / arm.per_radian
@@ -85,7 +86,7 @@ def form_error(problem: Problem, beta: np.ndarray) -> FormError:
     counts = [each.shape[2] for each in problem.forms]
     starts = np.cumsum([0, *counts[:-1]])
     left = problem.residual(beta)
-    scale2 = np.maximum((problem.torque**2).mean(axis=0), 1e-300)
+    scale2 = np.maximum((problem.torque**2).mean(axis=0), TINY)
     variance = np.tile(FIRST_FORM**2 * scale2[:, None], count)
     noise, noise2 = left, np.maximum((left**2).mean(axis=0), 1e-18 * scale2)
     # sums of products of [W, functions of the joint, what is left], joint by joint
@@ -98,7 +99,7 @@ def form_error(problem: Problem, beta: np.ndarray) -> FormError:
         shared = weighted[:, :b, :b].sum(axis=0)
         cross = np.concatenate(list(weighted[:, b:-1, :b]))
         pull = weighted[:, :b, -1].sum(axis=0)
-        scale = 1 / np.sqrt(np.diag(shared).clip(1e-300))
+        scale = 1 / np.sqrt(np.diag(shared).clip(TINY))
         inverse = np.linalg.pinv(shared * np.outer(scale, scale), hermitian=True)
         inverse = inverse * np.outer(scale, scale)
         information = -cross @ inverse @ cross.T
@@ -119,7 +120,7 @@ def form_error(problem: Problem, beta: np.ndarray) -> FormError:
         squares = np.add.reduceat(value.reshape(n, count) ** 2, starts, axis=1)
         gamma = np.add.reduceat(determined, starts, axis=1)
         before = variance
-        variance = np.repeat(squares / np.maximum(gamma, 1e-3), counts, axis=1)
+        variance = np.repeat(squares / np.maximum(gamma, TINY), counts, axis=1)
         # what is a millionth of the torque is none
         variance = np.maximum(variance, 1e-12 * scale2[:, None])
         if (np.abs(variance - before) <= SETTLED * before).all():

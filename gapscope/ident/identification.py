@@ -38,6 +38,7 @@ from gapscope.ident.intervals import (
 )
 from gapscope.ident.kalman import FilterReview, StatesAndFriction, follow_states, review
 from gapscope.ident.model.base_parameters import (
+    STATES,
     BaseParameters,
     EssentialParameters,
     Factor,
@@ -48,20 +49,14 @@ from gapscope.ident.model.base_parameters import (
     recoveries,
 )
 from gapscope.ident.model.joint_zero import JointZeros, estimate_zeros
-from gapscope.ident.model.linear_problem import FrictionLaw, ModelColumns, Problem
+from gapscope.ident.model.linear_problem import FrictionLaw, ModelColumns
 from gapscope.ident.samples import Samples, count_samples
 from gapscope.model.changes import Change, changes_of
 from gapscope.model.conditioning import TORQUE_CUTOFF, Segment, condition
-from gapscope.model.effective_samples import (
-    group_slices,
-    variance_inflation,
-)
+from gapscope.model.effective_samples import variance_inflation
 from gapscope.model.gravity_direction import as_mounted
 
 __all__ = ["Identification", "IdentificationSettings", "examine_fit", "identify"]
-
-HELD_OUT = 4
-"""Stretches of time, at least, that are predicted one at a time from the others."""
 
 
 @dataclass(frozen=True)
@@ -244,7 +239,7 @@ def _examine(fitted: FittedParameters, estimator: Estimator) -> Examination:
     low_cutoff = min(cutoff, TORQUE_CUTOFF)
     try:
         interval = torque_interval(
-            _cut(problem),
+            problem,
             estimator,
             fitted.uncertainty,
             low_cutoff,
@@ -265,21 +260,9 @@ def _examine(fitted: FittedParameters, estimator: Estimator) -> Examination:
     )
 
 
-def _cut(problem: Problem) -> Problem:
-    """The problem with its groups cut into equal parts, at least ``HELD_OUT`` in all."""
-    spans = group_slices(problem.group)
-    pieces = -(-HELD_OUT // len(spans))  # rounded up
-    starts: list[int] = []
-    for span in spans:
-        edges = np.linspace(span.start, span.stop, pieces + 1).astype(int)
-        starts += edges[:-1].tolist()
-    lengths = np.diff([*starts, len(problem.group)])
-    return replace(problem, group=np.repeat(np.arange(len(lengths)), lengths))
-
-
 def _structural(columns: ModelColumns, law: FrictionLaw) -> BaseParameters:
     """Base parameters of the arm, whatever its recordings excite."""
-    states = random_states(columns.regressor, np.random.default_rng(0), 300)
+    states = random_states(columns.regressor, np.random.default_rng(0), STATES)
     # the states do not follow from one another, so that no direction can be kept from one to the next
     law = replace(law, presliding=None)
     return base_parameters(columns.matrix(states, law), columns.names(law))

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -26,17 +25,16 @@ from gapscope.effects.applied import AppliedEffect, drives_with
 from gapscope.ident.estimators.by_name import method
 from gapscope.ident.examination import (
     CONDITION_LIMIT,
-    LEVEL,
     MOVING,
     Examination,
     Validation,
     Whiteness,
 )
 from gapscope.ident.identification import Identification
-from gapscope.ident.intervals import GroupComparison, PredictedTorque
-from gapscope.ident.kalman import Departure, FilterReview, StatesAndFriction
-from gapscope.ident.model.base_parameters import EssentialParameters, orthonormal_base
-from gapscope.ident.model.friction import STRONGEST
+from gapscope.ident.intervals import DOUBT, PredictedTorque
+from gapscope.ident.kalman import FilterReview, StatesAndFriction, Track
+from gapscope.ident.model.base_parameters import TINY
+from gapscope.ident.model.friction import PULLS
 from gapscope.ident.model.physical_parameters import LinkCheck
 from gapscope.model.change_findings import change_findings
 
@@ -59,9 +57,8 @@ def write_base(result: Identification, path: Path | str) -> None:
         GapscopeError: ``path`` cannot be written.
     """
     base, names = result.base, result.base.names
-    # C has full rank, so that its rows, padded to p, have the row space of the samples and no weak direction of theirs
-    padding = np.zeros((len(names) - base.count, len(names)))
-    orthonormal = orthonormal_base(np.vstack([base.combination, padding]), names)
+    # the row space of the samples
+    orthonormal = np.linalg.svd(base.combination, full_matrices=False)[2].T
     from_orthonormal = base.combination @ orthonormal
     back = np.zeros((len(names), base.count))
     back[base.kept] = np.eye(base.count)
@@ -90,8 +87,9 @@ def examined_document(
     examined: Examination, predicted: PredictedTorque | None
 ) -> dict[str, Any]:
     """The sections ``samples``, ``identifiability``, ``essential``, ``repeated_groups`` and ``torque_interval``."""
-    shown, counted = examined.shown, examined.counted
-    return {
+    shown, counted, names = examined.shown, examined.counted, examined.shown.base.names
+    essential, groups = examined.essential, examined.groups
+    found: dict[str, Any] = {
         "samples": {
             name: getattr(counted, name)
             for name in ("seconds", "bandwidth", "independent", "per_parameter")
@@ -103,56 +101,48 @@ def examined_document(
             "condition_limit": CONDITION_LIMIT,
             "singular_values": shown.singular_values,
             "weakest": shown.weakest,
-            "column_norms": dict(
-                zip(shown.base.names, shown.column_norms, strict=True)
-            ),
+            "column_norms": dict(zip(names, shown.column_norms, strict=True)),
         },
-        "essential": examined.essential and _essential(examined.essential),
-        "repeated_groups": examined.groups and _groups(examined.groups),
-        "torque_interval": predicted and _interval(examined, predicted),
+        "essential": None,
+        "repeated_groups": None,
+        "torque_interval": None,
         "not_examined": examined.reasons,
     }
-
-
-def _essential(essential: EssentialParameters) -> dict[str, Any]:
-    before, after = essential.residual
-    return {
-        "names": essential.names,
-        "relative_std": essential.relative_std,
-        "dropped": essential.dropped,
-        "residual_growth": after / max(before, 1e-300) - 1,
-    }
-
-
-def _groups(groups: GroupComparison) -> dict[str, Any]:
-    meaning = (
-        "they differ as much as the errors that they state; an error that all of them share, such as the form of the "
-        "friction makes, does not show here"
-    )
-    return {
-        "count": len(groups.values),
-        "stated_std": np.sqrt(groups.stated),
-        "std_between": np.sqrt(groups.between),
-        "ratio": groups.ratio,
-        "p_value": groups.p_value,
-        "verdict": groups.verdict,
-        "meaning": groups.warnings[0] if groups.warnings else meaning,
-    }
-
-
-def _interval(examined: Examination, predicted: PredictedTorque) -> dict[str, Any]:
-    assert examined.interval is not None
-    error = examined.interval.error
-    return {
-        "level": predicted.level,
-        "half_width": predicted.half_width,
-        "half_width_recorded": predicted.recorded,
-        "held": predicted.held,
-        "model_error": error.systematic,
-        "noise": error.noise,
-        "p_value": error.p_value,
-        "joints_with_model_error": error.found,
-    }
+    if essential is not None:
+        before, after = essential.residual
+        found["essential"] = {
+            "names": essential.names,
+            "relative_std": essential.relative_std,
+            "dropped": essential.dropped,
+            "residual_growth": after / (before + TINY) - 1,
+        }
+    if groups is not None:
+        meaning = (
+            "they differ as much as the errors that they state; an error that all of them share, such as the form of "
+            "the friction makes, does not show here"
+        )
+        found["repeated_groups"] = {
+            "count": len(groups.values),
+            "stated_std": np.sqrt(groups.stated),
+            "std_between": np.sqrt(groups.between),
+            "ratio": groups.ratio,
+            "p_value": groups.p_value,
+            "verdict": groups.verdict,
+            "meaning": (*groups.warnings, meaning)[0],
+        }
+    if examined.interval is not None and predicted is not None:
+        error = examined.interval.error
+        found["torque_interval"] = {
+            "level": predicted.level,
+            "half_width": predicted.half_width,
+            "half_width_recorded": predicted.recorded,
+            "held": predicted.held,
+            "model_error": error.systematic,
+            "noise": error.noise,
+            "p_value": error.p_value,
+            "joints_with_model_error": error.found,
+        }
+    return found
 
 
 # The filter beside the batch, as ``identification.json`` holds it.
@@ -171,53 +161,68 @@ def filter_document(review: FilterReview, expressions: Sequence[str]) -> dict[st
     """
     followed, start = review.followed, review.converged
     track, chosen = followed.track, _moments(review.times)
-    value, deviation = track.value[chosen], track.deviation[chosen]
+    # the recordings in the order of the filter, each with its end
+    until = dict(zip(review.recordings, review.elapsed, strict=True))
+    departures = []
+    for departure in review.departures:
+        k, i = departure.stretch, departure.parameter
+        departures.append(
+            {
+                "expression": expressions[i],
+                "recording": review.recordings[k],
+                "time": review.times[k],
+                "elapsed": review.elapsed[k],
+                "filter": track.value[k, i],
+                "std": track.deviation[k, i],
+                "batch": review.batch[i],
+                "standard_errors": departure.size,
+            }
+        )
+    batch = (
+        {"expression": e, "batch": x}
+        for e, x in zip(expressions, review.batch, strict=True)
+    )
     return {
         "process_noise": followed.level,
         "stretch": followed.stretches.length,
         "converged": None if start is None else review.elapsed[start],
         "elapsed": review.elapsed[chosen],
-        "recordings": _recordings(review),
-        "parameters": [
-            {
-                "expression": expression,
-                "batch": review.batch[i],
-                "value": _rounded(value[:, i]),
-                "std": _rounded(deviation[:, i]),
-            }
-            for i, expression in enumerate(expressions)
-        ],
+        "recordings": [{"name": name, "until": end} for name, end in until.items()],
+        "parameters": _over_time(track, chosen, batch),
         "innovations": {
             "rms": review.rms,
             "samples_per_independent": followed.inflation,
             **_whiteness(review.whiteness),
         },
-        "departures": [
-            _departure(review, departure, expressions)
-            for departure in review.departures
-        ],
+        "departures": departures,
     }
+
+
+def _over_time(
+    track: Track, chosen: np.ndarray, heads: Iterable[dict[str, Any]]
+) -> list[dict[str, Any]]:
+    """Entries of parameters with values and standard deviations at some moments, in five significant digits."""
+    value, deviation = track.value[chosen].T, track.deviation[chosen].T
+    return [
+        {**head, "value": _rounded(x), "std": _rounded(s)}
+        for head, x, s in zip(heads, value, deviation, strict=True)
+    ]
 
 
 def states_document(states: StatesAndFriction | None) -> dict[str, Any] | None:
     """Friction by the unscented filter over time, and how well it predicts the encoders; ``None`` if not asked for."""
     if states is None:
         return None
-    track, chosen = states.track, _moments(states.track.t)
-    value, deviation = states.friction[chosen], states.deviation[chosen]
+    track, chosen = states.friction, _moments(states.friction.t)
+    heads = (
+        {"name": name, "identified": x}
+        for name, x in zip(track.names, states.start, strict=True)
+    )
     return {
         "recording": states.recording,
         "time": track.t[chosen],
-        "innovation_rms": rms(track.innovation[1:]),
-        "parameters": [
-            {
-                "name": name,
-                "identified": states.start[i],
-                "value": _rounded(value[:, i]),
-                "std": _rounded(deviation[:, i]),
-            }
-            for i, name in enumerate(states.names)
-        ],
+        "innovation_rms": rms(states.innovation[1:]),
+        "parameters": _over_time(track, chosen, heads),
     }
 
 
@@ -231,34 +236,10 @@ def _whiteness(white: Whiteness) -> dict[str, Any]:
     return {
         "ljung_box": white.statistic,
         "p_value": white.p_value,
-        "level": LEVEL,
+        "level": DOUBT,
         "white": white.white,
         "largest_autocorrelation": white.largest,
         "bound": white.bound,
-    }
-
-
-def _recordings(review: FilterReview) -> list[dict[str, Any]]:
-    """The recordings in the order of the filter, each with its end."""
-    stretches = zip(review.recordings, review.elapsed, strict=True)
-    runs = groupby(stretches, key=lambda stretch: stretch[0])
-    return [{"name": name, "until": list(run)[-1][1]} for name, run in runs]
-
-
-def _departure(
-    review: FilterReview, departure: Departure, expressions: Sequence[str]
-) -> dict[str, Any]:
-    k, i = departure.stretch, departure.parameter
-    track = review.followed.track
-    return {
-        "expression": expressions[i],
-        "recording": review.recordings[k],
-        "time": review.times[k],
-        "elapsed": review.elapsed[k],
-        "filter": track.value[k, i],
-        "std": track.deviation[k, i],
-        "batch": review.batch[i],
-        "standard_errors": departure.size,
     }
 
 
@@ -288,7 +269,7 @@ def document(
         "base": _base(result),
         **examined_document(result.examined, result.predicted),
         "changes": [_change(entry) for entry in change_findings(result.changes)],
-        "filter": filter_document(result.filtered, result.base.expressions(1e-4)),
+        "filter": filter_document(result.filtered, result.base.expressions()),
         "states_and_friction": states_document(result.states),
         "parameters": result.recovered,
         "links": [
@@ -324,7 +305,7 @@ def _settings(result: Identification) -> dict[str, Any]:
         "saturation_speeds": law.saturation_speeds,
         "presliding": law.presliding,
         "pull": choice.pull,
-        "strongest_pull": choice.pull >= STRONGEST,
+        "strongest_pull": choice.pull >= max(PULLS),
         "tried": [
             {"what": what, "unseen_error": error} for what, error in choice.tried
         ],
@@ -335,7 +316,7 @@ def _base(result: Identification) -> dict[str, Any]:
     base, value = result.base, result.estimate.value
     low, high = result.uncertainty.interval(value)
     columns = {
-        "expression": base.expressions(1e-4),
+        "expression": base.expressions(),
         "value": value,
         "std": result.uncertainty.deviation,
         "interval": np.column_stack([low, high]),
@@ -425,6 +406,8 @@ def write_document(content: Mapping[str, Any], path: Path | str) -> None:
 
 UNNOTICED = 1e-9
 """Offsets and friction below this are not written [N m]."""
+DRIVES = {"o": "offset", "d": "breakaway", "s": "saturating"}
+"""Quantity of a joint that is an effect, by the symbol of its column."""
 COUPLED = {
     "I": "motor_rotor",
     "b": "motor_damping",
@@ -497,62 +480,28 @@ def sheet(result: Identification) -> dict[str, Any]:
 
 def effects(result: Identification) -> tuple[AppliedEffect, ...]:
     """Offsets, Stribeck and saturating friction, rotors and friction of coupled motors as effects."""
-    found = _of_coupled_motors(result)
-    joints, offset = _noticed(result, "o")
-    if joints:
-        found.append(drives_with(joints, offset=offset))
-    law = result.choice.law
-    joints, drop = _noticed(result, "d")
-    if joints and law.stribeck_speed is not None:
-        velocity = law.stribeck_speed * _sizes(result, joints)
-        # the solver's bound at zero holds to its tolerance only
-        drop = np.maximum(drop, 0.0)
-        found.append(drives_with(joints, breakaway=drop, breakaway_speed=velocity))
-    joints, level = _noticed(result, "s")
-    if joints and law.saturation_speeds is not None:
-        fastest = np.array(law.saturation_speeds)[np.array(joints) - 1]
-        velocity = fastest * _sizes(result, joints)
-        level = np.maximum(level, 0.0)
-        found.append(drives_with(joints, saturating=level, saturating_speed=velocity))
-    return tuple(found)
-
-
-def _sizes(result: Identification, joints: tuple[int, ...]) -> np.ndarray:
-    """What counts as a radian of some joints, in which the friction law has its speeds."""
-    return result.case.arm.per_radian[np.array(joints) - 1]
-
-
-def _of_coupled_motors(result: Identification) -> list[AppliedEffect]:
-    """Rotor, viscous and dry friction of each coupled motor, by the columns of its own."""
-    named, law = _named(result), result.choice.law
-    motors = [int(label.removesuffix("m")) for label in result.columns.coupled]
-    first = len(result.case.arm.joints)
+    columns, law, named = result.columns, result.choice.law, _named(result)
+    n, labels = result.case.arm.n_joints, columns.labels
+    # the friction law has its speeds in what counts as a radian
+    speeds = {}
+    if law.stribeck_speed is not None:
+        speeds["d"] = law.stribeck_speed * columns.per_radian
+    if law.saturation_speeds is not None:
+        speeds["s"] = np.array(law.saturation_speeds) * columns.per_radian
     found = []
-    for symbol, quantity in COUPLED.items():
-        for k, motor in enumerate(motors):
-            value = named.get(f"{symbol}{motor}m", 0.0)
-            # the solver's bound at zero holds to its tolerance only
-            if value <= UNNOTICED:
-                continue
-            values = {quantity: np.array([value])}
-            speed = f"{quantity}_speed"
-            if symbol == "d":
-                values[speed] = np.array([law.stribeck_speed])
-            if symbol == "s" and law.saturation_speeds is not None:
-                values[speed] = np.array([law.saturation_speeds[first + k]])
-            found.append(drives_with((motor,), **values))
-    return found
-
-
-def _noticed(result: Identification, symbol: str) -> tuple[tuple[int, ...], np.ndarray]:
-    """Joints, from 1, on which a parameter exceeds ``UNNOTICED``, and its values there."""
-    named = _named(result)
-    values = {
-        j: named.get(f"{symbol}{j}", 0.0)
-        for j in range(1, result.case.arm.n_joints + 1)
-    }
-    joints = tuple(j for j, value in values.items() if abs(value) > UNNOTICED)
-    return joints, np.array([values[j] for j in joints])
+    motors = [(COUPLED, [k]) for k in range(n, len(labels))]
+    for quantities, places in (*motors, (DRIVES, list(range(n)))):
+        for symbol, quantity in quantities.items():
+            values = np.array([named.get(f"{symbol}{labels[k]}", 0.0) for k in places])
+            some = np.flatnonzero(np.abs(values) > UNNOTICED)
+            chosen = [places[i] for i in some]
+            own = {quantity: values[some]}
+            if symbol in speeds:
+                own[f"{quantity}_speed"] = speeds[symbol][chosen]
+            numbers = tuple(int(labels[k].removesuffix("m")) for k in chosen)
+            if numbers:
+                found.append(drives_with(numbers, **own))
+    return tuple(found)
 
 
 def write_case_beside(arm: NominalArm, source: Path, path: Path, urdf: str) -> None:

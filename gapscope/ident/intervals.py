@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.signal.windows import tukey
 from scipy.stats import chi2
 from scipy.stats import f as fisher
 from scipy.stats import t as student
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.root_mean_square import rms
 from gapscope.ident.estimators.linear import (
     Estimate,
     Estimator,
     JointTriangles,
     WeightedLeastSquares,
+    whitened,
 )
 from gapscope.ident.form_error import form_error
-from gapscope.ident.model.linear_problem import Problem
+from gapscope.ident.model.base_parameters import TINY
+from gapscope.ident.model.linear_problem import Problem, equal_parts
 from gapscope.model.conditioning import TORQUE_CUTOFF
 from gapscope.model.effective_samples import (
     autocovariance,
@@ -75,7 +78,7 @@ class ModelError:
         joints = self.material
         if not len(joints):
             return ()
-        size = np.hypot(self.systematic, self.noise).clip(1e-300)
+        size = np.hypot(self.systematic, self.noise).clip(TINY)
         share = (self.systematic / size)[joints - 1].max()
         return (
             f"the residual on joint {', '.join(map(str, joints))} is not noise ({share:.0%} of it follows the "
@@ -101,50 +104,33 @@ def model_error(
 
     Source: pintelon2012.
     """
-    cutoff = min(cutoff, 0.5 / problem.interval)
-    low, floor = np.zeros(residual.shape[1]), np.zeros(residual.shape[1])
-    low_count = floor_count = 0
-    spans = group_slices(problem.group)
+    cutoff, n = min(cutoff, 0.5 / problem.interval), residual.shape[1]
+    bands = ((0.0, LOW), FLOOR)
+    spans, power, counts = group_slices(problem.group), np.zeros((2, n)), [0, 0]
     for span in spans:
-        frequency, power = _periodogram(residual[span], problem.interval)
-        below = frequency <= LOW * cutoff
-        above = (frequency >= FLOOR[0] * cutoff) & (frequency <= FLOOR[1] * cutoff)
-        low += power[below].sum(axis=0)
-        floor += power[above].sum(axis=0)
-        low_count += int(below.sum())
-        floor_count += int(above.sum())
-    floor_count = max(floor_count, 1)
-    low, floor = low / low_count, floor / floor_count
-    ratio = low / np.maximum(floor, 1e-300)
-    p_value = fisher.sf(ratio, 2 * low_count, 2 * floor_count)
+        # a window that rises and falls by half a cosine
+        taper = tukey(span.stop - span.start, 2 * TAPER)[:, None]
+        transform = np.fft.rfft(residual[span] * taper, axis=0)
+        density = np.abs(transform) ** 2 / (taper**2).sum()
+        frequency = np.fft.rfftfreq(len(taper), problem.interval) / cutoff
+        for k, (least, most) in enumerate(bands):
+            inside = (frequency >= least) & (frequency <= most)
+            power[k] += density[inside].sum(axis=0)
+            counts[k] += int(inside.sum())
+    low, floor = power / np.maximum(counts, 1)[:, None]
+    ratio = low / np.maximum(floor, TINY)
+    p_value = fisher.sf(ratio, *(2 * np.maximum(counts, 1)))
     variance = (residual**2).mean(axis=0)
     # share of all frequencies, of which a real series has two of each
     band = 2 * LOW * cutoff * problem.interval
     systematic = np.minimum((band * (low - floor)).clip(0.0), variance)
-    noise = np.sqrt(variance - systematic)
     return ModelError(
         systematic=np.sqrt(systematic),
-        noise=noise,
+        noise=np.sqrt(variance - systematic),
         p_value=p_value,
         groups=len(spans),
         torque=problem.torque.std(axis=0),
     )
-
-
-def _periodogram(series: np.ndarray, interval: float) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies [Hz] and power of a tapered series, shape (F, n)."""
-    taper = _taper(len(series))
-    transform = np.fft.rfft(series * taper[:, None], axis=0)
-    power = np.abs(transform) ** 2 / (taper**2).sum()
-    return np.fft.rfftfreq(len(series), interval), power
-
-
-def _taper(count: int) -> np.ndarray:
-    """A window that rises and falls by half a cosine, shape (count,)."""
-    place = np.arange(count) + 0.5
-    from_nearer_end = np.minimum(place, count - place)
-    edge = np.clip(from_nearer_end / (TAPER * count), 0, 1)
-    return 0.5 * (1 - np.cos(np.pi * edge))
 
 
 # Uncertainty that holds for autocorrelated residuals: block jackknife, intervals.
@@ -153,6 +139,8 @@ def _taper(count: int) -> np.ndarray:
 # Both methods here use the scores g_i = W_i^T S^-1 e_i, shape (b,), of samples i as they follow each other.
 
 
+LEVEL = 0.95
+"""Share of parameters, and of samples of torque, that an interval is to hold [1]."""
 MAX_BLOCKS = 200
 """Blocks of the jackknife; more only take longer, as Student's t is normal by then [1]."""
 
@@ -179,11 +167,10 @@ class Uncertainty:
         """Standard errors, shape (b,)."""
         return np.sqrt(np.diag(self.covariance).clip(0.0))
 
-    def interval(
-        self, value: np.ndarray, level: float = 0.95
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def interval(self, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper end of each parameter's interval, by Student's t; each of shape (b,)."""
-        half = student.ppf(0.5 + level / 2, max(self.freedom, 1.0)) * self.deviation
+        quantile = student.ppf(0.5 + LEVEL / 2, max(self.freedom, 1.0))
+        half = quantile * self.deviation
         return value - half, value + half
 
 
@@ -199,35 +186,25 @@ def block_length(scores: np.ndarray, group: np.ndarray) -> int:
         group: shape (N,).
     """
     n = len(scores)
-    lags = min(n - 1, max(20, int(2 * np.sqrt(n)) + 50))
+    lags = min(n - 1, int(2 * np.sqrt(n)) + 50)
     covariance = autocovariance(scores - scores.mean(axis=0), group, lags)
-    largest = max(float(covariance[0].max()), 1e-300)
-    covariance = covariance[:, covariance[0] > 1e-12 * largest]
-    lengths = [_column_length(column, n) for column in covariance.T]
-    found = [length for length in lengths if length is not None]
-    if not found:
-        return 1
-    return int(np.clip(np.ceil(np.mean(found)), 1, max(1, n // 5)))
-
-
-def _column_length(covariance: np.ndarray, n: int) -> float | None:
-    """Block length of one series of n samples by its autocovariance from lag 0 on; ``None`` if it shows no memory."""
-    lags = len(covariance) - 1
-    correlation = np.abs(covariance[1:] / covariance[0])
-    # m: the first lag after which the correlation is insignificant for several lags in a row
-    quiet = correlation < 2 * np.sqrt(np.log10(n) / n)
     stay = max(5, int(np.sqrt(np.log10(n))))
-    quiet_runs = np.convolve(quiet, np.ones(stay), "valid") >= stay
-    m = int(np.argmax(quiet_runs)) + 1 if quiet_runs.any() else lags // 2
-    lag = np.arange(min(2 * m, lags) + 1)
-    flat_top = np.clip(2 * (1 - lag / (2 * m)), 0, 1)
-    both_sides = np.where(lag == 0, 1.0, 2.0)
-    weighted = flat_top * both_sides * covariance[lag]
-    density, slope = weighted.sum(), (lag * weighted).sum()
-    # a spectrum that dips at frequency 0 says nothing about memory
-    if density <= 0.1 * covariance[0]:
-        return None
-    return float((1.5 * slope**2 / density**2 * n) ** (1 / 3))
+    lengths = []
+    for column in covariance[:, covariance[0] > 1e-12 * covariance[0].max() + TINY].T:
+        # m: the first lag after which the correlation is insignificant for several lags in a row
+        quiet = np.abs(column[1:] / column[0]) < 2 * np.sqrt(np.log10(n) / n)
+        runs = np.convolve(quiet, np.ones(stay), "valid") >= stay
+        m = int(np.argmax(runs)) + 1 if runs.any() else lags // 2
+        lag = np.arange(min(2 * m, lags) + 1)
+        flat_top = np.clip(2 * (1 - lag / (2 * m)), 0, 1)
+        weighted = flat_top * np.where(lag == 0, 1.0, 2.0) * column[lag]
+        density, slope = weighted.sum(), (lag * weighted).sum()
+        # a spectrum that dips at frequency 0 says nothing about memory
+        if density > 0.1 * column[0]:
+            lengths.append((1.5 * slope**2 / density**2 * n) ** (1 / 3))
+    if not lengths:
+        return 1
+    return int(np.clip(np.ceil(np.mean(lengths)), 1, max(1, n // 5)))
 
 
 def block_jackknife(
@@ -284,7 +261,7 @@ def jackknife(
     if length is None:
         enough = -(-len(scores) // MAX_BLOCKS)
         length = max(2 * block_length(scores, group), enough)
-    scale = 1 / np.sqrt(np.abs(np.diag(gram)).clip(1e-300))
+    scale = 1 / np.sqrt(np.abs(np.diag(gram)).clip(TINY))
     changes = []
     for block in _blocks(group, length):
         instruments = left[block].reshape(-1, parameters)
@@ -292,31 +269,23 @@ def jackknife(
         others = (gram - own) * np.outer(scale, scale)
         score = scale * scores[block].sum(axis=0)
         changes.append(scale * np.linalg.lstsq(others, score, rcond=1e-14)[0])
-    change, count = np.array(changes), len(changes)
+    return _of_changes(np.array(changes), length)
+
+
+def _of_changes(change: np.ndarray, length: int) -> Uncertainty:
+    """(B - 1) / B sum_k d_k d_k^T of the changes without each of B blocks, (B, b), of B - 1 degrees of freedom."""
+    count = len(change)
     covariance = (count - 1) / count * change.T @ change
     return Uncertainty(covariance, max(count - 1.0, 1.0), length)
 
 
-def _blocks(group: np.ndarray, length: int) -> list[slice]:
-    """Blocks of about equal length within the groups."""
+def _blocks(group: np.ndarray, length: float) -> list[slice]:
+    """Blocks of about equal length [samples] within the groups."""
     out: list[slice] = []
     for rows in group_slices(group):
         count = max(1, round((rows.stop - rows.start) / length))
         out += equal_parts(rows, count)
     return out
-
-
-def equal_parts(rows: slice, count: int) -> list[slice]:
-    """A slice cut into parts of about equal length, empty ones left out."""
-    edges = np.linspace(rows.start, rows.stop, count + 1).astype(int).tolist()
-    pairs = itertools.pairwise(edges)
-    return [slice(start, stop) for start, stop in pairs if stop > start]
-
-
-def several_groups(group: np.ndarray) -> list[slice]:
-    """The groups; a single one is cut into four."""
-    spans = group_slices(group)
-    return spans if len(spans) > 1 else equal_parts(spans[0], 4)
 
 
 # Uncertainty of any estimator: the estimate is repeated without one stretch of time after the other.
@@ -326,50 +295,32 @@ STRETCHES = 20
 """About how many stretches of time are left out, one at a time."""
 
 
-def refit_jackknife(
-    problem: Problem, estimator: Estimator, stretches: int = STRETCHES
-) -> Uncertainty:
+def refit_jackknife(problem: Problem, estimator: Estimator) -> Uncertainty:
     """Covariance (G - 1) / G sum_k (beta_k - mean)(beta_k - mean)^T, beta_k the estimate without stretch k of G.
 
     It holds for estimators that are not linear in the torque, and counts that samples follow each other. What a pull
     adds as bias is the same in every beta_k, so it is not counted. It has G - 1 degrees of freedom.
 
     Args:
-        problem: that was solved.
+        problem: that was solved; each stretch belongs to one group.
         estimator: that solved it.
-        stretches: about G; each belongs to one group.
 
     Raises:
         InputError: the samples without a stretch do not determine the parameters.
 
     Source: kunsch1989.
     """
-    values = []
-    for span in _spans(problem.group, stretches):
-        others = np.ones(len(problem.torque), dtype=bool)
-        others[span] = False
-        values.append(estimator.estimate(problem.rows(others)).value)
-    found, count = np.array(values), len(values)
+    spans = _blocks(problem.group, len(problem.group) / STRETCHES)
+    found = np.array(list(_without_each(problem, spans, estimator)))
     change = found - found.mean(axis=0)
-    covariance = (count - 1) / count * change.T @ change
-    return Uncertainty(covariance, float(count - 1), len(problem.torque) // count)
-
-
-def _spans(group: np.ndarray, stretches: int) -> list[slice]:
-    """At least two stretches of about equal length within the groups."""
-    length = len(group) / max(stretches, 2)
-    out: list[slice] = []
-    for rows in group_slices(group):
-        size = rows.stop - rows.start
-        # a single group is cut at least once, so that something is left to fit
-        least = 2 if size == len(group) else 1
-        out += equal_parts(rows, max(least, round(size / length)))
-    return out
+    return _of_changes(change, len(problem.torque) // len(spans))
 
 
 # Repeated groups: identify each stretch alone; how much the results differ distinguishes noise from model error.
 
 
+HELD_OUT = 4
+"""Stretches of time, at least, that are compared, or predicted one at a time from the others."""
 REPEAT_DOUBT = 0.01
 """Chance below which noise alone is not believed."""
 FACTOR = 2.0
@@ -432,17 +383,19 @@ def compare_groups(
     Raises:
         InputError: a group by itself does not determine the parameters.
     """
+    groups = group_slices(problem.group)
+    spans = groups if len(groups) > 1 else equal_parts(groups[0], HELD_OUT)
     values, precisions = [], []
-    for number, span in enumerate(several_groups(problem.group), 1):
+    for number, span in enumerate(spans, 1):
         own = problem.rows(span)
         try:
             value = estimator.estimate(own).value
         except InputError as error:
-            raise InputError(
-                error.problem, error.remedy, where=f"group {number}"
-            ) from None
+            where = f"group {number}"
+            raise InputError(error.problem, error.remedy, where=where) from None
+        flat = whitened(own, np.sqrt(_variance(own, value, cutoff)))[0]
         values.append(value)
-        precisions.append(_precision(own, value, cutoff))
+        precisions.append(flat.T @ flat)
     found, weight = np.array(values), np.array(precisions)
     weighted_sum = np.einsum("gab,gb->a", weight, found)
     mean = np.linalg.solve(weight.sum(axis=0), weighted_sum)
@@ -450,36 +403,20 @@ def compare_groups(
     statistic = float(np.einsum("ga,gab,gb->", deviation, weight, deviation))
     freedom = (len(found) - 1) * found.shape[1]
     # two-sided: the groups may differ by too much or by too little
-    upper, lower = chi2.sf(statistic, freedom), chi2.cdf(statistic, freedom)
-    p_value = 2 * min(float(upper), float(lower))
-    stated = np.mean([np.diag(np.linalg.inv(one)) for one in weight], axis=0)
-    between = found.var(axis=0, ddof=1)
-    ratio = statistic / freedom
-    verdict = _verdict(ratio, p_value)
+    tails = chi2.sf(statistic, freedom), chi2.cdf(statistic, freedom)
+    p_value, ratio = 2 * min(map(float, tails)), statistic / freedom
+    verdict = "noise"
+    if p_value <= REPEAT_DOUBT and not 1 / FACTOR < ratio < FACTOR:
+        where = "that differs between" if ratio > 1 else "common to all"
+        verdict = f"model error {where} groups"
     return GroupComparison(
         values=found,
-        stated=stated,
-        between=between,
+        stated=np.mean([np.diag(np.linalg.inv(one)) for one in weight], axis=0),
+        between=found.var(axis=0, ddof=1),
         ratio=ratio,
         p_value=p_value,
         verdict=verdict,
     )
-
-
-def _verdict(ratio: float, p_value: float) -> str:
-    if p_value > REPEAT_DOUBT or 1 / FACTOR < ratio < FACTOR:
-        return "noise"
-    return (
-        f"model error {'that differs between' if ratio > 1 else 'common to all'} groups"
-    )
-
-
-def _precision(problem: Problem, beta: np.ndarray, cutoff: float) -> np.ndarray:
-    """C_g^-1 of one group, shape (b, b)."""
-    variance = _variance(problem, beta, cutoff)
-    weighted = problem.matrix / np.sqrt(variance)[:, None]
-    flat = weighted.reshape(-1, len(beta))
-    return np.asarray(flat.T @ flat)
 
 
 def _variance(problem: Problem, beta: np.ndarray, cutoff: float) -> np.ndarray:
@@ -488,7 +425,7 @@ def _variance(problem: Problem, beta: np.ndarray, cutoff: float) -> np.ndarray:
     memory = low_pass_inflation(cutoff, problem.interval)
     # fitting took up some of the independent samples
     free = max(1 - memory * len(beta) / residual.size, 1 / residual.size)
-    return np.maximum((residual**2).mean(axis=0) / free * memory, 1e-300)
+    return np.maximum((residual**2).mean(axis=0) / free * memory, TINY)
 
 
 # Intervals for the torque that an identified model predicts on other trajectories, model error included.
@@ -510,9 +447,7 @@ class TorqueInterval:
     error: ModelError
     warnings: tuple[str, ...]
 
-    def half_width(
-        self, matrix: np.ndarray, level: float = 0.95, *, recorded: bool = False
-    ) -> np.ndarray:
+    def half_width(self, matrix: np.ndarray, *, recorded: bool = False) -> np.ndarray:
         """Half the width of the interval [N m], shape (N, n), about W beta.
 
         t sqrt(v + s^2), v = W C W^T with the parameters' covariance C, and the model error s of each joint. Student's
@@ -521,7 +456,6 @@ class TorqueInterval:
 
         Args:
             matrix: W of the other trajectory, shape (N, n, b).
-            level: share of samples that the interval is to hold [1].
             recorded: of the torque as it would be recorded, noise included, instead of the torque itself.
         """
         # what the form moves in the parameters it gives back in torque; what it leaves there is model error
@@ -534,10 +468,10 @@ class TorqueInterval:
         # Welch and Satterthwaite
         own_part = own**2 / max(self.parameters.freedom, 1.0)
         systematic_part = systematic**2 / max(self.error.groups - 1, 1)
-        parts = np.maximum(own_part + systematic_part, 1e-300)
+        parts = np.maximum(own_part + systematic_part, TINY)
         freedom = np.maximum(variance**2 / parts, 1.0)
         noise = self.error.noise**2 if recorded else 0.0
-        return student.ppf(0.5 + level / 2, freedom) * np.sqrt(variance + noise)
+        return student.ppf(0.5 + LEVEL / 2, freedom) * np.sqrt(variance + noise)
 
 
 @dataclass(frozen=True)
@@ -558,7 +492,7 @@ class PredictedTorque:
 
 
 def predicted_torque(
-    interval: TorqueInterval, problem: Problem, beta: np.ndarray, level: float = 0.95
+    interval: TorqueInterval, problem: Problem, beta: np.ndarray
 ) -> PredictedTorque:
     """Intervals on recordings that were not fitted, and how many of their samples lie within.
 
@@ -566,19 +500,12 @@ def predicted_torque(
         interval: of the model.
         problem: other recordings in the same base columns.
         beta: what is predicted with, shape (b,).
-        level: share of samples that an interval is to hold [1].
     """
-    own = interval.half_width(problem.matrix, level)
-    recorded = interval.half_width(problem.matrix, level, recorded=True)
-    inside = np.abs(problem.residual(beta)) <= recorded
-    rms_own = np.sqrt((own**2).mean(axis=0))
-    rms_recorded = np.sqrt((recorded**2).mean(axis=0))
-    return PredictedTorque(
-        level=level,
-        half_width=rms_own,
-        recorded=rms_recorded,
-        held=inside.mean(axis=0),
+    own, recorded = (
+        interval.half_width(problem.matrix, recorded=noisy) for noisy in (False, True)
     )
+    inside = np.abs(problem.residual(beta)) <= recorded
+    return PredictedTorque(LEVEL, rms(own), rms(recorded), inside.mean(axis=0))
 
 
 def torque_interval(
@@ -591,7 +518,7 @@ def torque_interval(
     """Intervals from torque held out: each group is predicted by the model that the others give.
 
     Args:
-        problem: of at least two groups, or one that is cut into four.
+        problem: whose groups are cut into equal parts, at least ``HELD_OUT`` in all.
         estimator: of the model.
         uncertainty: of its parameters.
         cutoff: of the low-pass that the torque passed [Hz].
@@ -601,6 +528,11 @@ def torque_interval(
         InputError: the other groups do not determine the parameters.
     """
     estimate = estimate or estimator.estimate(problem)
+    groups = group_slices(problem.group)
+    pieces = -(-HELD_OUT // len(groups))  # rounded up
+    spans = [part for rows in groups for part in equal_parts(rows, pieces)]
+    lengths = [span.stop - span.start for span in spans]
+    problem = replace(problem, group=np.repeat(np.arange(len(spans)), lengths))
     error = model_error(problem, held_out(problem, estimator), cutoff)
     # what the other groups do not determine is no error of the model
     missed2, freedom = _missed_by_parameters(problem, estimate.value, cutoff)
@@ -608,12 +540,7 @@ def torque_interval(
     beyond = np.sqrt((error.systematic**2 - missed2).clip(0.0))
     p_value = np.maximum(error.p_value, by_chance)
     error = replace(error, systematic=beyond, p_value=p_value)
-    return TorqueInterval(
-        estimate=estimate,
-        parameters=uncertainty,
-        error=error,
-        warnings=error.warnings(),
-    )
+    return TorqueInterval(estimate, uncertainty, error, error.warnings())
 
 
 def _missed_by_parameters(
@@ -627,11 +554,11 @@ def _missed_by_parameters(
     """
     variance, n = _variance(problem, beta, cutoff), problem.n_joints
     weighted = problem.matrix / np.sqrt(variance)[:, None]
-    spans = several_groups(problem.group)
+    spans = group_slices(problem.group)
     flat = [weighted[span].reshape(-1, len(beta)) for span in spans]
     grams = [part.T @ part for part in flat]
     total = np.sum(grams, axis=0)
-    unit = 1 / np.sqrt(np.diag(total).clip(1e-300))
+    unit = 1 / np.sqrt(np.diag(total).clip(TINY))
     sums, squares = np.zeros(n), np.zeros(n)
     for span, gram in zip(spans, grams, strict=True):
         values, vectors = np.linalg.eigh((total - gram) * np.outer(unit, unit))
@@ -640,21 +567,20 @@ def _missed_by_parameters(
         own = np.einsum("ijb,ijc->jbc", spread, spread, optimize=True)
         sums += np.trace(own, axis1=1, axis2=2)
         squares += (own**2).sum(axis=(1, 2))
-    missed2 = np.maximum(variance * sums / len(problem.torque), 1e-300)
-    return missed2, np.maximum(sums**2 / np.maximum(squares, 1e-300), 1.0)
+    missed2 = np.maximum(variance * sums / len(problem.torque), TINY)
+    return missed2, np.maximum(sums**2 / np.maximum(squares, TINY), 1.0)
 
 
 def held_out(problem: Problem, estimator: Estimator) -> np.ndarray:
     """Residual of each group under the estimate of the other groups [N m], shape (N, n)."""
     residual = np.empty_like(problem.torque)
-    spans = several_groups(problem.group)
+    spans = group_slices(problem.group)
     if len(spans) < 2:
         raise InputError(
             "too few samples to hold any out", "record for longer", where="samples"
         )
-    for span, value in zip(
-        spans, _without_each(problem, spans, estimator), strict=True
-    ):
+    values = _without_each(problem, spans, estimator)
+    for span, value in zip(spans, values, strict=True):
         residual[span] = problem.rows(span).residual(value)
     return residual
 

@@ -6,11 +6,14 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
+from scipy.signal import periodogram
 
 from gapscope.arm.case import Case
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.recording import Recording
+from gapscope.ident.model.base_parameters import TINY
 from gapscope.ident.model.linear_problem import FrictionLaw, ModelColumns, Problem
 from gapscope.model.conditioning import Segment, blocks, condition, low_pass
 from gapscope.model.decimated_segments import low_passed_rows
@@ -49,20 +52,11 @@ class Band:
 
     def filtered(self, series: np.ndarray, segment: Segment) -> np.ndarray:
         """A series of a segment in the band, trimmed; axis 0 is time."""
-        rows = self.rows(segment)
-        # a joint's torque has nothing of the bodies before it: half of a regressor is zero, filtered or not
-        present = series.any(axis=0)
-        if series.ndim == 1 or present.all():
-            return low_pass(series, segment.motion.rate, self.cutoff)[rows]
-        out = np.zeros_like(series[rows])
-        some = series[:, present]
-        out[:, present] = low_pass(some, segment.motion.rate, self.cutoff)[rows]
-        return out
+        return low_pass(series, segment.motion.rate, self.cutoff)[self.rows(segment)]
 
     def thinned(self, series: np.ndarray, segment: Segment) -> np.ndarray:
         """The same at every ``step``-th of these samples, at a fraction of the cost; in arrays of its own."""
-        rows, flat = self.rows(segment), series.reshape(len(series), -1)
-        kept = slice(rows.start, rows.stop, self.step(segment))
+        flat, kept = series.reshape(len(series), -1), self.kept(segment)
         present = flat.any(axis=0)
         some = low_passed_rows(flat[:, present], segment.motion.rate, self.cutoff, kept)
         out = np.zeros((len(some), flat.shape[1]))
@@ -72,6 +66,11 @@ class Band:
     def rows(self, segment: Segment) -> slice:
         """The samples of a segment that count."""
         return segment.inner if self.trim else slice(0, len(segment.motion.t))
+
+    def kept(self, segment: Segment) -> slice:
+        """Those of them that are kept to fit."""
+        rows = self.rows(segment)
+        return slice(rows.start, rows.stop, self.step(segment))
 
     def step(self, segment: Segment) -> int:
         """Every which sample is kept to fit."""
@@ -84,21 +83,14 @@ class Band:
         Long ones are cut into blocks, whose trimmed samples follow each other without a gap.
         """
         # recordings without torque cannot be compared
-        whole: list[Segment] = []
-        for recording in recordings:
-            if recording.tau is not None:
-                whole += condition(recording, self.cutoff)
+        known = [r for r in recordings if r.tau is not None]
+        whole = [s for r in known for s in condition(r, self.cutoff)]
         if not self.trim:
             return whole
-        cut: list[Segment] = []
-        for segment in whole:
-            cut += blocks(segment, _count(segment))
-        return cut
-
-
-def _count(segment: Segment) -> int:
-    """Number of blocks of a segment."""
-    return int(np.ceil(len(segment.motion.t) / segment.motion.rate / LONGEST))
+        seconds = [len(s.motion.t) / s.motion.rate for s in whole]
+        counts = [int(np.ceil(length / LONGEST)) for length in seconds]
+        pairs = zip(whole, counts, strict=True)
+        return [part for s, count in pairs for part in blocks(s, count)]
 
 
 class Samples:
@@ -128,20 +120,15 @@ class Samples:
         self.columns = columns
         self.segments = list(segments)
         self.band = band
-        times, velocities, measured = [], [], []
-        for segment in self.segments:
-            rows, step = band.rows(segment), band.step(segment)
-            times.append(segment.motion.t[rows][::step])
-            velocities.append(segment.motion.dq[rows][::step])
-            measured.append(segment.measured[rows][::step])
-        self.times = np.concatenate(times)
-        self.velocity = np.concatenate(velocities)
-        self.measured = np.concatenate(measured)
+        kept = [(s, band.kept(s)) for s in self.segments]
+        self.times = np.concatenate([s.motion.t[rows] for s, rows in kept])
+        self.velocity = np.concatenate([s.motion.dq[rows] for s, rows in kept])
+        self.measured = np.concatenate([s.measured[rows] for s, rows in kept])
         self.smooth = self.filtered_each(columns.smooth)
         self.torque = self._stack(
             np.asarray(s.torque) - s.known_torque(columns.body) for s in self.segments
         )
-        lengths = [len(t) for t in times]
+        lengths = [len(s.motion.t[rows]) for s, rows in kept]
         self.group = np.repeat(np.arange(len(lengths)), lengths)
         first = self.segments[0]
         self.interval = band.step(first) / first.motion.rate
@@ -212,7 +199,7 @@ class SampleCount:
         """
         if self.per_parameter >= ADVISED:
             return ()
-        needed = self.seconds * ADVISED / max(self.per_parameter, 1e-3)
+        needed = self.seconds * ADVISED / self.per_parameter
         faster = "" if model_error else ", or move faster"
         return (
             f"{self.seconds:.3g} s of motion up to {self.bandwidth.max():.2g} Hz hold about {self.per_parameter:.1f} "
@@ -235,19 +222,15 @@ def count_samples(samples: Samples, parameters: int) -> SampleCount:
 
 def _bandwidth(samples: Samples) -> np.ndarray:
     """Frequency below which ``POWER`` of the power of each joint's torque lies [Hz], shape (n,)."""
-    nyquist = 0.5 / samples.interval
-    grid = np.linspace(0.0, min(samples.band.cutoff, nyquist), 512)
+    rate = 1.0 / samples.interval
+    grid = np.linspace(0.0, min(samples.band.cutoff, rate / 2), 512)
     power = np.zeros((len(grid), samples.torque.shape[1]))
     for rows in group_slices(samples.group):
-        series = samples.torque[rows] - samples.torque[rows].mean(axis=0)
-        window = np.hanning(len(series))[:, None]
-        density = np.abs(np.fft.rfft(series * window, axis=0)) ** 2
-        frequency = np.fft.rfftfreq(len(series), samples.interval)
-        # groups differ in length: their spectra are added on a common grid
-        for joint, column in enumerate(density.T):
-            power[:, joint] += np.interp(grid, frequency, column)
-    total = np.maximum(power.sum(axis=0), 1e-300)
-    share_below = np.cumsum(power, axis=0) / total
+        frequency, density = periodogram(samples.torque[rows], rate, "hann", axis=0)
+        # groups differ in length: their energies are added on a common grid
+        energy = density * (rows.stop - rows.start)
+        power += make_interp_spline(frequency, energy, k=1)(grid)
+    share_below = np.cumsum(power, axis=0) / np.maximum(power.sum(axis=0), TINY)
     return np.asarray(grid[np.argmax(share_below >= POWER, axis=0)])
 
 
@@ -267,28 +250,24 @@ def split(
         InputError: a name is not that of a recording, or none remains to fit.
     """
     everything = [*case.recordings, *case.judged]
-    if chosen:
-        names = [recording.name for recording in everything]
-        for name in chosen:
-            if name not in names:
-                raise InputError(
-                    f"no recording is called {name!r}",
-                    f"there are {', '.join(names)}",
-                    where="--judge",
-                )
-        fit = [r for r in everything if r.name not in chosen]
-        if not fit:
+    for name in chosen:
+        if name not in [recording.name for recording in everything]:
             raise InputError(
-                "every recording is held out, none remains to fit",
+                f"no recording is called {name!r}",
+                f"there are {', '.join(r.name for r in everything)}",
                 where="--judge",
             )
-        return fit, [r for r in everything if r.name in chosen]
-    if case.judged:
-        return list(case.recordings), list(case.judged)
-    if len(case.recordings) > 1:
-        return list(case.recordings[:-1]), [case.recordings[-1]]
-    (only,) = case.recordings
-    cut = int(len(only.t) * (1 - HELD_OUT))
-    start = only.part(slice(0, cut), name=f"{only.name}, start")
-    end = only.part(slice(cut, None), name=f"{only.name}, end")
-    return [start], [end]
+    held = list(chosen) or [r.name for r in case.judged]
+    if not held and len(everything) == 1:
+        (only,) = everything
+        cut = int(len(only.t) * (1 - HELD_OUT))
+        start = only.part(slice(0, cut), name=f"{only.name}, start")
+        end = only.part(slice(cut, None), name=f"{only.name}, end")
+        return [start], [end]
+    held = held or [everything[-1].name]
+    fit = [r for r in everything if r.name not in held]
+    if not fit:
+        raise InputError(
+            "every recording is held out, none remains to fit", where="--judge"
+        )
+    return fit, [r for r in everything if r.name in held]

@@ -83,7 +83,7 @@ def filter_curves(result: Identification) -> dict[str, Any]:
     """What the figures draw: each parameter with its band and the batch, and each joint's innovations."""
     review = result.filtered
     track = review.followed.track
-    expressions = result.base.expressions(1e-2)
+    expressions = result.base.expressions()
     names = list(result.base.kept_names)
     nominal = result.base.of(result.columns.nominal(result.choice.law))
     parameters = [
@@ -450,7 +450,7 @@ def _facts(result: Identification) -> list[str]:
     fit, held_out = result.validation
     base, cutoff = result.base, result.settings.cutoff
     moved = () if result.moved is None else (_moved(result, result.moved),)
-    document = {"filter": filter_document(result.filtered, base.expressions(1e-2))}
+    document = {"filter": filter_document(result.filtered, base.expressions())}
     return [
         f"fitted {_named(fit.recordings)}; held out {_named(held_out.recordings)}",
         f"{base.count} base parameters of {len(base.names)}, condition number {result.condition:.3g}; "

@@ -86,8 +86,8 @@ def test_it_learns_and_what_it_writes_is_used(
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--form", "forest"), "choose best or additive or mlp or tcn"),
-        (("--apart", "nothing"), "choose best or all or effects"),
+        (("--form", "forest"), "known are best, additive, mlp, tcn"),
+        (("--apart", "nothing"), "known are best, all, effects"),
         (("--judge", "other.csv"), "no recording is called 'other.csv'"),
         (("--model", "none.yaml"), "none.yaml"),
     ],

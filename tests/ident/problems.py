@@ -57,9 +57,10 @@ def outliers(rng: np.random.Generator) -> Problem:
 
 
 def errors_in_variables(rng: np.random.Generator) -> Problem:
-    """The columns are as noisy as the torque."""
-    W = matrix(rng, 2000)
-    torque = W @ TRUTH + 0.5 * rng.standard_normal(W.shape[:2])
+    """The columns are as noisy as the torque, relative to their sizes."""
+    W = matrix(rng, 4000)
+    torque = W @ TRUTH
+    torque += 0.5 * torque.std() * rng.standard_normal(W.shape[:2])
     return problem(W + 0.5 * rng.standard_normal(W.shape), torque)
 
 
@@ -114,7 +115,7 @@ SOLVABLE = {
     "well conditioned": Kind(well_conditioned, 0.02),
     "ill conditioned": Kind(ill_conditioned, 2.0),
     "outliers": Kind(outliers, 0.02),
-    "errors in variables": Kind(errors_in_variables, 0.15),
+    "errors in variables": Kind(errors_in_variables, 0.2),
     "noise per joint": Kind(noise_per_joint, 0.01),
     "correlated noise": Kind(correlated_noise, 0.05),
     "rank deficient": Kind(rank_deficient, np.inf),
@@ -154,8 +155,3 @@ class Assembly:
             np.repeat(np.arange(len(segments)), [len(x) for x in torques]),
             self.every / segments[0].motion.rate,
         )
-
-    def times(self, recording: Recording) -> np.ndarray:
-        """Times [s] of the samples that a recording contributes."""
-        segments = condition(recording, self.cutoff)
-        return np.concatenate([s.motion.t[s.inner][:: self.every] for s in segments])

@@ -13,7 +13,7 @@ from gapscope.arm.dynamics.rollout import Commands
 from gapscope.arm.errors import InputError
 from gapscope.arm.recording import STILL, Recording, resting
 from gapscope.arm.root_mean_square import rms
-from gapscope.arm.velocity_filter import VelocityFilter, rule_of
+from gapscope.arm.velocity_filter import VelocityFilter
 from gapscope.ident.samples import Samples
 from gapscope.model.conditioning import TORQUE_CUTOFF, TRIM, low_pass
 from gapscope.model.effective_samples import band_samples
@@ -101,6 +101,8 @@ OFF = 0.1
 """Gains that fit better when scaled by more than this are wrong [1]."""
 EXPLAINED = 0.5
 """Share of the miss that other gains must explain before they are called wrong [1]."""
+AT_LIMIT = 0.99
+"""Share of its limit from which a torque is at it [1]."""
 SEEN = 0.01
 """Feedback below this share of the torque's spread is too small to test gains [1]."""
 
@@ -125,11 +127,20 @@ def check_controller(
     assert recording.tau is not None
     rate = recording.rate
     rows = ((recording.t - recording.t[0]) * controller.rate + 1e-6).astype(int)
-    velocity = (
-        recording.dq
-        if recording.dq is not None
-        else _velocity(recording, controller, commands)[rows]
-    )
+    velocity = recording.dq
+    if velocity is None:
+        # the controller's, at its ticks
+        q = make_interp_spline(recording.t, recording.q, k=3)(
+            np.minimum(commands.t, recording.t[-1])
+        )
+        filtered = VelocityFilter(
+            controller.rate,
+            controller.velocity_cutoff,
+            controller.velocity_damping,
+            q[0],
+            commands.dq[0],
+        )
+        velocity = np.array([filtered(row) for row in q])[rows]
     terms = [
         recording.tau - commands.torque[rows],
         controller.kp * (commands.q[rows] - recording.q),
@@ -139,72 +150,32 @@ def check_controller(
     feedback, stiff, damped = (
         low_pass(x, rate, TORQUE_CUTOFF)[edge : len(rows) - edge] for x in terms
     )
-    free = np.ones(feedback.shape, dtype=bool)
+    free: np.ndarray = np.ones(feedback.shape, dtype=bool)
     if limit is not None:
-        free = (np.abs(recording.tau) < 0.999 * limit)[edge : len(rows) - edge]
-    spread = recording.tau.std(axis=0).max()
-    found = []
-    for j in range(recording.n_joints):
-        rows_free = free[:, j]
-        found.append(
-            _joint(
-                recording,
-                j,
-                feedback[rows_free, j],
-                stiff[rows_free, j],
-                damped[rows_free, j],
-                spread,
+        below = np.abs(recording.tau) < AT_LIMIT * limit
+        free = below[edge : len(rows) - edge]
+    spread = recording.tau.std(axis=0)
+    found: list[str] = []
+    for j, rows_free in enumerate(free.T):
+        own, both = feedback[rows_free, j], (stiff[rows_free, j], damped[rows_free, j])
+        size, error = rms(own), rms(own - sum(both))
+        # too small to test gains, or within what noise may do
+        if size < SEEN * spread.max() or error < max(AGREES * size, NOISE * spread[j]):
+            continue
+        columns = np.stack(both, axis=1)
+        scale = np.linalg.lstsq(columns, own, rcond=None)[0]
+        # other gains that explain the torque: a wrong gain or unit; otherwise another controller
+        explained = rms(own - columns @ scale) < (1 - EXPLAINED) * error
+        if explained and np.abs(scale - 1).max() > OFF:
+            raise InputError(
+                f"the torque of joint {j + 1} fits kp times {scale[0]:.3g} and kd times {scale[1]:.3g}",
+                "correct the gains, or their unit, in controller:; a simulated closed loop needs those of the "
+                "recording",
+                file=recording.name,
+                where="controller.kp, controller.kd",
             )
+        found.append(
+            f"{recording.name}: {error / size:.0%} of the feedback torque of joint {j + 1} is not what the controller "
+            "commands; check feedforward, delay, and whether the recorded torque is the command"
         )
-    return [warning for warning in found if warning]
-
-
-def _velocity(recording: Recording, controller: PD, commands: Commands) -> np.ndarray:
-    """The controller's velocity at its ticks [rad/s], from recorded positions, shape (K, n)."""
-    q = make_interp_spline(recording.t, recording.q, k=3)(
-        np.minimum(commands.t, recording.t[-1])
-    )
-    filtered = VelocityFilter(
-        controller.rate,
-        controller.velocity_cutoff,
-        controller.velocity_damping,
-        q[0],
-        commands.dq[0],
-        rule_of(recording, controller),
-    )
-    return np.array([filtered(row) for row in q])
-
-
-def _joint(
-    recording: Recording,
-    joint: int,
-    feedback: np.ndarray,
-    stiff: np.ndarray,
-    damped: np.ndarray,
-    spread: float,
-) -> str:
-    """A warning about one joint, or an empty string."""
-    assert recording.tau is not None
-    size = rms(feedback)
-    if size < SEEN * spread:
-        return ""
-    error = rms(feedback - (stiff + damped))
-    noise = NOISE * float(recording.tau[:, joint].std())
-    if error < max(AGREES * size, noise):
-        return ""
-    terms = np.stack([stiff, damped], axis=1)
-    scale = np.linalg.lstsq(terms, feedback, rcond=None)[0]
-    rescaled_error = rms(feedback - terms @ scale)
-    # other gains that explain the torque: a wrong gain or unit; otherwise another controller
-    other_gains = np.abs(scale - 1).max() > OFF
-    if other_gains and rescaled_error < (1 - EXPLAINED) * error:
-        raise InputError(
-            f"the torque of joint {joint + 1} fits kp times {scale[0]:.3g} and kd times {scale[1]:.3g}",
-            "correct the gains, or their unit, in controller:; a simulated closed loop needs those of the recording",
-            file=recording.name,
-            where="controller.kp, controller.kd",
-        )
-    return (
-        f"{recording.name}: {error / size:.0%} of the feedback torque of joint {joint + 1} is not what the controller "
-        "commands; check feedforward, delay, and whether the recorded torque is the command"
-    )
+    return found

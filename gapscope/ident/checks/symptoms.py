@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.ndimage import binary_opening
 from scipy.signal import welch
 
 from gapscope.arm.recording import Recording
+from gapscope.ident.checks.plausible_samples import AT_LIMIT
+from gapscope.ident.model.base_parameters import TINY
 from gapscope.ident.model.friction import Choice
 from gapscope.model.conditioning import uniform
 
@@ -41,8 +44,8 @@ def spectral(
         acceleration += (acceleration_power * density)[inside].sum(axis=0)
         lost += (velocity_power * above_floor)[~inside].sum(axis=0)
         speed += (velocity_power * density)[inside].sum(axis=0)
-    noise_share = np.sqrt(noise / np.maximum(acceleration, 1e-300))
-    return noise_share, lost / np.maximum(speed + lost, 1e-300)
+    noise_share = np.sqrt(noise / np.maximum(acceleration, TINY))
+    return noise_share, lost / np.maximum(speed + lost, TINY)
 
 
 def _position_spectrum(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
@@ -75,38 +78,18 @@ def clipped(recordings: Sequence[Recording], limit: np.ndarray | None) -> np.nda
         highest = max(x.max() for x in series)
         lowest = min(x.min() for x in series)
         for x in series:
-            extreme = np.isclose(x, highest, rtol=1e-6) | np.isclose(
-                x, lowest, rtol=1e-6
-            )
-            at_limit = _in_runs(extreme)
+            extreme = np.isclose(x, highest) | np.isclose(x, lowest)
+            # samples that are part of at least ``FLAT`` in a row
+            at_limit = binary_opening(extreme, np.ones(FLAT))
             if limit is not None:
-                at_limit |= np.abs(x) >= 0.99 * limit[j]
+                at_limit |= np.abs(x) >= AT_LIMIT * limit[j]
             share[j] += at_limit.sum() / total
     return share
 
 
-def _in_runs(at: np.ndarray) -> np.ndarray:
-    """Samples that are part of at least ``FLAT`` in a row."""
-    padded = np.concatenate([[0], at.astype(int), [0]])
-    edges = np.flatnonzero(np.diff(padded))
-    starts, stops = edges[::2], edges[1::2]
-    long_enough = np.zeros(len(at), dtype=bool)
-    for start, stop in zip(starts, stops, strict=True):
-        long_enough[start:stop] = stop - start >= FLAT
-    return long_enough
-
-
 def near_rest(choice: Choice) -> float:
     """Share by which a Stribeck term lowers the error on held-out stretches [1]."""
-    without: list[float] = []
-    with_stribeck: list[float] = []
-    for law, error in choice.tried:
-        if "direction kept" in law:
-            continue
-        if "Stribeck" in law:
-            with_stribeck.append(error)
-        else:
-            without.append(error)
-    if not with_stribeck:
-        return 0.0
-    return 1 - min(with_stribeck) / without[0]
+    tried = [entry for entry in choice.tried if "direction kept" not in entry[0]]
+    stribeck = [error for law, error in tried if "Stribeck" in law]
+    without = [error for law, error in tried if "Stribeck" not in law]
+    return 1 - min(stribeck) / without[0] if stribeck else 0.0

@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gapscope.arm.recording import resting
 from gapscope.ident.checks import symptoms
-from gapscope.ident.examination import Examination, Validation
+from gapscope.ident.estimators.linear import column_norms
+from gapscope.ident.examination import CONDITION_LIMIT, Examination, Validation
 from gapscope.ident.fitted_parameters import FittedParameters
+from gapscope.ident.model.base_parameters import TINY, Factor, condition_number
 from gapscope.ident.model.joint_zero import JointZeros
 from gapscope.ident.model.physical_parameters import inconsistent
 from gapscope.model.change_findings import change_findings, change_text
 from gapscope.model.changes import Change
-from gapscope.model.effective_samples import variance_inflation
+from gapscope.model.effective_samples import group_slices, variance_inflation
 
 # The troubleshooting table: symptom, cause, check, remedy, filled in from the data.
 
 
 FOUND, CLEAR = "found", "clear"
-SLOW = 0.1
-"""A joint hardly moves below this share of its speed [1]."""
+SLOW, FAST = 0.1, 0.95
+"""A joint hardly moves below this share of its speed, which it exceeds for the rest of this share of the time [1]."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,7 @@ def _about_bodies(fitted: FittedParameters, zeros: JointZeros) -> Iterator[Row]:
         remedy="calibrate the zero, or set import: {offsets: [...]}",
     )
     change = fitted.base.of(fitted.physical.value) - fitted.estimate.value
-    deviations = change / np.maximum(fitted.uncertainty.deviation, 1e-300)
+    deviations = change / np.maximum(fitted.uncertainty.deviation, TINY)
     impossible = _row(
         BODIES,
         float((deviations**2).mean()),
@@ -134,51 +136,35 @@ def _time_offset(fit: FittedParameters) -> tuple[np.ndarray, np.ndarray]:
     not count.
     """
     samples, base, fitted = fit.samples, fit.base, fit.fitted_torque
-    n = fitted.shape[1]
-    speed = np.abs(samples.velocity)
-    moving = speed > SLOW * np.quantile(speed, 0.95, axis=0)
+    n, speed = fitted.shape[1], np.abs(samples.velocity)
+    moving = speed > SLOW * np.quantile(speed, FAST, axis=0)
     weight = moving / fit.choice.noise
     residual = (samples.torque - fitted) * weight
-    late = -_rate(fitted, samples.group, samples.interval)[:, :, None] * np.eye(n)
-    model = fit.matrix[:, :, base.kept]
-    columns = np.concatenate([model, late], axis=2) * weight[:, :, None]
-    flat = columns.reshape(-1, columns.shape[2])
-    unit = np.linalg.norm(flat, axis=0)
-    unit = np.where(unit > 0, unit, 1.0)
-    equations = np.column_stack([flat / unit, residual.ravel()])
-    triangle = np.asarray(np.linalg.qr(equations, mode="r"))
-    inverse: np.ndarray = np.linalg.pinv(triangle[:-1, :-1], rcond=1e-9)
-    solution = inverse @ triangle[:-1, -1]
-    spread = np.sqrt((inverse**2).sum(axis=1))
+    rate = np.concatenate(
+        [
+            np.gradient(fitted[rows], samples.interval, axis=0)
+            for rows in group_slices(samples.group)
+        ]
+    )
+    late = -rate[:, :, None] * np.eye(n)
+    columns = np.concatenate([fit.matrix[:, :, base.kept], late], axis=2)
+    flat = (columns * weight[:, :, None]).reshape(residual.size, -1)
+    unit = column_norms(flat)
+    factor = Factor.of(flat / unit, residual.ravel())
+    inverse: np.ndarray = np.linalg.pinv(factor.triangle, rcond=1e-9)
+    solution, spread = inverse @ factor.rotated, np.linalg.norm(inverse, axis=1)
     # samples at rest have no weight: they do not count in the mean of the squares either
-    counted = np.maximum(moving.mean(axis=0), 1e-9)
+    counted = np.maximum(moving.mean(axis=0), 1 / len(moving))
     variance = (residual**2).mean(axis=0) / counted
     scale = np.sqrt(variance * variance_inflation(residual, samples.group))
     return solution[-n:] / unit[-n:], spread[-n:] / unit[-n:] * scale
 
 
-def _rate(series: np.ndarray, group: np.ndarray, interval: float) -> np.ndarray:
-    """Time derivative of a series within each group, of the shape of the series."""
-    rate = np.zeros_like(series)
-    for g in np.unique(group):
-        rows = group == g
-        rate[rows] = np.gradient(series[rows], interval, axis=0)
-    return rate
-
-
-def _condition(fit: FittedParameters) -> float:
-    """Condition number of the base columns, scaled to unit norm [1]."""
-    columns = fit.matrix[:, :, fit.base.kept].reshape(-1, fit.base.count)
-    unit = columns / np.linalg.norm(columns, axis=0)
-    # the triangle has the singular values of the columns and is much smaller
-    return float(np.linalg.cond(np.linalg.qr(unit, mode="r")))
-
-
 def _about_motion(fitted: FittedParameters) -> Iterator[Row]:
     yield _row(
         "condition",
-        _condition(fitted),
-        1000.0,
+        condition_number(fitted.matrix[:, :, fitted.base.kept]),
+        CONDITION_LIMIT,
         symptom="large intervals, parameters that change from fit to fit",
         cause="motion that does not excite all parameters",
         check="condition number of the base columns with unit norm",
@@ -270,15 +256,44 @@ def identification_warnings(
     validation: tuple[Validation, Validation],
 ) -> tuple[str, ...]:
     """The warnings, those that concern all results first."""
-    return (
-        *_worse(validation, examined.counted.per_parameter),
-        *_changed(changes),
-        *fitted.estimate.warnings,
-        *examined.warnings(),
-        *_still(fitted),
-        *_bodies_warning(fitted, zeros, table),
-        *_rows(table),
-    )
+    fit, held_out = validation
+    found = []
+    if predicts_worse(fit, held_out, examined.counted.per_parameter):
+        found.append(
+            f"{WORSE}: {held_out.every.overall:.1%} of the torque against {held_out.nominal.overall:.1%}; use the "
+            "nominal arm, record an exciting trajectory (`gapscope excite`), or stay nearer to it: --estimator ridge, "
+            "truncated_svd or partial_update, --keep"
+        )
+    for entry in change_findings(changes):
+        found.append(
+            f"{change_text(entry)}; cut the recording there, and name a known load in payloads:"
+        )
+    found += [*fitted.estimate.warnings, *examined.warnings()]
+    still = _still_joints(fitted)
+    if len(still):
+        found.append(
+            f"joint {_numbers(still + 1)} rests in every fitted recording: its own parameters are not identifiable"
+        )
+    wrong = inconsistent(fitted.physical.before)
+    rows = [row for row in table if row.verdict == FOUND]
+    # noise alone takes parameters that the data hardly determine out of what bodies can have
+    certain = any(row.key == BODIES for row in rows)
+    if wrong and (certain or len(zeros.asked)):
+        negative = _numbers(c.link for c in wrong if not c.positive_mass)
+        masses = f"; link {negative} even of negative mass" if negative else ""
+        found.append(
+            f"the parameters nearest to the nominal arm that fit best are those of no body on link "
+            f"{_numbers(c.link for c in wrong)}{masses}: the consistent ones are used instead"
+        )
+    for row in rows:
+        if row.key not in SAID_OTHERWISE:
+            where = f" on joint {_numbers(row.joints)}" if row.joints else ""
+            found.append(f"{row.cause}{where}: {row.remedy}")
+    return tuple(found)
+
+
+def _numbers(values: Iterable[int]) -> str:
+    return ", ".join(map(str, values))
 
 
 def predicts_worse(fit: Validation, held_out: Validation, per_parameter: float) -> bool:
@@ -291,52 +306,4 @@ def predicts_worse(fit: Validation, held_out: Validation, per_parameter: float) 
         float((own.rmse**2).sum())
         for own in (held_out.every, held_out.nominal, fit.every)
     )
-    return ours > nominal + 2.0 / max(per_parameter, 1e-3) * noise
-
-
-def _worse(
-    validation: tuple[Validation, Validation], per_parameter: float
-) -> Iterator[str]:
-    fit, held_out = validation
-    if predicts_worse(fit, held_out, per_parameter):
-        yield (
-            f"{WORSE}: {held_out.every.overall:.1%} of the torque against {held_out.nominal.overall:.1%}; use the "
-            "nominal arm, record an exciting trajectory (`gapscope excite`), or stay nearer to it: --estimator ridge, "
-            "truncated_svd or partial_update, --keep"
-        )
-
-
-def _changed(changes: Sequence[Change]) -> Iterator[str]:
-    for entry in change_findings(changes):
-        yield f"{change_text(entry)}; cut the recording there, and name a known load in payloads:"
-
-
-def _still(fitted: FittedParameters) -> Iterator[str]:
-    still = _still_joints(fitted)
-    if len(still):
-        joints = ", ".join(str(j + 1) for j in still)
-        yield f"joint {joints} rests in every fitted recording: its own parameters are not identifiable"
-
-
-def _bodies_warning(
-    fitted: FittedParameters, zeros: JointZeros, table: Sequence[Row]
-) -> Iterator[str]:
-    wrong = inconsistent(fitted.physical.before)
-    # noise alone takes parameters that the data hardly determine out of what bodies can have
-    certain = any(row.key == BODIES and row.verdict == FOUND for row in table)
-    if wrong and (certain or len(zeros.asked)):
-        negative = [str(c.link) for c in wrong if not c.positive_mass]
-        masses = (
-            f"; link {', '.join(negative)} even of negative mass" if negative else ""
-        )
-        yield (
-            f"the parameters nearest to the nominal arm that fit best are those of no body on link "
-            f"{', '.join(str(c.link) for c in wrong)}{masses}: the consistent ones are used instead"
-        )
-
-
-def _rows(table: Sequence[Row]) -> Iterator[str]:
-    for row in table:
-        if row.verdict == FOUND and row.key not in SAID_OTHERWISE:
-            where = f" on joint {', '.join(map(str, row.joints))}" if row.joints else ""
-            yield f"{row.cause}{where}: {row.remedy}"
+    return ours > nominal + 2.0 / per_parameter * noise

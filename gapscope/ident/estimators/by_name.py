@@ -9,19 +9,17 @@ import numpy as np
 
 from gapscope.arm.errors import InputError
 from gapscope.ident.estimators.experiment import Experiment
-from gapscope.ident.estimators.kalman import Kalman
 from gapscope.ident.estimators.linear import (
     Estimate,
     Estimator,
     HuberLeastSquares,
     MaximumLikelihood,
-    OnBase,
-    OrdinaryLeastSquares,
     PartialUpdate,
     Ridge,
     TotalLeastSquares,
     TruncatedSvd,
     WeightedLeastSquares,
+    least_noise,
 )
 from gapscope.ident.estimators.physical import ConsistentSdp, LogCholesky
 from gapscope.ident.estimators.simulating import (
@@ -36,6 +34,7 @@ from gapscope.ident.intervals import (
     block_jackknife,
     refit_jackknife,
 )
+from gapscope.ident.kalman import Kalman
 from gapscope.ident.model.base_parameters import BaseParameters
 from gapscope.ident.model.linear_problem import Problem
 
@@ -99,10 +98,8 @@ def method(name: str) -> Method:
 def _by_joint(
     problem: Problem, estimator: Estimator, estimate: Estimate
 ) -> Uncertainty:
-    least = 1e-9 * max(float(estimate.residual.max()), 1e-300)
-    return block_jackknife(
-        problem, estimate.value, np.diag(np.maximum(estimate.residual, least) ** -2.0)
-    )
+    noise = least_noise(estimate.residual, float(np.abs(problem.torque).max()))
+    return block_jackknife(problem, estimate.value, np.diag(noise**-2.0))
 
 
 def _unweighted(
@@ -149,7 +146,9 @@ METHODS: dict[str, Method] = {
         f"{_WITH_FORM}, of weighted least squares without the constraints",
     ),
     "wls": Method(lambda given: WeightedLeastSquares(), _by_joint, _WITH_FORM),
-    "ols": Method(lambda given: OrdinaryLeastSquares(), _unweighted, _WITH_FORM),
+    "ols": Method(
+        lambda given: WeightedLeastSquares(rounds=0), _unweighted, _WITH_FORM
+    ),
     "irls": Method(lambda given: HuberLeastSquares(), _robust, _JACKKNIFE),
     "ridge": Method(
         lambda given: Ridge(
@@ -183,17 +182,17 @@ METHODS: dict[str, Method] = {
         "posterior, of the data and the nominal arm together",
     ),
     "log_cholesky": Method(
-        lambda given: OnBase(LogCholesky(given.nominal), given.base),
+        lambda given: LogCholesky(given.nominal, given.base),
         _repeated,
         _UNBIASED,
     ),
     "sdp_euclidean": Method(
-        lambda given: OnBase(ConsistentSdp(given.nominal), given.base),
+        lambda given: ConsistentSdp(given.nominal, given.base),
         _repeated,
         _UNBIASED,
     ),
     "sdp_entropic": Method(
-        lambda given: OnBase(ConsistentSdp(given.nominal, "entropic"), given.base),
+        lambda given: ConsistentSdp(given.nominal, given.base, entropic=True),
         _repeated,
         _UNBIASED,
     ),

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
 from gapscope.arm.control import PD, feedforward
-from gapscope.arm.dynamics.rigid_body import ArrayCache
 from gapscope.arm.dynamics.rollout import (
     Commands,
     Plant,
@@ -19,7 +19,7 @@ from gapscope.arm.dynamics.rollout import (
     sensitivity,
     ticks_per_step,
 )
-from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.errors import InputError
 from gapscope.arm.recording import Recording
 from gapscope.arm.velocity_filter import rule_of
 from gapscope.effects.corrected import CorrectedArm
@@ -31,6 +31,8 @@ from gapscope.model.conditioning import GAP_STEPS
 
 AT_REST = 1e-3
 """A reference that starts slower than this starts at rest [rad/s]."""
+SETTLE = 0.5
+"""How long a reference that starts at rest was held before the recording [s]."""
 
 
 @dataclass(frozen=True)
@@ -44,10 +46,7 @@ class Experiment:
         recordings: with q_ref and tau, without gaps.
         build: from recordings to the problem; it made the problem from the measured ones, and is given simulated ones,
             so that filtering and differentiation change both alike.
-        prior: parameters pi near which the simulated arm stays if the data do not decide, shape (p,); those of the
-            nominal arm by default.
-        settle: how long a reference that starts at rest was held before the recording [s].
-        warnings: what was noticed about controller and recordings.
+        prior: parameters pi near which the simulated arm stays if the data do not decide, shape (p,).
 
     Raises:
         InputError: a recording has no reference, no torque or a gap, or its torque contradicts the controller.
@@ -58,24 +57,19 @@ class Experiment:
     controller: PD
     recordings: Sequence[Recording]
     build: Callable[[Sequence[Recording]], Problem]
-    prior: np.ndarray = None  # type: ignore[assignment]
-    settle: float = 0.5
-    warnings: tuple[str, ...] = field(init=False, default=())
+    prior: np.ndarray
 
     def __post_init__(self) -> None:
-        """Check the recordings and fill in the prior."""
-        if self.prior is None:
-            object.__setattr__(self, "prior", self.regressor.nominal())
-        warnings: list[str] = []
-        for recording, commands in zip(self.recordings, self.commands, strict=True):
-            warnings += check_controller(
-                recording, self.controller, commands, self._limit
-            )
-        object.__setattr__(self, "warnings", tuple(warnings))
+        """Check the recordings."""
+        assert self.warnings is not None
 
-    @property
-    def _limit(self) -> np.ndarray | None:
-        return self.regressor.arm.torque_limit
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """What was noticed about controller and recordings."""
+        pairs = zip(self.recordings, self.commands, strict=True)
+        limit = self.regressor.arm.torque_limit
+        found = (check_controller(r, self.controller, c, limit) for r, c in pairs)
+        return tuple(itertools.chain.from_iterable(found))
 
     @cached_property
     def commands(self) -> tuple[Commands, ...]:
@@ -97,8 +91,16 @@ class Experiment:
         Raises:
             GapscopeError: the arm diverged.
         """
+        pairs = zip(self.recordings, self._rolled(beta), strict=True)
         return tuple(
-            self._recorded(k, rolled) for k, rolled in enumerate(self._rolled(beta))
+            replace(
+                own,
+                q=rolled.q[rows],
+                tau=rolled.tau[rows],
+                dq=rolled.dq[rows],
+                tau_sensor=None,
+            )
+            for rows, (own, rolled) in zip(self._rows, pairs, strict=True)
         )
 
     def problem(self, beta: np.ndarray) -> Problem:
@@ -109,25 +111,24 @@ class Experiment:
         self, beta: np.ndarray
     ) -> tuple[tuple[Recording, np.ndarray, np.ndarray], ...]:
         """Simulated recordings with d q / d beta [rad] and d tau / d beta [N m], each of shape (N, n, b)."""
-        rolled = self._rolled(beta)
-        directions = self._directions()
-        every = ticks_per_step(self.controller)
-        out: dict[int, tuple[Recording, np.ndarray, np.ndarray]] = {}
-        for rule, members in self._alike.items():
-            along = sensitivity(
-                self.regressor.body,
-                self.plant(beta),
-                self.controller,
-                [rolled[k] for k in members],
-                directions,
-                self._limit,
-                rule,
-            )
-            for k, (by_q, by_tau) in zip(members, along, strict=True):
-                rows = self._rows(k) / every
-                simulated = self._recorded(k, rolled[k])
-                out[k] = (simulated, _at(rows, by_q), _at(rows, by_tau))
-        return tuple(out[k] for k in range(len(self.recordings)))
+        along = sensitivity(
+            self.regressor.body,
+            self.plant(beta),
+            self.controller,
+            self._rolled(beta),
+            self._directions(),
+            self.regressor.arm.torque_limit,
+            self._rule,
+        )
+        out = []
+        whole = zip(self.simulate(beta), self._rows, along, strict=True)
+        for simulated, rows, both in whole:
+            # numbers between two rows of a series interpolated
+            steps = np.arange(len(both[0]))
+            at = np.minimum(rows / ticks_per_step(self.controller), steps[-1])
+            by_q, by_tau = (make_interp_spline(steps, x, k=1)(at) for x in both)
+            out.append((simulated, by_q, by_tau))
+        return tuple(out)
 
     def check(self, problem: Problem) -> None:
         """Check that a problem is one of these recordings and determines the parameters, or raise ``InputError``."""
@@ -139,18 +140,15 @@ class Experiment:
         check_samples(problem)
 
     @cached_property
-    def _alike(self) -> dict[str, list[int]]:
-        """Numbers of the recordings whose controller discretised its filter alike, by that rule."""
-        rules = [rule_of(recording, self.controller) for recording in self.recordings]
-        return {
-            rule: [k for k, own in enumerate(rules) if own == rule]
-            for rule in dict.fromkeys(rules)
-        }
+    def _rule(self) -> str:
+        """How the controller discretises its velocity filter: what the longest recording shows."""
+        longest = max(self.recordings, key=lambda recording: recording.duration)
+        return rule_of(longest, self.controller)
 
     @cached_property
-    def _recent(self) -> ArrayCache:
+    def _last(self) -> dict[bytes, tuple[RollOut, ...]]:
         """Roll-outs of the last parameters: an estimator asks for those of one point more than once."""
-        return ArrayCache()
+        return {}
 
     def _full(self, parameters: np.ndarray) -> np.ndarray:
         """Parameters in the order of ``Plant.of``; quantities without a column keep the sheet's values; (14 n,)."""
@@ -172,57 +170,49 @@ class Experiment:
 
     def _rolled(self, beta: np.ndarray) -> tuple[RollOut, ...]:
         """Roll-outs of all recordings, computed or remembered."""
-        flat = self._recent.get("roll-outs", (beta,), lambda: self._computed(beta))
-        return tuple(
-            RollOut(*flat[5 * k : 5 * k + 5]) for k in range(len(self.recordings))
-        )
-
-    def _computed(self, beta: np.ndarray) -> tuple[np.ndarray, ...]:
-        """The arrays of the roll-outs, one after the other."""
-        body, plant = self.regressor.body, self.plant(beta)
-        rolled: dict[int, RollOut] = {}
-        for rule, members in self._alike.items():
-            commands, starts = zip(*map(self._begun, members), strict=True)
-            found = roll_outs(
-                body, plant, self.controller, commands, self._limit, starts, rule
+        key = beta.tobytes()
+        if key not in self._last:
+            self._last.clear()
+            begun = map(self._begun, range(len(self.recordings)))
+            commands, starts = zip(*begun, strict=True)
+            self._last[key] = roll_outs(
+                self.regressor.body,
+                self.plant(beta),
+                self.controller,
+                commands,
+                self.regressor.arm.torque_limit,
+                starts,
+                self._rule,
             )
-            rolled |= dict(zip(members, found, strict=True))
-        arrays: list[np.ndarray] = []
-        for k in sorted(rolled):
-            one = rolled[k]
-            arrays += [one.t, one.q, one.dq, one.tau, one.speed]
-        return tuple(arrays)
+        return self._last[key]
 
     def _begun(self, k: int) -> tuple[Commands, tuple[np.ndarray, np.ndarray]]:
         """Commands of a recording, held before a start at rest, and the position and velocity at their start."""
-        commands, recording = self.commands[k], self.recordings[k]
-        ticks = self._ticks_held(k)
-        if ticks:
-            return _held(commands, ticks), (commands.q[0], commands.dq[0])
-        return commands, (recording.q[0], commands.dq[0])
-
-    def _ticks_held(self, k: int) -> int:
-        """Ticks for which a reference that starts at rest was held before the recording."""
-        rests = np.abs(self.commands[k].dq[0]).max() < AT_REST
-        return round(self.settle * self.controller.rate) if rests else 0
-
-    def _rows(self, k: int) -> np.ndarray:
-        """Ticks of a roll-out at which the recording has its rows, shape (N,)."""
-        t = self.recordings[k].t
-        ticks = (t - t[0]) * self.controller.rate + 1e-6
-        return self._ticks_held(k) + ticks.astype(int)
-
-    def _recorded(self, k: int, rolled: RollOut) -> Recording:
-        own, rows = self.recordings[k], self._rows(k)
-        return Recording(
-            name=own.name,
-            t=own.t,
-            q=rolled.q[rows],
-            tau=rolled.tau[rows],
-            dq=rolled.dq[rows],
-            q_ref=own.q_ref,
-            dq_ref=own.dq_ref,
+        commands, ticks = self.commands[k], self._held[k]
+        if not ticks:
+            return commands, (self.recordings[k].q[0], commands.dq[0])
+        q, dq, torque = (
+            np.pad(series, ((ticks, 0), (0, 0)), mode="edge")
+            for series in (commands.q, commands.dq, commands.torque)
         )
+        step = commands.t[1] - commands.t[0]
+        t = commands.t[0] + step * np.arange(-ticks, len(commands.t))
+        return Commands(t=t, q=q, dq=dq, torque=torque), (q[0], dq[0])
+
+    @cached_property
+    def _held(self) -> list[int]:
+        """Ticks for which a reference that starts at rest was held before each recording."""
+        rest = [np.abs(commands.dq[0]).max() < AT_REST for commands in self.commands]
+        return [round(SETTLE * self.controller.rate) if still else 0 for still in rest]
+
+    @cached_property
+    def _rows(self) -> list[np.ndarray]:
+        """Ticks of a roll-out at which each recording has its rows, (N,)."""
+        rate, times = self.controller.rate, [r.t - r.t[0] for r in self.recordings]
+        return [
+            ticks + (t * rate + 1e-6).astype(int)
+            for ticks, t in zip(self._held, times, strict=True)
+        ]
 
     def _commands(self, recording: Recording) -> Commands:
         check_bare(recording)
@@ -239,64 +229,14 @@ class Experiment:
                 "cut it there into two recordings",
                 file=recording.name,
             )
-        ticks = (
-            t[0]
-            + np.arange(int((t[-1] - t[0]) * self.controller.rate + 1e-6) + 2)
-            / self.controller.rate
-        )
-        held = np.minimum(ticks, t[-1])
-        dq_ref = (
-            make_interp_spline(t, q_ref, k=3)(t, 1)
-            if recording.dq_ref is None
-            else recording.dq_ref
-        )
+        rate = self.controller.rate
+        ticks = t[0] + np.arange(int((t[-1] - t[0]) * rate + 1e-6) + 2) / rate
+        held, dq_ref = np.minimum(ticks, t[-1]), recording.dq_ref
+        if dq_ref is None:
+            dq_ref = make_interp_spline(t, q_ref, k=3)(t, 1)
         velocity = make_interp_spline(t, dq_ref, k=3)
-        q, dq, ddq = (
-            CubicHermiteSpline(t, q_ref, dq_ref)(held),
-            velocity(held),
-            velocity(held, 1),
-        )
+        q = CubicHermiteSpline(t, q_ref, dq_ref)(held)
+        dq, ddq = velocity(held), velocity(held, 1)
         arm, body = self.regressor.arm, self.regressor.body
-        return Commands(
-            t=ticks,
-            q=q,
-            dq=dq,
-            torque=feedforward(arm, body, self.controller.feedforward, q, dq, ddq),
-        )
-
-
-def _at(rows: np.ndarray, series: np.ndarray) -> np.ndarray:
-    """Rows of a series, numbers between two of them interpolated."""
-    last = len(series) - 1
-    below = np.minimum(rows.astype(int), last)
-    share = (rows - below)[:, None, None]
-    if not share.any():
-        return series[below]
-    above = np.minimum(below + 1, last)
-    return (1 - share) * series[below] + share * series[above]
-
-
-def _held(commands: Commands, ticks: int) -> Commands:
-    """Commands after the first one was held for some ticks."""
-    step = commands.t[1] - commands.t[0]
-    earlier = commands.t[0] + step * np.arange(-ticks, 0)
-
-    def extended(series: np.ndarray) -> np.ndarray:
-        return np.concatenate([np.repeat(series[:1], ticks, axis=0), series])
-
-    return Commands(
-        t=np.concatenate([earlier, commands.t]),
-        q=extended(commands.q),
-        dq=extended(commands.dq),
-        torque=extended(commands.torque),
-    )
-
-
-def diverged(error: GapscopeError, iteration: int) -> GapscopeError:
-    """The error of an estimator whose simulated arm diverged, with its causes."""
-    return GapscopeError(
-        f"the simulated arm diverged in iteration {iteration} ({error.message})",
-        "check (a) that gains, feedforward and reference are those of the recording, (b) that the start is near the "
-        "arm: take the estimate of a linear estimator, or the data sheet, as the prior, (c) that the motion excites "
-        "every parameter, so that no estimate makes the mass matrix negative",
-    )
+        torque = feedforward(arm, body, self.controller.feedforward, q, dq, ddq)
+        return Commands(t=ticks, q=q, dq=dq, torque=torque)

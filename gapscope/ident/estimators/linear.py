@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 from scipy.linalg import solve, solve_triangular
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.root_mean_square import rms
-from gapscope.ident.model.base_parameters import BaseParameters, Factor
+from gapscope.ident.model.base_parameters import TINY, WORTH, Factor
 from gapscope.ident.model.friction import FOLDS, stretches
 from gapscope.ident.model.linear_problem import (
     Problem,
@@ -57,50 +58,13 @@ class Estimator(Protocol):
         """Estimate the parameters; raises ``InputError`` if the samples cannot determine them."""
 
 
-# What the linear estimators share: noise, scales, held-out motions, and the estimate that follows.
+# What the linear estimators share: noise, scales, and the estimate that follows.
 
 
-def strongest_by_motion(
-    problem: Problem,
-    prior: np.ndarray,
-    norms: np.ndarray,
-    filters: Callable[[np.ndarray], np.ndarray],
-) -> int:
-    """The last of K pulls, the strongest, that predicts motions not fitted as well as the best within a standard error.
-
-    Each motion is left out in turn: a recording, or, of fewer than three, a stretch of time. The error is that of the
-    mean over parts of them. Other motions may show more than these: if they cannot tell, the prior is kept.
-
-    Args:
-        problem: to be solved.
-        prior: beta_0, shape (b,).
-        norms: D, shape (b,).
-        filters: factors 1 / (s_i^2 + ...) of K pulls along the singular directions, (K, b), from the squared singular
-            values of W D^-1, (b,), ascending.
-
-    Source: breiman1984.
-    """
-    parts = group_slices(problem.group)
-    if len(parts) < 3:
-        parts = stretches(problem.group)
-    left = problem.torque - problem.matrix @ prior
-    scaled = np.concatenate([problem.matrix / norms, left[..., None]], axis=2)
-    flat = [scaled[rows].reshape(-1, scaled.shape[2]) for rows in parts]
-    grams = [rows.T @ rows for rows in flat]
-    squares = []
-    for rows, gram in zip(flat, grams, strict=True):
-        others = np.sum(grams, axis=0) - gram
-        values, vectors = np.linalg.eigh(others[:-1, :-1])
-        part = vectors.T @ others[:-1, -1]
-        change = (filters(np.maximum(values, 0.0)) * part) @ vectors.T
-        residual2 = (rows[:, -1] - change @ rows[:, :-1].T) ** 2
-        parts_of_it = np.array_split(residual2, FOLDS, axis=1)
-        squares += [part.mean(axis=1) for part in parts_of_it]
-    every = np.array(squares)
-    best = int(every.mean(axis=0).argmin())
-    worse = every - every[:, best : best + 1]
-    error = worse.std(axis=0, ddof=1) / np.sqrt(len(worse))
-    return int(np.flatnonzero(worse.mean(axis=0) <= error).max())
+ROUNDS = 100
+"""Most rounds of estimating noise, or weights, and parameters in turn."""
+SETTLED = 1e-6
+"""They end before if parameters move by this share of their deviations, or the torque by this of its size [1]."""
 
 
 def whitened(problem: Problem, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -121,21 +85,25 @@ def joint_noise(problem: Problem, beta: np.ndarray) -> np.ndarray:
 
 def least_noise(noise: np.ndarray, largest_torque: float) -> np.ndarray:
     """Noise of the joints [N m], (n,), of which none is zero."""
-    least = max(1e-12 * max(largest_torque, 1e-300), 1e-6 * float(noise.max(initial=0)))
+    least = max(1e-12 * largest_torque, 1e-6 * float(noise.max(initial=0)), TINY)
     return np.maximum(noise, least)
+
+
+def free_fit(
+    problem: Problem, prior: np.ndarray, unit: np.ndarray | None = None
+) -> np.ndarray:
+    """The least-squares estimate, shape (b,); the nearest to a prior, in the columns' units by default."""
+    matrix, torque = problem.stacked()
+    unit = 1 / column_norms(matrix) if unit is None else unit
+    factor = Factor.of(matrix * unit, torque - matrix @ prior)
+    step = np.linalg.lstsq(factor.triangle, factor.rotated, rcond=1e-9)[0]
+    return prior + unit * step
 
 
 def column_norms(matrix: np.ndarray) -> np.ndarray:
     """Norms of columns to divide by, shape (b,); 1 for a column of zeros."""
     norms = np.linalg.norm(matrix, axis=0)
     return np.where(norms > 0, norms, 1.0)
-
-
-def scaled_inverse(matrix: np.ndarray) -> np.ndarray:
-    """Pseudo-inverse of a symmetric matrix, computed with its diagonal brought to 1."""
-    scale = 1 / np.sqrt(np.diag(matrix))
-    outer = np.outer(scale, scale)
-    return np.linalg.pinv(matrix * outer, hermitian=True) * outer
 
 
 def finished(
@@ -155,37 +123,6 @@ def finished(
     )
 
 
-# An estimator of standard parameters, asked for base parameters.
-
-
-@dataclass(frozen=True)
-class OnBase:
-    """Estimates pi on W C, then states beta = C pi with covariance C S C^T; W the base columns, shape (N, n, b).
-
-    Attributes:
-        inner: estimates pi, shape (p,).
-        base: C, shape (b, p).
-    """
-
-    inner: Estimator
-    base: BaseParameters
-
-    def estimate(self, problem: Problem) -> Estimate:
-        """Estimate base parameters; raises what ``inner`` raises."""
-        C = self.base.combination
-        whole = Problem(
-            problem.matrix @ C,
-            problem.torque,
-            self.base.names,
-            problem.group,
-            problem.interval,
-        )
-        found = self.inner.estimate(whole)
-        return finished(
-            problem, C @ found.value, C @ found.covariance @ C.T, found.warnings
-        )
-
-
 # Equations of each joint as a triangle: all that least squares with any weights of the joints need of them.
 
 
@@ -197,94 +134,53 @@ class JointTriangles:
 
     Attributes:
         names: of the parameters, (b,).
-        rows: [R_j, z_j] of each joint, b + 1 rows at most, b + 1 columns.
-        samples: N, equations of each joint.
+        factors: R_j, z_j of each joint.
 
     Source: demmel2012.
     """
 
     names: tuple[str, ...]
-    rows: tuple[np.ndarray, ...]
-    samples: int
+    factors: tuple[Factor, ...]
 
     @classmethod
     def of(cls, problem: Problem) -> JointTriangles:
         """Those of a problem."""
-        joints = range(problem.n_joints)
-        rows = tuple(
-            _triangle(problem.matrix[:, j], problem.torque[:, j]) for j in joints
-        )
-        return cls(tuple(problem.names), rows, len(problem.torque))
+        joints = zip(problem.matrix.swapaxes(0, 1), problem.torque.T, strict=True)
+        return cls(tuple(problem.names), tuple(Factor.of(*joint) for joint in joints))
 
     @classmethod
     def joined(cls, parts: Iterable[JointTriangles]) -> JointTriangles:
         """Those of several problems of the same parameters together."""
         some = list(parts)
-        stacked = map(np.vstack, zip(*(part.rows for part in some), strict=True))
-        rows = tuple(_triangle(own[:, :-1], own[:, -1]) for own in stacked)
-        return cls(some[0].names, rows, sum(part.samples for part in some))
+        joints = zip(*(part.factors for part in some), strict=True)
+        return cls(some[0].names, tuple(Factor.together(own) for own in joints))
 
     @property
-    def equations(self) -> int:
-        """N n."""
-        return self.samples * len(self.rows)
-
-    def squares(self, beta: np.ndarray) -> np.ndarray:
-        """|tau_j - W_j beta|^2 of each joint, (n,)."""
-        z = np.append(-beta, 1.0)
-        return np.array([float(np.sum((rows @ z) ** 2)) for rows in self.rows])
+    def rows(self) -> np.ndarray:
+        """R_j of all joints, one below the other."""
+        return np.vstack([own.triangle for own in self.factors])
 
     def noise(self, beta: np.ndarray) -> np.ndarray:
         """As ``joint_noise``, (n,)."""
-        torque = max(float(np.abs(rows[:, -1]).max(initial=0.0)) for rows in self.rows)
-        free = max(1.0 - len(beta) / self.equations, 1.0 / self.equations)
-        noise = np.sqrt(self.squares(beta) / self.samples / free)
-        return least_noise(noise, torque)
-
-    def stacked(self, noise: np.ndarray | None = None) -> np.ndarray:
-        """[R, z] of all joints one below the other, each divided by its noise, (n,), if that is given."""
-        spread = np.ones(len(self.rows)) if noise is None else noise
-        return np.vstack([x / s for x, s in zip(self.rows, spread, strict=True)])
+        squares = np.array([own.squares(beta) for own in self.factors])
+        samples = self.factors[0].rows
+        equations = samples * len(squares)
+        free = max(1.0 - len(beta) / equations, 1.0 / equations)
+        largest = max(float(np.abs(own.rotated).max()) for own in self.factors)
+        return least_noise(np.sqrt(squares / samples / free), largest)
 
     def factor(self, noise: np.ndarray | None = None) -> Factor:
         """The factor of all equations, each joint's divided by its noise, (n,)."""
-        stacked = self.stacked(noise)
-        factor = Factor.of(stacked[:, :-1], stacked[:, -1])
-        return replace(factor, rows=self.equations)
+        spread = np.ones(len(self.factors)) if noise is None else noise
+        pairs = zip(self.factors, spread, strict=True)
+        return Factor.together([own.over(s) for own, s in pairs])
 
 
-def _triangle(matrix: np.ndarray, torque: np.ndarray) -> np.ndarray:
-    """R of rows [W, tau]; half of a joint's columns are zero, as its torque has nothing of the bodies before it."""
-    present = np.append(matrix.any(axis=0), True)
-    equations = np.column_stack([matrix[:, present[:-1]], torque])
-    some = np.linalg.qr(equations, mode="r")
-    out = np.zeros((len(some), len(present)))
-    out[:, present] = some
-    return out
-
-
-# Ordinary least squares.
-
-
-@dataclass(frozen=True)
-class OrdinaryLeastSquares:
-    """Minimises |tau - W beta|^2; covariance s^2 (W^T W)^-1 with s^2 = |tau - W beta|^2 / (N n - b).
-
-    That covariance holds for white noise of one size on all joints and a model without error, which filtered
-    recordings hardly ever meet; ``gapscope.ident.intervals`` has covariances that need less. Source:
-    hollerbach2008.
-    """
-
-    def estimate(self, problem: Problem) -> Estimate:
-        """Estimate; raises ``InputError`` if the samples do not determine the parameters."""
-        triangles = JointTriangles.of(problem)
-        check_samples(problem, rows=triangles.stacked()[:, :-1])
-        factor = triangles.factor()
-        return finished(
-            problem,
-            factor.solve(),
-            factor.rest / factor.freedom * factor.inverse_gram(),
-        )
+def checked_triangles(problem: Problem) -> JointTriangles:
+    """Those of a problem that determines its parameters; raises ``InputError`` otherwise."""
+    triangles = JointTriangles.of(problem)
+    check_samples(problem, rows=triangles.rows)
+    return triangles
 
 
 # Weighted least squares with the noise of each joint.
@@ -292,23 +188,23 @@ class OrdinaryLeastSquares:
 
 @dataclass(frozen=True)
 class WeightedLeastSquares:
-    """Minimises sum_j |tau_j - W_j beta|^2 / s_j^2; covariance (sum_j W_j^T W_j / s_j^2)^-1.
+    """Minimises sum_j |tau_j - W_j beta|^2 / s_j^2; covariance s^2 (sum_j W_j^T W_j / s_j^2)^-1.
 
-    The noise s_j [N m] of joint j is what the fit before left of it, ordinary least squares at first.
+    The noise s_j [N m] of joint j is what the fit before left of it, ordinary least squares at first; s^2 is the mean
+    square of what is left, N n - b counted. That covariance holds for white noise and a model without error, which
+    filtered recordings hardly ever meet; ``gapscope.ident.intervals`` has covariances that need less.
 
     Attributes:
-        rounds: how often the noise is estimated anew.
+        rounds: how often the noise is estimated anew; 0: ordinary least squares.
 
-    Source: gautier2014.
+    Source: hollerbach2008, gautier2014.
     """
 
     rounds: int = 2
 
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate; raises ``InputError`` if the samples do not determine the parameters."""
-        triangles = JointTriangles.of(problem)
-        check_samples(problem, rows=triangles.stacked()[:, :-1])
-        factor = self._factor(triangles)
+        factor = self._factor(checked_triangles(problem))
         variance = factor.rest / factor.freedom
         return finished(problem, factor.solve(), variance * factor.inverse_gram())
 
@@ -318,7 +214,7 @@ class WeightedLeastSquares:
         Raises:
             InputError: they do not determine the parameters.
         """
-        check_rank(triangles.stacked()[:, :-1], triangles.names)
+        check_rank(triangles.rows, triangles.names)
         return self._factor(triangles).solve()
 
     def _factor(self, triangles: JointTriangles) -> Factor:
@@ -333,8 +229,6 @@ class WeightedLeastSquares:
 # Iteratively reweighted least squares with Huber's loss: outliers pull with bounded force.
 
 
-REWEIGHTINGS = 50
-"""Most rounds; they end before if the fitted torque hardly moves."""
 NORMAL_MAD = 0.6745
 """Median absolute deviation of the standard normal distribution."""
 
@@ -359,72 +253,46 @@ class HuberLeastSquares:
 
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate; raises ``InputError`` if the samples do not determine the parameters."""
-        triangles = JointTriangles.of(problem)
-        check_samples(problem, rows=triangles.stacked()[:, :-1])
-        factor = triangles.factor()
+        triangles = checked_triangles(problem)
+        factor, largest = triangles.factor(), float(np.abs(problem.torque).max())
         beta = factor.solve() if self.start is None else self.start
-        largest = float(np.abs(problem.torque).max())
         # columns that are orthonormal before weights: their weighted sums of squares are well-conditioned
-        triangle = factor.triangle
-        square = solve_triangular(triangle, np.eye(len(triangle)))
-        columns = problem.matrix @ square
-        change = np.inf
-        for _ in range(REWEIGHTINGS):
-            following = square @ self._reweighted(problem, columns, beta, largest)
-            moved = float(np.abs(problem.matrix @ (following - beta)).max())
-            change = moved / max(largest, 1e-300)
+        square = solve_triangular(factor.triangle, np.eye(len(beta)))
+        columns = (problem.matrix @ square).reshape(-1, len(beta))
+        for _ in range(ROUNDS):
+            scaled, spread = self._scaled(problem, beta)
+            # weights min(1, k / |r|) at residuals r
+            huber = self.threshold / np.maximum(np.abs(scaled), self.threshold)
+            weighted = columns * (huber / spread**2).reshape(-1, 1)
+            right = weighted.T @ problem.torque.ravel()
+            following = square @ solve(weighted.T @ columns, right, assume_a="pos")
+            moved = np.abs(problem.matrix @ (following - beta)).max()
+            change = float(moved) / max(largest, TINY)
             beta = following
-            if change < 1e-8:
+            if change < SETTLED:
                 break
         warnings: tuple[str, ...] = ()
-        if change > 1e-3:
+        if change >= SETTLED:
             warnings = (
-                f"reweighting still moved the torque by {change:.1e} after {REWEIGHTINGS} rounds",
+                f"reweighting still moved the torque by {change:.1e} after {ROUNDS} rounds",
             )
-        covariance = self._covariance(problem, triangles, beta, largest)
-        return finished(problem, beta, covariance, warnings)
-
-    def _reweighted(
-        self,
-        problem: Problem,
-        columns: np.ndarray,
-        beta: np.ndarray,
-        largest: float,
-    ) -> np.ndarray:
-        """Coordinates in other columns (N, n, b) of the fit with Huber's weights min(1, k / |r|) at residuals r."""
-        scaled, spread = self._scaled(problem, beta, largest)
-        huber = self.threshold / np.maximum(np.abs(scaled), self.threshold)
-        weight = huber / spread**2
-        flat = columns.reshape(-1, len(beta))
-        weighted = flat * weight.reshape(-1, 1)
-        return solve(
-            weighted.T @ flat, weighted.T @ problem.torque.ravel(), assume_a="pos"
-        )
+        # Huber's asymptotic covariance: E[psi^2] / E[psi']^2 (W^T W)^-1 in units of each joint's spread
+        scaled, spread = self._scaled(problem, beta)
+        clipped = np.clip(scaled, -self.threshold, self.threshold)
+        inside = np.mean(np.abs(scaled) <= self.threshold)
+        variance = np.sum(clipped**2) / max(scaled.size - len(beta), 1) / inside**2
+        inverse = triangles.factor(spread).inverse_gram()
+        return finished(problem, beta, variance * inverse, warnings)
 
     def _scaled(
-        self, problem: Problem, beta: np.ndarray, largest: float
+        self, problem: Problem, beta: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Residuals over their joint's spread, (N, n), and the spread [N m], (n,)."""
         residual = problem.residual(beta)
         # the median is not moved by outliers
         spread = np.median(np.abs(residual), axis=0) / NORMAL_MAD
-        spread = np.maximum(spread, 1e-9 * max(largest, 1e-300))
+        spread = np.maximum(spread, 1e-9 * np.abs(problem.torque).max() + TINY)
         return residual / spread, spread
-
-    def _covariance(
-        self,
-        problem: Problem,
-        triangles: JointTriangles,
-        beta: np.ndarray,
-        largest: float,
-    ) -> np.ndarray:
-        """Huber's asymptotic covariance: E[psi^2] / E[psi']^2 (W^T W)^-1 in units of each joint's spread."""
-        scaled, spread = self._scaled(problem, beta, largest)
-        clipped = np.clip(scaled, -self.threshold, self.threshold)
-        inside = float(np.mean(np.abs(scaled) <= self.threshold))
-        free = max(1.0 - len(beta) / scaled.size, 1e-3)
-        variance = float((clipped**2).mean()) / free / max(inside, 1e-3) ** 2
-        return variance * triangles.factor(spread).inverse_gram()
 
 
 # Ridge regression, its strength chosen by held-out motions or the L-curve.
@@ -432,12 +300,14 @@ class HuberLeastSquares:
 
 STRENGTHS = np.logspace(-12, 1, 131)
 """Strengths that are tried."""
-WORSE = 1.02
-"""The L-curve of a well-conditioned problem has no corner of its own: a strength that leaves more than this times the
-least squared residual is not taken [1]."""
+PULLED = 0.9
+"""Share of the directions that the data have to decide; of fewer a warning is given [1]."""
+FLAT = 1e-12
+"""Speed along the L-curve, to the third power, below which a curvature is rounding [1]."""
 
 
-class _Directions(NamedTuple):
+@dataclass(frozen=True)
+class _Directions:
     """tau - W beta_0 along the singular directions of W D^-1, each joint's equations over its noise.
 
     These equations, beta_0, the norms D of W's columns, the factor of W D^-1, its singular values s, V^T, and U^T z.
@@ -451,23 +321,73 @@ class _Directions(NamedTuple):
     right: np.ndarray
     part: np.ndarray
 
+    @classmethod
+    def of(cls, problem: Problem, prior: np.ndarray | None) -> _Directions:
+        """About a prior, zero if ``None``; raises ``InputError`` if samples are not finite or the arm rests."""
+        check_samples(problem, full_rank=False)
+        b = problem.matrix.shape[2]
+        centre = np.zeros(b) if prior is None else np.array(prior, float)
+        noise = joint_noise(problem, free_fit(problem, centre))
+        weighted = replace(
+            problem,
+            matrix=problem.matrix / noise[:, None],
+            torque=problem.torque / noise,
+        )
+        matrix, torque = weighted.stacked()
+        norms = column_norms(matrix)
+        factor = Factor.of(matrix / norms, torque - matrix @ centre)
+        left, values, right = np.linalg.svd(factor.triangle)
+        part = left.T @ factor.rotated
+        return cls(weighted, centre, norms, factor, values, right, part)
 
-def _directions(problem: Problem, prior: np.ndarray | None) -> _Directions:
-    """About a prior, zero if ``None``; raises ``InputError`` if samples are not finite or the arm rests."""
-    check_samples(problem, full_rank=False)
-    matrix = problem.stacked()[0]
-    centre = np.zeros(matrix.shape[1]) if prior is None else np.array(prior, float)
-    free = _free(problem, centre, 1 / column_norms(matrix))
-    noise = joint_noise(problem, free)
-    weighted = replace(
-        problem, matrix=problem.matrix / noise[:, None], torque=problem.torque / noise
-    )
-    matrix, torque = weighted.stacked()
-    norms = column_norms(matrix)
-    factor = Factor.of(matrix / norms, torque - matrix @ centre)
-    left, values, right = np.linalg.svd(factor.triangle)
-    part = left.T @ factor.rotated
-    return _Directions(weighted, centre, norms, factor, values, right, part)
+    def estimate(
+        self, problem: Problem, gain: np.ndarray, warnings: tuple[str, ...]
+    ) -> Estimate:
+        """beta = beta_0 + D^-1 sum_i g_i v_i u_i^T (tau - W beta_0), with what counts of each direction, s_i g_i."""
+        decided = self.values * gain
+        unexplained = (1 - decided) * self.part
+        squares = self.factor.rest + float(unexplained @ unexplained)
+        noise = squares / max(self.factor.rows - float(decided.sum()), 1.0)
+        half = self.right.T * gain / self.norms[:, None]
+        beta = self.prior + half @ self.part
+        return finished(problem, beta, noise * half @ half.T, warnings)
+
+    def strongest(self, filters: Callable[[np.ndarray], np.ndarray]) -> int:
+        """The last of K pulls, the strongest, that predicts motions not fitted as well as the best within an error.
+
+        Each motion is left out in turn: a recording, or, of fewer than three, a stretch of time. The standard error is
+        that of the mean over parts of them. Other motions may show more than these: if they cannot tell, the prior is
+        kept.
+
+        Args:
+            filters: factors 1 / (s_i^2 + ...) of K pulls along the singular directions, (K, b), from the squared
+                singular values of W D^-1, (b,), ascending.
+
+        Source: breiman1984.
+        """
+        problem = self.weighted
+        parts = group_slices(problem.group)
+        if len(parts) < 3:
+            parts = stretches(problem.group)
+        left = problem.torque - problem.matrix @ self.prior
+        scaled = [problem.matrix / self.norms, left[..., None]]
+        every = np.concatenate(scaled, axis=2)
+        flat = [every[rows].reshape(-1, every.shape[2]) for rows in parts]
+        grams = [rows.T @ rows for rows in flat]
+        squares = []
+        for rows, gram in zip(flat, grams, strict=True):
+            others = np.sum(grams, axis=0) - gram
+            values, vectors = np.linalg.eigh(others[:-1, :-1])
+            part = vectors.T @ others[:-1, -1]
+            change = (filters(np.maximum(values, 0.0)) * part) @ vectors.T
+            residual2 = (rows[:, -1] - change @ rows[:, :-1].T) ** 2
+            thirds = np.array_split(residual2, FOLDS, axis=1)
+            squares += [part.mean(axis=1) for part in thirds]
+        errors = np.array(squares)
+        best = int(errors.mean(axis=0).argmin())
+        worse = errors - errors[:, [best]]
+        error = worse.std(axis=0, ddof=1) / np.sqrt(len(worse))
+        return int(np.flatnonzero(worse.mean(axis=0) <= error).max())
 
 
 @dataclass(frozen=True)
@@ -490,59 +410,42 @@ class Ridge:
 
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate; raises ``InputError`` if the samples are not finite or the arm rests."""
-        weighted, prior, norms, factor, values, right, part = _directions(
-            problem, self.prior
-        )
-        b = len(prior)
+        found = _Directions.of(problem, self.prior)
         # along each singular direction the prior weighs as much as the data at values**2 = strength
         if self.choice == "motion":
-            chosen = strongest_by_motion(
-                weighted, prior, norms, lambda own: 1 / (own + STRENGTHS[:, None])
-            )
+            chosen = found.strongest(lambda own: 1 / (own + STRENGTHS[:, None]))
             strength = float(STRENGTHS[chosen])
+        elif self.choice == "l_curve":
+            strength = _at_corner(found)
         else:
-            strength = self._strength(values, part, factor)
-        gain = values / np.maximum(values**2 + strength, 1e-300)
-        beta = prior + right.T @ (gain * part) / norms
-        # share of each direction that the data decide
-        decided = values * gain
-        effective = float(decided.sum())
-        unexplained = (1 - decided) * part
-        squares = factor.rest + float(unexplained @ unexplained)
-        noise = squares / max(factor.rows - effective, 1.0)
-        half = right.T * gain / norms[:, None]
+            strength = float(self.choice)
+        gain = found.values / np.maximum(found.values**2 + strength, TINY)
+        b, effective = len(gain), float((found.values * gain).sum())
         warnings: tuple[str, ...] = ()
-        if effective <= 0.9 * b:
+        if effective <= PULLED * b:
             warnings = (
                 f"the pull holds {b - effective:.1f} of {b} directions; their stated deviation leaves "
                 "out the bias that this adds; record a trajectory that excites them",
             )
-        return finished(problem, beta, noise * half @ half.T, warnings)
-
-    def _strength(self, values: np.ndarray, part: np.ndarray, factor: Factor) -> float:
-        """The strength that was given, or chosen among ``STRENGTHS``."""
-        if not isinstance(self.choice, str):
-            return float(self.choice)
-        # rows: strengths; columns: directions
-        pulled = STRENGTHS[:, None] / (values**2 + STRENGTHS[:, None])
-        residual = ((pulled * part) ** 2).sum(axis=1) + factor.rest
-        solution = (1 - pulled) * part / np.maximum(values, 1e-300)
-        size = (solution**2).sum(axis=1)
-        log_residual = 0.5 * np.log(np.maximum(residual, 1e-300))
-        corner = _corner(log_residual, 0.5 * np.log(size + 1e-300))
-        # a corner at which the fit is much worse is none
-        last_good = int((residual <= WORSE * residual[0]).sum()) - 1
-        return float(STRENGTHS[min(corner, last_good)])
+        return found.estimate(problem, gain, warnings)
 
 
-def _corner(x: np.ndarray, y: np.ndarray) -> int:
-    """Place of the largest curvature of a curve of evenly spaced strengths."""
+def _at_corner(found: _Directions) -> float:
+    """The strength at the largest curvature of the L-curve."""
+    values = found.values
+    # rows: strengths; columns: directions
+    pulled = STRENGTHS[:, None] / (values**2 + STRENGTHS[:, None])
+    residual = ((pulled * found.part) ** 2).sum(axis=1) + found.factor.rest
+    solution = (1 - pulled) * found.part / np.maximum(values, TINY)
+    x, y = (0.5 * np.log(z + TINY) for z in (residual, (solution**2).sum(axis=1)))
     dx, dy = np.gradient(x), np.gradient(y)
     cross = dx * np.gradient(dy) - dy * np.gradient(dx)
-    speed = (dx**2 + dy**2) ** 1.5
-    curvature = cross / np.maximum(speed, 1e-12)
+    curvature = cross / np.maximum((dx**2 + dy**2) ** 1.5, FLAT)
     # the differences at the ends are one-sided
-    return int(np.argmax(curvature[2:-2]) + 2)
+    corner = int(np.argmax(curvature[2:-2]) + 2)
+    # a corner at which the fit is much worse is none
+    last_good = int((residual <= (1 + WORTH) * residual[0]).sum()) - 1
+    return float(STRENGTHS[min(corner, last_good)])
 
 
 # Truncated singular value decomposition: directions that the samples hardly excite stay at the prior.
@@ -566,137 +469,71 @@ class TruncatedSvd:
 
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate; raises ``InputError`` if the samples are not finite or the arm rests."""
-        weighted, prior, norms, factor, values, right, part = _directions(
-            problem, self.prior
-        )
-        b = len(prior)
-        # weak directions stay at the prior
-        rank = self.count
-        if rank is None:
-            rank = _rank_by_motion(weighted, prior, norms)
-        rank = min(rank, b)
-        half = right[:rank].T / values[:rank] / norms[:, None]
-        beta = prior + half @ part[:rank]
-        square = factor.rest + float((part[rank:] ** 2).sum())
-        noise = square / max(factor.rows - rank, 1)
+        found = _Directions.of(problem, self.prior)
+        b = len(found.values)
+        # squared singular values ascend: the last k are kept
+        kept = np.arange(b)[::-1] < np.arange(b, -1, -1)[:, None]
+
+        def filters(values: np.ndarray) -> np.ndarray:
+            regular = kept & (values > 1e-13 * values[-1])
+            return np.where(regular, 1 / np.maximum(values, TINY), 0.0)
+
+        rank = b - found.strongest(filters) if self.count is None else self.count
         warnings: tuple[str, ...] = ()
         if rank < b:
             warnings = (
                 f"{b - rank} of {b} directions were dropped and stay at the prior; their deviation is not stated; "
                 "record a trajectory that excites them",
             )
-        return finished(problem, beta, noise * half @ half.T, warnings)
-
-
-def _rank_by_motion(problem: Problem, prior: np.ndarray, norms: np.ndarray) -> int:
-    """The least number of directions, 0 to b, that predicts motions as well as any that were not fitted."""
-    b = problem.matrix.shape[2]
-    # squared singular values ascend: the last k are kept
-    kept = np.arange(b)[::-1] < np.arange(b, -1, -1)[:, None]
-
-    def filters(values: np.ndarray) -> np.ndarray:
-        regular = kept & (values > 1e-13 * values[-1])
-        return np.where(regular, 1 / np.maximum(values, 1e-300), 0.0)
-
-    return b - strongest_by_motion(problem, prior, norms, filters)
+        gain = np.where(np.arange(b) < rank, 1 / np.maximum(found.values, TINY), 0.0)
+        return found.estimate(problem, gain, warnings)
 
 
 # Total least squares: the regressor has errors too, since velocity and acceleration come from noisy positions.
+
+
+UNTOLD = 1e-8
+"""Least share of the torque in the direction with the least error [1]."""
 
 
 @dataclass(frozen=True)
 class TotalLeastSquares:
     """Minimises |[dW D^-1, dtau / s]|_F^2 with (W + dW) beta = tau + dtau, by the least right singular vector.
 
-    D and s are the standard deviations of the errors in the columns and in the torque. Columns without error are
-    eliminated first (mixed least squares and total least squares). The answer is consistent if rows have
-    independent errors of these relative sizes; with the default, equal relative error of every column, it is only as
-    good as that assumption.
+    D and s are the RMS of the columns and of the torque: the answer is consistent if rows have independent errors of
+    these relative sizes, and only as good as that assumption. Covariance s^2 (1 + |x|^2) (A^T A - M s^2 I)^-1 in
+    scaled columns.
 
-    Attributes:
-        column_noise: standard deviation of the errors of each column, shape (b,), 0 if it is exact; by default in
-            proportion to the column's RMS.
-        torque_noise: standard deviation of the torque's error in the same scale [N m]; by default in proportion to
-            the torque's RMS.
-
-    Covariance s^2 (1 + |x|^2) (A^T A - M s^2 I)^-1 in scaled columns. Source: vanhuffel1991.
+    Source: vanhuffel1991.
     """
-
-    column_noise: np.ndarray | None = None
-    torque_noise: float | None = None
 
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate; raises ``InputError`` if the samples do not determine the parameters."""
         check_samples(problem)
-        matrix, torque = problem.stacked()
-        columns, scale = self._scales(matrix, torque)
-        # columns without error come first: only the rest may be corrected
-        exact = columns == 0
-        order = np.argsort(~exact, kind="stable")
-        first = int(exact.sum())
-        unit = np.where(exact, 1.0, columns)
-        equations = np.column_stack([(matrix / unit)[:, order], torque / scale])
-        triangle = np.asarray(np.linalg.qr(equations, mode="r"))
-        _, values, right = np.linalg.svd(triangle[first:, first:])
-        least = right[-1]
-        # the solution divides by this component
-        if abs(least[-1]) < 1e-8:
+        equations = np.column_stack(problem.stacked())
+        b, scale = equations.shape[1] - 1, rms(equations)
+        triangle = np.asarray(np.linalg.qr(equations / scale, mode="r"))
+        values, right = np.linalg.svd(triangle)[1:]
+        # the solution divides by the last component
+        if abs(right[-1, -1]) < UNTOLD:
             raise InputError(
                 "no total least squares solution: the direction with the least error does not involve the torque. "
-                "Either (a) columns nearly depend on each other, (b) the errors of the columns are set too large, or "
-                "(c) the torque does not follow from the motion",
-                "use base parameters, give column_noise, or use ordinary least squares",
+                "Either (a) columns nearly depend on each other, or (b) the torque does not follow from the motion",
+                "use base parameters, or ordinary least squares",
                 where="matrix",
             )
-        scaled = np.zeros(len(order))
-        scaled[first:] = -least[:-1] / least[-1]
-        if first:
-            corrected = triangle[:first, first:-1] @ scaled[first:]
-            known = triangle[:first, -1] - corrected
-            scaled[:first] = np.linalg.solve(triangle[:first, :first], known)
-        ordered = _covariance(triangle, values[-1], scaled, first, len(torque))
-        # back to the order and the units of the problem
-        beta, covariance = np.empty(len(order)), np.empty_like(ordered)
-        beta[order] = scaled
-        covariance[np.ix_(order, order)] = ordered
-        per_unit = np.outer(unit, unit) / scale**2
-        return finished(problem, beta * scale / unit, covariance / per_unit)
-
-    def _scales(
-        self, matrix: np.ndarray, torque: np.ndarray
-    ) -> tuple[np.ndarray, float]:
-        columns, noise = rms(matrix), rms(torque)
-        if self.torque_noise is not None:
-            noise = np.array(self.torque_noise)
-        if self.column_noise is not None:
-            columns = np.asarray(self.column_noise, dtype=float)
-        wrong = columns.shape != matrix.shape[1:] or (columns < 0).any()
-        if wrong or not columns.any():
-            raise InputError(
-                f"expected {matrix.shape[1]} standard deviations from 0 on, not all 0",
-                where="column_noise",
-            )
-        return columns, float(noise)
-
-
-def _covariance(
-    triangle: np.ndarray, least: float, scaled: np.ndarray, first: int, rows: int
-) -> np.ndarray:
-    """Covariance in scaled columns, those without error first; shape (b, b)."""
-    gram = triangle[:, :-1].T @ triangle[:, :-1]
-    noisy = np.arange(len(gram)) >= first
-    variance = least**2 / max(rows - len(gram), 1)
-    # the noise of the columns adds to their squares
-    bias = least**2 * np.diag(noisy.astype(float)) * (1 - 1e-9)
-    inverse = np.linalg.pinv(gram - bias, hermitian=True)
-    return variance * (1 + scaled[noisy] @ scaled[noisy]) * inverse
+        x = -right[-1, :-1] / right[-1, -1]
+        # the noise of the columns adds to their squares
+        gram = triangle[:, :-1].T @ triangle[:, :-1]
+        noise2 = values[-1] ** 2
+        inverse = np.linalg.pinv(gram - noise2 * (1 - 1e-9) * np.eye(b), hermitian=True)
+        variance = noise2 / max(len(equations) - b, 1)
+        unit = scale[-1] / scale[:-1]
+        covariance = variance * (1 + x @ x) * inverse * np.outer(unit, unit)
+        return finished(problem, x * unit, covariance)
 
 
 # Maximum likelihood with a noise covariance across the joints, estimated along with the parameters.
-
-
-ALTERNATIONS = 100
-"""Most rounds; they end before if beta moves by less than a ten thousandth of its standard errors."""
 
 
 @dataclass(frozen=True)
@@ -714,7 +551,7 @@ class MaximumLikelihood:
 
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate; raises ``InputError`` if the samples do not determine the parameters."""
-        beta = OrdinaryLeastSquares().estimate(problem).value
+        beta = WeightedLeastSquares(rounds=0).estimate(problem).value
         if len(problem.torque) <= problem.n_joints:
             raise InputError(
                 f"{len(problem.torque)} samples cannot give the noise of {problem.n_joints} joints and how it "
@@ -722,20 +559,23 @@ class MaximumLikelihood:
                 "record for longer, or use ordinary least squares",
                 where="samples",
             )
-        change = np.inf
-        for _ in range(ALTERNATIONS):
-            factor = Factor.of(*whitened_across(problem, self.noise(problem, beta)))
+        for _ in range(ROUNDS):
+            # L^-1 W_i and L^-1 tau_i have white noise if L L^T = Sigma
+            root = np.linalg.cholesky(self.noise(problem, beta))
+            inverse = solve_triangular(root, np.eye(len(root)), lower=True)
+            matrix = (inverse @ problem.matrix).reshape(-1, len(beta))
+            factor = Factor.of(matrix, (problem.torque @ inverse.T).ravel())
             following = factor.solve()
             covariance = factor.rest / factor.freedom * factor.inverse_gram()
-            errors = np.sqrt(np.diag(covariance)).clip(1e-300)
+            errors = np.sqrt(np.diag(covariance)) + TINY
             change = float(np.max(np.abs(following - beta) / errors))
             beta = following
-            if change < 1e-4:
+            if change < SETTLED:
                 break
         warnings: tuple[str, ...] = ()
-        if change > 0.1:
+        if change >= SETTLED:
             warnings = (
-                f"parameters still moved by {change:.2g} standard errors after {ALTERNATIONS} rounds",
+                f"parameters still moved by {change:.2g} standard errors after {ROUNDS} rounds",
             )
         return finished(problem, beta, covariance, warnings)
 
@@ -745,18 +585,8 @@ class MaximumLikelihood:
         residual = problem.residual(beta)
         noise = residual.T @ residual / len(residual)
         power = 1e-24 * float((problem.torque**2).sum())
-        floor = 1e-12 * max(float(np.trace(noise)), power, 1e-300)
+        floor = 1e-12 * max(float(np.trace(noise)), power) + TINY
         return noise + floor * np.eye(len(noise))
-
-
-def whitened_across(
-    problem: Problem, noise: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Stacked equations whose noise is white: L^-1 W_i and L^-1 tau_i with L L^T = Sigma, shape (n, n)."""
-    root = np.linalg.cholesky(noise)
-    inverse = solve_triangular(root, np.eye(len(noise)), lower=True)
-    matrix = (inverse @ problem.matrix).reshape(-1, problem.matrix.shape[2])
-    return matrix, (problem.torque @ inverse.T).ravel()
 
 
 # Partial update: from a prior, such as the simulated arm's, only the parameters move that the data determine.
@@ -772,13 +602,14 @@ START_NOISE = 0.01
 """Noise taken at first beside what a free fit leaves, over the torque's RMS: few samples leave a free fit nothing."""
 INFLUENCE = 2.0
 """Least ratio of variances of a parameter that moves [1]."""
-ROUNDS = 20
-"""Most rounds of estimating noise and parameters in turn."""
 
 
 @dataclass(frozen=True)
 class PartialUpdate:
     """The most probable beta under a prior N(beta_0, diag(spread^2)), with the parameters held that data hardly move.
+
+    The prior is believed to be off by ``RELATIVE`` of |beta_0| (friction and offsets: ``FRICTION_RELATIVE``), and
+    nowhere by less than what gives ``SLIGHT`` of the torque.
 
     A parameter is influential if the data determine it at least as well as the prior does: its prior variance is at
     least ``INFLUENCE`` times the variance that data and prior together leave. The others are held at beta_0 and the
@@ -788,46 +619,29 @@ class PartialUpdate:
 
     Attributes:
         prior: beta_0, shape (b,).
-        spread: standard deviation that the prior is believed to have, shape (b,); by default ``RELATIVE`` of
-            |beta_0| (friction and offsets: ``FRICTION_RELATIVE``), and nowhere less than what gives ``SLIGHT`` of the
-            torque.
 
     Source: pham1991.
     """
 
     prior: np.ndarray
-    spread: np.ndarray | None = None
 
     def estimate(self, problem: Problem) -> Estimate:
-        """Estimate; raises ``InputError`` if samples are not finite, the arm rests, or the prior does not fit."""
+        """Estimate; raises ``InputError`` if samples are not finite or the arm rests."""
         check_samples(problem, full_rank=False)
         prior = np.asarray(self.prior, dtype=float)
-        spread = (
-            default_spread(problem, prior)
-            if self.spread is None
-            else np.asarray(self.spread, dtype=float)
-        )
-        b = problem.matrix.shape[2]
-        if prior.shape != (b,) or spread.shape != (b,) or not (spread > 0).all():
-            raise InputError(
-                f"expected {b} values, one per parameter, and spreads above 0",
-                where="prior",
-            )
-        noise = np.hypot(
-            joint_noise(problem, _free(problem, prior, spread)),
-            START_NOISE * np.sqrt((problem.torque**2).mean(axis=0).max()),
-        )
-        beta, covariance, moved = self._updated(problem, prior, spread, noise)
+        spread = prior_spread(problem, prior)
+        free = joint_noise(problem, free_fit(problem, prior, spread))
+        noise = np.hypot(free, START_NOISE * rms(problem.torque).max())
+        beta = np.full(len(prior), np.inf)
         for _ in range(ROUNDS):
             before = beta
-            noise = joint_noise(problem, beta) * np.sqrt(
-                variance_inflation(problem.residual(beta), problem.group)
-            )
-            beta, covariance, moved = self._updated(problem, prior, spread, noise)
-            if np.abs((beta - before) / spread).max() < 1e-6:
+            beta, covariance = _posterior(problem, prior, spread, noise)
+            if np.abs((beta - before) / spread).max() < SETTLED:
                 break
+            inflation = variance_inflation(problem.residual(beta), problem.group)
+            noise = joint_noise(problem, beta) * np.sqrt(inflation)
         warnings = unit_warnings(problem, prior)
-        if not moved.any():
+        if np.array_equal(beta, prior):
             warnings += (
                 "the data move no parameter: too little motion, or a prior that is already as good",
             )
@@ -837,46 +651,32 @@ class PartialUpdate:
         """Which parameters an estimate of this prior moved, shape (b,)."""
         return estimate.value != np.asarray(self.prior, dtype=float)
 
-    def _updated(
-        self, problem: Problem, prior: np.ndarray, spread: np.ndarray, noise: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Posterior mean and covariance under a noise per joint [N m], shape (n,), and which parameters moved."""
-        factor = Factor.of(*whitened(problem, noise))
-        gap = factor.rotated - factor.triangle @ prior
-        # in units of the prior's deviation the prior precision is the identity
-        triangle = factor.triangle * spread
-        information = triangle.T @ triangle
-        posterior = np.linalg.inv(information + np.eye(len(prior)))
-        moved = np.diag(posterior) * INFLUENCE <= 1.0
-        step, covariance = np.zeros(len(prior)), np.diag(spread**2)
-        if moved.any():
-            # parameters that the data hardly determine stay at the prior, exactly
-            block = np.ix_(moved, moved)
-            own = np.linalg.inv(information[block] + np.eye(int(moved.sum())))
-            step[moved] = own @ (triangle[:, moved].T @ gap)
-            units = spread[moved]
-            covariance[block] = own * np.outer(units, units)
-        return prior + spread * step, covariance, moved
+
+def _posterior(
+    problem: Problem, prior: np.ndarray, spread: np.ndarray, noise: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Posterior mean and covariance under a noise per joint [N m], shape (n,)."""
+    factor = Factor.of(*whitened(problem, noise))
+    gap = factor.rotated - factor.triangle @ prior
+    # in units of the prior's deviation the prior precision is the identity
+    triangle = factor.triangle * spread
+    precision = triangle.T @ triangle + np.eye(len(prior))
+    moved = np.diag(np.linalg.inv(precision)) * INFLUENCE <= 1.0
+    # parameters that the data hardly determine stay at the prior, exactly
+    own = np.linalg.inv(precision[np.ix_(moved, moved)])
+    step, covariance = np.zeros(len(prior)), np.eye(len(prior))
+    step[moved] = own @ (triangle[:, moved].T @ gap)
+    covariance[np.ix_(moved, moved)] = own
+    return prior + spread * step, covariance * np.outer(spread, spread)
 
 
-def _free(problem: Problem, prior: np.ndarray, spread: np.ndarray) -> np.ndarray:
-    """The least-squares estimate, the nearest to the prior if there are many, shape (b,)."""
-    matrix, torque = problem.stacked()
-    factor = Factor.of(matrix * spread, torque - matrix @ prior)
-    step = np.linalg.lstsq(factor.triangle, factor.rotated, rcond=1e-9)[0]
-    return prior + spread * step
-
-
-def default_spread(problem: Problem, prior: np.ndarray) -> np.ndarray:
+def prior_spread(problem: Problem, prior: np.ndarray) -> np.ndarray:
     """Prior standard deviation of a simulated arm's parameters, shape (b,)."""
-    relative = np.where(_is_friction(problem.names), FRICTION_RELATIVE, RELATIVE)
+    friction = [re.fullmatch(r"[bco]\d+", name) is not None for name in problem.names]
+    relative = np.where(friction, FRICTION_RELATIVE, RELATIVE)
     column_rms = rms(problem.matrix, axis=(0, 1))
-    torque_rms = rms(problem.torque, axis=None)
-    least_rms = 1e-6 * max(float(column_rms.max()), 1e-300)
+    least_rms = 1e-6 * float(column_rms.max()) + TINY
     # a parameter that is zero in the prior may still add this share of the torque
-    slight = SLIGHT * torque_rms / np.maximum(column_rms, least_rms)
+    torque_rms = SLIGHT * rms(problem.torque, axis=None)
+    slight = torque_rms / np.maximum(column_rms, least_rms)
     return np.maximum(relative * np.abs(prior), slight)
-
-
-def _is_friction(names: Sequence[str]) -> np.ndarray:
-    return np.array([name[0] in "bco" and name[1:].isdigit() for name in names])

@@ -15,17 +15,17 @@ from gapscope.arm.control import PD
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.recording import Recording
 from gapscope.arm.root_mean_square import rms
-from gapscope.ident.estimators.experiment import Experiment, diverged
+from gapscope.ident.estimators.experiment import Experiment
 from gapscope.ident.estimators.linear import Estimate, WeightedLeastSquares
 from gapscope.ident.intervals import Uncertainty, jackknife
-from gapscope.ident.model.base_parameters import BaseParameters
+from gapscope.ident.model.base_parameters import TINY, BaseParameters
 from gapscope.ident.model.linear_problem import (
     SMOOTH,
     FrictionLaw,
     Problem,
 )
 from gapscope.ident.model.regressor import Regressor
-from gapscope.ident.samples import Samples
+from gapscope.ident.samples import PER_CUTOFF, Samples
 from gapscope.model.conditioning import TORQUE_CUTOFF, TRIM, low_pass
 
 # The closed loop of a case: its fitted recordings, and how an estimator that simulates repeats them.
@@ -175,7 +175,12 @@ def _divergence(iteration: int) -> Iterator[None]:
     except InputError:
         raise
     except GapscopeError as error:
-        raise diverged(error, iteration) from error
+        raise GapscopeError(
+            f"the simulated arm diverged in iteration {iteration} ({error.message})",
+            "check (a) that gains, feedforward and reference are those of the recording, (b) that the start is near "
+            "the arm: take the estimate of a linear estimator, or the data sheet, as the prior, (c) that the motion "
+            "excites every parameter, so that no estimate makes the mass matrix negative",
+        ) from error
 
 
 def _estimate(
@@ -225,7 +230,7 @@ class DirectInverse(_Simulating):
 
 def _weighted(problem: Problem, now: Simulated) -> tuple[np.ndarray, np.ndarray]:
     """Regressor of the simulated motion, (N, n, b), and recorded less simulated torque, (N, n), over the error."""
-    weight = 1.0 / np.maximum(now.error, 1e-9)
+    weight = 1.0 / np.maximum(now.error, TINY)
     residual = (problem.torque - now.problem.torque) * weight
     return now.problem.matrix * weight[:, None], residual
 
@@ -247,7 +252,7 @@ class InstrumentalVariables(_Simulating):
 
     def goal(self, problem: Problem, now: Simulated) -> np.ndarray:
         """What the instruments of a simulation give."""
-        weight = 1.0 / np.maximum(rms(problem.residual(now.beta)), 1e-9)
+        weight = 1.0 / np.maximum(rms(problem.residual(now.beta)), TINY)
         Z = now.problem.matrix * weight[:, None] ** 2
         gram = np.einsum("ija,ijb->ab", Z, problem.matrix)
         right = np.einsum("ija,ij->a", Z, problem.torque)
@@ -261,7 +266,7 @@ class InstrumentalVariables(_Simulating):
         settled = warnings == self.experiment.warnings
         beta = self.goal(problem, now) if settled else now.beta
         residual = problem.residual(beta)
-        error = np.maximum(rms(residual), 1e-9)
+        error = np.maximum(rms(residual), TINY)
         known = jackknife(
             now.problem.matrix / error[:, None],
             problem.matrix / error[:, None],
@@ -274,8 +279,6 @@ class InstrumentalVariables(_Simulating):
 # Closed-loop output error: position and torque of the simulated closed loop against the measured ones.
 
 
-OVERSAMPLED = 4.0
-"""Samples per period of the cut-off that are kept [1]."""
 ROUNDS = 2
 """Rounds of weighting."""
 EVALUATIONS = 25
@@ -328,7 +331,7 @@ class OutputError:
             return -scaled.reshape(measured.size, -1)
 
         for _ in range(ROUNDS):
-            scale = np.maximum(rms(error), 1e-12)
+            scale = np.maximum(rms(error), TINY)
             fit = least_squares(
                 residual,
                 beta,
@@ -360,5 +363,5 @@ def _outputs(recordings: Sequence[Recording]) -> np.ndarray:
 
 def _filtered(series: np.ndarray, recording: Recording) -> np.ndarray:
     rate = recording.rate
-    edge, step = int(TRIM * rate), max(1, int(rate / (OVERSAMPLED * TORQUE_CUTOFF)))
+    edge, step = int(TRIM * rate), max(1, int(rate / (PER_CUTOFF * TORQUE_CUTOFF)))
     return low_pass(series, rate, TORQUE_CUTOFF)[edge : len(series) - edge : step]

@@ -42,6 +42,7 @@ from gapscope.ident.excitation.trajectory_search import (
     KINDS,
     RAMP,
     SAMPLES,
+    TIGHTER,
     Budget,
     ExcitationModel,
     Family,
@@ -51,13 +52,12 @@ from gapscope.ident.excitation.trajectory_search import (
     Separator,
     Signatures,
     TrajectorySearch,
-    condition_number,
     evolution,
-    family,
     random_search,
     refinement,
     swarm,
 )
+from gapscope.ident.model.base_parameters import STATES, condition_number
 from gapscope.ident.model.regressor import JOINT_COLUMNS
 
 # An exciting trajectory into files: CSV in the columns of the case format, and a ROS ``JointTrajectory``.
@@ -91,33 +91,31 @@ def write_joint_trajectory(
     Positions, velocities and accelerations at about ``rate`` points per second, first and last sample included.
 
     Raises:
-        InputError: the number of names is not that of the joints.
         GapscopeError: the file cannot be written.
     """
-    if len(joints) != motion.q.shape[1]:
-        raise InputError(
-            f"{len(joints)} names for {motion.q.shape[1]} joints", where="joints"
-        )
     last = len(motion.t) - 1
     step = max(1, round(motion.rate / rate))
-    rows = np.unique([*range(0, last + 1, step), last])
-    lines = [
-        "header: {stamp: {sec: 0, nanosec: 0}, frame_id: ''}",
-        f"joint_names: [{', '.join(map(_quoted, joints))}]",
-        "points:",
-    ]
-    for i in rows:
-        nanoseconds = round(float(motion.t[i]) * 1e9)
-        sec, nanosec = divmod(nanoseconds, 10**9)
-        lines += [
-            f"- positions: {_numbers(motion.q[i])}",
-            f"  velocities: {_numbers(motion.dq[i])}",
-            f"  accelerations: {_numbers(motion.ddq[i])}",
-            "  effort: []",
-            f"  time_from_start: {{sec: {sec}, nanosec: {nanosec}}}",
-        ]
+    series = {
+        "positions": motion.q,
+        "velocities": motion.dq,
+        "accelerations": motion.ddq,
+    }
+    points = []
+    for i in np.unique([*range(0, last + 1, step), last]):
+        sec, nanosec = divmod(round(float(motion.t[i]) * 10**9), 10**9)
+        # no negative zeros
+        point = {name: (x[i].round(9) + 0.0).tolist() for name, x in series.items()}
+        stamp = {"sec": sec, "nanosec": nanosec}
+        points.append({**point, "effort": [], "time_from_start": stamp})
+    message = {
+        "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""},
+        "joint_names": list(joints),
+        "points": points,
+    }
+    dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+    text = yaml.dump(message, Dumper=dumper, sort_keys=False, default_flow_style=None)
     with atomic_write(path) as aside:
-        aside.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        aside.write_text(text, encoding="utf-8")
 
 
 def read_joint_trajectory(path: Path) -> Sampled:
@@ -131,14 +129,6 @@ def read_joint_trajectory(path: Path) -> Sampled:
         for key in ("positions", "velocities", "accelerations")
     )
     return Sampled(Motion(t, *series))
-
-
-def _numbers(values: np.ndarray) -> str:
-    return "[" + ", ".join(f"{value + 0.0:.9f}" for value in values.round(9)) + "]"
-
-
-def _quoted(name: str) -> str:
-    return "'" + name.replace("'", "''") + "'"
 
 
 # What was written is read back and checked at finer steps than it holds, as a controller would carry it out.
@@ -172,14 +162,6 @@ def check_written(
     motion = Motion(
         t, written.position(t), written.velocity(t), written.acceleration(t)
     )
-    _check_rest(motion, checker, path)
-    for margin in checker.margins(motion, checker.torque(motion)):
-        if not margin.kept:
-            raise _refusal(margin, path)
-
-
-def _check_rest(motion: Motion, checker: Checker, path: Path) -> None:
-    """Check that a motion starts and ends at rest; raises ``GapscopeError``."""
     limits, ends = checker.allowed.motion, [0, -1]
     for name, values, limit in (
         ("velocity", motion.dq, limits.velocity),
@@ -187,25 +169,24 @@ def _check_rest(motion: Motion, checker: Checker, path: Path) -> None:
     ):
         share = np.abs(values[ends]) / limit
         if (share > REST).any():
-            end, joint = np.unravel_index(int(share.argmax()), share.shape)
+            end, j = np.unravel_index(int(share.argmax()), share.shape)
             raise GapscopeError(
-                f"{path}: not written: joint {joint + 1} does not rest at {motion.t[ends[end]]:.3f} s, its {name} is "
-                f"{100 * share[end, joint]:.3g} % of its limit",
+                f"{path}: not written: joint {j + 1} does not rest at {motion.t[ends[end]]:.3f} s, its {name} is "
+                f"{100 * share[end, j]:.3g} % of its limit",
                 "report this: what is designed starts and ends at rest",
             )
-
-
-def _refusal(margin: Margin, path: Path) -> GapscopeError:
-    """What to say of a limit that does not hold."""
-    place, excess = "the arm", -float(np.min(margin.margin))
-    if margin.limit.ndim:
-        joint = int((margin.margin / margin.limit).argmin())
-        place, excess = f"joint {joint + 1}", -float(margin.margin[joint])
-    unit = "" if margin.unit == "1" else f" {margin.unit}"
-    return GapscopeError(
-        f"{path}: not written: {place} breaks its limit of {margin.name} by {excess:.3g}{unit} at {margin.at:.3f} s",
-        "raise --rate, or design it with lower limits",
-    )
+    for margin in checker.margins(motion, checker.torque(motion)):
+        if not margin.kept:
+            place, excess = "the arm", -float(np.min(margin.margin))
+            if margin.limit.ndim:
+                joint = int((margin.margin / margin.limit).argmin())
+                place, excess = f"joint {joint + 1}", -float(margin.margin[joint])
+            unit = "" if margin.unit == "1" else f" {margin.unit}"
+            raise GapscopeError(
+                f"{path}: not written: {place} breaks its limit of {margin.name} by {excess:.3g}{unit} at "
+                f"{margin.at:.3f} s",
+                "raise --rate, or design it with lower limits",
+            )
 
 
 # What kind of exciting trajectory is wanted.
@@ -256,15 +237,9 @@ class ExcitationPlan:
 
     def __post_init__(self) -> None:
         """Check the names and numbers, and that the rate fits the frequencies."""
-        self._check_names()
-        self._check_numbers()
-        check_sampling(self.rate, self.family(1).highest_frequency)
-
-    def _check_names(self) -> None:
         check_known("kind of trajectory", self.kind, KINDS, where="kind")
-        check_known(
-            "criterion", self.criterion, [*CRITERIA, "separation"], where="criterion"
-        )
+        criteria = [*CRITERIA, "separation"]
+        check_known("criterion", self.criterion, criteria, where="criterion")
         if self.optimiser is not None:
             check_known("optimiser", self.optimiser, OPTIMISERS, where="optimiser")
         if self.criterion == "separation" and len(self.effects) < 2:
@@ -279,8 +254,6 @@ class ExcitationPlan:
                 "use cma, swarm or random",
                 where="optimiser",
             )
-
-    def _check_numbers(self) -> None:
         if not (self.order >= 1 and self.order == int(self.order)):
             raise InputError(
                 f"{self.order:g} is no number of harmonics",
@@ -304,6 +277,7 @@ class ExcitationPlan:
                 where="duration",
             )
         check_sample_count(length, max(self.rate, CHECKED_RATE))
+        check_sampling(self.rate, self.family(1).highest_frequency)
 
     @property
     def length(self) -> float:
@@ -323,7 +297,8 @@ class ExcitationPlan:
 
     def family(self, n_joints: int) -> Family:
         """The family of trajectories for an arm of n joints."""
-        return family(self.kind, n_joints, self.length, self.order, self.frequency)
+        made = KINDS[self.kind]
+        return made(n_joints, self.length, self.order, self.frequency)
 
 
 @dataclass(frozen=True)
@@ -426,8 +401,21 @@ def binding_limit(
         x: its numbers, shape (d,).
         condition: its condition number [1].
     """
-    widened = [BindingLimit(name, _widened(search, x, name)) for name in OPTIONS]
-    best = min(widened, key=lambda found: found.condition)
+    space, found = search.parametrisation, []
+    t = np.linspace(0.0, space.family.duration, SAMPLES)
+    for name in OPTIONS:
+        limits = space.limits
+        if name == "position":
+            middle = (limits.upper + limits.lower) / 2
+            half = WIDER * (limits.upper - limits.lower) / 2
+            limits = limits._replace(lower=middle - half, upper=middle + half)
+        else:
+            limits = limits._replace(**{name: WIDER * getattr(limits, name)})
+        wider = Parametrisation(space.family, limits)
+        motion = wider.motion(x, t, space.family.basis(t))
+        of_wider = condition_number(search.model.matrix(motion))
+        found.append(BindingLimit(name, of_wider))
+    best = min(found, key=lambda one: one.condition)
     return best if WORTH * best.condition <= condition else None
 
 
@@ -452,39 +440,17 @@ def check_condition(search: TrajectorySearch, x: np.ndarray, condition: float) -
     warnings.warn(f"{problem}; {remedy}", ModelWarning, stacklevel=3)
 
 
-def _widened(search: TrajectorySearch, x: np.ndarray, name: str) -> float:
-    """Condition number of the candidate were one limit ``WIDER`` [1]."""
-    space = search.parametrisation
-    t = np.linspace(0.0, space.family.duration, SAMPLES)
-    wider = Parametrisation(space.family, _wider(space.limits, name))
-    motion = wider.motion(x, t, space.family.basis(t))
-    return condition_number(search.model.matrix(motion))
-
-
-def _wider(limits: Limits, name: str) -> Limits:
-    """Limits with one of them ``WIDER``."""
-    if name != "position":
-        return limits._replace(**{name: WIDER * getattr(limits, name)})
-    middle = (limits.upper + limits.lower) / 2
-    half = WIDER * ((limits.upper - limits.lower) / 2)
-    return limits._replace(lower=middle - half, upper=middle + half)
-
-
 # From an arm and a plan to the best trajectory found, checked at every sample.
 
 
 SLOW = 0.2
 """Speed of the version of a trajectory that is run first, as a share of its own [1]."""
-TIGHTER = {"torque": 0.01, "singular": 0.1, "clearance": 0.01}
-"""By how much the limits are tighter in the search: share, share, m."""
 TRIES = 20
 """Candidates that are checked at every sample, the best first, before giving up."""
 JUDGED = 2000
 """Most samples on which condition number and separation are stated."""
 SEPARATING_RATE = 50.0
 """Samples per second of a candidate that is scored by predictions over time [Hz]."""
-POSTURES = 300
-"""Random postures on which it is checked that limits allow any at all."""
 
 
 @dataclass(frozen=True)
@@ -670,7 +636,7 @@ def _result(prepared: Prepared, accepted: Accepted, seconds: float) -> Excitatio
     return Excitation(
         reference=accepted.reference,
         motion=motion,
-        torque=search.model.torque(motion),
+        torque=final.torque(motion),
         margins=accepted.margins,
         condition=condition_number(model.matrix(few)),
         inertial_condition=condition_number(inertial),
@@ -685,6 +651,6 @@ def _result(prepared: Prepared, accepted: Accepted, seconds: float) -> Excitatio
 
 
 def _postures(limits: Limits) -> np.ndarray:
-    """Random postures within the limits of position, shape (POSTURES, n)."""
-    shape = (POSTURES, len(limits.lower))
+    """Random postures within the limits of position, shape (STATES, n)."""
+    shape = (STATES, len(limits.lower))
     return np.random.default_rng(0).uniform(limits.lower, limits.upper, shape)

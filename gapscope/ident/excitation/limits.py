@@ -164,14 +164,11 @@ class Checker:
 
     def margins(self, motion: Motion, torque: np.ndarray) -> tuple[Margin, ...]:
         """Margins of a motion of N samples with its nominal torque [N m], (N, n), to all limits that are checked."""
-        allowed, t = self.allowed, motion.t
+        allowed, t, sliding = self.allowed, motion.t, self._arm.sliding
         limits = allowed.motion
-        middle, half = (
-            (limits.upper + limits.lower) / 2,
-            (limits.upper - limits.lower) / 2,
-        )
+        middle, half = limits.upper + limits.lower, limits.upper - limits.lower
         wanted = [
-            ("position", "rad", half, motion.q - middle),
+            ("position", "rad", half / 2, motion.q - middle / 2),
             ("velocity", "rad/s", limits.velocity, motion.dq),
             ("acceleration", "rad/s^2", limits.acceleration, motion.ddq),
             ("torque", "N m", allowed.torque, torque),
@@ -180,19 +177,18 @@ class Checker:
             # over each step, counted at its end
             change = np.diff(motion.ddq, axis=0) * motion.rate
             wanted.append(("jerk", "rad/s^3", allowed.jerk, change))
-        out = []
-        for name, unit, limit, values in wanted:
-            own = common_unit(unit, self._arm.sliding)
-            slack = limit - np.abs(values)
-            out.append(_margin(name, own, limit, slack, t[len(t) - len(slack) :]))
-        if allowed.singular > 0:
-            slack = self.singular_value(motion.q) - allowed.singular
-            out.append(
-                _margin("singular value", "1", np.array(allowed.singular), slack, t)
-            )
+        out = [
+            _margin(name, common_unit(unit, sliding), limit, limit - np.abs(values), t)
+            for name, unit, limit, values in wanted
+        ]
+        least = [("singular value", "1", allowed.singular, self.singular_value)]
+        if allowed.singular <= 0:
+            least = []
         if self.collision is not None:
-            slack = self.distance(motion.q) - allowed.clearance
-            out.append(_margin("distance", "m", np.array(allowed.clearance), slack, t))
+            least.append(("distance", "m", allowed.clearance, self.distance))
+        for name, unit, bound, measure in least:
+            slack = measure(motion.q) - bound
+            out.append(_margin(name, unit, np.array(bound), slack, t))
         return tuple(out)
 
     def margin_when_slow(self, motion: Motion, speed: float) -> Margin:
@@ -258,9 +254,10 @@ class Checker:
 def _margin(
     name: str, unit: str, limit: np.ndarray, slack: np.ndarray, t: np.ndarray
 ) -> Margin:
-    relative = slack / limit if name not in ("singular value", "distance") else slack
-    worst = relative if relative.ndim == 1 else relative.min(axis=1)
-    return Margin(name, unit, limit, slack.min(axis=0), float(t[int(worst.argmin())]))
+    relative = slack / limit if limit.ndim else slack
+    worst = relative.min(axis=1) if limit.ndim else relative
+    at = t[len(t) - len(slack) + int(worst.argmin())]
+    return Margin(name, unit, limit, slack.min(axis=0), float(at))
 
 
 def check_motion_limits(limits: Limits) -> None:

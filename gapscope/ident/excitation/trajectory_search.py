@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import itertools
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from scipy.interpolate import BSpline
-from scipy.linalg import subspace_angles
+from scipy.linalg import orth, subspace_angles
 from scipy.optimize import minimize
 from scipy.special import ndtr
 
-from gapscope.arm.control import feedforward
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
@@ -25,18 +23,23 @@ from gapscope.arm.motions.trajectory import (
     Limits,
     ReferenceMotion,
     WayPoints,
-    clamped_quintic,
 )
 from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
+from gapscope.arm.root_mean_square import rms
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.severity import draw
 from gapscope.ident.excitation.limits import Checker
-from gapscope.ident.model.base_parameters import random_states, structural_base
-from gapscope.ident.model.regressor import Regressor
+from gapscope.ident.model.base_parameters import (
+    STATES,
+    TINY,
+    random_states,
+    structural_base,
+)
+from gapscope.ident.model.regressor import JOINT_COLUMNS, Regressor
 
 # Families of trajectories, each q(t) = q0 + B(t) C: a basis over time, and coefficients C from free numbers.
 
@@ -54,13 +57,13 @@ class Basis(NamedTuple):
 
 
 @dataclass(frozen=True)
-class FourierFamily:
-    """``gapscope.arm.motions.trajectory.Fourier`` with free a_k and b_k, weighed by 1/k [swevers2007].
+class Family(ABC):
+    """Trajectories of n joints, at rest at both ends; C, (m, n), from ``size`` free numbers.
 
     Attributes:
         n_joints: n.
         duration: [s].
-        order: number of harmonics.
+        order: number of harmonics, or half that of way points: m is twice as many.
         frequency: of the first harmonic [Hz].
     """
 
@@ -70,46 +73,60 @@ class FourierFamily:
     frequency: float
 
     @property
+    @abstractmethod
+    def highest_frequency(self) -> float:
+        """Highest frequency of the motion [Hz]."""
+
+    @abstractmethod
+    def reference(
+        self, centre: np.ndarray, coefficients: np.ndarray
+    ) -> ReferenceMotion:
+        """The trajectory q0 + B(t) C."""
+
+    @property
     def size(self) -> int:
         """Count of free numbers, 2 order n."""
         return 2 * self.order * self.n_joints
+
+    @property
+    def weight(self) -> np.ndarray:
+        """Size of each coefficient, (m, 1)."""
+        return np.ones((2 * self.order, 1))
+
+    def basis(self, t: np.ndarray) -> Basis:
+        """The motions of single coefficients: those of as many joints, of which each has one of its own."""
+        m = 2 * self.order
+        series = replace(self, n_joints=m).reference(np.zeros(m), np.eye(m))
+        return Basis(series.position(t), series.velocity(t), series.acceleration(t))
+
+    def coefficients(self, free: np.ndarray) -> np.ndarray:
+        """The free numbers in their sizes."""
+        return self.weight * free.reshape(-1, self.n_joints)
+
+    def pullback(self, free: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+        """Gradient by the free numbers from that by the coefficients."""
+        return (self.weight * gradient).ravel()
+
+
+class FourierFamily(Family):
+    """``gapscope.arm.motions.trajectory.Fourier`` with free a_k and b_k, weighed by 1/k [swevers2007]."""
 
     @property
     def highest_frequency(self) -> float:
         """That of the last harmonic, or of the window if its flanks are steeper [Hz]."""
         return max(self.order * self.frequency, 0.5 / RAMP)
 
-    def basis(self, t: np.ndarray) -> Basis:
-        """Windowed sines, then windowed cosines; m = 2 order."""
-        series = self.reference(np.zeros(2 * self.order), np.eye(2 * self.order))
-        return Basis(series.position(t), series.velocity(t), series.acceleration(t))
-
-    def coefficients(self, free: np.ndarray) -> np.ndarray:
-        """The free numbers over k."""
-        return free.reshape(2 * self.order, self.n_joints) / self._harmonics
-
-    def pullback(self, free: np.ndarray, gradient: np.ndarray) -> np.ndarray:
-        """The gradient over k."""
-        return (gradient / self._harmonics).ravel()
+    @property
+    def weight(self) -> np.ndarray:
+        """1 / k of sines, then of cosines."""
+        return 1.0 / np.tile(np.arange(1.0, self.order + 1), 2)[:, None]
 
     def reference(self, centre: np.ndarray, coefficients: np.ndarray) -> Fourier:
         """A Fourier series."""
-        sine, cosine = coefficients[: self.order], coefficients[self.order :]
-        return Fourier(
-            centre=centre,
-            sine=sine,
-            cosine=cosine,
-            frequency=self.frequency,
-            duration=self.duration,
-            ramp=RAMP,
-        )
-
-    @property
-    def _harmonics(self) -> np.ndarray:
-        return np.tile(np.arange(1.0, self.order + 1), 2)[:, None]
+        sine, cosine = np.split(coefficients, 2)
+        return Fourier(centre, sine, cosine, self.frequency, self.duration, RAMP)
 
 
-@dataclass(frozen=True)
 class MultisineFamily(FourierFamily):
     """Random phase multisine: the Fourier series with amplitudes 1/k, the same velocity at all harmonics, free phases.
 
@@ -124,89 +141,35 @@ class MultisineFamily(FourierFamily):
     def coefficients(self, free: np.ndarray) -> np.ndarray:
         """Sine and cosine shares of 1/k at a phase of pi times the free number."""
         phase = np.pi * free.reshape(self.order, self.n_joints)
-        return np.concatenate([np.cos(phase), np.sin(phase)]) / self._harmonics
+        return self.weight * np.concatenate([np.cos(phase), np.sin(phase)])
 
     def pullback(self, free: np.ndarray, gradient: np.ndarray) -> np.ndarray:
         """Chain rule over sine and cosine."""
         phase = np.pi * free.reshape(self.order, self.n_joints)
-        sine, cosine = np.split(gradient / self._harmonics, 2)
+        sine, cosine = np.split(self.weight * gradient, 2)
         return np.pi * (-np.sin(phase) * sine + np.cos(phase) * cosine).ravel()
 
 
-@dataclass(frozen=True)
-class QuinticFamily:
-    """``gapscope.arm.motions.trajectory.WayPoints`` with free way points at equal times; it starts and ends at q0.
-
-    Attributes:
-        n_joints: n.
-        duration: [s].
-        points: number of way points between start and end.
-    """
-
-    n_joints: int
-    duration: float
-    points: int
-
-    @property
-    def size(self) -> int:
-        """Count of free numbers, points n."""
-        return self.points * self.n_joints
+class QuinticFamily(Family):
+    """``gapscope.arm.motions.trajectory.WayPoints``, free at equal times; it starts and ends at q0."""
 
     @property
     def highest_frequency(self) -> float:
         """Frequency of a motion that turns at every way point [Hz]."""
-        return (self.points + 1) / (2 * self.duration)
-
-    def basis(self, t: np.ndarray) -> Basis:
-        """Splines that are 1 at one way point and 0 at the others; m = points."""
-        t = np.clip(t, 0.0, self.duration)
-        return Basis(*(self._splines(t, derivative) for derivative in (0, 1, 2)))
-
-    def coefficients(self, free: np.ndarray) -> np.ndarray:
-        """The free numbers."""
-        return free.reshape(self.points, self.n_joints)
-
-    def pullback(self, free: np.ndarray, gradient: np.ndarray) -> np.ndarray:
-        """The gradient itself."""
-        return gradient.ravel()
+        return (2 * self.order + 1) / (2 * self.duration)
 
     def reference(self, centre: np.ndarray, coefficients: np.ndarray) -> WayPoints:
         """A spline."""
-        rest = np.zeros((1, self.n_joints))
-        return WayPoints(
-            self._times, centre + np.concatenate([rest, coefficients, rest])
-        )
-
-    @cached_property
-    def _splines(self) -> BSpline:
-        return clamped_quintic(self._times, np.eye(self.points + 2)[:, 1:-1])
-
-    @property
-    def _times(self) -> np.ndarray:
-        return np.linspace(0.0, self.duration, self.points + 2)
+        times = np.linspace(0.0, self.duration, 2 * self.order + 2)
+        return WayPoints(times, centre + np.pad(coefficients, ((1, 1), (0, 0))))
 
 
-KINDS = ("fourier", "quintic", "multisine")
-"""Names of the families."""
-
-
-Family = FourierFamily | QuinticFamily
-"""A family of trajectories of n joints, at rest at both ends; C from ``size`` free numbers."""
-
-
-def family(
-    kind: str, n_joints: int, duration: float, order: int, frequency: float
-) -> Family:
-    """A family by its name; a quintic has 2 order way points, as many free numbers as the Fourier series.
-
-    Raises:
-        InputError: unknown name.
-    """
-    check_known("kind of trajectory", kind, KINDS, where="kind")
-    if kind == "quintic":
-        return QuinticFamily(n_joints, duration, 2 * order)
-    made = FourierFamily if kind == "fourier" else MultisineFamily
-    return made(n_joints, duration, order, frequency)
+KINDS: dict[str, type[Family]] = {
+    "fourier": FourierFamily,
+    "quintic": QuinticFamily,
+    "multisine": MultisineFamily,
+}
+"""Families by name."""
 
 
 # From unbounded numbers to trajectories that keep their limits of position, velocity and acceleration.
@@ -322,13 +285,10 @@ class Parametrisation:
         most_used = uses.argmax(axis=0)
         joints = np.arange(n)
         kind, is_upper = most_used % 3, most_used < 3
-        time = np.where(
-            is_upper,
-            series.argmax(axis=1)[kind, joints],
-            series.argmin(axis=1)[kind, joints],
-        )
+        highest, lowest = series.argmax(axis=1), series.argmin(axis=1)
+        time = np.where(is_upper, highest[kind, joints], lowest[kind, joints])
         # a joint that does not move uses no limit
-        use = np.maximum(uses[most_used, joints], 1e-12)
+        use = np.maximum(uses[most_used, joints], TINY)
         return _Decoded(
             centre=centre,
             share=ndtr(x[n : 2 * n]),
@@ -341,19 +301,12 @@ class Parametrisation:
     def _active_limit(self, found: _Decoded) -> tuple[np.ndarray, np.ndarray]:
         """The limit that each joint uses most, and the derivative of that use by q0 [1/rad]; each of shape (n,)."""
         kind = found.active // self._count
-        above, below = (
-            self.limits.upper - found.centre,
-            found.centre - self.limits.lower,
-        )
-        room = np.where(found.sign > 0, above, below)
-        position, velocity = kind == 0, kind == 1
-        limit = np.select(
-            [position, velocity],
-            [room, self.limits.velocity],
-            self.limits.acceleration,
-        )
+        above = self.limits.upper - found.centre
+        room = np.where(found.sign > 0, above, found.centre - self.limits.lower)
+        limits = np.stack([room, self.limits.velocity, self.limits.acceleration])
         use = RESERVE / found.gain
-        return limit, np.where(position, found.sign * use / room, 0.0)
+        by_centre = np.where(kind == 0, found.sign * use / room, 0.0)
+        return limits[kind, np.arange(self._n)], by_centre
 
 
 # How well a trajectory excites: functions of the eigenvalues of the information matrix W^T W.
@@ -365,90 +318,55 @@ FLOOR = 1e-13
 
 @dataclass(frozen=True)
 class Criterion:
-    """A function of the eigenvalues of A = S W^T W S, to be made small.
+    """A sum w . log s over the singular values s of W S, ascending, to be made small.
 
     Attributes:
-        name: ``condition``, ``d`` or ``e``.
-        scaling: ``unit``: S gives every column of W the norm 1; ``fixed``: S divides by the RMS that the column has
-            over random states, and by the square root of the count of samples, so that larger motions count more.
-        value: of the eigenvalues, shape (b,).
-        slope: its derivative by each of them, shape (b,).
+        weights: w, of their number b.
+        unit: S gives every column of W the norm 1; else S divides by the RMS that the column has over random states,
+            and by the square root of the count of samples, so that larger motions count more.
     """
 
-    name: str
-    scaling: str
-    value: Callable[[np.ndarray], float]
-    slope: Callable[[np.ndarray], np.ndarray]
+    weights: Callable[[int], np.ndarray]
+    unit: bool
 
     def evaluate(self, matrix: np.ndarray, reference: np.ndarray) -> float:
         """The value for W of shape (N, n, b), given the columns' RMS over random states, (b,)."""
-        return self.value(self._spectrum(*self._scaled(matrix, reference))[0])
+        values, _, _, _ = self._spectrum(matrix, reference)
+        return float(self.weights(len(values)) @ np.log(values)) / 2
 
     def gradient(self, matrix: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """Derivative of the value by W, shape (N, n, b)."""
-        scaled, scale = self._scaled(matrix, reference)
-        values, vectors = self._spectrum(scaled, scale)
-        by_gram = (vectors * self.slope(values)) @ vectors.T
-        by_scaled = 2 * scaled @ by_gram
-        if self.scaling == "unit":
+        values, vectors, scaled, scale = self._spectrum(matrix, reference)
+        by_gram = (vectors * (self.weights(len(values)) / values)) @ vectors.T
+        by_scaled = scaled @ by_gram
+        if self.unit:
             # the norm of a column is divided out: no gradient along the column
-            along = (scaled * by_scaled).sum(axis=0)
-            by_scaled = by_scaled - scaled * along
+            by_scaled -= scaled * (scaled * by_scaled).sum(axis=0)
         return (by_scaled / scale).reshape(matrix.shape)
 
-    def _scaled(
+    def _spectrum(
         self, matrix: np.ndarray, reference: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Squares of s and their directions, and W S with the reciprocals of S."""
         flat = matrix.reshape(-1, matrix.shape[2])
         scale = np.sqrt(len(flat)) * reference
-        if self.scaling == "unit":
+        if self.unit:
             scale = np.linalg.norm(flat, axis=0)
         scale = np.where(scale > 0, scale, 1.0)
-        return flat / scale, scale
-
-    @staticmethod
-    def _spectrum(
-        scaled: np.ndarray, scale: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+        scaled = flat / scale
         values, vectors = np.linalg.eigh(scaled.T @ scaled)
-        return np.maximum(values, FLOOR * max(values[-1], FLOOR)), vectors
+        return np.maximum(values, FLOOR * values[-1] + TINY), vectors, scaled, scale
 
 
-def condition_number(matrix: np.ndarray) -> float:
-    """Condition number of W, shape (N, n, b), with every column scaled to unit norm [1]; infinite for a zero column."""
-    flat = matrix.reshape(-1, matrix.shape[2])
-    norms = np.linalg.norm(flat, axis=0)
-    if (norms == 0).any():
-        return float("inf")
-    return float(np.linalg.cond(flat / norms))
-
-
-def _ends(values: np.ndarray, least: float, largest: float) -> np.ndarray:
-    """A slope by the logarithms of the least and the largest eigenvalue alone, (b,)."""
-    out = np.zeros_like(values)
-    out[0], out[-1] = least / values[0], largest / values[-1]
-    return out
+def _ends(least: float, largest: float) -> Callable[[int], np.ndarray]:
+    """Weights of the least and the largest alone."""
+    return lambda b: np.array([least, *np.zeros(b - 2), largest])
 
 
 CRITERIA = {
-    "condition": Criterion(
-        name="condition",
-        scaling="unit",
-        value=lambda v: 0.5 * float(np.log(v[-1] / v[0])),
-        slope=lambda v: _ends(v, -0.5, 0.5),
-    ),
-    "d": Criterion(
-        name="d",
-        scaling="fixed",
-        value=lambda v: -0.5 * float(np.mean(np.log(v))),
-        slope=lambda v: -0.5 / (len(v) * v),
-    ),
-    "e": Criterion(
-        name="e",
-        scaling="fixed",
-        value=lambda v: -0.5 * float(np.log(v[0])),
-        slope=lambda v: _ends(v, -0.5, 0.0),
-    ),
+    "condition": Criterion(_ends(-1.0, 1.0), unit=True),
+    "d": Criterion(lambda b: np.full(b, -1.0 / b), unit=False),
+    "e": Criterion(_ends(-1.0, 0.0), unit=False),
 }
 """``condition``: log of the condition number, columns scaled to unit norm [gautier1992]. ``d``: minus the mean log of
 the singular values, half the log determinant over b; ``e``: minus the log of the smallest singular value
@@ -456,6 +374,10 @@ the singular values, half the log determinant over b; ``e``: minus the log of th
 
 
 # How well a trajectory separates effects from each other and from the base parameters.
+
+
+SHOWN = 1e-9
+"""Directions, and effects of unit size, of which less than this is left count as none [1]."""
 
 
 class Separated(NamedTuple):
@@ -531,41 +453,29 @@ class Signatures:
         signatures = self.of(motion)
         norms = np.linalg.norm(signatures, axis=0)
         unit = signatures / np.where(norms > 0, norms, 1.0)
-        basis = _column_space(matrix.reshape(-1, matrix.shape[2]))
+        columns = matrix.reshape(-1, matrix.shape[2])
+        basis = orth(columns / (np.linalg.norm(columns, axis=0) + TINY), SHOWN)
         # base parameters can absorb this much of an effect
         residual = unit - basis @ (basis.T @ unit)
         least = float(np.linalg.svd(residual, compute_uv=False)[-1])
+        shown = np.linalg.norm(residual, axis=0) > SHOWN
         owner = np.array([name for name, _ in self._applied])
-        angles = {
-            (a, b): _least_angle(residual[:, owner == a], residual[:, owner == b])
-            for a, b in itertools.combinations(self.names, 2)
-        }
+        angles = {}
+        for pair in itertools.combinations(self.names, 2):
+            parts = [residual[:, shown & (owner == name)] for name in pair]
+            known = all(part.size for part in parts)
+            angles[pair] = float(subspace_angles(*parts).min()) if known else 0.0
         return Separated(least, angles)
-
-
-def _column_space(columns: np.ndarray) -> np.ndarray:
-    """Orthonormal basis of the columns, those of almost no content left out."""
-    norms = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    basis, values, _ = np.linalg.svd(columns / norms, full_matrices=False)
-    return basis[:, values > 1e-9 * values[0]]
-
-
-def _least_angle(first: np.ndarray, second: np.ndarray) -> float:
-    """Least principal angle between two column spaces [rad]; 0 if one of them is empty."""
-    shown = [x[:, np.linalg.norm(x, axis=0) > 1e-9] for x in (first, second)]
-    if not all(x.size for x in shown):
-        return 0.0
-    return float(subspace_angles(*shown).min())
 
 
 # Model that scores a candidate: the base columns of its regressor and its torque, with exact derivatives.
 
 
-MODEL_SAMPLES = 400
-"""Random samples from which the base columns are found."""
-SHIFTS = np.array([1.0, 3.0, 5.0, 7.0]) * np.pi / 4
-"""Shifts from which the derivative of a trigonometric polynomial of degree two is exact [rad]."""
-WEIGHTS = np.array([1.0, -1.0, 1.0, -1.0]) / (8 * np.sin(SHIFTS / 2) ** 2)
+DEGREE = 2
+"""Degree of the columns as trigonometric polynomials of a position."""
+SHIFTS = np.pi * (np.arange(2 * DEGREE) + 0.5) / DEGREE
+"""Shifts from which the derivative of such a polynomial is exact [rad]."""
+WEIGHTS = (-1.0) ** np.arange(2 * DEGREE) / (4 * DEGREE * np.sin(SHIFTS / 2) ** 2)
 """Their weights."""
 
 
@@ -591,23 +501,17 @@ class ExcitationModel:
     ) -> None:
         self.arm, self.body = arm, body
         self._regressor = Regressor(arm, body, quantities)
-        base = structural_base(self._regressor, np.random.default_rng(0), MODEL_SAMPLES)
-        self._kept = base.kept
-        self.names = tuple(self._regressor.names[i] for i in self._kept)
-        states = random_states(self._regressor, np.random.default_rng(0), MODEL_SAMPLES)
+        rng = np.random.default_rng(0)
+        base = structural_base(self._regressor, rng)
+        self._kept, self.names = base.kept, base.kept_names
         # typical size of each column, whatever the motion
-        mean_square = (self.matrix(states) ** 2).mean(axis=(0, 1))
-        self.reference = np.sqrt(mean_square)
+        rng = np.random.default_rng(0)
+        states = random_states(self._regressor, rng, STATES)
+        self.reference = rms(self.matrix(states), axis=(0, 1))
 
     def matrix(self, motion: Motion) -> np.ndarray:
         """W of a motion of N samples, shape (N, n, b)."""
         return self._regressor.matrix(motion)[:, :, self._kept]
-
-    def torque(self, motion: Motion) -> np.ndarray:
-        """Nominal torque with armature and data sheet friction [N m], shape (N, n)."""
-        return feedforward(
-            self.arm, self.body, "nominal", motion.q, motion.dq, motion.ddq
-        )
 
     def pullback(
         self, motion: Motion, by_matrix: np.ndarray, by_torque: np.ndarray
@@ -624,39 +528,27 @@ class ExcitationModel:
         full[:, :, self._kept] = by_matrix
         # the nominal torque is the regressor times the nominal parameters
         by_nominal = by_torque[:, :, None] * self.body.inertial_parameters()
-        by_q, by_dq, by_ddq = self._inertial(motion, full[:, :, :links] + by_nominal)
-        by_ddq += self.arm.armature * by_torque
-        by_dq += self.arm.viscous * by_torque
+        weight = full[:, :, :links] + by_nominal
+        own = {name: np.zeros_like(motion.q) for name in JOINT_COLUMNS}
         for k, name in enumerate(self._regressor.quantities):
             first = links + k * n
-            own = np.einsum("ijj->ij", full[:, :, first : first + n])
-            if name == "rotor":
-                by_ddq += own
-            elif name == "damping":
-                by_dq += own
-        return by_q, by_dq, by_ddq
+            own[name] = np.einsum("ijj->ij", full[:, :, first : first + n])
+        by_q = np.zeros_like(motion.q)
+        by_dq = self.arm.viscous * by_torque + own["damping"]
+        by_ddq = self.arm.armature * by_torque + own["rotor"]
 
-    def _inertial(
-        self, motion: Motion, weight: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Derivatives of sum(weight * Y) by q, dq and ddq, each (N, n); Y and weight have shape (N, n, 10 n)."""
+        def contracted(*state: np.ndarray) -> np.ndarray:
+            return np.einsum("tij,tij->t", weight, self.body.regressor(*state))
+
         q, dq, ddq = motion.q, motion.dq, motion.ddq
-
-        def contracted(q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
-            return np.einsum("tij,tij->t", weight, self.body.regressor(q, dq, ddq))
-
         here = contracted(q, dq, ddq)
-        by_q, by_dq, by_ddq = (np.zeros_like(q) for _ in range(3))
-        for j, unit in enumerate(np.eye(q.shape[1])):
+        for j, unit in enumerate(np.eye(n)):
             # exact: trigonometric in q, quadratic in dq, linear in ddq
             shifted = [contracted(q + shift * unit, dq, ddq) for shift in SHIFTS]
             by_q[:, j] = WEIGHTS @ np.array(shifted)
-            faster, slower = (
-                contracted(q, dq + unit, ddq),
-                contracted(q, dq - unit, ddq),
-            )
-            by_dq[:, j] = (faster - slower) / 2
-            by_ddq[:, j] = contracted(q, dq, ddq + unit) - here
+            faster = contracted(q, dq + unit, ddq)
+            by_dq[:, j] += (faster - contracted(q, dq - unit, ddq)) / 2
+            by_ddq[:, j] += contracted(q, dq, ddq + unit) - here
         return by_q, by_dq, by_ddq
 
 
@@ -669,11 +561,15 @@ PENALTY = 10.0
 """Score for a limit broken by all of it; smaller breaches count in proportion."""
 PENALISED = ("torque", "singular value", "distance")
 """Limits that candidates may break; the others are kept by construction."""
-TOLERATED = np.array([0.005, 0.05, 0.05])
-"""Breaches that still count as kept: half of what the limits are tightened by [1]. Up to there the penalty grows with
-the square, so that a descent does not stall on the edge of what is allowed."""
+TIGHTER = {"torque": 0.01, "singular": 0.1, "clearance": 0.01}
+"""By how much the limits are tighter in the search: share, share, m."""
 DISTANCE_SCALE = 0.1
 """Distance by which a clearance counts as broken by all of it [m]."""
+TOLERATED = np.array(list(TIGHTER.values())) / [2, 2, 2 * DISTANCE_SCALE]
+"""Breaches that still count as kept: half of what the limits are tightened by [1]. Up to there the penalty grows with
+the square, so that a descent does not stall on the edge of what is allowed."""
+SLOPE_STEP = 1e-4
+"""Step of the differences of singular value and distance [rad]."""
 
 
 @dataclass(frozen=True)
@@ -796,47 +692,55 @@ class TrajectorySearch:
     def score(self, x: np.ndarray) -> float:
         """Score of a candidate, shape (d,)."""
         self.evaluations += 1
-        motion = self.parametrisation.motion(x, self._t, self._basis)
-        value = self._value(motion, self.model.matrix(motion))
-        torque, _ = self._torque_breach(self.model.torque(motion))
-        breaches = [torque]
-        for slack, scale in self._slacks(motion.q):
-            breaches.append(max(0.0, -float(slack.min()) / scale))
-        return self._note(x, value, breaches)
+        motion, matrix, breaches, _ = self._judged(x)
+        return self._note(x, self._value(motion, matrix), breaches)
 
     def score_and_gradient(self, x: np.ndarray) -> tuple[float, np.ndarray]:
         """Score of a candidate and its gradient, shape (d,), exact but for distances, by central differences."""
         self.evaluations += GRADIENT_COST
-        motion = self.parametrisation.motion(x, self._t, self._basis)
-        matrix = self.model.matrix(motion)
-        value = self._value(motion, matrix)
-        torque, by_torque = self._torque_breach(self.model.torque(motion))
-        breaches = [torque]
-        # derivatives of the other breaches by q, which the worst sample alone decides
-        by_position = np.zeros((2, *motion.q.shape))
-        for k, (slack, scale) in enumerate(self._slacks(motion.q)):
-            worst = int(slack.argmin())
-            breaches.append(max(0.0, -float(slack[worst]) / scale))
-            if slack[worst] < 0:
-                by_position[k, worst] -= self._slope(motion.q[worst], k) / scale
-        weight = PENALTY * np.minimum(np.array(breaches) / TOLERATED, 1.0)
-        by_matrix = self.criterion.gradient(matrix, self.model.reference)
+        motion, matrix, breaches, worst = self._judged(x)
+        weight = PENALTY * np.minimum(breaches / TOLERATED, 1.0)
+        by_torque = np.zeros_like(motion.q)
+        joints, limit = np.arange(len(worst[0])), self.checker.allowed.torque
+        peak = self.checker.torque(motion)[worst[0], joints]
+        slope = np.where(np.abs(peak) > limit, np.sign(peak) / limit, 0.0)
+        by_torque[worst[0], joints] = weight[0] * slope
         by_q, by_dq, by_ddq = self.model.pullback(
-            motion, by_matrix, weight[0] * by_torque
+            motion, self.criterion.gradient(matrix, self.model.reference), by_torque
         )
-        by_q += weight[1] * by_position[0] + weight[2] * by_position[1]
+        # of the other breaches the worst sample alone decides
+        for k, row in enumerate(worst[1:]):
+            if breaches[1 + k] > 0:
+                shifts = SLOPE_STEP * np.eye(len(joints))
+                up, down = (
+                    self._slacks(motion.q[row] + s)[k] for s in (shifts, -shifts)
+                )
+                by_q[row] -= weight[1 + k] * (up - down) / (2 * SLOPE_STEP)
         gradient = self.parametrisation.pullback(x, self._basis, (by_q, by_dq, by_ddq))
-        return self._note(x, value, breaches), gradient
+        return self._note(x, self._value(motion, matrix), breaches), gradient
+
+    def _judged(
+        self, x: np.ndarray
+    ) -> tuple[Motion, np.ndarray, np.ndarray, list[Any]]:
+        """Motion, W, by how much each of ``PENALISED`` is broken, (3,), and in which samples it is used most."""
+        motion = self.parametrisation.motion(x, self._t, self._basis)
+        use = np.abs(self.checker.torque(motion)) / self.checker.allowed.torque
+        # the largest use of each joint, and the least slack of all
+        worst = [use.argmax(axis=0)]
+        breaches = [np.maximum(use.max(axis=0) - 1, 0.0).sum()]
+        for slack in self._slacks(motion.q):
+            worst.append(slack.argmin())
+            breaches.append(max(0.0, -slack.min()))
+        return motion, self.model.matrix(motion), np.array(breaches), worst
 
     def _value(self, motion: Motion, matrix: np.ndarray) -> float:
         if self.signatures is None:
             return self.criterion.evaluate(matrix, self.model.reference)
         separation = self.signatures.separate(motion, matrix).least
-        return -float(np.log(max(separation, 1e-12)))
+        return -float(np.log(max(separation, TINY)))
 
-    def _note(self, x: np.ndarray, value: float, breaches: list[float]) -> float:
+    def _note(self, x: np.ndarray, value: float, breach: np.ndarray) -> float:
         """The score; a candidate that keeps all limits is counted, and kept if it is the best so far."""
-        breach = np.array(breaches)
         self.judged += 1
         self._broken += breach > TOLERATED
         if (breach <= TOLERATED).all():
@@ -851,36 +755,14 @@ class TrajectorySearch:
         penalties = np.where(breach < TOLERATED, quadratic, linear)
         return value + PENALTY * float(penalties.sum())
 
-    def _torque_breach(self, torque: np.ndarray) -> tuple[float, np.ndarray]:
-        """Sum over joints of the largest breach as a share of the limit, and its derivative by torque, (N, n)."""
-        limit = self.checker.allowed.torque
-        joints = np.arange(torque.shape[1])
-        worst = np.abs(torque).argmax(axis=0)
-        peak = torque[worst, joints]
-        breach = np.maximum(np.abs(peak) / limit - 1, 0.0)
-        slope = np.zeros_like(torque)
-        slope[worst, joints] = np.where(breach > 0, np.sign(peak) / limit, 0.0)
-        return float(breach.sum()), slope
-
-    def _slacks(self, q: np.ndarray) -> list[tuple[np.ndarray, float]]:
-        """Slack of singular value and distance at q, (N, n), each (N,), with what counts as broken by all of it."""
+    def _slacks(self, q: np.ndarray) -> list[np.ndarray]:
+        """Slack of singular value and distance at q, (N, n), each (N,), over what counts as broken by all of it."""
         allowed, checker = self.checker.allowed, self.checker
-        unlimited = np.full(len(q), np.inf)
-        singular = (
-            checker.singular_value(q) - allowed.singular
-            if allowed.singular > 0
-            else unlimited
-        )
-        return [
-            (singular, max(allowed.singular, 1e-3)),
-            (checker.distance(q) - allowed.clearance, DISTANCE_SCALE),
-        ]
-
-    def _slope(self, q: np.ndarray, which: int, step: float = 1e-4) -> np.ndarray:
-        """Derivative of one slack by q, shape (n,), by central differences."""
-        shifts = step * np.eye(len(q))
-        up, down = (self._slacks(q + shifts * sign)[which][0] for sign in (1, -1))
-        return (up - down) / (2 * step)
+        singular: np.ndarray = np.full(len(q), np.inf)
+        if allowed.singular > 0:
+            singular = checker.singular_value(q) / allowed.singular - 1
+        distance = (checker.distance(q) - allowed.clearance) / DISTANCE_SCALE
+        return [singular, distance]
 
 
 # Optimisers: each spends the budget of a search; what it found lies in ``search.found``.

@@ -15,6 +15,12 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.trajectory import urdf_limits
 from gapscope.ident.model.regressor import Regressor
 
+TINY = float(np.sqrt(np.finfo(float).tiny))
+"""What would be divided by zero is divided by this: its square and its reciprocal are numbers yet."""
+
+WORTH = 0.02
+"""A richer model has to lower an error on other data by this share; a poorer one may raise it by as much [1]."""
+
 # Numerical rank of a regressor: unit columns, and the gap in a spectrum.
 
 
@@ -25,7 +31,7 @@ DEPENDENT = 2e-5
 decimals make directions of up to 5e-6, which no recording resolves."""
 CLEAR_GAP = 1e3
 """Ratio of two neighbours in a spectrum from which the rank is certain."""
-FLOOR = 1e-16
+FLOOR = float(np.finfo(float).eps)
 """Values of a spectrum below this are rounding."""
 
 
@@ -55,28 +61,32 @@ def unit_triangle(Y: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.n
             "check the motion for missing values",
             where="regressor",
         )
-    triangle = (
-        rows
-        if len(rows) == len(names)
-        else qr(rows, mode="r", check_finite=False)[0][: len(names)]
-    )
-    norms = np.linalg.norm(triangle, axis=0)
+    if len(rows) > len(names):
+        rows = qr(rows, mode="r", check_finite=False)[0][: len(names)]
+    norms = np.linalg.norm(rows, axis=0)
     full = norms > EMPTY * norms.max()
     if not full.any():
         raise InputError(
             "the regressor is zero: nothing moves and nothing weighs", "record a motion"
         )
     norms = np.where(full, norms, 1.0)
-    return np.where(full, triangle, 0.0) / norms, norms
+    return np.where(full, rows, 0.0) / norms, norms
 
 
-def rank_by_gap(spectrum: np.ndarray, tolerance: float = DEPENDENT) -> int:
+def condition_number(matrix: np.ndarray) -> float:
+    """Condition number of W, shape (N, n, b), with every column scaled to unit norm [1]; infinite for a zero column."""
+    triangle = np.linalg.qr(matrix.reshape(-1, matrix.shape[2]), mode="r")
+    norms = np.linalg.norm(triangle, axis=0)
+    return float(np.linalg.cond(triangle / norms)) if norms.all() else float("inf")
+
+
+def rank_by_gap(spectrum: np.ndarray) -> int:
     """Number of values that are not nil, of a falling spectrum that starts near 1.
 
-    It ends at the first drop by ``CLEAR_GAP`` to a value below ``tolerance``, or, if there is none so clear, at the
+    It ends at the first drop by ``CLEAR_GAP`` to a value below ``DEPENDENT``, or, if there is none so clear, at the
     widest drop to a value below it. All count if no value is so small.
     """
-    small = np.flatnonzero(spectrum <= tolerance)
+    small = np.flatnonzero(spectrum <= DEPENDENT)
     if not len(small):
         return len(spectrum)
     # below the floor a ratio is one of rounding errors
@@ -110,18 +120,40 @@ class Factor:
     def of(cls, matrix: np.ndarray, torque: np.ndarray) -> Factor:
         """The factor of equations, matrix of shape (M, b) and torque of shape (M,)."""
         b = matrix.shape[1]
-        equations = np.column_stack([matrix, torque])
-        triangle = np.asarray(np.linalg.qr(equations, mode="r"))
+        # half of a joint's columns are zero, as its torque has nothing of the bodies before it
+        present = matrix.any(axis=0)
+        equations = np.column_stack([matrix[:, present], torque])
+        some = np.asarray(np.linalg.qr(equations, mode="r"))
+        count = int(present.sum())
         # fewer equations than columns: rows of zeros complete the triangle
-        missing = max(0, b + 1 - len(triangle))
-        triangle = np.vstack([triangle, np.zeros((missing, b + 1))])
-        rest = float(triangle[b, b] ** 2)
-        return cls(triangle[:b, :b], triangle[:b, b], rest, len(matrix))
+        triangle, rotated = np.zeros((b, b)), np.zeros(b)
+        upper = some[:count]
+        triangle[: len(upper), present] = upper[:, :count]
+        rotated[: len(upper)] = upper[:, count]
+        rest = float((some[count:, count] ** 2).sum())
+        return cls(triangle, rotated, rest, len(matrix))
+
+    @classmethod
+    def together(cls, parts: Sequence[Factor]) -> Factor:
+        """The factor of the equations of all parts, of the same parameters."""
+        triangles = np.vstack([part.triangle for part in parts])
+        found = cls.of(triangles, np.concatenate([part.rotated for part in parts]))
+        rest = found.rest + sum(part.rest for part in parts)
+        return replace(found, rest=rest, rows=sum(part.rows for part in parts))
 
     def select(self, columns: Sequence[int]) -> Factor:
         """The factor of some columns of W, in the order given."""
-        part = Factor.of(self.triangle[:, columns], self.rotated)
-        return replace(part, rest=part.rest + self.rest, rows=self.rows)
+        return Factor.together([replace(self, triangle=self.triangle[:, columns])])
+
+    def over(self, noise: float) -> Factor:
+        """The factor of the equations divided by a noise."""
+        triangle, rotated = self.triangle / noise, self.rotated / noise
+        return Factor(triangle, rotated, self.rest / noise**2, self.rows)
+
+    def squares(self, beta: np.ndarray) -> float:
+        """|tau - W beta|^2."""
+        left = self.rotated - self.triangle @ beta
+        return float(left @ left) + self.rest
 
     @property
     def freedom(self) -> int:
@@ -143,6 +175,10 @@ class Factor:
 
 ACCELERATION = 5.0
 """Typical acceleration of random states [rad/s^2]."""
+STATES = 300
+"""Random states from which what an arm shows is found, whatever its recordings excite."""
+NEGLIGIBLE = 1e-4
+"""Factors smaller than this, or as near to 1, are not written."""
 _CLEAN = 1e-9
 _SPAN = 1e-4
 
@@ -190,7 +226,7 @@ class BaseParameters:
     def null_space(self) -> np.ndarray:
         """N, shape (p, p - b): pi + N z gives the same torque as pi, for every z; ``dropped`` rows are the identity.
 
-        So every pi is ``spread(of(pi)) + null_space @ pi[dropped]``.
+        So every pi is that of ``of(pi)``, zero but where kept, plus ``null_space @ pi[dropped]``.
         """
         out = np.zeros((len(self.names), len(self.names) - self.count))
         out[self.dropped] = np.eye(out.shape[1])
@@ -201,27 +237,25 @@ class BaseParameters:
         """Beta = C pi, shape (b,)."""
         return self.combination @ parameters
 
-    def spread(self, beta: np.ndarray) -> np.ndarray:
-        """The pi, zero outside ``kept``, that gives the same torque as beta; shape (p,)."""
-        out = np.zeros(len(self.names))
-        out[self.kept] = beta
-        return out
-
     def nearest(self, beta: np.ndarray, prior: np.ndarray) -> np.ndarray:
         """The pi nearest to a prior, shape (p,), that gives the same torque as beta (least squares)."""
         return prior + np.linalg.pinv(self.combination) @ (beta - self.of(prior))
 
-    def expressions(self, tolerance: float = 1e-6) -> tuple[str, ...]:
+    def expressions(self) -> tuple[str, ...]:
         """Each base parameter as a readable combination, ``mx2 + 0.5 m3``, its kept one first; shape (b,)."""
-        rows = zip(self.kept.tolist(), self.combination, strict=True)
-        return tuple(
-            _expression(kept, row, self.names, tolerance) for kept, row in rows
-        )
+        out = []
+        for kept, row in zip(self.kept.tolist(), self.combination, strict=True):
+            parts = [self.names[kept]]
+            for place in np.flatnonzero(np.abs(row) > NEGLIGIBLE):
+                sign, size = "-" if row[place] < 0 else "+", abs(row[place])
+                factor = "" if abs(size - 1) <= NEGLIGIBLE else f"{size:.6g} "
+                if place != kept:
+                    parts.append(f"{sign} {factor}{self.names[place]}")
+            out.append(" ".join(parts))
+        return tuple(out)
 
 
-def base_parameters(
-    Y: np.ndarray, names: Sequence[str], tolerance: float = DEPENDENT
-) -> BaseParameters:
+def base_parameters(Y: np.ndarray, names: Sequence[str]) -> BaseParameters:
     """Base parameters by QR of a regressor of enough random samples.
 
     The number b comes from the QR with column pivoting of the columns scaled to unit norm: it ends at the gap in the
@@ -237,7 +271,6 @@ def base_parameters(
     Args:
         Y: stacked regressor, shape (M, p) or (N, n, p); or its triangular factor, shape (p, p).
         names: of the columns.
-        tolerance: largest pivot of a dependent unit column.
 
     Raises:
         InputError: values that are not finite, fewer rows than columns, or a regressor of zeros.
@@ -249,7 +282,7 @@ def base_parameters(
     # how many: by the pivots, which reveal the rank
     pivoted, places = qr(scaled, mode="r", pivoting=True, check_finite=False)
     pivots = np.abs(np.diag(pivoted))
-    count = rank_by_gap(pivots, tolerance)
+    count = rank_by_gap(pivots)
     # which: in the order of preference, unless that finds another number
     border = _SPAN * pivots[count - 1]
     kept = _independent(scaled, _order(names), border)
@@ -270,17 +303,14 @@ def base_parameters(
     )
 
 
-def structural_base(
-    regressor: Regressor, rng: np.random.Generator, samples: int = 300
-) -> BaseParameters:
+def structural_base(regressor: Regressor, rng: np.random.Generator) -> BaseParameters:
     """Base parameters of an arm, whatever its recordings excite: of random states within the arm's limits.
 
     Args:
         regressor: of the arm, with the columns wanted.
         rng: source of the states.
-        samples: number N of states; at least p / n.
     """
-    states = random_states(regressor, rng, samples)
+    states = random_states(regressor, rng, STATES)
     return base_parameters(regressor.matrix(states), regressor.names)
 
 
@@ -328,47 +358,6 @@ def _order(names: Sequence[str]) -> list[int]:
     return sorted(range(len(names)), key=key)
 
 
-def _expression(
-    kept: int, row: np.ndarray, names: Sequence[str], tolerance: float
-) -> str:
-    """A combination in words, the parameter that represents it first."""
-    parts = [names[kept]]
-    for place in np.flatnonzero(np.abs(row) > tolerance):
-        if place == kept:
-            continue
-        sign, size = "-" if row[place] < 0 else "+", abs(row[place])
-        factor = "" if abs(size - 1) <= tolerance else f"{size:.6g} "
-        parts.append(f"{sign} {factor}{names[place]}")
-    return " ".join(parts)
-
-
-# Base parameters in orthonormal combinations, by singular value decomposition.
-
-
-def orthonormal_base(Y: np.ndarray, names: Sequence[str]) -> np.ndarray:
-    """V1, shape (p, b): gamma = V1^T pi are co-ordinates of pi in the row space of Y, V1 gamma the shortest such pi.
-
-    The right singular vectors of the unit columns that belong to values behind the gap, scaled back, span the pi
-    without torque; V1 spans what is orthogonal to them.
-
-    Args:
-        Y: stacked regressor, shape (M, p) or (N, n, p); or its triangular factor, shape (p, p).
-        names: of the columns.
-
-    Raises:
-        InputError: values that are not finite, fewer rows than columns, or a regressor of zeros.
-
-    Source: gautier1991.
-    """
-    scaled, norms = unit_triangle(Y, names)
-    _, values, right = np.linalg.svd(scaled)
-    count = rank_by_gap(values)
-    without_torque = right[count:].T / norms[:, None]
-    unit = without_torque / np.linalg.norm(without_torque, axis=0)
-    # a complete Q spans the pi without torque first, and then their orthogonal complement
-    return np.linalg.qr(unit, mode="complete")[0][:, len(names) - count :]
-
-
 # Essential parameters: those base parameters that a recording needs to be explained.
 
 
@@ -376,8 +365,6 @@ DEVIATION = 0.3
 """A parameter with a larger relative standard deviation than this is not known from the recording [1]."""
 CONTRIBUTION = 1e-3
 """A parameter that explains a smaller part of the RMS torque than this is negligible [1]."""
-GROWTH = 0.02
-"""All that is dropped together may raise the residual by no more than this part of it [1]."""
 
 
 @dataclass(frozen=True)
@@ -422,7 +409,7 @@ def essential_parameters(
     Each step drops the parameter with the largest relative deviation sigma_k / |beta_k|, which is also the one whose
     loss raises the sum of squares least, by beta_k^2 / [(R^T R)^-1]_kk, and fits again. It ends when the next one
     is known to ``DEVIATION`` and explains ``CONTRIBUTION`` of the torque, or when the residual would
-    have grown by more than ``GROWTH`` in all (or beyond ``CONTRIBUTION`` of the torque, if there is hardly any).
+    have grown by more than ``WORTH`` in all (or beyond ``CONTRIBUTION`` of the torque, if there is hardly any).
 
     Args:
         factor: of the base columns and the torque, full rank; weighted, if joints differ in noise.
@@ -443,7 +430,7 @@ def essential_parameters(
     before = np.sqrt(factor.rest)
     torque = float(np.hypot(np.linalg.norm(factor.rotated), before))
     # a residual of almost nothing may grow by more than a share of itself
-    limit = max((1 + GROWTH) * before, CONTRIBUTION * torque)
+    limit = max((1 + WORTH) * before, CONTRIBUTION * torque)
     places = list(range(len(names)))
     dropped: list[Dropped] = []
     current = factor
@@ -471,14 +458,15 @@ def _significance(
     value, inverse = factor.solve(), np.diag(factor.inverse_gram())
     spread = np.sqrt(inflation * factor.rest / factor.freedom * inverse)
     size = np.abs(value)
-    relative = spread / np.maximum(size, np.finfo(float).tiny)
-    return value, relative, size / np.sqrt(inverse)
+    return value, spread / np.maximum(size, TINY), size / np.sqrt(inverse)
 
 
 # Which inertial parameters base parameters give back, which only in combination, which not at all.
 
 
 RECOVERED, COMBINED, HIDDEN = "recovered", "only in combination", "not identifiable"
+UNSEEN = 1e-9
+"""Norm of a column of C below which no torque depends on its parameter."""
 SHARE = 1e-5
 """Part of a parameter's direction outside what the torque depends on, beyond which it is not recovered alone [1]."""
 
@@ -528,42 +516,30 @@ def recoveries(
     inverse = np.linalg.pinv(base.combination)
     inside = np.einsum("pb,bp->p", inverse, base.combination)
     size = np.linalg.norm(base.combination, axis=0)
-    expressions = base.expressions(1e-4)
+    deviations = np.sqrt(np.einsum("pb,bc,pc->p", inverse, covariance, inverse).clip(0))
+    expressions = base.expressions()
     out = []
     for j, name in enumerate(base.names):
         deviation: float | None = None
-        if size[j] <= 1e-9:
-            status, reason = HIDDEN, "no torque in these recordings depends on it"
-        elif inside[j] >= 1 - SHARE:
-            status = RECOVERED
-            deviation = float(np.sqrt(max(inverse[j] @ covariance @ inverse[j], 0.0)))
+        status, reason = HIDDEN, "no torque in these recordings depends on it"
+        if inside[j] >= 1 - SHARE:
+            status, deviation = RECOVERED, float(deviations[j])
             reason = "the torque determines it alone"
             if deviation > abs(value[j]):
-                reason = "the torque determines it alone, but not more exactly than its own size"
-        else:
-            status = COMBINED
+                reason += ", but not more exactly than its own size"
+        elif size[j] > UNSEEN:
             first = int(np.argmax(np.abs(base.combination[:, j])))
+            status = COMBINED
             reason = f"the torque depends on {shortened(expressions[first])}"
-        out.append(
-            Recovery(
-                name=name,
-                unit=units[j],
-                status=status,
-                reason=reason,
-                nominal=float(nominal[j]),
-                value=float(value[j]),
-                std=deviation,
-            )
-        )
+        known = float(nominal[j]), float(value[j]), deviation
+        out.append(Recovery(name, units[j], status, reason, *known))
     return tuple(out)
 
 
 def shortened(expression: str, terms: int = 4) -> str:
     """An expression with its first terms, and how many more there are."""
-    parts = expression.replace(" - ", " + -").split(" + ")
-    if len(parts) <= terms:
+    first, *others = re.split(r" (?=[+-] )", expression)
+    if len(others) < terms:
         return expression
-    return (
-        " + ".join(parts[:terms]).replace("+ -", "- ")
-        + f" and {len(parts) - terms} more terms"
-    )
+    left = f"and {len(others) + 1 - terms} more terms"
+    return " ".join([first, *others[: terms - 1], left])

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
 from gapscope.arm.root_mean_square import rms
+from gapscope.ident.model.base_parameters import WORTH
 from gapscope.ident.model.linear_problem import (
     PRESLIDING_DISTANCES,
     SATURATION_SHARES,
     STRIBECK_SPEEDS,
     FrictionLaw,
+    equal_parts,
 )
 from gapscope.ident.samples import Samples
 from gapscope.model.effective_samples import group_slices
@@ -24,6 +24,8 @@ from gapscope.model.effective_samples import group_slices
 
 FOLDS = 5
 """Least number of stretches of time, each predicted from all others."""
+SHORTEST = 20
+"""Samples of a stretch, about, at least."""
 LOOSE = 1e-8
 """Pull on parameters that the nominal arm does not give, in units of their columns [1]."""
 
@@ -40,98 +42,58 @@ class FrictionTrials:
         self.samples, self.noise = samples, noise
         self.stretches = stretches(samples.group)
         torque = samples.torque[:, :, None]
+        # the columns of dry friction stand between these
         self._shared = np.concatenate([samples.smooth, torque], axis=2)
         self._shared /= noise[:, None]
-        self._grams: dict[tuple[int, int], np.ndarray] = {}
+        spans = [*self.stretches, slice(0, len(torque))]
+        flat = [self._shared[k].reshape(-1, self._shared.shape[2]) for k in spans]
+        self._grams = [(k, x.T @ x) for k, x in zip(spans, flat, strict=True)]
 
-    def held_out(self, law: FrictionLaw) -> HeldOutStretches:
-        """The stretches under a law."""
-        dry = self._dry(law)
-        grams = [self._gram(dry, rows) for rows in self.stretches]
-        return HeldOutStretches(self, law, dry, grams)
+    def held_out(self, law: FrictionLaw) -> Callable[[float], np.ndarray]:
+        """Mean square of residual over noise, per joint [1], (n,), by the pull: of each stretch from all others."""
+        dry, grams, penalty, nominal = self._under(law)
+        total, joints = np.sum(grams[:-1], axis=0), len(self.noise)
+        sizes = [joints * (rows.stop - rows.start) for rows in self.stretches]
+        smooth = self.samples.smooth.shape[2]
+
+        def mse(pull: float) -> np.ndarray:
+            squares = np.zeros(joints)
+            for rows, gram, size in zip(self.stretches, grams, sizes, strict=False):
+                # the Gram matrix of all other stretches, without forming their equations again
+                count = sum(sizes) - size
+                x = pulled_solution(total - gram, count, pull * penalty, nominal)
+                z = np.append(-x[:smooth], 1.0)
+                left = self._shared[rows] @ z - dry[rows] @ x[smooth:]
+                squares += (left**2).sum(axis=0)
+            return np.asarray(squares * joints / sum(sizes))
+
+        return mse
 
     def fitted(self, law: FrictionLaw, pull: float) -> np.ndarray:
         """x under a law and a pull, fitted to all samples, shape (p,)."""
-        dry = self._dry(law)
-        gram = self._gram(dry, slice(0, len(dry)))
-        penalty = pull * self.penalty(law, dry)
-        nominal = self.samples.columns.nominal(law)
-        return pulled_solution(gram, self.samples.torque.size, penalty, nominal)
+        _, grams, penalty, nominal = self._under(law)
+        count = self.samples.torque.size
+        return pulled_solution(grams[-1], count, pull * penalty, nominal)
 
-    def penalty(self, law: FrictionLaw, dry: np.ndarray) -> np.ndarray:
-        """As ``penalties``, of the columns of dry friction at unit noise, (M, n, d)."""
-        squares = [(x**2).sum(axis=(0, 1)) for x in (self._shared[:, :, :-1], dry)]
-        return _penalties(self.samples, law, np.concatenate(squares))
-
-    def residual(self, rows: slice, dry: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """What x leaves of the torque of some samples at unit noise [1], (K, n)."""
-        smooth = self.samples.smooth.shape[2]
-        z = np.append(-x[:smooth], 1.0)
-        return np.asarray(self._shared[rows] @ z - dry[rows] @ x[smooth:])
-
-    def _dry(self, law: FrictionLaw) -> np.ndarray:
-        """Columns of dry friction at unit noise, (M, n, d)."""
+    def _under(
+        self, law: FrictionLaw
+    ) -> tuple[np.ndarray, list[np.ndarray], np.ndarray, np.ndarray]:
+        """Dry columns at unit noise, (M, n, d); Gram matrices of [W, y] of stretches and all; pull; nominal x."""
         columns = self.samples.columns
         dry = self.samples.filtered_each(lambda motion: columns.dry(motion, law))
-        return np.asarray(dry / self.noise[:, None])
-
-    def _gram(self, dry: np.ndarray, rows: slice) -> np.ndarray:
-        """Gram matrix of [W, y] of some samples at unit noise, (p + 1, p + 1)."""
-        shared = self._shared[rows].reshape(-1, self._shared.shape[2])
-        key = (rows.start, rows.stop)
-        if key not in self._grams:
-            self._grams[key] = shared.T @ shared
-        own = dry[rows].reshape(len(shared), -1)
-        smooth = shared.shape[1] - 1
-        count = smooth + own.shape[1]
-        # the columns of dry friction stand between the smooth ones and the torque
-        places = np.append(np.arange(smooth), count)
-        friction = np.arange(smooth, count)
-        gram = np.empty((count + 1, count + 1))
-        gram[np.ix_(places, places)] = self._grams[key]
-        cross = shared.T @ own
-        gram[np.ix_(places, friction)] = cross
-        gram[np.ix_(friction, places)] = cross.T
-        gram[np.ix_(friction, friction)] = own.T @ own
-        return gram
-
-
-class HeldOutStretches:
-    """Stretches of time, each predicted from all others under a law of friction, with pulls of any strength.
-
-    Args:
-        trials: the samples.
-        law: form of the dry friction.
-        dry: its columns at unit noise, (M, n, d).
-        grams: Gram matrix of [W, y] of each stretch at unit noise.
-    """
-
-    def __init__(
-        self,
-        trials: FrictionTrials,
-        law: FrictionLaw,
-        dry: np.ndarray,
-        grams: list[np.ndarray],
-    ) -> None:
-        self._trials, self._dry, self._grams = trials, dry, grams
-        self._penalty = trials.penalty(law, dry)
-        self._nominal = trials.samples.columns.nominal(law)
-
-    def error(self, pull: float) -> float:
-        """RMS of residual over noise [1]."""
-        return float(np.sqrt(self.mse(pull).mean()))
-
-    def mse(self, pull: float) -> np.ndarray:
-        """Mean square of residual over noise, per joint [1], (n,)."""
-        trials, joints = self._trials, self._trials.samples.torque.shape[1]
-        total, squares = np.sum(self._grams, axis=0), np.zeros(joints)
-        sizes = [joints * (rows.stop - rows.start) for rows in trials.stretches]
-        for rows, gram, size in zip(trials.stretches, self._grams, sizes, strict=True):
-            # the Gram matrix of all other stretches, without forming their equations again
-            others, count = total - gram, sum(sizes) - size
-            x = pulled_solution(others, count, pull * self._penalty, self._nominal)
-            squares += (trials.residual(rows, self._dry, x) ** 2).sum(axis=0)
-        return np.asarray(squares * joints / sum(sizes))
+        dry /= self.noise[:, None]
+        shared, own = self._shared.shape[2], dry.shape[2]
+        # the torque comes last
+        order = [*range(shared - 1), *range(shared, shared + own), shared - 1]
+        grams = []
+        for rows, gram in self._grams:
+            friction = dry[rows].reshape(-1, own)
+            cross = self._shared[rows].reshape(-1, shared).T @ friction
+            whole = np.block([[gram, cross], [cross.T, friction.T @ friction]])
+            grams.append(whole[np.ix_(order, order)])
+        squares = np.diag(grams[-1])[:-1]
+        penalty = _penalties(self.samples, law, squares)
+        return dry, grams, penalty, columns.nominal(law)
 
 
 def penalties(
@@ -167,30 +129,23 @@ def pulled_solution(
 def stretches(group: np.ndarray) -> list[slice]:
     """Stretches of time within segments, at least ``FOLDS`` in all, of about equal length; two samples apart."""
     segments = group_slices(group)
-    length = max(20, len(group) // max(FOLDS, len(segments)))
+    length = max(SHORTEST, len(group) // max(FOLDS, len(segments)))
     out = []
     for segment in segments:
         count = max(1, round((segment.stop - segment.start) / length))
-        cuts = np.linspace(segment.start, segment.stop, count + 1).astype(int)
-        for start, stop in pairwise(cuts.tolist()):
-            if stop - start > 4:
-                out.append(slice(start + 1, stop - 1))
+        parts = equal_parts(segment, count)
+        # of a part of four samples two would be left
+        out += [slice(p.start + 1, p.stop - 1) for p in parts if p.stop - p.start > 4]
     return out
 
 
 # Form of the friction and strength of the pull to the nominal arm, chosen by validation inside the fitted samples.
 
 
-Change = dict[str, Any]
-"""Attributes of a friction law, with the values to try."""
-WORTH = 0.02
-"""A friction law with more parameters must lower the error on held-out stretches by this share."""
 EXCEEDED = 3.0
 """Every moving drive must be faster at times than a Stribeck speed by this factor."""
-PULLS = (1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0)
+PULLS = np.logspace(-4, 4, 9)
 """Strengths of the pull to the nominal arm that are tried [1]."""
-STRONGEST = 1e4
-"""If the strongest of them predicts best, tenfold ones are tried up to this [1]."""
 
 
 @dataclass(frozen=True)
@@ -220,96 +175,64 @@ def choose(
         nonlinear: whether a Stribeck term, or one that saturates with speed, may be chosen.
         presliding: whether friction that keeps its direction at rest may be chosen.
     """
-    law, pull = FrictionLaw(), PULLS[1]
+    law, pull = FrictionLaw(), float(PULLS[1])
     noise = joint_noise(samples, law, pull)
     trials = FrictionTrials(samples, noise)
-    best = trials.held_out(law).error(pull)
+    best = _error(trials, law, pull)
     tried = [(f"{law}; pull {pull:g}", best)]
-    for law_of, worth in _ladder(trials, pull, nonlinear, presliding):
-        errors = {
-            candidate: trials.held_out(candidate).error(pull)
-            for candidate in law_of(law)
-        }
-        tried += [(f"{each}; pull {pull:g}", error) for each, error in errors.items()]
-        winner = min(errors, key=lambda c: errors[c], default=law)
-        # the simpler law stays unless the richer one is worth its parameters
-        if errors.get(winner, np.inf) < (1 - worth) * best:
-            law, best = winner, errors[winner]
+    # the simpler law stays unless the richer one is worth its parameters
+    richer = _nonlinear_laws(trials, pull) if nonlinear else []
+    for candidate in richer:
+        error = _error(trials, candidate, pull)
+        tried.append((f"{candidate}; pull {pull:g}", error))
+    if richer:
+        least = int(np.argmin([error for _, error in tried[1:]]))
+        if tried[1 + least][1] < (1 - WORTH) * best:
+            law, best = richer[least], tried[1 + least][1]
+    distances = _presliding_distances(trials, law, pull) if presliding else ()
+    if any(distances):
+        candidate = replace(law, presliding=distances)
+        error = _error(trials, candidate, pull)
+        tried.append((f"{candidate}; pull {pull:g}", error))
+        law = candidate if error < best else law
     # the pull is chosen last: it depends little on the form of the friction
     noise = joint_noise(samples, law, pull)
-    by_pull = _errors_by_pull(samples, law, noise)
-    tried += [(f"{law}; pull {value:g}", error) for value, error in by_pull.items()]
-    pull = min(by_pull, key=lambda value: by_pull[value])
-    return Choice(
-        law=law,
-        pull=pull,
-        noise=joint_noise(samples, law, pull),
-        tried=tuple(tried),
-    )
+    mse = FrictionTrials(samples, noise).held_out(law)
+    errors = [float(np.sqrt(mse(value).mean())) for value in PULLS]
+    pairs = zip(PULLS, errors, strict=True)
+    tried += [(f"{law}; pull {value:g}", error) for value, error in pairs]
+    pull = float(PULLS[np.argmin(errors)])
+    noise = joint_noise(samples, law, pull)
+    return Choice(law=law, pull=pull, noise=noise, tried=tuple(tried))
 
 
-def _errors_by_pull(
-    samples: Samples, law: FrictionLaw, noise: np.ndarray
-) -> dict[float, float]:
-    """Error on held-out stretches by strength of the pull, beyond ``PULLS`` as long as a stronger one is better."""
-    stretches = FrictionTrials(samples, noise).held_out(law)
-    errors = {pull: stretches.error(pull) for pull in PULLS}
-    while True:
-        strongest = max(errors)
-        best = min(errors, key=lambda pull: errors[pull])
-        if best < strongest or strongest >= STRONGEST:
-            return errors
-        stronger = 10 * strongest
-        errors[stronger] = stretches.error(stronger)
+def _error(trials: FrictionTrials, law: FrictionLaw, pull: float) -> float:
+    """RMS of residual over noise on held-out stretches [1]."""
+    return float(np.sqrt(trials.held_out(law)(pull).mean()))
 
 
-def _nonlinear_terms(samples: Samples) -> list[Change]:
-    """Stribeck terms, and terms that saturate with speed, as far as the recorded speeds can show them."""
-    columns = samples.columns
-    speeds = np.abs(samples.velocity @ columns.drives.T) / columns.per_radian
+def _nonlinear_laws(trials: FrictionTrials, pull: float) -> list[FrictionLaw]:
+    """Laws with a Stribeck term, or one that saturates with speed, as far as the recorded speeds can show them.
+
+    A term is positive on the whole; a negative one stands for another law.
+    """
+    columns = trials.samples.columns
+    speeds = np.abs(trials.samples.velocity @ columns.drives.T) / columns.per_radian
     fastest = speeds.max(axis=0)
     moving = fastest[fastest > STRIBECK_SPEEDS[0]]
     if not len(moving):
         return []
     # every moving drive exceeds a Stribeck speed by far: beyond the recorded speeds the law is extrapolated
-    slowest = moving.min()
-    terms: list[Change] = [
-        {"stribeck_speed": speed}
+    laws = [
+        FrictionLaw(stribeck_speed=speed)
         for speed in STRIBECK_SPEEDS
-        if EXCEEDED * speed <= slowest
+        if EXCEEDED * speed <= moving.min()
     ]
+    scaled = np.maximum(fastest, STRIBECK_SPEEDS[0])
     for share in SATURATION_SHARES:
-        scaled = share * np.maximum(fastest, STRIBECK_SPEEDS[0])
-        terms.append({"saturation_speeds": tuple(scaled.tolist())})
-    return terms
-
-
-def _takes_energy(trials: FrictionTrials, law: FrictionLaw, pull: float) -> bool:
-    """Whether the terms of a law beyond c are positive on the whole; a negative one stands for another law."""
-    extra = [shape for shape in law.shapes if shape != "c"]
-    if not extra:
-        return True
-    count = len(extra) * len(trials.samples.columns.labels)
-    return bool(trials.fitted(law, pull)[-count:].sum() > 0)
-
-
-def _ladder(
-    trials: FrictionTrials, pull: float, nonlinear: bool, presliding: bool
-) -> Iterator[tuple[Callable[[FrictionLaw], list[FrictionLaw]], float]]:
-    """Laws to try instead of one, and by which share they have to lower the error: 0 without further parameters."""
-
-    def with_nonlinear_term(law: FrictionLaw) -> list[FrictionLaw]:
-        laws = [replace(law, **change) for change in _nonlinear_terms(trials.samples)]
-        return [each for each in laws if _takes_energy(trials, each, pull)]
-
-    def with_presliding(law: FrictionLaw) -> list[FrictionLaw]:
-        distances = _presliding_distances(trials, law, pull)
-        return [replace(law, presliding=distances)] if any(distances) else []
-
-    if nonlinear:
-        yield with_nonlinear_term, WORTH
-    if presliding:
-        yield with_presliding, 0.0
+        laws.append(FrictionLaw(saturation_speeds=tuple((share * scaled).tolist())))
+    drives = len(columns.labels)
+    return [law for law in laws if trials.fitted(law, pull)[-drives:].sum() > 0]
 
 
 def _presliding_distances(
@@ -324,37 +247,25 @@ def _presliding_distances(
     errors = []
     for distance in distances:
         same = replace(law, presliding=(distance,) * len(drives))
-        errors.append(trials.held_out(same).mse(pull))
+        errors.append(trials.held_out(same)(pull))
     turned = np.abs(drives) / np.abs(drives).sum(axis=1, keepdims=True)
     by_drive = np.array(errors) @ turned.T
     by_drive[0] *= (1.0 + WORTH) ** 2
     return tuple(distances[k] for k in by_drive.argmin(axis=0))
 
 
-def joint_noise(
-    samples: Samples, law: FrictionLaw, pull: float, rounds: int = 3
-) -> np.ndarray:
+def joint_noise(samples: Samples, law: FrictionLaw, pull: float) -> np.ndarray:
     """RMS residual per joint of the pulled weighted fit [N m], shape (n,); never zero."""
     torque = samples.torque
     matrix, nominal = samples.matrix(law), samples.columns.nominal(law)
-    largest = np.abs(torque).max(initial=1e-9)
+    both = np.concatenate([matrix, torque[:, :, None]], axis=2).transpose(1, 2, 0)
+    by_joint = both @ both.transpose(0, 2, 1)
     # weights and fit depend on each other: a few rounds suffice
-    noise = np.maximum(torque.std(axis=0), 1e-6 * largest)
+    noise = np.maximum(torque.std(axis=0), 1e-6 * np.abs(torque).max() + 1e-12)
     least = 1e-4 * rms(torque) + 1e-12
-    unit = np.ones(1)
-    by_joint = [
-        _gram(matrix[:, j : j + 1], torque[:, j : j + 1], unit)
-        for j in range(len(noise))
-    ]
-    for _ in range(rounds):
+    for _ in range(3):
         penalty = pull * penalties(samples, law, matrix, noise)
         gram = np.tensordot(noise**-2.0, by_joint, axes=1)
         x = pulled_solution(gram, torque.size, penalty, nominal)
         noise = np.maximum(rms(torque - matrix @ x), least)
     return noise
-
-
-def _gram(matrix: np.ndarray, torque: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    full = np.concatenate([matrix, torque[:, :, None]], axis=2) / noise[:, None]
-    flat = full.reshape(-1, full.shape[2])
-    return flat.T @ flat

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -12,10 +12,11 @@ from scipy.linalg import cholesky
 from scipy.optimize import least_squares
 
 from gapscope.arm.motions.motion import Motion
-from gapscope.ident.model.friction import Choice
-from gapscope.ident.model.linear_problem import ModelColumns
+from gapscope.ident.model.base_parameters import TINY
+from gapscope.ident.model.friction import Choice, pulled_solution
 from gapscope.ident.model.physical_parameters import check_links, inconsistent
 from gapscope.ident.samples import PER_CUTOFF, Samples
+from gapscope.model.conditioning import Segment
 
 WIDTH = 0.15
 """Standard deviation that zeros are believed to have before the data speak [rad]."""
@@ -29,8 +30,6 @@ WORTH = 0.1
 """Offsets have to lower the cost of the fit by this share [1]."""
 LARGEST = np.deg2rad(45.0)
 """Offsets are sought up to this; one that ends there is not determined [rad]."""
-MAX_EVALUATIONS = 30
-"""Evaluations after which the search gives up; three or four are usual."""
 CLOSE = 1e-4
 """The search ends when offsets move by less than this share of their size [1]..."""
 SETTLED = 1e-5
@@ -55,7 +54,7 @@ class JointZeros:
     known: np.ndarray
     value: np.ndarray
     cost: tuple[float, float]
-    impossible: tuple[tuple[int, ...], tuple[int, ...]]
+    impossible: tuple[tuple[int, ...], ...]
 
     @property
     def asked(self) -> np.ndarray:
@@ -99,12 +98,11 @@ def estimate_zeros(samples: Samples, choice: Choice, penalty: np.ndarray) -> Joi
     """
     columns = samples.columns
     n, rows = columns.arm.n_joints, samples.torque.size
-    problem = _ZeroProblem(samples, choice, rows * penalty)
 
     # the solver asks for the residual and its derivative at the same offsets
     @cache
     def at(offset: tuple[float, ...]) -> _Reduced:
-        return problem.reduced(np.array(offset))
+        return _reduced(samples, choice, rows * penalty, np.array(offset))
 
     widest = LARGEST * columns.arm.per_radian
     found = least_squares(
@@ -114,11 +112,14 @@ def estimate_zeros(samples: Samples, choice: Choice, penalty: np.ndarray) -> Joi
         bounds=(-widest, widest),
         xtol=CLOSE,
         ftol=SETTLED,
-        max_nfev=MAX_EVALUATIONS,
     )
     without, final = at((0.0,) * n), at(tuple(found.x))
+    impossible = (
+        inconsistent(check_links(one.value[: columns.links]))
+        for one in (without, final)
+    )
     # a band of f Hz holds 2 f independent samples a second
-    noise_scale = np.sqrt(max(final.cost / rows, 1e-12) * PER_CUTOFF / 2)
+    noise_scale = np.sqrt(max(final.cost / rows, TINY) * PER_CUTOFF / 2)
     determined = (final.spread < KNOWN * WIDTH) & (found.active_mask == 0)
     # where a slide's zero lies shows in the levers alone
     determined &= ~np.array(columns.arm.sliding)
@@ -128,17 +129,8 @@ def estimate_zeros(samples: Samples, choice: Choice, penalty: np.ndarray) -> Joi
         known=determined & bool(found.success),
         value=final.value,
         cost=(without.cost / rows, final.cost / rows),
-        impossible=(
-            _impossible(without.value, columns),
-            _impossible(final.value, columns),
-        ),
+        impossible=tuple(tuple(c.link for c in checks) for checks in impossible),
     )
-
-
-def _impossible(value: np.ndarray, columns: ModelColumns) -> tuple[int, ...]:
-    """Links whose parameters are those of no body, from 1."""
-    wrong = inconsistent(check_links(value[: columns.links]))
-    return tuple(check.link for check in wrong)
 
 
 class _Reduced(NamedTuple):
@@ -165,85 +157,54 @@ class _Reduced(NamedTuple):
         return np.sqrt(np.diag(np.linalg.inv(self.jacobian.T @ self.jacobian)))
 
 
-@dataclass(frozen=True)
-class _ZeroProblem:
-    """Regularised least squares over parameters and offsets; see ``estimate_zeros``."""
+def _reduced(
+    samples: Samples, choice: Choice, weight: np.ndarray, offset: np.ndarray
+) -> _Reduced:
+    """Regularised least squares at some offsets, x eliminated by the triangular factor of [W, S, y]."""
+    columns, law, p, n = samples.columns, choice.law, len(weight), len(offset)
+    nominal, body = columns.nominal(law), columns.body
+    true = [replace(s.motion, q=s.motion.q - offset) for s in samples.segments]
 
-    samples: Samples
-    choice: Choice
-    weight: np.ndarray
-
-    @cached_property
-    def nominal(self) -> np.ndarray:
-        """x of the nominal arm, shape (p,)."""
-        return self.samples.columns.nominal(self.choice.law)
-
-    def reduced(self, offset: np.ndarray) -> _Reduced:
-        """The problem at some offsets, x eliminated by the triangular factor of [W, S, y]."""
-        p, n = len(self.weight), len(offset)
-        motions = [
-            replace(s.motion, q=s.motion.q - offset) for s in self.samples.segments
-        ]
-        equations = self._weighed(self._equations(motions))
-        value = self._best_value(equations.T @ equations)
-        slopes = self._weighed(self._slopes(motions, value))
-        whole = np.hstack([equations[:, :-1], slopes, equations[:, -1:]])
-        gram = whole.T @ whole
-        # penalties are further rows: sqrt(w) (x - x0), and (delta + step) / WIDTH
-        pull = np.concatenate([self.weight, np.full(n, WIDTH**-2.0), [0.0]])
-        target = np.concatenate([self.nominal, -offset])
-        gram[:-1, :-1] += np.diag(pull[:-1])
-        gram[:-1, -1] += pull[:-1] * target
-        gram[-1, :-1] = gram[:-1, -1]
-        gram[-1, -1] += target @ (pull[:-1] * target)
-        factor = _triangular(gram)
-        # rows below those of x hold what x cannot explain: [S, y] in n + 1 directions
-        rest = factor[p:, p:]
-        return _Reduced(value, rest[:, -1], -rest[:, :-1])
-
-    def _best_value(self, gram: np.ndarray) -> np.ndarray:
-        """The x of the smallest cost, from the Gram matrix of [W, y]."""
-        normal = gram[:-1, :-1] + np.diag(self.weight)
-        right = gram[:-1, -1] - gram[:-1, :-1] @ self.nominal
-        # columns differ by orders of magnitude: scaled to a unit diagonal
-        unit = 1.0 / np.sqrt(np.diag(normal))
-        scaled = normal * unit[:, None] * unit
-        return self.nominal + unit * np.linalg.solve(scaled, unit * right)
-
-    def _weighed(self, parts: Iterable[np.ndarray]) -> np.ndarray:
+    def stacked(part: Callable[[Segment, Motion], np.ndarray]) -> np.ndarray:
         """Columns of each segment, (N, n, k), in the band, thinned, at unit noise, one row for each joint; (M n, k)."""
-        rows = []
-        for part, segment in zip(parts, self.samples.segments, strict=True):
-            thinned = self.samples.band.thinned(part, segment)
-            thinned /= self.choice.noise[:, None]
-            rows.append(thinned.reshape(-1, part.shape[2]))
-        return np.vstack(rows)
+        pairs = zip(samples.segments, true, strict=True)
+        parts = [samples.band.thinned(part(s, motion), s) for s, motion in pairs]
+        rows = np.concatenate(parts) / choice.noise[:, None]
+        return rows.reshape(-1, rows.shape[2])
 
-    def _equations(self, motions: Sequence[Motion]) -> Iterator[np.ndarray]:
-        """[W, y] of each segment on its motion less the offsets, (N, n, p + 1)."""
-        columns = self.samples.columns
-        for segment, true in zip(self.samples.segments, motions, strict=True):
-            known = replace(segment, motion=true).known_torque(columns.body)
-            torque = np.asarray(segment.torque) - known
-            dry = columns.dry(segment.motion, self.choice.law)
-            parts = [columns.smooth(true), dry, torque[:, :, None]]
-            yield np.concatenate(parts, axis=2)
+    def equations(segment: Segment, motion: Motion) -> np.ndarray:
+        known = replace(segment, motion=motion).known_torque(body)
+        torque = np.asarray(segment.torque) - known
+        dry = columns.dry(segment.motion, law)
+        parts = [columns.smooth(motion), dry, torque[:, :, None]]
+        return np.concatenate(parts, axis=2)
 
-    def _slopes(
-        self, motions: Sequence[Motion], value: np.ndarray
-    ) -> Iterator[np.ndarray]:
-        """S = -d tau / d q of each segment with the bodies as they are identified now, (N, n, n)."""
-        columns = self.samples.columns
-        body = columns.body
-        change = value[: columns.links] - body.inertial_parameters()
-        for segment, true in zip(self.samples.segments, motions, strict=True):
-            changed = segment.bodies(body).changed(change.reshape(-1, 10))
-            yield -changed.sensitivities(true.q, true.dq, true.ddq)[0]
+    whole = stacked(equations)
+    value = pulled_solution(whole.T @ whole, 1, weight, nominal)
+    change = (value[: columns.links] - body.inertial_parameters()).reshape(-1, 10)
+
+    def slopes(segment: Segment, motion: Motion) -> np.ndarray:
+        """S = -d tau / d q with the bodies as they are identified now."""
+        bodies = segment.bodies(body).changed(change)
+        return -bodies.sensitivities(motion.q, motion.dq, motion.ddq)[0]
+
+    whole = np.hstack([whole[:, :-1], stacked(slopes), whole[:, -1:]])
+    gram = whole.T @ whole
+    # penalties are further rows: sqrt(w) (x - x0), and (delta + step) / WIDTH
+    pull = np.concatenate([weight, np.full(n, WIDTH**-2.0)])
+    target = np.concatenate([nominal, -offset])
+    gram[:-1, :-1] += np.diag(pull)
+    gram[:-1, -1] += pull * target
+    gram[-1, :-1] = gram[:-1, -1]
+    gram[-1, -1] += target @ (pull * target)
+    # rows below those of x hold what x cannot explain: [S, y] in n + 1 directions
+    rest = _triangular(gram)[p:, p:]
+    return _Reduced(value, rest[:, -1], -rest[:, :-1])
 
 
 def _triangular(gram: np.ndarray) -> np.ndarray:
     """Upper triangular R with R^T R the Gram matrix, of columns that differ by orders of magnitude."""
-    unit = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
+    unit = np.sqrt(np.maximum(np.diag(gram), TINY))
     scaled = gram / unit[:, None] / unit
     # a little weight keeps the factor real where columns depend on each other to rounding
     return cholesky(scaled + 1e-13 * np.eye(len(gram))) * unit

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.root_mean_square import rms
 from gapscope.effects.friction import friction_direction
+from gapscope.ident.model.physical_parameters import LEAST_MASS
 from gapscope.ident.model.regressor import Regressor
 
 # The linear problem of identification, tau = W beta + noise.
@@ -62,6 +64,12 @@ class Problem:
             self.interval,
             [each[chosen] for each in self.forms],
         )
+
+
+def equal_parts(rows: slice, count: int) -> list[slice]:
+    """A slice cut into parts of about equal length, empty ones left out."""
+    edges = np.linspace(rows.start, rows.stop, count + 1).astype(int).tolist()
+    return [slice(a, b) for a, b in pairwise(edges) if b > a]
 
 
 # Friction of drives as columns: direction of motion, its memory at rest, Stribeck and saturating friction.
@@ -239,16 +247,14 @@ class ModelColumns:
         """
         out = np.full(len(self.names(law)), np.inf)
         links = self.body.inertial_parameters().reshape(-1, 10)
-        for link, (m, hx, hy, hz, xx, _, yy, _, _, zz) in enumerate(links):
-            # links of almost no mass still may gain some
-            mass = max(m, 1e-2)
-            length = float(np.sqrt(hx**2 + hy**2 + hz**2))
-            moment = max(length, MIN_ARM * mass)
-            inertia = max(0.5 * (xx + yy + zz), mass * (0.2 * MIN_ARM) ** 2)
-            first = 10 * link
-            out[first] = mass
-            out[first + 1 : first + 4] = moment
-            out[first + 4 : first + 10] = inertia
+        # links of almost no mass still may gain some
+        mass = np.maximum(links[:, 0], LEAST_MASS)
+        moment = np.maximum(np.linalg.norm(links[:, 1:4], axis=1), MIN_ARM * mass)
+        # half the trace, Ixx + Iyy + Izz
+        half = 0.5 * links[:, [4, 6, 9]].sum(axis=1)
+        inertia = np.maximum(half, mass * (0.2 * MIN_ARM) ** 2)
+        sizes = np.stack([mass, moment, inertia], axis=1)
+        out[: self.links] = np.repeat(sizes, [1, 3, 6], axis=1).ravel()
         return out
 
 
@@ -281,7 +287,20 @@ def check_samples(
     Raises:
         InputError: a value is not finite; too few samples; a trajectory that rests; columns that depend on each other.
     """
-    _check_finite(problem)
+    for values, what, remedy in (
+        (problem.torque, "torque", "drop or repair the rows; none is guessed"),
+        (problem.matrix, "matrix", "drop rows of q, dq or ddq that are not finite"),
+    ):
+        bad = np.argwhere(~np.isfinite(values))
+        if len(bad):
+            wrong = len(np.unique(bad[:, 0]))
+            raise InputError(
+                f"is not a finite number in {wrong} of {len(values)} samples, first in sample {bad[0][0] + 1}, joint "
+                f"{bad[0][1] + 1}. Either (a) the log has gaps filled with NaN, (b) a column holds text or is empty, "
+                "or (c) a division in the import went wrong",
+                remedy,
+                where=what,
+            )
     equations, b = problem.torque.size, problem.matrix.shape[2]
     if full_rank and equations <= b:
         raise InputError(
@@ -292,7 +311,7 @@ def check_samples(
             where="samples",
         )
     spread = np.ptp(problem.matrix, axis=0).max(initial=0.0)
-    if spread <= STILL * max(float(np.abs(problem.matrix).max(initial=0.0)), 1e-300):
+    if spread <= STILL * float(np.abs(problem.matrix).max(initial=0.0)):
         raise InputError(
             "the trajectory is constant: every sample gives the same equations. Either (a) the arm rested while it was "
             "recorded, (b) the position columns are not those of the moving joints, or (c) positions were rounded away",
@@ -325,39 +344,13 @@ def unit_warnings(problem: Problem, nominal: np.ndarray) -> tuple[str, ...]:
     )
 
 
-def _check_finite(problem: Problem) -> None:
-    for values, what, remedy in (
-        (
-            problem.torque,
-            "torque",
-            "drop or repair the rows; a missing value is never guessed",
-        ),
-        (
-            problem.matrix,
-            "matrix",
-            "look for rows of q, dq or ddq that are not finite, and drop them",
-        ),
-    ):
-        bad = np.argwhere(~np.isfinite(values))
-        if len(bad):
-            rows = len(np.unique(bad[:, 0]))
-            raise InputError(
-                f"is not a finite number in {rows} of {len(values)} samples, first in sample {bad[0][0] + 1}, joint "
-                f"{bad[0][1] + 1}. Either (a) the log has gaps filled with NaN, (b) a column holds text or is empty, "
-                "or (c) a division in the import went wrong",
-                remedy,
-                where=what,
-            )
-
-
 def check_rank(matrix: np.ndarray, names: Sequence[str]) -> None:
     """Check that rows of equations, (K, b), determine every parameter; raises ``InputError`` otherwise."""
     missing = max(0, matrix.shape[1] - len(matrix))
     matrix = np.pad(matrix, ((0, missing), (0, 0)))
     norms = np.linalg.norm(matrix, axis=0)
-    pivots = np.abs(
-        np.diag(np.linalg.qr(matrix / np.where(norms > 0, norms, 1.0), mode="r"))
-    )
+    unit = matrix / np.where(norms > 0, norms, 1.0)
+    pivots = np.abs(np.diag(np.linalg.qr(unit, mode="r")))
     if (pivots > DEPENDENT).all():
         return
     open_names = ", ".join(np.asarray(names)[pivots <= DEPENDENT])

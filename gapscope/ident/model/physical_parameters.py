@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,14 +20,6 @@ from gapscope.ident.model.base_parameters import BaseParameters
 # ``gapscope.arm.dynamics.rigid_body.INERTIAL_PARAMETERS``.
 
 
-_PLACES = {
-    "xx": (0, 0),
-    "xy": (0, 1),
-    "yy": (1, 1),
-    "xz": (0, 2),
-    "yz": (1, 2),
-    "zz": (2, 2),
-}
 _ABOVE_DIAGONAL = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
 """Entries of U of the last six log-Cholesky coordinates."""
 
@@ -34,29 +27,21 @@ _ABOVE_DIAGONAL = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
 def _basis() -> np.ndarray:
     """B of shape (10, 4, 4) with J = sum_k pi_k B_k."""
     basis = np.zeros((10, 4, 4))
-    for k, name in enumerate(INERTIAL_PARAMETERS):
-        if name == "m":
-            basis[k, 3, 3] = 1.0
-            continue
-        if name.startswith("m"):
-            axis = "xyz".index(name[1])
-            basis[k, axis, 3] = 1.0
-            basis[k, 3, axis] = 1.0
-            continue
-        i, j = _PLACES[name[1:]]
-        inertia = np.zeros((3, 3))
-        inertia[i, j] = 1.0
-        inertia[j, i] = 1.0
-        # second moments from inertia: Sigma = tr(I) / 2 - I
-        basis[k, :3, :3] = np.trace(inertia) / 2 * np.eye(3) - inertia
+    for matrix, name in zip(basis, INERTIAL_PARAMETERS, strict=True):
+        axes = ["xyz".index(axis) for axis in name[1:]]
+        # of m and m c the axes that are missing are the last of (r, 1) (r, 1)^T
+        i, j = (*axes, 3, 3)[:2]
+        matrix[i, j] = matrix[j, i] = 1.0
+        if name[0] == "I":
+            # second moments from inertia: Sigma = tr(I) / 2 - I
+            matrix[:3, :3] = np.trace(matrix) / 2 * np.eye(3) - matrix[:3, :3]
     return basis
 
 
 BASIS = _basis()
 """B, shape (10, 4, 4): J = sum_k pi_k B_k."""
-_DUAL = np.linalg.solve(
-    np.einsum("kab,lab->kl", BASIS, BASIS), BASIS.reshape(10, 16)
-).reshape(10, 4, 4)
+_FLAT = BASIS.reshape(len(BASIS), -1)
+_DUAL = np.linalg.solve(_FLAT @ _FLAT.T, _FLAT).reshape(BASIS.shape)
 
 
 def pseudo_inertia(parameters: np.ndarray) -> np.ndarray:
@@ -69,42 +54,22 @@ def inertial_parameters(matrix: np.ndarray) -> np.ndarray:
     return np.einsum("...ab,kab->...k", matrix, _DUAL)
 
 
-def is_consistent(parameters: np.ndarray, tolerance: float = 0.0) -> np.ndarray:
-    """Whether some body of positive mass density has these parameters, shape (..., 10) to (...).
-
-    All eigenvalues of J exceed ``tolerance`` times its trace.
-    """
-    matrix = pseudo_inertia(np.asarray(parameters, dtype=float))
-    least = np.linalg.eigvalsh(matrix)[..., 0]
-    return least > tolerance * np.trace(matrix, axis1=-2, axis2=-1)
+def is_consistent(parameters: np.ndarray) -> np.ndarray:
+    """Whether some body of positive mass density has these parameters, shape (..., 10) to (...)."""
+    return np.linalg.eigvalsh(pseudo_inertia(parameters))[..., 0] > 0.0
 
 
-def central_inertia(parameters: np.ndarray) -> np.ndarray:
-    """Inertia about the centre of mass [kg m^2], shape (..., 10) to (..., 3, 3); the mass must not be 0."""
-    matrix = pseudo_inertia(np.asarray(parameters, dtype=float))
+def principal_moments(parameters: np.ndarray) -> np.ndarray:
+    """Moments about the centre of mass [kg m^2], ascending, shape (..., 10) to (..., 3); NaN for a mass of 0."""
+    matrix = pseudo_inertia(parameters)
     moment, mass = matrix[..., :3, 3], matrix[..., 3, 3]
-    of_centre = moment[..., :, None] * moment[..., None, :] / mass[..., None, None]
-    second = matrix[..., :3, :3] - of_centre
-    trace = np.trace(second, axis1=-2, axis2=-1)
-    return trace[..., None, None] * np.eye(3) - second
-
-
-def triangle_inequality(parameters: np.ndarray) -> np.ndarray:
-    """Whether no principal moment about the centre of mass exceeds the sum of the others; (..., 10) to (...)."""
-    moments = np.linalg.eigvalsh(central_inertia(parameters))
-    return moments[..., 0] + moments[..., 1] >= moments[..., 2]
-
-
-def divergence(parameters: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Entropic divergence tr(J J0^-1) - log det(J J0^-1) - 4 [1], shapes (..., 10) to (...).
-
-    Zero if they agree and infinite at the edge of what is physical. Source: lee2020.
-    """
-    matrix = pseudo_inertia(np.asarray(parameters))
-    product = matrix @ np.linalg.inv(pseudo_inertia(np.asarray(reference)))
-    sign, log = np.linalg.slogdet(product)
-    trace = np.trace(product, axis1=-2, axis2=-1)
-    return np.where(sign > 0, trace - log - 4.0, np.inf)
+    mass = np.where(np.abs(mass) > NO_MASS, mass, np.nan)[..., None]
+    outer = moment[..., :, None] * (moment / mass)[..., None, :]
+    # principal second moments descend as moments of inertia tr(Sigma) - Sigma ascend
+    second = np.full(moment.shape, np.nan)
+    known = np.isfinite(mass[..., 0])
+    second[known] = np.linalg.eigvalsh((matrix[..., :3, :3] - outer)[known])
+    return second.sum(axis=-1, keepdims=True) - second[..., ::-1]
 
 
 def from_log_cholesky(theta: np.ndarray) -> np.ndarray:
@@ -169,14 +134,18 @@ def _upper(theta: np.ndarray) -> np.ndarray:
 # Physical parameters from base parameters: consistent bodies near the nominal arm that give the estimated torque.
 
 
+NO_MASS = 1e-12
+"""A mass below this has no centre [kg]."""
 LENGTH = 0.1
 """Length by which pseudo-inertias are made comparable with masses [m]."""
+LEAST_MASS = 1e-2
+"""Links of almost no mass may still gain some [kg]."""
 FLOOR = 1e-4
 """Least eigenvalue of the scaled pseudo-inertia over the link's nominal mass [1]: a radius of gyration of 1 mm."""
 TOLERANCES = (1e-11, 1e-8)
 """Of the solver: the second, its own, where the first is beyond double precision [1]."""
-NOT_NEGATIVE = ("I", "b", "c", "d", "s")
-"""Symbols of rotor inertia and of viscous, Coulomb, Stribeck and saturating friction: none can be negative."""
+_NOT_NEGATIVE = re.compile(r"[Ibcds]\d+m?")
+"""Names of rotor inertia and of viscous, Coulomb, Stribeck and saturating friction: none can be negative."""
 
 
 @dataclass(frozen=True)
@@ -187,19 +156,28 @@ class LinkCheck:
         link: from 1.
         mass: [kg].
         moments: principal moments about the centre of mass [kg m^2], shape (3,), ascending; NaN for a mass of 0.
-        positive_mass: whether the mass is positive.
-        positive_inertia: whether all principal moments are positive.
-        triangle: whether none exceeds the sum of the others.
         least: least eigenvalue of the pseudo-inertia, lengths in units of ``LENGTH`` [kg].
     """
 
     link: int
     mass: float
     moments: np.ndarray
-    positive_mass: bool
-    positive_inertia: bool
-    triangle: bool
     least: float
+
+    @property
+    def positive_mass(self) -> bool:
+        """Whether the mass is positive."""
+        return self.mass > 0
+
+    @property
+    def positive_inertia(self) -> bool:
+        """Whether all principal moments are positive."""
+        return bool((self.moments > 0).all())
+
+    @property
+    def triangle(self) -> bool:
+        """Whether no principal moment exceeds the sum of the others."""
+        return bool(self.moments[0] + self.moments[1] >= self.moments[2])
 
     @property
     def consistent(self) -> bool:
@@ -226,27 +204,20 @@ class Physical:
 
 def check_links(parameters: np.ndarray) -> tuple[LinkCheck, ...]:
     """The checks of links, parameters of shape (10 n,) in joint order."""
-    out = []
-    for number, link in enumerate(parameters.reshape(-1, 10), 1):
-        mass = float(link[0])
-        known = abs(mass) > 1e-12
-        moments = (
-            np.linalg.eigvalsh(central_inertia(link)) if known else np.full(3, np.nan)
-        )
-        least = float(np.linalg.eigvalsh(_scaled(pseudo_inertia(link)))[0])
-        triangle = bool(triangle_inequality(link)) if known else False
-        out.append(
-            LinkCheck(
-                link=number,
-                mass=mass,
-                moments=moments,
-                positive_mass=mass > 0,
-                positive_inertia=bool((moments > 0).all()),
-                triangle=triangle,
-                least=least,
-            )
-        )
-    return tuple(out)
+    bodies = parameters.reshape(-1, 10)
+    least = np.linalg.eigvalsh(_scaled(pseudo_inertia(bodies)))[:, 0]
+    rows = zip(bodies[:, 0].tolist(), principal_moments(bodies), least, strict=True)
+    return tuple(LinkCheck(link, *row) for link, row in enumerate(rows, 1))
+
+
+def inconsistent(checks: Sequence[LinkCheck]) -> tuple[LinkCheck, ...]:
+    """The links that are not physical."""
+    return tuple(check for check in checks if not check.consistent)
+
+
+def not_negative(names: Sequence[str]) -> list[int]:
+    """Places of parameters that take energy or store it."""
+    return [k for k, name in enumerate(names) if _NOT_NEGATIVE.fullmatch(name)]
 
 
 def consistent(
@@ -276,47 +247,21 @@ def consistent(
 
     Source: wensing2018, sousa2014.
     """
-    gap_of_nominal = beta - base.combination @ nominal
-    spread = nominal + _nearest(base, gap_of_nominal, penalty)
-    value = _solve(base, beta, information, nominal, penalty, links)
-    gap = base.combination @ value - beta
-    distance = float(gap @ information @ gap) / max(base.count, 1)
-    before = check_links(spread[: 10 * links])
-    after = check_links(value[: 10 * links])
+    C, left = base.combination, beta - base.combination @ nominal
+    normal = C.T @ information @ C + np.diag(penalty)
+    right = C.T @ information @ left
+    bounded = not_negative(base.names)
+    value = nearest_possible(normal, right, nominal, links, bounded)
+    gap = C @ value - beta
+    # the least change in units of the pull that gives beta exactly
+    unit = 1.0 / np.sqrt(penalty)
+    free = nominal + unit * (np.linalg.pinv(C * unit) @ left)
     return Physical(
         value=value,
-        before=before,
-        after=after,
-        distance=distance,
+        before=check_links(free[: 10 * links]),
+        after=check_links(value[: 10 * links]),
+        distance=float(gap @ information @ gap) / max(base.count, 1),
     )
-
-
-def _nearest(
-    base: BaseParameters, change: np.ndarray, penalty: np.ndarray
-) -> np.ndarray:
-    """Least change of x in units of 1 / sqrt(penalty) with C dx = change, shape (p,)."""
-    unit = 1.0 / np.sqrt(penalty)
-    return unit * (np.linalg.pinv(base.combination * unit) @ change)
-
-
-def _solve(
-    base: BaseParameters,
-    beta: np.ndarray,
-    information: np.ndarray,
-    nominal: np.ndarray,
-    penalty: np.ndarray,
-    links: int,
-) -> np.ndarray:
-    """The unconstrained solution if it is possible, else the best possible one, shape (p,)."""
-    C = base.combination
-    normal = C.T @ information @ C + np.diag(penalty)
-    right = C.T @ information @ (beta - C @ nominal)
-    bounded = [
-        k
-        for k in range(10 * links, len(base.names))
-        if _symbol(base.names[k]) in NOT_NEGATIVE
-    ]
-    return nearest_possible(normal, right, nominal, links, bounded)
 
 
 def nearest_possible(
@@ -346,87 +291,87 @@ def nearest_possible(
     free = nominal + unit * np.linalg.solve(root, target)
     bodies = free[: 10 * links].reshape(-1, 10)
     least = np.linalg.eigvalsh(_scaled(pseudo_inertia(bodies)))[:, 0]
-    mass = np.maximum(nominal[: 10 * links : 10], 1e-2)
     # no constraint is active: the semidefinite programme would only add its tolerance
-    if (least >= FLOOR * mass).all() and (free[list(bounded)] >= 0).all():
+    if (least >= FLOOR * _masses(nominal, links)).all() and (
+        free[list(bounded)] >= 0
+    ).all():
         return free
-    value = _constrained(root, target, unit, nominal, mass, list(bounded))
-    if not is_consistent(value[: 10 * links].reshape(-1, 10)).all():
-        raise GapscopeError("no physically consistent parameters were found", _REMEDY)
-    return value
+    return possible_least_squares(root, target, unit, nominal, links, bounded)
 
 
-def _constrained(
+def possible_least_squares(
     root: np.ndarray,
     target: np.ndarray,
     unit: np.ndarray,
     nominal: np.ndarray,
-    mass: np.ndarray,
-    bounded: list[int],
+    links: int,
+    bounded: Sequence[int],
+    entropic: float = 0.0,
 ) -> np.ndarray:
-    """X = x0 + unit z with z = argmin |root z - target|^2, links possible and ``bounded`` not negative; shape (p,)."""
+    """X = x0 + unit z, shape (p,), with z = argmin |A z - y|^2 / 2 + w sum_l (tr(J_l J_0l^-1) - log det J_l).
+
+    Args:
+        root: A, shape (M, p).
+        target: y, shape (M,).
+        unit: of each parameter, shape (p,), in which they are of about the same size.
+        nominal: x0, shape (p,); x begins with ten parameters of each link.
+        links: number of links, each of which gets a body that is possible.
+        bounded: places of x that may not be negative.
+        entropic: w, how strongly each body J is drawn to the nominal one J_0 by the entropic divergence.
+
+    Raises:
+        GapscopeError: the solver finds no solution.
+
+    Source: wensing2018, lee2020.
+    """
     import cvxpy as cp  # takes a second to import, needed only here
 
-    size = max(float(np.linalg.norm(target)), 1e-9)
+    bounded, mass = list(bounded), _masses(nominal, links)
+    size = float(np.linalg.norm(target)) or 1.0
     change = cp.Variable(len(unit))
     x = nominal + size * cp.multiply(unit, change)
-    constraints = []
-    for link, own_mass in enumerate(mass):
-        own = x[10 * link : 10 * link + 10]
-        matrix = sum(own[k] * _scaled(BASIS[k] / own_mass) for k in range(10))
+    constraints = [x[bounded] / (size * unit[bounded]) >= 0] if bounded else []
+    cost = cp.sum_squares(root @ change - target / size)
+    for link in range(links):
+        own = slice(10 * link, 10 * link + 10)
+        basis = _scaled(BASIS / mass[link])
+        matrix = cp.reshape(basis.reshape(10, 16).T @ x[own], (4, 4), order="C")
         constraints.append(matrix >> FLOOR * np.eye(4))
-    if bounded:
-        constraints.append(
-            change[bounded] >= -nominal[bounded] / (size * unit[bounded])
-        )
-    problem = cp.Problem(
-        cp.Minimize(cp.sum_squares(root @ change - target / size)), constraints
-    )
+        if entropic:
+            inverse = np.linalg.inv(np.tensordot(nominal[own], basis, axes=1))
+            pull = cp.trace(inverse @ matrix) - cp.log_det(matrix)
+            cost += 2 * entropic / size**2 * pull
+    problem = cp.Problem(cp.Minimize(cost), constraints)
+    failure: object = None
     with warnings.catch_warnings():  # an inaccurate solution is checked afterwards
         warnings.simplefilter("ignore", UserWarning)
         for tolerance in TOLERANCES:
+            settings = {"tol_gap_abs": tolerance, "tol_gap_rel": tolerance}
+            settings["tol_feas"] = 10 * tolerance
             try:
-                problem.solve(
-                    solver=cp.CLARABEL,
-                    tol_gap_abs=tolerance,
-                    tol_gap_rel=tolerance,
-                    tol_feas=10 * tolerance,
-                )
+                problem.solve(solver=cp.CLARABEL, **settings)
                 break
             except cp.error.SolverError as error:
                 failure = error
-        else:
-            raise GapscopeError(
-                f"no physically consistent parameters were found ({failure})", _REMEDY
-            )
-    if change.value is None:
+    out = nominal
+    if change.value is not None:
+        out = np.asarray(nominal + size * unit * change.value)
+        out[bounded] = np.maximum(out[bounded], 0.0)
+    bodies = out[: 10 * links].reshape(-1, 10)
+    if change.value is None or not is_consistent(bodies).all():
         raise GapscopeError(
-            f"no physically consistent parameters were found ({problem.status})",
-            _REMEDY,
+            f"no physically consistent parameters were found ({failure or problem.status})",
+            "check the nominal masses and inertias, the unit of the torque and the joints' zeros",
         )
-    out = np.asarray(nominal + size * unit * change.value)
-    out[bounded] = np.maximum(out[bounded], 0.0)
     return out
 
 
-_REMEDY = "check the nominal masses and inertias, the unit of the torque and the joints' zeros"
-
-
-def _symbol(name: str) -> str:
-    """``b`` of ``b3`` and ``b6m``."""
-    return (
-        name.rstrip("m").rstrip("0123456789")
-        if name[-1] == "m" and len(name) > 1
-        else name.rstrip("0123456789")
-    )
+def _masses(nominal: np.ndarray, links: int) -> np.ndarray:
+    """Masses that count as one of each link [kg], shape (L,)."""
+    return np.maximum(nominal[: 10 * links : 10], LEAST_MASS)
 
 
 def _scaled(matrix: np.ndarray) -> np.ndarray:
     """A pseudo-inertia with lengths in units of ``LENGTH`` [kg]."""
     unit = np.array([1 / LENGTH, 1 / LENGTH, 1 / LENGTH, 1.0])
     return matrix * unit[:, None] * unit
-
-
-def inconsistent(checks: Sequence[LinkCheck]) -> tuple[LinkCheck, ...]:
-    """The links that are not physical."""
-    return tuple(check for check in checks if not check.consistent)

@@ -46,52 +46,31 @@ class LearntCurve:
 
 def learnt_curves(found: LearntResidual, joint: int) -> list[LearntCurve]:
     """Curves of a joint, from 0: over position and load by direction, over velocity as a whole."""
-    signals = _signals(found, joint)
-    forward, backward = signals["velocity"] > SLOW, signals["velocity"] < -SLOW
-    every = np.ones(len(forward), dtype=bool)
-    wanted = [
-        ("position", "forward", forward),
-        ("position", "backward", backward),
-        ("velocity", "both", every),
-        ("load", "forward", forward),
-        ("load", "backward", backward),
-    ]
-    curves = [_curve(over, name, signals, rows) for over, name, rows in wanted]
-    return [curve for curve in curves if len(curve.x)]
-
-
-def _signals(found: LearntResidual, joint: int) -> dict[str, np.ndarray]:
-    """Signals of a joint at the rows of the recordings set aside, each (M,)."""
-    parts: dict[str, list[np.ndarray]] = {}
+    parts = []
     for x in found.judged:
         said = found.residual.torque(x.motion, x.load)
         network = low_pass(said, x.motion.rate, TORQUE_CUTOFF)
-        series = {
-            "position": x.motion.q,
-            "velocity": x.motion.dq,
-            "load": x.load,
-            "residual": x.residual,
-            "network": network,
-        }
-        for name, values in series.items():
-            parts.setdefault(name, []).append(values[x.rows, joint])
-    return {name: np.concatenate(values) for name, values in parts.items()}
-
-
-def _curve(
-    over: str, direction: str, signals: dict[str, np.ndarray], rows: np.ndarray
-) -> LearntCurve:
-    """One curve; with few samples of fewer bins."""
-    x = signals[over][rows]
-    order = np.argsort(x)
-    count = min(BINS, len(x) // FEWEST)
-    bins = np.array_split(order, count) if count else []
-
-    def means(values: np.ndarray) -> np.ndarray:
-        return np.array([values[one].mean() for one in bins])
-
-    residual, network = signals["residual"][rows], signals["network"][rows]
-    return LearntCurve(over, direction, means(x), means(residual), means(network))
+        series = (x.motion.q, x.motion.dq, x.load, x.residual, network)
+        parts.append(np.array([values[x.rows, joint] for values in series]))
+    position, velocity, load, residual, network = np.concatenate(parts, axis=1)
+    every = np.ones(len(velocity), dtype=bool)
+    forward, backward = velocity > SLOW, velocity < -SLOW
+    curves = []
+    for over, signal, direction, rows in (
+        ("position", position, "forward", forward),
+        ("position", position, "backward", backward),
+        ("velocity", velocity, "both", every),
+        ("load", load, "forward", forward),
+        ("load", load, "backward", backward),
+    ):
+        # with few samples fewer bins
+        count = min(BINS, int(rows.sum()) // FEWEST)
+        if count:
+            own = np.stack([signal, residual, network])[:, rows]
+            bins = np.array_split(own[:, np.argsort(own[0])], count, axis=1)
+            means = np.array([part.mean(axis=1) for part in bins]).T
+            curves.append(LearntCurve(over, direction, *means))
+    return curves
 
 
 # A learnt residual network as plain data, and its schema.

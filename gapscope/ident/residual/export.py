@@ -1,30 +1,39 @@
-"""A residual network for other programs: one ONNX graph from windows to torque."""
+"""A residual network for other programs: one ONNX graph from windows to torque.
+
+The graph is what numpy computes: the network is evaluated once on a value that, by numpy's protocols for other arrays,
+notes what is done with it.
+"""
 
 from __future__ import annotations
 
-import itertools
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.atomic_write import atomic_write
-from gapscope.effects.residual import (
-    BANDS,
-    BEYOND,
-    FRICTION,
-    LENGTHS,
-    REACHES,
-    Basis,
-    Layout,
-    Network,
-    ResidualNetwork,
-)
+from gapscope.effects.residual import ResidualNetwork
 
 OPSET = 17
 """Operators of the graph."""
+OPERATORS = {
+    np.add: "Add",
+    np.subtract: "Sub",
+    np.multiply: "Mul",
+    np.divide: "Div",
+    np.power: "Pow",
+    np.matmul: "MatMul",
+    np.absolute: "Abs",
+    np.sqrt: "Sqrt",
+    np.cos: "Cos",
+    np.sin: "Sin",
+    np.tanh: "Tanh",
+}
+"""Operator of the graph of each of numpy's functions."""
 
 
 class Graph:
@@ -43,11 +52,9 @@ class Graph:
         self._constants: list[Any] = []
 
     def constant(self, value: Any) -> str:
-        """A constant, in double precision unless it is of integers."""
-        array = np.asarray(value)
-        if array.dtype.kind == "f":
-            array = array.astype(np.float64)
+        """A constant."""
         name = f"c{len(self._constants)}"
+        array = np.asarray(value)
         self._constants.append(self._onnx.numpy_helper.from_array(array, name))
         return name
 
@@ -57,22 +64,6 @@ class Graph:
         node = self._onnx.helper.make_node(kind, list(inputs), [name], **attributes)
         self._nodes.append(node)
         return name
-
-    def slice(self, x: str, start: int, stop: int, axis: int) -> str:
-        """Part of a value along an axis."""
-        ends = (self.constant(np.array([k])) for k in (start, stop, axis))
-        return self.node("Slice", x, *ends)
-
-    def reshape(self, x: str, *shape: int) -> str:
-        """The value in another shape; 0 keeps a dimension."""
-        return self.node("Reshape", x, self.constant(np.array(shape)))
-
-    def times(self, *factors: str) -> str:
-        """Product of values."""
-        product = factors[0]
-        for factor in factors[1:]:
-            product = self.node("Mul", product, factor)
-        return product
 
     def model(
         self, output: str, windows: tuple[Any, ...], torque: tuple[Any, ...]
@@ -94,6 +85,121 @@ class Graph:
         return model
 
 
+class Traced(NDArrayOperatorsMixin):
+    """A value of a graph: what numpy computes of it becomes a node.
+
+    Args:
+        graph: it is a value of.
+        name: of the value.
+        shape: with 0 for the number of samples, which the graph leaves open.
+    """
+
+    def __init__(self, graph: Graph, name: str, shape: tuple[int, ...]) -> None:
+        self.graph, self.name, self.shape = graph, name, shape
+
+    def _value(self, x: Any) -> str:
+        """Name of a value, or of a constant in double precision."""
+        if isinstance(x, Traced):
+            return x.name
+        return self.graph.constant(np.asarray(x, dtype=float))
+
+    def _then(
+        self, kind: str, *inputs: str, shape: Sequence[int], **attributes: Any
+    ) -> Traced:
+        """What an operator makes of this value and others."""
+        name = self.graph.node(kind, self.name, *inputs, **attributes)
+        return Traced(self.graph, name, tuple(shape))
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any) -> Traced:
+        """One of ``OPERATORS``."""
+        shapes: list[Any] = [getattr(x, "shape", ()) for x in inputs]
+        shape: tuple[int, ...]
+        if ufunc is np.matmul:
+            first, second = shapes
+            rows = np.broadcast_shapes(first[:-2], second[:-2])
+            shape = (*rows, first[-2], second[-1])
+        else:
+            shape = np.broadcast_shapes(*shapes)
+        names = map(self._value, inputs)
+        return Traced(self.graph, self.graph.node(OPERATORS[ufunc], *names), shape)
+
+    def __array_function__(
+        self, function: Any, types: Any, args: Any, kwargs: Any
+    ) -> Any:
+        """``clip`` between bounds; ``concatenate`` and ``split`` along an axis."""
+        if function is np.clip:
+            out, *bounds = args
+            for kind, bound in zip(("Max", "Min"), bounds, strict=True):
+                if bound is not None:
+                    out = out._then(kind, self._value(bound), shape=out.shape)
+            return out
+        axis = kwargs["axis"]
+        if function is np.concatenate:
+            (first, *others), shape = args[0], list(self.shape)
+            shape[axis] = sum(part.shape[axis] for part in args[0])
+            names = [part.name for part in others]
+            return first._then("Concat", *names, shape=shape, axis=axis)
+        whole, count = args
+        width, parts = whole.shape[axis] // count, []
+        for k in range(count):
+            own = slice(k * width, (k + 1) * width)
+            parts.append(whole[(slice(None),) * axis + (own,)])
+        return parts
+
+    def __getitem__(self, key: Any) -> Traced:
+        """Slices, places, new axes, and the dots that stand for whole axes."""
+        keys = list(key) if isinstance(key, tuple) else [key]
+        for at, own in enumerate(keys):
+            if own is Ellipsis:
+                missing = len(self.shape) - (len(keys) - 1)
+                keys[at : at + 1] = [slice(None)] * missing
+                break
+        out, axis = self, 0
+        for own in keys:
+            shape, constant = list(out.shape), self.graph.constant
+            if own is None:
+                shape.insert(axis, 1)
+                out = out._then("Unsqueeze", constant([axis]), shape=shape)
+            elif not isinstance(own, slice):
+                # one place leaves no axis, several leave one
+                shape[axis : axis + 1] = np.shape(own)
+                out = out._then("Gather", constant(own), shape=shape, axis=axis)
+                axis -= np.ndim(own) == 0
+            elif own != slice(None):
+                start, stop, _ = own.indices(shape[axis])
+                shape[axis] = stop - start
+                ends = [constant([k]) for k in (start, stop, axis)]
+                out = out._then("Slice", *ends, shape=shape)
+            axis += 1
+        return out
+
+    def reshape(self, *shape: int) -> Traced:
+        """In another shape: 0 is the number of samples, and if it is not given, -1 counts samples too."""
+        sizes = list(shape)
+        if -1 in sizes:
+            sizes[sizes.index(-1)] = 0
+            if 0 in shape:
+                known = np.prod([k for k in self.shape if k])
+                sizes[shape.index(-1)] = int(known / np.prod([k for k in sizes if k]))
+        return self._then("Reshape", self.graph.constant(shape), shape=sizes)
+
+    def transpose(self, *axes: int) -> Traced:
+        """With its axes in another order."""
+        shape = [self.shape[axis] for axis in axes]
+        return self._then("Transpose", shape=shape, perm=list(axes))
+
+    def sum(self, axis: int) -> Traced:
+        """Sum over an axis."""
+        places = self.graph.constant([axis])
+        shape = np.delete(self.shape, axis).tolist()
+        return self._then("ReduceSum", places, shape=shape, keepdims=0)
+
+    def min(self, axis: int) -> Traced:
+        """Least value along an axis."""
+        shape = np.delete(self.shape, axis).tolist()
+        return self._then("ReduceMin", shape=shape, axes=[axis], keepdims=0)
+
+
 def onnx_model(residual: ResidualNetwork, path: Path | str | None = None) -> Any:
     """The network as an ONNX model in double precision; written to ``path`` if one is given.
 
@@ -105,24 +211,21 @@ def onnx_model(residual: ResidualNetwork, path: Path | str | None = None) -> Any
         GapscopeError: the package onnx is not installed, or the file cannot be written.
     """
     graph, inputs = Graph(), residual.inputs
-    taps, n = inputs.taps, inputs.n
-    now = graph.slice("windows", taps - 1, taps, 2)
-    now = graph.reshape(now, n, -1, inputs.channels)
-    total = graph.constant(np.zeros((n, 1)))
+    taps, n, channels = inputs.taps, inputs.n, inputs.channels
+    windows = Traced(graph, "windows", (n, 0, taps, channels))
+    near = windows[:, :, -1, inputs.layout.neighbourhood]
+    torque: Any = np.zeros((n, 1))
     for k, network in enumerate(residual.networks):
-        joints = residual.chosen == k
-        if not joints.any():
-            continue
-        mean = _mean(graph, network, now, n, inputs.layout)
-        chosen = graph.constant(joints[:, None].astype(float))
-        total = graph.node("Add", total, graph.times(mean, chosen))
-    trusted = graph.times(total, _trust(graph, residual, now))
-    scaled = graph.times(trusted, graph.constant(residual.scale[:, None]))
+        head, bias = network.weights[-1][..., :1], network.biases[-1][:, :, None, :1]
+        hidden: Any = network.hidden(windows)  # type: ignore[arg-type]
+        members = (hidden @ head + bias)[..., 0]
+        mean = members.sum(axis=0) / network.members
+        torque = torque + mean * (residual.chosen == k)[:, None]
+    torque = torque * residual.trust.factor(near) * residual.scale[:, None]  # type: ignore[arg-type]
     bound = residual.bound[:, None]
-    limited = graph.node("Min", scaled, graph.constant(bound))
-    limited = graph.node("Max", limited, graph.constant(-bound))
-    torque = graph.node("Transpose", limited, perm=[1, 0])
-    model = graph.model(torque, (n, "N", taps, inputs.channels), ("N", n))
+    limited = np.clip(torque, -bound, bound).transpose(1, 0)
+    shapes = (n, "N", taps, channels), ("N", n)
+    model = graph.model(limited.name, *shapes)
     entry = model.metadata_props.add()
     entry.key, entry.value = "metadata", json.dumps(metadata(residual))
     if path is not None:
@@ -156,121 +259,3 @@ def metadata(residual: ResidualNetwork) -> dict[str, Any]:
         "torque_mean": mean,
         "torque_std": std,
     }
-
-
-def _mean(graph: Graph, network: Network, now: str, n: int, layout: Layout) -> str:
-    """Mean of the members over the joint's scale, (n, N)."""
-    head = graph.constant(network.weights[-1][..., :1])
-    bias = graph.constant(network.biases[-1][:, :, None, :1])
-    basis = network.basis
-    hidden = _basis(graph, basis, now, layout) if basis else _layers(graph, network, n)
-    output = graph.node("Add", graph.node("MatMul", hidden, head), bias)
-    mean = graph.node("ReduceMean", output, axes=[0], keepdims=0)
-    return graph.reshape(mean, n, -1)
-
-
-def _layers(graph: Graph, network: Network, n: int) -> str:
-    """Last hidden layer, (members, n, N, K)."""
-    members, last = network.members, network.weights[-1].shape[2]
-    hidden = graph.reshape("windows", 0, 0, -1)
-    if network.form == "mlp":
-        seen = graph.constant(network.seen)
-        hidden = graph.node("Gather", hidden, seen, axis=2)
-    shape = graph.constant(np.array([members, 1, 1, 1]))
-    hidden = graph.node("Expand", hidden, shape)
-    for weight, bias in zip(network.weights[:-1], network.biases[:-1], strict=True):
-        # a layer of the convolutional form halves the number of instants
-        hidden = graph.reshape(hidden, members, n, -1, weight.shape[2])
-        moved = graph.node("MatMul", hidden, graph.constant(weight))
-        hidden = graph.node("Add", moved, graph.constant(bias[:, :, None]))
-        hidden = graph.node("Tanh", hidden)
-    return graph.reshape(hidden, members, n, -1, last)
-
-
-def _trust(graph: Graph, residual: ResidualNetwork, now: str) -> str:
-    """Factor of the output, (n, N); see ``Trust``."""
-    places = graph.constant(residual.inputs.layout.neighbourhood)
-    near = graph.node("Gather", now, places, axis=2)
-    trust = residual.trust
-    apart = graph.node(
-        "Sub",
-        graph.node("Unsqueeze", near, graph.constant(np.array([2]))),
-        graph.constant(trust.landmarks[:, None]),
-    )
-    square = graph.node(
-        "ReduceSum",
-        graph.times(apart, apart),
-        graph.constant(np.array([3])),
-        keepdims=0,
-    )
-    nearest = graph.node("Sqrt", graph.node("ReduceMin", square, axes=[2], keepdims=0))
-    beyond = graph.node("Div", nearest, graph.constant(trust.radius[:, None]))
-    one = graph.constant(1.0)
-    u = graph.node("Sub", beyond, one)
-    u = graph.node("Min", graph.node("Max", u, graph.constant(0.0)), one)
-    rest = graph.node("Sub", graph.constant(3.0), graph.times(u, graph.constant(2.0)))
-    return graph.node("Sub", one, graph.times(u, u, rest))
-
-
-def _basis(graph: Graph, basis: Basis, now: str, at: Layout) -> str:
-    """The functions of ``Basis.parts``, (1, n, N, F)."""
-    x = graph.node("Max", now, graph.constant(basis.low[:, None]))
-    x = graph.node("Min", x, graph.constant(basis.high[:, None]))
-
-    def part(start: int, stop: int) -> str:
-        return graph.slice(x, start, stop, 2)
-
-    def joined(*values: str) -> str:
-        return graph.node("Concat", *values, axis=2)
-
-    n, first = at.n, at.direction.start
-    speed, acceleration, load = part(0, 1), part(1, 2), part(2, 3)
-    direction = part(first, at.direction.stop)
-    friction = part(first + FRICTION, first + FRICTION + 1)
-    strain = part(at.memory.start, at.memory.start + len(REACHES))
-    warmth = part(at.memory.start + len(REACHES), at.memory.stop)
-    others, start = part(at.others.start, at.others.stop), at.others.start
-    position = part(at.angle, at.angle + n)
-    own_position = part(at.angle, at.angle + 1)
-    dq, loads = (part(start + k * (n - 1), start + (k + 1) * (n - 1)) for k in (0, 2))
-    own = joined(own_position, speed, acceleration, load)
-    everything = joined(position, speed, dq, load, loads)
-    waves = _waves(graph, basis, own_position)
-    size = graph.node("Abs", load)
-    functions = joined(
-        *waves,
-        *(graph.times(wave, friction) for wave in waves),
-        joined(direction, speed, graph.times(speed, graph.node("Abs", speed))),
-        strain,
-        joined(load, graph.times(load, load, load)),
-        graph.times(load, warmth),
-        graph.times(friction, warmth),
-        joined(graph.times(size, direction), graph.times(load, speed)),
-        acceleration,
-        others,
-        *(_random_waves(graph, own, basis.own, length) for length in LENGTHS),
-        _random_waves(graph, everything, basis.everything, np.sqrt(n) * 1.5),
-    )
-    return graph.node("Unsqueeze", functions, graph.constant(np.array([0])))
-
-
-def _waves(graph: Graph, basis: Basis, position: str) -> list[str]:
-    """Cosines and sines over the range of the position, by band."""
-    angle = basis.layout.angle
-    low, high = basis.low[:, angle], basis.high[:, angle]
-    pace = np.pi / (BEYOND * np.maximum(high - low, 1e-9))
-    along = graph.node("Sub", position, graph.constant(low[:, None, None]))
-    base = graph.times(along, graph.constant(pace[:, None, None]))
-    bands = []
-    for start, stop in itertools.pairwise(BANDS):
-        multiples = np.arange(start + 1, stop + 1, dtype=float)
-        phase = graph.times(base, graph.constant(multiples))
-        both = (graph.node("Cos", phase), graph.node("Sin", phase))
-        bands.append(graph.node("Concat", *both, axis=2))
-    return bands
-
-
-def _random_waves(graph: Graph, x: str, waves: np.ndarray, length: float) -> str:
-    """Cosines along random directions."""
-    along = graph.node("MatMul", x, graph.constant(waves[:-1] / length))
-    return graph.node("Cos", graph.node("Add", along, graph.constant(waves[-1])))

@@ -16,7 +16,9 @@ from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
+from gapscope.arm.nearest_name import check_known
 from gapscope.arm.recording import Recording
+from gapscope.arm.root_mean_square import rms
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.residual import (
@@ -33,8 +35,9 @@ from gapscope.effects.residual import (
     nearest,
     part_of_each,
 )
+from gapscope.ident.model.base_parameters import TINY, WORTH
 from gapscope.ident.model.regressor import JOINT_COLUMNS, Regressor
-from gapscope.ident.samples import split
+from gapscope.ident.samples import PER_CUTOFF, split
 from gapscope.model.conditioning import (
     TORQUE_CUTOFF,
     Segment,
@@ -44,6 +47,14 @@ from gapscope.model.conditioning import (
 )
 from gapscope.model.effective_samples import variance_inflation
 
+Progress = Callable[[str], None]
+"""Called with a few words."""
+
+
+def silent(message: str) -> None:
+    """Say nothing."""
+
+
 # How a residual network is trained.
 
 
@@ -51,6 +62,12 @@ TCN_LAYERS = 3
 """Layers of the convolution; each doubles the samples that are seen."""
 PAST_OF_MLP = 4
 """Samples in the window of the feed-forward network."""
+SPACING = 0.02
+"""Time between the samples of a window [s]."""
+BATCH = 128
+"""Rows in a step of the optimiser."""
+RATE = 4e-3
+"""Rate of learning, by AdamW [1], whose decay of the weights is 1."""
 BEST = "best"
 """The form that is chosen per joint, and what it is kept apart from, by recordings held out."""
 APART = ("all", "effects")
@@ -67,14 +84,9 @@ class ResidualSettings:
         apart: what the output is kept apart from: ``all`` that inertial parameters, friction, rotors, offsets and
             effects can explain, or the parameters of the ``effects`` alone; or ``best``: of the effects alone if that
             closes more of what was held out.
-        members: networks in the ensemble, 3 to 5.
+        members: networks in the ensemble.
         hidden: units in a hidden layer.
-        spacing: time between the samples of a window [s].
         steps: of the optimiser.
-        batch: rows in a step.
-        rate: of learning, by AdamW [1].
-        decay: of the weights [1].
-        bound: largest torque, over the largest residual seen in training [1].
         seed: of weights and batches.
     """
 
@@ -82,32 +94,13 @@ class ResidualSettings:
     apart: str = BEST
     members: int = 5
     hidden: int = 24
-    spacing: float = 0.02
     steps: int = 1000
-    batch: int = 128
-    rate: float = 4e-3
-    decay: float = 1.0
-    bound: float = 1.0
     seed: int = 0
 
     def __post_init__(self) -> None:
         """Check what must be one of a few."""
-        for name, value, known in (
-            ("form", self.form, (BEST, *FORMS)),
-            ("apart", self.apart, (BEST, *APART)),
-        ):
-            if value not in known:
-                raise InputError(
-                    f"{value!r} is not known",
-                    f"choose {' or '.join(known)}",
-                    where=name,
-                )
-        if not 3 <= self.members <= 5:
-            raise InputError(
-                f"an ensemble of {self.members} members",
-                "choose 3 to 5",
-                where="members",
-            )
+        check_known("form", self.form, (BEST, *FORMS), where="form")
+        check_known("choice", self.apart, (BEST, *APART), where="apart")
 
     @property
     def forms(self) -> tuple[str, ...]:
@@ -140,27 +133,21 @@ def basis(columns: np.ndarray, scale: np.ndarray) -> np.ndarray:
     return u.reshape(*columns.shape[:2], -1)
 
 
-def unexplained_by(q: np.ndarray, torque: np.ndarray) -> np.ndarray:
-    """What the columns do not explain of a weighted torque (M, n): y - Q Q^T y."""
-    return np.asarray(torque - q @ np.einsum("mnr,mn->r", q, torque))
-
-
 def share_explained(q: np.ndarray, torque: np.ndarray) -> float:
     """Share of the squares of a weighted torque, (M, n), that lies in the span of the columns."""
-    return float(
-        (np.einsum("mnr,mn->r", q, torque) ** 2).sum()
-        / max(float((torque**2).sum()), 1e-300)
-    )
+    inside = np.einsum("mnr,mn->r", q, torque)
+    return float((inside**2).sum() / ((torque**2).sum() + TINY))
 
 
-@dataclass(frozen=True)
-class Head:
+STIFFNESS = 0.1
+"""Penalty of a change of a weight in the head, over the squares of what it sees: keeps the change small elsewhere."""
+
+
+class Head(NamedTuple):
     """How the linear head of a joint, f = Phi w over M rows, can change; r directions of the physics.
 
-    Attributes:
-        root: L of the metric L L^T = Phi^T Phi + diag(penalty) of a change, (K, K).
-        inside: Q^T Phi, the part of the output in the physics, (r, K).
-        turned: L^-1 (Q^T Phi)^T, (K, r).
+    L of the metric L L^T = Phi^T Phi + penalty of a change, (K, K); the part of the output in the physics, Q^T Phi,
+    (r, K); and L^-1 (Q^T Phi)^T, (K, r).
     """
 
     root: np.ndarray
@@ -168,19 +155,31 @@ class Head:
     turned: np.ndarray
 
 
-def head_of(seen: np.ndarray, penalty: np.ndarray, q: np.ndarray) -> Head:
-    """A joint's head.
+def linear_head(
+    network: Network, hidden: np.ndarray, joint: int, members: Sequence[int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """The mean of some members on a joint as one linear head: what it sees, Phi, (M, K), and its weights, (K,).
 
-    Args:
-        seen: Phi, what it sees, (M, K).
-        penalty: how much a change of each weight costs beside the change of the output, (K,).
-        q: the joint's rows of the orthonormal columns in weighted torque, (M, r).
+    ``hidden`` is what the heads of the members see, (members, n, M, .), or (1, n, M, .) if all see the same: these have
+    one mean weight, the others share the mean of their outputs.
     """
-    metric = seen.T @ seen + np.diag(penalty)
+    weight = network.weights[-1][members, joint, :, 0]
+    seen = hidden[:, joint] if len(hidden) == 1 else hidden[members, joint]
+    if len(seen) == 1:
+        weight = weight.mean(axis=0)
+    rows = seen.shape[1]
+    flat = seen.transpose(1, 0, 2).reshape(rows, -1) / len(seen)
+    offset = network.biases[-1][members, joint, 0].mean()
+    return np.hstack([flat, np.ones((rows, 1))]), np.append(weight, offset)
+
+
+def head_of(seen: np.ndarray, q: np.ndarray) -> Head:
+    """A joint's head by Phi, (M, K), and its rows of the orthonormal columns in weighted torque, (M, r)."""
+    spread = np.append(seen[:, :-1].var(axis=0), 1.0)
+    metric = seen.T @ seen + np.diag(STIFFNESS * len(seen) * spread)
     # regular even if hidden units saturate
     metric += 1e-9 * np.trace(metric) / len(metric) * np.eye(len(metric))
-    root = np.linalg.cholesky(metric)
-    inside = q.T @ seen
+    root, inside = np.linalg.cholesky(metric), q.T @ seen
     return Head(root, inside, solve_triangular(root, inside.T, lower=True))
 
 
@@ -189,7 +188,7 @@ def project_heads(
 ) -> dict[int, np.ndarray]:
     """Weights of linear heads, changed as little as can be, whose output is orthogonal to the columns.
 
-    Minimises the sum over joints of |Phi dw|^2 + dw^T diag(penalty) dw subject to Q^T Phi (w + dw) = 0: one constraint
+    Minimises the sum over joints of |Phi dw|^2 + dw^T penalty dw subject to Q^T Phi (w + dw) = 0: one constraint
     per direction of the physics. If there are fewer weights than constraints, the constraints hold as nearly as
     possible (least squares).
 
@@ -206,13 +205,13 @@ def project_heads(
     inside = sum(heads[joint].inside @ w for joint, w in weights.items())
     # in z = L^T dw the least change is the solution of least norm
     z = np.linalg.lstsq(turned.T, -np.asarray(inside), rcond=1e-12)[0]
-    found, start = {}, 0
-    for joint, w in weights.items():
-        part = z[start : start + len(w)]
-        start += len(part)
-        change = solve_triangular(heads[joint].root, part, lower=True, trans="T")
-        found[joint] = w + change
-    return found
+    cuts = np.cumsum([len(w) for w in weights.values()])[:-1]
+    changes = zip(weights, np.split(z, cuts), strict=True)
+    return {
+        joint: weights[joint]
+        + solve_triangular(heads[joint].root, part, lower=True, trans="T")
+        for joint, part in changes
+    }
 
 
 def parameter_moves(
@@ -232,7 +231,7 @@ def parameter_moves(
     if columns.shape[2] == 0:
         return np.zeros(0)
     stacked = columns.reshape(-1, columns.shape[2])
-    norms = np.maximum(np.linalg.norm(stacked, axis=0), 1e-300)
+    norms = np.maximum(np.linalg.norm(stacked, axis=0), TINY)
     unit = stacked / norms
     gram = np.linalg.pinv(unit.T @ unit, rcond=1e-10, hermitian=True)
     noise = (residual**2).mean(axis=0) * variance_inflation(residual, group)
@@ -240,7 +239,7 @@ def parameter_moves(
     spread = np.einsum("mnk,mnl,n->kl", by_joint, by_joint, noise)
     variance = np.diag(gram @ spread @ gram)
     move = gram @ (unit.T @ torque.ravel())
-    return np.asarray(np.abs(move) / np.sqrt(np.clip(variance, 1e-300, None)))
+    return np.asarray(np.abs(move) / np.sqrt(np.clip(variance, TINY, None)))
 
 
 # Columns of the physics: what effects and inertial parameters can explain, which a network must not learn.
@@ -252,78 +251,40 @@ STEP = 1e-3
 """Step of the differences, over the parameter's typical size."""
 
 
-def physics_columns(
-    corrected: CorrectedArm, body: RigidBody, motion: Motion
-) -> np.ndarray:
-    """Columns of the inertial parameters, of ``JOINT_COLUMNS`` and of the effects, shape (N, n, p).
-
-    They depend on each other; what counts is what they span together.
-    """
-    regressor = Regressor(corrected.arm, body, JOINT_COLUMNS)
-    of_effects = effect_columns(corrected, body, motion)
-    return np.concatenate([regressor.matrix(motion), of_effects], axis=2)
-
-
 def effect_columns(
     corrected: CorrectedArm, body: RigidBody, motion: Motion
 ) -> np.ndarray:
-    """Derivatives of the predicted torque by the parameters of the effects, (N, n, k)."""
+    """Derivatives of the predicted torque by the parameters of the effects, (N, n, k).
+
+    Central differences, one-sided at a parameter's bound.
+    """
     physical = replace(corrected.unlimited, residual=None)
-    columns = [
-        _derivative(physical, k, name, i, body, motion)
-        for k, name, i in _places(physical)
-    ]
-    if not columns:
-        return np.zeros((*motion.q.shape, 0))
-    return np.stack(columns, axis=2)
-
-
-def _places(corrected: CorrectedArm) -> list[tuple[int, str, int]]:
-    """Effect, parameter and entry of each column."""
-    return [
-        (k, name, i)
-        for k, applied in enumerate(corrected.effects)
-        for name, values in applied.parameters.items()
-        if name not in NOT_LINEAR
-        for i in range(np.atleast_1d(values).size)
-    ]
-
-
-def _derivative(
-    corrected: CorrectedArm, k: int, name: str, i: int, body: RigidBody, motion: Motion
-) -> np.ndarray:
-    """Central difference by one parameter, one-sided at its bound; shape (N, n)."""
-    applied = corrected.effects[k]
-    parameter = next(p for p in applied.effect.parameters if p.name == name)
-    value = abs(float(np.atleast_1d(applied.parameters[name])[i]))
-    size = max(value, abs(parameter.typical[1]), 1e-6)
-    torques, steps = [], []
-    for step in (-STEP * size, STEP * size):
-        try:
-            moved = _moved(applied, name, i, step)
-        except (
-            InputError
-        ):  # beyond the bound: the difference is taken from the value itself
-            moved, step = applied, 0.0
-        effects = (*corrected.effects[:k], moved, *corrected.effects[k + 1 :])
-        torques.append(replace(corrected, effects=effects).predict(body, motion))
-        steps.append(step)
-    return np.asarray((torques[1] - torques[0]) / (steps[1] - steps[0]))
-
-
-def _moved(applied: AppliedEffect, name: str, i: int, step: float) -> AppliedEffect:
-    """The effect with one parameter a step further."""
-    value = np.array(applied.parameters[name], dtype=float)
-    value.reshape(-1)[i] += step
-    parameters = {**applied.parameters, name: value}
-    return AppliedEffect(applied.name, applied.joints, parameters)
+    columns = [np.zeros((*motion.q.shape, 0))]
+    for k, applied in enumerate(physical.effects):
+        before, after = physical.effects[:k], physical.effects[k + 1 :]
+        for parameter in applied.effect.parameters:
+            if parameter.name in NOT_LINEAR:
+                continue
+            value = np.array(applied.parameters[parameter.name], dtype=float)
+            size = np.maximum(np.abs(value), abs(parameter.typical[1]))
+            for i in np.ndindex(value.shape):
+                torques, places = [], []
+                for side in (-STEP, STEP):
+                    moved = value.copy()
+                    moved[i] = np.clip(value[i] + side * size[i], *parameter.bounds)
+                    parameters = {**applied.parameters, parameter.name: moved}
+                    one = AppliedEffect(applied.name, applied.joints, parameters)
+                    arm = replace(physical, effects=(*before, one, *after))
+                    torques.append(arm.predict(body, motion))
+                    places.append(moved[i])
+                slope = (torques[1] - torques[0]) / (places[1] - places[0])
+                columns.append(slope[:, :, None])
+    return np.concatenate(columns, axis=2)
 
 
 # What a residual network is trained on: trajectories with the residual of their torque, and their rows.
 
 
-PER_CUTOFF = 4.0
-"""Rows per period of the cut-off; more hold no further information."""
 EDGE = 0.2
 """Time left out at both ends of a block [s], so that what lies in one is no neighbour of what lies in another."""
 
@@ -337,7 +298,6 @@ class Trajectory:
         motion: its motion.
         load: torque that is predicted without a network [N m], (N, n).
         residual: recorded minus predicted torque, low-passed [N m], (N, n).
-        recorded: recorded torque, low-passed [N m], (N, n).
         columns: of the physics, low-passed, at the rows only, (M, n, p).
         parameters: columns of the effects' parameters alone, likewise, (M, n, k).
         rows: samples that count, (M,).
@@ -347,7 +307,6 @@ class Trajectory:
     motion: Motion
     load: np.ndarray
     residual: np.ndarray
-    recorded: np.ndarray
     columns: np.ndarray
     parameters: np.ndarray
     rows: np.ndarray
@@ -367,14 +326,16 @@ def from_segment(
 
     load = physical.unlimited.predict(body, motion)
     recorded = smooth(physical.delivered(segment.torque))
+    parameters = smooth(effect_columns(physical, body, motion))[rows]
+    linear = Regressor(physical.arm, body, JOINT_COLUMNS).matrix(motion)
     return Trajectory(
         name=segment.recording,
         motion=motion,
         load=load,
         residual=recorded - smooth(load),
-        recorded=recorded,
-        columns=smooth(physics_columns(physical, body, motion))[rows],
-        parameters=smooth(effect_columns(physical, body, motion))[rows],
+        # they depend on each other; what counts is what they span together
+        columns=np.concatenate([smooth(linear)[rows], parameters], axis=2),
+        parameters=parameters,
         rows=rows,
     )
 
@@ -432,7 +393,7 @@ class ResidualRows:
         parameters: columns of the effects' parameters, (M, n, k).
         group: for a split by trajectory, (M,).
         trajectory: of each row, (M,).
-        distance: of each row's input from those of all other groups [1], (M, n); infinite if it is in no group.
+        reach: distance of an input up to which a network is tested on rows that it has not seen [1], (n,).
         scale: RMS of the residual [N m], (n,).
     """
 
@@ -444,18 +405,8 @@ class ResidualRows:
     parameters: np.ndarray
     group: np.ndarray
     trajectory: np.ndarray
-    distance: np.ndarray
+    reach: np.ndarray
     scale: np.ndarray
-
-    @property
-    def reach(self) -> np.ndarray:
-        """Distance up to which a network is tested on rows that it has not seen, (n,)."""
-        reach = np.zeros(self.distance.shape[1])
-        for joint, distance in enumerate(self.distance.T):
-            known = np.isfinite(distance)
-            if known.any():
-                reach[joint] = np.quantile(distance[known], REACH)
-        return reach
 
 
 def rows_of(
@@ -464,7 +415,7 @@ def rows_of(
     """Rows of trajectories as a network sees them."""
     group = groups(trajectories, settings.members)
     residual = np.concatenate([x.residual[x.rows] for x in trajectories])
-    scale = np.maximum(np.sqrt((residual**2).mean(axis=0)), 1e-9)
+    scale = rms(residual) + TINY
     weighted = residual / scale
     inputs = _inputs(trajectories, settings)
     windows = np.concatenate(
@@ -476,18 +427,17 @@ def rows_of(
     q = basis(np.concatenate(apart), scale)
     parameters = np.concatenate([x.parameters for x in trajectories])
     lengths = [len(x.rows) for x in trajectories]
+    near = windows[:, :, -1, inputs.layout.neighbourhood]
     return ResidualRows(
         inputs=inputs,
         windows=windows,
         residual=weighted,
-        target=unexplained_by(q, weighted),
+        target=weighted - q @ np.einsum("mnr,mn->r", q, weighted),
         q=q,
         parameters=parameters / scale[None, :, None],
         group=group,
         trajectory=np.repeat(np.arange(len(trajectories)), lengths),
-        distance=_from_other_groups(
-            windows[:, :, -1, inputs.layout.neighbourhood], group
-        ),
+        reach=_reach(near, group),
         scale=scale,
     )
 
@@ -498,77 +448,35 @@ def _inputs(trajectories: Sequence[Trajectory], settings: ResidualSettings) -> I
     seen = np.concatenate(series, axis=1)
     n = len(seen)
     layout = Layout(n)
-    mean, std = seen.mean(axis=1), np.sqrt((seen**2).mean(axis=1))
+    mean, std = seen.mean(axis=1), rms(seen, axis=1)
     # signals keep their zero, at which friction and load turn; postures have none
     mean[:, : layout.angle] = 0.0
     posture = slice(layout.angle, None)
     std[:, posture] = seen[:, :, posture].std(axis=1)
     # a joint that hardly moved must not be blown up
-    natural = [
-        *range(layout.channels)[layout.direction],
-        *range(layout.channels)[posture],
-    ]
     least = 0.1 * std.max(axis=0)
-    least[natural] = 0.2
+    least[layout.direction] = least[posture] = 0.2
     least[layout.memory] = 0.0
     return Inputs(
         n=n,
         taps=settings.taps,
-        spacing=settings.spacing,
+        spacing=SPACING,
         mean=mean,
-        std=np.maximum(np.maximum(std, least), 1e-9),
+        std=np.maximum(std, least) + TINY,
     )
 
 
-def _from_other_groups(now: np.ndarray, group: np.ndarray) -> np.ndarray:
-    """Distance of each row's input, of (n, M, C), from the nearest of another group, (M, n)."""
-    distance = np.full((len(group), len(now)), np.inf)
+def _reach(now: np.ndarray, group: np.ndarray) -> np.ndarray:
+    """Quantile ``REACH`` of the distance of each row's input, of (n, M, C), from the nearest of another group, (n,)."""
+    distances = [np.zeros((len(now), 0))]
     for g in np.unique(group[group >= 0]):
-        own = group == g
-        others = now[:, ~own & (group >= 0)]
-        if not others.shape[1]:
-            continue
-        # a thousand of them show the distance well enough
-        thinned = others[:, :: max(1, others.shape[1] // 1000)]
-        distance[own] = nearest(now[:, own], thinned).T
-    return distance
-
-
-# What a residual network has to beat: gradient boosting.
-
-
-Baseline = Callable[[np.ndarray], np.ndarray]
-"""From normalised windows (n, M, taps, C) to torque [N m], (M, n)."""
-
-
-def seen(rows: ResidualRows, windows: np.ndarray) -> np.ndarray:
-    """What all baselines see, (n, M, I): all channels now, and the joint's dq and direction before."""
-    past = windows[:, :, :-1, rows.inputs.layout.past]
-    flat = past.reshape(*past.shape[:2], -1)
-    return np.concatenate([flat, windows[:, :, -1]], axis=2)
-
-
-def gradient_boosting(rows: ResidualRows, seed: int = 0) -> Baseline:
-    """Boosted trees per joint, 150 trees of 15 leaves."""
-    from sklearn.ensemble import HistGradientBoostingRegressor
-
-    models = [
-        HistGradientBoostingRegressor(
-            max_iter=150,
-            learning_rate=0.08,
-            max_leaf_nodes=15,
-            l2_regularization=1.0,
-            random_state=seed,
-        ).fit(x, y)
-        for x, y in zip(seen(rows, rows.windows), rows.target.T, strict=True)
-    ]
-    return lambda windows: _torque(models, rows, windows)
-
-
-def _torque(models: list, rows: ResidualRows, windows: np.ndarray) -> np.ndarray:
-    inputs = seen(rows, windows)
-    columns = [model.predict(x) for model, x in zip(models, inputs, strict=True)]
-    return np.asarray(np.stack(columns, axis=1) * rows.scale)
+        others = now[:, (group != g) & (group >= 0)]
+        if others.shape[1]:
+            # a thousand of them show the distance well enough
+            thinned = others[:, :: max(1, others.shape[1] // 1000)]
+            distances.append(nearest(now[:, group == g], thinned))
+    every = np.concatenate(distances, axis=1)
+    return np.quantile(every, REACH, axis=1) if every.size else np.zeros(len(now))
 
 
 # Weights of a sum of functions whose sizes, part by part, are chosen by the evidence of the data.
@@ -582,14 +490,13 @@ ITERATIONS = 25
 """Iterations of the search."""
 
 
-@dataclass(frozen=True)
-class Equations:
+class Equations(NamedTuple):
     """Normal equations of a weighted fit to N rows of F functions: X^T X, X^T y, y^T y and N."""
 
     gram: np.ndarray
     moment: np.ndarray
     square: float
-    count: float
+    rows: float
 
 
 @dataclass(frozen=True)
@@ -598,74 +505,61 @@ class Prior:
 
     Attributes:
         part: number of the part that each function belongs to, (F,).
-        log_size: logarithm of each part's variance, shared evenly by its functions, (P,).
-        log_noise: logarithm of the noise variance.
+        logs: logarithm of each part's variance, shared evenly by its functions, and of the noise variance, (P + 1,).
         share: share of the rows that count as independent [1].
     """
 
     part: np.ndarray
-    log_size: np.ndarray
-    log_noise: float
+    logs: np.ndarray
     share: float
 
-    @property
-    def deviation(self) -> np.ndarray:
-        """Prior standard deviation of each weight, (F,)."""
-        variance = np.exp(self.log_size) / np.bincount(self.part)
-        return np.asarray(np.sqrt(variance[self.part]))
+    def posterior(
+        self, equations: Equations
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """With D the deviations of the weights and s / v share over noise, for s |y - X w|^2 / v + |D^-1 w|^2.
 
+        Cholesky factor of 1 + D X^T X D s / v, D X^T y s / v, the mean over D, and D; (F, F) and (F,).
+        """
+        variance = np.exp(self.logs[:-1]) / np.bincount(self.part)
+        d = np.sqrt(variance[self.part])
+        precision = self.share / np.exp(self.logs[-1])
+        matrix = (d[:, None] * equations.gram * d) * precision
+        matrix[np.diag_indices_from(matrix)] += 1.0
+        factor, scaled = np.linalg.cholesky(matrix), d * equations.moment * precision
+        return factor, scaled, cho_solve((factor, True), scaled), d
 
-def weights(equations: Equations, prior: Prior) -> np.ndarray:
-    """Posterior mean, (F,): minimises s |y - X w|^2 / v + sum_i (w_i / d_i)^2."""
-    factor, scaled = _whitened(equations, prior)
-    return np.asarray(prior.deviation * cho_solve((factor, True), scaled))
+    def mean(self, equations: Equations) -> np.ndarray:
+        """Posterior mean of the weights, (F,)."""
+        *_, unit, d = self.posterior(equations)
+        return np.asarray(d * unit)
 
+    def most_evident(self, equations: Equations) -> Prior:
+        """The prior under which the data are most probable; found by L-BFGS from this one. Source: mackay1992."""
+        ranges = [PRIOR_RANGE] * (len(self.logs) - 1) + [NOISE_RANGE]
+        found = minimize(
+            lambda x: replace(self, logs=x).cost(equations),
+            self.logs,
+            jac=True,
+            method="L-BFGS-B",
+            bounds=ranges,
+            options={"maxiter": ITERATIONS},
+        )
+        return replace(self, logs=found.x)
 
-def _whitened(equations: Equations, prior: Prior) -> tuple[np.ndarray, np.ndarray]:
-    """Cholesky factor of 1 + D X^T X D s / v, and D X^T y s / v, with D the deviations, s / v share over noise."""
-    d = prior.deviation
-    precision = prior.share / np.exp(prior.log_noise)
-    matrix = (d[:, None] * equations.gram * d) * precision
-    matrix[np.diag_indices_from(matrix)] += 1.0
-    return np.linalg.cholesky(matrix), d * equations.moment * precision
-
-
-def most_evident(equations: Equations, start: Prior) -> Prior:
-    """The prior under which the data are most probable; found by L-BFGS from a first one. Source: mackay1992."""
-    parts = len(start.log_size)
-
-    def prior_of(x: np.ndarray) -> Prior:
-        return Prior(start.part, x[:-1], float(x[-1]), start.share)
-
-    found = minimize(
-        lambda x: _cost(equations, prior_of(x)),
-        np.append(start.log_size, start.log_noise),
-        jac=True,
-        method="L-BFGS-B",
-        bounds=[PRIOR_RANGE] * parts + [NOISE_RANGE],
-        options={"maxiter": ITERATIONS},
-    )
-    return prior_of(found.x)
-
-
-def _cost(equations: Equations, prior: Prior) -> tuple[float, np.ndarray]:
-    """Negative logarithm of the evidence, and its gradient by the sizes and the noise, (P + 1,)."""
-    factor, scaled = _whitened(equations, prior)
-    unit = cho_solve((factor, True), scaled)
-    w = prior.deviation * unit
-    inverse = lapack.dtrtri(factor, lower=1)[0]
-    posterior = (inverse**2).sum(axis=0)
-    share, noise = prior.share, np.exp(prior.log_noise)
-    count = share * equations.count
-    explained = scaled @ unit
-    cost = 0.5 * (share * equations.square / noise - explained)
-    cost += np.log(np.diag(factor)).sum() + 0.5 * count * prior.log_noise
-    free = 1.0 - posterior - unit**2
-    by_size = 0.5 * np.bincount(prior.part, free)
-    left = equations.square - 2 * w @ equations.moment + w @ equations.gram @ w
-    determined = len(w) - posterior.sum()
-    by_noise = 0.5 * (count - share * left / noise - determined)
-    return float(cost), np.append(by_size, by_noise)
+    def cost(self, equations: Equations) -> tuple[float, np.ndarray]:
+        """Negative logarithm of the evidence, and its gradient by the logarithms, (P + 1,)."""
+        factor, scaled, unit, d = self.posterior(equations)
+        w, share, noise = d * unit, self.share, np.exp(self.logs[-1])
+        inverse = lapack.dtrtri(factor, lower=1)[0]
+        posterior = (inverse**2).sum(axis=0)
+        count = share * equations.rows
+        cost = 0.5 * (share * equations.square / noise - scaled @ unit)
+        cost += np.log(np.diag(factor)).sum() + 0.5 * count * self.logs[-1]
+        by_size = 0.5 * np.bincount(self.part, 1.0 - posterior - unit**2)
+        left = equations.square - 2 * w @ equations.moment + w @ equations.gram @ w
+        determined = len(w) - posterior.sum()
+        by_noise = 0.5 * (count - share * left / noise - determined)
+        return float(cost), np.append(by_size, by_noise)
 
 
 # Which rows each member of an ensemble is fitted to and which it holds out, and how good it is on these.
@@ -673,10 +567,6 @@ def _cost(equations: Equations, prior: Prior) -> tuple[float, np.ndarray]:
 
 QUIET = 0.1
 """A recording weighs as if its RMS were at least this share of the loudest one's."""
-MIN_GAIN = 0.02
-"""A form that closes less than this share of the squares held out of a joint, less its error, gets no say there."""
-MAX_LOSS = 0.02
-"""A form may add no more than this share to the squares of a joint in any group that it did not see."""
 GAINS = np.linspace(0.05, 1.0, 20)
 """Factors tried on a joint's output."""
 
@@ -711,50 +601,25 @@ class Folds:
         """Rows that each member is fitted to, (M, N)."""
         return self.any_fitted & ~self.held
 
-    def of_joint(self, joint: int) -> Folds:
-        """The same of one joint."""
-        targets = self.targets[:, :, [joint]]
-        return replace(self, targets=targets, weight=self.weight[:, joint])
-
     def held_out(self, outputs: np.ndarray) -> np.ndarray:
         """Each row as the members that held it out predict it, from the outputs of all, (M, N, ...); (N, ...)."""
         held = self.held.reshape(*self.held.shape, *[1] * (outputs.ndim - 2))
         total = np.maximum(held.sum(axis=0), 1)
         return np.asarray((outputs * held).sum(axis=0) / total)
 
-    def error(
-        self, residual: np.ndarray, outputs: np.ndarray, weight: np.ndarray
-    ) -> float:
-        """Weighted mean square of what is left of a joint's residual, (N,), on rows held out."""
-        left = weight * (residual - self.held_out(outputs))
-        return float((left[self.held.any(axis=0)] ** 2).mean())
 
-
-def make_folds(
-    group: np.ndarray, members: int, residual: np.ndarray, q: np.ndarray
-) -> Folds:
-    """Folds by group.
-
-    Args:
-        group: of each row, (N,).
-        members: in the ensemble; member m holds out the groups m, m + members, ...
-        residual: over its scale [1], (N, n).
-        q: orthonormal columns of the physics, (N, n, r).
-    """
+def make_folds(rows: ResidualRows, members: int) -> Folds:
+    """Folds by group: member m of an ensemble holds out the groups m, m + members, ..."""
+    group, residual, q = rows.group, rows.residual, rows.q
     held = np.stack([(group % members == m) & (group >= 0) for m in range(members)])
     held = held[held.any(axis=1)]
-    targets = [
-        residual - q @ _explaining(q[rows], residual[rows])
-        for rows in (group >= 0) & ~held
-    ]
+    targets = []
+    for fitted in (group >= 0) & ~held:
+        gram = np.einsum("mnr,mns->rs", q[fitted], q[fitted])
+        moment = np.einsum("mnr,mn->r", q[fitted], residual[fitted])
+        explaining = np.linalg.pinv(gram, rcond=1e-10, hermitian=True) @ moment
+        targets.append(residual - q @ explaining)
     return Folds(group, held, np.stack(targets), group_weights(residual, group))
-
-
-def _explaining(q: np.ndarray, residual: np.ndarray) -> np.ndarray:
-    """Coefficients of the columns that explain a residual best on some rows, (r,)."""
-    gram = np.einsum("mnr,mns->rs", q, q)
-    moment = np.einsum("mnr,mn->r", q, residual)
-    return np.asarray(np.linalg.pinv(gram, rcond=1e-10, hermitian=True) @ moment)
 
 
 def group_weights(residual: np.ndarray, group: np.ndarray) -> np.ndarray:
@@ -764,7 +629,7 @@ def group_weights(residual: np.ndarray, group: np.ndarray) -> np.ndarray:
     square = np.stack([(residual[group == g] ** 2).mean(axis=0) for g in groups])
     square = np.maximum(square, QUIET**2 * square.max(axis=0))
     for g, of_group in zip(groups, square, strict=True):
-        weight[group == g] = 1.0 / np.sqrt(np.maximum(of_group, 1e-300))
+        weight[group == g] = 1.0 / np.sqrt(np.maximum(of_group, TINY))
     return np.asarray(weight / np.sqrt((weight**2).mean(axis=0)))
 
 
@@ -781,7 +646,7 @@ def shares_closed(
     shares = []
     for g in np.unique(folds.group[folds.any_fitted]):
         y, f = residual[folds.group == g], predicted[folds.group == g]
-        size = np.maximum((y**2).sum(axis=0), 1e-300)
+        size = np.maximum((y**2).sum(axis=0), TINY)
         agreement, square = (y * f).sum(axis=0) / size, (f**2).sum(axis=0) / size
         shares.append(np.outer(agreement, 2 * GAINS) - np.outer(square, GAINS**2))
     return np.stack(shares)
@@ -793,21 +658,21 @@ def usefulness(
     """Share of the squares closed on rows held out, mean over the groups, and the factor for it; each (n,).
 
     The factor on a joint's output is the one of ``GAINS`` with the largest share, less its standard error over the
-    groups, at which no group is left with more than ``MAX_LOSS`` above its squares. It is 0 if that share less its
-    error is below ``MIN_GAIN``.
+    groups, at which no group is left with more than ``WORTH`` above its squares. It is 0 if that share less its
+    error is below ``WORTH``.
 
     Args:
         shares: of each group, at each factor, see ``shares_closed``.
-        strict: every group by itself must close ``MIN_GAIN`` after that error is taken off: a motion that is in none
+        strict: every group by itself must close ``WORTH`` after that error is taken off: a motion that is in none
             of the groups is then likely to gain as well.
     """
     worst, mean = shares.min(axis=0), shares.mean(axis=0)
     error = shares.std(axis=0, ddof=1) / np.sqrt(len(shares))
-    harmless = worst - error >= MIN_GAIN if strict else worst >= -MAX_LOSS
+    harmless = worst - error >= WORTH if strict else worst >= -WORTH
     certain = np.where(harmless, mean - error, 0.0)
     best = certain.argmax(axis=1)
     joints = np.arange(len(best))
-    of_use = certain[joints, best] >= MIN_GAIN
+    of_use = certain[joints, best] >= WORTH
     return (
         np.where(of_use, mean[joints, best], 0.0),
         np.where(of_use, GAINS[best], 0.0),
@@ -824,42 +689,29 @@ FIRST_SIZE, FIRST_NOISE = -3.0, -0.5
 
 
 def fit_additive(
-    windows: np.ndarray,
-    residual: np.ndarray,
-    target: np.ndarray,
-    folds: Folds,
-    seed: int,
-    progress: Callable[[str], None] = lambda message: None,
+    rows: ResidualRows, folds: Folds, seed: int, progress: Progress = silent
 ) -> Network:
     """Fit an ensemble; each member is fitted without the rows that it holds out.
 
     Args:
-        windows: normalised, (n, M, taps, C).
-        residual: over its scale [1], (M, n).
-        target: the residual without its part in the physics, (M, n).
+        rows: all rows.
         folds: rows and targets of each member.
         seed: of the random waves.
         progress: called with a few words at each joint.
     """
-    now = windows[:, :, -1]
+    now = rows.windows[:, :, -1]
     basis = draw_basis(now.min(axis=1), now.max(axis=1), seed)
     part = part_of_each(basis)
-    functions = basis.features(now)
     members, n = len(folds.held), len(now)
     weight = np.zeros((members, n, len(part), 2))
     bias = np.zeros((members, n, 2))
-    for joint, x in enumerate(functions):
+    for joint, x in enumerate(basis.features(now)):
         progress(f"fits the additive form: joint {joint + 1} of {n}")
         centre, spread = x.mean(axis=0), x.std(axis=0) + 1e-9
         scaled = np.column_stack([(x - centre) / spread, np.ones(len(x))])
-        found, noise = _fit_joint(
-            scaled,
-            residual[:, joint],
-            target[:, joint],
-            folds.of_joint(joint),
-            # the constant is a part of its own
-            np.append(part, part.max() + 1),
-        )
+        # the constant is a part of its own
+        parts = np.append(part, part.max() + 1)
+        found, noise = _fit_joint(scaled, joint, rows, folds, parts)
         # the head sees the functions as they are
         by_function = found[:, :-1] / spread
         weight[:, joint, :, 0] = by_function
@@ -869,129 +721,33 @@ def fit_additive(
 
 
 def _fit_joint(
-    x: np.ndarray,
-    residual: np.ndarray,
-    target: np.ndarray,
-    folds: Folds,
-    part: np.ndarray,
+    x: np.ndarray, joint: int, rows: ResidualRows, folds: Folds, part: np.ndarray
 ) -> tuple[np.ndarray, float]:
     """Weights of each member, (members, F), and their mean square error on what they held out."""
-    size = max(float(np.sqrt((target**2).mean())), 1e-12)
-    whole = _equations(x, target / size, folds.weight, folds.any_fitted)
-    each = [
-        _equations(x, y / size, folds.weight, fitted)
-        for y, fitted in zip(folds.targets[..., 0], folds.fitted, strict=True)
-    ]
-    parts = int(part.max()) + 1
-    prior = Prior(part, np.full(parts, FIRST_SIZE), FIRST_NOISE, SHARES[0])
+    target, weight = rows.target[:, joint], folds.weight[:, joint]
+    size = float(rms(target)) or 1.0
+    judged = folds.held.any(axis=0)
+
+    def equations(y: np.ndarray, chosen: np.ndarray) -> Equations:
+        wx = weight[chosen, None] * x[chosen]
+        wy = weight[chosen] * y[chosen] / size
+        return Equations(wx.T @ wx, wx.T @ wy, float(wy @ wy), float(len(wy)))
+
+    def left(found: np.ndarray) -> np.ndarray:
+        return (rows.residual[:, joint] - folds.held_out(found @ x.T))[judged]
+
+    whole = equations(target, folds.any_fitted)
+    each = list(map(equations, folds.targets[..., joint], folds.fitted))
+    logs = np.append(np.full(int(part.max()) + 1, FIRST_SIZE), FIRST_NOISE)
     least, kept = np.inf, np.zeros((len(each), x.shape[1]))
     for share in SHARES:
-        prior = most_evident(whole, replace(prior, share=share))
-        found = size * np.stack([weights(equations, prior) for equations in each])
-        error = folds.error(residual, found @ x.T, folds.weight)
+        prior = Prior(part, logs, share).most_evident(whole)
+        logs = prior.logs
+        found = size * np.stack([prior.mean(own) for own in each])
+        error = float(np.mean((weight[judged] * left(found)) ** 2))
         if error < least:
             least, kept = error, found
-    return kept, folds.error(residual, kept @ x.T, np.ones(len(x)))
-
-
-def _equations(
-    x: np.ndarray, y: np.ndarray, weight: np.ndarray, rows: np.ndarray
-) -> Equations:
-    """Normal equations of some rows, each times its weight."""
-    wx = weight[rows, None] * x[rows]
-    wy = weight[rows] * y[rows]
-    return Equations(wx.T @ wx, wx.T @ wy, float(wy @ wy), float(len(wy)))
-
-
-# Networks whose heads are changed so that what the mean of the members says is orthogonal to the physics.
-
-
-STIFFNESS = 0.1
-"""Penalty of a change of a weight in the head, over the squares of what it sees: keeps the change small elsewhere."""
-
-
-def joint_heads(
-    networks: Sequence[Network],
-    chosen: np.ndarray,
-    hidden: Sequence[np.ndarray],
-    q: np.ndarray,
-) -> dict[int, Head]:
-    """The members of each joint that speaks as one linear head on some rows, by joint from 0.
-
-    Args:
-        networks: in one or several forms.
-        chosen: which of them speaks on each joint, -1 if none does, (n,).
-        hidden: what the heads of each see, (members, n, N, K), or (1, n, N, K) if all members see the same.
-        q: orthonormal columns of the physics on these rows, (N, n, r).
-    """
-    heads = {}
-    for joint in np.flatnonzero(chosen >= 0):
-        by_member = hidden[chosen[joint]][:, joint]
-        count, rows = by_member.shape[:2]
-        seen = by_member.transpose(1, 0, 2).reshape(rows, -1) / count
-        penalty = STIFFNESS * rows * np.append(seen.var(axis=0), 1.0)
-        heads[int(joint)] = head_of(
-            np.hstack([seen, np.ones((rows, 1))]), penalty, q[:, joint]
-        )
-    return heads
-
-
-def kept_apart(
-    networks: Sequence[Network], chosen: np.ndarray, heads: dict[int, Head]
-) -> tuple[Network, ...]:
-    """The networks with heads such that the mean of the members is orthogonal to the physics on the rows of ``heads``.
-
-    The mean alone speaks, so that its constraints are shared by the weights of all members.
-    """
-    weights = {
-        int(joint): _mean_head(networks[chosen[joint]], int(joint))
-        for joint in np.flatnonzero(chosen >= 0)
-    }
-    found = project_heads(heads, weights)
-    kept = []
-    for k, network in enumerate(networks):
-        weight, bias = network.weights[-1].copy(), network.biases[-1].copy()
-        for joint in np.flatnonzero(chosen == k):
-            change = found[joint] - weights[joint]
-            # members that see the same share one change
-            weight[:, joint, :, 0] += change[:-1].reshape(-1, weight.shape[2])
-            bias[:, joint, 0] += change[-1]
-        kept.append(_with_head(network, weight, bias))
-    return tuple(kept)
-
-
-def scaled(network: Network, gain: np.ndarray) -> Network:
-    """The network with the means of each joint multiplied by its gain, (n,)."""
-    weight, bias = network.weights[-1].copy(), network.biases[-1].copy()
-    weight[..., 0] *= gain[:, None]
-    bias[..., 0] *= gain
-    return _with_head(network, weight, bias)
-
-
-def member_of(network: Network, member: int) -> Network:
-    """One member of a network as a network."""
-    return replace(
-        network,
-        weights=tuple(weight[[member]] for weight in network.weights),
-        biases=tuple(bias[[member]] for bias in network.biases),
-    )
-
-
-def _mean_head(network: Network, joint: int) -> np.ndarray:
-    """Weights and offset of the mean of a joint's members, in the order of ``joint_heads``."""
-    weight = network.weights[-1][:, joint, :, 0]
-    # members that see the same have one mean weight; the others share the mean of their outputs
-    shared = weight if network.basis is None else weight.mean(axis=0)
-    return np.append(shared.ravel(), network.biases[-1][:, joint, 0].mean())
-
-
-def _with_head(network: Network, weight: np.ndarray, bias: np.ndarray) -> Network:
-    """The network with another last layer."""
-    return replace(
-        network,
-        weights=(*network.weights[:-1], weight),
-        biases=(*network.biases[:-1], bias),
-    )
+    return kept, float(np.mean(left(kept) ** 2))
 
 
 # Training of a residual network by torch: a heteroscedastic ensemble, bitwise repeatable.
@@ -1017,11 +773,6 @@ def repeatable(seed: int) -> Iterator[torch.Generator]:
     finally:
         torch.set_num_threads(threads)
         torch.use_deterministic_algorithms(strict)
-
-
-def device() -> torch.device:
-    """The GPU, if there is one."""
-    return torch.device("cuda" if torch.cuda.is_available() else "cpu")
 
 
 class Ensemble(torch.nn.Module):
@@ -1072,26 +823,15 @@ class Ensemble(torch.nn.Module):
 
     def arrays(self) -> Network:
         """The same networks as arrays."""
-        weights = tuple(_array(weight) for weight in self.weights)
-        biases = tuple(_array(bias) for bias in self.biases)
-        return Network(
-            form=self.form,
-            seen=self.seen.cpu().numpy(),
-            weights=weights,
-            biases=biases,
+        weights, biases = (
+            tuple(x.detach().cpu().double().numpy() for x in parameters)
+            for parameters in (self.weights, self.biases)
         )
-
-
-def _array(parameter: torch.Tensor) -> np.ndarray:
-    return np.asarray(parameter.detach().cpu().double().numpy())
+        return Network(self.form, self.seen.cpu().numpy(), weights, biases)
 
 
 def train(
-    settings: ResidualSettings,
-    inputs: Inputs,
-    windows: np.ndarray,
-    folds: Folds,
-    progress: Callable[[str], None] = lambda message: None,
+    settings: ResidualSettings, rows: ResidualRows, folds: Folds, progress: Progress
 ) -> Network:
     """Train an ensemble for a fixed number of steps, each member without the rows that it holds out.
 
@@ -1099,34 +839,31 @@ def train(
 
     Args:
         settings: of the training.
-        inputs: what the networks see.
-        windows: (n, M, taps, C).
+        rows: all rows.
         folds: rows and targets of each member.
         progress: called with a few words at times.
     """
     with repeatable(settings.seed) as generator:
-        ensemble = Ensemble(settings, inputs, generator)
-        where = device()
+        ensemble = Ensemble(settings, rows.inputs, generator)
+        where = torch.device("cuda" if torch.cuda.is_available() else "cpu")
         ensemble.to(where)
 
         def tensor(array: np.ndarray) -> torch.Tensor:
             return torch.as_tensor(array, dtype=torch.float32, device=where)
 
-        x = tensor(windows)
+        x = tensor(rows.windows)
         y = tensor(folds.targets.transpose(0, 2, 1))
         square = tensor(folds.weight.T**2)
         fitted = tensor(folds.fitted)[:, None] * square
-        optimiser = torch.optim.AdamW(
-            ensemble.parameters(), lr=settings.rate, weight_decay=settings.decay
-        )
+        optimiser = torch.optim.AdamW(ensemble.parameters(), lr=RATE, weight_decay=1.0)
         schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, settings.steps)
         for step in range(1, settings.steps + 1):
-            rows = torch.randint(x.shape[1], (settings.batch,), generator=generator)
-            rows = rows.to(where)
+            chosen = torch.randint(x.shape[1], (BATCH,), generator=generator)
+            chosen = chosen.to(where)
             optimiser.zero_grad(set_to_none=True)
-            mask = fitted[:, :, rows]
-            mean, log_variance = ensemble(x[:, rows])
-            loss = _likelihood(mean, log_variance, y[:, :, rows]) * mask
+            mask = fitted[:, :, chosen]
+            mean, log_variance = ensemble(x[:, chosen])
+            loss = _likelihood(mean, log_variance, y[:, :, chosen]) * mask
             # mean over the rows that a member is fitted to, sum over members and joints
             mean_loss = loss.sum(dim=2) / mask.sum(dim=2).clamp(min=1e-9)
             mean_loss.sum().backward()
@@ -1185,20 +922,20 @@ def settled(
         folds: which member holds out which.
     """
     chosen, gain, _ = choice
-    alone = [
-        _of_member(networks, hidden, member) for member in range(len(folds.fitted))
-    ]
-    heads = [
-        _member_heads(member, seen, chosen, rows, fitted)
-        for (member, seen), fitted in zip(alone, folds.fitted, strict=True)
-    ]
+    members = []
+    for member, fitted in enumerate(folds.fitted):
+        q = basis(rows.q[fitted], np.ones(rows.q.shape[1]))
+        linear = linear_heads(networks, hidden, chosen, [member])
+        heads = {j: head_of(seen[fitted], q[:, j]) for j, (seen, _) in linear.items()}
+        members.append((linear, heads))
     while True:
-        outputs = [
-            _outputs(member, seen, head, chosen, gain)
-            for (member, seen), head in zip(alone, heads, strict=True)
-        ]
-        predicted = folds.held_out(np.stack(outputs))
-        shares = shares_closed(folds, rows.residual, predicted)
+        predicted = np.zeros((len(members), *rows.residual.shape))
+        speaking = np.flatnonzero(chosen >= 0).tolist()
+        for output, (linear, heads) in zip(predicted, members, strict=True):
+            weights = {j: gain[j] * linear[j][1] for j in speaking}
+            for j, weight in project_heads(heads, weights).items():
+                output[:, j] = linear[j][0] @ weight
+        shares = shares_closed(folds, rows.residual, folds.held_out(predicted))
         closed, again = usefulness(shares, strict=True)
         if (again[chosen >= 0] == 1.0).all():
             return Choice(chosen, np.where(chosen >= 0, gain, 0.0), closed)
@@ -1212,43 +949,18 @@ def settled(
             gain = gain * again
 
 
-def _of_member(
-    networks: Sequence[Network], hidden: Sequence[np.ndarray], member: int
-) -> tuple[list[Network], list[np.ndarray]]:
-    """One member of each network, and what its head sees."""
-    seen = [each if len(each) == 1 else each[[member]] for each in hidden]
-    return [member_of(network, member) for network in networks], seen
-
-
-def _member_heads(
+def linear_heads(
     networks: Sequence[Network],
     hidden: Sequence[np.ndarray],
     chosen: np.ndarray,
-    rows: ResidualRows,
-    fitted: np.ndarray,
-) -> dict[int, Head]:
-    """Heads of a member on the rows that it is fitted to."""
-    q = basis(rows.q[fitted], np.ones(rows.q.shape[1]))
-    seen = [each[:, :, fitted] for each in hidden]
-    return joint_heads(networks, chosen, seen, q)
-
-
-def _outputs(
-    networks: Sequence[Network],
-    hidden: Sequence[np.ndarray],
-    heads: dict[int, Head],
-    chosen: np.ndarray,
-    gain: np.ndarray,
-) -> np.ndarray:
-    """What a member says of all rows once it is kept apart, (N, n)."""
-    loud = [scaled(network, gain) for network in networks]
-    kept = kept_apart(loud, chosen, heads)
-    output = np.zeros((hidden[0].shape[2], len(chosen)))
-    for joint in np.flatnonzero(chosen >= 0):
-        k = chosen[joint]
-        head = kept[k].weights[-1][0, joint, :, 0]
-        output[:, joint] = hidden[k][0, joint] @ head + kept[k].biases[-1][0, joint, 0]
-    return output
+    members: Sequence[int],
+) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    """``linear_head`` of some members of the network that speaks on each joint, by joint from 0."""
+    return {
+        j: linear_head(networks[k], hidden[k], j, members)
+        for j, k in enumerate(chosen.tolist())
+        if k >= 0
+    }
 
 
 # From trajectories to a residual network orthogonal to the effects that fades out away from its training data.
@@ -1290,15 +1002,8 @@ class Report:
     doubted: float
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """A form that was trained.
-
-    Attributes:
-        name: of the form.
-        network: its members.
-        closed, gain: see ``Report``, (n,).
-    """
+class Candidate(NamedTuple):
+    """A form that was trained: its members, and ``closed`` and ``gain`` as in ``Report``, (n,)."""
 
     name: str
     network: Network
@@ -1309,7 +1014,7 @@ class Candidate:
 def fit_residual(
     trajectories: Sequence[Trajectory],
     settings: ResidualSettings,
-    progress: Callable[[str], None] = lambda message: None,
+    progress: Progress = silent,
 ) -> tuple[ResidualNetwork, Report]:
     """Train a residual network on the residual of the corrected arm on some trajectories.
 
@@ -1323,24 +1028,49 @@ def fit_residual(
         InputError: there is no trajectory.
     """
     if settings.apart == BEST:
-        return _best_apart(trajectories, settings, progress)
+        # apart from all, unless that from the effects alone closes more, by as much as gives a say
+        strict, free = (
+            fit_residual(trajectories, replace(settings, apart=apart), progress)
+            for apart in APART
+        )
+        by_apart = strict[1].closed_apart | free[1].closed_apart
+        better = by_apart[free[1].apart] - by_apart[strict[1].apart] >= WORTH
+        network, report = free if better else strict
+        return network, replace(report, closed_apart=by_apart)
     rows = rows_of(trajectories, settings)
-    folds = make_folds(rows.group, settings.members, rows.residual, rows.q)
+    folds = make_folds(rows, settings.members)
     candidates = [
         _candidate(form, rows, folds, settings, progress) for form in settings.forms
     ]
     progress("keeps it apart from the physics")
-    networks = tuple(c.network for c in candidates)
+    networks = [c.network for c in candidates]
     hidden = [network.hidden(rows.windows) for network in networks]
     chosen, gain, closed = settled(_choice(candidates), networks, hidden, rows, folds)
-    networks = tuple(scaled(network, gain) for network in networks)
-    free = _assembled(rows, networks, chosen, settings)
-    before = free.outputs(rows.windows)[0]
-    heads = joint_heads(networks, chosen, hidden, rows.q)
-    residual = replace(free, networks=kept_apart(networks, chosen, heads))
-    after = residual.outputs(rows.windows)[0]
+    every = list(range(settings.members))
+    linear = linear_heads(networks, hidden, chosen, every)
+    heads = {j: head_of(seen, rows.q[:, j]) for j, (seen, _) in linear.items()}
+    weights = {j: gain[j] * weight for j, (_, weight) in linear.items()}
+    projected = project_heads(heads, weights)
+    before, after = np.zeros_like(rows.residual), np.zeros_like(rows.residual)
+    for j, (seen, _) in linear.items():
+        before[:, j], after[:, j] = seen @ weights[j], seen @ projected[j]
+    kept = [_scaled(network, gain) for network in networks]
+    for j, weight in projected.items():
+        network, change = kept[chosen[j]], weight - weights[j]
+        # members that see the same share one change
+        width = network.weights[-1].shape[2]
+        network.weights[-1][:, j, :, 0] += change[:-1].reshape(-1, width)
+        network.biases[-1][:, j, 0] += change[-1]
     near = rows.windows[:, :, -1, rows.inputs.layout.neighbourhood]
-    names = [c.name for c in candidates]
+    residual = ResidualNetwork(
+        inputs=rows.inputs,
+        networks=tuple(kept),
+        chosen=chosen,
+        trust=_trust(near, rows.reach),
+        scale=rows.scale,
+        bound=np.abs(rows.residual * rows.scale).max(axis=0),
+        cutoff=TORQUE_CUTOFF,
+    )
     moves = [
         parameter_moves(rows.parameters, said, rows.residual, rows.trajectory)
         for said in (before, after)
@@ -1348,7 +1078,7 @@ def fit_residual(
     target_share = (rows.target**2).sum() / (rows.residual**2).sum()
     report = Report(
         by_form={c.name: c.closed for c in candidates},
-        form=tuple("" if k < 0 else names[k] for k in chosen),
+        form=tuple("" if k < 0 else candidates[k].name for k in chosen),
         closed=closed,
         apart=settings.apart,
         closed_apart={settings.apart: float(closed.mean())},
@@ -1362,21 +1092,13 @@ def fit_residual(
     return residual, report
 
 
-def _best_apart(
-    trajectories: Sequence[Trajectory],
-    settings: ResidualSettings,
-    progress: Callable[[str], None],
-) -> tuple[ResidualNetwork, Report]:
-    """The network kept apart from all, unless that from the effects alone closes more, by as much as gives a say."""
-    strict, free = (
-        fit_residual(trajectories, replace(settings, apart=apart), progress)
-        for apart in APART
-    )
-    reports = strict[1], free[1]
-    closed = {one.apart: one.closed_apart[one.apart] for one in reports}
-    better = closed[free[1].apart] - closed[strict[1].apart] >= MIN_GAIN
-    network, report = free if better else strict
-    return network, replace(report, closed_apart=closed)
+def _scaled(network: Network, gain: np.ndarray) -> Network:
+    """The network with the means of each joint multiplied by its gain, (n,), in arrays of its own."""
+    weight, bias = network.weights[-1].copy(), network.biases[-1].copy()
+    weight[..., 0] *= gain[:, None]
+    bias[..., 0] *= gain
+    weights, biases = network.weights[:-1], network.biases[:-1]
+    return replace(network, weights=(*weights, weight), biases=(*biases, bias))
 
 
 def _candidate(
@@ -1384,16 +1106,13 @@ def _candidate(
     rows: ResidualRows,
     folds: Folds,
     settings: ResidualSettings,
-    progress: Callable[[str], None],
+    progress: Progress,
 ) -> Candidate:
     """One form trained, and what it is worth on rows held out."""
-    own = replace(settings, form=form)
     if form == ADDITIVE:
-        network = fit_additive(
-            rows.windows, rows.residual, rows.target, folds, own.seed, progress
-        )
+        network = fit_additive(rows, folds, settings.seed, progress)
     else:
-        network = train(own, rows.inputs, rows.windows, folds, progress)
+        network = train(replace(settings, form=form), rows, folds, progress)
     outputs = network.outputs(rows.windows)[0].transpose(0, 2, 1)
     predicted = folds.held_out(outputs)
     closed, gain = usefulness(shares_closed(folds, rows.residual, predicted))
@@ -1402,40 +1121,20 @@ def _candidate(
 
 def _choice(candidates: Sequence[Candidate]) -> Choice:
     """The best candidate of each joint, before it is kept apart from the physics."""
-    closed = np.stack([np.where(c.gain > 0, c.closed, 0.0) for c in candidates])
-    best = closed.argmax(axis=0)
-    joints = np.arange(closed.shape[1])
-    gain = np.stack([c.gain for c in candidates])[best, joints]
-    return Choice(np.where(gain > 0, best, -1), gain, closed[best, joints])
+    gain = np.stack([c.gain for c in candidates])
+    closed = np.where(gain > 0, np.stack([c.closed for c in candidates]), 0.0)
+    best, joints = closed.argmax(axis=0), np.arange(closed.shape[1])
+    own = gain[best, joints]
+    return Choice(np.where(own > 0, best, -1), own, closed[best, joints])
 
 
-def _assembled(
-    rows: ResidualRows,
-    networks: tuple[Network, ...],
-    chosen: np.ndarray,
-    settings: ResidualSettings,
-) -> ResidualNetwork:
-    """The network with its trust and bound."""
-    return ResidualNetwork(
-        inputs=rows.inputs,
-        networks=networks,
-        chosen=chosen,
-        trust=_trust(rows),
-        scale=rows.scale,
-        bound=settings.bound * np.abs(rows.residual * rows.scale).max(axis=0),
-        cutoff=TORQUE_CUTOFF,
-    )
-
-
-def _trust(rows: ResidualRows) -> Trust:
-    """Landmarks spread over the inputs seen, and the radius within which everything seen lies.
+def _trust(now: np.ndarray, reach: np.ndarray) -> Trust:
+    """Landmarks spread over the inputs seen, (n, M, C), and the radius within which everything seen lies.
 
     The radius is at least ``reach``: up to there the network was shown to be of use on rows that it had not seen.
     """
-    now = rows.windows[:, :, -1, rows.inputs.layout.neighbourhood]
     landmarks = np.stack([_spread(points, LANDMARKS) for points in now])
-    cover = nearest(now, landmarks).max(axis=1)
-    radius = np.maximum(np.maximum(cover, rows.reach), 1e-9)
+    radius = np.maximum(nearest(now, landmarks).max(axis=1), reach) + 1e-9
     # a little more, so that rounding leaves no row outside
     return Trust(landmarks, radius * (1.0 + 1e-9))
 
@@ -1496,7 +1195,7 @@ def learn_residual(
     corrected: CorrectedArm,
     settings: ResidualSettings,
     judge: Sequence[str] = (),
-    progress: Callable[[str], None] = lambda message: None,
+    progress: Progress = silent,
 ) -> LearntResidual:
     """Train a network on what a corrected arm leaves of some recordings, and judge it on the others.
 
@@ -1513,10 +1212,7 @@ def learn_residual(
     """
     progress("reads the residual of the corrected arm")
     plain = replace(corrected, residual=None, remainder=None)
-    fit, held_out = split(case, judge)
-    fitted, judged = (
-        _trajectories(plain, recordings) for recordings in (fit, held_out)
-    )
+    fitted, judged = (_trajectories(plain, own) for own in split(case, judge))
     residual, report = fit_residual(fitted, settings, progress)
     settings = replace(settings, apart=report.apart)
     progress("fits boosted trees to compare with")
@@ -1537,7 +1233,8 @@ def learn_residual(
 def _trajectories(
     corrected: CorrectedArm, recordings: Sequence[Recording]
 ) -> list[Trajectory]:
-    """Trajectories of recordings with a torque."""
+    """Trajectories of recordings with a torque: of each part of theirs that shares a state, long enough if several."""
+    body, found = RigidBody(corrected.arm), []
     for recording in recordings:
         if recording.tau is None:
             raise InputError(
@@ -1545,24 +1242,12 @@ def _trajectories(
                 "give recordings with tau1.., or leave this one out of the case",
                 file=recording.name,
             )
-    body = RigidBody(corrected.arm)
-    return [
-        from_segment(arm, body, segment)
-        for recording in recordings
-        for part, arm in _parts(corrected, recording)
-        for segment in condition(part)
-    ]
-
-
-def _parts(
-    corrected: CorrectedArm, recording: Recording
-) -> Iterator[tuple[Recording, CorrectedArm]]:
-    """The parts of a recording that share a state, and the arm there; of several, those long enough."""
-    spans = corrected.spans(recording.name, recording.t)
-    for inside, arm in spans:
-        part = recording.part(inside)
-        if len(spans) == 1 or pieces(part):
-            yield part, arm
+        spans = corrected.spans(recording.name, recording.t)
+        for inside, arm in spans:
+            part = recording.part(inside)
+            if len(spans) == 1 or pieces(part):
+                found += [from_segment(arm, body, s) for s in condition(part)]
+    return found
 
 
 def torque_left(
@@ -1579,13 +1264,34 @@ def torque_left(
 
 
 def boosted_trees(rows: ResidualRows) -> Predict:
-    """Boosted trees, fitted to the same rows as a network, along a motion."""
-    trees = gradient_boosting(rows)
+    """Boosted trees per joint, fitted to the same rows as a network, along a motion: what a network has to beat.
+
+    They see all channels now, and the joint's dq and direction before.
+    """
+    from sklearn.ensemble import HistGradientBoostingRegressor
+
+    def seen(windows: np.ndarray) -> np.ndarray:
+        past = windows[:, :, :-1, rows.inputs.layout.past]
+        flat = past.reshape(*past.shape[:2], -1)
+        return np.concatenate([flat, windows[:, :, -1]], axis=2)
+
+    models = [
+        HistGradientBoostingRegressor(
+            max_iter=150,
+            learning_rate=0.08,
+            max_leaf_nodes=15,
+            l2_regularization=1.0,
+            random_state=0,
+        ).fit(x, y)
+        for x, y in zip(seen(rows.windows), rows.target.T, strict=True)
+    ]
 
     def predict(motion: Motion, load: np.ndarray) -> np.ndarray:
         step = max(1, int(motion.rate / TREE_RATE))
         at = np.arange(0, len(motion.t), step)
-        said = trees(rows.inputs.windows(motion, load, at))
-        return np.column_stack([np.interp(motion.t, motion.t[at], x) for x in said.T])
+        inputs = seen(rows.inputs.windows(motion, load, at))
+        said = [model.predict(x) for model, x in zip(models, inputs, strict=True)]
+        between = [np.interp(motion.t, motion.t[at], x) for x in said]
+        return np.column_stack(between) * rows.scale
 
     return predict

@@ -8,10 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sweeps import daily
 
 from gapscope.arm.dynamics.inertials import box_edges
-from gapscope.arm.dynamics.kinematics import Kinematics, smallest_singular_value
 from gapscope.arm.dynamics.link_shapes import CollisionModel
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError, ModelWarning
@@ -30,7 +28,7 @@ from gapscope.ident.excitation.design import (
     read_joint_trajectory,
     write_joint_trajectory,
 )
-from gapscope.ident.excitation.limits import Allowed, Checker, check_sampling
+from gapscope.ident.excitation.limits import Allowed, Checker
 from gapscope.ident.excitation.trajectory_search import Budget
 from gapscope.reports.trajectory import write_trajectory
 
@@ -123,34 +121,6 @@ def test_another_format_gets_boxes_as_well(
     assert model.pairs
 
 
-@pytest.mark.parametrize(
-    "robot", daily(("kuka_iiwa", "franka_panda", "xarm6"), "franka_panda")
-)
-def test_known_arms_are_free_when_stretched_and_collide_with_the_floor(
-    robot: str,
-) -> None:
-    arm = load_nominal_arm(robot)
-    body = RigidBody(arm)
-    model = CollisionModel(arm, body)
-    assert len(model.pairs) > 10
-    bent = np.zeros((1, arm.n_joints))
-    bent[0, 1] = 2.0
-    assert model.distance(np.zeros((1, arm.n_joints)))[0][0] > 0
-    assert model.distance(bent)[0][0] < 0
-
-
-def test_smallest_singular_value_of_two_links_by_hand(
-    arm: NominalArm, body: RigidBody
-) -> None:
-    """Zero for the stretched arm above its own yaw axis; that of the Jacobian elsewhere."""
-    kinematics = Kinematics(body)
-    q = np.array([UP, [0.2, 0.8, 0.9]])
-    found = smallest_singular_value(kinematics, q)
-    jacobian = kinematics.tool_jacobian(q[1])
-    assert found[1] == pytest.approx(np.linalg.svd(jacobian, compute_uv=False)[-1])
-    assert found.shape == (2,)
-
-
 def checker(
     arm: NominalArm, body: RigidBody, limits: Limits, **changed: object
 ) -> Checker:
@@ -185,16 +155,6 @@ def test_margins_say_how_far_when_and_which(
         "singular value",
         "distance",
     }
-
-
-def test_a_broken_limit_is_not_kept(
-    arm: NominalArm, body: RigidBody, limits: Limits
-) -> None:
-    q = np.array([[0.0, 1.6, 0.0]])
-    margins = checker(arm, body, limits).margins(
-        Motion(np.zeros(1), q, 0 * q, 0 * q), 0 * q
-    )
-    assert next(m.name for m in margins if not m.kept) == "position"
 
 
 @pytest.mark.parametrize(
@@ -262,14 +222,6 @@ def test_torque_limits_come_from_the_data_sheet_first(
     np.testing.assert_allclose(
         LimitPlan(torque=0.5).allowed(sheet, body).torque, [5.0, 10.0, 15.0]
     )
-
-
-def test_ten_samples_per_period_are_enough_and_fewer_are_not() -> None:
-    check_sampling(25.0, 2.5)
-    with pytest.raises(
-        InputError, match="24 samples per second.*25 Hz|highest frequency"
-    ):
-        check_sampling(24.0, 2.5)
 
 
 @pytest.mark.parametrize(

@@ -7,79 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cases import changed_during
-from sweeps import daily
 
 from gapscope.arm.case import Case
 from gapscope.arm.errors import InputError
 from gapscope.arm.known_load import KnownLoad
 from gapscope.effects.applied import AppliedEffect
-from gapscope.ident.estimators.kalman import Kalman
-from gapscope.ident.estimators.linear import WeightedLeastSquares
 from gapscope.ident.identification import (
     Identification,
     IdentificationSettings,
     identify,
 )
 from gapscope.ident.identification_json import check, document, plain
-from gapscope.ident.kalman import Opening, Recursive, Unscented, follow, follow_states
+from gapscope.ident.kalman import Kalman, Opening, follow, follow_states
 from gapscope.ident.model.linear_problem import Problem
-from gapscope.ident.model.regressor import Regressor
-from gapscope.model.effective_samples import variance_inflation
-
-
-def line(count=400, step=0.0, noise=0.1, seed=0):
-    """Tau = 2 x + 1 + noise of one joint, the slope changed by ``step`` halfway."""
-    rng = np.random.default_rng(seed)
-    x = rng.standard_normal(count)
-    slope = 2.0 + step * (np.arange(count) >= count // 2)
-    W = np.stack([x, np.ones(count)], axis=1)[:, None, :]
-    tau = (slope * x + 1 + noise * rng.standard_normal(count))[:, None]
-    return Problem(W, tau, ("slope", "level"), np.zeros(count, dtype=int), 0.04)
-
-
-def test_the_last_estimate_is_that_of_weighted_least_squares():
-    problem = line()
-    batch = np.linalg.lstsq(problem.stacked()[0], problem.stacked()[1], rcond=None)[0]
-    recursive = Recursive(np.array([0.1])).follow(problem)
-    assert recursive.value[-1] == pytest.approx(batch, abs=1e-5)
-    plain = 0.1**2 * np.linalg.inv(problem.stacked()[0].T @ problem.stacked()[0])
-    assert recursive.covariance[-1] == pytest.approx(plain, rel=1e-3, abs=1e-8)
-
-
-def test_a_prior_and_one_sample_give_the_textbook_update():
-    problem = Problem(
-        np.ones((1, 1, 1)), np.array([[3.0]]), ("level",), np.zeros(1, dtype=int), 1.0
-    )
-    start, covariance = np.array([1.0]), np.array([[1.0]])
-    found = Recursive(np.ones(1), 0.0, start, covariance).follow(problem)
-    assert found.value[-1] == pytest.approx([2.0])
-    assert found.covariance[-1] == pytest.approx(np.array([[0.5]]))
-
-
-def test_innovations_are_white_with_unit_variance_where_the_model_holds():
-    track = Recursive(np.array([0.1])).follow(line(2000))
-    late = track.innovation[50:, 0]
-    assert np.var(late) == pytest.approx(1.0, abs=0.1)
-    assert abs(np.mean(late[1:] * late[:-1])) < 0.08
-
-
-def test_drift_follows_a_change_that_a_constant_parameter_averages():
-    problem = line(1000, step=1.0)
-    still = Recursive(np.array([0.1])).follow(problem)
-    moving = Recursive(np.array([0.1]), np.array([0.5, 0.0])).follow(problem)
-    assert 2.3 < still.value[-1, 0] < 2.7
-    assert moving.of("slope")[0][480] == pytest.approx(2.0, abs=0.15)
-    assert moving.of("slope")[0][-1] == pytest.approx(3.0, abs=0.15)
-
-
-@pytest.mark.parametrize("seed", daily((1, 2), 1))
-def test_on_a_recorded_arm_it_agrees_with_the_batch_within_intervals(world, seed):
-    problem = world.assembly([world.recorded(seed)])
-    batch = WeightedLeastSquares().estimate(problem)
-    recursive = Recursive(batch.residual).follow(problem)
-    assert (np.abs(recursive.value[-1] - batch.value) < 1.96 * batch.deviation).all()
-    assert recursive.deviation[-1] == pytest.approx(batch.deviation, rel=0.2)
-
 
 # A filter over stretches: least squares without drift, friction that wanders, honest bands, jumps.
 
@@ -147,13 +87,6 @@ def test_friction_that_warms_up_is_followed_and_masses_stay() -> None:
     assert abs(mass[-1] - TRUTH[0]) < 0.1
 
 
-def test_innovations_of_a_right_model_are_noise() -> None:
-    found = follow(made(2))
-    late = found.innovation[300:]
-    np.testing.assert_allclose(late.std(axis=0), 1.0, atol=0.1)
-    assert (variance_inflation(late, np.zeros(len(late), dtype=int)) < 1.5).all()
-
-
 def test_an_opening_lets_the_estimate_jump() -> None:
     count, moment = 1000, 600
     beta = np.tile(TRUTH, (count, 1))
@@ -171,91 +104,6 @@ def test_an_opening_lets_the_estimate_jump() -> None:
     assert abs(unaware[-1] - TRUTH[0] - 1.5) > 0.1
 
 
-# Friction that warms up, followed by the filter.
-
-
-AMPLITUDE, CONSTANT = 0.8, 8.0
-
-
-@pytest.fixture(scope="module")
-def warming(world):
-    """Thirty seconds of an arm whose second joint warms up: problem, times and noise."""
-    drift = AppliedEffect(
-        "friction_drift", (2,), {"amplitude": [AMPLITUDE], "time_constant": [CONSTANT]}
-    )
-    recording = world.recorded(5, effects=(drift,), duration=30.0)
-    problem = world.assembly([recording])
-    return (
-        problem,
-        world.assembly.times(recording),
-        WeightedLeastSquares().estimate(problem).residual,
-    )
-
-
-def test_the_filter_follows_friction_that_warms_up(warming, world):
-    problem, t, noise = warming
-    drift = np.array([{"b2": 0.5, "c2": 0.3}.get(name, 0.0) for name in problem.names])
-    track = Recursive(noise, drift).follow(problem, t)
-    value, deviation = track.of("b2")
-    truth = world.arm.viscous[1] * (1 + AMPLITUDE * np.exp(-t / CONSTANT))
-    assert np.mean(np.abs(value - truth) < 1.96 * deviation) > 0.9
-    assert np.abs(value - truth)[(t > 2) & (t < 28)].max() < 0.15 * truth.max()
-
-
-# The unscented filter over state and parameters.
-
-
-PAYLOAD = ("m3", "mx3", "my3", "mz3")
-
-
-def unscented(world, names=PAYLOAD, spread=(0.3, 0.02, 0.02, 0.02)):
-    spread = np.array(spread)
-    return Unscented(world.regressor, names, spread, spread, 3e-5, np.full(3, 0.5))
-
-
-@pytest.mark.slow
-def test_a_payload_shows_in_the_parameters_soon_after_it_was_picked_up(world):
-    recording = world.recorded(3, pickup=(3.0, 2.0), duration=5.0)
-    track = unscented(world).follow(recording, every=2)
-    mass, deviation = track.of("m3")
-    assert np.abs(mass[(track.t > 1) & (track.t < 3.0)]).max() < 0.5
-    assert mass[track.t > 3.5] == pytest.approx(2.0, abs=0.5)
-    assert abs(mass[-1] - 2.0) < 4 * deviation[-1]
-    assert track.value[:, :3] == pytest.approx(recording.q[::2], abs=5e-4)
-
-
-@pytest.mark.slow
-def test_velocity_follows_without_differentiating(world):
-    recording = world.recorded(4, duration=3.0)
-    track = unscented(world, ("b2",), (0.5,)).follow(recording)
-    late = track.t > 0.5
-    smooth = np.gradient(recording.q, recording.t, axis=0)
-    assert track.value[late, 3:6] == pytest.approx(smooth[late], abs=0.05)
-    assert track.of("b2")[0][-1] == pytest.approx(0.0, abs=3 * track.of("b2")[1][-1])
-
-
-def test_what_does_not_fit_is_named(world):
-    with pytest.raises(InputError, match="m9 is no parameter"):
-        unscented(world, ("m9",), (1.0,))
-    with pytest.raises(InputError, match="one per name"):
-        unscented(world, ("m3", "b1"), (1.0,))
-    with pytest.raises(InputError, match="columns of all quantities"):
-        Unscented(
-            Regressor(world.arm, quantities=()),
-            ("m3",),
-            np.ones(1),
-            np.ones(1),
-            1e-5,
-            np.ones(3),
-        )
-    with pytest.raises(InputError, match="no torque"):
-        unscented(world).follow(replace(world.recorded(1, duration=2.5), tau=None))
-    with pytest.raises(InputError, match="known payload"):
-        unscented(world).follow(
-            replace(world.recorded(1, duration=2.5), payload=KnownLoad(1.0))
-        )
-
-
 # States and friction together: friction that differs from where the filter starts is found.
 
 
@@ -266,15 +114,22 @@ def test_friction_moves_to_that_of_the_recording(world) -> None:
         zip(world.regressor.names, world.regressor.nominal().tolist(), strict=True)
     )
     found = follow_states(world.arm, recording, nominal, np.full(3, 0.1))
-    assert found.names == ("b1", "b2", "b3", "c1", "c2", "c3")
-    b2 = found.friction[-1, 1]
-    assert abs(b2 - 5.2) < 0.5
+    assert found.friction.names == ("b1", "b2", "b3", "c1", "c2", "c3")
+    assert abs(found.friction.of("b2")[0][-1] - 5.2) < 0.5
+    # velocity follows without differentiating
+    t = found.friction.t
+    smooth = np.gradient(recording.q, recording.t, axis=0)
+    rows = np.searchsorted(recording.t, t[t > 0.5])
+    np.testing.assert_allclose(found.state[t > 0.5, 3:], smooth[rows], atol=0.05)
 
 
 def test_what_it_cannot_follow_is_refused(world) -> None:
     recording = world.recorded(1, duration=2.5)
     with pytest.raises(InputError, match="no torque"):
         follow_states(world.arm, replace(recording, tau=None), {}, np.ones(3))
+    loaded = replace(recording, payload=KnownLoad(1.0))
+    with pytest.raises(InputError, match="known payload"):
+        follow_states(world.arm, loaded, {}, np.ones(3))
     coupled = replace(world.arm, coupling=np.array([[1.0, 0, 0], [0, 1, 0], [0, 1, 1]]))
     with pytest.raises(InputError, match="several joints"):
         follow_states(coupled, recording, {}, np.ones(3))

@@ -12,7 +12,7 @@ import toy
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
-from gapscope.effects.residual import Inputs, Layout, Network, write_residual
+from gapscope.effects.residual import Inputs, Layout, Network
 from gapscope.ident.residual.export import onnx_model
 from gapscope.ident.residual.fit import (
     GAINS,
@@ -122,9 +122,8 @@ def test_a_single_trajectory_is_cut_into_blocks() -> None:
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"form": "rnn"}, "choose best or additive or mlp or tcn"),
-        ({"apart": "none"}, "choose best or all or effects"),
-        ({"members": 9}, "choose 3 to 5"),
+        ({"form": "rnn"}, "known are best, additive, mlp, tcn"),
+        ({"apart": "none"}, "known are best, all, effects"),
     ],
 )
 def test_settings_that_make_no_sense_are_refused(given: dict, message: str) -> None:
@@ -132,11 +131,6 @@ def test_settings_that_make_no_sense_are_refused(given: dict, message: str) -> N
         ResidualSettings(**given)
     with pytest.raises(InputError, match="no trajectory"):
         fit_residual([], ResidualSettings())
-
-
-def test_a_file_in_no_folder_is_made(tmp_path) -> None:
-    write_residual(toy.trained()[0], tmp_path / "new" / "residual.npz")
-    assert [p.name for p in (tmp_path / "new").iterdir()] == ["residual.npz"]
 
 
 # The same network by numpy, by torch in training, and exported: one number.
@@ -255,6 +249,6 @@ def _fitted() -> tuple[ResidualRows, Folds, Network]:
     """An additive network of three toy trajectories, before it is kept apart."""
     settings = toy.quick()
     rows = rows_of([toy.trajectory(k) for k in range(3)], settings)
-    folds = make_folds(rows.group, settings.members, rows.residual, rows.q)
-    network = fit_additive(rows.windows, rows.residual, rows.target, folds, 0)
+    folds = make_folds(rows, settings.members)
+    network = fit_additive(rows, folds, 0)
     return rows, folds, network

@@ -55,9 +55,7 @@ def trajectory(seed: int, physics: float = 0.3) -> Trajectory:
     left = unknown(m) + noise + physics * np.tanh(m.dq / 0.05)
     rows = np.arange(30, len(m.t) - 30, 2)
     load = 5.0 * np.cos(m.q)
-    return Trajectory(
-        f"r{seed}", m, load, left, load + left, columns[rows], columns[rows], rows
-    )
+    return Trajectory(f"r{seed}", m, load, left, columns[rows], columns[rows], rows)
 
 
 @cache

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -57,28 +56,6 @@ def test_long_recordings_are_thinned_further() -> None:
         atol=1e-12,
     )
     assert few.interval == pytest.approx(bounded.thinning * whole.interval)
-
-
-def test_short_recordings_keep_all_that_the_band_holds() -> None:
-    assert BAND.bounded(BAND.segments([panda_recording("a.csv", 3)])) == BAND
-
-
-def test_full_rate_columns_are_held_of_one_block_at_a_time(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def peak() -> int:
-        tracemalloc.start()
-        made()
-        _, found = tracemalloc.get_traced_memory()
-        tracemalloc.stop()
-        return found
-
-    made()
-    whole = peak()
-    monkeypatch.setattr(module, "LONGEST", 2.0)
-    # the response of the filter is kept for all blocks of one length
-    made()
-    assert peak() < 0.5 * whole
 
 
 def test_torque_at_its_limit_does_not_count() -> None:

@@ -12,7 +12,6 @@ from sweeps import daily
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
-from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.ident.examination import identifiability
@@ -88,25 +87,6 @@ def test_two_columns_that_nearly_coincide_raise_a_warning_that_names_them():
     )
 
 
-def test_units_alone_raise_another_warning():
-    W = np.random.default_rng(3).standard_normal((300, 3)) * [1.0, 1e4, 1.0]
-    found = identifiability(W, BaseParameters(tuple("abc"), np.arange(3), np.eye(3)))
-    assert found.condition < 2
-    assert (
-        len(found.warnings) == 1 and "for the sake of units alone" in found.warnings[0]
-    )
-
-
-def test_arm_at_rest_in_space_is_refused(iiwa):
-    with pytest.raises(InputError, match="nothing moves"):
-        identifiability(np.zeros((100, 84)), iiwa[1])
-
-
-def test_regressor_of_another_arm_is_refused(iiwa):
-    with pytest.raises(InputError, match="70 columns, but 84 parameters"):
-        identifiability(np.ones((100, 70)), iiwa[1])
-
-
 BETA = np.array([5.0, 0.0, 2.0, 1e-4, 1.0])
 
 
@@ -123,27 +103,6 @@ def test_parameters_without_content_are_dropped_and_the_others_kept(factor):
     assert {step.name for step in found.dropped} == {"b", "d"}
     assert np.allclose(found.value, [5, 2, 1], rtol=0, atol=0.01)
     assert found.residual[1] < 1.02 * found.residual[0]
-
-
-def test_reported_contribution_is_the_rise_of_the_residual(factor):
-    found = essential_parameters(factor, tuple("abcde"))
-    first = "abcde".index(found.dropped[0].name)
-    left = np.delete(np.arange(5), first)
-    rise = factor.select(left).rest - factor.rest
-    torque = np.sqrt(np.sum(factor.rotated**2) + factor.rest)
-    assert found.dropped[0].contribution == pytest.approx(
-        np.sqrt(rise) / torque, rel=1e-6
-    )
-
-
-def test_nothing_is_dropped_that_the_residual_would_miss():
-    rng = np.random.default_rng(5)
-    W = rng.standard_normal((60, 3))
-    out = Factor.of(W, W @ [1.0, 1.0, 1.0] + 0.01 * rng.standard_normal(60))
-    found = essential_parameters(out, tuple("abc"))
-    assert found.names == ("a", "b", "c")
-    assert found.dropped == ()
-    assert found.relative_std.max() < 0.01
 
 
 def test_two_small_twins_are_not_both_dropped_when_together_they_matter():
@@ -181,14 +140,6 @@ def warned(result: Identification) -> list[str]:
     return [warning for warning in result.warnings if LACKS in warning]
 
 
-@pytest.mark.nightly
-def test_healthy_arm_is_told_apart_from_one_with_load_friction() -> None:
-    assert not warned(healthy())
-    (warning,) = warned(identify(panda_case((LOAD,), count=4), CUTOFF))
-    joints = warning[: warning.index(" is not noise")].split("joint ")[1].split(", ")
-    assert {"2", "4"} <= set(joints)
-
-
 @pytest.mark.parametrize("seed", daily((1, 2), 1))
 def test_other_recordings(seed: int) -> None:
     assert not warned(identify(panda_case(seed=seed), CUTOFF))
@@ -220,20 +171,6 @@ def test_essential_parameters_explain_the_torque() -> None:
     assert essential is not None
     assert {f"c{j}" for j in range(1, 8)} <= set(essential.names)
     assert essential.residual[1] <= 1.021 * essential.residual[0]
-
-
-@pytest.mark.nightly
-def test_a_joint_that_rests_costs_rank_and_is_said() -> None:
-    def resting(r: Recording) -> Recording:
-        return replace(r, q=np.where(np.arange(7) == 6, 0.3, r.q))
-
-    result = identify(each(panda_case(), resting), CUTOFF)
-    shown = result.examined.shown
-    assert shown.rank == result.base.count < shown.base.count == 69
-    assert any(
-        f"determine only {shown.rank} of 69 base parameters" in warning
-        for warning in result.warnings
-    )
 
 
 def test_few_samples_are_said() -> None:
