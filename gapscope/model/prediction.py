@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
-from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.effect import Effect, Path, Sensing
+from gapscope.effects.effect import Path
 
 
 @dataclass(frozen=True)
@@ -60,25 +59,6 @@ class Prediction:
             out[:, alike] = self.arm.recorded_torque(stacked, self.motion)
         out -= self.torque[:, None]
         return out
-
-    def share_of(self, applied: AppliedEffect) -> np.ndarray:
-        """What one of the arm's effects does to the torque [N m], (N, n)."""
-        arm = without(self.arm, applied)
-        rigid = self.rigid
-        if moves_bodies(applied.effect):
-            rigid = arm.rigid_torque(self.body, self.motion)
-        return np.asarray(self.torque - _recorded(arm, rigid, self.motion))
-
-
-def without(arm: CorrectedArm, applied: AppliedEffect) -> CorrectedArm:
-    """The arm without one of its effects."""
-    others = tuple(e for e in arm.effects if e is not applied)
-    return replace(arm, effects=others)
-
-
-def moves_bodies(effect: Effect) -> bool:
-    """Whether an effect changes what the bodies need, and not only what lies between them and the recorded torque."""
-    return effect.reach == "arm" or isinstance(effect, Sensing)
 
 
 def _path(arm: CorrectedArm) -> list[int]:
