@@ -195,7 +195,9 @@ class RayPool(Pool):
     def lost(self, error: BaseException | None) -> str:
         """Whether worker, machine or result were lost, or ended for want of memory; not what the function raised."""
         errors = self._ray.exceptions
-        if isinstance(error, errors.RayTaskError) or not isinstance(error, errors.RayError):  # fmt: skip
+        if isinstance(error, errors.RayTaskError) or not isinstance(
+            error, errors.RayError
+        ):
             return ""
         return f"{type(error).__name__}: {str(error).strip().splitlines()[0]}"
 

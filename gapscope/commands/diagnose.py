@@ -73,4 +73,6 @@ def diagnose(
             f"gapscope predict {out / CASE} --model {out / CORRECTED} ..."
         )
     if out / MENDED in paths:
-        say(f"{out / MENDED} reads the recordings right: give it to predict, gap, replay")  # fmt: skip
+        say(
+            f"{out / MENDED} reads the recordings right: give it to predict, gap, replay"
+        )

@@ -183,8 +183,8 @@ COUPLING_CLOSES = 0.2
 FALSE_ALARM_RATE = 0.01  # At most [1]. (statistics)
 
 # --- assessment: what is unknown
-# What follows the motion and has no known cause is named from this RMS on, over the torque's deviation [1]: two
-# visible effects'. (definition)
+# What follows the motion and has no known cause is named from this RMS on, over the torque's deviation [1]: simplified
+# laws of healthy simulated arms leave up to as much. (hand)
 UNKNOWN_TORQUE = 0.02
 # What complete models of healthy real arms leave at most of a joint's torque, over its deviation [1]: 0.04 to 0.23 on
 # six public arms. (physical)

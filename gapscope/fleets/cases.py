@@ -438,7 +438,9 @@ def shared_effects(effects: pd.DataFrame, units: int) -> list[dict[str, Any]]:
         joint, link = (None if pd.isna(row[k]) else int(row[k]) for k in PLACE[1:])
         std = row["std"] if row["std"] > 0 else None
         key = row["parameter"], row["component"]
-        number = Number(row["effect"], joint, link, *key, row["si_unit"], row["value"], std)  # fmt: skip
+        number = Number(
+            row["effect"], joint, link, *key, row["si_unit"], row["value"], std
+        )
         found.setdefault(number[:3], {}).setdefault(row["unit"], {})[key] = number
         shares.setdefault(number[:3], {})[row["unit"]] = row["share"]
     made = []

@@ -75,7 +75,10 @@ def test_bad_options_are_refused_with_a_remedy(
 
 
 def test_bad_files_are_refused_with_a_remedy(advise: Command, tmp_path: Path) -> None:
-    for more, word in (({"out": "x.txt"}, ".csv"), ({"diagnosis": tmp_path}, "diagnosis.json")):  # fmt: skip
+    for more, word in (
+        ({"out": "x.txt"}, ".csv"),
+        ({"diagnosis": tmp_path}, "diagnosis.json"),
+    ):
         done = advise(**more)
         assert done.code == 2 and word in done.err and "remedy" in done.err
     (tmp_path / "diagnosis.json").write_text('{"schema": 1}')

@@ -144,7 +144,9 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
     return state
 
 
-def unplugged(evaluate: Command, counted: dict[str, int], limit: int, *args: object) -> None:  # fmt: skip
+def unplugged(
+    evaluate: Command, counted: dict[str, int], limit: int, *args: object
+) -> None:
     """Run until the plug is pulled; nothing is counted yet of the run that goes on."""
     counted |= {"limit": limit, "done": 0}
     with pytest.raises(UnpluggedError):

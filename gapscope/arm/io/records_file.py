@@ -44,7 +44,14 @@ def read_records(path: Path, types: Iterable[type]) -> Any:
             arrays = dict(stored)
         content = json.loads(str(arrays.pop("content")))
         return _unpacked(content, arrays, {made.__name__: made for made in types})
-    except (LookupError, TypeError, ValueError, OSError, EOFError, zipfile.BadZipFile) as error:  # fmt: skip
+    except (
+        LookupError,
+        TypeError,
+        ValueError,
+        OSError,
+        EOFError,
+        zipfile.BadZipFile,
+    ) as error:
         raise InputError(f"holds no records ({error})", file=path) from None
 
 

@@ -155,8 +155,7 @@ def find_sides(
         _side_gaps(arm, body, with_sensor, reading_errors)
         for arm in (nominal, corrected)
     )
-    rows = stack([s for s in with_sensor if s.torque is not None])
-    sides = []
+    rows, sides = stack(with_sensor), []
     for own in (slice(0, len(scale)), slice(len(scale), None)):
         gap = TorqueGap(after.measured[:, own], after.predicted[:, own], after.edges)
         found = unknown(gap, rows, np.ones_like(gap.error), scale)
@@ -217,12 +216,9 @@ def _side_gaps(
     reading_errors: Callable[[Segment], np.ndarray],
 ) -> TorqueGap:
     """Gap of the segments with sensors, actuator side of each joint, then link side, (M, 2 n)."""
-    empty: np.ndarray = np.zeros((0, 2 * arm.arm.n_joints))
-    measured, predicted, edges = [empty], [empty], [0]
+    measured, predicted, edges = [], [], [0]
     for s in segments:
-        if s.torque is None or s.torque_sensor is None:
-            continue
-
+        assert s.torque is not None and s.torque_sensor is not None
         # Recorded torque less sensor is what rotor and friction took; the sensor is what the link needed.
         laden = s.bodies(body)
         sensor = s.torque_sensor - reading_errors(s)

@@ -402,7 +402,9 @@ def unknown(
     # what all joints share is computed once
     of_arm = _arm_features(rows.q[kept], rows.dq[kept], gap.predicted[kept])
     p_values = _whiteness(gap, rows)
-    weight = trust[kept] / np.sqrt((trust[kept] ** 2).mean(axis=0))
+    # a joint of which no row is known has weights of 0
+    known2 = np.maximum((trust[kept] ** 2).mean(axis=0), 1e-12)
+    weight = trust[kept] / np.sqrt(known2)
     left, t = gap.error[kept] * weight, rows.t[kept]
     waves = predict_oscillation(t, left, weight, thinned.segment, folds.fold)
     every = []
