@@ -186,9 +186,9 @@ FALSE_ALARM_RATE = 0.01  # At most [1]. (statistics)
 # What follows the motion and has no known cause is named from this RMS on, over the torque's deviation [1]: simplified
 # laws of healthy simulated arms leave up to as much. (hand)
 UNKNOWN_TORQUE = 0.02
-# What complete models of healthy real arms leave at most of a joint's torque, over its deviation [1]: 0.04 to 0.23 on
-# six public arms. (physical)
-HEALTHY_REAL = 0.23
+# What complete models of healthy real arms leave of the torque, over its deviation, RMS over joints [1]: the least and
+# the most of six public arms. (physical)
+HEALTHY_REAL = (0.04, 0.23)
 # With a reference it must exceed what that leaves this many times [1]. (hand)
 SIGNIFICANT_RESIDUAL_RATIO = 2.2
 

@@ -159,7 +159,7 @@ def find_sides(
     for own in (slice(0, len(scale)), slice(len(scale), None)):
         gap = TorqueGap(after.measured[:, own], after.predicted[:, own], after.edges)
         found = unknown(gap, rows, np.ones_like(gap.error), scale)
-        left2 = gap.rmse**2 - found.torque2
+        left2 = gap.rmse**2 - found.follows2
         each = before.rmse[own], gap.rmse, np.sqrt(np.maximum(left2, MIN_FLOOR**2))
         sides.append(SideGap(*(x / scale for x in each)))
     zero, gain, lag = errors.reshape(3, -1)

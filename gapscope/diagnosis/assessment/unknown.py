@@ -333,6 +333,11 @@ class Predictable:
     curve: Curve
     evidence: float
 
+    @property
+    def oscillates(self) -> bool:
+        """Whether an oscillation that follows no motion predicts more than any variable of the motion."""
+        return self.curve.variable == OSCILLATION
+
     def document(self) -> dict[str, object]:
         """The entry in ``diagnosis.json``."""
         curve = self.curve
@@ -365,18 +370,33 @@ class Unknown:
     scale: np.ndarray
 
     @cached_property
+    def follows2(self) -> np.ndarray:
+        """Mean square of what follows a joint's motion [N^2 m^2], (n,).
+
+        0 if that is less likely than not, or of no size that is worth a search.
+        """
+        share2 = np.array([p.share for p in self.predictable]) * self.left
+        evidence = np.array([p.evidence for p in self.predictable])
+        likely = evidence > np.log(len(self.scale) / ANY)
+        seen = share2 > (UNKNOWN_TORQUE * self.scale) ** 2
+        return np.where(likely & seen, share2, 0.0)
+
+    @cached_property
     def torque2(self) -> np.ndarray:
         """Mean square of the torque that has an unknown cause [N^2 m^2], (n,); 0 on joints without one.
 
-        There is one if it is likelier than not and of a size that is worth a search, or if more is left than any
-        complete model of a healthy arm leaves.
+        Models of real arms have errors of form everywhere: what follows the motion of a joint has a cause if it is more
+        than all that the other joints leave. An oscillation that follows no motion is no error of form. Beside that, an
+        arm has one if more is left than any complete model of a healthy arm leaves.
         """
-        share = np.array([p.share for p in self.predictable])
-        evidence = np.array([p.evidence for p in self.predictable])
-        likely = evidence > np.log(len(self.scale) / ANY)
-        seen = share * self.left > (UNKNOWN_TORQUE * self.scale) ** 2
-        beyond = self.left - (HEALTHY_REAL * self.scale) ** 2
-        return np.maximum(np.where(likely & seen, share * self.left, 0.0), beyond)
+        n, left2 = len(self.scale), self.left / self.scale**2
+        # one joint alone is like a usual real arm
+        others2 = (left2.sum() - left2) / (n - 1) if n > 1 else np.prod(HEALTHY_REAL)
+        oscillates = np.array([p.oscillates for p in self.predictable])
+        stands_out = (self.follows2 > others2 * self.scale**2) | oscillates
+        most2 = HEALTHY_REAL[1] ** 2
+        beyond2 = np.maximum(left2 - most2, 0.0) * (left2.mean() > most2)
+        return np.maximum(self.follows2 * stands_out, beyond2 * self.scale**2)
 
     @property
     def joints(self) -> list[int]:

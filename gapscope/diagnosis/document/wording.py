@@ -452,7 +452,7 @@ def _other_loads(entry: Mapping[str, Any], recordings: Sequence[str]) -> str:
 def _cause_sentence(document: Document) -> str:
     """The main cause, its share of the gap, and what stays, in one sentence of plain English."""
     if document["verdict"] == "no_gap":
-        return "What the nominal arm misses of the torque is noise: nothing of it comes again with the motion."
+        return f"{capital(_nothing_unknown(document))}."
     if document.get("changes"):
         return f"{_changed(document)} {_before_changes(document)}"
     return _explained(document)
@@ -471,7 +471,7 @@ def _before_changes(document: Document) -> str:
     """The other findings, which are of the arm before it changed."""
     if document["effects"] or document["verdict"] == "unexplained":
         return f"Before that: {_explained(document)}"
-    return "Before that nothing stands out: what the nominal arm misses of the torque is noise."
+    return f"Before that nothing stands out: {_nothing_unknown(document)}."
 
 
 def _explained(document: Document) -> str:
@@ -479,27 +479,26 @@ def _explained(document: Document) -> str:
     if "misread" in document:
         return f"{capital(document['misread'])}. No effect is named."
     if _diagnosed(document):
-        text = f"{capital(_causes(document))}; {_left(document)}."
-    elif document["effects"] and document["verdict"] != "unexplained":
-        text = "Nothing stands out: what the nominal arm misses of the torque is noise."
-    elif document["possible"]:
-        text = f"No effect reaches 50 % probability: {_left(document)}."
-    else:
-        text = f"No effect in the catalogue explains the gap: {_left(document)}."
-    return text + _as_much_as_real_arms(document)
+        return f"{capital(_causes(document))}; {_left(document)}."
+    if document["effects"] and document["verdict"] != "unexplained":
+        return f"Nothing stands out: {_nothing_unknown(document)}."
+    if document["possible"]:
+        return f"No effect reaches 50 % probability: {_left(document)}."
+    return f"No effect in the catalogue explains the gap: {_left(document)}."
 
 
-def _as_much_as_real_arms(document: Document) -> str:
-    """A further sentence if what stays unexplained is no more than a healthy real arm may leave; empty otherwise."""
-    if document["verdict"] != "unexplained":
-        return ""
+def _nothing_unknown(document: Document) -> str:
+    """Why nothing that is left asks for a cause: it is small, or as large everywhere as healthy real arms have it."""
     after = document["gap"]["after"]["torque_nrmse"]
-    left = [after[joint - 1] for joint in document["unexplained"].get("joints", ())]
-    if not left or None in left or max(left) > HEALTHY_REAL:
-        return ""
+    shares = [share or 0.0 for share in after]
+    left = max(shares)
+    if left <= HEALTHY_REAL[0]:
+        return "what the nominal arm misses of the torque is noise"
+    least, most = (percent(share) for share in HEALTHY_REAL)
     return (
-        f" On a real arm this need not be a fault: models of healthy ones leave up to {percent(HEALTHY_REAL)} of a "
-        f"joint's torque, here {percent(max(left))}."
+        f"what the nominal arm misses of the torque, at most {percent(left)} (joint {shares.index(left) + 1}), is no "
+        f"more than models of healthy real arms miss ({least} to {most} over all joints), and follows the motion on no "
+        "joint by more than the others leave"
     )
 
 
@@ -593,7 +592,7 @@ def possible_texts(document: Document) -> list[str]:
 def unexplained_sentence(document: Document) -> str:
     """The unexplained part of the gap, in one sentence."""
     if document["verdict"] == "no_gap":
-        return "Nothing needs an explanation: what is left is noise."
+        return "Nothing needs an explanation."
     left = _left(document)
     coupling = document["unexplained"].get("coupling")
     if coupling is not None:

@@ -94,6 +94,47 @@ def test_an_unknown_cause_has_a_size_that_is_worth_a_search(
         assert of_cause == pytest.approx(size, rel=0.15)
 
 
+def errors_of_form(sizes: list[float]) -> Unknown:
+    """Of errors of joints' torque of such RMS over its deviation: half of the squares follow the motion."""
+    at = rows()
+    rng = np.random.default_rng(4)
+    wander = low_pass(rng.standard_normal((len(at.t), len(sizes))), RATE, 2.0)
+    load = 20.0 * np.cos(at.q[:, : len(sizes)])
+    waves = np.sin(6.0 * at.q[:, : len(sizes)])
+    error = waves + np.sqrt(0.5) * wander / wander.std(axis=0)
+    gap = TorqueGap(load + SCALE * error * sizes, load, (0, len(load)))
+    return unknown(gap, at, np.ones_like(load), np.full(len(sizes), SCALE))
+
+
+@pytest.mark.parametrize(
+    ("sizes", "joints"),
+    [
+        ([0.1, 0.12, 0.08], []),  # a real arm: errors of form everywhere
+        ([0.02, 0.12, 0.03], [2]),  # a cause stands out
+        (
+            [0.2, 0.3, 0.25],
+            [2, 3],
+        ),  # more than any complete model of a healthy arm leaves
+        ([0.1], []),
+        ([0.2], [1]),
+    ],
+)
+def test_a_cause_stands_out_from_what_healthy_arms_leave_everywhere(
+    sizes: list[float], joints: list[int]
+) -> None:
+    assert errors_of_form(sizes).joints == joints
+
+
+def test_an_oscillation_that_follows_no_motion_is_no_error_of_form() -> None:
+    at = rows()
+    load = 20.0 * np.cos(at.q[:, :3])
+    hum = 0.1 * SCALE * np.sin(2.0 * np.pi * 6.385 * at.t + at.segment)
+    error = hum[:, None] * [1.0, 1.1, 0.9]
+    gap = TorqueGap(load + error, load, (0, len(load)))
+    said = unknown(gap, at, np.ones_like(load), np.full(3, SCALE))
+    assert said.joints == [1, 2, 3]
+
+
 def test_what_does_not_come_again_is_no_unknown_cause() -> None:
     """A torque that wanders slowly, whatever the motion."""
     at = rows()
