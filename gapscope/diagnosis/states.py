@@ -12,7 +12,7 @@ from gapscope.arm.case import Case
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.agreement import Agreement, compared
 from gapscope.diagnosis.thresholds import VISIBLE_EFFECT
-from gapscope.effects.applied import Place, State
+from gapscope.effects.applied import AppliedEffect, Place, State
 from gapscope.model.changes import Change
 from gapscope.model.rows import comparable
 from gapscope.model.terms import Term, Terms
@@ -91,6 +91,22 @@ class OtherState:
                 theta[places] = base[places]
         return terms.clipped(theta)
 
+    def effects(
+        self, terms: Terms, theta: np.ndarray, least: np.ndarray | float = 0.0
+    ) -> tuple[AppliedEffect, ...]:
+        """The same as effects: a force that acts at the place does so all the time."""
+        mine = {(term.effect, term.joint) for term in self.increments}
+        forces = {
+            term: acts
+            for term, acts in terms.forces.items()
+            if (term.effect, term.joint) in mine
+        }
+        elsewhere = theta.copy()
+        for term in forces:
+            elsewhere[list(term.columns)] = 0.0
+        here = replace(terms, shapes={**terms.shapes, **forces})
+        return here.effects(self.theta(here, elsewhere, least))
+
 
 @dataclass(frozen=True)
 class States:
@@ -127,8 +143,7 @@ class States:
             least: the same without any effect, (P,).
         """
         return tuple(
-            State(span.place, terms.effects(span.theta(terms, theta, least)))
-            for span in self.spans
+            State(span.place, span.effects(terms, theta, least)) for span in self.spans
         )
 
 
@@ -239,6 +254,9 @@ def _spans(
         if c.time <= begins
     ]
     for k, (start, end) in enumerate(pairwise(times)):
+        # several may change at once
+        if start == end:
+            continue
         increments = _sum([own, *before, *moved[:k]])
         yield OtherState(Place((recording.name,), start, end), increments)
 

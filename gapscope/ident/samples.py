@@ -257,14 +257,15 @@ def split(
                 f"there are {', '.join(r.name for r in everything)}",
                 where="--judge",
             )
-    held = list(chosen) or [r.name for r in case.judged]
-    if not held and len(everything) == 1:
+    if case.judged and not chosen:
+        return list(case.recordings), list(case.judged)
+    if not chosen and len(everything) == 1:
         (only,) = everything
         cut = int(len(only.t) * (1 - HELD_OUT))
         start = only.part(slice(0, cut), name=f"{only.name}, start")
         end = only.part(slice(cut, None), name=f"{only.name}, end")
         return [start], [end]
-    held = held or [everything[-1].name]
+    held = list(chosen) or [everything[-1].name]
     fit = [r for r in everything if r.name not in held]
     if not fit:
         raise InputError(

@@ -105,10 +105,11 @@ def _of_effect(change: Change) -> dict[str, dict[str, Any]]:
         for step in np.diag(deviations)
     ]
     out = {}
+    times = change.term.parametrisation.nonlinear
     for parameter in change.term.definition.parameters:
         name = parameter.name
-        # the number of a link is no value
-        if name not in middle:
+        # the number of a link is no value, and when a force acts is said already
+        if name not in middle or name in times:
             continue
         half = [(up[name] - down[name]) / 2 for up, down in steps]
         std = np.sqrt((np.array(half) ** 2).sum(axis=0))
@@ -119,7 +120,9 @@ def _of_effect(change: Change) -> dict[str, dict[str, Any]]:
 
 def _values(change: Change, value: np.ndarray) -> dict[str, np.ndarray]:
     """Parameters by the term's coordinates, (linear,)."""
-    given = change.term.parametrisation.values(value[:, None], np.zeros((0, 1)))
+    fitted = change.term.parametrisation
+    searched = np.zeros((len(fitted.nonlinear), 1))
+    given = fitted.values(value[:, None], searched)
     return {name: np.ravel(np.asarray(x, dtype=float)) for name, x in given.items()}
 
 
@@ -136,15 +139,12 @@ def change_text(entry: Mapping[str, Any]) -> str:
         done = "picked up" if mass["value"] > 0 else "put down"
         size = f"{uncertain(abs(mass['value']), mass['std'])} kg"
         return f"load of {size} {done} {when}"
-    sizes = [
-        f"{name} by {uncertain(value, std)} {part['unit']}".removesuffix(" 1")
-        for name, part in entry["parameters"].items()
-        for value, std in zip(
-            np.ravel(part["value"]).tolist(),
-            np.ravel(part["std"]).tolist(),
-            strict=True,
-        )
-    ]
+    sizes = []
+    for name, part in entry["parameters"].items():
+        values, stds = np.ravel(part["value"]), np.ravel(part["std"])
+        each = [uncertain(*pair) for pair in zip(values, stds, strict=True)]
+        size = each[0] if len(each) == 1 else f"({', '.join(each)})"
+        sizes.append(f"{name} by {size} {part['unit']}".removesuffix(" 1"))
     plain = entry["what"] == PLAIN_FRICTION
     name = PLAIN_FRICTION if plain else effect_name(entry["what"])
     joints = entry["joints"]

@@ -41,9 +41,10 @@ from gapscope.model.difference import (
 )
 from gapscope.model.equations import Equations
 from gapscope.model.form_error import FormError, noise_of_motions
+from gapscope.model.nonlinear_values import Found
 from gapscope.model.ramps import Ramp, best_ramp
 from gapscope.model.rows import MIN_MOTIONS, Rows, comparable
-from gapscope.model.terms import Candidate, Term
+from gapscope.model.terms import Candidate, Term, Terms
 
 SPANS = 8
 """Spans of a recording by which a moment is looked for. (budget)"""
@@ -203,7 +204,18 @@ class _Spans:
         """The search for what sets of spans have of their own, of ``asked`` that there might be."""
         every = tuple(range(self.groups[-1][-1] + 1))
         if self.learnt is None:
-            return Search(self.rows, arm, sets, every, 0.0, every, asked)
+            terms = Terms(arm.arm.n_joints, {}, arm.arm.coupled_motors)
+            return Search(
+                self.rows,
+                arm,
+                sets,
+                every,
+                0.0,
+                every,
+                asked,
+                passing=[some for some in sets if self._passes(some)],
+                found={t: Found(acts, (), 0.0) for t, acts in terms.forces.items()},
+            )
         told, now = tuple(self.groups[0]), tuple(self.groups[1])
         # what another arm leaves is another matter
         taught = self.learnt.taught if arm is self.learnt.about else None
@@ -241,6 +253,10 @@ class _Spans:
             if len(self.groups) > 1:
                 out.append(tuple(some))
         return out
+
+    def _passes(self, some: tuple[int, ...]) -> bool:
+        """Whether spans begin and end within a recording."""
+        return not any(some[0] == own[0] or some[-1] == own[-1] for own in self.groups)
 
     def place(self, one: Candidate) -> Place:
         """Recording of a candidate, and the times between which it has its value [s]: infinite at an end."""

@@ -249,6 +249,8 @@ class Search:
         together: groups that differ from the others by the same, each set of them; ``None``: every group by its own.
         free: what else such groups differ by, standard deviations of its coordinates, (linear,).
         taught: noise and form error that were learnt about this arm, and from what, if they are known.
+        passing: sets of groups that something has for a while alone.
+        found: nonlinear parameters of terms that are not looked for, which groups may have.
     """
 
     rows: Rows
@@ -261,7 +263,9 @@ class Search:
     together: Sequence[tuple[int, ...]] | None = None
     free: Mapping[Term, np.ndarray] = field(default_factory=dict)
     taught: tuple[FormError, Equations] | None = None
-    _found: dict[Term, Found] = field(default_factory=dict)
+    passing: Collection[tuple[int, ...]] = ()
+    found: Mapping[Term, Found] = field(default_factory=dict)
+    _found: dict[Term, Found] = field(init=False)
     _charges: dict[Term, float] = field(default_factory=dict)
     _totals: dict[frozenset[Candidate], float] = field(default_factory=dict)
     _top: Fit | None = None
@@ -275,6 +279,10 @@ class Search:
     _beyond: dict[tuple[Candidate | None, Candidate], float] = field(
         default_factory=dict
     )
+
+    def __post_init__(self) -> None:
+        """What is given of nonlinear parameters is known from the start."""
+        self._found = dict(self.found)
 
     @property
     def may_be_exchanged(self) -> bool:
@@ -706,7 +714,7 @@ class Search:
             for one in fit.own.candidates
             if one.everybody == everybody
             and one not in fit.chosen
-            and (everybody or self._may_differ(one.term))
+            and (everybody or self._may_differ(one))
             and not self._is_said(one, fit)
         ]
         fixed = fit.contrast.evidence + len(fit.grown) * np.log(UNKNOWN)
@@ -741,8 +749,12 @@ class Search:
             for other in fit.chosen
         )
 
-    def _may_differ(self, term: Term) -> bool:
+    def _may_differ(self, one: Candidate) -> bool:
         """Whether a group may have a term of its own."""
+        term = one.term
+        # a load is put down again, a force ends; how drives and links are changes for good
+        if term in self.found or one.groups in self.passing:
+            return term in self.found or term.is_load
         searched = bool(term.parametrisation.nonlinear)
         if self.together is not None:
             # at work an arm is not built anew

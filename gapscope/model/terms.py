@@ -11,7 +11,7 @@ import numpy as np
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import effect as by_name
 from gapscope.effects.catalogue import explained
-from gapscope.effects.effect import Effect, LinkChange
+from gapscope.effects.effect import Effect, External, LinkChange
 from gapscope.effects.parametrisation import Parametrisation
 
 
@@ -165,6 +165,17 @@ class Terms:
     def can_choose(self, term: Term) -> bool:
         """Whether a term needs no nonlinear parameters, or has them."""
         return not term.parametrisation.nonlinear or term in self.shapes
+
+    @property
+    def forces(self) -> dict[Term, tuple[float, ...]]:
+        """Forces from outside, with the times between which they act at the bounds: all the time."""
+        out = {}
+        for term in self.all:
+            if isinstance(term.definition, External):
+                times = term.parametrisation.nonlinear
+                bounds = {p.name: p.bounds for p in term.definition.parameters}
+                out[term] = tuple(bounds[name][k] for k, name in enumerate(times))
+        return out
 
     def of(self, effect: str) -> tuple[Term, ...]:
         """The terms of an effect, in joint order."""

@@ -466,7 +466,7 @@ class SheetSearch(Search):
                 out[made.places[term]] = share * float(larger)
         return out
 
-    def _may_differ(self, term: Term) -> bool:
+    def _may_differ(self, one: Candidate) -> bool:
         return True
 
     def _is_said(self, one: Candidate, fit: Fit) -> bool:
