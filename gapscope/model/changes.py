@@ -577,8 +577,8 @@ def _by_torque(
             # what promised something may be nothing at its own moment
             fit = search.needed(fit)
         # what has no column about the moved arm, or cannot be beside the others, is none
-        mine = {key: x for key, x in mine.items() if looked.candidate(*key) in fit.mine}
-        moments = [looked.moments(fit, looked.candidate(*key)) for key in mine]
+        mine = {(one.term, looked.place(one)): fit.values[one] for one in fit.mine}
+        moments = [looked.moments(fit, one) for one in fit.mine]
         whole_ones = [tuple(some) for some in looked.groups]
         if step is not None and ask is not None and search.promises(fit, whole_ones):
             # what moves another load all along a recording looks like much else in its parts: whole ones first

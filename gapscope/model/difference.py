@@ -538,7 +538,8 @@ class Search:
     def _look(self, fit: Fit) -> None:
         """Look for nonlinear parameters beside what was found, and take the columns anew."""
         own = OwnTerms(fit.contrast, self.sets, sizes=self.sizes)
-        found = self._scanner.scan(fit.contrast, own, fit.chosen, self._shapes)
+        given = self.found
+        found = self._scanner.scan(fit.contrast, own, fit.chosen, self._shapes, given)
         for term, best in found.items():
             self._found[term] = best
             if all(one.term != term for one in fit.chosen):

@@ -69,21 +69,21 @@ class Scanner:
         own: OwnTerms,
         chosen: Sequence[Candidate],
         shapes: Mapping[Term, tuple[float, ...]],
-        only: Collection[Term] | None = None,
+        given: Collection[Term] = (),
     ) -> dict[Term, Found]:
-        """The best values of every term that has nonlinear parameters, or of some.
+        """The best values of every term that has nonlinear parameters.
 
         Args:
             contrast: of all groups.
             own: of the group.
             chosen: terms that the group has; each is looked at beside the others.
             shapes: values of these.
-            only: the terms that are looked at.
+            given: terms whose values are given.
         """
         found: dict[Term, Found] = {}
         for term in contrast.design.terms.all:
             fitted = term.parametrisation
-            if not fitted.nonlinear or (only is not None and term not in only):
+            if not fitted.nonlinear or term in given:
                 continue
             others = [one for one in chosen if one.term != term and own.has(one.term)]
             if isinstance(term.definition, External):

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
+import numpy as np
 import pytest
 from arms import iiwa_of_three
 from cases import changed_during
@@ -14,7 +16,7 @@ from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.gap.plausible_data import up_to_changes
 from gapscope.effects.applied import AppliedEffect
 from gapscope.model.change_findings import change_findings, change_text
-from gapscope.model.changes import Change
+from gapscope.model.changes import Change, changes_of
 
 MOMENT = {"load": 4.1, "friction": 4.4}
 CHANGED = {
@@ -107,3 +109,26 @@ def test_a_diagnosis_names_the_changes_and_no_effect(
     (friction,) = after.effects
     assert before.effects == () and friction.joints == (2,)
     assert friction.parameters["torque"] == pytest.approx(2.0, abs=0.4)
+
+
+def test_a_force_for_a_while_is_one(tmp_path: Path) -> None:
+    """It is no load, spring or tilt that comes and goes."""
+    force = np.array([-12.0, 9.0, 6.0])
+    times = {"start": np.array(2.5), "end": np.array(4.7)}
+    effect = AppliedEffect("external_force", (), {"force": force, **times})
+    case = changed_during(
+        "pushed",
+        tmp_path,
+        {"pushed": (2.0, (effect,))},
+        *("healthy", "pushed"),
+        arm=iiwa_of_three(),
+    )
+    begins, ends = changes_of(case.recordings, case.arm).during
+    assert begins.term.effect == ends.term.effect == effect.name
+    assert begins.interval[0] <= 2.5 <= begins.interval[1]
+    assert ends.interval[0] <= 4.7 <= ends.interval[1]
+    assert begins.value == pytest.approx(force, abs=2.0)
+    assert ends.value == pytest.approx(-begins.value)
+    entry, _ = change_findings((begins, ends))
+    assert set(entry["parameters"]) == {"force"}
+    assert "external force changed at 2." in change_text(entry)
