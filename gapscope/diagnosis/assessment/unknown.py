@@ -18,12 +18,15 @@ from gapscope.diagnosis.thresholds import (
     FOURIER_FEATURES,
     HEALTHY_REAL,
     MAX_OSCILLATION,
+    MIN_FLOOR,
     MIN_OSCILLATION,
     OSCILLATION_GRID,
     RIDGE_STRENGTHS,
     ROWS_PER_CUTOFF,
+    STANDS_OUT,
     UNKNOWN_TORQUE,
 )
+from gapscope.effects.residual import Memory
 from gapscope.ident.examination import band_correlation, whiteness
 from gapscope.model.conditioning import TORQUE_CUTOFF
 from gapscope.model.design import drawn_waves
@@ -385,15 +388,14 @@ class Unknown:
     def torque2(self) -> np.ndarray:
         """Mean square of the torque that has an unknown cause [N^2 m^2], (n,); 0 on joints without one.
 
-        Models of real arms have errors of form everywhere: what follows the motion of a joint has a cause if it is more
-        than all that the other joints leave. An oscillation that follows no motion is no error of form. Beside that, an
-        arm has one if more is left than any complete model of a healthy arm leaves.
+        Models of real arms have errors of form everywhere: what follows the motion of a joint has a cause if it stands
+        out from what the other joints leave, or is an oscillation that follows no motion. Beside that, an arm has one
+        if more is left than any complete model of a healthy arm leaves.
         """
-        n, left2 = len(self.scale), self.left / self.scale**2
-        # one joint alone is like a usual real arm
-        others2 = (left2.sum() - left2) / (n - 1) if n > 1 else np.prod(HEALTHY_REAL)
+        left2 = self.left / self.scale**2
         oscillates = np.array([p.oscillates for p in self.predictable])
-        stands_out = (self.follows2 > others2 * self.scale**2) | oscillates
+        above2 = STANDS_OUT**2 * _others2(left2) * self.scale**2
+        stands_out = (self.follows2 > above2) | oscillates
         most2 = HEALTHY_REAL[1] ** 2
         beyond2 = np.maximum(left2 - most2, 0.0) * (left2.mean() > most2)
         return np.maximum(self.follows2 * stands_out, beyond2 * self.scale**2)
@@ -402,6 +404,15 @@ class Unknown:
     def joints(self) -> list[int]:
         """Joints on which there is an unknown cause, from 1."""
         return [int(j) + 1 for j in np.flatnonzero(self.torque2)]
+
+
+def _others2(left2: np.ndarray) -> np.ndarray:
+    """Geometric mean of the squares that all other joints leave [1], (n,); of one joint alone, of a usual real arm."""
+    known = left2 > MIN_FLOOR**2
+    log2 = np.log(np.where(known, left2, 1.0))
+    count = known.sum() - known
+    others = (log2.sum() - log2) / np.maximum(count, 1)
+    return np.exp(np.where(count > 0, others, np.log(np.prod(HEALTHY_REAL))))
 
 
 def unknown(
@@ -421,6 +432,7 @@ def unknown(
     kept, folds = thinned.kept, thinned.folds
     # what all joints share is computed once
     of_arm = _arm_features(rows.q[kept], rows.dq[kept], gap.predicted[kept])
+    memory = _memory(thinned, rows, gap.predicted)
     p_values = _whiteness(gap, rows)
     # a joint of which no row is known has weights of 0
     known2 = np.maximum((trust[kept] ** 2).mean(axis=0), 1e-12)
@@ -431,7 +443,9 @@ def unknown(
     for j, p_value in enumerate(p_values.tolist()):
         known = variables(rows, kept, j, gap.predicted[kept, j])
         residual = _Residual(j + 1, left[:, j], weight[:, j], known, t, thinned)
-        every.append(_of_joint(residual, waves[:, j], of_arm, p_value))
+        own = _signal_features(known, memory[:, j])
+        features = np.hstack([own, of_arm])
+        every.append(_of_joint(residual, waves[:, j], features, p_value))
     return Unknown((left**2).mean(axis=0), every, scale)
 
 
@@ -476,14 +490,14 @@ class _Residual:
 
 
 def _of_joint(
-    residual: _Residual, wave: np.ndarray, of_arm: np.ndarray, p_value: float
+    residual: _Residual, wave: np.ndarray, features: np.ndarray, p_value: float
 ) -> Predictable:
     """The predictable share of one joint.
 
     Args:
         residual: its gap.
         wave: what an oscillation predicts of it [N m], (K,).
-        of_arm: features of all joints together, (K, F).
+        features: of the joint and of the arm, (K, F).
         p_value: of its whiteness.
     """
     gap, rows = residual.gap, residual.rows
@@ -498,7 +512,6 @@ def _of_joint(
         wave = np.zeros_like(gap)
 
     # The oscillation is taken out first: features of the motion cannot predict it.
-    features = np.hstack([_signal_features(residual.variables), of_arm])
     together = wave + residual.predicted(features, gap - wave)
 
     best = max(by, key=lambda name: by[name])
@@ -548,14 +561,34 @@ def _thinned(rows: MotionRows) -> _Thinned:
     return _Thinned(places, rows.segment[places], halves)
 
 
-def _signal_features(known: list[Variable]) -> np.ndarray:
-    """A 1, a joint's signals, and waves of them; (K, 1 + signals + waves)."""
+def _memory(thinned: _Thinned, rows: MotionRows, load: np.ndarray) -> np.ndarray:
+    """What joints remember of their motion and of their load (M, n) [N m], (K, n, states)."""
+    out = []
+    for segment in np.unique(thinned.segment):
+        own = thinned.kept[thinned.segment == segment]
+        memory = Memory(rows.q[own[0]])
+        steps = np.diff(rows.t[own], prepend=rows.t[own[0]]).tolist()
+        for row, step in zip(own.tolist(), steps, strict=True):
+            out.append(memory.advance(rows.q[row], load[row], step))
+    return np.array(out)
+
+
+def _signal_features(known: list[Variable], memory: np.ndarray) -> np.ndarray:
+    """A 1, a joint's signals, what it remembers, (K, states), and waves of the signals; (K, F).
+
+    Any hysteresis is a sum of stop operators: waves of them have more to learn, and predict no more.
+    """
     columns = [column for variable in known for column in variable.smooth()]
-    signals = np.column_stack(columns)
+    signals = _normalised(np.column_stack(columns))
+    waves = _unit_waves(signals, 2 * FOURIER_FEATURES)
+    ones = np.ones(len(signals))
+    return np.column_stack([ones, signals, _normalised(memory), waves])
+
+
+def _normalised(signals: np.ndarray) -> np.ndarray:
+    """Signals about 0 with a deviation of 1, (K, S)."""
     deviation = np.maximum(signals.std(axis=0), 1e-9)
-    normalised = (signals - signals.mean(axis=0)) / deviation
-    waves = _unit_waves(normalised, 2 * FOURIER_FEATURES)
-    return np.column_stack([np.ones(len(signals)), normalised, waves])
+    return np.asarray((signals - signals.mean(axis=0)) / deviation)
 
 
 def _arm_features(q: np.ndarray, dq: np.ndarray, load: np.ndarray) -> np.ndarray:
@@ -565,13 +598,11 @@ def _arm_features(q: np.ndarray, dq: np.ndarray, load: np.ndarray) -> np.ndarray
         q, dq: motion [rad], [rad/s], (K, n).
         load: torque that the corrected arm predicts [N m], (K, n).
     """
-    signals = np.hstack([dq, load])
-    deviation = np.maximum(signals.std(axis=0), 1e-9)
     angles = np.hstack([np.sin(q), np.cos(q)])
     # A joint that hardly moves gives no information: its deviation counts as 0.05 at least.
     spread = np.maximum(angles.std(axis=0), 0.05)
     waves = _unit_waves((angles - angles.mean(axis=0)) / spread, FOURIER_FEATURES)
-    return np.hstack([(signals - signals.mean(axis=0)) / deviation, waves])
+    return np.hstack([_normalised(np.hstack([dq, load])), waves])
 
 
 def _unit_waves(state: np.ndarray, count: int) -> np.ndarray:
