@@ -388,16 +388,8 @@ def _quantised(step: np.ndarray) -> bool:
     """Whether all joints step by whole multiples of few sizes: an encoder's or a log's resolution, not a rate."""
     for column in step.T:
         sizes = np.abs(column[column != 0])
-        if (
-            len(
-                np.unique(
-                    np.round(
-                        sizes / max(sizes.max(initial=0.0), np.finfo(float).eps), 4
-                    )
-                )
-            )
-            > 10
-        ):
+        relative = np.round(sizes / sizes.max(initial=np.finfo(float).eps), 4)
+        if len(np.unique(relative)) > 10:
             return False
     return True
 

@@ -117,12 +117,9 @@ def smallest_singular_value(kinematics: Kinematics, q: np.ndarray) -> np.ndarray
         q: joint positions [rad], shape (N, n).
     """
     jacobians = np.array([kinematics.tool_jacobian(posture) for posture in q])
-    small = (
-        jacobians
-        if jacobians.shape[2] < jacobians.shape[1]
-        else jacobians.transpose(0, 2, 1)
-    )
-    gram = small.transpose(0, 2, 1) @ small
+    turned = jacobians.transpose(0, 2, 1)
+    wide = jacobians.shape[2] >= jacobians.shape[1]
+    gram = jacobians @ turned if wide else turned @ jacobians
     return np.sqrt(np.linalg.eigvalsh(gram)[:, 0].clip(0.0))
 
 
