@@ -13,7 +13,7 @@ from gapscope.arm.io.layouts import UNITS
 from gapscope.arm.io.table import LARGEST_NUMBER, Table, runs
 from gapscope.arm.joint_units import joint_unit
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.recording import MOST, Recording
+from gapscope.arm.recording import MOST, STILL, Recording
 
 # The clock of a recording: how even its stamps are, and whether its rows were taken evenly though stamped unevenly.
 #
@@ -365,7 +365,7 @@ def _is_unsigned(q: np.ndarray, tau: np.ndarray) -> bool:
     forward = (moving & (step > 0)).sum(axis=0)
     forward_share = forward / np.maximum(moving.sum(axis=0), 1)
     both_ways = (forward_share > 1 - MOST) & (forward_share < MOST)
-    to_and_fro = both_ways & (np.ptp(q, axis=0) > 0.02)
+    to_and_fro = both_ways & (np.ptp(q, axis=0) > 2 * STILL)
     touches_zero = tau.min(axis=0) < 0.05 * tau.max(axis=0)
     return bool(to_and_fro.sum() >= 2 and touches_zero[to_and_fro].all())
 

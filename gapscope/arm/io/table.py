@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.recording import GAP_STEPS
 
 # A table as a log file holds it: named columns, and the place of each row in the file.
 
@@ -279,8 +280,6 @@ BEYOND = 1e12
 """Size of the largest number of a joint's quantity, in whatever unit [1]."""
 MAX_DAMAGED = 0.1
 """Share of the rows up to which they are left out [1]: diagnoses of recordings that lost as many have been right."""
-BLOCK = 4
-"""So many rows without values, one after the other, are a pause [1]: longer steps of time are cut."""
 NAMED = 3
 """Rows that a note or an error names."""
 FORMULATED = 1000
@@ -318,8 +317,9 @@ class Damage:
 
     @cached_property
     def pauses(self) -> list[slice]:
-        """Rows of each block without values."""
-        return [rows for rows in runs(self.empty) if rows.stop - rows.start >= BLOCK]
+        """Rows of each block without values, as many as make a gap in time."""
+        blocks = runs(self.empty)
+        return [rows for rows in blocks if rows.stop - rows.start >= GAP_STEPS]
 
     @property
     def scattered(self) -> np.ndarray:

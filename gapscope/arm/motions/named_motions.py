@@ -153,15 +153,7 @@ def _joint_path(kinematics: Kinematics, start: np.ndarray, way: np.ndarray) -> B
     knots = [np.asarray(start, dtype=float)]
     for share in shares[1:]:
         target = Pose(at_start.position + share * way, at_start.rotation)
-        knots.append(
-            inverse_kinematics(
-                kinematics,
-                target,
-                knots[-1],
-                turns=kinematics.n_joints >= 6,
-                iterations=30,
-            )
-        )
+        knots.append(inverse_kinematics(kinematics, target, knots[-1]))
     return make_interp_spline(shares, np.array(knots), k=5)
 
 

@@ -146,13 +146,9 @@ def _controller_state(message: Any, logged: int) -> Iterator[Sample]:
     }
     sample = _sample(message, logged, tuple(message.joint_names), fields)
     if hasattr(message, "speed_scaling_factor"):
-        sample = Sample(
-            sample.stamp,
-            logged,
-            (*sample.columns, "speed_scaling_factor"),
-            np.append(sample.values, message.speed_scaling_factor),
-            sample.joints,
-        )
+        columns = (*sample.columns, "speed_scaling_factor")
+        values = np.append(sample.values, message.speed_scaling_factor)
+        sample = replace(sample, columns=columns, values=values)
     yield sample
 
 
@@ -174,9 +170,8 @@ def _joint_trajectory(message: Any, logged: int) -> Iterator[Sample]:
     joints = tuple(message.joint_names)
     for point in message.points:
         fields = {name: getattr(point, name) for name in _POINT_FIELDS}
-        sample = _sample(message, logged, joints, fields)
         due = start + nanoseconds(point.time_from_start)
-        yield Sample(due, logged, sample.columns, sample.values, joints)
+        yield replace(_sample(message, logged, joints, fields), stamp=due)
 
 
 SAMPLES: dict[str, Callable[[Any, int], Iterator[Sample]]] = {
@@ -229,30 +224,24 @@ def _table_of(path: Path, samples: Sequence[Sample], start: int, lead: int) -> T
     """Samples about the same joints, with the columns that all of them have."""
     stamps = np.array([s.stamp or s.logged - lead for s in samples], dtype=np.int64)
     columns: dict[str, np.ndarray] = {"t": (stamps - start) * 1e-9}
-    kept = _common_columns(samples)
-    places = {
-        names: [names.index(name) for name in kept]
-        for names in {sample.columns for sample in samples}
-    }
+    variants = {sample.columns for sample in samples}
+    # in the order of the first; a joint named twice counts once
+    kept = [
+        x for x in dict.fromkeys(samples[0].columns) if all(x in v for v in variants)
+    ]
+    places = {names: [names.index(name) for name in kept] for names in variants}
     values = np.array([sample.values[places[sample.columns]] for sample in samples])
     columns |= {name: values[:, place] for place, name in enumerate(kept)}
     notes = []
     if not all(sample.stamp for sample in samples):
         notes.append(LOGGING_TIME)
-    dropped = {name for sample in samples for name in sample.columns} - set(kept)
+    dropped = set[str]().union(*variants) - set(kept)
     if dropped:
         notes.append(
             f"left out, as some messages lack them: {', '.join(sorted(dropped))}"
         )
     rows = range(1, len(samples) + 1)
     return Table(path, columns, rows, "message", notes=tuple(notes))
-
-
-def _common_columns(samples: Sequence[Sample]) -> list[str]:
-    """Names that every sample has, in the order of the first; a joint named twice counts once."""
-    variants = {sample.columns for sample in samples}
-    common = set(samples[0].columns).intersection(*variants)
-    return [name for name in dict.fromkeys(samples[0].columns) if name in common]
 
 
 def followed_trajectories(points: Sequence[Sample]) -> list[Sample]:
