@@ -46,7 +46,7 @@ HEAVY = 0.02
 def models(folder: Path | None) -> Iterator[tuple[str, Path]]:
     """Name and file of each model."""
     for name in KNOWN_ROBOTS:
-        yield name, find_robot(name).path
+        yield name, find_robot(name)[0]
     data = Path(os.environ.get("GAPSCOPE_DATA", "shared/data"))
     for file in [*sorted(data.glob("*/*.urdf")), *sorted(data.glob("*/*.xml"))]:
         yield f"data/{file.parent.name}", file

@@ -371,7 +371,7 @@ def with_change(recording: Recording, change: Change, body: RigidBody) -> Record
     ddq = smooth(np.gradient(dq, recording.t, axis=0))
     if change.effect == "payload":
         one = change.size * np.r_[1.0, 0.0, 0.0, 0.05, np.zeros(6)]
-        added = body.last_link_regressor(q, dq, ddq) @ one
+        added = body.link_regressor(body.last_link, q, dq, ddq) @ one
     else:
         assert change.joint is not None
         added = np.zeros_like(q)

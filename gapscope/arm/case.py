@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -29,10 +28,8 @@ from gapscope.arm.io.load_recording import (
     judged_parts,
     load_recording,
     recording_of_columns,
-    whole_parts,
 )
-from gapscope.arm.io.locked_section import locked_positions
-from gapscope.arm.io.log import check_no_log
+from gapscope.arm.io.log import check_no_log, open_log
 from gapscope.arm.io.plausibility import UNSIGNED
 from gapscope.arm.io.table import numbered
 from gapscope.arm.known_load import KnownLoad
@@ -271,7 +268,7 @@ def load_case(
         folder=file.parent,
         joints=content.get("joints"),
         chain=content.get("chain"),
-        locked=locked_positions(content, paths),
+        locked=_locked(content, paths),
         gravity=content.get("gravity"),
         sheet=content.get("nominal"),
         source=file,
@@ -283,10 +280,9 @@ def load_case(
     recordings: list[Recording] = []
     judged: list[Recording] = []
     if read_recordings:
-        read = partial(
-            _read, arm=arm, importing=importing, any_unit=any_unit, payloads=payloads
+        recordings, judged = _recordings(
+            content, paths, arm, importing, payloads, any_unit
         )
-        recordings, judged = _read_all(content, paths, importing, read)
     return Case(
         name=content["name"],
         folder=file.parent,
@@ -301,6 +297,35 @@ def load_case(
     )
 
 
+def _locked(content: Mapping[str, Any], paths: CasePaths) -> dict[str, float]:
+    """Where joints stand that are none of the arm's [rad or m], by name, as ``locked:`` says.
+
+    A number is the position; a text names a column of the first recording, whose mean is taken.
+
+    Raises:
+        InputError: no table of that recording has the column.
+    """
+    section = content.get("locked") or {}
+    columns = {name: entry for name, entry in section.items() if isinstance(entry, str)}
+    positions = {name: entry for name, entry in section.items() if name not in columns}
+    if not columns:
+        return {name: float(position) for name, position in positions.items()}
+    first = paths.entry(content["recordings"][0], "recordings")
+    files = [first] if not isinstance(first, dict) else list(first.values())
+    tables = [table for file in files for table in open_log(file).tables]
+    for name, column in columns.items():
+        holding = [table for table in tables if column in table.columns]
+        if not holding:
+            raise InputError(
+                f"no table of {', '.join(str(file) for file in files)} has a column {column!r}",
+                "name a column, or give the position as a number",
+                file=paths.file,
+                where=f"field locked.{name}",
+            )
+        positions[name] = np.mean(holding[0].numbers(column))
+    return {name: float(positions[name]) for name in section}
+
+
 def _with_coupling(arm: NominalArm, importing: Import | None) -> NominalArm:
     """The arm with the coupled motors that the transmission of its logs shows, unless its data sheet says which."""
     if arm.coupling is not None or importing is None or importing.transmission is None:
@@ -311,19 +336,40 @@ def _with_coupling(arm: NominalArm, importing: Import | None) -> NominalArm:
     return replace(arm, coupling=matrix)
 
 
-def _read_all(
+def _recordings(
     content: Mapping[str, Any],
     paths: CasePaths,
+    arm: NominalArm,
     importing: Import | None,
-    read: Callable[[Part], Recording],
+    payloads: Mapping[Path, KnownLoad],
+    any_unit: bool,
 ) -> tuple[list[Recording], list[Recording]]:
     """Recordings to fit and those held out: parts of each file, or whole files under ``judge:``."""
+
+    def read(part: Part) -> Recording:
+        """One recording, with the known body that was mounted."""
+        entry = part.entry
+        files = [entry] if isinstance(entry, Path) else list(entry.values())
+        loads = [payloads.get(real_path(file)) for file in files]
+        recording = load_recording(
+            entry,
+            arm,
+            importing,
+            rows=part.rows,
+            episode=part.episode,
+            complete=True,
+            any_unit=any_unit,
+            payload=next(filter(None, loads), None),
+        )
+        _check_duration(recording, files[0])
+        return recording
+
     parts = importing or Import()
     entries = [paths.entry(entry, "recordings") for entry in content["recordings"]]
     fitted = [part for entry in entries for part in fitted_parts(entry, parts)]
     judged = [part for entry in entries for part in judged_parts(entry, parts)]
     for text in content.get("judge", []):
-        judged += whole_parts(paths.entry(text, "judge"))
+        judged += fitted_parts(paths.entry(text, "judge"), Import())
     found = joined_in_time([read(part) for part in (*fitted, *judged)])
     recordings, held_out = found[: len(fitted)], found[len(fitted) :]
     for one, other in product(recordings, held_out):
@@ -367,33 +413,6 @@ def case_files(path: str | Path, *, data_root: Path | None = None) -> tuple[Path
             for place in entry.values() if isinstance(entry, dict) else (entry,):
                 found += files_of(place)
     return tuple(found)
-
-
-def _read(
-    part: Part,
-    *,
-    arm: NominalArm,
-    importing: Import | None,
-    any_unit: bool,
-    payloads: Mapping[Path, KnownLoad],
-) -> Recording:
-    """One recording of a case, with the known body that was mounted."""
-    entry = part.entry
-    files = [entry] if isinstance(entry, Path) else list(entry.values())
-    places = [real_path(file) for file in files]
-    loads = [payloads[place] for place in places if place in payloads]
-    recording = load_recording(
-        entry,
-        arm,
-        importing,
-        rows=part.rows,
-        episode=part.episode,
-        complete=True,
-        any_unit=any_unit,
-        payload=loads[0] if loads else None,
-    )
-    _check_duration(recording, files[0])
-    return recording
 
 
 def _check_duration(recording: Recording, file: Path) -> None:

@@ -12,7 +12,7 @@ from gapscope.arm.controller import Controller, Gain, Integrator
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.nearest_name import check_known
-from gapscope.arm.nominal import NominalArm, smooth_sign
+from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 
 # The feedforward torque that a controller adds to its PD law.
@@ -50,8 +50,8 @@ def feedforward(
     if kind == "gravity":
         return body.inverse_dynamics(q, np.zeros_like(q), np.zeros_like(q))
     if kind == "nominal":
-        friction = arm.coulomb * smooth_sign(dq / arm.per_radian) + arm.viscous * dq
-        return body.inverse_dynamics(q, dq, ddq) + arm.armature * ddq + friction
+        torque = body.inverse_dynamics(q, dq, ddq) + arm.armature * ddq
+        return torque + arm.friction(dq)
     raise InputError(
         f"unknown feedforward {kind!r}",
         f"use one of {', '.join(FEEDFORWARDS)}",
@@ -321,9 +321,8 @@ class ControlLoop:
     ) -> np.ndarray:
         """Inverse dynamics of the nominal arm with friction of the reference's velocity [N m]."""
         inverse = self._body.torque if q.ndim == 1 else self._body.inverse_dynamics
-        arm = self._arm
-        friction = arm.coulomb * smooth_sign(commands.dq) + arm.viscous * commands.dq
-        return inverse(q, dq, ddq) + arm.armature * ddq + friction
+        torque = inverse(q, dq, ddq) + self._arm.armature * ddq
+        return torque + self._arm.friction(commands.dq)
 
 
 # What the integrator of a controller held when a recording with its torque began.

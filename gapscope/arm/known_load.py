@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -74,36 +71,3 @@ class KnownLoad:
     def entry(self) -> dict[str, Any]:
         """Its entry in the ``payloads:`` section of a case."""
         return {"mass": self.mass, "com": list(self.com)}
-
-
-def parse_payloads(
-    section: Mapping[str, Any] | None, names: Iterable[str], file: Path
-) -> dict[str, KnownLoad]:
-    """The ``payloads:`` section of a case, by the names of its recordings.
-
-    Args:
-        section: checked against the schema of a case.
-        names: files of the entries of ``recordings:`` and ``judge:``, as written there.
-        file: the case file.
-
-    Raises:
-        InputError: no recording has that name, or a number is not finite.
-    """
-    known, out = list(names), {}
-    for name, entry in (section or {}).items():
-        if name not in known:
-            close = get_close_matches(name, known, n=1)
-            raise InputError(
-                f"no recording is called {name!r}",
-                f"did you mean {close[0]}?"
-                if close
-                else f"name one of recordings: or judge:, {', '.join(known)}",
-                file=file,
-                where="field payloads",
-            )
-        try:
-            x, y, z = map(float, entry["com"])
-            out[name] = KnownLoad(float(entry["mass"]), (x, y, z))
-        except InputError as error:
-            raise error.at(file, f"field payloads.{name}") from None
-    return out

@@ -172,6 +172,10 @@ class NominalArm:
         """What of each joint counts as one radian where a threshold or a speed is set in radians [rad or m], (n,)."""
         return per_radian(self.sliding)
 
+    def friction(self, dq: np.ndarray) -> np.ndarray:
+        """Friction of the data sheet at velocities dq, (..., n): c tanh(dq / v0) + b dq [N m]."""
+        return self.coulomb * smooth_sign(dq / self.per_radian) + self.viscous * dq
+
     @property
     def coupled_motors(self) -> tuple[int, ...]:
         """Numbers from 1 of the motors that turn several joints."""

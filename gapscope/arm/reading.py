@@ -6,9 +6,8 @@ fault would have written; and written as the ``mend:`` part of an import section
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -353,19 +352,20 @@ class Reading:
         Raises:
             InputError: the recording is not longer than the delay of its torque.
         """
-        steps: tuple[Callable[[Recording], Recording], ...] = (
-            self._of_rows,
-            self._of_columns,
-            self._of_references,
-            partial(advanced, delay=self.torque_delay, drift=self.torque_drift),
-            self._of_law,
-        )
-        for step in steps:
-            recording = step(recording)
-        if not self.gravity:
+        recording = self._of_columns(self._of_rows(recording))
+        recording = self._of_references(recording)
+        recording = advanced(recording, self.torque_delay, self.torque_drift)
+        recording = self._of_law(recording)
+        if not self.gravity or recording.tau is None:
             return recording
+        # of a torque without gravity, as UR's ``actual_current_as_torque``
         assert arm is not None
-        return with_gravity(recording, arm, self.gravity)
+        body, still = (
+            RigidBody(arm).carrying(recording.payload),
+            np.zeros_like(recording.q),
+        )
+        weight = body.inverse_dynamics(recording.q, still, still)
+        return replace(recording, tau=recording.tau + self.gravity * weight)
 
     def arm(self, arm: NominalArm) -> NominalArm:
         """The nominal arm with its inertials where they belong."""
@@ -391,7 +391,10 @@ class Reading:
     def _of_rows(self, recording: Recording) -> Recording:
         """Rows and their stamps."""
         if self.once:
-            recording = without_repeats(recording)
+            repeated, notes = repeated_rows(recording.t, recording.channels)
+            if repeated.any():
+                notes = recording.notes + notes
+                recording = recording.part(~repeated, notes=notes)
         t = recording.t
         if self.even:
             t = even_stamps(t)
@@ -435,33 +438,6 @@ class Reading:
 
 def _product(one: tuple[float, ...], other: tuple[float, ...]) -> tuple[float, ...]:
     return tuple((np.array(one) * other).tolist())
-
-
-def without_repeats(recording: Recording) -> Recording:
-    """The recording without rows that repeat the measurement before them."""
-    repeated, notes = repeated_rows(recording.t, recording.channels)
-    if not repeated.any():
-        return recording
-    return recording.part(~repeated, notes=recording.notes + notes)
-
-
-def gravity_torque(recording: Recording, arm: NominalArm) -> np.ndarray:
-    """g(q) of the nominal arm with the recording's known load, joint side [N m], (N, n)."""
-    body = RigidBody(arm).carrying(recording.payload)
-    still = np.zeros_like(recording.q)
-    return body.inverse_dynamics(recording.q, still, still)
-
-
-def with_gravity(recording: Recording, arm: NominalArm, times: int = 1) -> Recording:
-    """A recording whose torque is without gravity, as UR's ``actual_current_as_torque``, with g(q) added.
-
-    tau = recorded tau + times g(q), g of the nominal arm; unchanged without a torque.
-    """
-    if recording.tau is None:
-        return recording
-    return replace(
-        recording, tau=recording.tau + times * gravity_torque(recording, arm)
-    )
 
 
 def advanced(recording: Recording, delay: float, drift: float = 0.0) -> Recording:

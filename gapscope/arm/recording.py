@@ -72,11 +72,10 @@ class Recording:
             raise InputError(
                 "t must have shape (N,) and q shape (N, n)", file=self.name
             )
-        for name in CHANNELS:
-            value = getattr(self, name)
-            if value is not None and value.shape != self.q.shape:
+        for name, series in self.channels.items():
+            if series.shape != self.q.shape:
                 raise InputError(
-                    f"has shape {value.shape}, expected {self.q.shape} as q has",
+                    f"has shape {series.shape}, expected {self.q.shape} as q has",
                     file=self.name,
                     where=f"channel {name}",
                 )
@@ -84,10 +83,9 @@ class Recording:
             raise InputError(
                 f"t has {len(self.t)} rows, q has {len(self.q)}", file=self.name
             )
-        for name in ("t", *CHANNELS):
-            value = getattr(self, name)
-            if value is not None and not np.isfinite(value).all():
-                row, *column = np.argwhere(~np.isfinite(value))[0]
+        for name, series in {"t": self.t, **self.channels}.items():
+            if not np.isfinite(series).all():
+                row, *column = np.argwhere(~np.isfinite(series))[0]
                 label = name if not column else f"{name}{column[0] + 1}"
                 raise InputError(
                     "is not a finite number",
@@ -250,10 +248,8 @@ def held_torque(t: np.ndarray, q: np.ndarray, tau: np.ndarray) -> HeldTorque:
         q: positions, any unit, (N, n).
         tau: torque, any unit, (N, n).
     """
-    clipped, stuck = np.zeros(tau.shape, dtype=bool), np.zeros(tau.shape, dtype=bool)
-    for j, series in enumerate(tau.T):
-        _mark(t, q[:, j], series, clipped[:, j], stuck[:, j])
-    return HeldTorque(clipped, stuck)
+    masks = [_held(t, *joint) for joint in zip(q.T, tau.T, strict=True)]
+    return HeldTorque(*np.stack(masks, axis=-1))
 
 
 def held_notes(recording: Recording) -> tuple[str, ...]:
@@ -270,20 +266,15 @@ def held_notes(recording: Recording) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _mark(
-    t: np.ndarray,
-    q: np.ndarray,
-    series: np.ndarray,
-    clipped: np.ndarray,
-    stuck: np.ndarray,
-) -> None:
-    """Mark the samples of one joint's torque, (N,) each, that were not measured."""
+def _held(t: np.ndarray, q: np.ndarray, series: np.ndarray) -> np.ndarray:
+    """Samples of one joint's torque, (N,), that were not measured: clipped, and stuck, (2, N)."""
+    clipped, stuck = held = np.zeros((2, len(series)), dtype=bool)
     edges = np.flatnonzero(np.diff(series)) + 1
     # most torques never keep a value for three rows
     starts, stops = np.r_[0, edges], np.r_[edges, len(series)]
     lengths = stops - starts
     if min(lengths.max(initial=0), len(lengths)) < 3:
-        return
+        return held
     extreme = np.isin(series[starts], (series.min(), series.max()))
     long = t[stops - 1] - t[starts] >= STUCK_TIME
     usual = _usual(lengths[~extreme & ~long])
@@ -301,6 +292,7 @@ def _mark(
         if moves(place):
             # the first of them was measured
             stuck[starts[place] + 1 : stops[place]] = True
+    return held
 
 
 def _usual(lengths: np.ndarray) -> float:
@@ -388,16 +380,8 @@ def _quantised(step: np.ndarray) -> bool:
     """Whether all joints step by whole multiples of few sizes: an encoder's or a log's resolution, not a rate."""
     for column in step.T:
         sizes = np.abs(column[column != 0])
-        if (
-            len(
-                np.unique(
-                    np.round(
-                        sizes / max(sizes.max(initial=0.0), np.finfo(float).eps), 4
-                    )
-                )
-            )
-            > 10
-        ):
+        relative = np.round(sizes / sizes.max(initial=np.finfo(float).eps), 4)
+        if len(np.unique(relative)) > 10:
             return False
     return True
 

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from gapscope.arm.dynamics import mjcf
 from gapscope.arm.dynamics.description import (
     Description,
     pybullet_data,
@@ -25,10 +24,14 @@ from gapscope.arm.dynamics.description import (
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.robot_file import (
     actuated_joints,
+    check_references,
     checked,
+    gravity_of,
     inertial_faults,
+    left_out,
     lock,
     placeholder,
+    position_gains,
     silent_limits,
 )
 from gapscope.arm.errors import InputError, ModelWarning
@@ -279,7 +282,7 @@ def load_nominal_arm(
         checked(tree)
     checked(tree, names)
     given = _checked_sheet(sheet, len(names), source)
-    others = lock(tree, names, locked or {})
+    positions, reflected, assumed = lock(tree, names, locked or {})
     moved = tree.moved(names)
     notes = [
         f"{fault.file}, {fault.where}: {fault.problem}; it does not move with the arm and is left out"
@@ -287,22 +290,22 @@ def load_nominal_arm(
         if link not in moved
     ]
     if default_joints is None:
-        notes += (*others.notes, *filter(None, [placeholder(tree, names)]))
+        notes += (*assumed, *filter(None, [placeholder(tree, names)]))
         notes += silent_limits(tree, names)
     values: dict[str, Any] = {
         key: np.array([getattr(tree.single[name], entry) or 0.0 for name in names])
         for key, entry in FROM_FILE.items()
     }
     if tree.form == "MJCF":
-        mjcf.check_references(tree, names)
-        notes += (*mjcf.left_out(tree, names), *mjcf.position_gains(tree, names))
-        down = mjcf.gravity(tree)
+        check_references(tree, names)
+        notes += (*left_out(tree, names), *position_gains(tree, names))
+        down = gravity_of(tree)
         values |= {} if down is None else {"gravity": down}
     for note in notes:
         warnings.warn(note, ModelWarning, stacklevel=2)
     values |= given
-    if others.armature.any():
-        values["armature"] = np.asarray(values["armature"], float) + others.armature
+    if reflected.any():
+        values["armature"] = np.asarray(values["armature"], float) + reflected
     if gravity is not None:
         values["gravity"] = np.asarray(gravity, dtype=float)
     try:
@@ -310,7 +313,7 @@ def load_nominal_arm(
             name=tree.name,
             urdf=urdf,
             joints=names,
-            locked=others.positions,
+            locked=positions,
             sliding=tuple(tree.single[name].kind == "prismatic" for name in names),
             friction_source=_friction_source(tree, given, values),
             **values,

@@ -11,14 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from gapscope.arm.io.channel_entry import SIGN_BITS, STEPS_PER_TURN, with_sign
-from gapscope.arm.io.import_section import UNITS
-from gapscope.arm.io.layouts import Layout
+from gapscope.arm.io.layouts import STEPS_PER_TURN, UNITS, Layout, with_sign
 from gapscope.arm.io.plausibility import unit_of_stamps
 from gapscope.arm.io.table import Table
 
 # Units and words of an inspection.
 
+
+SIGN_BITS = (10, 15)
+"""Bits in which Feetech servos keep the sign of a load, and of a speed; the lower ones hold the magnitude."""
 
 # What the name of a column says that it holds.
 

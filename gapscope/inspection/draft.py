@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -19,8 +19,7 @@ from gapscope.arm.dynamics.link_shapes import read_frames
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.robot_file import actuated_joints
 from gapscope.arm.errors import GapscopeError, InputError
-from gapscope.arm.io.channel_entry import name_of
-from gapscope.arm.io.layouts import LEROBOT, LoadPlace, layout_of
+from gapscope.arm.io.layouts import LEROBOT, layout_of, name_of
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import SHEET_UNITS, NominalArm
 from gapscope.arm.recording import CHANNELS, Recording
@@ -58,10 +57,10 @@ class ToldLoad:
 
 def told_load(table: InspectedTable, arm: NominalArm) -> ToldLoad | None:
     """The load that a table holds; ``None`` if it holds none, or one that changes, or of no mass."""
-    layout = layout_of(table.part.table, table.part.kind)
+    layout = layout_of(table.part)
     for place in () if layout is None else layout.loads:
-        names = [place.mass, *(name_of(place.com, j, "") for j in range(3))]
-        columns = table.part.table.columns
+        names = [place["mass"], *(name_of(place["com"], j, "") for j in range(3))]
+        columns = table.part.columns
         if not all(name in columns for name in names):
             continue
         values = np.column_stack([columns[name] for name in names]).astype(float)
@@ -72,14 +71,14 @@ def told_load(table: InspectedTable, arm: NominalArm) -> ToldLoad | None:
 
 
 def _placed(
-    place: LoadPlace, mass: float, centre: np.ndarray, arm: NominalArm
+    place: Mapping[str, Any], mass: float, centre: np.ndarray, arm: NominalArm
 ) -> ToldLoad:
     """The load in the frame of the last joint."""
     frames = read_frames(RigidBody(arm)).values()
     of_last = [frame for frame in frames if frame.joint == arm.joints[-1]]
-    why = f"told to the robot ({place.mass}, {place.com})"
+    why = f"told to the robot ({place['mass']}, {place['com']})"
     for frame in of_last:
-        if frame.name.endswith(place.frames):
+        if frame.name.endswith(tuple(place["frames"])):
             centre = frame.position + frame.rotation @ centre
             why += f", its centre in the frame of {frame.name}"
             break
@@ -211,7 +210,7 @@ def _renamed(found: Inspection) -> bool:
 
 def _join(found: Inspection) -> tuple[str, str]:
     """How files side by side meet."""
-    rows = {len(table.part.table) for table in found.sources.values()}
+    rows = {len(table.part) for table in found.sources.values()}
     if len(rows) == 1:
         return "join: row", "the files have as many rows"
     return "join: hold", "the files differ in length: the last value before counts"
@@ -220,7 +219,7 @@ def _join(found: Inspection) -> tuple[str, str]:
 def _time(found: Inspection) -> tuple[str, str]:
     time = found.main.time
     column: str | int | None = time.column
-    table = found.sources.get(TIME, found.main).part.table
+    table = found.sources.get(TIME, found.main).part
     if column is not None and table.unnamed:
         column = int(column)
     if column is None:

@@ -8,11 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.io.channel_entry import STEPS_PER_TURN, UNITS
-from gapscope.arm.io.layouts import layout_of
-from gapscope.arm.io.log import Log, LogTable
+from gapscope.arm.io.layouts import STEPS_PER_TURN, UNITS, layout_of
+from gapscope.arm.io.log import Log
 from gapscope.arm.io.plausibility import gap_notes, repeated_rows
-from gapscope.arm.io.table import without_damage
+from gapscope.arm.io.table import Table, without_damage
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import CHANNELS, STILL
 from gapscope.arm.robots import load_nominal_arm
@@ -46,7 +45,7 @@ class InspectedTable:
     """
 
     log: Log
-    part: LogTable
+    part: Table
     columns: TableColumns
     time: TimeGuess
     channels: tuple[ChannelGuess, ...]
@@ -55,7 +54,7 @@ class InspectedTable:
     def by_values(self) -> bool:
         """Whether values tell what columns hold, their names being silent or missing."""
         held = any(group.holds for group in self.columns.groups)
-        return held or self.part.table.unnamed
+        return held or self.part.unnamed
 
     @property
     def label(self) -> str:
@@ -85,7 +84,7 @@ class InspectedTable:
 
 def inspect_table(
     log: Log,
-    part: LogTable,
+    part: Table,
     arm: NominalArm | None,
     *,
     named_by_file: bool = True,
@@ -100,18 +99,18 @@ def inspect_table(
         named_by_file: whether the names of file and topic say what columns hold whose own names are silent.
         by_values: whether the values of columns say so, as they do for lack of names.
     """
-    part = replace(part, table=without_damage(part.table))
+    part = without_damage(part)
     context = f"{log.path.stem} {part.name}" if named_by_file else ""
-    if part.table.unnamed:
-        columns = unnamed_columns(part.table, arm, context)
+    if part.unnamed:
+        columns = unnamed_columns(part, arm, context)
     elif by_values:
-        columns = columns_by_values(part.table, arm, context)
+        columns = columns_by_values(part, arm, context)
     else:
-        columns = sorted_columns(part.table, () if arm is None else arm.joints)
+        columns = sorted_columns(part, () if arm is None else arm.joints)
     position, velocity = position_and_velocity(columns, context)
-    rows = np.asarray(part.table.row_numbers)
+    rows = np.asarray(part.row_numbers)
     time = guess_time(columns.singles, rows, position, velocity)
-    layout = layout_of(part.table, part.kind)
+    layout = layout_of(part)
     channels = channels_of_table(columns, layout, time, context)
     return InspectedTable(log, part, columns, time, tuple(channels))
 
@@ -571,8 +570,8 @@ def _times(
     if main[0].time.column is not None:
         return []
     times = [table for table in tables if table.time.column and table.time.unit]
-    rows = [len(table.part.table) for table in main]
-    return times if [len(table.part.table) for table in times] == rows else []
+    rows = [len(table.part) for table in main]
+    return times if [len(table.part) for table in times] == rows else []
 
 
 def _kinds(tables: Sequence[InspectedTable]) -> list[list[InspectedTable]]:
@@ -654,9 +653,9 @@ def _notes(logs: Sequence[Log], tables: Sequence[InspectedTable]) -> Iterator[Re
     yield from (note(log.path.name, said) for log in logs for said in log.notes)
     for table in tables:
         if table.by_values:
-            why = WITHOUT_NAMES if table.part.table.unnamed else SILENT_NAMES
+            why = WITHOUT_NAMES if table.part.unnamed else SILENT_NAMES
             yield note(table.label, why)
-        yield from (note(table.label, said) for said in table.part.table.notes)
+        yield from (note(table.label, said) for said in table.part.notes)
     for log in logs:
         if log.path not in used:
             yield note(log.path.name, "holds no numbers of joints")

@@ -93,7 +93,8 @@ class Segment:
         if self.payload is None:
             return np.zeros_like(m.q)
         return np.asarray(
-            nominal.last_link_regressor(m.q, m.dq, m.ddq) @ self.payload.parameters
+            nominal.link_regressor(nominal.last_link, m.q, m.dq, m.ddq)
+            @ self.payload.parameters
         )
 
     def bridged(self, gap: np.ndarray) -> np.ndarray:

@@ -24,6 +24,7 @@ from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.input_file import is_file, is_folder
 from gapscope.arm.io.json_file import plain
 from gapscope.arm.io.load_recording import load_recording
+from gapscope.arm.io.table import runs
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm, shifted_body
@@ -49,7 +50,6 @@ from gapscope.model_audit.description import (
     SEVERITIES,
     Finding,
     Geometry,
-    RobotFile,
     find_robot,
     link_geometries,
     worst_first,
@@ -200,10 +200,8 @@ def _rests(recording: Recording) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     passed = recording.t[late] - recording.t[early]
     speed = np.abs(recording.q[late] - recording.q[early]) / passed[:, None]
     still = (speed < REST_SPEED).all(axis=1)
-    edges = np.flatnonzero(np.diff(np.r_[False, still, False].astype(int)))
-    for start, stop in zip(edges[::2], edges[1::2], strict=True):
-        if recording.t[stop - 1] - recording.t[start] >= MIN_POSE:
-            rows = slice(start, stop)
+    for rows in runs(still):
+        if np.ptp(recording.t[rows]) >= MIN_POSE:
             yield recording.q[rows].mean(axis=0), recording.tau[rows].mean(axis=0)
 
 
@@ -341,8 +339,8 @@ def audit_model(robot: str | Path, recording: Path | None = None) -> Audit:
     Raises:
         InputError: there is no such file, it is no XML of a robot, or the recording has no static poses.
     """
-    source = find_robot(robot)
-    description = read_description(source.path)
+    path, case, gravity = find_robot(robot)
+    description = read_description(path)
     geometries = link_geometries(description)
     refused = _refused(description)
     findings = [
@@ -359,7 +357,7 @@ def audit_model(robot: str | Path, recording: Path | None = None) -> Audit:
         for one in description.unreadable
     ]
     findings += check_description(description, geometries)
-    findings += _gravity(source)
+    findings += _gravity(case, gravity)
     if refused:
         findings.append(
             Finding(
@@ -454,18 +452,18 @@ def _lost_meshes(description: Description) -> Iterator[Finding]:
     )
 
 
-def _gravity(source: RobotFile) -> Iterator[Finding]:
-    """Gravity of a case that is not that of the Earth."""
-    if source.gravity is None:
+def _gravity(case: Path | None, gravity: list[float] | None) -> Iterator[Finding]:
+    """Gravity of a case [m/s^2] that is not that of the Earth."""
+    if gravity is None:
         return
-    size = float(np.linalg.norm(source.gravity))
+    size = float(np.linalg.norm(gravity))
     if abs(size - STANDARD_GRAVITY) > GRAVITY_TOLERANCE:
         yield Finding(
             "implausible",
             "gravity",
             "",
             0,
-            f"gravity of {source.case} is {size:.4g} m/s^2",
+            f"gravity of {case} is {size:.4g} m/s^2",
             f"{STANDARD_GRAVITY:.4g} m/s^2 in the direction in which the base is mounted",
             "correct gravity: in the case; 0 is right only of an arm that lies on a table or floats",
             1.0,

@@ -300,8 +300,8 @@ def _massless(description: Description) -> Iterator[Finding]:
         )
 
 
-def _listed(moments: np.ndarray) -> str:
-    return ", ".join(f"{moment:.3g}" for moment in moments)
+def _listed(values: np.ndarray) -> str:
+    return ", ".join(f"{value:.3g}" for value in values)
 
 
 def _factor(factor: float) -> str:
@@ -680,7 +680,7 @@ def _size(link: Link, inertial: Inertial, geometry: Geometry) -> Iterator[Findin
 
 
 def _vector(values: np.ndarray) -> str:
-    return "(" + ", ".join(f"{value:.3g}" for value in values) + ")"
+    return f"({_listed(values)})"
 
 
 
@@ -766,24 +766,19 @@ def _whole(links: Sequence[Link], extents: Mapping[str, Extent]) -> Iterator[Fin
     """The whole inertials are those of the link before or behind, in this order of the links that have one."""
     bodies = [link.inertial for link in links if link.inertial is not None]
     places = [extents.get(link.name) for link in links]
-    best: tuple[float, float, int, int] | None = None
+    tried = []
     for step in (1, -1):
-        fits = [
-            _fits(bodies, places, own, own + step)
-            for own in range(len(links))
-            if 0 <= own + step < len(links)
-        ]
+        fits = [_fits(bodies, places, k, k + step) for k in range(len(links))]
         gains = np.array([gain for gain in fits if gain is not None])
         # neighbours with the same inertial say nothing
         told = gains[np.abs(gains) > TIED]
-        if len(gains) < SHIFT_LINKS or len(told) < MIN_TOLD:
-            continue
-        mean, share = float(gains.mean()), float(np.mean(told > 0))
-        if best is None or mean > best[0]:
-            best = mean, share, step, len(told)
-    if best is None or best[0] < SHIFT_GAIN or best[1] < SHIFT_SHARE:
-        return
+        if len(gains) >= SHIFT_LINKS and len(told) >= MIN_TOLD:
+            share = float(np.mean(told > 0))
+            tried.append((float(gains.mean()), share, step, len(told)))
+    best = max(tried, key=lambda each: each[0], default=(0.0, 0.0, 0, 0))
     mean, share, step, count = best
+    if mean < SHIFT_GAIN or share < SHIFT_SHARE:
+        return
     beyond = "next" if step > 0 else "previous"
     yield _shifted(
         links,
@@ -803,7 +798,9 @@ def _fits(
 ) -> float | None:
     """By how much the giver's inertial fits a link better than its own, as a logarithm; ``None`` if not known."""
     extent = places[own]
-    if extent is None or not (bodies[own].is_body and bodies[giver].is_body):
+    if extent is None or not 0 <= giver < len(bodies):
+        return None
+    if not (bodies[own].is_body and bodies[giver].is_body):
         return None
     now, then = (misfit(bodies[k], extent) for k in (own, giver))
     return float(np.log((FLOOR + now) / (FLOOR + then)))

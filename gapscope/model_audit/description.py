@@ -187,33 +187,18 @@ def _mesh(path: Path, scale: tuple[float, ...]) -> np.ndarray | None:
 # The robot file behind a path, a known name or a case, without building the robot.
 
 
-@dataclass(frozen=True)
-class RobotFile:
-    """A robot file, and the case that names it.
+def find_robot(robot: str | Path) -> tuple[Path, Path | None, list[float] | None]:
+    """The URDF or MJCF file of a robot, which is given by its path, a known name, a case folder or its case file.
 
-    Attributes:
-        path: URDF or MJCF file.
-        case: the case file, or ``None``.
-        gravity: that the case gives [m/s^2], or ``None``.
-    """
-
-    path: Path
-    case: Path | None = None
-    gravity: tuple[float, ...] | None = None
-
-
-def find_robot(robot: str | Path) -> RobotFile:
-    """The file of a robot: a URDF or MJCF file, a known name, a case folder or its case file.
+    Beside it the case file and the gravity that it gives [m/s^2], or ``None``.
 
     Raises:
         InputError: there is none.
     """
     path = Path(robot)
     if not (is_folder(path) or path.suffix in (".yaml", ".yml")):
-        return RobotFile(locate(robot, Path())[0])
+        return locate(robot, Path())[0], None, None
     file = path / "case.yaml" if is_folder(path) else path
     content = read_case_file(file)
     named = CasePaths(file, None).expand(content["robot"], "robot")
-    found, _ = locate(named, file.parent)
-    gravity = content.get("gravity")
-    return RobotFile(found, file, None if gravity is None else tuple(gravity))
+    return locate(named, file.parent)[0], file, content.get("gravity")

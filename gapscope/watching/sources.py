@@ -16,7 +16,7 @@ from gapscope.arm.io.formats.table_files import table_of_lines
 from gapscope.arm.io.import_section import Import
 from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.io.log import READERS
-from gapscope.arm.io.table import DAMAGED, PAUSE, Log, LogTable
+from gapscope.arm.io.table import DAMAGED, PAUSE, Log
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
@@ -207,7 +207,7 @@ class GrowingFile:
             return
         try:
             table = table_of_lines(self._header, text, self.path, first)
-            log = Log(self.path, "CSV", (LogTable("", "CSV", table),))
+            log = Log(self.path, "CSV", (replace(table, kind="CSV"),))
             part = load_recording(log, self.reading.arm, self.reading.importing)
         except InputError as error:
             yield self.reading.note(error)

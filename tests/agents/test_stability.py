@@ -17,7 +17,7 @@ from gapscope.agents.tracking import (
     settles,
     track,
 )
-from gapscope.arm.motions.trajectory import PointToPoint
+from gapscope.arm.motions.trajectory import point_to_point
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect, carried
 from gapscope.effects.corrected import CorrectedArm
@@ -68,7 +68,7 @@ def test_margin_of_a_joint_with_a_delay(floating: NominalArm, delay: float) -> N
     )
     effects = (AppliedEffect("actuator_delay", (1,), {"delay": [delay]}),)
     course = SampledReference.of(
-        PointToPoint(np.zeros(1), np.full(1, 0.3), 1.0), 2.0, DT, settle=0.0
+        point_to_point(np.zeros(1), np.full(1, 0.3), 1.0), 2.0, DT, settle=0.0
     )
     with SimulatedArm(floating, effects, DT) as simulated:
 
@@ -88,7 +88,7 @@ def test_shaking_between_the_limits_is_told_by_the_torque(
     """The limits keep the arm from diverging; without feedforward it tracks badly either way, which does not count."""
     delay = AppliedEffect("actuator_delay", (1, 2), {"delay": [0.02, 0.02]})
     course = SampledReference.of(
-        PointToPoint(np.zeros(2), np.full(2, 0.5), 1.0), 1.5, DT, settle=0.0
+        point_to_point(np.zeros(2), np.full(2, 0.5), 1.0), 1.5, DT, settle=0.0
     )
     needed = ArmModel(CorrectedArm(two)).series(course.motion)
     loop = Tuning(bandwidth).gains(np.array([2.5, 1.0]))

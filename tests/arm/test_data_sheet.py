@@ -42,27 +42,15 @@ BAD = [
     ({"coulomb": [0.1] * 6}, "sheet.coulomb: expected 7 numbers, one per joint, got 6"),
     ({"coulomb": [PLAIN]}, r"sheet.coulomb\[1\]: expected a number"),
     ({"coulomb": [np.inf] * 7}, "sheet.coulomb: a friction of inf N m is beyond any"),
-    (
-        {"armature": [-0.1] * 7},
-        r"sheet.armature.*: expected a number of at least 0, got -0.1",
-    ),
-    (
-        {"torque_limit": [0.0] * 7},
-        r"sheet.torque_limit.*: expected a number above 0, got 0",
-    ),
-    (
-        {"encoder_step": -1e-4},
-        "sheet.encoder_step: expected a number above 0, got -0.0001",
-    ),
+    ({"armature": [-0.1] * 7}, r"sheet.armature.*: expected a number of at least 0, got -0.1"),
+    ({"torque_limit": [0.0] * 7}, r"sheet.torque_limit.*: expected a number above 0, got 0"),
+    ({"encoder_step": -1e-4}, "sheet.encoder_step: expected a number above 0, got -0.0001"),
     ({"encoder_step": "fine"}, "sheet.encoder_step"),
     ({"encoder": "link"}, "sheet.encoder: expected one of motor, joint; got .link"),
     ({"Viscous": PLAIN}, "did you mean viscous"),
-    (
-        {"mass": PLAIN},
-        "known keys: armature, coulomb, viscous, torque_limit, encoder, encoder_step",
-    ),
+    ({"mass": PLAIN}, "known keys: armature, coulomb, viscous, torque_limit, encoder, encoder_step"),
     ([PLAIN], "sheet: expected a mapping"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("sheet", "message"), BAD, ids=lambda value: str(value)[:40])
@@ -225,46 +213,19 @@ def test_files_side_by_side_may_be_named_by_any_of_them(folder: Path) -> None:
 
 
 BAD_LOADS: list[tuple[Any, str]] = [
-    (
-        {"b.cvs": BODY},
-        "field payloads: no recording is called 'b.cvs'\n  remedy: did you mean b.csv?",
-    ),
-    (
-        {"xyz": BODY},
-        "no recording is called 'xyz'\n  remedy: name one of recordings: or judge:, a.csv, b.csv, more/c",
-    ),
-    (
-        {"b.csv": BODY | {"mass": -2}},
-        "field payloads.b.csv.mass: expected a number of at least 0, got -2",
-    ),
-    (
-        {"b.csv": BODY | {"mass": float("inf")}},
-        "field payloads.b.csv, mass: a payload of inf kg is none",
-    ),
-    (
-        {"b.csv": BODY | {"mass": float("nan")}},
-        "field payloads.b.csv, mass: a payload of nan kg is none",
-    ),
-    (
-        {"b.csv": BODY | {"mass": "2 kg"}},
-        "field payloads.b.csv.mass: expected a number, got '2 kg'",
-    ),
-    (
-        {"b.csv": BODY | {"com": [0.0, 0.0]}},
-        "field payloads.b.csv.com: expected at least 3 entries, got 2",
-    ),
-    (
-        {"b.csv": BODY | {"com": [0, 0, float("nan")]}},
-        "field payloads.b.csv, com: the centre of the payload needs",
-    ),
+    ({"b.cvs": BODY}, "field payloads: no recording is called 'b.cvs'\n  remedy: did you mean b.csv?"),
+    ({"xyz": BODY}, "no recording is called 'xyz'\n  remedy: name one of recordings: or judge:, a.csv, b.csv, more/c"),
+    ({"b.csv": BODY | {"mass": -2}}, "field payloads.b.csv.mass: expected a number of at least 0, got -2"),
+    ({"b.csv": BODY | {"mass": float("inf")}}, "field payloads.b.csv, mass: a payload of inf kg is none"),
+    ({"b.csv": BODY | {"mass": float("nan")}}, "field payloads.b.csv, mass: a payload of nan kg is none"),
+    ({"b.csv": BODY | {"mass": "2 kg"}}, "field payloads.b.csv.mass: expected a number, got '2 kg'"),
+    ({"b.csv": BODY | {"com": [0.0, 0.0]}}, "field payloads.b.csv.com: expected at least 3 entries, got 2"),
+    ({"b.csv": BODY | {"com": [0, 0, float("nan")]}}, "field payloads.b.csv, com: the centre of the payload needs"),
     ({"b.csv": {"mass": 2.0}}, "field payloads.b.csv: lacks the key 'com'"),
     ({"b.csv": BODY | {"inertia": 1}}, "field payloads.b.csv: unknown key 'inertia'"),
     ({"b.csv": 2.0}, "field payloads.b.csv: expected a mapping (key: value), got 2.0"),
-    (
-        ["b.csv"],
-        "field payloads: expected a mapping (key: value) or nothing, got ['b.csv']",
-    ),
-]
+    (["b.csv"], "field payloads: expected a mapping (key: value) or nothing, got ['b.csv']"),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -180,7 +180,7 @@ def test_hdf5_arrays_that_lie_in_another_file_are_left_unread(tmp_path: Path) ->
         place = [(str(secret), 0, 64)]
         file.create_dataset("q1", (8,), "f8", external=place)
     log = open_log(tmp_path / "a.h5")
-    assert list(log.tables[0].table.columns) == ["t"]
+    assert list(log.tables[0].columns) == ["t"]
     assert log.unread == ("q1 (8,)",)
 
 
@@ -189,17 +189,13 @@ BAD_ARMS = [
     ('xyz="0 0 0.2"', 'xyz="0 0 1e9"', "a length of 1e"),
     ('ixx="0.1"', 'ixx="1e30"', "a moment of inertia of 1e"),
     ('<axis xyz="0 1 0"/>', '<axis xyz="0 0 0"/>', "joint shoulder: its axis has no"),
-    (
-        'damping="0.5"',
-        'damping="soft"',
-        "line 4, joint shoulder, <dynamics damping>: expected a number",
-    ),
+    ('damping="0.5"', 'damping="soft"', "line 4, joint shoulder, <dynamics damping>: expected a number"),
     (
         '<child link="upper"/><origin xyz="0 0 0"',
         '<child link="upper"/><origin xyz="0 nan 0"',
         "joint shoulder, <origin xyz>: expected 3 numbers",
     ),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("before", "after", "message"), BAD_ARMS)

@@ -18,7 +18,7 @@ from episodes import NAME, SHORT, rollout  # noqa: E402
 import gapscope  # noqa: E402, F401 (registers the environment)
 from gapscope.arm.errors import InputError  # noqa: E402
 from gapscope.arm.motions.named_motions import MOTIONS  # noqa: E402
-from gapscope.arm.motions.trajectory import PointToPoint  # noqa: E402
+from gapscope.arm.motions.trajectory import point_to_point  # noqa: E402
 from gapscope.arm.robots import KNOWN_ROBOTS  # noqa: E402
 from gapscope.effects.applied import AppliedEffect  # noqa: E402
 from gapscope.effects.corrected_file import write_corrected  # noqa: E402
@@ -156,7 +156,7 @@ def test_dry_friction_sticks_without_chatter() -> None:
     """Pushed off its posture and let go, the arm comes to rest away from it, and for good."""
     posture = np.array([0.0, 0.73, 0.0, -1.62, 0.0, 0.57, 0.0])
     friction = AppliedEffect("coulomb_friction", tuple(range(1, 8)), {"torque": 2.0})
-    stand = PointToPoint(posture, posture, 1.0)
+    stand = point_to_point(posture, posture, 1.0)
     options = {
         "feedforward": "gravity",
         "action_share": 1.0,
@@ -242,13 +242,13 @@ def test_observation_holds_what_its_layout_says() -> None:
 
 
 def test_a_motion_of_ones_own_and_options_for_one_episode() -> None:
-    to = PointToPoint(np.zeros(7), np.full(7, 0.3), 0.3)
+    to = point_to_point(np.zeros(7), np.full(7, 0.3), 0.3)
     env = gym.make(NAME, motion=to, episode_length=0.4)
     where = env.unwrapped.layout.slices["reference"]
     np.testing.assert_allclose(env.reset(seed=0)[0][where], 0.0)
     start, _ = env.reset(
         options={
-            "motion": PointToPoint(np.full(7, 0.1), np.zeros(7), 0.3),
+            "motion": point_to_point(np.full(7, 0.1), np.zeros(7), 0.3),
             "effects": (COULOMB,),
         }
     )

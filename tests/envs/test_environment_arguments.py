@@ -12,7 +12,7 @@ gym = pytest.importorskip(
 
 import gapscope  # noqa: E402, F401 (registers the environment)
 from gapscope.arm.errors import InputError, ModelWarning  # noqa: E402
-from gapscope.arm.motions.trajectory import Limits, PointToPoint  # noqa: E402
+from gapscope.arm.motions.trajectory import Limits, point_to_point  # noqa: E402
 from gapscope.effects.applied import AppliedEffect  # noqa: E402
 from gapscope.envs.environment import ArmTracking  # noqa: E402
 from gapscope.envs.reward import Reward  # noqa: E402
@@ -68,7 +68,7 @@ BAD = [
     ({"feedforward": 3}, r"series\(motion\)"),
     ({"motion": "weld"}, "did you mean 'weld_seam'"),
     ({"motion": 3}, "is no motion"),
-    ({"motion": PointToPoint(np.zeros(3), np.ones(3), 1.0)}, r"shape \(1, 3\)"),
+    ({"motion": point_to_point(np.zeros(3), np.ones(3), 1.0)}, r"shape \(1, 3\)"),
     ({"posture": [0.0] * 6}, "expected 7 numbers"),
     ({"posture": [float("nan")] * 7}, "outside its limits"),
     ({"posture": "home"}, "posture: holds what is not a number"),

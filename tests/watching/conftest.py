@@ -70,7 +70,7 @@ class AtWork:
         body = RigidBody(self.arm)
         after = t >= self.change
         tau = body.inverse_dynamics(q, dq, ddq) + self.arm.armature * ddq
-        columns = body.last_link_regressor(q, dq, ddq)
+        columns = body.link_regressor(body.last_link, q, dq, ddq)
         one = np.r_[load, 0.0, 0.0, 0.08 * load, np.zeros(6)]
         tau[after] += columns[after] @ one
         dry = 1.1 * self.arm.coulomb * 2 / np.pi * np.arctan(dq / 0.004)

@@ -674,6 +674,14 @@ class _UrdfReader(_Reader):
 
 KINDS = {"hinge": "revolute", "slide": "prismatic", "free": "floating"}
 NAMELESS = "without_a_name"
+TURNS: dict[str, tuple[float, ...]] = {
+    "quat": (1.0, 0.0, 0.0, 0.0),
+    "euler": ZERO,
+    "axisangle": (0.0, 0.0, 1.0, 0.0),
+    "xyaxes": (1.0, 0.0, 0.0, 0.0, 1.0, 0.0),
+    "zaxis": (0.0, 0.0, 1.0),
+}
+"""Attributes that turn an element, with what stands in for one that cannot be read."""
 
 
 def along(first: np.ndarray, second: np.ndarray) -> Place:
@@ -870,42 +878,41 @@ class _MjcfReader(_Reader):
         return Shape(use, kind, size, pose, named, mesh, None, mass, density)
 
     def _place(self, element: ET.Element, place: str) -> Place:
-        position = self.several(element, "pos", ZERO, place)
-        turn = np.eye(3)
-        if "quat" in element.attrib:
-            w, x, y, z = self.several(element, "quat", (1.0, 0.0, 0.0, 0.0), place)
-            if any((w, x, y, z)):
-                turn = Rotation.from_quat([x, y, z, w]).as_matrix()
-            else:
-                self.note(element, "quat", place, "a quaternion other than zero")
-        elif "euler" in element.attrib:
-            turn = self._of_euler(self.several(element, "euler", ZERO, place), turn)
-        elif "axisangle" in element.attrib:
-            four = self.several(element, "axisangle", (0.0, 0.0, 1.0, 0.0), place)
-            unit = four[:3] / (np.linalg.norm(four[:3]) or 1.0)
-            turn = Rotation.from_rotvec(unit * four[3] * self._angle).as_matrix()
-        elif "xyaxes" in element.attrib:
-            both = self.several(element, "xyaxes", np.eye(3)[:2].ravel(), place)
-            x, y = both.reshape(2, 3)
-            x = x / (np.linalg.norm(x) or 1.0)
-            y = y - (x @ y) * x
-            y = y / (np.linalg.norm(y) or 1.0)
+        """Place by ``pos`` and the first attribute of ``TURNS``; a turn that is none is noted, or unity."""
+        position, turn = self.several(element, "pos", ZERO, place), np.eye(3)
+        key = next((key for key in TURNS if key in element.attrib), "")
+        given = self.several(element, key, TURNS.get(key, ZERO), place)
+        if key == "quat" and not given.any():
+            self.note(element, "quat", place, "a quaternion other than zero")
+        elif key == "quat":
+            turn = Rotation.from_quat(np.roll(given, -1)).as_matrix()
+        elif key == "euler":
+            # axes in lower case turn with the body, in upper case they stay
+            for letter, angle in zip(self._euler, given * self._angle, strict=True):
+                one = Rotation.from_euler(letter.lower(), angle).as_matrix()
+                turn = turn @ one if letter.islower() else one @ turn
+        elif key == "axisangle":
+            turn = _turned(_unit(given[:3]) * given[3] * self._angle)
+        elif key == "xyaxes":
+            x = _unit(given[:3])
+            y = _unit(given[3:] - (x @ given[3:]) * x)
             turn = np.column_stack([x, y, np.cross(x, y)])
-        elif "zaxis" in element.attrib:
-            z = self.several(element, "zaxis", (0.0, 0.0, 1.0), place)
+        elif key == "zaxis":
             # the shortest turn from z to there
-            axis = np.cross([0.0, 0.0, 1.0], z)
+            axis = np.cross([0.0, 0.0, 1.0], given)
             size = np.linalg.norm(axis)
-            turned = np.arctan2(size, z[2]) * axis / size if size else ZERO
-            turn = Rotation.from_rotvec(turned).as_matrix()
+            turn = _turned(np.arctan2(size, given[2]) * axis / (size or 1.0))
         return Place(turn, position)
 
-    def _of_euler(self, angles: np.ndarray, turn: np.ndarray) -> np.ndarray:
-        """Rotation by three angles; axes in lower case turn with the body, in upper case they stay."""
-        for letter, angle in zip(self._euler, angles * self._angle, strict=True):
-            one = Rotation.from_euler(letter.lower(), angle).as_matrix()
-            turn = turn @ one if letter.islower() else one @ turn
-        return turn
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    """A vector of length one, or none if it is none."""
+    return np.asarray(vector / (np.linalg.norm(vector) or 1.0))
+
+
+def _turned(by: np.ndarray) -> np.ndarray:
+    """The rotation about a vector by its length [rad], shape (3, 3)."""
+    return np.asarray(Rotation.from_rotvec(by).as_matrix())
 
 
 def _extent(kind: str, size: tuple[float, ...]) -> tuple[float, ...]:

@@ -67,7 +67,7 @@ class Kinematics:
     def __init__(self, body: RigidBody) -> None:
         self._model = body.model
         self._data = body.model.createData()
-        self._to_model, self._to_arm = body.order, body.places
+        self._order, self._places = body.order, body.places
         last = body.model.njoints - 1
         for index, frame in enumerate(body.model.frames):
             if frame.parentJoint == last and frame.type == pin.FrameType.BODY:
@@ -76,7 +76,7 @@ class Kinematics:
 
     def tool(self, q: np.ndarray) -> Pose:
         """Pose of the tool."""
-        pin.framesForwardKinematics(self._model, self._data, q[self._to_model])
+        pin.framesForwardKinematics(self._model, self._data, q[self._order])
         placement = self._data.oMf[self._tool]
         return Pose(placement.translation.copy(), placement.rotation.copy())
 
@@ -84,17 +84,17 @@ class Kinematics:
         """J with [velocity [m/s]; angular velocity [rad/s]] = J dq of the tool, along the base's axes; (6, n)."""
         frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         jacobian = pin.computeFrameJacobian(
-            self._model, self._data, q[self._to_model], self._tool, frame
+            self._model, self._data, q[self._order], self._tool, frame
         )
         # of one joint pinocchio returns a vector
-        return jacobian.reshape(6, -1)[:, self._to_arm]
+        return jacobian.reshape(6, -1)[:, self._places]
 
     def skeleton(self, q: np.ndarray) -> np.ndarray:
         """Base, origins of the joints from the base on, and tip [m], shape (n + 2, 3).
 
         The tip is the tool, or the centre of mass of the last link if the tool lies on the last joint.
         """
-        pin.framesForwardKinematics(self._model, self._data, q[self._to_model])
+        pin.framesForwardKinematics(self._model, self._data, q[self._order])
         placements = list(self._data.oMi)[1:]
         joints = [placement.translation for placement in placements]
         tip = self._data.oMf[self._tool].translation
@@ -117,12 +117,9 @@ def smallest_singular_value(kinematics: Kinematics, q: np.ndarray) -> np.ndarray
         q: joint positions [rad], shape (N, n).
     """
     jacobians = np.array([kinematics.tool_jacobian(posture) for posture in q])
-    small = (
-        jacobians
-        if jacobians.shape[2] < jacobians.shape[1]
-        else jacobians.transpose(0, 2, 1)
-    )
-    gram = small.transpose(0, 2, 1) @ small
+    turned = jacobians.transpose(0, 2, 1)
+    wide = jacobians.shape[2] >= jacobians.shape[1]
+    gram = jacobians @ turned if wide else turned @ jacobians
     return np.sqrt(np.linalg.eigvalsh(gram)[:, 0].clip(0.0))
 
 
@@ -135,37 +132,35 @@ TOLERANCE = 1e-7
 """Largest error of the tool that counts as reached [m]."""
 DAMPING = 1e-4
 """lambda over e^T e [1]; larger is safer near a singularity, and slower."""
+ITERATIONS = 30
+"""Before giving up; close to the target each doubles the digits that are right."""
 LONGEST_STEP = 0.2
 """Joints move by at most this per iteration [rad]."""
 
 
 def inverse_kinematics(
-    kinematics: Kinematics,
-    target: Pose,
-    start: np.ndarray,
-    *,
-    turns: bool = True,
-    iterations: int = 100,
+    kinematics: Kinematics, target: Pose, start: np.ndarray
 ) -> np.ndarray:
     """Joint positions [rad], shape (n,), by damped least squares: dq = J^T (J J^T + lambda E)^-1 e [nakamura1986].
 
     e stacks the shift to the target and the turn to it times ``TURN`` [m]; lambda falls with the error, as
-    ``DAMPING`` times e^T e [sugihara2011], so that the last steps are those of Newton.
+    ``DAMPING`` times e^T e [sugihara2011], so that the last steps are those of Newton. The orientation of the tool is
+    left free if the arm has fewer joints than rows, and cannot choose it.
 
     Args:
         kinematics: of the arm.
         target: pose of the tool in the base frame.
         start: joint positions to start from [rad], shape (n,); of several solutions a near one is found.
-        turns: whether the orientation counts too; an arm of fewer than six joints cannot choose it.
-        iterations: before giving up.
 
     Raises:
         GapscopeError: the target was not reached.
     """
     q = np.array(start, dtype=float)
-    rows = 6 if turns else 3
-    weight = np.repeat([1.0, TURN], 3)[:rows]
-    for _ in range(iterations):
+    weight = np.repeat([1.0, TURN], len(target.position))
+    if kinematics.n_joints < len(weight):
+        weight = weight[: len(target.position)]
+    rows = len(weight)
+    for _ in range(ITERATIONS):
         error = _error(kinematics.tool(q), target)[:rows] * weight
         if np.abs(error).max() < TOLERANCE:
             return q

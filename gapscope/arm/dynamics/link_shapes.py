@@ -374,13 +374,9 @@ class CollisionModel:
 
 def _collision_shapes(arm: NominalArm, body: RigidBody) -> pin.GeometryModel:
     """Collision shapes of a URDF, each convex, or boxes by the inertials if they are missing."""
-    description = read_description(arm.urdf)
-    drawn = [
-        shape
-        for link in description.links
-        for shape in link.drawn
-        if shape.use == "collision" and link.name in read_frames(body)
-    ]
+    description, frames = read_description(arm.urdf), read_frames(body)
+    links = [link for link in description.links if link.name in frames]
+    drawn = [x for link in links for x in link.drawn if x.use == "collision"]
     lost = [shape.named for shape in drawn if shape.lost]
     missing = "" if drawn else "it has no collision shapes"
     if description.form != "URDF":
@@ -423,10 +419,8 @@ def _convex(
         else:
             form = kinds[shape.kind](*shape.size)
         parent = body.model.getJointId(frame.joint) if frame.joint else 0
-        name, place = (
-            f"{frame.name}_{count[frame.name]}",
-            pin.SE3(frame.rotation, frame.position),
-        )
+        place = pin.SE3(frame.rotation, frame.position)
+        name = f"{frame.name}_{count[frame.name]}"
         found.addGeometryObject(pin.GeometryObject(name, parent, parent, place, form))
         count[frame.name] += 1
     return found

@@ -77,6 +77,8 @@ class RigidBody:
 
     Attributes:
         file, joints: where the bodies come from, and the names of the joints that move them.
+        order: position of each model joint among the arm's joints, shape (n,): ``q[order]`` is in kinematic order.
+        places: position of each of the arm's joints in kinematic order, shape (n,), the inverse of ``order``.
         per_radian: of the nominal arm, shape (n,).
         most_bytes: size of the results for whole motions that are remembered [bytes]; 0 where no motion comes again.
 
@@ -91,17 +93,17 @@ class RigidBody:
         self._data = self.model.createData()
         self.links = np.array([self.model.getJointId(name) for name in arm.joints])
         # the arm's joints may be in another order than the tree's
-        columns = np.array([self.model.joints[int(link)].idx_v for link in self.links])
-        self._to_model = np.argsort(columns)
-        self._to_arm = columns
-        self.last_link = int(self._to_model[-1])
+        joints = [self.model.joints[int(link)] for link in self.links]
+        self.places = np.array([joint.idx_v for joint in joints])
+        self.order = np.argsort(self.places)
+        self.last_link = int(self.order[-1])
         self._cache = ArrayCache(most_bytes)
         self._unladen: RigidBody | None = None
         self._laden: dict[KnownLoad, RigidBody] = {}
 
     def _ordered(self, *series: np.ndarray) -> tuple[np.ndarray, ...]:
         """Series of the arm's joints (..., n) in the order of the model, as pinocchio wants them."""
-        return tuple(np.ascontiguousarray(x[..., self._to_model]) for x in series)
+        return tuple(np.ascontiguousarray(x[..., self.order]) for x in series)
 
     def inverse_dynamics(
         self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
@@ -118,7 +120,7 @@ class RigidBody:
         pool = pin.ModelPool(self.model, 1)
         out = pin.rneaInParallel(1, pool, q.T, dq.T, ddq.T)
         # a single sample comes back as a vector
-        return (out.reshape(q.shape[::-1], order="F").T[:, self._to_arm],)
+        return (out.reshape(q.shape[::-1], order="F").T[:, self.places],)
 
     def _cached(
         self,
@@ -133,17 +135,17 @@ class RigidBody:
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """M(q) of one sample q [rad] of shape (n,); kg m^2, shape (n, n)."""
         mass = pin.crba(self.model, self._data, *self._ordered(q))
-        return mass[self._to_arm][:, self._to_arm]
+        return mass[self.places][:, self.places]
 
     def bias(self, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
         """h = C(q, dq) dq + g(q) [N m] of one sample; q, dq and h of shape (n,)."""
         bias = pin.nonLinearEffects(self.model, self._data, *self._ordered(q, dq))
-        return bias[self._to_arm]
+        return bias[self.places]
 
     def torque(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         """tau = M(q) ddq + C(q, dq) dq + g(q) [N m] of one sample, at once; q, dq, ddq and tau of shape (n,)."""
         torque = pin.rnea(self.model, self._data, *self._ordered(q, dq, ddq))
-        return torque[self._to_arm]
+        return torque[self.places]
 
     def changed(
         self, increments: np.ndarray, gravity: np.ndarray | None = None
@@ -190,16 +192,6 @@ class RigidBody:
         """Gravity in the base frame [m/s^2], shape (3,)."""
         return np.array(self.model.gravity.linear)
 
-    @property
-    def order(self) -> np.ndarray:
-        """Position of each model joint among the arm's joints, shape (n,): ``q[order]`` is in kinematic order."""
-        return self._to_model
-
-    @property
-    def places(self) -> np.ndarray:
-        """Position of each of the arm's joints in kinematic order, shape (n,), the inverse of ``order``."""
-        return self._to_arm
-
     def force_regressor(self, q: np.ndarray) -> np.ndarray:
         """J^T [m], shape (N, n, 3), with joint torque J^T f of a force f on the last link's centre of mass.
 
@@ -221,7 +213,7 @@ class RigidBody:
         linear, angular = jacobians[:, :3], jacobians[:, 3:]
         by_joint = (linear.transpose(0, 2, 1), angular.transpose(0, 2, 1))
         out = by_joint[0] + np.cross(by_joint[1], places)
-        return np.asarray(out[:, self._to_arm])
+        return np.asarray(out[:, self.places])
 
     def force_torque(self, q: np.ndarray, force: np.ndarray) -> np.ndarray:
         """J^T f [N m], shape (N, n): joint torque of a force on the arm at the last link's centre of mass.
@@ -236,18 +228,18 @@ class RigidBody:
 
     def position_limits(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper position limits of the URDF [rad or m], each of shape (n,); infinite if it sets none."""
-        lower = self.model.lowerPositionLimit[self._to_arm]
-        upper = self.model.upperPositionLimit[self._to_arm]
+        lower = self.model.lowerPositionLimit[self.places]
+        upper = self.model.upperPositionLimit[self.places]
         none = (lower >= upper) | (lower <= -UNLIMITED) | (upper >= UNLIMITED)
         return np.where(none, -np.inf, lower), np.where(none, np.inf, upper)
 
     def velocity_limits(self) -> np.ndarray:
         """Velocity limits of the file [rad/s], shape (n,); 0 if there are none."""
-        return _finite(self.model.velocityLimit[self._to_arm])
+        return _finite(self.model.velocityLimit[self.places])
 
     def effort_limits(self) -> np.ndarray:
         """Torque limits of the file [N m], shape (n,); 0 if there are none."""
-        return _finite(self.model.effortLimit[self._to_arm])
+        return _finite(self.model.effortLimit[self.places])
 
     def sensitivities(
         self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
@@ -294,7 +286,7 @@ class RigidBody:
 
     def _in_arm_order(self, matrices: np.ndarray) -> np.ndarray:
         """Rows and columns of matrices (N, n, n) in the order of the arm's joints."""
-        return matrices[:, self._to_arm][:, :, self._to_arm]
+        return matrices[:, self.places][:, :, self.places]
 
     def gravity_regressor(self, q: np.ndarray) -> np.ndarray:
         """G(q) [kg m], shape (N, n, 3), with g(q) = G(q) g for gravity g in the base frame [m/s^2]."""
@@ -324,18 +316,12 @@ class RigidBody:
         if out is None:
             out = np.empty((len(q), n, 10 * n))
         fill = pin.computeJointTorqueRegressor
-        same_order = np.array_equal(self._to_arm, np.arange(n))
-        columns = (10 * self._to_arm[:, None] + np.arange(10)).ravel()
+        same_order = np.array_equal(self.places, np.arange(n))
+        columns = (10 * self.places[:, None] + np.arange(10)).ravel()
         for row, *sample in zip(out, q, dq, ddq, strict=True):
             matrix = fill(self.model, self._data, *sample)
-            row[...] = matrix if same_order else matrix[self._to_arm][:, columns]
+            row[...] = matrix if same_order else matrix[self.places][:, columns]
         return out
-
-    def last_link_regressor(
-        self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
-    ) -> np.ndarray:
-        """The ten columns of the regressor that belong to the last link, shape (N, n, 10)."""
-        return self.link_regressor(self.last_link, q, dq, ddq)
 
     def link_regressor(
         self, link: int, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -20,10 +22,11 @@ from gapscope.arm.dynamics.description import (
     Mimic,
     Place,
     Shape,
+    coefficients,
     read_description,
 )
-from gapscope.arm.dynamics.mjcf import UNFOLDED, UNWEIGHED, torque_limits
 from gapscope.arm.errors import InputError
+from gapscope.arm.io.table import shortened
 from gapscope.arm.nearest_name import nearest
 from gapscope.arm.nominal import check_size
 
@@ -33,6 +36,17 @@ ROUNDING = 1e-15
 """Moments of inertia this far below zero are rounding of a file that was converted [kg m^2]."""
 UNLIMITED = 1e6
 """Position limits beyond this [rad or m] are none."""
+
+
+UNREAD = {
+    "tendon": "<tendon>",
+    "compiler[@settotalmass]": "<compiler settotalmass>",
+}
+"""What is passed over, by its path in the file."""
+UNFOLDED = ("include", "replicate", "attach", "frame//body", "frame//joint")
+"""Elements that contain or change bodies, and are not expanded here."""
+UNWEIGHED = ("mesh", "plane", "hfield", "sdf")
+"""Shapes whose mass is not known here."""
 
 
 # --- checks
@@ -304,12 +318,10 @@ def _add(
             at = pin.SE3.Identity()
         elif joint.kind in SINGLE and locked.get(joint.name):
             moved = joint.axis / np.linalg.norm(joint.axis) * locked[joint.name]
-            turns = joint.kind == "revolute"
-            at = at * (
-                pin.SE3(pin.exp3(moved), np.zeros(3))
-                if turns
-                else pin.SE3(np.eye(3), moved)
-            )
+            if joint.kind == "revolute":
+                at = at * pin.SE3(pin.exp3(moved), np.zeros(3))
+            else:
+                at = at * pin.SE3(np.eye(3), moved)
         child = description.by_name[joint.child]
         _add(model, description, child, carrier, at * back, joints, locked)
 
@@ -318,32 +330,21 @@ def _frame(place: Place) -> pin.SE3:
     return pin.SE3(place.rotation, place.translation)
 
 
-def _moves(joint: Joint) -> pin.JointModel:
-    """The motion of a joint about its axis, or along it."""
-    axis = joint.axis / np.linalg.norm(joint.axis)
-    turns = joint.kind == "revolute"
-    aligned = (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)
-    if not turns:
-        aligned = (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ)
-    if axis.max() == 1.0:
-        return aligned[int(axis.argmax())]()
-    free = (
-        pin.JointModelRevoluteUnaligned if turns else pin.JointModelPrismaticUnaligned
-    )
-    return free(axis)
-
-
 def _add_joint(model: pin.Model, joint: Joint, body: int, place: pin.SE3) -> int:
     """Add a joint that moves; the number of the body that it carries."""
+    axis = joint.axis / np.linalg.norm(joint.axis)
+    kind, free = "R", pin.JointModelRevoluteUnaligned
+    if joint.kind == "prismatic":
+        kind, free = "P", pin.JointModelPrismaticUnaligned
+    motion = free(axis)
+    if axis.max() == 1.0:
+        motion = getattr(pin, f"JointModel{kind}{'XYZ'[axis.argmax()]}")()
     lower, upper = joint.lower or 0.0, joint.upper or 0.0
-    none = joint.turns_freely or lower >= upper
-    limits = (-np.inf, np.inf) if none else (lower, upper)
-    bounds = (joint.effort or 0.0, joint.velocity or 0.0, *limits)
-    return int(
-        model.addJoint(
-            body, _moves(joint), place, joint.name, *(np.array([x]) for x in bounds)
-        )
-    )
+    if joint.turns_freely or lower >= upper:
+        lower, upper = -np.inf, np.inf
+    bounds = np.array([joint.effort or 0.0, joint.velocity or 0.0, lower, upper])
+    number = model.addJoint(body, motion, place, joint.name, *bounds[:, None])
+    return int(number)
 
 
 # --- what a data sheet may take from a file
@@ -392,24 +393,9 @@ NAMED = 6
 """Joints that a note names; the others are counted."""
 
 
-@dataclass(frozen=True)
-class LockedJoints:
-    """What becomes of the joints that are none of the arm's.
-
-    Attributes:
-        positions: where those stand that do not stand at zero, and those that follow one of the arm's [rad or m].
-        armature: inertia that joints which follow the arm's add to these [kg m^2 or kg], shape (n,).
-        notes: what was assumed, a sentence each.
-    """
-
-    positions: dict[str, float]
-    armature: np.ndarray
-    notes: tuple[str, ...]
-
-
 def lock(
     tree: Description, joints: Sequence[str], given: Mapping[str, float]
-) -> LockedJoints:
+) -> tuple[dict[str, float], np.ndarray, list[str]]:
     """Lock all joints of a file but the arm's.
 
     A joint that follows another one is locked where that one puts it. If it follows a joint of the arm, it is locked
@@ -421,45 +407,49 @@ def lock(
         joints: names of the arm's joints.
         given: positions of locked joints [rad or m].
 
+    Returns:
+        Positions of those that do not stand at zero, and of those that follow one of the arm's [rad or m]; inertia that
+        these add to the arm's joints [kg m^2 or kg], shape (n,); and a sentence for each thing that was assumed.
+
     Raises:
         InputError: a position is given of a joint that does not exist, or that is one of the arm's.
     """
     single = tree.single
     for name in given:
-        _check_name(name, single, joints, tree.file)
-    positions = {
-        name: float(given[name]) if name in given else _followed(name, single, given)
-        for name in single
-        if name not in joints
-    }
-    followers = _followers(single, joints, given)
-    positions = {
-        name: value
-        for name, value in positions.items()
-        if value != 0 or name in followers
-    }
-    armature = _reflected(tree.file, joints, positions, followers)
-    notes = (*_notes(tree, joints, given), *_follower_notes(followers, tree.file))
-    return LockedJoints(positions, armature, notes)
-
-
-def _check_name(
-    name: str, single: Mapping[str, Joint], joints: Sequence[str], path: Path
-) -> None:
-    if name in joints:
-        raise InputError(
-            f"{name} is one of the arm's joints, and locked",
-            "take it out of locked:, or out of joints: or chain:",
-            file=path,
-            where="field locked",
-        )
-    if name not in single:
-        raise InputError(
-            f"has no movable joint {name!r}",
-            f"{nearest(name, single)}it has {', '.join(single)}",
-            file=path,
-            where="field locked",
-        )
+        if name in joints:
+            raise InputError(
+                f"{name} is one of the arm's joints, and locked",
+                "take it out of locked:, or out of joints: or chain:",
+                file=tree.file,
+                where="field locked",
+            )
+        if name not in single:
+            raise InputError(
+                f"has no movable joint {name!r}",
+                f"{nearest(name, single)}it has {', '.join(single)}",
+                file=tree.file,
+                where="field locked",
+            )
+    positions = {name: float(position) for name, position in given.items() if position}
+    followers: dict[str, Mimic] = {}
+    for name in single:
+        if name in joints or name in given:
+            continue
+        rule = _chain_of_masters(name, single)
+        at_master = float(given.get(rule.master, 0.0))
+        position = rule.multiplier * at_master + rule.offset
+        if rule.master in joints:
+            followers[name] = rule
+        if position or rule.master in joints:
+            positions[name] = position
+    positions = {name: positions[name] for name in single if name in positions}
+    notes = _notes(tree, joints, given)
+    notes += [
+        f"{tree.file}: {name} follows {rule.master}: its inertia counts there as armature, its change of gravity "
+        "torque is left out"
+        for name, rule in followers.items()
+    ]
+    return positions, _reflected(tree.file, joints, positions, followers), notes
 
 
 def _chain_of_masters(name: str, single: Mapping[str, Joint]) -> Mimic:
@@ -473,23 +463,6 @@ def _chain_of_masters(name: str, single: Mapping[str, Joint]) -> Mimic:
         multiplier *= joint.mimic.multiplier
         last = joint.mimic.master
     return Mimic(last, multiplier, offset)
-
-
-def _followed(
-    name: str, single: Mapping[str, Joint], given: Mapping[str, float]
-) -> float:
-    """Position [rad or m] of a joint that is not given: where its master puts it, which stands at zero if not given."""
-    rule = _chain_of_masters(name, single)
-    return rule.multiplier * float(given.get(rule.master, 0.0)) + rule.offset
-
-
-def _followers(
-    single: Mapping[str, Joint], joints: Sequence[str], given: Mapping[str, float]
-) -> dict[str, Mimic]:
-    """Joints that follow a joint of the arm, unless they are one, or a position is given of them."""
-    free = [name for name in single if name not in joints and name not in given]
-    rules = {name: _chain_of_masters(name, single) for name in free}
-    return {name: rule for name, rule in rules.items() if rule.master in joints}
 
 
 def _reflected(
@@ -520,7 +493,7 @@ def _reflected(
 
 def _notes(
     tree: Description, joints: Sequence[str], given: Mapping[str, float]
-) -> tuple[str, ...]:
+) -> list[str]:
     """Joints locked at zero that count: those that the arm carries, and those that carry the arm."""
     moved, carriers = tree.moved(joints), tree.carriers(joints)
     silent, fixed = [], []
@@ -536,24 +509,224 @@ def _notes(
     notes = []
     if silent:
         notes.append(
-            f"{tree.file}: locked at zero: {_listed(silent)}; if one stood elsewhere, say so in locked: of the case"
+            f"{tree.file}: locked at zero: {shortened(silent, NAMED)}; if one stood elsewhere, say so in locked: of "
+            "the case"
         )
     if fixed:
         notes.append(
-            f"{tree.file}: fixed as the file draws it, for it has several degrees of freedom: {_listed(fixed)}"
+            f"{tree.file}: fixed as the file draws it, for it has several degrees of freedom: "
+            f"{shortened(fixed, NAMED)}"
         )
-    return tuple(notes)
+    return notes
 
 
-def _listed(names: Sequence[str]) -> str:
-    """Names, the first few if there are many."""
-    rest = len(names) - NAMED
-    return ", ".join(names[:NAMED]) + (f" and {rest} more" if rest > 0 else "")
+# --- what an MJCF file says beside bodies and joints: gravity, actuators, and what is left out
 
 
-def _follower_notes(followers: Mapping[str, Mimic], path: Path) -> tuple[str, ...]:
-    return tuple(
-        f"{path}: {name} follows {rule.master}: its inertia counts there as armature, its change of gravity torque "
-        "is left out"
-        for name, rule in followers.items()
+def _numbers(text: str, count: int | None, path: Path, where: str) -> np.ndarray:
+    """The finite numbers of an attribute, shape (count,).
+
+    Raises:
+        InputError: not as many, or none.
+    """
+    try:
+        values = np.array(text.split(), dtype=float)
+    except ValueError:
+        values = np.array([np.nan])
+    if not (values.size and np.isfinite(values).all() and count in (None, len(values))):
+        wanted = "numbers" if count is None else f"{count} numbers"
+        raise InputError(
+            f"expected {'a number' if count == 1 else wanted}, got {text!r}",
+            "correct the attribute",
+            file=path,
+            where=where,
+        )
+    return values
+
+
+def gravity_of(description: Description) -> np.ndarray | None:
+    """Gravity of ``<option>`` in the world's frame [m/s^2], shape (3,); ``None`` if the file does not say.
+
+    Raises:
+        InputError: it is not three numbers.
+    """
+    root = description.root
+    if root.find("option/flag[@gravity='disable']") is not None:
+        return np.zeros(3)
+    given = [option.get("gravity", "") for option in root.findall("option[@gravity]")]
+    if not given:
+        return None
+    return _numbers(given[-1], 3, description.file, "<option gravity>")
+
+
+def check_references(description: Description, joints: Sequence[str]) -> None:
+    """Check that the positions of these joints count from the pose that the file draws.
+
+    Raises:
+        InputError: the ``ref`` of a joint is not zero.
+    """
+    for name, joint in _joints(description, joints):
+        ref = joint.get("ref", "0")
+        if _numbers(ref, 1, description.file, f"joint {name}, ref").any():
+            raise InputError(
+                f"ref is {ref}, expected 0: positions count from the pose in which the file draws the arm",
+                "leave ref out and turn the body by it, or move the recorded positions",
+                file=description.file,
+                where=f"joint {name}",
+            )
+
+
+def _joints(
+    description: Description, names: Sequence[str]
+) -> Iterator[tuple[str, ET.Element]]:
+    """Elements of some joints."""
+    for joint in description.root.iter("joint"):
+        name = joint.get("name", "")
+        if name in names and name in description.single:
+            yield name, joint
+
+
+def left_out(description: Description, joints: Sequence[str]) -> tuple[str, ...]:
+    """What acts on an arm by its file and is not simulated, a sentence each."""
+    root, path = description.root, description.file
+    notes = [
+        f"{what} is not read"
+        for place, what in UNREAD.items()
+        if root.find(place) is not None
+    ]
+    notes += _unread_equality(root)
+    for link in description.links:
+        if link.drawn and link.inertial is None and description.is_moved(link.name):
+            notes.append(
+                f"body {link.name} has no <inertial> and is weighed by its shapes; give it one"
+            )
+    for body in root.iter("body"):
+        name = body.get("name")
+        if _numbers(body.get("gravcomp", "0"), 1, path, f"body {name}, gravcomp").any():
+            notes.append(
+                f"gravcomp of body {name} is not read: its weight is not held up"
+            )
+    for name, joint in _joints(description, joints):
+        stiffness = joint.get("stiffness", "0")
+        if _numbers(stiffness, None, path, f"joint {name}, stiffness").any():
+            notes.append(
+                f"the spring of joint {name} (stiffness {stiffness}, springref {joint.get('springref', '0')}) is not "
+                "read; give it as the effect parallel_spring"
+            )
+    return tuple(f"{path}: {note}" for note in notes)
+
+
+def _unread_equality(root: ET.Element) -> Iterator[str]:
+    """Constraints other than joints that follow another one in proportion."""
+    for element in root.findall("equality/*"):
+        terms = coefficients(element)
+        straight = terms is not None and not terms[2:].any()
+        if element.tag == "joint" and element.get("joint2") and straight:
+            continue
+        ends = (element.get(key) for key in ("joint1", "joint2", "body1", "body2"))
+        between = ", ".join(filter(None, ends)) or "unnamed parts"
+        yield (
+            f"<equality><{element.tag}> of {between} is not read: what it holds together moves freely, or is locked if "
+            "it is none of the arm's joints"
+        )
+
+
+# --- actuators: what they allow at the joints, and the gains of those that hold a position
+
+
+class _Actuator(NamedTuple):
+    """An actuator of a joint: its element, its file for messages, and the size of its gear [1]."""
+
+    element: ET.Element
+    path: Path
+    gear: float = 1.0
+
+    @property
+    def joint(self) -> str:
+        """Name of the joint that it moves."""
+        return self.element.get("joint", "")
+
+    def first(self, name: str) -> float:
+        """Size of the first number of an attribute."""
+        return float(abs(self.all(name, "1")[0]))
+
+    def all(self, name: str, default: str) -> np.ndarray:
+        """Numbers of an attribute."""
+        where = f"actuator of joint {self.joint}, {name}"
+        return _numbers(self.element.get(name, default), None, self.path, where)
+
+    def range(self, of: str) -> float:
+        """What a range allows to either side; infinite if there is none."""
+        return _range(self.element, of, self.path, f"actuator of joint {self.joint}")
+
+
+def _range(element: ET.Element, of: str, path: Path, place: str) -> float:
+    text = element.get(f"{of}range")
+    if text is None or element.get(f"{of}limited", "auto") == "false":
+        return np.inf
+    return float(np.abs(_numbers(text, 2, path, f"{place}, {of}range")).min())
+
+
+def _actuators(description: Description) -> Iterator[_Actuator]:
+    for element in description.root.findall("actuator/*"):
+        one = _Actuator(element, description.file)
+        yield one._replace(gear=one.first("gear"))
+
+
+DRIVES = ("general", "motor")
+"""Actuators of which a limit of the control is one of the torque."""
+
+
+def torque_limits(description: Description) -> dict[str, float]:
+    """Torque limit of each joint that has one [N m]: the least that the joint and its actuators allow, to either side.
+
+    A joint's ``actuatorfrcrange``, an actuator's ``forcerange``, and of motors ``ctrlrange``, both times its gear.
+
+    Raises:
+        InputError: a range is not two numbers.
+    """
+    path = description.file
+    limits = {
+        name: _range(joint, "actuatorfrc", path, f"joint {name}")
+        for name, joint in _joints(description, tuple(description.single))
+    }
+    for one in _actuators(description):
+        limit = one.range("force")
+        # only of a plain motor the control is a torque
+        plain = one.element.get("biastype", "none") == "none"
+        if one.element.tag in DRIVES and plain:
+            limit = min(limit, one.first("gainprm") * one.range("ctrl"))
+        limits[one.joint] = min(limits.get(one.joint, np.inf), one.gear * limit)
+    return {joint: limit for joint, limit in limits.items() if limit < np.inf}
+
+
+def position_gains(description: Description, joints: Sequence[str]) -> tuple[str, ...]:
+    """A note with the gains of position actuators as the ``controller:`` of a case, if the arm's joints have any.
+
+    A ``position`` actuator commands gear kp (u - gear q) - gear^2 kv dq: kp and kd about the joint are gear^2 times its
+    own; a ``general`` one whose ``biastype`` is affine has kp and kd in ``biasprm`` [b0, -kp, -kd].
+    """
+    gains = {}
+    for one in _actuators(description):
+        if one.joint in joints and (own := _own_gains(one)) is not None:
+            gains[one.joint] = one.gear**2 * np.array(own)
+    if not gains:
+        return ()
+    kp, kd = np.array([gains.get(name, np.zeros(2)) for name in joints]).T
+    listed = [", ".join(f"{gain:g}" for gain in each) for each in (kp, kd)]
+    return (
+        f"{description.file}: its actuators hold positions; as the controller: of a case, kp: [{listed[0]}], kd: "
+        f"[{listed[1]}] at the rate of the simulation",
     )
+
+
+def _own_gains(one: _Actuator) -> tuple[float, float] | None:
+    """kp and kd of an actuator before its gear, ``None`` of one that holds neither position nor velocity."""
+    if one.element.tag == "position":
+        return one.first("kp"), float(one.all("kv", "0")[0])
+    if one.element.tag == "velocity":
+        return 0.0, one.first("kv")
+    if one.element.tag == "general" and one.element.get("biastype") == "affine":
+        _, kp, kd = np.r_[-one.all("biasprm", "0"), 0.0, 0.0][:3]
+        return float(kp), float(kd)
+    return None

@@ -158,9 +158,9 @@ class Stepper:
         self.dt = dt
         self._links = plant.inertial.copy()
         nominal = body.inertial_parameters().reshape(-1, 10)
-        moved = body.changed(plant.inertial - nominal)
+        self._moved = body.changed(plant.inertial - nominal)
         rotors = plant.armature[self.order]
-        self._forward = [ForwardDynamics(moved, rotors) for _ in range(states)]
+        self._forward = [ForwardDynamics(self._moved, rotors) for _ in range(states)]
         self.set_drives(plant)
 
     def set_plant(self, plant: Plant) -> None:
@@ -355,7 +355,8 @@ def sensitivity(
     every = ticks_per_step(controller)
     steps = steps_per_tick(controller)
     rate = controller.rate / every
-    step = _TangentStep(body, plant, directions, 1.0 / (rate * steps), len(rolled))
+    dt, states = 1.0 / (rate * steps), len(rolled)
+    stepper = _TangentStepper(body, plant, directions, dt, states)
     order, places = body.order, body.places
     q = together([r.q[::every] for r in rolled])
     speed = together([r.speed[::every] for r in rolled])
@@ -389,7 +390,7 @@ def sensitivity(
         q_now, dq_now = q[i][:, order], speed[i][:, order]
         held, held_along = tau[i][:, order], command_along[:, order]
         for _ in range(steps):
-            q_now, dq_now, q_along, dq_along = step(
+            q_now, dq_now, q_along, dq_along = stepper.tangent(
                 q_now, dq_now, held, q_along, dq_along, held_along
             )
     lengths = [len(r.t[::every]) for r in rolled]
@@ -399,8 +400,8 @@ def sensitivity(
     )
 
 
-class _TangentStep:
-    """One step and its derivative in R states at once, in kinematic order; (R, n) and along directions (R, n, b)."""
+class _TangentStepper(Stepper):
+    """Steps with their derivatives (R, n, b) along directions of the 14 n parameters, (14 n, b); kinematic order."""
 
     def __init__(
         self,
@@ -410,29 +411,18 @@ class _TangentStep:
         dt: float,
         states: int,
     ) -> None:
+        super().__init__(body, plant, dt, states)
         n, b = len(plant.armature), directions.shape[1]
-        order = body.order
-        self._dt = dt
-        self._stepper = Stepper(body, plant, dt, states)
-        nominal = body.inertial_parameters().reshape(-1, 10)
-        self._model = body.changed(plant.inertial - nominal).model
+        self._model = self._moved.model
         self._data = self._model.createData()
         links = directions[: 10 * n].reshape(n, 10, b)
         drives = directions[10 * n :].reshape(4, n, b)
-        self._links_along = links[order].reshape(10 * n, b)
-        (
-            self._armature_along,
-            self._viscous_along,
-            self._coulomb_along,
-            self._offset_along,
-        ) = drives[:, order]
-        self._coulomb = plant.coulomb[order]
-        self._viscous = plant.viscous[order]
-        self._armature = plant.armature[order]
+        self._links_along = links[self.order].reshape(10 * n, b)
+        self._drives_along = drives[:, self.order]
         self._diagonal = np.arange(n)
         self._matrices = np.empty((4, states, n, max(n, b)))
 
-    def __call__(
+    def tangent(
         self,
         q: np.ndarray,
         dq: np.ndarray,
@@ -442,21 +432,22 @@ class _TangentStep:
         torque_along: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """States after the step, and their derivatives."""
-        h, half = self._dt, 0.5 * self._dt
+        h, half = self.dt, 0.5 * self.dt
+        armature, viscous, coulomb, offset = self._drives_along
         q_middle = q + half * dq
         q_middle_along = q_along + half * dq_along
-        ddq = self._stepper.acceleration(q_middle, dq, torque)
+        ddq = self.acceleration(q_middle, dq, torque)
         dq_after = dq + h * ddq
-        slope, unit_friction, friction_by_dq = self._friction(dq, ddq)
+        slope, unit_friction, friction_by_dq = self._friction_along(dq, ddq)
         by_q, by_dq, mass, links = self._rigid(q_middle, dq, ddq)
         mass[:, self._diagonal, self._diagonal] += self._armature + h * slope
 
         # right-hand side of M d(ddq) = d u - ID_q dq - ID_dq d(dq) - f_dq d(dq) - Y d(pi)
         right = torque_along - by_q @ q_middle_along - by_dq @ dq_along - links
         right -= friction_by_dq[..., None] * dq_along
-        rotors = ddq[..., None] * self._armature_along
-        right -= rotors + dq_after[..., None] * self._viscous_along
-        right -= unit_friction[..., None] * self._coulomb_along - self._offset_along
+        rotors = ddq[..., None] * armature
+        right -= rotors + dq_after[..., None] * viscous
+        right -= unit_friction[..., None] * coulomb - offset
 
         dq_after_along = dq_along + h * np.linalg.solve(mass, right)
         q_after = q_middle + half * dq_after
@@ -484,11 +475,11 @@ class _TangentStep:
         symmetric = np.triu(mass) + above.transpose(0, 2, 1)
         return by_q, by_dq, symmetric, links
 
-    def _friction(
+    def _friction_along(
         self, dq: np.ndarray, ddq: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Slope b + s, friction of c = 1, and the derivative of friction in v, each of shape (R, n)."""
-        scale, h = self._stepper.smoothing, self._dt
+        scale, h = self.smoothing, self.dt
         x = dq / scale
         sign = np.tanh(x)
         sign_slope = 1 - sign**2

@@ -18,8 +18,8 @@ from gapscope.arm.controller import Controller, Integrator
 from gapscope.arm.errors import LONGEST_SHOWN, InputError
 from gapscope.arm.input_file import is_file, is_folder, read_text, real_path
 from gapscope.arm.io.formats.lerobot import dataset_files, is_dataset
-from gapscope.arm.io.json_file import LARGEST_WHOLE, schema_fault
-from gapscope.arm.known_load import KnownLoad, parse_payloads
+from gapscope.arm.io.json_file import LARGEST_WHOLE, plain, schema_fault
+from gapscope.arm.known_load import KnownLoad
 
 # The text of a case file: YAML checked against ``case.schema.json``, faults reported in plain sentences.
 
@@ -299,20 +299,70 @@ def parse_controller(
     if section is None:
         return None
     law = LAWS[section.get("kind", "pd")]
-    place = _Place(source, prefix, n_joints)
-    _check_controller_keys(section, law, place)
+
+    def fault(problem: str, remedy: str, key: str = "") -> InputError:
+        """The error on a field."""
+        name = f"{prefix}{key}".rstrip(".")
+        where = f"field {name}" if name else ""
+        return InputError(problem, remedy, file=source, where=where)
+
+    def per_joint(key: str, values: list[float], unit: str) -> np.ndarray:
+        """Numbers of a field, one per joint, (n,)."""
+        found = np.array(values, dtype=float)
+        if found.shape != (n_joints,) or not np.isfinite(found).all():
+            got = len(found) if len(found) != n_joints else values
+            raise fault(
+                f"expected {n_joints} numbers, one per joint, got {got}",
+                f"give {key} in {unit}, in the order of the joints",
+                key,
+            )
+        return found
+
+    names = [gain.name for gain in law.gains]
+    for name in names:
+        if name not in section:
+            raise fault(
+                f"lacks the key {name!r}, which {law.kind} needs",
+                f"add {name}: to it, one number per joint",
+            )
+    for key in section:
+        integrates = key == "integrator" and law.integrates
+        if key not in (*COMMON, *names) and not integrates:
+            raise fault(
+                f"is no key of the law {law.kind}",
+                f"drop it, or give the kind that has it; {law.kind} has {', '.join(names)}",
+                key,
+            )
+    if law is ComputedTorque and section.get("feedforward", "none") != "none":
+        raise fault(
+            "computed torque contains the nominal arm's torque already",
+            "drop feedforward:, or give kind: pd",
+            "feedforward",
+        )
     given: dict[str, Any] = {
-        gain.name: place.per_joint(gain.name, section[gain.name], gain.unit)
+        gain.name: per_joint(gain.name, section[gain.name], gain.unit)
         for gain in law.gains
     }
     if section.get("integrator"):
-        given["integrator"] = _integrator(section["integrator"], place)
+        entry = {"anti_windup": "clamping", **section["integrator"]}
+        tracking_time = entry.get("tracking_time")
+        calculates_back = entry["anti_windup"] == "back_calculation"
+        if calculates_back != (tracking_time is not None):
+            raise fault(
+                f"anti_windup: {entry['anti_windup']} with tracking_time: {tracking_time}",
+                "give tracking_time in s with anti_windup: back_calculation, and with no other",
+                "integrator.tracking_time",
+            )
+        if entry.get("limit") is not None:
+            limit = per_joint("integrator.limit", entry["limit"], "N m")
+            entry["limit"] = limit
+        given["integrator"] = Integrator(**entry)
     velocity = section.get("velocity_filter") or {}
     return law(
         rate=float(section["rate"]),
         feedforward=section.get("feedforward", "none"),
         velocity_cutoff=velocity.get("cutoff"),
-        velocity_damping=velocity.get("damping", 0.9),
+        velocity_damping=velocity.get("damping", Controller.velocity_damping),
         **given,
     )
 
@@ -323,7 +373,8 @@ def controller_section(controller: Controller) -> dict[str, Any]:
     for gain in controller.gains:
         section[gain.name] = getattr(controller, gain.name).tolist()
     if controller.integrator is not None:
-        section["integrator"] = _integrator_section(controller.integrator)
+        bounds = plain(controller.integrator).items()
+        section["integrator"] = {k: x for k, x in bounds if x is not None}
     if not controller.through_model:
         section["feedforward"] = controller.feedforward
     if controller.velocity_cutoff is not None:
@@ -332,89 +383,6 @@ def controller_section(controller: Controller) -> dict[str, Any]:
             "damping": controller.velocity_damping,
         }
     return section
-
-
-class _Place:
-    """Where a section stands, for messages: its file, the prefix of its fields, and the arm's number of joints."""
-
-    def __init__(self, source: Path, prefix: str, n_joints: int) -> None:
-        self._source, self._prefix, self._n_joints = source, prefix, n_joints
-
-    def error(self, message: str, remedy: str, key: str) -> InputError:
-        """The error on a field."""
-        field = f"{self._prefix}{key}".rstrip(".")
-        where = f"field {field}" if field else ""
-        return InputError(message, remedy, file=self._source, where=where)
-
-    def per_joint(self, key: str, given: list[float], unit: str) -> np.ndarray:
-        """Numbers of a field, one per joint, (n,); raises ``InputError`` if they are not."""
-        n_joints = self._n_joints
-        values = np.array(given, dtype=float)
-        if values.shape != (n_joints,) or not np.isfinite(values).all():
-            got = len(values) if len(values) != n_joints else given
-            raise self.error(
-                f"expected {n_joints} numbers, one per joint, got {got}",
-                f"give {key} in {unit}, in the order of the joints",
-                key,
-            )
-        return values
-
-
-def _check_controller_keys(
-    section: Mapping[str, Any], law: type[Controller], place: _Place
-) -> None:
-    """Check that the section has the gains of its law and none of another."""
-    names = [gain.name for gain in law.gains]
-    for name in names:
-        if name not in section:
-            raise place.error(
-                f"lacks the key {name!r}, which {law.kind} needs",
-                f"add {name}: to it, one number per joint",
-                "",
-            )
-    known = {*COMMON, *names}
-    if law.integrates:
-        known.add("integrator")
-    for key in section:
-        if key not in known:
-            raise place.error(
-                f"is no key of the law {law.kind}",
-                f"drop it, or give the kind that has it; {law.kind} has {', '.join(names)}",
-                key,
-            )
-    if law is ComputedTorque and section.get("feedforward", "none") != "none":
-        raise place.error(
-            "computed torque contains the nominal arm's torque already",
-            "drop feedforward:, or give kind: pd",
-            "feedforward",
-        )
-
-
-def _integrator(entry: Mapping[str, Any], place: _Place) -> Integrator:
-    """The integrator's bounds."""
-    limit = entry.get("limit")
-    anti_windup = entry.get("anti_windup", "clamping")
-    tracking_time = entry.get("tracking_time")
-    if (anti_windup == "back_calculation") != (tracking_time is not None):
-        raise place.error(
-            f"anti_windup: {anti_windup} with tracking_time: {tracking_time}",
-            "give tracking_time in s with anti_windup: back_calculation, and with no other",
-            "integrator.tracking_time",
-        )
-    return Integrator(
-        None if limit is None else place.per_joint("integrator.limit", limit, "N m"),
-        anti_windup,
-        tracking_time,
-    )
-
-
-def _integrator_section(integrator: Integrator) -> dict[str, Any]:
-    entry: dict[str, Any] = {"anti_windup": integrator.anti_windup}
-    if integrator.limit is not None:
-        entry["limit"] = integrator.limit.tolist()
-    if integrator.tracking_time is not None:
-        entry["tracking_time"] = integrator.tracking_time
-    return entry
 
 
 # Paths in a case file: relative to its folder, or to the folder with the data sets.
@@ -506,15 +474,35 @@ def files_of(place: Path) -> list[Path]:
 
 
 def known_loads(content: Mapping[str, Any], paths: CasePaths) -> dict[Path, KnownLoad]:
-    """Known bodies by the path of a recording's file; of several files side by side any may be named."""
+    """Known bodies by the path of a recording's file; of several files side by side any may be named.
+
+    Raises:
+        InputError: no recording has a name of ``payloads:``, or a number is not finite.
+    """
     section = content.get("payloads")
     if not section:
         return {}
     files: dict[str, Path] = {}
     for part in ("recordings", "judge"):
         for entry in content.get(part, []):
-            texts = [entry] if isinstance(entry, str) else entry.values()
-            for text in texts:
+            for text in [entry] if isinstance(entry, str) else entry.values():
                 files[text] = paths.file.parent / paths.expand(text, part)
-    loads = parse_payloads(section, files, paths.file)
-    return {real_path(files[text]): load for text, load in loads.items()}
+    found = {}
+    for name, entry in section.items():
+        if name not in files:
+            close = get_close_matches(name, files, n=1)
+            raise InputError(
+                f"no recording is called {name!r}",
+                f"did you mean {close[0]}?"
+                if close
+                else f"name one of recordings: or judge:, {', '.join(files)}",
+                file=paths.file,
+                where="field payloads",
+            )
+        try:
+            x, y, z = map(float, entry["com"])
+            load = KnownLoad(float(entry["mass"]), (x, y, z))
+        except InputError as error:
+            raise error.at(paths.file, f"field payloads.{name}") from None
+        found[real_path(files[name])] = load
+    return found

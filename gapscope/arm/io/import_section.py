@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -10,19 +10,54 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.io.channel_entry import (
-    UNITS,
-    Channel,
-    MotorRange,
-    parse_channel,
-    parse_transmission,
-    per_joint,
-    read_calibration,
-)
+from gapscope.arm.io.json_file import read_json
+from gapscope.arm.io.layouts import STEPS_PER_TURN, UNITS, names_of
+from gapscope.arm.nominal import coupled
 from gapscope.arm.reading import Columns, Reading
 from gapscope.arm.recording import CHANNELS
 
+NORMALISED = "normalised"
+"""Unit of positions that run from -100 to 100 over the range of a joint, as LeRobot stores them."""
+
+_CURRENTS = ("A", "mA")
 _MOTOR_MOTION = ("q", "dq", "q_ref", "dq_ref")
+
+
+@dataclass(frozen=True)
+class Channel:
+    """Where a log holds one channel.
+
+    Attributes:
+        column: pattern of the column names, in which ``{j}`` is the joint's number from 1, ``{j0}`` for that
+            from 0 and ``{joint}`` for its name; or one name per joint; a pattern without any of these names one
+            column whose cells hold lists. In place of a name may stand the number of the column in the file, from 1.
+        factor: from the column's unit to the recording's, times the scale; a number or one per joint, (n,).
+        offset: added after the factor [recording's unit]; a number or one per joint, (n,).
+        file: label of the file that holds it, if several lie side by side.
+        topic: topic or table of that file, if it holds several.
+        unit: as the import section states it, or empty.
+        named: whether the import section names it, so that a case's recordings have to hold it.
+        placed: whether it also says in which column; else a format of known layout knows.
+        sign_bit: bit that is the sign of the whole number below it; ``None`` for ordinary numbers.
+        by_order: the log's names of the joints, if they are taken for the arm's by their order alone.
+    """
+
+    column: str | tuple[str, ...]
+    factor: float | np.ndarray = 1.0
+    offset: float | np.ndarray = 0.0
+    file: str | None = None
+    topic: str | None = None
+    unit: str = ""
+    named: bool = False
+    placed: bool = False
+    sign_bit: int | None = None
+    by_order: tuple[str, ...] = ()
+
+    def names(self, joints: Sequence[str]) -> list[str]:
+        """Names of the columns: one per joint, or a single one whose cells hold lists."""
+        if isinstance(self.column, tuple):
+            return list(self.column)
+        return names_of(self.column, joints)
 
 
 @dataclass(frozen=True)
@@ -64,7 +99,7 @@ class Import:
             ``interpolate`` or ``hold`` (the last value before); ``None``: topics by interpolation, files by row.
         fit, judge: row ranges of each file, both ends included, counted from 0 below the header; ``fit`` empty: all.
         fit_episodes, judge_episodes: episodes of each dataset; both empty: all are fitted.
-        calibration: of the motors, by name, for positions in normalised units; ``None`` if there is none.
+        calibration: factor and offset [rad] of positions in normalised units, by motor; ``None`` if there is none.
         mend: what is put right after all this; ``None``: nothing.
         source: the case file, for messages.
     """
@@ -82,7 +117,7 @@ class Import:
     judge: tuple[tuple[int, int], ...] = ()
     fit_episodes: tuple[int, ...] = ()
     judge_episodes: tuple[int, ...] = ()
-    calibration: Mapping[str, MotorRange] | None = None
+    calibration: Mapping[str, tuple[float, float]] | None = None
     mend: Reading | None = None
     source: Path | None = None
 
@@ -116,101 +151,225 @@ def parse_import(section: Mapping[str, Any], n_joints: int, source: Path) -> Imp
     Raises:
         InputError: a list has not one value per joint, the transmission cannot be inverted, or keys contradict.
     """
-    given = {key: section[key] for key in ("topic", "join") if key in section}
+    try:
+        return Import(**_entries(section, n_joints, source), source=source)
+    except InputError as error:
+        raise error if error.file else error.at(source) from None
+
+
+def _entries(section: Mapping[str, Any], n: int, source: Path) -> dict[str, Any]:
+    """The attributes of an import section; errors name the field alone."""
+    found = {key: section[key] for key in ("topic", "join") if key in section}
     if "signs" in section or "offsets" in section:
-        given["turned"] = _turned(section, n_joints, source)
+        found["turned"] = _turned(section, n)
     if "joints" in section:
-        given["joints"] = tuple(
-            per_joint(section["joints"], n_joints, source, "joints", str)
-        )
+        joints = _per_joint(section["joints"], n, "joints")
+        found["joints"] = tuple(map(str, joints))
     if "transmission" in section:
-        given["transmission"] = parse_transmission(
-            section["transmission"], n_joints, source
-        )
-    if "rows" in section:
-        given |= {
-            key: _ranges(ranges, source, key) for key, ranges in section["rows"].items()
-        }
+        found["transmission"] = _transmission(section["transmission"], n)
+    for key, ranges in section.get("rows", {}).items():
+        found[key] = _ranges(ranges, key)
     for key, episodes in section.get("episodes", {}).items():
-        given[f"{key}_episodes"] = tuple(episodes)
+        found[f"{key}_episodes"] = tuple(episodes)
     if "calibration" in section:
-        given["calibration"] = read_calibration(source.parent / section["calibration"])
+        found["calibration"] = _calibration(source.parent / section["calibration"])
     if "mend" in section:
-        given["mend"] = Reading.from_mend(section["mend"] or {}, n_joints, source)
+        found["mend"] = Reading.from_mend(section["mend"] or {}, n, source)
     channels = {
-        name: parse_channel(name, section[name], n_joints, source)
+        name: _channel(name, section[name], n)
         if name in section
         else Channel(name + "{j}")
         for name in CHANNELS
     }
-    _check_sides(section, source)
-    if channels["q"] is None:
-        raise InputError(
-            "is null, but a recording needs positions",
-            file=source,
-            where="field import.q",
+    tau = section.get("tau")
+    if isinstance(tau, Mapping) and "gear_ratio" in tau and "transmission" in section:
+        raise _fault(
+            "tau.gear_ratio",
+            "has a gear_ratio beside the transmission, which takes the torque to the joint's side already",
+            "give the ratio in one of them",
         )
-    return Import(
-        time=_time(section.get("time", {"column": "t"}), source),
-        channels=channels,
-        source=source,
-        **given,
-    )
+    if channels["q"] is None:
+        raise _fault("q", "is null, but a recording needs positions")
+    time = _time(section.get("time", {"column": "t"}))
+    return {**found, "time": time, "channels": channels}
 
 
-def _turned(section: Mapping[str, Any], n_joints: int, source: Path) -> Reading:
+def _fault(key: str, problem: str, remedy: str = "") -> InputError:
+    """The error on an entry of the section."""
+    return InputError(problem, remedy, where=f"field import.{key}")
+
+
+def _per_joint(values: Sequence[Any], n_joints: int, key: str) -> Sequence[Any]:
+    """The values of a list if there is one per joint; else raises."""
+    if len(values) != n_joints:
+        raise _fault(
+            key, f"expected {n_joints} entries, one per joint, got {len(values)}"
+        )
+    return values
+
+
+def _turned(section: Mapping[str, Any], n_joints: int) -> Reading:
     """Signs and offsets of an import section."""
     same = Columns.identity(n_joints)
-    signs = per_joint(section.get("signs", same.factor), n_joints, source, "signs")
-    offsets = section.get("offsets", same.offset)
-    added = per_joint(offsets, n_joints, source, "offsets")
-    torque = replace(same, factor=tuple(signs.tolist()))
-    motion = replace(torque, offset=tuple(added.tolist()))
+    signs = _per_joint(section.get("signs", same.factor), n_joints, "signs")
+    offsets = _per_joint(section.get("offsets", same.offset), n_joints, "offsets")
+    torque = replace(same, factor=tuple(map(float, signs)))
+    motion = replace(torque, offset=tuple(map(float, offsets)))
     return Reading.identity(n_joints, motion=motion, torque=torque, sensor=torque)
 
 
-def _check_sides(section: Mapping[str, Any], source: Path) -> None:
-    """A gear ratio is given once: for the current, or in the transmission of all channels."""
-    entry = section.get("tau")
-    if (
-        isinstance(entry, Mapping)
-        and "gear_ratio" in entry
-        and "transmission" in section
-    ):
-        raise InputError(
-            "has a gear_ratio beside the transmission, which takes the torque to the joint's side already",
-            "give the ratio in one of them",
-            file=source,
-            where="field import.tau.gear_ratio",
-        )
-
-
-def _time(entry: str | int | Mapping[str, Any], source: Path) -> TimeColumn:
+def _time(entry: str | int | Mapping[str, Any]) -> TimeColumn:
     if not isinstance(entry, Mapping):
         return TimeColumn(str(entry))
-    file = entry.get("file")
     if "rate" in entry and "unit" in entry:
-        raise InputError(
+        raise _fault(
+            "time",
             "has a unit and a rate",
             "give the unit of a time, or the rate of a count",
-            file=source,
-            where="field import.time",
         )
-    if "rate" in entry:
-        column = str(entry["column"]) if "column" in entry else None
-        return TimeColumn(column, rate=float(entry["rate"]), file=file)
+    file, rate = entry.get("file"), entry.get("rate")
     column = str(entry.get("column", "t"))
-    return TimeColumn(column, UNITS[entry.get("unit", "s")], file=file)
+    if rate is None:
+        return TimeColumn(column, UNITS[entry.get("unit", "s")], file=file)
+    counted = column if "column" in entry else None
+    return TimeColumn(counted, rate=float(rate), file=file)
 
 
-def _ranges(entry: list[Any], source: Path, key: str) -> tuple[tuple[int, int], ...]:
+def _ranges(entry: list[Any], key: str) -> tuple[tuple[int, int], ...]:
     """``[first, last]`` or a list of those."""
     pairs = [entry] if isinstance(entry[0], int) else entry
     for pair in pairs:
         if not isinstance(pair, list) or len(pair) != 2 or pair[0] > pair[1]:
-            raise InputError(
-                f"expected [first, last] or a list of those, got {entry}",
-                file=source,
-                where=f"field import.rows.{key}",
+            raise _fault(
+                f"rows.{key}", f"expected [first, last] or a list of those, got {entry}"
             )
     return tuple((int(first), int(last)) for first, last in pairs)
+
+
+# The transmission: q_motor = R q_joint.
+
+
+def _transmission(entry: Mapping[str, Any], n_joints: int) -> np.ndarray:
+    """The matrix R, (n, n), given entry by entry, or by gear ratios and the motors that move with another joint."""
+    has_matrix, has_ratios = "matrix" in entry, "ratios" in entry
+    if has_matrix == has_ratios or (has_matrix and "coupling" in entry):
+        raise _fault(
+            "transmission",
+            "expected either matrix, or ratios with or without coupling",
+        )
+    if has_matrix:
+        rows = entry["matrix"]
+        if [len(row) for row in rows] != [n_joints] * n_joints:
+            raise _fault(
+                "transmission.matrix",
+                f"expected a matrix of {n_joints} by {n_joints} numbers",
+            )
+        matrix = np.array(rows, dtype=float)
+    else:
+        ratios = _per_joint(entry["ratios"], n_joints, "transmission.ratios")
+        matrix = np.diag(np.array(ratios, dtype=float))
+        where = "field import.transmission.coupling"
+        matrix = coupled(matrix, entry.get("coupling", []), where)
+    if np.linalg.matrix_rank(matrix) < n_joints:
+        raise _fault(
+            "transmission", "cannot be inverted", "each motor has to move a joint"
+        )
+    return matrix
+
+
+# One channel: its columns, unit and scale.
+
+
+def _channel(name: str, entry: Any, n_joints: int) -> Channel | None:
+    """A channel by its entry, a pattern, names by joint, or a mapping; ``None`` if it is not to be read."""
+    if entry is None:
+        return None
+    if not isinstance(entry, Mapping):
+        entry = {"column": entry}
+    column = entry.get("column", name + "{j}")
+    if isinstance(column, list):
+        column = tuple(map(str, _per_joint(column, n_joints, f"{name}.column")))
+    elif isinstance(column, int):
+        column = str(column)
+
+    def number(key: str) -> Any:
+        """A number, or one per joint, (n,); 1 if it is not given."""
+        value = entry.get(key, 1.0)
+        if not isinstance(value, list):
+            return value
+        return np.array(_per_joint(value, n_joints, f"{name}.{key}"), dtype=float)
+
+    unit, factor = entry.get("unit", ""), number("scale")
+    if unit in _CURRENTS:
+        if "motor_constant" not in entry:
+            raise _fault(
+                name,
+                "is a current, and a torque needs the motors' constants",
+                "give motor_constant: [...] in N m/A per joint, and gear_ratio: [...] unless the constants are those "
+                "of the joints' side already",
+            )
+        factor = factor * (number("motor_constant") * number("gear_ratio"))
+    elif "motor_constant" in entry or "gear_ratio" in entry:
+        raise _fault(
+            name,
+            "has a motor_constant or gear_ratio, but no current",
+            "say unit: A, or use scale: for a column in another unit",
+        )
+    return Channel(
+        column,
+        factor * UNITS.get(unit, 1.0),
+        unit=unit,
+        named=True,
+        placed="column" in entry,
+        **{key: entry.get(key) for key in ("file", "topic", "sign_bit")},
+    )
+
+
+# The calibration file of a LeRobot arm: what its normalised positions are in radians.
+
+
+GRIPPER = "gripper"
+"""The motor whose positions run from 0 to 100; all others from -100 to 100."""
+
+_RANGE_KEYS = ("drive_mode", "homing_offset", "range_min", "range_max")
+
+
+def _calibration(path: Path) -> dict[str, tuple[float, float]]:
+    """Factor [rad] and offset [rad] from a motor's normalised position to its angle from the middle of its range.
+
+    That is the zero of LeRobot's degrees, q = (steps - (range_min + range_max) / 2) 2 pi / 4096.
+
+    Raises:
+        InputError: there is no such file, or it is not of this form.
+    """
+    content = read_json(
+        path,
+        "give the calibration of the arm, ~/.cache/huggingface/lerobot/calibration/robots/*/*.json",
+    )
+    if not isinstance(content, Mapping) or not content:
+        raise InputError("expected a mapping from motors to their ranges", file=path)
+    found = {}
+    for name, entry in content.items():
+        where = f"motor {name}"
+        given = entry if isinstance(entry, Mapping) else {}
+        if not all(isinstance(given.get(key), (int, float)) for key in _RANGE_KEYS):
+            raise InputError(
+                f"expected the numbers {', '.join(_RANGE_KEYS)}",
+                "give the calibration file that lerobot-calibrate wrote",
+                file=path,
+                where=where,
+            )
+        low, high = given["range_min"], given["range_max"]
+        if not low < high:
+            raise InputError(
+                f"range_min {low} is not below range_max {high}",
+                "calibrate the arm again",
+                file=path,
+                where=where,
+            )
+        span = (high - low) * 2 * np.pi / STEPS_PER_TURN
+        from_zero = name.endswith(GRIPPER)
+        factor, offset = (span / 100, -span / 2) if from_zero else (span / 200, 0.0)
+        sign = -1.0 if given["drive_mode"] else 1.0
+        found[name] = (sign * factor, sign * offset)
+    return found

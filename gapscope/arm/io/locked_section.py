@@ -1,4 +1,4 @@
-"""Files written by one process at a time, and folders locked while they are used."""
+"""Folders locked while they are used: one run at a time, by a lock that the system lets go of when its process ends."""
 
 from __future__ import annotations
 
@@ -6,21 +6,14 @@ import json
 import os
 import socket
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 from filelock import FileLock, Timeout
 
-from gapscope.arm.errors import GapscopeError, InputError
-from gapscope.arm.io.case_file import CasePaths
-from gapscope.arm.io.log import open_log
-
-# One run at a time in a folder of results, by a lock that the system lets go of when its process ends.
-
+from gapscope.arm.errors import GapscopeError
 
 LOCK = ".lock"
 """File of a folder that a run writes to; says which run, and is gone after it, unless the run was killed."""
@@ -87,35 +80,3 @@ def _holder(file: Path) -> str:
         return f": process {run['pid']} on {run['host']} since {run['since']}, {run['command']}"
     except (OSError, ValueError, KeyError, TypeError):
         return ""
-
-
-# The ``locked:`` section of a case: where joints stand that are none of the arm's.
-
-
-def locked_positions(content: Mapping[str, Any], paths: CasePaths) -> dict[str, float]:
-    """Positions of locked joints [rad or m], by name.
-
-    A number is the position; a text names a column of the first recording, whose mean is taken.
-
-    Raises:
-        InputError: no table of that recording has the column.
-    """
-    section = content.get("locked") or {}
-    columns = {name: entry for name, entry in section.items() if isinstance(entry, str)}
-    positions = {name: entry for name, entry in section.items() if name not in columns}
-    if not columns:
-        return {name: float(position) for name, position in positions.items()}
-    first = paths.entry(content["recordings"][0], "recordings")
-    files = [first] if not isinstance(first, dict) else list(first.values())
-    tables = [table.table for file in files for table in open_log(file).tables]
-    for name, column in columns.items():
-        holding = [table for table in tables if column in table.columns]
-        if not holding:
-            raise InputError(
-                f"no table of {', '.join(str(file) for file in files)} has a column {column!r}",
-                "name a column, or give the position as a number",
-                file=paths.file,
-                where=f"field locked.{name}",
-            )
-        positions[name] = np.mean(holding[0].numbers(column))
-    return {name: float(positions[name]) for name in section}

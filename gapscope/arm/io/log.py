@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from gapscope.arm.errors import InputError
@@ -12,9 +13,9 @@ from gapscope.arm.io.formats.array_files import read_hdf5, read_mat
 from gapscope.arm.io.formats.lerobot import INFO, is_dataset, read_dataset
 from gapscope.arm.io.formats.rosbag import METADATA, bag_files, read_bag
 from gapscope.arm.io.formats.table_files import read_csv, read_npz, read_parquet
-from gapscope.arm.io.table import Log, LogTable, Table, shortened
+from gapscope.arm.io.table import Log, Table, shortened
 
-__all__ = ["READERS", "Log", "LogTable", "open_log"]
+__all__ = ["READERS", "Log", "open_log"]
 
 
 CHECK_PATH = "check the path"
@@ -26,7 +27,7 @@ def _of_one_table(read: Callable[[Path], Table]) -> Callable[[Path], Log]:
     def open_table(path: Path) -> Log:
         check_file(path, CHECK_PATH, LARGEST_IN_MEMORY)
         kind = path.suffix.lstrip(".").upper()
-        return Log(path, kind, (LogTable("", kind, read(path)),))
+        return Log(path, kind, (replace(read(path), kind=kind),))
 
     return open_table
 

@@ -9,11 +9,11 @@ from scipy.special import ndtri
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
-from gapscope.arm.io.channel_entry import UNITS
-from gapscope.arm.io.table import LARGEST_NUMBER, Table
+from gapscope.arm.io.layouts import UNITS
+from gapscope.arm.io.table import LARGEST_NUMBER, Table, runs
 from gapscope.arm.joint_units import joint_unit
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.recording import MOST, Recording
+from gapscope.arm.recording import MOST, STILL, Recording
 
 # The clock of a recording: how even its stamps are, and whether its rows were taken evenly though stamped unevenly.
 #
@@ -63,10 +63,7 @@ def even_stamps_of_rows(t: np.ndarray, q: np.ndarray) -> np.ndarray | None:
     if len(t) < 4 or steps.max() > LOST_SAMPLE_STEP * np.median(steps):
         return None
     rows = np.arange(len(t), dtype=float)
-    if roughness(rows, q) >= EVEN_RATIO * roughness(t, q):
-        return None
-    slope, start = np.polyfit(rows, t, 1)
-    return np.asarray(start + slope * rows)
+    return even_stamps(t, rows) if stamps_are_wrong(t, q, rows) else None
 
 
 def sample_count(t: np.ndarray) -> np.ndarray:
@@ -89,22 +86,28 @@ def unevenness(t: np.ndarray) -> np.ndarray:
     return _wander_free(t, sample_count(t))
 
 
-def even_stamps(t: np.ndarray) -> np.ndarray:
-    """Stamps of an even clock nearest to t [s], (N,): the line through stamps against sample numbers."""
-    count = sample_count(t)
+def even_stamps(t: np.ndarray, count: np.ndarray | None = None) -> np.ndarray:
+    """Stamps of an even clock nearest to t [s], (N,): the line through stamps against ``sample_count``, or a count."""
+    count = sample_count(t) if count is None else count
     slope, start = np.polyfit(count, t, 1)
-    return start + slope * count
+    return np.asarray(start + slope * count)
 
 
-def stamps_are_wrong(t: np.ndarray, q: np.ndarray) -> bool:
-    """Whether the motion is smoother over an even clock than over the stamps, decidedly; q [rad], (N, n).
+def stamps_are_wrong(
+    t: np.ndarray, q: np.ndarray, count: np.ndarray | None = None
+) -> bool:
+    """Whether the motion is smoother over an even clock than over the stamps, decidedly.
 
     Each sample is compared with the line through its neighbours. Samples taken at even times and stamped unevenly
     leave the line by speed times the error of the stamp; samples really taken unevenly do so over an even clock.
+
+    Args:
+        t: stamps [s], (N,).
+        q: positions [rad], (N, n).
+        count: number of each sample on the even clock, (N,); ``sample_count`` by default.
     """
-    over_stamps = roughness(t, q)
-    over_even_clock = roughness(sample_count(t), q)
-    return bool(over_even_clock < EVEN_RATIO * over_stamps)
+    count = sample_count(t) if count is None else count
+    return bool(roughness(count, q) < EVEN_RATIO * roughness(t, q))
 
 
 def _wander_free(t: np.ndarray, count: np.ndarray) -> np.ndarray:
@@ -324,10 +327,8 @@ def _stored_twice(values: dict[str, np.ndarray], count: int) -> np.ndarray:
     for name in ("q", "dq", "tau", "tau_sensor"):
         if name in values:
             same[1:] &= (values[name][1:] == values[name][:-1]).all(axis=1)
-    # runs of repeated rows begin and end where the mask changes
-    edges = np.flatnonzero(np.diff(np.r_[False, same, False].astype(int)))
-    for start, stop in zip(edges[::2], edges[1::2], strict=True):
-        stale[start:stop] = stop - start <= 3 and stop < count
+    for rows in runs(same):
+        stale[rows] = rows.stop - rows.start <= 3 and rows.stop < count
     return stale
 
 
@@ -364,7 +365,7 @@ def _is_unsigned(q: np.ndarray, tau: np.ndarray) -> bool:
     forward = (moving & (step > 0)).sum(axis=0)
     forward_share = forward / np.maximum(moving.sum(axis=0), 1)
     both_ways = (forward_share > 1 - MOST) & (forward_share < MOST)
-    to_and_fro = both_ways & (np.ptp(q, axis=0) > 0.02)
+    to_and_fro = both_ways & (np.ptp(q, axis=0) > 2 * STILL)
     touches_zero = tau.min(axis=0) < 0.05 * tau.max(axis=0)
     return bool(to_and_fro.sum() >= 2 and touches_zero[to_and_fro].all())
 

@@ -8,12 +8,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.recording import GAP_STEPS
 
 # A table as a log file holds it: named columns, and the place of each row in the file.
 
@@ -37,6 +39,9 @@ class Table:
         numbers_of_rows: number of each row in the file, from 0; ``None``: all of its rows.
         cut: what is wrong with rows that have too few cells or too many, by their places; their cells are ``None``.
         notes: what was noticed while reading.
+        name: topic, group or episode that holds it; empty if the file is one table.
+        kind: type of the messages, or the format of the file. The columns of ROS messages are named by field and joint,
+            ``position[joint_1]`` or ``reference.positions[joint_1]``, beside ``t`` [s], the header's stamp.
     """
 
     path: Path
@@ -46,6 +51,8 @@ class Table:
     numbers_of_rows: Sequence[int] | None = None
     cut: Mapping[int, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    name: str = ""
+    kind: str = ""
 
     def __len__(self) -> int:
         """Number of rows N."""
@@ -90,18 +97,18 @@ class Table:
 
     def some(self, rows: np.ndarray) -> Table:
         """The rows of a mask, (N,)."""
-        places = np.flatnonzero(rows).tolist()
+        chosen = rows.tolist()
         columns = {
             name: cells[rows]
             if isinstance(cells, np.ndarray)
-            else [cells[place] for place in places]
+            else list(compress(cells, chosen))
             for name, cells in self.columns.items()
         }
         return replace(
             self,
             columns=columns,
-            places=[self.places[place] for place in places],
-            numbers_of_rows=[self.row_numbers[place] for place in places],
+            places=list(compress(self.places, chosen)),
+            numbers_of_rows=list(compress(self.row_numbers, chosen)),
         )
 
     def where(self, row: int, column: str) -> str:
@@ -221,6 +228,12 @@ def numbered(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     return columns
 
 
+def runs(mask: np.ndarray) -> list[slice]:
+    """Each run of true values, one after the other, of a mask (N,)."""
+    edges = np.flatnonzero(np.diff(np.r_[False, mask, False]))
+    return [slice(*ends) for ends in edges.reshape(-1, 2).tolist()]
+
+
 def shortened(names: Sequence[str], limit: int = 40) -> str:
     """Names in a row, at most so many of them."""
     rest = len(names) - limit
@@ -228,22 +241,6 @@ def shortened(names: Sequence[str], limit: int = 40) -> str:
 
 
 # What a reader of any format gives: the tables of a log, before anything is known of the arm that made it.
-
-
-@dataclass(frozen=True)
-class LogTable:
-    """One table of a log.
-
-    Attributes:
-        name: topic, group or episode that holds it; empty if the file is one table.
-        kind: type of the messages, or the format of the file.
-        table: its columns. Those of ROS messages are named by field and joint, ``position[joint_1]`` or
-            ``reference.positions[joint_1]``, beside ``t`` [s], the header's stamp.
-    """
-
-    name: str
-    kind: str
-    table: Table
 
 
 @dataclass(frozen=True)
@@ -262,7 +259,7 @@ class Log:
 
     path: Path
     format: str
-    tables: tuple[LogTable, ...]
+    tables: tuple[Table, ...]
     robot_description: str | None = None
     notes: tuple[str, ...] = ()
     unread: tuple[str, ...] = ()
@@ -283,8 +280,6 @@ BEYOND = 1e12
 """Size of the largest number of a joint's quantity, in whatever unit [1]."""
 MAX_DAMAGED = 0.1
 """Share of the rows up to which they are left out [1]: diagnoses of recordings that lost as many have been right."""
-BLOCK = 4
-"""So many rows without values, one after the other, are a pause [1]: longer steps of time are cut."""
 NAMED = 3
 """Rows that a note or an error names."""
 FORMULATED = 1000
@@ -321,11 +316,10 @@ class Damage:
         return ~(self.bad | self.empty)
 
     @cached_property
-    def pauses(self) -> list[np.ndarray]:
-        """Rows of each block without values."""
-        edges = np.flatnonzero(np.diff(np.r_[False, self.empty, False]))
-        ends = zip(edges[::2], edges[1::2], strict=True)
-        return [np.arange(*pair) for pair in ends if pair[1] - pair[0] >= BLOCK]
+    def pauses(self) -> list[slice]:
+        """Rows of each block without values, as many as make a gap in time."""
+        blocks = runs(self.empty)
+        return [rows for rows in blocks if rows.stop - rows.start >= GAP_STEPS]
 
     @property
     def scattered(self) -> np.ndarray:
@@ -352,9 +346,9 @@ class Damage:
             said = self._said(np.flatnonzero(scattered))
             notes.append(f"{DAMAGED}{count} of {total} ({count / total:.2%}): {said}")
         if pauses:
-            lost = sum(map(len, pauses))
+            lost = sum(rows.stop - rows.start for rows in pauses)
             blocks = "1 block" if len(pauses) == 1 else f"{len(pauses)} blocks"
-            said = self._said([int(rows[0]) for rows in pauses])
+            said = self._said([rows.start for rows in pauses])
             notes.append(f"{PAUSE}{lost} of {total} in {blocks}: {said}")
         return tuple(notes)
 

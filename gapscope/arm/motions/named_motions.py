@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from itertools import cycle
 from typing import NamedTuple
 
@@ -15,13 +14,15 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.motions.trajectory import (
     SHORTEST,
-    Chain,
+    Curve,
     Fourier,
     Limits,
-    PointToPoint,
     ReferenceMotion,
-    Reversed,
     Timed,
+    backwards,
+    chain,
+    fastest,
+    point_to_point,
     shortest,
     urdf_limits,
 )
@@ -86,79 +87,63 @@ _PROGRESS = BPoly(
 """Share of the line over the share of the time: its rate rises and falls as 10 x^3 - 15 x^4 + 6 x^5."""
 
 
-@dataclass(frozen=True)
-class WeldSeam(Timed):
-    """Joint motion q(t) = path(s(t / T)) along a straight line of the tool, at rest at both ends.
+def weld_seam(
+    kinematics: Kinematics,
+    start: np.ndarray,
+    way: np.ndarray,
+    limits: Limits,
+    speed: float = np.inf,
+) -> Curve:
+    """The fastest motion q(t) = path(s(t / T)) along a straight line of the tool, at rest at both ends, within limits.
 
     s'(x) rises as 10 x^3 - 15 x^4 + 6 x^5 within ``RAMP`` of the time, stays constant and falls back; path is a quintic
-    spline through solutions of the inverse kinematics. Outside [0, T] the arm rests.
+    spline through solutions of the inverse kinematics.
 
-    Attributes:
-        path: joint positions [rad] over the share s of the line, 0 to 1.
-        duration: T [s].
-        length: of the line [m].
+    Args:
+        kinematics: of the arm; with fewer than six joints the orientation of the tool is left free.
+        start: joint positions at the start [rad], shape (n,).
+        way: from the start of the line to its end, base frame [m], shape (3,).
+        limits: position, velocity and acceleration limits of the joints.
+        speed: the tool is no faster than this [m/s].
+
+    Raises:
+        InputError: fewer than three joints, or a line without length.
+        GapscopeError: the tool cannot follow the line within the position limits.
     """
+    length = float(np.linalg.norm(way))
+    if kinematics.n_joints < LEAST_JOINTS or not length > 0:
+        raise InputError(
+            f"a straight line of {length:.3g} m with {kinematics.n_joints} joints",
+            "a weld seam needs at least three joints, and a length",
+            where="weld_seam",
+        )
+    path = _joint_path(kinematics, start, np.asarray(way, dtype=float))
 
-    path: BSpline
-    duration: float
-    length: float
+    def lasting(duration: float) -> Curve:
+        def along(t: np.ndarray, order: int) -> np.ndarray:
+            """By the chain rule: q'' = path'' s'^2 + path' s''."""
+            s, ds, dds = (_PROGRESS(t / duration, k)[:, None] for k in range(3))
+            found = path(s[:, 0], order) * ds**order
+            if order == 2:
+                found = found + path(s[:, 0], 1) * dds
+            return found / duration**order
 
-    @classmethod
-    def along(
-        cls,
-        kinematics: Kinematics,
-        start: np.ndarray,
-        way: np.ndarray,
-        limits: Limits,
-        speed: float = np.inf,
-    ) -> WeldSeam:
-        """The fastest seam within limits, from where the tool is at joint positions ``start`` [rad], shape (n,).
+        return Curve(along, duration)
 
-        Args:
-            kinematics: of the arm; with fewer than six joints the orientation of the tool is left free.
-            start: joint positions at the start [rad], shape (n,).
-            way: from the start of the line to its end, base frame [m], shape (3,).
-            limits: position, velocity and acceleration limits of the joints.
-            speed: the tool is no faster than this [m/s].
-
-        Raises:
-            InputError: fewer than three joints, or a line without length.
-            GapscopeError: the tool cannot follow the line within the position limits.
-        """
-        length = float(np.linalg.norm(way))
-        if kinematics.n_joints < LEAST_JOINTS or not length > 0:
-            raise InputError(
-                f"a straight line of {length:.3g} m with {kinematics.n_joints} joints",
-                "a weld seam needs at least three joints, and a length",
-                where="weld_seam",
-            )
-        path = _joint_path(kinematics, start, np.asarray(way, dtype=float))
-        s = np.linspace(0.0, 1.0, CHECKS)
-        q = path(s)
-        outside = ((q < limits.lower - 1e-9) | (q > limits.upper + 1e-9)).any(axis=0)
-        if outside.any():
-            raise GapscopeError(
-                f"joint {int(outside.argmax()) + 1} would leave its limits along the seam",
-                "choose a shorter seam, or another posture to start from",
-            )
-        once, t = cls(path, 1.0, length), np.linspace(0.0, 1.0, CHECKS)
-        speed_once, bend = np.abs([once.velocity(t), once.acceleration(t)]).max(axis=1)
-        # a little longer, for what happens between the points
-        by_joints = 1.001 * shortest(speed_once, bend, limits)
-        by_tool_speed = length / speed / (1 - RAMP)
-        return cls(path, max(by_joints, by_tool_speed, SHORTEST), length)
-
-    def derivative(self, t: np.ndarray, order: int) -> np.ndarray:
-        """By the chain rule: q'' = path'' s'^2 + path' s''."""
-        x = t / self.duration
-        inside = (x > 0) & (x < 1)
-        s, ds, dds = (_PROGRESS(np.clip(x, 0.0, 1.0), k) for k in range(3))
-        if not order:
-            return self.path(s)
-        bend = 0.0 if order == 1 else self.path(s, 1) * (inside * dds)[:, None]
-        return (
-            self.path(s, order) * ds[:, None] ** order + bend
-        ) / self.duration**order
+    s = np.linspace(0.0, 1.0, CHECKS)
+    q = path(s)
+    outside = ((q < limits.lower - 1e-9) | (q > limits.upper + 1e-9)).any(axis=0)
+    if outside.any():
+        raise GapscopeError(
+            f"joint {int(outside.argmax()) + 1} would leave its limits along the seam",
+            "choose a shorter seam, or another posture to start from",
+        )
+    once = lasting(1.0)
+    fast, bend = np.abs([once.velocity(s), once.acceleration(s)]).max(axis=1)
+    # a little longer, for what happens between the points
+    by_joints = 1.001 * shortest(fast, bend, limits)
+    by_tool_speed = length / speed / (1 - RAMP)
+    return lasting(max(by_joints, by_tool_speed, SHORTEST))
 
 
 def _joint_path(kinematics: Kinematics, start: np.ndarray, way: np.ndarray) -> BSpline:
@@ -168,15 +153,7 @@ def _joint_path(kinematics: Kinematics, start: np.ndarray, way: np.ndarray) -> B
     knots = [np.asarray(start, dtype=float)]
     for share in shares[1:]:
         target = Pose(at_start.position + share * way, at_start.rotation)
-        knots.append(
-            inverse_kinematics(
-                kinematics,
-                target,
-                knots[-1],
-                turns=kinematics.n_joints >= 6,
-                iterations=30,
-            )
-        )
+        knots.append(inverse_kinematics(kinematics, target, knots[-1]))
     return make_interp_spline(shares, np.array(knots), k=5)
 
 
@@ -327,7 +304,7 @@ Leg = Callable[[np.random.Generator, Workspace, np.ndarray], tuple[Timed, ...]]
 
 def _fill_with_legs(
     rng: np.random.Generator, space: Workspace, duration: float, legs: tuple[Leg, ...]
-) -> Chain:
+) -> Curve:
     """Legs in turn, from the working posture on, until the duration [s] is filled."""
     parts: list[Timed] = []
     q = space.posture
@@ -339,7 +316,7 @@ def _fill_with_legs(
             parts.append(part)
             filled += part.duration
             q = _end(part)
-    return Chain(tuple(parts))
+    return chain(parts)
 
 
 def _end(motion: Timed) -> np.ndarray:
@@ -384,7 +361,7 @@ def _go_down_and_up(
     above, down = _draw_straight_line(
         rng, space, np.array([0.0, 0.0, -1.0]), speed=0.25
     )
-    up = Reversed(down)
+    up = backwards(down)
     return (
         *_move_and_rest(now, above, space.limits),
         down,
@@ -400,19 +377,19 @@ def _move_and_rest(
     """A motion from point to point and a rest; none if the arm is there already."""
     if np.array_equal(now, to):
         return ()
-    fastest = PointToPoint.within(now, to, limits)
-    return PointToPoint(now, to, slower * fastest.duration), PointToPoint(to, to, DWELL)
+    duration = slower * fastest(now, to, limits).duration
+    return point_to_point(now, to, duration), point_to_point(to, to, DWELL)
 
 
-def _rest_at_end(motion: Timed) -> PointToPoint:
+def _rest_at_end(motion: Timed) -> Curve:
     """A rest at the end of a motion."""
     end = _end(motion)
-    return PointToPoint(end, end, DWELL)
+    return point_to_point(end, end, DWELL)
 
 
 def _draw_straight_line(
     rng: np.random.Generator, space: Workspace, direction: np.ndarray, speed: float
-) -> tuple[np.ndarray, WeldSeam]:
+) -> tuple[np.ndarray, Curve]:
     """A posture and a line from it, of 10 to 30 % of the tool's distance from the base, that keeps the limits."""
     reach = float(np.linalg.norm(space.kinematics.tool(space.posture).position))
     problem = GapscopeError("no line was drawn")
@@ -420,9 +397,8 @@ def _draw_straight_line(
         start = _draw_posture(rng, space)
         way = direction * rng.uniform(0.1, 0.3) * reach
         try:
-            return start, WeldSeam.along(
-                space.kinematics, start, way, space.limits, speed
-            )
+            seam = weld_seam(space.kinematics, start, way, space.limits, speed)
+            return start, seam
         except GapscopeError as error:
             problem = error
     raise GapscopeError(

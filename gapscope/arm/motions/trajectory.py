@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import comb
@@ -10,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from scipy.interpolate import BPoly, BSpline, make_interp_spline
+from scipy.interpolate import BPoly, make_interp_spline
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.robot_file import UNLIMITED
@@ -225,77 +226,64 @@ class Fourier(Timed):
         return np.asarray(step * rate**derivative)[:, None]
 
 
-class Piecewise(Timed):
-    """A motion that a curve over time describes between its ends."""
+@dataclass(frozen=True)
+class Curve(Timed):
+    """A motion that a curve over time describes between its ends, where it rests.
 
-    @property
-    @abstractmethod
-    def curve(self) -> BPoly | BSpline:
-        """Positions [rad], (n,), over time from 0 to the duration [s]."""
+    Attributes:
+        of: d^k q / dt^k [rad/s^k], (N, n), of times [s], (N,), from 0 to the duration, and k.
+        duration: [s].
+    """
+
+    of: Callable[[np.ndarray, int], np.ndarray]
+    duration: float
 
     def derivative(self, t: np.ndarray, order: int) -> np.ndarray:
         """That of the curve; 0 outside."""
-        found = self.curve(np.clip(t, 0.0, self.duration), order)
-        return (
-            found if not order else found * ((t >= 0) & (t <= self.duration))[:, None]
-        )
+        found = self.of(np.clip(t, 0.0, self.duration), order)
+        inside = (t >= 0) & (t <= self.duration)
+        return found * inside[:, None] if order else found
 
 
-@dataclass(frozen=True)
-class PointToPoint(Piecewise):
+def point_to_point(start: np.ndarray, end: np.ndarray, duration: float) -> Curve:
     """A straight line in joint space, q(t) = a + s(t / T) (b - a) with s(x) = 10 x^3 - 15 x^4 + 6 x^5 [biagiotti2008].
 
     Velocity and acceleration vanish at both ends; outside [0, T] the arm rests.
 
-    Attributes:
+    Args:
         start, end: postures a and b [rad], shape (n,).
         duration: T [s].
 
     Raises:
         InputError: a duration that is not positive.
     """
+    if not duration > 0:
+        raise InputError(f"{duration} s is not a positive duration", where="duration")
+    ends = np.repeat([start, end], 3, axis=0)
+    return Curve(BPoly(ends[:, None], [0.0, duration]), duration)
 
-    start: np.ndarray
-    end: np.ndarray
-    duration: float
 
-    def __post_init__(self) -> None:
-        """Check the duration."""
-        if not self.duration > 0:
+def fastest(start: np.ndarray, end: np.ndarray, limits: Limits) -> Curve:
+    """The fastest such motion within limits of velocity and acceleration; at least ``SHORTEST``.
+
+    Raises:
+        InputError: an end lies outside the position limits.
+    """
+    for label, q in (("start", start), ("end", end)):
+        outside = (q < limits.lower) | (q > limits.upper)
+        if outside.any():
+            joint = int(outside.argmax())
+            low, high = limits.lower[joint], limits.upper[joint]
             raise InputError(
-                f"{self.duration} s is not a positive duration", where="duration"
+                f"{q[joint]:.4g} rad lies outside {low:.4g} .. {high:.4g} rad",
+                where=f"{label}, joint {joint + 1}",
             )
-
-    @classmethod
-    def within(cls, start: np.ndarray, end: np.ndarray, limits: Limits) -> PointToPoint:
-        """The fastest such motion within limits of velocity and acceleration; at least ``SHORTEST``.
-
-        Raises:
-            InputError: an end lies outside the position limits.
-        """
-        for label, q in (("start", start), ("end", end)):
-            outside = (q < limits.lower) | (q > limits.upper)
-            if outside.any():
-                joint = int(outside.argmax())
-                low, high = limits.lower[joint], limits.upper[joint]
-                raise InputError(
-                    f"{q[joint]:.4g} rad lies outside {low:.4g} .. {high:.4g} rad",
-                    where=f"{label}, joint {joint + 1}",
-                )
-        way = np.abs(end - start)
-        fastest = shortest(PEAK_SPEED * way, PEAK_ACCELERATION * way, limits)
-        return cls(start, end, max(fastest, SHORTEST))
-
-    @cached_property
-    def curve(self) -> BPoly:
-        """The quintic by its Bernstein coefficients."""
-        ends = np.repeat([self.start, self.end], 3, axis=0)
-        return BPoly(ends[:, None], [0.0, self.duration])
+    way = np.abs(end - start)
+    least = shortest(PEAK_SPEED * way, PEAK_ACCELERATION * way, limits)
+    return point_to_point(start, end, max(least, SHORTEST))
 
 
-RISE = PointToPoint(np.zeros(1), np.ones(1), 1.0).curve
-"""s(x) = 10 x^3 - 15 x^4 + 6 x^5, (N, 1) of x (N,)."""
-PEAK_SPEED = float(RISE(1 / 2, 1)[0])
+PEAK_SPEED = point_to_point(np.zeros(1), np.ones(1), 1.0).velocity(np.full(1, 1 / 2))[0]
 """Largest s'."""
 PEAK_ACCELERATION = 10 / np.sqrt(3)
 """Largest s''."""
@@ -309,49 +297,28 @@ def shortest(speed: np.ndarray, acceleration: np.ndarray, limits: Limits) -> flo
     return float(np.maximum(speed / limits.velocity, by_acceleration).max())
 
 
-def clamped_quintic(times: np.ndarray, values: np.ndarray) -> BSpline:
-    """The quintic spline through values, (M, n), at times [s], (M,), at rest and without acceleration at both ends.
+def way_points(times: np.ndarray, points: np.ndarray) -> Curve:
+    """The quintic spline through way points, at rest and without acceleration at both ends; it rests outside its time.
 
     It has four continuous derivatives [biagiotti2008].
-    """
-    rest = [(1, np.zeros(values.shape[1])), (2, np.zeros(values.shape[1]))]
-    return make_interp_spline(times, values, k=5, bc_type=(rest, rest))
 
-
-@dataclass(frozen=True)
-class WayPoints(Piecewise):
-    """A quintic spline through way points; outside its time it rests at the first and the last of them.
-
-    Attributes:
+    Args:
         times: when the way points are passed [s], from 0 on, shape (M,).
         points: way points [rad], shape (M, n).
 
     Raises:
         InputError: times that do not start at 0 or do not rise, fewer than two way points, or another number of them.
     """
-
-    times: np.ndarray
-    points: np.ndarray
-
-    def __post_init__(self) -> None:
-        """Check the shapes."""
-        if len(self.times) != len(self.points):
-            raise InputError(
-                f"{len(self.points)} way points at {len(self.times)} times",
-                "give two or more, each with its time",
-                where="points",
-            )
-        _check_times(self.times, "way points")
-
-    @property
-    def duration(self) -> float:  # type: ignore[override]
-        """Time of the last way point [s]."""
-        return float(self.times[-1])
-
-    @cached_property
-    def curve(self) -> BSpline:
-        """The spline."""
-        return clamped_quintic(self.times, self.points)
+    if len(times) != len(points):
+        raise InputError(
+            f"{len(points)} way points at {len(times)} times",
+            "give two or more, each with its time",
+            where="points",
+        )
+    _check_times(times, "way points")
+    rest = [(order, np.zeros(points.shape[1])) for order in (1, 2)]
+    spline = make_interp_spline(times, points, k=5, bc_type=(rest, rest))
+    return Curve(spline, float(times[-1]))
 
 
 def _check_times(t: np.ndarray, what: str) -> None:
@@ -366,7 +333,7 @@ def _check_times(t: np.ndarray, what: str) -> None:
 
 
 @dataclass(frozen=True)
-class Sampled(Piecewise):
+class Sampled(Timed):
     """A motion through samples of position, velocity and acceleration, quintic in between; it rests before and after.
 
     Attributes:
@@ -393,7 +360,7 @@ class Sampled(Piecewise):
         return float(self.motion.t[-1])
 
     @cached_property
-    def curve(self) -> BPoly:
+    def curve(self) -> Curve:
         """By the Bernstein coefficients of all steps at once, from both ends inwards."""
         m, h = self.motion, np.diff(self.motion.t)[:, None]
         speed, bend = m.dq / 5, m.ddq / 20
@@ -407,7 +374,11 @@ class Sampled(Piecewise):
             m.q[1:] - h * speed[1:],
             m.q[1:],
         ]
-        return BPoly(np.stack(start + end), m.t)
+        return Curve(BPoly(np.stack(start + end), m.t), self.duration)
+
+    def derivative(self, t: np.ndarray, order: int) -> np.ndarray:
+        """That of the curve."""
+        return self.curve.derivative(t, order)
 
 
 def read_sampled(path: Path, n_joints: int) -> Sampled:
@@ -420,7 +391,7 @@ def read_sampled(path: Path, n_joints: int) -> Sampled:
         f"{x}{j + 1}" for x in ("q_ref", "dq_ref", "ddq_ref") for j in range(n_joints)
     ]
     try:
-        table = open_log(path).tables[0].table
+        table = open_log(path).tables[0]
         used = np.column_stack([table.numbers(name) for name in ("t", *names)])
     except InputError as error:
         remedy = "give a file as gapscope excite writes it"
@@ -433,50 +404,28 @@ def read_sampled(path: Path, n_joints: int) -> Sampled:
 # Motions made of motions: one after the other, and backwards.
 
 
-@dataclass(frozen=True)
-class Chain(Timed):
-    """Motions that follow each other, each beginning where the one before it rests.
+def chain(parts: Sequence[Timed]) -> Curve:
+    """Motions that follow each other, each beginning where the one before it rests."""
+    ends = np.cumsum([part.duration for part in parts])
 
-    Attributes:
-        parts: the motions.
-    """
-
-    parts: tuple[Timed, ...]
-
-    @property
-    def duration(self) -> float:  # type: ignore[override]
-        """Sum of the parts' durations [s]."""
-        return float(sum(part.duration for part in self.parts))
-
-    def derivative(self, t: np.ndarray, order: int) -> np.ndarray:
+    def joined(t: np.ndarray, order: int) -> np.ndarray:
         """That of the part at each time."""
-        durations = [part.duration for part in self.parts]
-        ends = np.cumsum(durations)
         part_of = np.searchsorted(ends[:-1], t, side="right")
-        n = self.parts[0].position(np.zeros(1)).shape[1]
-        out = np.empty((len(t), n))
+        out = np.empty((len(t), parts[0].position(np.zeros(1)).shape[1]))
         for index in np.unique(part_of):
-            rows = part_of == index
-            begin = ends[index] - durations[index]
-            out[rows] = self.parts[index].derivative(t[rows] - begin, order)
+            rows, part = part_of == index, parts[index]
+            begin = ends[index] - part.duration
+            out[rows] = part.derivative(t[rows] - begin, order)
         return out
 
+    return Curve(joined, float(ends[-1]))
 
-@dataclass(frozen=True)
-class Reversed(Timed):
-    """A motion run backwards: q(T - t).
 
-    Attributes:
-        forward: the motion.
-    """
+def backwards(forward: Timed) -> Curve:
+    """A motion run backwards, q(T - t); each derivative changes the sign."""
 
-    forward: Timed
+    def turned(t: np.ndarray, order: int) -> np.ndarray:
+        """That of the forward motion."""
+        return (-1) ** order * forward.derivative(forward.duration - t, order)
 
-    @property
-    def duration(self) -> float:  # type: ignore[override]
-        """Duration T [s]."""
-        return self.forward.duration
-
-    def derivative(self, t: np.ndarray, order: int) -> np.ndarray:
-        """That of the forward motion; each derivative changes the sign."""
-        return (-1) ** order * self.forward.derivative(self.duration - t, order)
+    return Curve(turned, forward.duration)

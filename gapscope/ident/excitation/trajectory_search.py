@@ -19,10 +19,11 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.trajectory import (
+    Curve,
     Fourier,
     Limits,
     ReferenceMotion,
-    WayPoints,
+    way_points,
 )
 from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
@@ -151,17 +152,17 @@ class MultisineFamily(FourierFamily):
 
 
 class QuinticFamily(Family):
-    """``gapscope.arm.motions.trajectory.WayPoints``, free at equal times; it starts and ends at q0."""
+    """``gapscope.arm.motions.trajectory.way_points``, free at equal times; it starts and ends at q0."""
 
     @property
     def highest_frequency(self) -> float:
         """Frequency of a motion that turns at every way point [Hz]."""
         return (2 * self.order + 1) / (2 * self.duration)
 
-    def reference(self, centre: np.ndarray, coefficients: np.ndarray) -> WayPoints:
+    def reference(self, centre: np.ndarray, coefficients: np.ndarray) -> Curve:
         """A spline."""
         times = np.linspace(0.0, self.duration, 2 * self.order + 2)
-        return WayPoints(times, centre + np.pad(coefficients, ((1, 1), (0, 0))))
+        return way_points(times, centre + np.pad(coefficients, ((1, 1), (0, 0))))
 
 
 KINDS: dict[str, type[Family]] = {

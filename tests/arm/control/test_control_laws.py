@@ -175,14 +175,8 @@ PD_KEYS: dict[str, Any] = {"rate": 100, "kp": [1, 1], "kd": [1, 1]}
     ("section", "message"),
     [
         ({**PD_KEYS, "kind": "pid"}, "controller: lacks the key 'ki', which pid needs"),
-        (
-            {**PD_KEYS, "ki": [1, 1]},
-            "controller.ki: is no key of the law pd",
-        ),
-        (
-            {**PD_KEYS, "integrator": {"anti_windup": "none"}},
-            "controller.integrator: is no key of the law pd",
-        ),
+        ({**PD_KEYS, "ki": [1, 1]}, "controller.ki: is no key of the law pd"),
+        ({**PD_KEYS, "integrator": {"anti_windup": "none"}}, "controller.integrator: is no key of the law pd"),
         (
             {**PD_KEYS, "kind": "computed_torque", "feedforward": "nominal"},
             "controller.feedforward: computed torque contains",
@@ -201,7 +195,7 @@ PD_KEYS: dict[str, Any] = {"rate": 100, "kp": [1, 1], "kd": [1, 1]}
             "controller.integrator.limit: expected 2 numbers",
         ),
     ],
-)
+)  # fmt: skip
 def test_a_section_at_fault_is_refused(section: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError) as caught:
         parse_controller(section, 2, Path("case.yaml"))

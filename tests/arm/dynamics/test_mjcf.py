@@ -16,6 +16,8 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm
 
 SHEET = {"armature": "0.05", "frictionloss": "0.4", "damping": "0.3"}
+ORDER = ("xx", "yy", "zz", "xy", "xz", "yz")
+"""In which MJCF lists moments and products of inertia."""
 INERTIAL = '<inertial pos="0 0 0.2" mass="2" diaginertia="0.1 0.1 0.02"/>'
 
 
@@ -39,49 +41,26 @@ def written_as_mjcf(urdf: Path) -> str:
     root = ET.Element("mujoco", model="translated")
     ET.SubElement(root, "compiler", angle="degree", autolimits="true")
     ET.SubElement(ET.SubElement(root, "default"), "joint", SHEET)
-    bodies = {
-        robot.findall("joint")[0].find("parent").get("link"): ET.SubElement(
-            root, "worldbody"
-        )
-    }
+    base = robot.find("joint/parent").get("link")
+    bodies = {base: ET.SubElement(root, "worldbody")}
     for joint in robot.findall("joint"):
-        child = joint.find("child").get("link")
-        body = ET.SubElement(
-            bodies[joint.find("parent").get("link")], "body", name=child
+        child, parent = (
+            joint.find("child").get("link"),
+            joint.find("parent").get("link"),
         )
+        body = bodies[child] = ET.SubElement(bodies[parent], "body", name=child)
         _place(body, joint.find("origin"))
-        bodies[child] = body
-        source = next(
-            link for link in robot.findall("link") if link.get("name") == child
-        ).find("inertial")
-        inertial = ET.SubElement(
-            body, "inertial", mass=source.find("mass").get("value")
-        )
-        xyz = (
-            source.find("origin").get("xyz")
-            if source.find("origin") is not None
-            else None
-        ) or "0 0 0"
-        inertial.set("pos", xyz)
-        moments = source.find("inertia")
-        inertial.set(
-            "fullinertia",
-            " ".join(
-                moments.get(f"i{ij}") for ij in ("xx", "yy", "zz", "xy", "xz", "yz")
-            ),
-        )
+        source = robot.find(f"link[@name='{child}']/inertial")
+        mass, origin = source.find("mass").get("value"), source.find("origin")
+        inertial = ET.SubElement(body, "inertial", mass=mass)
+        inertial.set("pos", "0 0 0" if origin is None else origin.get("xyz", "0 0 0"))
+        six = [source.find("inertia").get(f"i{ij}") for ij in ORDER]
+        inertial.set("fullinertia", " ".join(six))
         if joint.get("type") != "fixed":
-            limit = [
-                np.rad2deg(float(joint.find("limit").get(side)))
-                for side in ("lower", "upper")
-            ]
-            axis, reach = (
-                joint.find("axis").get("xyz"),
-                f"{limit[0]:.17g} {limit[1]:.17g}",
-            )
-            ET.SubElement(
-                body, "joint", {"name": joint.get("name"), "axis": axis, "range": reach}
-            )
+            limit = joint.find("limit")
+            ends = [np.rad2deg(float(limit.get(side))) for side in ("lower", "upper")]
+            about = {"name": joint.get("name"), "axis": joint.find("axis").get("xyz")}
+            ET.SubElement(body, "joint", about, range=f"{ends[0]:.17g} {ends[1]:.17g}")
     return ET.tostring(root, encoding="unicode")
 
 
@@ -104,27 +83,13 @@ def test_seven_joints_have_the_inverse_dynamics_of_their_urdf(
     known, read = both
     assert read.joints == known.joints and read.name == "translated"
     expected, found = (RigidBody(arm).inverse_dynamics(*_samples(7)) for arm in both)
-    np.testing.assert_allclose(
-        found, expected, rtol=0, atol=1e-9 * np.abs(expected).max()
-    )
-    for ours, theirs in zip(
-        RigidBody(read).position_limits(),
-        RigidBody(known).position_limits(),
-        strict=True,
-    ):
-        np.testing.assert_allclose(ours, theirs, atol=1e-12)
-
-
-def test_rotors_and_friction_of_the_file_are_the_data_sheet(
-    both: tuple[NominalArm, NominalArm],
-) -> None:
-    read = both[1]
-    for values, key in (
-        (read.armature, "armature"),
-        (read.coulomb, "frictionloss"),
-        (read.viscous, "damping"),
-    ):
-        np.testing.assert_allclose(values, np.full(7, float(SHEET[key])))
+    size = np.abs(expected).max()
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * size)
+    limits = [RigidBody(arm).position_limits() for arm in both]
+    np.testing.assert_allclose(limits[1], limits[0], atol=1e-12)
+    # rotors and friction of the file are the data sheet
+    sheet = np.array([read.armature, read.coulomb, read.viscous]).T
+    np.testing.assert_allclose(sheet, [list(map(float, SHEET.values()))] * 7)
 
 
 def test_mujoco_reads_the_same_arm_from_it(both: tuple[NominalArm, NominalArm]) -> None:
@@ -135,11 +100,8 @@ def test_mujoco_reads_the_same_arm_from_it(both: tuple[NominalArm, NominalArm]) 
     model.dof_frictionloss[:] = 0.0
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
     data = mujoco.MjData(model)
-    expected = (
-        RigidBody(read).inverse_dynamics(*samples)
-        + read.armature * samples[2]
-        + read.viscous * samples[1]
-    )
+    expected = RigidBody(read).inverse_dynamics(*samples)
+    expected += read.armature * samples[2] + read.viscous * samples[1]
     for q, dq, ddq, torque in zip(*samples, expected, strict=True):
         data.qpos[:], data.qvel[:], data.qacc[:] = q, dq, ddq
         mujoco.mj_inverse(model, data)
@@ -158,17 +120,13 @@ def test_what_is_written_for_mujoco_reads_back_as_the_same_arm(
     root = ET.fromstring(plain_mjcf(links, body.gravity, 1e-3))
     for inertial, link in zip(root.iter("inertial"), links, strict=True):
         inertial.set("mass", repr(link.mass))
-        inertial.set(
-            "diaginertia", " ".join(repr(float(moment)) for moment in link.moments)
-        )
+        inertial.set("diaginertia", " ".join(map(repr, link.moments.tolist())))
     (tmp_path / "plain.xml").write_text(ET.tostring(root, encoding="unicode"))
     back = RigidBody(load_nominal_arm(tmp_path / "plain.xml"))
-    expected, found = (
-        x.inverse_dynamics(*_samples(body.n_joints)) for x in (body, back)
-    )
-    np.testing.assert_allclose(
-        found, expected, rtol=0, atol=1e-12 * np.abs(expected).max()
-    )
+    samples = _samples(body.n_joints)
+    expected, found = (x.inverse_dynamics(*samples) for x in (body, back))
+    size = np.abs(expected).max()
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * size)
 
 
 def _one(
@@ -210,14 +168,8 @@ REFUSED: list[tuple[dict[str, str], str]] = [
     ({"inertial": changed('"2"', '"two"')}, f"{ROD} mass>: expected a number"),
     ({"inertial": changed('mass="2"', "")}, f"{ROD}>: has no mass"),
     ({"inertial": '<inertial pos="0 0 0" mass="1"/>'}, "has no diaginertia"),
-    (
-        {"inertial": changed("0.1 0.1", "0.1")},
-        f"{ROD} diaginertia>: expected 3 numbers, got '0.1 0.02'",
-    ),
-    (
-        {"inertial": changed("0.1 0.1", "-0.1 0.1")},
-        f"{MOMENTS} -0.1, 0.02, 0.1 kg m^2",
-    ),
+    ({"inertial": changed("0.1 0.1", "0.1")}, f"{ROD} diaginertia>: expected 3 numbers, got '0.1 0.02'"),
+    ({"inertial": changed("0.1 0.1", "-0.1 0.1")}, f"{MOMENTS} -0.1, 0.02, 0.1 kg m^2"),
     ({"inertial": SIX}, f"{MOMENTS} -0.2, 0.1, 0.4 kg m^2"),
     (BY_MESH, "body rod: has no <inertial>, and its mass cannot be taken from the"),
     ({"before": '<include file="more.xml"/>'}, "<include> is not read"),
@@ -225,7 +177,7 @@ REFUSED: list[tuple[dict[str, str], str]] = [
     ({"before": '<option gravity="0 -9.81"/>'}, "gravity>: expected 3 numbers"),
     ({"joint": 'ref="0.2"'}, "joint hinge: ref is 0.2, expected 0"),
     ({"joint": 'class="none"'}, "joint hinge, <joint class>: expected the name of a"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("change", "message"), REFUSED)

@@ -49,7 +49,7 @@ def test_hdf5_with_two_rates(tmp_path: Path) -> None:
         file["slow/t"], file["slow/q"] = T[::2], Q[::2].T
     log = open_log(path)
     assert log.names == ["100 rows", "50 rows"]
-    assert list(log.tables[1].table.columns) == ["slow/q1", "slow/q2", "slow/t"]
+    assert list(log.tables[1].columns) == ["slow/q1", "slow/q2", "slow/t"]
 
 
 def test_hdf5_whose_torque_has_another_rate_and_no_time_says_so(

@@ -11,9 +11,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.io.channel_entry import Channel
 from gapscope.arm.io.formats.table_files import read_parquet
-from gapscope.arm.io.import_section import Import, TimeColumn
+from gapscope.arm.io.import_section import Channel, Import, TimeColumn
 from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.io.write_case import write_recording
 from gapscope.arm.nominal import NominalArm
@@ -69,18 +68,8 @@ BAD: list[tuple[str, Callable[[Rows], Rows], str, str]] = [
     ),
     ("header only", lambda x: x[:1], "has a header and no rows", "samples"),
     ("empty", lambda x: [], "is empty", "give a file with a header"),
-    (
-        "one row",
-        lambda x: x[:2],
-        "time stands still in all of its rows (1)",
-        "longer recording",
-    ),
-    (
-        "missing q2",
-        lambda x: [[*r[:2], *r[3:]] for r in x],
-        "has no column q2; it has t, q1, tau1, tau2",
-        "import:",
-    ),
+    ("one row", lambda x: x[:2], "time stands still in all of its rows (1)", "longer recording"),
+    ("missing q2", lambda x: [[*r[:2], *r[3:]] for r in x], "has no column q2; it has t, q1, tau1, tau2", "import:"),
     ("missing tau", lambda x: [r[:4] for r in x], "has no column tau2", "import:"),
     ("missing time", lambda x: [r[1:] for r in x], "has no column t;", "import:"),
     (
@@ -90,18 +79,8 @@ BAD: list[tuple[str, Callable[[Rows], Rows], str, str]] = [
         "URDF of the recorded arm",
     ),
     ("column twice", cell(1, 2, "q1"), "line 1: has the column 'q1' twice", "rename"),
-    (
-        "back in time",
-        cell(25, 0, "0.1"),
-        "line 25, column t: time jumps back, from 0.22 s to 0.1 s",
-        "split the log",
-    ),
-    (
-        "ms",
-        times(3e3),
-        "column t: looks like ms: taken as s the rate is 0.0333 Hz",
-        "unit: ms",
-    ),
+    ("back in time", cell(25, 0, "0.1"), "line 25, column t: time jumps back, from 0.22 s to 0.1 s", "split the log"),
+    ("ms", times(3e3), "column t: looks like ms: taken as s the rate is 0.0333 Hz", "unit: ms"),
     ("us", times(3e6), "column t: looks like us:", "unit: us"),
     ("ns", times(3e9), "column t: looks like ns:", "unit: ns"),
     ("slow", times(10.4), "column t: the rate is 9.62 Hz", "log at a higher rate"),
@@ -113,13 +92,8 @@ BAD: list[tuple[str, Callable[[Rows], Rows], str, str]] = [
         "q1 goes from -95.46 to 99.92, shoulder is limited to -2 to 2 rad: looks like degrees",
         "unit: deg",
     ),
-    (
-        "motor side",
-        times(9999, 2),
-        "elbow is limited to -2 to 2 rad",
-        "the transmission",
-    ),
-]
+    ("motor side", times(9999, 2), "elbow is limited to -2 to 2 rad", "the transmission"),
+]  # fmt: skip
 
 
 LEFT_OUT: list[tuple[str, Callable[[Rows], Rows], int, str]] = [
@@ -129,14 +103,9 @@ LEFT_OUT: list[tuple[str, Callable[[Rows], Rows], int, str]] = [
     ("text", cell(13, 1, "#REF!"), 13, "column q1: expected a number, got '#REF!'"),
     ("absurd", cell(13, 4, "1e154"), 13, "column tau2: holds 1e+154, which no log"),
     ("absurd time", cell(13, 0, "1e154"), 13, "column t: holds 1e+154, which no log"),
-    (
-        "ragged",
-        lambda x: [*x[:20], x[20][:3], *x[21:]],
-        21,
-        "has 3 cells, the header has 5",
-    ),
+    ("ragged", lambda x: [*x[:20], x[20][:3], *x[21:]], 21, "has 3 cells, the header has 5"),
     ("cut short", lambda x: [*x[:-1], x[-1][:2]], N + 1, "has 2 cells"),
-]
+]  # fmt: skip
 
 
 def written(table: Rows, folder: Path) -> Path:

@@ -121,10 +121,7 @@ def test_rows_to_fit_and_to_judge(folder: Path) -> None:
 
 
 BAD: list[tuple[dict[str, Any], str]] = [
-    (
-        {"recording": ["a.csv"]},
-        "case.yaml: unknown key 'recording'\n  remedy: did you mean recordings?",
-    ),
+    ({"recording": ["a.csv"]}, "case.yaml: unknown key 'recording'\n  remedy: did you mean recordings?"),
     ({"recordings": "a.csv"}, "field recordings: expected a list, got 'a.csv'"),
     ({"recordings": []}, "field recordings: "),
     ({"recordings": ["absent.csv"]}, "absent.csv: no such file"),
@@ -134,45 +131,18 @@ BAD: list[tuple[dict[str, Any], str]] = [
         {"joints": ["shoulder", "wrist"]},
         "field joints: {folder}/robot.urdf has no movable joint 'wrist'; it has shoulder, elbow",
     ),
-    (
-        {"robot": "r2d2"},
-        "r2d2: no such URDF file\n  remedy: give a URDF, or one of the known robots kuka_iiwa",
-    ),
-    (
-        {"nominal": {"coulomb": [1]}},
-        "field nominal.coulomb: expected 2 numbers, one per joint, got 1",
-    ),
-    (
-        {"nominal": {"viscous": [1, "x"]}},
-        "field nominal.viscous[2]: expected a number, got 'x'",
-    ),
-    (
-        {"nominal": {"armature": [1, -1]}},
-        "field nominal.armature[2]: expected a number of at least 0, got -1",
-    ),
-    (
-        {"nominal": {"encoder": "load"}},
-        "field nominal.encoder: expected one of motor, joint; got 'load'",
-    ),
+    ({"robot": "r2d2"}, "r2d2: no such URDF file\n  remedy: give a URDF, or one of the known robots kuka_iiwa"),
+    ({"nominal": {"coulomb": [1]}}, "field nominal.coulomb: expected 2 numbers, one per joint, got 1"),
+    ({"nominal": {"viscous": [1, "x"]}}, "field nominal.viscous[2]: expected a number, got 'x'"),
+    ({"nominal": {"armature": [1, -1]}}, "field nominal.armature[2]: expected a number of at least 0, got -1"),
+    ({"nominal": {"encoder": "load"}}, "field nominal.encoder: expected one of motor, joint; got 'load'"),
     ({"nominal": {"friction": [1, 1]}}, "field nominal: unknown key 'friction'"),
-    (
-        {"controller": {"rate": 1000, "kp": [1, 1]}},
-        "field controller: lacks the key 'kd'",
-    ),
-    (
-        {"controller": {"rate": 1000, "kp": [1], "kd": [1, 1]}},
-        "field controller.kp: expected 2 numbers",
-    ),
-    (
-        {"import": {"q": {"column": "p{j}", "unit": "grad"}}},
-        "field import.q.unit: expected one of rad, deg, rev",
-    ),
+    ({"controller": {"rate": 1000, "kp": [1, 1]}}, "field controller: lacks the key 'kd'"),
+    ({"controller": {"rate": 1000, "kp": [1], "kd": [1, 1]}}, "field controller.kp: expected 2 numbers"),
+    ({"import": {"q": {"column": "p{j}", "unit": "grad"}}}, "field import.q.unit: expected one of rad, deg, rev"),
     ({"import": {"tau": "T{j}"}}, "a.csv: has no column T1; it has t, q1, q2"),
-    (
-        {"import": {"rows": {"fit": [0, 50]}}},
-        "a.csv: lasts 0.5 s (51 samples), expected at least 1 s",
-    ),
-]
+    ({"import": {"rows": {"fit": [0, 50]}}}, "a.csv: lasts 0.5 s (51 samples), expected at least 1 s"),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -240,25 +240,13 @@ CONTRADICTIONS = [
     (at_fault({"ratios": [1, 0]}), "transmission", "cannot be inverted"),
     (at_fault({"matrix": [[1, 0]]}), "transmission.matrix", "2 by 2"),
     (at_fault({}), "transmission", "either matrix, or ratios"),
-    (
-        at_fault({"ratios": [1, 1], "coupling": THIRD}),
-        "transmission.coupling[1]",
-        "two different numbers from 1 to 2",
-    ),
+    (at_fault({"ratios": [1, 1], "coupling": THIRD}), "transmission.coupling[1]", "two different numbers from 1 to 2"),
     ({"rows": {"fit": [5, 2]}}, "rows.fit", "expected [first, last]"),
     ({"tau": {"unit": "A"}}, "tau", "a torque needs the motors' constants"),
     ({"tau": {"unit": "N m", "motor_constant": 0.1}}, "tau", "but no current"),
-    (
-        {"tau": {"unit": "A", "motor_constant": [0.1]}},
-        "tau.motor_constant",
-        "expected 2 entries",
-    ),
-    (
-        {"tau": CURRENT, "transmission": {"ratios": [100, 100]}},
-        "tau.gear_ratio",
-        "beside the transmission",
-    ),
-]
+    ({"tau": {"unit": "A", "motor_constant": [0.1]}}, "tau.motor_constant", "expected 2 entries"),
+    ({"tau": CURRENT, "transmission": {"ratios": [100, 100]}}, "tau.gear_ratio", "beside the transmission"),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("section", "field", "message"), CONTRADICTIONS)

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from gapscope.arm.io.case_file import check
-from gapscope.arm.io.channel_entry import joints_in
 from gapscope.arm.io.formats.rosbag import JOINT_STATE
-from gapscope.arm.io.import_section import parse_import
-from gapscope.arm.io.layouts import LAYOUTS, LEROBOT, layout_of
+from gapscope.arm.io.layouts import LEROBOT, joints_in, layout_of
 from gapscope.arm.io.table import Table
-from gapscope.arm.recording import CHANNELS
 
 
 def table(*columns: str) -> Table:
@@ -39,7 +36,7 @@ def test_a_header_gives_its_layout(name: str) -> None:
 
 def test_a_type_of_messages_gives_its_layout() -> None:
     states = table("t", "position[elbow]", "effort[elbow]")
-    layout = layout_of(states, JOINT_STATE)
+    layout = layout_of(replace(states, kind=JOINT_STATE))
     assert layout is not None and layout.name == "joint states of ROS"
     # the same columns in a file are no message
     assert layout_of(states) is None
@@ -54,28 +51,11 @@ def test_the_measured_torque_is_taken_before_the_computed_one() -> None:
     log = table(*columns)
     layout = layout_of(log)
     assert layout is not None
-    place = layout.channels(log)["tau"]
+    place = layout.place("tau", log)
+    assert place is not None
     assert (place.column, place.unit) == ("actual_current_{j0}", "A")
-    without = table(*columns[:3])
-    assert "no measurement" in layout.channels(without)["tau"].holds
-
-
-@pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.name)
-def test_each_layout_gives_a_valid_import_section(layout, tmp_path: Path) -> None:
-    patterns = [place.column for places in layout.places.values() for place in places]
-    names = [p.replace("{joint}", "elbow").replace("{j0}", "0") for p in patterns]
-    log = table("t", *(name.replace("{j}", "1") for name in names))
-    section = layout.section(log)
-    tau = section.get("tau")
-    if isinstance(tau, dict) and tau.get("unit") == "A":
-        tau |= {"motor_constant": 0.1}
-    check({"name": "x", "robot": "x", "recordings": ["x"], "import": section}, tmp_path)
-    importing = parse_import(section, 1, tmp_path / "case.yaml")
-    assert all(name in CHANNELS for name in layout.places)
-    for name in set(section) & set(CHANNELS):
-        channel = importing.channels[name]
-        assert channel is not None
-        assert joints_in(str(channel.column), log.columns), name
+    without = layout.place("tau", table(*columns[:3]))
+    assert without is not None and "no measurement" in without.holds
 
 
 def test_numbers_count_from_the_first_without_a_gap() -> None:
@@ -88,6 +68,7 @@ def test_numbers_count_from_the_first_without_a_gap() -> None:
 def test_a_dataset_is_read_by_names_with_or_without_the_ending() -> None:
     names = ("t", "observation.state[elbow.pos]", "action[elbow.pos]")
     log = table(*names)
-    layout = layout_of(log, LEROBOT)
+    layout = layout_of(replace(log, kind=LEROBOT))
     assert layout is not None
-    assert layout.section(log)["q"] == "observation.state[{joint}.pos]"
+    place = layout.place("q", log)
+    assert place is not None and place.column == "observation.state[{joint}.pos]"

@@ -92,7 +92,7 @@ def test_each_episode_is_a_table(folder: Path) -> None:
     assert log.format.startswith("LeRobot dataset v")
     assert log.names == ["episode 0", "episode 1", "episode 2"]
     assert log.unread == ("observation.images.top",)
-    table = log.tables[1].table
+    table = log.tables[1]
     assert len(table) == FRAMES
     np.testing.assert_allclose(table.columns["t"], np.arange(FRAMES) / FPS, atol=1e-6)
     first = next(name for name in table.columns if name.startswith("observation.state"))

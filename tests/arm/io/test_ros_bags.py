@@ -349,7 +349,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Log:
 
 
 def test_every_topic_about_joints_is_a_table_on_one_time(log: Log) -> None:
-    tables = {table.name: table.table.columns for table in log.tables}
+    tables = {table.name: table.columns for table in log.tables}
     assert log.format == "ROS 2 bag (MCAP)" and log.robot_description == "<robot/>"
     states = ["t", "position[elbow]", "position[shoulder]"]
     assert list(tables["/joint_states"]) == states

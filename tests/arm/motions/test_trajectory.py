@@ -12,23 +12,25 @@ from sweeps import daily
 from gapscope.arm.dynamics.kinematics import Kinematics, Pose, inverse_kinematics
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.io.table import numbered
 from gapscope.arm.io.write_case import write_columns
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.named_motions import (
     MOTIONS,
-    WeldSeam,
     Workspace,
     draw_motion,
     motions_for,
+    weld_seam,
     workspace,
 )
 from gapscope.arm.motions.trajectory import (
-    Chain,
     Fourier,
     Limits,
-    PointToPoint,
-    Reversed,
     Sampled,
+    backwards,
+    chain,
+    fastest,
+    point_to_point,
     read_sampled,
 )
 from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm
@@ -100,22 +102,11 @@ OF_TWO = Limits(np.full(2, -1.0), np.full(2, 1.0), np.full(2, 2.0), np.full(2, 9
 
 def sampled_file(path: Path) -> Fourier:
     """A motion of two joints, written every 20 ms."""
-    motion, t = (
-        Fourier.random(np.random.default_rng(0), OF_TWO, duration=4.0, frequency=0.25),
-        np.arange(201) / 50,
-    )
-    series = {
-        "q_ref": motion.position(t),
-        "dq_ref": motion.velocity(t),
-        "ddq_ref": motion.acceleration(t),
-    }
-    write_columns(
-        {
-            "t": t,
-            **{f"{k}{j + 1}": x for k, a in series.items() for j, x in enumerate(a.T)},
-        },
-        path,
-    )
+    rng, t = np.random.default_rng(0), np.arange(201) / 50
+    motion = Fourier.random(rng, OF_TWO, duration=4.0, frequency=0.25)
+    q, dq, ddq = motion.position(t), motion.velocity(t), motion.acceleration(t)
+    series = {"t": t, "q_ref": q, "dq_ref": dq, "ddq_ref": ddq}
+    write_columns(numbered(series), path)
     return motion
 
 
@@ -129,16 +120,11 @@ def test_motion_between_the_samples_is_that_of_the_source(tmp_path: Path) -> Non
 
 
 def test_it_rests_outside(tmp_path: Path) -> None:
-    found, t = (
-        Sampled(
-            Motion(np.array([0.0, 1.0]), np.array([[0.0], [1.0]]), *np.ones((2, 2, 1)))
-        ),
-        np.array([-1.0, 2]),
-    )
-    np.testing.assert_array_equal(found.position(t), [[0.0], [1.0]])
-    np.testing.assert_array_equal(
-        [found.velocity(t), found.acceleration(t)], np.zeros((2, 2, 1))
-    )
+    ends, t = np.array([0.0, 1.0]), np.array([-1.0, 2])
+    found = Sampled(Motion(ends, ends[:, None], *np.ones((2, 2, 1))))
+    np.testing.assert_array_equal(found.position(t), ends[:, None])
+    moves = found.velocity(t), found.acceleration(t)
+    np.testing.assert_array_equal(moves, np.zeros((2, 2, 1)))
 
 
 def test_bad_files_are_refused(tmp_path: Path) -> None:
@@ -149,9 +135,8 @@ def test_bad_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="q_ref3"):
         read_sampled(path, 3)
     text = path.read_text().splitlines()
-    path.write_text(
-        "\n".join([*text[:5], text[5].replace(text[5].split(",")[1], "nan"), *text[6:]])
-    )
+    spoilt = text[5].replace(text[5].split(",")[1], "nan")
+    path.write_text("\n".join([*text[:5], spoilt, *text[6:]]))
     with pytest.raises(InputError, match="line 6"):
         read_sampled(path, 2)
     path.write_text("\n".join([text[0], *text[3:]]))
@@ -173,10 +158,8 @@ def space(request: pytest.FixtureRequest) -> Workspace:
 @pytest.mark.parametrize("name", MOTIONS)
 @pytest.mark.parametrize("seed", daily(range(2), 0))
 def test_limits_hold_at_every_sample(space: Workspace, name: str, seed: int) -> None:
-    motion, limits = (
-        draw_motion(name, np.random.default_rng(seed), space, DURATION),
-        space.limits,
-    )
+    motion = draw_motion(name, np.random.default_rng(seed), space, DURATION)
+    limits = space.limits
     t = np.linspace(0.0, DURATION, 8001)
     q, dq, ddq = motion.position(t), motion.velocity(t), motion.acceleration(t)
     assert (q >= limits.lower).all() and (q <= limits.upper).all()
@@ -206,21 +189,15 @@ def test_weld_seam_is_straight_at_constant_speed_and_keeps_the_orientation(
 ) -> None:
     """The tool is on the line to 10 um, turns by less than 0.1 mrad and keeps its speed over 60 % of the time."""
     way = np.array([0.03, -0.06, 0.02])
-    seam = WeldSeam.along(
-        space.kinematics, space.posture, way, space.limits, speed=0.05
-    )
+    seam = weld_seam(space.kinematics, space.posture, way, space.limits, speed=0.05)
     t = np.linspace(-0.1, seam.duration + 0.1, 501)
     poses = [space.kinematics.tool(q) for q in seam.position(t)]
-    tool = (
-        np.array([pose.position for pose in poses])
-        - space.kinematics.tool(space.posture).position
-    )
-    along = tool @ way / np.linalg.norm(way)
-    assert (
-        np.linalg.norm(tool - np.outer(along, way / np.linalg.norm(way)), axis=1).max()
-        < 1e-5
-    )
-    np.testing.assert_allclose([along[0], along[-1]], [0.0, seam.length], atol=1e-6)
+    start, length = space.kinematics.tool(space.posture).position, np.linalg.norm(way)
+    tool = np.array([pose.position for pose in poses]) - start
+    along = tool @ way / length
+    aside = tool - np.outer(along, way / length)
+    assert np.linalg.norm(aside, axis=1).max() < 1e-5
+    np.testing.assert_allclose([along[0], along[-1]], [0.0, length], atol=1e-6)
     turned = np.array([pose.rotation for pose in poses]) - poses[0].rotation
     assert np.abs(turned).max() < 1e-4
     speed = np.diff(along) / np.diff(t)
@@ -273,7 +250,7 @@ def test_skeleton_begins_at_the_base_and_ends_at_the_tool(space: Workspace) -> N
 
 def test_quintic_by_hand() -> None:
     """From 0 to 2 rad in 4 s: 1 rad at half time, there 15/8 * 2/4 rad/s; 16 s(1/4) = 53/32."""
-    motion = PointToPoint(np.zeros(1), np.full(1, 2.0), 4.0)
+    motion = point_to_point(np.zeros(1), np.full(1, 2.0), 4.0)
     t = np.array([-1.0, 0.0, 1.0, 2.0, 4.0, 9.0])
     np.testing.assert_allclose(
         motion.position(t)[:, 0], [0, 0, 2 * 53 / 512, 1, 2, 2], atol=1e-14
@@ -290,7 +267,7 @@ def test_fastest_point_to_point_meets_a_limit() -> None:
     limits = Limits(
         np.full(2, -3.0), np.full(2, 3.0), np.array([1.0, 1.0]), np.array([2.0, 50.0])
     )
-    motion = PointToPoint.within(np.zeros(2), np.array([0.5, 2.0]), limits)
+    motion = fastest(np.zeros(2), np.array([0.5, 2.0]), limits)
     t = np.linspace(0, motion.duration, 4001)
     use = [
         np.abs(motion.velocity(t)) / limits.velocity,
@@ -300,12 +277,12 @@ def test_fastest_point_to_point_meets_a_limit() -> None:
 
 
 def test_chain_is_continuous_and_backwards_is_backwards() -> None:
-    out = PointToPoint(np.zeros(2), np.ones(2), 1.0)
-    chain = Chain((out, Reversed(out)))
+    out = point_to_point(np.zeros(2), np.ones(2), 1.0)
+    both = chain((out, backwards(out)))
     t = np.linspace(0, 2, 201)
-    assert chain.duration == 2.0
-    np.testing.assert_allclose(chain.position(t), chain.position(2 - t), atol=1e-12)
-    np.testing.assert_allclose(chain.velocity(t), -chain.velocity(2 - t), atol=1e-12)
+    assert both.duration == 2.0
+    np.testing.assert_allclose(both.position(t), both.position(2 - t), atol=1e-12)
+    np.testing.assert_allclose(both.velocity(t), -both.velocity(2 - t), atol=1e-12)
 
 
 def test_same_seed_same_named_motion(space: Workspace) -> None:
@@ -322,9 +299,9 @@ def test_bad_requests_are_refused_with_what_to_do(space: Workspace) -> None:
     with pytest.raises(InputError, match="did you mean 'weld_seam'"):
         draw_motion("weldseam", np.random.default_rng(0), space, DURATION)
     with pytest.raises(InputError, match="not a positive duration"):
-        PointToPoint(np.zeros(1), np.ones(1), 0.0)
+        point_to_point(np.zeros(1), np.ones(1), 0.0)
     with pytest.raises(InputError, match="joint 1"):
-        PointToPoint.within(space.posture, space.limits.upper + 1.0, space.limits)
+        fastest(space.posture, space.limits.upper + 1.0, space.limits)
 
 
 def test_an_arm_of_one_joint_moves_but_holds_no_line(tmp_path) -> None:

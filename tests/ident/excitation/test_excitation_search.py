@@ -15,7 +15,7 @@ from sweeps import daily
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.motions.motion import Motion
-from gapscope.arm.motions.trajectory import Limits, WayPoints
+from gapscope.arm.motions.trajectory import Limits, way_points
 from gapscope.arm.nominal import NominalArm
 from gapscope.ident.excitation.design import (
     OPTIMISERS,
@@ -297,7 +297,7 @@ def test_way_points_are_passed_at_their_times() -> None:
         np.array([0.0, 1.0, 2.5, 3.0]),
         np.array([[0.0], [1.0], [-1.0], [0.5]]),
     )
-    motion = WayPoints(times, points)
+    motion = way_points(times, points)
     np.testing.assert_allclose(motion.position(times), points, atol=1e-12)
     np.testing.assert_allclose(
         motion.position(np.array([-1.0, 9.0])), [[0.0], [0.5]], atol=1e-12
@@ -316,7 +316,7 @@ def test_bad_way_points_are_refused(
     times: list[float], points: list[list[float]]
 ) -> None:
     with pytest.raises(InputError, match="way points|times"):
-        WayPoints(np.array(times), np.array(points))
+        way_points(np.array(times), np.array(points))
 
 
 # Criteria by hand, and effects that can and cannot be separated.

@@ -18,7 +18,7 @@ from scipy.constants import giga
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.input_file import LARGEST_IN_MEMORY, LARGEST_UNPACKED, check_file
-from gapscope.arm.io.table import Log, LogTable, Table, numbered
+from gapscope.arm.io.table import Log, Table, numbered
 
 LARGEST = LARGEST_UNPACKED // np.dtype(float).itemsize
 """Numbers in an array from which it is left unread [1]."""
@@ -164,7 +164,7 @@ def log_of_arrays(
             file=path,
         )
     tables = [_table(path, kind, group, by_rows) for group in by_rows.values()]
-    tables.sort(key=lambda table: -len(table.table))
+    tables.sort(key=lambda table: -len(table))
     return Log(path, kind, tuple(tables), unread=tuple(left_out))
 
 
@@ -180,9 +180,9 @@ def _rows_first(array: np.ndarray, lengths: set[int]) -> np.ndarray:
 
 def _table(
     path: Path, kind: str, arrays: Mapping[str, np.ndarray], every: Mapping[int, Any]
-) -> LogTable:
+) -> Table:
     """Arrays with the same number of rows; named by its rows if the file has several tables."""
     columns = numbered(arrays)
     count = len(next(iter(columns.values())))
     name = f"{count} rows" if len(every) > 1 else ""
-    return LogTable(name, kind, Table(path, columns, range(1, count + 1)))
+    return Table(path, columns, range(1, count + 1), name=name, kind=kind)

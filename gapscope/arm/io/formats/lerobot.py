@@ -13,7 +13,7 @@ from gapscope.arm.input_file import check_folder_files, is_file
 from gapscope.arm.io.formats.table_files import check_unpacked
 from gapscope.arm.io.json_file import read_json
 from gapscope.arm.io.layouts import LEROBOT
-from gapscope.arm.io.table import Log, LogTable, Table
+from gapscope.arm.io.table import Log, Table
 
 INFO = Path("meta") / "info.json"
 """The file that describes a dataset."""
@@ -76,11 +76,16 @@ def read_dataset(path: Path, episodes: Iterable[int] | None = None) -> Log:
     tables = []
     for number, parts in frames.items():
         if not parts:
-            raise _no_episode(path, number)
+            there = ", ".join(map(str, dataset_episodes(path)))
+            raise InputError(
+                f"has no episode {number}; it has {there}",
+                "correct episodes: in the import section",
+                file=path,
+            )
         columns = _columns(path, parts, names, float(info["fps"]))
         rows = range(1, len(columns["t"]) + 1)
-        table = Table(path, columns, rows, "frame")
-        tables.append(LogTable(episode_name(number), LEROBOT, table))
+        name = episode_name(number)
+        tables.append(Table(path, columns, rows, "frame", name=name, kind=LEROBOT))
     videos = [key for key, f in features.items() if f.get("dtype") in _PICTURES]
     version = f"LeRobot dataset {info.get('codebase_version', '')}".strip()
     return Log(path, version, tuple(tables), unread=tuple(videos))
@@ -192,11 +197,3 @@ def _of_lists(
         )
     labels = names or [str(place) for place in range(count)]
     return {f"{key}[{label}]": values[:, i] for i, label in enumerate(labels)}
-
-
-def _no_episode(path: Path, number: int) -> InputError:
-    return InputError(
-        f"has no episode {number}; it has {', '.join(map(str, dataset_episodes(path)))}",
-        "correct episodes: in the import section",
-        file=path,
-    )

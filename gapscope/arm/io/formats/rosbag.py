@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ import numpy as np
 from gapscope.arm.errors import InputError
 from gapscope.arm.input_file import check_folder_files, is_file, is_folder
 from gapscope.arm.io.case_file import read_yaml
-from gapscope.arm.io.table import Log, LogTable, Table
+from gapscope.arm.io.table import Log, Table
 
 # Definitions of the messages of ros2_control, for bags that hold none: those of SQLite before ROS 2 Iron.
 #
@@ -146,13 +146,9 @@ def _controller_state(message: Any, logged: int) -> Iterator[Sample]:
     }
     sample = _sample(message, logged, tuple(message.joint_names), fields)
     if hasattr(message, "speed_scaling_factor"):
-        sample = Sample(
-            sample.stamp,
-            logged,
-            (*sample.columns, "speed_scaling_factor"),
-            np.append(sample.values, message.speed_scaling_factor),
-            sample.joints,
-        )
+        columns = (*sample.columns, "speed_scaling_factor")
+        values = np.append(sample.values, message.speed_scaling_factor)
+        sample = replace(sample, columns=columns, values=values)
     yield sample
 
 
@@ -174,9 +170,8 @@ def _joint_trajectory(message: Any, logged: int) -> Iterator[Sample]:
     joints = tuple(message.joint_names)
     for point in message.points:
         fields = {name: getattr(point, name) for name in _POINT_FIELDS}
-        sample = _sample(message, logged, joints, fields)
         due = start + nanoseconds(point.time_from_start)
-        yield Sample(due, logged, sample.columns, sample.values, joints)
+        yield replace(_sample(message, logged, joints, fields), stamp=due)
 
 
 SAMPLES: dict[str, Callable[[Any, int], Iterator[Sample]]] = {
@@ -200,7 +195,7 @@ LOGGING_TIME = "time is that of logging: the stamps in the messages are not set"
 
 def tables_of_samples(
     path: Path, topics: Mapping[tuple[str, str], Sequence[Sample]]
-) -> tuple[LogTable, ...]:
+) -> tuple[Table, ...]:
     """A table for each topic and set of joints, in the order of the bag.
 
     Args:
@@ -214,14 +209,14 @@ def tables_of_samples(
     if abs(lead) < OTHER_CLOCK * 1e9:
         lead = 0
     start = min((s.stamp or s.logged - lead for s in every), default=0)
-    tables: list[LogTable] = []
+    tables: list[Table] = []
     for (topic, kind), samples in topics.items():
         groups: dict[frozenset[str], list[Sample]] = defaultdict(list)
         for sample in samples:
             groups[frozenset(sample.joints)].append(sample)
         for group in groups.values():
             table = _table_of(path, group, start, lead)
-            tables.append(LogTable(topic, kind, table))
+            tables.append(replace(table, name=topic, kind=kind))
     return tuple(tables)
 
 
@@ -229,30 +224,24 @@ def _table_of(path: Path, samples: Sequence[Sample], start: int, lead: int) -> T
     """Samples about the same joints, with the columns that all of them have."""
     stamps = np.array([s.stamp or s.logged - lead for s in samples], dtype=np.int64)
     columns: dict[str, np.ndarray] = {"t": (stamps - start) * 1e-9}
-    kept = _common_columns(samples)
-    places = {
-        names: [names.index(name) for name in kept]
-        for names in {sample.columns for sample in samples}
-    }
+    variants = {sample.columns for sample in samples}
+    # in the order of the first; a joint named twice counts once
+    kept = [
+        x for x in dict.fromkeys(samples[0].columns) if all(x in v for v in variants)
+    ]
+    places = {names: [names.index(name) for name in kept] for names in variants}
     values = np.array([sample.values[places[sample.columns]] for sample in samples])
     columns |= {name: values[:, place] for place, name in enumerate(kept)}
     notes = []
     if not all(sample.stamp for sample in samples):
         notes.append(LOGGING_TIME)
-    dropped = {name for sample in samples for name in sample.columns} - set(kept)
+    dropped = set[str]().union(*variants) - set(kept)
     if dropped:
         notes.append(
             f"left out, as some messages lack them: {', '.join(sorted(dropped))}"
         )
     rows = range(1, len(samples) + 1)
     return Table(path, columns, rows, "message", notes=tuple(notes))
-
-
-def _common_columns(samples: Sequence[Sample]) -> list[str]:
-    """Names that every sample has, in the order of the first; a joint named twice counts once."""
-    variants = {sample.columns for sample in samples}
-    common = set(samples[0].columns).intersection(*variants)
-    return [name for name in dict.fromkeys(samples[0].columns) if name in common]
 
 
 def followed_trajectories(points: Sequence[Sample]) -> list[Sample]:
@@ -291,11 +280,14 @@ def read_bag(path: Path) -> Log:
     if is_file(path / METADATA):
         # the library's own reader of YAML writes out aliases of aliases
         read_yaml(path / METADATA, "is the bag complete?")
-    content = _content(path)
+    messages, typestore, others = _content(path)
     samples: dict[tuple[str, str], list[Sample]] = defaultdict(list)
     description = None
-    stores, unknown = _fitting_stores(path, content)
-    for topic, kind, logged, raw in content.messages:
+    first: dict[str, bytes] = {}
+    for _, kind, _, raw in messages:
+        first.setdefault(kind, raw)
+    stores, unknown = _fitting_stores(path, first, typestore)
+    for topic, kind, logged, raw in messages:
         if kind in unknown:
             continue
         message = _decoded(path, kind, raw, stores[kind])
@@ -309,28 +301,15 @@ def read_bag(path: Path) -> Log:
     tables = tables_of_samples(path, samples)
     if unknown and not tables:
         raise next(iter(unknown.values()))
-    unread = (*content.unread, *(f"{kind}: of unknown form" for kind in unknown))
+    unread = (*others, *(f"{kind}: of unknown form" for kind in unknown))
     storage = "MCAP" if _is_mcap(path) else "SQLite"
     return Log(path, f"ROS 2 bag ({storage})", tables, description, unread=unread)
 
 
-@dataclass(frozen=True)
-class _Content:
-    """What a bag holds.
+def _content(path: Path) -> tuple[list[tuple[str, str, int, bytes]], Any, list[str]]:
+    """Topic, type, time of logging [ns] and bytes of each message of a bag about joints or the robot.
 
-    Attributes:
-        messages: topic, type, time of logging [ns] and bytes of each message about joints or the robot.
-        typestore: the definitions in the bag.
-        unread: the other topics with their types.
-    """
-
-    messages: Sequence[tuple[str, str, int, bytes]]
-    typestore: Any
-    unread: tuple[str, ...]
-
-
-def _content(path: Path) -> _Content:
-    """The messages of a bag, still encoded.
+    Beside them the definitions in the bag, and its other topics with their types.
 
     Raises:
         InputError: the bag is damaged or incomplete.
@@ -350,8 +329,8 @@ def _content(path: Path) -> _Content:
             found = reader.messages(wanted) if wanted else ()
             messages = [_message(c, logged, raw) for c, logged, raw in found]
             others = [c for c in reader.connections if c not in wanted]
-            unread = tuple(dict.fromkeys(f"{c.topic} ({c.msgtype})" for c in others))
-            return _Content(messages, reader.typestore, unread)
+            unread = dict.fromkeys(f"{c.topic} ({c.msgtype})" for c in others)
+            return messages, reader.typestore, list(unread)
     # the library passes on whatever SQLite, MCAP and decompressors raise on damaged files
     except Exception as error:
         raise InputError(
@@ -385,17 +364,14 @@ def _is_mcap(path: Path) -> bool:
 
 
 def _fitting_stores(
-    path: Path, content: _Content
+    path: Path, first: Mapping[str, bytes], typestore: Any
 ) -> tuple[dict[str, Any], dict[str, InputError]]:
     """For each type of messages the definitions by which its first message can be decoded, or why there are none."""
-    first: dict[str, bytes] = {}
-    for _, kind, _, raw in content.messages:
-        first.setdefault(kind, raw)
     stores: dict[str, Any] = {}
     unknown: dict[str, InputError] = {}
     for kind, raw in first.items():
-        in_bag = kind in content.typestore.fielddefs
-        for store in [content.typestore] if in_bag else known_typestores():
+        in_bag = kind in typestore.fielddefs
+        for store in [typestore] if in_bag else known_typestores():
             try:
                 _decoded(path, kind, raw, store)
             except InputError as error:
