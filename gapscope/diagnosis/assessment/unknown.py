@@ -24,7 +24,7 @@ from gapscope.diagnosis.thresholds import (
     ROWS_PER_CUTOFF,
     UNKNOWN_TORQUE,
 )
-from gapscope.ident.examination import band_correlation, whiteness
+from gapscope.ident.intervals import band_correlation, whiteness
 from gapscope.model.conditioning import TORQUE_CUTOFF
 from gapscope.model.design import drawn_waves
 from gapscope.model.difference import ANY
