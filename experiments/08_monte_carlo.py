@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import NamedTuple
@@ -42,24 +43,30 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.position_controller import position_controller
 from gapscope.envs.recorder import Plan, record_case
 from gapscope.ident.estimators.by_name import method
-from gapscope.ident.estimators.experiment import Experiment
 from gapscope.ident.estimators.linear import (
     Estimator,
-    HuberLeastSquares,
-    MaximumLikelihood,
-    PartialUpdate,
-    Ridge,
-    TotalLeastSquares,
-    TruncatedSvd,
-    WeightedLeastSquares,
+    huber,
+    maximum_likelihood,
+    ordinary_least_squares,
+    partial_update,
+    ridge,
+    total_least_squares,
+    truncated_svd,
+    weighted_least_squares,
 )
-from gapscope.ident.estimators.physical import ConsistentSdp, LogCholesky
+from gapscope.ident.estimators.physical import (
+    Bodies,
+    log_cholesky,
+    possible_arm,
+    semidefinite,
+)
 from gapscope.ident.estimators.simulating import (
-    DirectInverse,
-    InstrumentalVariables,
-    OutputError,
+    Experiment,
+    direct_inverse,
+    instrumental_variables,
+    output_error,
 )
-from gapscope.ident.fitted_parameters import (
+from gapscope.ident.identification import (
     FittedParameters,
     IdentificationSettings,
     fit_parameters,
@@ -70,8 +77,8 @@ from gapscope.ident.intervals import (
     torque_interval,
 )
 from gapscope.ident.model.base_parameters import BaseParameters, base_parameters
-from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.regressor import Regressor
+from gapscope.ident.samples import Problem
 from gapscope.model.conditioning import condition, low_pass
 
 # Arms, noise and problems
@@ -157,9 +164,7 @@ class World:
     def experiment(self, recordings: tuple[Recording, ...]) -> Experiment:
         """Noisy recordings and how the simulator repeats them; it starts from weighted least squares."""
         problem = self.reduced(self.problem(recordings))
-        start = self.base.nearest(
-            WeightedLeastSquares().estimate(problem).value, self.prior
-        )
+        start = self.base.nearest(weighted_least_squares(problem).value, self.prior)
         arm = self.regressor.arm
         controller = replace(
             position_controller(arm, workspace(self.regressor.body).posture), rate=TICKS
@@ -294,32 +299,47 @@ HEAD = ["estimator", "runs", *(f"noise {level:.0%}" for level in LEVELS)]
 
 Made = Callable[[World, float], Estimator]
 BASE: dict[str, Made] = {
-    "OLS": lambda world, level: WeightedLeastSquares(rounds=0),
-    "WLS": lambda world, level: WeightedLeastSquares(),
-    "IRLS, Huber": lambda world, level: HuberLeastSquares(),
-    "ridge": lambda world, level: Ridge("motion", world.base.of(world.prior)),
-    "ridge, L-curve": lambda world, level: Ridge("l_curve", world.base.of(world.prior)),
-    "truncated SVD": lambda world, level: TruncatedSvd(world.base.of(world.prior)),
-    "total least squares": lambda world, level: TotalLeastSquares(),
-    "maximum likelihood": lambda world, level: MaximumLikelihood(),
-    "partial update": lambda world, level: PartialUpdate(world.base.of(world.prior)),
+    "OLS": lambda world, level: ordinary_least_squares,
+    "WLS": lambda world, level: weighted_least_squares,
+    "IRLS, Huber": lambda world, level: huber,
+    "ridge": lambda world, level: partial(ridge, prior=world.base.of(world.prior)),
+    "ridge, L-curve": lambda world, level: partial(
+        ridge, prior=world.base.of(world.prior), choice="l_curve"
+    ),
+    "truncated SVD": lambda world, level: partial(
+        truncated_svd, prior=world.base.of(world.prior)
+    ),
+    "total least squares": lambda world, level: total_least_squares,
+    "maximum likelihood": lambda world, level: maximum_likelihood,
+    "partial update": lambda world, level: partial(
+        partial_update, prior=world.base.of(world.prior)
+    ),
 }
 """Estimators of base parameters, ``--runs`` runs each."""
+
+
+def possible(world: World, bodies: Bodies) -> Estimator:
+    """An estimator of bodies that can exist, near the world's prior."""
+    return partial(possible_arm, prior=world.prior, base=world.base, bodies=bodies)
+
+
 STANDARD: dict[str, Made] = {
-    "SDP, Euclidean pull": lambda world, level: ConsistentSdp(world.prior, world.base),
-    "SDP, entropic pull": lambda world, level: ConsistentSdp(
-        world.prior, world.base, entropic=True
+    "SDP, Euclidean pull": lambda world, level: possible(world, semidefinite),
+    "SDP, entropic pull": lambda world, level: possible(
+        world, partial(semidefinite, entropic=True)
     ),
-    "log-Cholesky": lambda world, level: LogCholesky(world.prior, world.base),
+    "log-Cholesky": lambda world, level: possible(world, log_cholesky),
 }
 """Estimators of bodies that can exist, ``--consistent`` runs each."""
 
 
 SIMULATING: dict[str, Callable[[Experiment], Estimator]] = {
-    "WLS, same draws": lambda experiment: WeightedLeastSquares(),
-    "IDIM-IV": InstrumentalVariables,
-    "DIDIM": DirectInverse,
-    "output error": OutputError,
+    "WLS, same draws": lambda experiment: weighted_least_squares,
+    "IDIM-IV": lambda experiment: partial(
+        instrumental_variables, experiment=experiment
+    ),
+    "DIDIM": lambda experiment: partial(direct_inverse, experiment=experiment),
+    "output error": lambda experiment: partial(output_error, experiment=experiment),
 }
 """Estimators that simulate, and the one that they start from, ``--simulating`` runs each."""
 
@@ -384,10 +404,10 @@ class Comparison:
             found = {}
             if run < counts.runs:
                 for name, estimator in base.items():
-                    found[name] = estimator.estimate(reduced).value
+                    found[name] = estimator(reduced).value
             if run < counts.consistent:
                 for name, made in STANDARD.items():
-                    found[name] = made(world, level).estimate(reduced).value
+                    found[name] = made(world, level)(reduced).value
             self.add(level, found)
 
     def simulating(self, level: float, rng: np.random.Generator) -> None:
@@ -396,7 +416,7 @@ class Comparison:
         experiment = self._world.experiment(recordings)
         problem = experiment.build(recordings)
         made = {name: make(experiment) for name, make in SIMULATING.items()}
-        self.add(level, {k: one.estimate(problem).value for k, one in made.items()})
+        self.add(level, {k: one(problem).value for k, one in made.items()})
 
     def text(self) -> str:
         """The table so far."""
@@ -418,8 +438,8 @@ def coverage(
     hits: dict[str, list[float]] = {}
     for _ in range(runs):
         problem = world.reduced(world.problem(world.noisy(level, rng)))
-        estimator = WeightedLeastSquares()
-        estimate = estimator.estimate(problem)
+        estimator = weighted_least_squares
+        estimate = estimator(problem)
         weight = np.diag(estimate.residual**-2)
         methods = {
             "plain formula": Uncertainty(estimate.covariance, np.inf, 1),

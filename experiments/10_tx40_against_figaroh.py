@@ -20,13 +20,11 @@ from benchmarks.child import FIGAROH, figaroh_fit, install
 from common import command_line
 
 from gapscope.arm.case import load_case
-from gapscope.ident.examination import MOVING
 from gapscope.ident.identification import (
     IdentificationSettings,
     identify,
 )
-from gapscope.ident.model.linear_problem import FrictionLaw, ModelColumns
-from gapscope.ident.samples import Band
+from gapscope.ident.samples import MOVING, Band, FrictionLaw, ModelColumns
 from gapscope.model.conditioning import Segment
 
 HERE = Path(__file__).parent

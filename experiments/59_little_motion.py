@@ -21,14 +21,15 @@ from pinocchio_arms import FORM_ARMS, FORMS, FormArm
 
 from gapscope.arm.case import Case
 from gapscope.arm.errors import InputError
-from gapscope.ident.checks.troubleshooting import predicts_worse
 from gapscope.ident.estimators.by_name import METHODS, Given
-from gapscope.ident.fitted_parameters import (
+from gapscope.ident.identification import (
     FittedParameters,
     IdentificationSettings,
     fit_parameters,
+    model_value,
+    predicts_worse,
+    validated,
 )
-from gapscope.ident.identification import model_value, validated
 from gapscope.ident.samples import count_samples
 
 FIT, JUDGE, NOISE, STATED = 3, 2, 0.01, 0.5
@@ -66,7 +67,7 @@ def left(fitted: FittedParameters) -> dict[str, Left]:
         if method.simulates:
             continue
         try:
-            beta = method.make(given).estimate(fitted.problem).value
+            beta = method.make(given)(fitted.problem).value
         except InputError:
             # the nominal arm has a body that cannot exist
             continue

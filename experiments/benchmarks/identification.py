@@ -17,9 +17,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case, load_case
-from gapscope.ident.examination import MOVING
 from gapscope.ident.identification import IdentificationSettings, identify
-from gapscope.ident.samples import Band
+from gapscope.ident.samples import MOVING, Band
 from gapscope.model.conditioning import Segment
 
 from .cases import CASES, data_folder

@@ -17,10 +17,14 @@ from threadpoolctl import threadpool_limits
 
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.ident.estimators.linear import JointTriangles
-from gapscope.ident.model.base_parameters import base_parameters, random_states
-from gapscope.ident.model.linear_problem import Problem
+from gapscope.ident.estimators.linear import joint_factors, weighted_factor
+from gapscope.ident.model.base_parameters import (
+    Factor,
+    base_parameters,
+    random_states,
+)
 from gapscope.ident.model.regressor import Regressor
+from gapscope.ident.samples import Problem
 
 from .child import FIGAROH, install, run_child, without_meshes
 from .measure import Point, Row, Settings, compared
@@ -105,16 +109,17 @@ def _streamed(regressor: Regressor, motion: Motion) -> Times:
         rows = slice(first, first + CHUNK)
         part = Motion(motion.t[rows], motion.q[rows], motion.dq[rows], motion.ddq[rows])
         parts.append(_triangles(regressor.matrix(part)))
-    triangle = JointTriangles.joined(parts).factor().triangle
+    joints = [Factor.together(own) for own in zip(*parts, strict=True)]
+    triangle = weighted_factor(joints).triangle
     base_parameters(triangle, regressor.names).expressions()
     return 0.0, time.process_time() - start
 
 
-def _triangles(Y: np.ndarray) -> JointTriangles:
+def _triangles(Y: np.ndarray) -> list[Factor]:
     """Triangles of a regressor alone: base parameters need no torque."""
     names = tuple(map(str, range(Y.shape[2])))
     group = np.zeros(len(Y), dtype=int)
-    return JointTriangles.of(Problem(Y, np.zeros(Y.shape[:2]), names, group, 1e-3))
+    return joint_factors(Problem(Y, np.zeros(Y.shape[:2]), names, group, 1e-3))
 
 
 def _figaroh(

@@ -28,8 +28,8 @@ from gapscope.diagnosis.selection.search import could_show
 from gapscope.diagnosis.set_up import Remark, SetUp, look_at_set_up, numbers
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
 from gapscope.ident.model.base_parameters import random_states, structural_base
-from gapscope.ident.model.linear_problem import FrictionLaw, ModelColumns
 from gapscope.ident.model.regressor import Regressor
+from gapscope.ident.samples import FrictionLaw, ModelColumns
 from gapscope.inspection.inspection import inspect_table
 from gapscope.model.conditioning import Segment, condition, position_cutoff, thinned
 from gapscope.model_audit.audit import odd_kinds

@@ -23,7 +23,7 @@ from gapscope.diagnosis.thresholds import (
     NAMED_PROBABILITY,
     OPEN_ALTERNATIVE,
 )
-from gapscope.ident.checks.plausible_samples import check_recordings
+from gapscope.ident.samples import check_recordings
 from gapscope.model.changes import between_recordings
 from gapscope.model.contrast import SIZES
 from gapscope.model.design import lasts

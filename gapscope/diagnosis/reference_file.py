@@ -43,8 +43,7 @@ from gapscope.diagnosis.setup_faults.clocks import find_quantization
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.fault_search import looks_late
 from gapscope.diagnosis.setup_faults.found_fault import repaired
-from gapscope.ident.identification_json import urdf_text
-from gapscope.ident.model.physical_parameters import nearest_possible
+from gapscope.ident.model.physical_parameters import nearest_possible, urdf_text
 from gapscope.model.design import BODIES, FreeArm, design, fitted_arm
 from gapscope.model.equations import Equations
 from gapscope.model.form_error import learn

@@ -1,62 +1,507 @@
-"""The pipeline: case, samples in a band, friction law, base parameters, intervals, physical parameters, validation."""
+"""Identification: parameters fitted to recordings, what they are worth, and what makes them doubtful."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
+from scipy.ndimage import binary_opening
+from scipy.signal import welch
 
 from gapscope.arm.case import Case
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
-from gapscope.ident.checks.troubleshooting import Row, fill_in, identification_warnings
-from gapscope.ident.estimators.by_name import method
+from gapscope.arm.nearest_name import check_known
+from gapscope.arm.recording import Recording, resting
+from gapscope.ident.estimators.by_name import SIMULATING, Given, method
 from gapscope.ident.estimators.linear import (
+    Estimate,
     Estimator,
-    PartialUpdate,
-    WeightedLeastSquares,
+    column_norms,
+    weighted_least_squares,
     whitened,
 )
-from gapscope.ident.examination import (
-    Examination,
-    Validation,
-    identifiability,
-    validate,
-)
-from gapscope.ident.fitted_parameters import (
-    FittedParameters,
-    IdentificationSettings,
-    fit_parameters,
-)
+from gapscope.ident.estimators.simulating import closed_loop
 from gapscope.ident.intervals import (
+    GroupComparison,
     PredictedTorque,
+    TorqueInterval,
+    Uncertainty,
+    Whiteness,
+    band_correlation,
     compare_groups,
+    form_columns,
     predicted_torque,
     torque_interval,
+    whiteness,
 )
 from gapscope.ident.kalman import FilterReview, StatesAndFriction, follow_states, review
 from gapscope.ident.model.base_parameters import (
+    CONDITION_LIMIT,
     STATES,
+    TINY,
     BaseParameters,
     EssentialParameters,
     Factor,
     Recovery,
     base_parameters,
+    condition_number,
     essential_parameters,
     random_states,
+    rank_by_gap,
     recoveries,
+    unit_triangle,
 )
+from gapscope.ident.model.friction import Choice, choose, penalties
 from gapscope.ident.model.joint_zero import JointZeros, estimate_zeros
-from gapscope.ident.model.linear_problem import FrictionLaw, ModelColumns
-from gapscope.ident.samples import Samples, count_samples
+from gapscope.ident.model.physical_parameters import Physical, consistent, inconsistent
+from gapscope.ident.samples import (
+    AT_LIMIT,
+    MOVING,
+    Band,
+    FrictionLaw,
+    ModelColumns,
+    Problem,
+    SampleCount,
+    Samples,
+    check_count,
+    check_recordings,
+    count_samples,
+    split,
+)
+from gapscope.model.change_findings import change_findings, change_text
 from gapscope.model.changes import Change, changes_of
-from gapscope.model.conditioning import TORQUE_CUTOFF, Segment, condition
-from gapscope.model.effective_samples import variance_inflation
+from gapscope.model.conditioning import (
+    TORQUE_CUTOFF,
+    Segment,
+    condition,
+    position_cutoff,
+    uniform,
+)
+from gapscope.model.effective_samples import group_slices, variance_inflation
 from gapscope.model.gravity_direction import as_mounted
 
+FILTERS = ("recursive", "unscented")
+"""What follows the parameters over time; the recursive filter always does."""
+
+
+HELD = 1e6
+"""Pull on a parameter that is kept, over the usual one and the squares of its column at unit noise [1]."""
+
+
+@dataclass(frozen=True)
+class IdentificationSettings:
+    """How to identify.
+
+    Attributes:
+        cutoff: of both sides [Hz]; chosen from the spectra of the positions if ``None``.
+        estimator: one of ``gapscope.ident.estimators.by_name.METHODS``.
+        judge: names of recordings to hold out; if empty those that the case holds out, else the last one.
+        any_torque: continue if the torque shows that the case reads its log wrongly, or says another gravity.
+        trim: leave out both ends of a segment, where the filter settles.
+        filter: ``recursive``, or ``unscented`` to follow states and friction together as well.
+        plain: only what URDF, data sheet and effects can express: no friction that keeps its direction at rest.
+        ridge: strength of the estimator ``ridge`` [1], chosen by held-out motions if ``None``.
+        singular_values: how many ``truncated_svd`` keeps, likewise.
+        keep: parameters that ``consistent`` leaves at the nominal arm's, by name; ``link5`` for all ten of a link.
+    """
+
+    cutoff: float | None = None
+    estimator: str = "consistent"
+    judge: tuple[str, ...] = ()
+    any_torque: bool = False
+    trim: bool = True
+    filter: str = "recursive"
+    plain: bool = False
+    ridge: float | None = None
+    singular_values: int | None = None
+    keep: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check that what is asked for belongs to the estimator."""
+        belongs = {
+            "ridge": (self.ridge is not None, "ridge"),
+            "singular-values": (self.singular_values is not None, "truncated_svd"),
+            "keep": (bool(self.keep), "consistent"),
+        }
+        for option, (given, estimator) in belongs.items():
+            if given and self.estimator != estimator:
+                raise InputError(
+                    f"belongs to the estimator {estimator}, not {self.estimator}",
+                    f"leave it out, or --estimator {estimator}",
+                    where=f"--{option}",
+                )
+
+
+@dataclass(frozen=True)
+class FittedParameters:
+    """Parameters fitted to the recordings of a case, p of the model and b of its base.
+
+    Attributes:
+        case: the case.
+        settings: with the cut-off that was used.
+        fit, held_out: recordings that were fitted, and others.
+        samples: those of the fit, in the band.
+        choice: friction law, pull and noise.
+        matrix: W in the band, shape (M, n, p).
+        base: base parameters of the samples.
+        problem: in the base columns.
+        estimator: that solved it.
+        estimate: of the base parameters.
+        uncertainty: of the base parameters, as belongs to the estimator.
+        penalty: of the pull to the nominal arm, shape (p,).
+        physical: consistent parameters.
+    """
+
+    case: Case
+    settings: IdentificationSettings
+    fit: Sequence[Recording]
+    held_out: Sequence[Recording]
+    samples: Samples
+    choice: Choice
+    matrix: np.ndarray
+    base: BaseParameters
+    problem: Problem
+    estimator: Estimator
+    estimate: Estimate
+    uncertainty: Uncertainty
+    penalty: np.ndarray
+    physical: Physical
+
+    @property
+    def columns(self) -> ModelColumns:
+        """The model tau = W x."""
+        return self.samples.columns
+
+    @property
+    def fitted_torque(self) -> np.ndarray:
+        """Torque by the estimate in the band [N m], shape (M, n)."""
+        return np.asarray(self.matrix[:, :, self.base.kept] @ self.estimate.value)
+
+    @property
+    def measured(self) -> list[Recording]:
+        """Recordings that were fitted, those without torque left out."""
+        return [r for r in self.fit if r.tau is not None]
+
+
+def fit_parameters(
+    case: Case,
+    settings: IdentificationSettings,
+    progress: Callable[[str], None] = lambda message: None,
+) -> FittedParameters:
+    """Fit the parameters of an arm to the recordings of a case.
+
+    Raises:
+        InputError: the recordings or the settings cannot be used.
+        GapscopeError: no physically consistent parameters were found.
+    """
+    chosen = method(settings.estimator)
+    if settings.filter not in FILTERS:
+        raise InputError(
+            f"unknown filter {settings.filter!r}",
+            f"use {' or '.join(FILTERS)}",
+            where="--filter",
+        )
+    fit, held_out = split(case, settings.judge)
+    check_recordings(fit, held_out, case)
+    # one cut-off for all recordings, so that their equations are comparable
+    if settings.cutoff is None:
+        settings = replace(settings, cutoff=position_cutoff(tuple(fit)))
+    samples = _samples(case, fit, settings)
+    columns = samples.columns
+    progress("chooses the form of the friction")
+    rich = settings.estimator not in SIMULATING
+    choice = choose(samples, nonlinear=rich, presliding=rich and not settings.plain)
+    matrix = samples.matrix(choice.law)
+    base = _sample_base(matrix, columns, choice.law)
+    progress(f"estimates {base.count} base parameters")
+    problem = samples.problem(choice.law, base.kept, base.kept_names)
+    problem = replace(problem, forms=form_columns(samples))
+    nominal = columns.nominal(choice.law)
+    given = Given(
+        base,
+        nominal,
+        lambda: closed_loop(case, fit, samples, base, problem),
+        settings.ridge,
+        settings.singular_values,
+    )
+    estimator = chosen.make(given)
+    estimate = estimator(problem)
+    uncertainty = chosen.interval(problem, estimator, estimate)
+    progress("recovers physical parameters")
+    unit_noise = matrix / choice.noise[:, None]
+    squares = (unit_noise**2).sum(axis=(0, 1))
+    penalty = choice.pull * penalties(samples, choice.law, squares)
+    kept = _places(settings.keep, columns.names(choice.law), columns.arm.n_joints)
+    # stiffer than all samples together
+    penalty[kept] = HELD * (penalty[kept] + squares[kept] / samples.torque.size)
+    flat = unit_noise[:, :, base.kept].reshape(-1, base.count)
+    physical = consistent(
+        base,
+        estimate.value,
+        flat.T @ flat,
+        nominal,
+        samples.torque.size * penalty,
+        columns.arm.n_joints,
+    )
+    return FittedParameters(
+        case=case,
+        settings=settings,
+        fit=fit,
+        held_out=held_out,
+        samples=samples,
+        choice=choice,
+        matrix=matrix,
+        base=base,
+        problem=problem,
+        estimator=estimator,
+        estimate=estimate,
+        uncertainty=uncertainty,
+        penalty=penalty,
+        physical=physical,
+    )
+
+
+def _samples(
+    case: Case, fit: Sequence[Recording], settings: IdentificationSettings
+) -> Samples:
+    """Samples of the recordings to fit, enough of them."""
+    assert settings.cutoff is not None
+    band = Band(settings.cutoff, settings.trim)
+    columns = ModelColumns(case.arm)
+    segments = band.segments(fit)
+    samples = Samples(columns, segments, band.bounded(segments))
+    # whether the samples suffice is known with the simplest friction law
+    simplest = _sample_base(samples.matrix(FrictionLaw()), columns, FrictionLaw())
+    check_count(samples, simplest.count, fit[0].name)
+    return samples
+
+
+def _places(keep: Sequence[str], names: Sequence[str], n_joints: int) -> list[int]:
+    """Places of parameters by name, ``link5`` for the ten of a link.
+
+    Raises:
+        InputError: there is no such parameter.
+    """
+    links = {f"link{j + 1}": range(10 * j, 10 * j + 10) for j in range(n_joints)}
+    known = {name: range(k, k + 1) for k, name in enumerate(names)} | links
+    for name in keep:
+        check_known("parameter", name, known, where="--keep")
+    return [place for name in keep for place in known[name]]
+
+
+def _sample_base(
+    matrix: np.ndarray, columns: ModelColumns, law: FrictionLaw
+) -> BaseParameters:
+    """Base parameters that the samples of a regressor, shape (M, n, p), excite."""
+    return base_parameters(matrix.reshape(-1, matrix.shape[2]), columns.names(law))
+
+
 __all__ = ["Identification", "IdentificationSettings", "examine_fit", "identify"]
+
+# Which parameters of an arm a motion determines: rank, condition, spectrum.
+
+
+_WEAK = 0.3
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """What samples determine of p parameters pi of an arm with b base parameters, as the JSON document has it.
+
+    Attributes:
+        structural: b.
+        rank: how many base parameters, or combinations of them, the samples determine.
+        condition: condition number of the base columns, scaled to unit norm [1].
+        condition_limit: above which it is doubtful [1].
+        singular_values: of the unit base columns over their largest, shape (b,), falling.
+        weakest: the base parameters that make up the worst determined combination, largest share first.
+        column_norms: RMS torque of each parameter per unit of it [N m per unit], by name.
+    """
+
+    structural: int
+    rank: int
+    condition: float
+    condition_limit: float
+    singular_values: np.ndarray
+    weakest: tuple[str, ...]
+    column_norms: dict[str, float]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What makes results doubtful, a sentence with a remedy, or none."""
+        weakest = ", ".join(self.weakest)
+        if self.rank < self.structural:
+            return (
+                f"the samples determine only {self.rank} of {self.structural} base parameters, not {weakest}; "
+                "record a motion that moves every joint, up to higher speed and acceleration",
+            )
+        if self.condition > self.condition_limit:
+            return (
+                f"condition number {self.condition:.3g} with unit columns is above {self.condition_limit:g}: "
+                f"{weakest} cannot be separated; record an optimised exciting motion, or drop what is not essential",
+            )
+        return ()
+
+
+def identifiability(samples: np.ndarray, base: BaseParameters) -> Identifiability:
+    """What samples determine of the parameters of an arm.
+
+    Args:
+        samples: regressor of all p parameters, shape (M, p) or (N, n, p).
+        base: base parameters of the arm (``structural_base``), which separate what the arm cannot show from what the
+            motion does not show.
+
+    Raises:
+        InputError: values that are not finite, too few rows, or no motion at all.
+
+    Source: gautier1992.
+    """
+    scaled, norms = unit_triangle(samples, base.names)
+    unit = scaled[:, base.kept]
+    values, right = np.linalg.svd(unit)[1:]
+    relative = values / values[0]
+    # the parameters that make up the direction that the samples show least
+    last, names = np.abs(right[-1]), base.kept_names
+    order = np.argsort(-last).tolist()
+    # columns without content are zero, and have the norm 1
+    seen = scaled.any(axis=0) * norms / np.sqrt(samples.size / len(norms))
+    return Identifiability(
+        structural=base.count,
+        rank=rank_by_gap(relative),
+        condition=float(np.linalg.cond(unit)),
+        condition_limit=CONDITION_LIMIT,
+        singular_values=relative,
+        weakest=tuple(names[k] for k in order if last[k] > _WEAK * last.max()),
+        column_norms=dict(zip(base.names, seen.tolist(), strict=True)),
+    )
+
+
+# Validation: how well the identified model predicts recordings, per joint, and whether the residual is noise.
+
+
+Predict = Callable[[Segment], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of predicted torque on some samples, n joints.
+
+    Attributes:
+        rmse: [N m], shape (n,).
+        relative: RMS residual over RMS torque [1], shape (n,); NaN if there is no sample.
+        largest: [N m], shape (n,).
+        overall: RMS residual over RMS torque of all joints together [1].
+        share: of the samples that count, per joint [1], shape (n,).
+    """
+
+    rmse: np.ndarray
+    relative: np.ndarray
+    largest: np.ndarray
+    overall: float
+    share: np.ndarray
+
+
+@dataclass(frozen=True)
+class Validation:
+    """Prediction against a group of recordings.
+
+    Attributes:
+        recordings: their names.
+        role: ``fit`` or ``judge``.
+        every: errors on every sample whose torque was measured.
+        moving: errors while the joint is faster than ``MOVING``.
+        nominal: errors of the nominal arm on every sample.
+        whiteness: of the residual.
+        t: time, of the segments one after the other [s], shape (M,).
+        torque, predicted, before: recorded, predicted and the nominal arm's torque in the band [N m], (M, n).
+        velocity: dq [rad/s], (M, n).
+        edges: rows at which segments begin, and the end.
+    """
+
+    recordings: tuple[str, ...]
+    role: str
+    every: Errors
+    moving: Errors
+    nominal: Errors
+    whiteness: Whiteness
+    t: np.ndarray
+    torque: np.ndarray
+    predicted: np.ndarray
+    before: np.ndarray
+    velocity: np.ndarray
+    edges: tuple[int, ...]
+
+
+def validate(
+    role: str,
+    segments: Sequence[Segment],
+    band: Band,
+    predict: Predict,
+    nominal: Predict,
+) -> Validation:
+    """Compare predictions with recorded torque, both in the band.
+
+    Args:
+        role: ``fit`` or ``judge``.
+        segments: with torque.
+        band: in which both sides are compared.
+        predict: the identified model, segment to torque [N m], (N, n).
+        nominal: the nominal arm, likewise.
+    """
+    parts: list[tuple[np.ndarray, ...]] = []
+    for segment in segments:
+        rows = band.rows(segment)
+        motion = segment.motion
+        sides = (np.asarray(segment.torque), predict(segment), nominal(segment))
+        filtered = (band.filtered(side, segment) for side in sides)
+        known = motion.t[rows], motion.dq[rows], segment.measured[rows]
+        parts.append((*known, *filtered))
+    t, dq, every, torque, after, before = map(np.concatenate, zip(*parts, strict=True))
+    lengths = [len(part[0]) for part in parts]
+    group = np.repeat(np.arange(len(parts)), lengths)
+    rate = segments[0].motion.rate
+    # the test of whiteness sees the samples that the band holds, not more
+    step = max(1, round(rate / band.cutoff))
+    residual = np.where(every, torque - after, 0.0)[::step]
+    expected = band_correlation(rate, band.cutoff, step)
+    return Validation(
+        recordings=tuple(dict.fromkeys(segment.recording for segment in segments)),
+        role=role,
+        every=errors(torque, after, every),
+        moving=errors(torque, after, every & (np.abs(dq) > MOVING)),
+        nominal=errors(torque, before, every),
+        whiteness=whiteness(residual, group[::step], expected),
+        t=t,
+        torque=torque,
+        predicted=after,
+        before=before,
+        velocity=dq,
+        edges=tuple(np.cumsum([0, *lengths]).tolist()),
+    )
+
+
+def errors(torque: np.ndarray, predicted: np.ndarray, counted: np.ndarray) -> Errors:
+    """Errors [N m] on the samples that count; torque, prediction and mask of shape (N, n)."""
+    residual, known = (np.where(counted, x, 0.0) for x in (torque - predicted, torque))
+    count = counted.sum(axis=0)
+    squares, power = (residual**2).sum(axis=0), (known**2).sum(axis=0)
+    # a joint without samples has no relative error
+    with np.errstate(divide="ignore", invalid="ignore"):
+        relative = np.where(count > 0, np.sqrt(squares / power), np.nan)
+        overall = float(np.sqrt(squares.sum() / power.sum()))
+    return Errors(
+        rmse=np.sqrt(squares / np.maximum(count, 1)),
+        relative=relative,
+        largest=np.abs(residual).max(axis=0),
+        overall=overall,
+        share=count / len(torque),
+    )
+
+
+# The pipeline: parameters that were fitted, and what they are worth.
 
 
 @dataclass(frozen=True)
@@ -64,7 +509,12 @@ class Identification(FittedParameters):
     """Parameters that were fitted, and what they are worth.
 
     Attributes:
-        examined: what the recordings determine of the parameters.
+        determined: rank, condition and spectrum of the samples, against the base parameters of the arm's structure.
+        essential: base parameters that explain the fitted torque; ``None`` if samples do not suffice.
+        groups: segments identified one by one; ``None`` if one does not determine the parameters.
+        interval: of predicted torque; ``None`` if the others do not determine the parameters when one is held out.
+        counted: how many independent samples there are.
+        reasons: why something is ``None``, each a sentence.
         changes: what changed during recordings, fitted or held out.
         states: position, velocity and friction by the unscented filter, if the settings ask for it.
         predicted: intervals of the torque on the held-out recordings; ``None`` if model error cannot be estimated.
@@ -78,7 +528,12 @@ class Identification(FittedParameters):
         warnings: what makes the result doubtful.
     """
 
-    examined: Examination
+    determined: Identifiability
+    essential: EssentialParameters | None
+    groups: GroupComparison | None
+    interval: TorqueInterval | None
+    counted: SampleCount
+    reasons: tuple[str, ...]
     changes: tuple[Change, ...]
     states: StatesAndFriction | None
     predicted: PredictedTorque | None
@@ -95,16 +550,17 @@ class Identification(FittedParameters):
     def filtered(self) -> FilterReview:
         """A Kalman filter over the fitted recordings, beside the estimate; it runs when it is first asked for."""
         # beside the filter itself stands least squares, not its own last estimate
-        kalman = self.settings.estimator == "kalman"
-        batch = None if kalman else self.estimate.value
+        by_filter = self.settings.estimator == "kalman"
+        batch = None if by_filter else self.estimate.value
         return review(self.samples, self.problem, batch, self.changes)
 
     @property
     def moved(self) -> np.ndarray | None:
         """Which base parameters a partial update moved, the others stay nominal, (b,); ``None`` of other estimators."""
-        if not isinstance(self.estimator, PartialUpdate):
+        if self.settings.estimator != "partial_update":
             return None
-        return self.estimator.moved(self.estimate)
+        nominal = self.columns.nominal(self.choice.law)
+        return self.estimate.value != self.base.of(nominal)
 
     def predict(self, motion: Motion) -> np.ndarray:
         """Torque that would be recorded on a motion without payload [N m], shape (N, n)."""
@@ -131,23 +587,51 @@ def examine_fit(
 ) -> Identification:
     """What a fit is worth: zeros, what the recordings determine, prediction of others, changes, and warnings."""
     case, settings, samples = fitted.case, fitted.settings, fitted.samples
-    columns, base, estimate = samples.columns, fitted.base, fitted.estimate
-    law = fitted.choice.law
+    columns, base, problem = samples.columns, fitted.base, fitted.problem
+    law, cutoff = fitted.choice.law, samples.band.cutoff
     progress("looks at the joints' zeros")
     zeros = estimate_zeros(samples, fitted.choice, fitted.penalty)
     progress("examines what the recordings determine")
+    determined = identifiability(fitted.matrix, _structural(fitted))
     # part of the samples cannot be simulated: what they determine is asked of least squares then
-    simulates = method(settings.estimator).simulates
-    judge = WeightedLeastSquares() if simulates else fitted.estimator
-    examined = _examine(fitted, judge)
-    value = model_value(fitted, settings.estimator, estimate.value)
+    simulates = settings.estimator in SIMULATING
+    estimator = weighted_least_squares if simulates else fitted.estimator
+    reasons: list[str] = []
+    essential, groups, interval = None, None, None
+    try:
+        essential = _essential(fitted)
+    except InputError as error:
+        reasons.append(f"essential parameters: {error.problem}")
+    try:
+        groups = compare_groups(problem, estimator, cutoff)
+    except (InputError, np.linalg.LinAlgError) as error:
+        where = f"{error.where} " if isinstance(error, InputError) else ""
+        reasons.append(f"segments: {where}by itself does not determine the parameters")
+    # the bands of the split are set for this cut-off; higher up friction of a healthy arm passes for model error
+    low_cutoff = min(cutoff, TORQUE_CUTOFF)
+    try:
+        interval = torque_interval(
+            problem, estimator, fitted.uncertainty, low_cutoff, fitted.estimate
+        )
+    except (InputError, np.linalg.LinAlgError):
+        reasons.append(
+            "without one of its segments the rest does not determine the parameters; record more motions"
+        )
+    counted = count_samples(samples, base.count)
+    value = model_value(fitted, settings.estimator, fitted.estimate.value)
     progress("validates")
-    held_out_segments = samples.band.segments(fitted.held_out)
+    held_out = samples.band.segments(fitted.held_out)
     validation = (
         validated(fitted, value, "fit", samples.segments),
-        validated(fitted, value, "judge", held_out_segments),
+        validated(fitted, value, "judge", held_out),
     )
-    table = fill_in(fitted, zeros)
+    predicted = None
+    if interval is not None:
+        # about what the model predicts on segments that were not fitted
+        others = Samples(columns, held_out, samples.band.bounded(held_out))
+        unseen = others.problem(law, base.kept, base.kept_names)
+        predicted = predicted_torque(interval, unseen, base.of(value))
+    table = tuple(troubleshooting(fitted, zeros))
     progress("looks for changes")
     # a change spoils the fit: it is looked for in every recording, fitted or held out
     every = (*fitted.fit, *fitted.held_out)
@@ -161,15 +645,39 @@ def examine_fit(
         identified = dict(zip(names, fitted.physical.value.tolist(), strict=True))
         first, noise = fitted.measured[0], fitted.choice.noise
         states = follow_states(case.arm, first, identified, noise)
-    doubtful = identification_warnings(
-        fitted, zeros, examined, changes, table, validation
-    )
+    # what makes the result doubtful; what concerns all of it first, and how the model predicts before that
+    fit, judged = validation
+    doubts = []
+    if predicts_worse(fit, judged, counted.per_parameter):
+        doubts.append(
+            f"{WORSE}: {judged.every.overall:.1%} of the torque against {judged.nominal.overall:.1%}; use the "
+            "nominal arm, record an exciting trajectory (`gapscope excite`), or stay nearer to it: --estimator ridge, "
+            "truncated_svd or partial_update, --keep"
+        )
+    for entry in change_findings(changes):
+        doubts.append(
+            f"{change_text(entry)}; cut the recording there, and name a known load in payloads:"
+        )
+    doubts += [*fitted.estimate.warnings, *determined.warnings]
+    warned = () if interval is None else interval.error.warnings()
+    doubts += counted.warnings(model_error=bool(warned))
+    doubts += warned
+    if interval is None:
+        doubts.append(
+            f"the recordings cannot be checked for model error: {reasons[-1]}"
+        )
+    doubts += _doubts_by_symptoms(fitted, zeros, table)
     return Identification(
         **vars(fitted),
-        examined=examined,
+        determined=determined,
+        essential=essential,
+        groups=groups,
+        interval=interval,
+        counted=counted,
+        reasons=tuple(reasons),
         changes=changes,
         states=states,
-        predicted=_predicted(fitted, examined, value, held_out_segments),
+        predicted=predicted,
         recovered=recoveries(
             base,
             fitted.uncertainty.covariance,
@@ -183,11 +691,26 @@ def examine_fit(
         table=table,
         condition=next(row.measured for row in table if row.key == "condition"),
         questions=zeros.questions(),
-        warnings=(*case.warnings, *doubtful),
+        warnings=(*case.warnings, *doubts),
     )
 
 
-# What the recordings determine, and what the identified arm predicts.
+def _structural(fitted: FittedParameters) -> BaseParameters:
+    """Base parameters of the arm, whatever its recordings excite."""
+    columns = fitted.columns
+    states = random_states(columns.regressor, np.random.default_rng(0), STATES)
+    # the states do not follow from one another, so that no direction can be kept from one to the next
+    law = replace(fitted.choice.law, presliding=None)
+    return base_parameters(columns.matrix(states, law), columns.names(law))
+
+
+def _essential(fitted: FittedParameters) -> EssentialParameters:
+    """Essential parameters of the equations weighted by joint; variances allow for autocorrelation."""
+    problem, noise = fitted.problem, fitted.choice.noise
+    residual = problem.residual(fitted.estimate.value) / noise
+    factor = Factor.of(*whitened(problem, noise))
+    inflation = float(variance_inflation(residual, problem.group).mean())
+    return essential_parameters(factor, problem.names, inflation)
 
 
 def model_value(
@@ -218,75 +741,316 @@ def validated(
     return validate(role, segments, fitted.samples.band, *both)
 
 
-def _examine(fitted: FittedParameters, estimator: Estimator) -> Examination:
-    """Examine what was fitted; ``estimator`` solves parts of it."""
-    samples, problem = fitted.samples, fitted.problem
-    cutoff = samples.band.cutoff
-    structure = _structural(samples.columns, fitted.choice.law)
-    shown = identifiability(fitted.matrix, structure)
-    reasons: list[str] = []
-    essential, groups, interval = None, None, None
-    try:
-        essential = _essential(fitted)
-    except InputError as error:
-        reasons.append(f"essential parameters: {error.problem}")
-    try:
-        groups = compare_groups(problem, estimator, cutoff)
-    except (InputError, np.linalg.LinAlgError) as error:
-        where = f"{error.where} " if isinstance(error, InputError) else ""
-        reasons.append(f"segments: {where}by itself does not determine the parameters")
-    # the bands of the split are set for this cut-off; higher up friction of a healthy arm passes for model error
-    low_cutoff = min(cutoff, TORQUE_CUTOFF)
-    try:
-        interval = torque_interval(
-            problem,
-            estimator,
-            fitted.uncertainty,
-            low_cutoff,
-            fitted.estimate,
-        )
-    except (InputError, np.linalg.LinAlgError):
-        reasons.append(
-            "without one of its segments the rest does not determine the parameters; record more motions"
-        )
-    counted = count_samples(samples, fitted.base.count)
-    return Examination(
-        shown=shown,
-        essential=essential,
-        groups=groups,
-        interval=interval,
-        counted=counted,
-        reasons=tuple(reasons),
+def predicts_worse(fit: Validation, held_out: Validation, per_parameter: float) -> bool:
+    """Whether the nominal arm predicts better than a fit to so many independent samples per parameter, beyond chance.
+
+    p parameters from n samples predict others with p / n of the noise's square more than the noise itself, even if the
+    nominal arm is exact; that share is itself uncertain by as much. The noise is what the fit leaves.
+    """
+    ours, nominal, noise = (
+        float((own.rmse**2).sum())
+        for own in (held_out.every, held_out.nominal, fit.every)
+    )
+    return ours > nominal + 2.0 / per_parameter * noise
+
+
+# The troubleshooting table: symptom, cause, check, remedy, filled in from the data.
+
+
+FOUND, CLEAR = "found", "clear"
+WORSE = "what was held out is predicted worse than by the nominal arm"
+"""How the warning begins that comes before all others."""
+BODIES = "unphysical"
+"""Row of the table that says whether parameters of no body are certain."""
+SAID_OTHERWISE = ("low_speed_friction", "resting_joint", "condition", BODIES)
+"""Rows of the table that need no warning, or have a fuller one."""
+SLOW, FAST = 0.1, 0.95
+"""A joint hardly moves below this share of its speed, which it exceeds for the rest of this share of the time [1]."""
+FLAT = 3
+"""Equal samples in a row at a joint's largest torque that count as clipped."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of the table, filled in.
+
+    Attributes:
+        key: name of the row.
+        symptom: what one sees.
+        cause: what is behind it.
+        check: how the data show it.
+        remedy: what to do.
+        measured: the number that the check gave; the worst joint's.
+        threshold: beyond which the row is found.
+        unit: of both.
+        verdict: ``found`` or ``clear``.
+        joints: where, from 1.
+    """
+
+    key: str
+    symptom: str
+    cause: str
+    check: str
+    remedy: str
+    measured: float
+    threshold: float
+    unit: str
+    verdict: str
+    joints: tuple[int, ...] = ()
+
+
+def _row(
+    key: str,
+    value: np.ndarray | float,
+    threshold: float,
+    unit: str = "1",
+    joints: Sequence[int] | np.ndarray | None = None,
+    **text: str,
+) -> Row:
+    """A row that is found where a value per joint exceeds the threshold; or, if ``joints`` are given, on those."""
+    values = np.atleast_1d(np.asarray(value, dtype=float))
+    exceeded = values > threshold
+    found = bool(exceeded.any()) if joints is None else len(joints) > 0
+    where = (np.flatnonzero(exceeded) + 1).tolist() if np.ndim(value) else []
+    return Row(
+        key=key,
+        **text,
+        measured=float(values.max()),
+        threshold=threshold,
+        unit=unit,
+        verdict=FOUND if found else CLEAR,
+        joints=tuple(where if joints is None else joints),
     )
 
 
-def _structural(columns: ModelColumns, law: FrictionLaw) -> BaseParameters:
-    """Base parameters of the arm, whatever its recordings excite."""
-    states = random_states(columns.regressor, np.random.default_rng(0), STATES)
-    # the states do not follow from one another, so that no direction can be kept from one to the next
-    law = replace(law, presliding=None)
-    return base_parameters(columns.matrix(states, law), columns.names(law))
+def troubleshooting(fitted: FittedParameters, zeros: JointZeros) -> Iterator[Row]:
+    """The rows of the table for one identification, in the order in which to look at them."""
+    asked = zeros.asked
+    known = np.where(zeros.known, np.abs(zeros.offset), 0.0)
+    # an offset that nobody is asked about stays below the threshold
+    worst = min(known.max(), np.deg2rad(0.999))
+    yield _row(
+        "joint_zero",
+        np.rad2deg(known[asked].max() if len(asked) else worst),
+        1.0,
+        "deg",
+        joints=(asked + 1).tolist(),
+        symptom="negative masses, inertias that no body has",
+        cause="zero of an encoder off",
+        check="offset estimated together with the parameters, if it is certain and lowers the cost",
+        remedy="calibrate the zero, or set import: {offsets: [...]}",
+    )
+    change = fitted.base.of(fitted.physical.value) - fitted.estimate.value
+    deviations = change / np.maximum(fitted.uncertainty.deviation, TINY)
+    impossible = _row(
+        BODIES,
+        float((deviations**2).mean()),
+        10.0,
+        symptom="the torque fits, the bodies cannot exist",
+        cause="model error taken up by parameters: wrong zero, friction, geometry; or too little excitation",
+        check="mean square distance of consistent from estimated base parameters, in standard deviations",
+        remedy="look at the rows beside this one; keep the consistent parameters for simulation",
+    )
+    if impossible.verdict == FOUND:
+        wrong = inconsistent(fitted.physical.before)
+        impossible = replace(impossible, joints=tuple(check.link for check in wrong))
+    yield impossible
+    yield _row(
+        "low_speed_friction",
+        _near_rest(fitted.choice),
+        0.05,
+        symptom="residual peaks where a joint reverses",
+        cause="low-speed friction other than Coulomb plus viscous: falls as the joint moves off, "
+        "or rises less than linearly",
+        check="share by which a Stribeck term lowers the error on held-out stretches",
+        remedy="none needed, the term is part of the model then; record slow reversals to determine it",
+    )
+    yield _row(
+        "condition",
+        condition_number(fitted.matrix[:, :, fitted.base.kept]),
+        CONDITION_LIMIT,
+        symptom="large intervals, parameters that change from fit to fit",
+        cause="motion that does not excite all parameters",
+        check="condition number of the base columns with unit norm",
+        remedy="record an exciting trajectory (`gapscope excite`); without one, stay near the nominal arm: "
+        "--estimator ridge, truncated_svd or partial_update, or --keep what it knows",
+    )
+    still = _still_joints(fitted)
+    yield _row(
+        "resting_joint",
+        float(len(still)),
+        0.0,
+        joints=(still + 1).tolist(),
+        symptom="parameters of a joint missing among the base parameters",
+        cause="the joint does not move",
+        check="number of joints that rest",
+        remedy="record a motion of every joint",
+    )
+    cutoff = fitted.samples.band.cutoff
+    noise, lost = _spectral(fitted.fit, cutoff)
+    yield _row(
+        "derivative_noise",
+        noise,
+        0.3,
+        symptom="rotor and link inertias too small, noisy acceleration",
+        cause="noise of the encoder differentiated twice: cut-off too high, or encoder too coarse",
+        check="RMS of the noise in the acceleration over RMS of the acceleration",
+        remedy="lower --cutoff, move faster, or record a finer encoder",
+    )
+    yield _row(
+        "cutoff_too_low",
+        lost,
+        0.05,
+        symptom="fast parts of the motion badly predicted",
+        cause="cut-off below what the motion holds",
+        check="share of the speed's power beyond the cut-off",
+        remedy="raise --cutoff, or move more slowly",
+    )
+    lag, deviation = _time_offset(fitted)
+    certain = np.where(np.abs(lag) > 5 * deviation, np.abs(lag), 0.0)
+    yield _row(
+        "time_offset",
+        1e3 * certain,
+        3.0,
+        "ms",
+        symptom="viscous friction too large, small or negative, residual that follows the torque's rate",
+        cause="torque recorded late or early against position, or a delayed drive",
+        check="lag of the torque estimated together with the parameters, if it exceeds five standard deviations",
+        remedy="put both on one clock: import: {join: interpolate}, or shift one; then `gapscope diagnose` for a delay",
+    )
+    yield _row(
+        "saturated_torque",
+        _clipped(fitted.measured, fitted.case.arm.torque_limit),
+        0.005,
+        symptom="inertia and friction too small, flat tops",
+        cause="torque at the drive's limit",
+        check="share of samples at the limit, or held exactly at the extreme",
+        remedy="move more slowly, or leave these stretches out",
+    )
 
 
-def _essential(fitted: FittedParameters) -> EssentialParameters:
-    """Essential parameters of the equations weighted by joint; variances allow for autocorrelation."""
-    problem, noise = fitted.problem, fitted.choice.noise
-    residual = problem.residual(fitted.estimate.value) / noise
-    factor = Factor.of(*whitened(problem, noise))
-    inflation = float(variance_inflation(residual, problem.group).mean())
-    return essential_parameters(factor, problem.names, inflation)
+def _time_offset(fit: FittedParameters) -> tuple[np.ndarray, np.ndarray]:
+    """How far the recorded torque lags behind the motion, and its standard deviation [s], each (n,).
+
+    tau(t - T) = tau - T d tau / dt: the derivative of the fitted torque of each joint is a further column. If a
+    joint hardly moves, its friction jumps or takes any value as at rest, which resembles an offset: these samples do
+    not count.
+    """
+    samples, base, fitted = fit.samples, fit.base, fit.fitted_torque
+    n, speed = fitted.shape[1], np.abs(samples.velocity)
+    moving = speed > SLOW * np.quantile(speed, FAST, axis=0)
+    weight = moving / fit.choice.noise
+    residual = (samples.torque - fitted) * weight
+    rate = np.concatenate(
+        [
+            np.gradient(fitted[rows], samples.interval, axis=0)
+            for rows in group_slices(samples.group)
+        ]
+    )
+    late = -rate[:, :, None] * np.eye(n)
+    columns = np.concatenate([fit.matrix[:, :, base.kept], late], axis=2)
+    flat = (columns * weight[:, :, None]).reshape(residual.size, -1)
+    unit = column_norms(flat)
+    factor = Factor.of(flat / unit, residual.ravel())
+    inverse: np.ndarray = np.linalg.pinv(factor.triangle, rcond=1e-9)
+    solution, spread = inverse @ factor.rotated, np.linalg.norm(inverse, axis=1)
+    # samples at rest have no weight: they do not count in the mean of the squares either
+    counted = np.maximum(moving.mean(axis=0), 1 / len(moving))
+    variance = (residual**2).mean(axis=0) / counted
+    scale = np.sqrt(variance * variance_inflation(residual, samples.group))
+    return solution[-n:] / unit[-n:], spread[-n:] / unit[-n:] * scale
 
 
-def _predicted(
-    fitted: FittedParameters,
-    examined: Examination,
-    value: np.ndarray,
-    held_out: Sequence[Segment],
-) -> PredictedTorque | None:
-    """Intervals of the torque on segments that were not fitted, about what x = ``value`` predicts."""
-    if examined.interval is None:
-        return None
-    base, band = fitted.base, fitted.samples.band.bounded(held_out)
-    samples = Samples(fitted.columns, held_out, band)
-    problem = samples.problem(fitted.choice.law, base.kept, base.kept_names)
-    return predicted_torque(examined.interval, problem, base.of(value))
+def _still_joints(fitted: FittedParameters) -> np.ndarray:
+    """Joints, from 0, that rest in every fitted recording."""
+    arm = fitted.samples.columns.arm
+    return np.flatnonzero(resting(fitted.measured, arm.per_radian))
+
+
+def _spectral(
+    recordings: Sequence[Recording], cutoff: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """RMS of the noise in ddq over that of ddq below a cut-off [Hz], and share of the power of dq beyond it; each (n,).
+
+    The noise density of q is the median one in the upper half of the band; differentiating twice multiplies it by
+    (2 pi f)^4. Only power that exceeds it counts beyond the cut-off.
+    """
+    noise, acceleration, lost, speed = np.zeros((4, recordings[0].n_joints))
+    for recording in recordings:
+        rate = recording.rate
+        _, q = uniform(recording.t, recording.q, rate)
+        # a motion that does not end where it began would leak over the whole spectrum
+        drift = np.linspace(0, 1, len(q))[:, None] * (q[-1] - q[0])
+        length = min(len(q), int(4 * rate))
+        frequency, density = welch(
+            q - drift, rate, nperseg=length, axis=0, detrend="linear"
+        )
+        floor = np.median(density[frequency > rate / 4], axis=0)
+        # d/dt multiplies the density by (2 pi f)^2; the bin width turns it into power
+        derivative = (2 * np.pi * frequency[:, None]) ** 2
+        velocity_power = derivative * (frequency[1] - frequency[0])
+        acceleration_power = velocity_power**2
+        inside = frequency <= cutoff
+        above_floor = np.where(density > 10 * floor, density - floor, 0.0)
+        noise += (acceleration_power * floor)[inside].sum(axis=0)
+        acceleration += (acceleration_power * density)[inside].sum(axis=0)
+        lost += (velocity_power * above_floor)[~inside].sum(axis=0)
+        speed += (velocity_power * density)[inside].sum(axis=0)
+    noise_share = np.sqrt(noise / np.maximum(acceleration, TINY))
+    return noise_share, lost / np.maximum(speed + lost, TINY)
+
+
+def _clipped(recordings: Sequence[Recording], limit: np.ndarray | None) -> np.ndarray:
+    """Share of the samples at which a joint's torque is at its limit [1], shape (n,).
+
+    At ``AT_LIMIT`` of the limit [N m] if the data sheet has one; and in any case if the torque stays exactly at its
+    largest or smallest value for ``FLAT`` samples.
+    """
+    torques = [np.asarray(r.tau) for r in recordings]
+    whole = np.concatenate(torques)
+    ends, count = (whole.max(axis=0), whole.min(axis=0)), np.zeros(whole.shape[1])
+    for tau in torques:
+        extreme = np.isclose(tau, ends[0]) | np.isclose(tau, ends[1])
+        at_limit = binary_opening(extreme, np.ones((FLAT, 1)))
+        if limit is not None:
+            at_limit |= np.abs(tau) >= AT_LIMIT * limit
+        count += at_limit.sum(axis=0)
+    return count / len(whole)
+
+
+def _near_rest(choice: Choice) -> float:
+    """Share by which a Stribeck term lowers the error on held-out stretches [1]."""
+    tried = [entry for entry in choice.tried if "direction kept" not in entry[0]]
+    stribeck = [error for law, error in tried if "Stribeck" in law]
+    without = [error for law, error in tried if "Stribeck" not in law]
+    return 1 - min(stribeck) / without[0] if stribeck else 0.0
+
+
+def _doubts_by_symptoms(
+    fitted: FittedParameters, zeros: JointZeros, table: Sequence[Row]
+) -> Iterator[str]:
+    """What symptoms and bodies say against a result, each a sentence with a remedy."""
+    still = _still_joints(fitted)
+    if len(still):
+        yield (
+            f"joint {_numbers(still + 1)} rests in every fitted recording: its own parameters are not identifiable"
+        )
+    wrong = inconsistent(fitted.physical.before)
+    rows = [row for row in table if row.verdict == FOUND]
+    # noise alone takes parameters that the data hardly determine out of what bodies can have
+    certain = any(row.key == BODIES for row in rows)
+    if wrong and (certain or len(zeros.asked)):
+        negative = _numbers(c.link for c in wrong if not c.positive_mass)
+        masses = f"; link {negative} even of negative mass" if negative else ""
+        yield (
+            f"the parameters nearest to the nominal arm that fit best are those of no body on link "
+            f"{_numbers(c.link for c in wrong)}{masses}: the consistent ones are used instead"
+        )
+    for row in rows:
+        if row.key not in SAID_OTHERWISE:
+            where = f" on joint {_numbers(row.joints)}" if row.joints else ""
+            yield f"{row.cause}{where}: {row.remedy}"
+
+
+def _numbers(values: Iterable[int]) -> str:
+    return ", ".join(map(str, values))

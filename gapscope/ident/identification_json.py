@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +10,6 @@ from typing import Any
 import numpy as np
 import yaml
 
-from gapscope.arm.dynamics.plain_urdf import moving_links, numbers, plain_urdf
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.atomic_write import atomic_write
@@ -23,19 +21,10 @@ from gapscope.arm.nominal import NominalArm, arm_entry
 from gapscope.arm.root_mean_square import rms
 from gapscope.effects.applied import AppliedEffect, drives_with
 from gapscope.ident.estimators.by_name import method
-from gapscope.ident.examination import (
-    CONDITION_LIMIT,
-    MOVING,
-    Examination,
-    Validation,
-    Whiteness,
-)
 from gapscope.ident.identification import Identification
-from gapscope.ident.intervals import DOUBT, PredictedTorque
 from gapscope.ident.kalman import FilterReview, StatesAndFriction, Track
-from gapscope.ident.model.base_parameters import TINY
 from gapscope.ident.model.friction import PULLS
-from gapscope.ident.model.physical_parameters import LinkCheck
+from gapscope.ident.samples import MOVING
 from gapscope.model.change_findings import change_findings
 
 # The document of an identification, with what was examined and filtered.
@@ -80,71 +69,6 @@ def write_base(result: Identification, path: Path | str) -> None:
         np.savez_compressed(file, allow_pickle=False, **arrays)
 
 
-# What recordings determine of the parameters, as plain data for ``identification.json``.
-
-
-def examined_document(
-    examined: Examination, predicted: PredictedTorque | None
-) -> dict[str, Any]:
-    """The sections ``samples``, ``identifiability``, ``essential``, ``repeated_groups`` and ``torque_interval``."""
-    shown, counted, names = examined.shown, examined.counted, examined.shown.base.names
-    essential, groups = examined.essential, examined.groups
-    found: dict[str, Any] = {
-        "samples": {
-            name: getattr(counted, name)
-            for name in ("seconds", "bandwidth", "independent", "per_parameter")
-        },
-        "identifiability": {
-            "structural": shown.base.count,
-            "rank": shown.rank,
-            "condition": shown.condition,
-            "condition_limit": CONDITION_LIMIT,
-            "singular_values": shown.singular_values,
-            "weakest": shown.weakest,
-            "column_norms": dict(zip(names, shown.column_norms, strict=True)),
-        },
-        "essential": None,
-        "repeated_groups": None,
-        "torque_interval": None,
-        "not_examined": examined.reasons,
-    }
-    if essential is not None:
-        before, after = essential.residual
-        found["essential"] = {
-            "names": essential.names,
-            "relative_std": essential.relative_std,
-            "dropped": essential.dropped,
-            "residual_growth": after / (before + TINY) - 1,
-        }
-    if groups is not None:
-        meaning = (
-            "they differ as much as the errors that they state; an error that all of them share, such as the form of "
-            "the friction makes, does not show here"
-        )
-        found["repeated_groups"] = {
-            "count": len(groups.values),
-            "stated_std": np.sqrt(groups.stated),
-            "std_between": np.sqrt(groups.between),
-            "ratio": groups.ratio,
-            "p_value": groups.p_value,
-            "verdict": groups.verdict,
-            "meaning": (*groups.warnings, meaning)[0],
-        }
-    if examined.interval is not None and predicted is not None:
-        error = examined.interval.error
-        found["torque_interval"] = {
-            "level": predicted.level,
-            "half_width": predicted.half_width,
-            "half_width_recorded": predicted.recorded,
-            "held": predicted.held,
-            "model_error": error.systematic,
-            "noise": error.noise,
-            "p_value": error.p_value,
-            "joints_with_model_error": error.found,
-        }
-    return found
-
-
 # The filter beside the batch, as ``identification.json`` holds it.
 
 
@@ -159,54 +83,51 @@ def filter_document(review: FilterReview, expressions: Sequence[str]) -> dict[st
         review: of the filter.
         expressions: the base parameters in words, shape (b,).
     """
-    followed, start = review.followed, review.converged
-    track, chosen = followed.track, _moments(review.times)
+    track, start, departures = review.track, review.converged, review.departures
+    elapsed, chosen = track.t, _moments(review.times)
     # the recordings in the order of the filter, each with its end
-    until = dict(zip(review.recordings, review.elapsed, strict=True))
-    departures = []
-    for departure in review.departures:
-        k, i = departure.stretch, departure.parameter
-        departures.append(
-            {
-                "expression": expressions[i],
-                "recording": review.recordings[k],
-                "time": review.times[k],
-                "elapsed": review.elapsed[k],
-                "filter": track.value[k, i],
-                "std": track.deviation[k, i],
-                "batch": review.batch[i],
-                "standard_errors": departure.size,
-            }
-        )
-    batch = (
-        {"expression": e, "batch": x}
-        for e, x in zip(expressions, review.batch, strict=True)
-    )
+    until = dict(zip(review.recordings, elapsed, strict=True))
+    k = [departure.stretch for departure in departures]
+    i = [departure.parameter for departure in departures]
     return {
-        "process_noise": followed.level,
-        "stretch": followed.stretches.length,
-        "converged": None if start is None else review.elapsed[start],
-        "elapsed": review.elapsed[chosen],
-        "recordings": [{"name": name, "until": end} for name, end in until.items()],
-        "parameters": _over_time(track, chosen, batch),
+        "process_noise": review.level,
+        "stretch": review.length,
+        "converged": None if start is None else elapsed[start],
+        "elapsed": elapsed[chosen],
+        "recordings": _rows(name=until.keys(), until=until.values()),
+        "parameters": _rows(
+            expression=expressions, batch=review.batch, **_over_time(track, chosen)
+        ),
         "innovations": {
             "rms": review.rms,
-            "samples_per_independent": followed.inflation,
-            **_whiteness(review.whiteness),
+            "samples_per_independent": review.inflation,
+            **vars(review.whiteness),
         },
-        "departures": departures,
+        "departures": _rows(
+            expression=[expressions[place] for place in i],
+            recording=[review.recordings[stretch] for stretch in k],
+            time=review.times[k],
+            elapsed=elapsed[k],
+            filter=track.value[k, i],
+            std=track.deviation[k, i],
+            batch=review.batch[i],
+            standard_errors=[departure.size for departure in departures],
+        ),
     }
 
 
-def _over_time(
-    track: Track, chosen: np.ndarray, heads: Iterable[dict[str, Any]]
-) -> list[dict[str, Any]]:
-    """Entries of parameters with values and standard deviations at some moments, in five significant digits."""
-    value, deviation = track.value[chosen].T, track.deviation[chosen].T
-    return [
-        {**head, "value": _rounded(x), "std": _rounded(s)}
-        for head, x, s in zip(heads, value, deviation, strict=True)
-    ]
+def _rows(**columns: Iterable[Any]) -> list[dict[str, Any]]:
+    """The rows of a table given by its columns."""
+    rows = zip(*columns.values(), strict=True)
+    return [dict(zip(columns, row, strict=True)) for row in rows]
+
+
+def _over_time(track: Track, chosen: np.ndarray) -> dict[str, list[list[float]]]:
+    """Values and standard deviations of each parameter at some moments, in five digits, which keeps the file small."""
+    return {
+        name: [[float(f"{x:.5g}") for x in own] for own in series[chosen].T]
+        for name, series in (("value", track.value), ("std", track.deviation))
+    }
 
 
 def states_document(states: StatesAndFriction | None) -> dict[str, Any] | None:
@@ -214,15 +135,13 @@ def states_document(states: StatesAndFriction | None) -> dict[str, Any] | None:
     if states is None:
         return None
     track, chosen = states.friction, _moments(states.friction.t)
-    heads = (
-        {"name": name, "identified": x}
-        for name, x in zip(track.names, states.start, strict=True)
-    )
     return {
         "recording": states.recording,
         "time": track.t[chosen],
         "innovation_rms": rms(states.innovation[1:]),
-        "parameters": _over_time(track, chosen, heads),
+        "parameters": _rows(
+            name=track.names, identified=states.start, **_over_time(track, chosen)
+        ),
     }
 
 
@@ -230,22 +149,6 @@ def _moments(times: np.ndarray) -> np.ndarray:
     """Rows of up to ``MOMENTS`` moments, from the first to the last."""
     count = len(times)
     return np.unique(np.linspace(0, count - 1, min(count, MOMENTS)).astype(int))
-
-
-def _whiteness(white: Whiteness) -> dict[str, Any]:
-    return {
-        "ljung_box": white.statistic,
-        "p_value": white.p_value,
-        "level": DOUBT,
-        "white": white.white,
-        "largest_autocorrelation": white.largest,
-        "bound": white.bound,
-    }
-
-
-def _rounded(series: np.ndarray) -> list[float]:
-    """Five significant digits, which keeps the file small."""
-    return [float(f"{x:.5g}") for x in series]
 
 
 # The document of an identification, ``identification.json``: checked against its schema and written whole.
@@ -260,30 +163,80 @@ def document(
         result: what was identified.
         files: what was written beside it, by purpose.
     """
-    arm = result.case.arm
+    arm, base, physical = result.case.arm, result.base, result.physical
+    settings, choice, law = result.settings, result.choice, result.choice.law
+    value, zeros = result.estimate.value, result.zeros
+    columns: dict[str, Iterable[Any]] = {
+        "expression": base.expressions(),
+        "value": value,
+        "std": result.uncertainty.deviation,
+        "interval": np.column_stack(result.uncertainty.interval(value)),
+        "consistent": base.of(physical.value),
+        "nominal": base.of(result.columns.nominal(law)),
+    }
+    if result.moved is not None:
+        columns["moved"] = result.moved
+    compared = ("role", "recordings", "every", "moving", "nominal", "whiteness")
     return {
         "schema": 1,
         "case": result.case.name,
         "arm": arm_entry(arm),
-        "settings": _settings(result),
-        "base": _base(result),
-        **examined_document(result.examined, result.predicted),
+        # what was asked for, and the friction law and pull that were chosen
+        "settings": {
+            "cutoff": settings.cutoff,
+            "estimator": settings.estimator,
+            "trimmed": settings.trim,
+            "moving": MOVING,
+            "friction": str(law),
+            "stribeck_speed": law.stribeck_speed,
+            "saturation_speeds": law.saturation_speeds,
+            "presliding": law.presliding,
+            "pull": choice.pull,
+            "strongest_pull": choice.pull >= max(PULLS),
+            "tried": [
+                {"what": what, "unseen_error": error} for what, error in choice.tried
+            ],
+        },
+        "base": {
+            "count": base.count,
+            "condition": result.condition,
+            "interval": method(settings.estimator).kind,
+            "freedom": result.uncertainty.freedom,
+            "parameters": _rows(**columns),
+        },
+        "samples": result.counted,
+        "identifiability": result.determined,
+        "essential": result.essential,
+        "repeated_groups": result.groups,
+        "torque_interval": result.predicted,
+        "not_examined": result.reasons,
         "changes": [_change(entry) for entry in change_findings(result.changes)],
-        "filter": filter_document(result.filtered, result.base.expressions()),
+        "filter": filter_document(result.filtered, base.expressions()),
         "states_and_friction": states_document(result.states),
         "parameters": result.recovered,
         "links": [
-            _link(b, a)
-            for b, a in zip(result.physical.before, result.physical.after, strict=True)
+            {
+                "link": after.link,
+                "mass": after.mass,
+                "principal_moments": after.moments,
+                "positive_mass": after.positive_mass,
+                "positive_inertia": after.positive_inertia,
+                "triangle": after.triangle,
+                "pseudo_inertia": after.consistent,
+                "unconstrained": {"mass": before.mass, "consistent": before.consistent},
+            }
+            for before, after in zip(physical.before, physical.after, strict=True)
         ],
         "joint_zeros": {
             "unit": common_unit("rad", arm.sliding),
-            "offset": result.zeros.offset,
-            "std": result.zeros.deviation,
-            "known": result.zeros.known,
-            "asked": result.zeros.asked + 1,
+            "offset": zeros.offset,
+            "std": zeros.deviation,
+            "known": zeros.known,
+            "asked": zeros.asked + 1,
         },
-        "validation": [_validation(v) for v in result.validation],
+        "validation": [
+            {name: getattr(one, name) for name in compared} for one in result.validation
+        ],
         "troubleshooting": result.table,
         "questions": result.questions,
         "warnings": result.warnings,
@@ -291,85 +244,17 @@ def document(
     }
 
 
-def _settings(result: Identification) -> dict[str, Any]:
-    """What was asked for, and the friction law and pull that were chosen."""
-    choice, settings = result.choice, result.settings
-    law = choice.law
-    return {
-        "cutoff": settings.cutoff,
-        "estimator": settings.estimator,
-        "trimmed": settings.trim,
-        "moving": MOVING,
-        "friction": str(law),
-        "stribeck_speed": law.stribeck_speed,
-        "saturation_speeds": law.saturation_speeds,
-        "presliding": law.presliding,
-        "pull": choice.pull,
-        "strongest_pull": choice.pull >= max(PULLS),
-        "tried": [
-            {"what": what, "unseen_error": error} for what, error in choice.tried
-        ],
-    }
-
-
-def _base(result: Identification) -> dict[str, Any]:
-    base, value = result.base, result.estimate.value
-    low, high = result.uncertainty.interval(value)
-    columns = {
-        "expression": base.expressions(),
-        "value": value,
-        "std": result.uncertainty.deviation,
-        "interval": np.column_stack([low, high]),
-        "consistent": base.of(result.physical.value),
-        "nominal": base.of(result.columns.nominal(result.choice.law)),
-    }
-    if result.moved is not None:
-        columns["moved"] = result.moved
-    return {
-        "count": base.count,
-        "condition": result.condition,
-        "interval": method(result.settings.estimator).kind,
-        "freedom": result.uncertainty.freedom,
-        "parameters": [
-            dict(zip(columns, row, strict=True))
-            for row in zip(*columns.values(), strict=True)
-        ],
-    }
-
-
 def _change(entry: dict[str, Any]) -> dict[str, Any]:
     """A finding of ``change_findings`` with its parameters side by side."""
-    names = list(entry["parameters"])
-    values, deviations = (
-        np.hstack([part[key] for part in entry["parameters"].values()])
-        for key in ("value", "std")
-    )
+    parts = entry["parameters"].values()
+    found = {key: x for key, x in entry.items() if key != "times_threshold"}
     return {
-        **{key: x for key, x in entry.items() if key != "times_threshold"},
-        "parameters": names,
-        "size": values,
-        "std": deviations,
+        **found,
+        "parameters": list(entry["parameters"]),
+        "size": np.hstack([part["value"] for part in parts]),
+        "std": np.hstack([part["std"] for part in parts]),
         "statistic": entry["times_threshold"],
     }
-
-
-def _link(before: LinkCheck, after: LinkCheck) -> dict[str, Any]:
-    return {
-        "link": after.link,
-        "mass": after.mass,
-        "principal_moments": after.moments,
-        "positive_mass": after.positive_mass,
-        "positive_inertia": after.positive_inertia,
-        "triangle": after.triangle,
-        "pseudo_inertia": after.consistent,
-        "unconstrained": {"mass": before.mass, "consistent": before.consistent},
-    }
-
-
-def _validation(validation: Validation) -> dict[str, Any]:
-    names = ("role", "recordings", "every", "moving", "nominal")
-    found = {name: getattr(validation, name) for name in names}
-    return {**found, "whiteness": _whiteness(validation.whiteness)}
 
 
 def check(content: Mapping[str, Any]) -> None:
@@ -431,35 +316,6 @@ def identified_bodies(result: Identification) -> RigidBody:
     body = result.columns.body
     links = result.physical.value[: 10 * result.case.arm.n_joints]
     return body.changed((links - body.inertial_parameters()).reshape(-1, 10))
-
-
-def urdf_text(arm: NominalArm, body: RigidBody) -> str:
-    """URDF of bodies of an arm: the nominal arm's kinematics and limits, one link per joint, no shapes.
-
-    Frames and axes are those of the nominal arm's joints; inertial frames lie along the principal axes.
-    """
-    links = moving_links(body)
-    root = ET.fromstring(plain_urdf(links))
-    root.set("name", arm.name)
-    # principal moments in full precision
-    for link, element in zip(links, root.findall("link")[1:], strict=True):
-        inertia = element.find("inertial/inertia")
-        assert inertia is not None
-        for key, value in zip(("ixx", "iyy", "izz"), link.moments, strict=True):
-            inertia.set(key, repr(float(value)))
-    # limits of the nominal arm
-    speed, effort = body.velocity_limits(), body.effort_limits()
-    for joint in root.findall("joint"):
-        limit = joint.find("limit")
-        if limit is None:
-            continue
-        j = arm.joints.index(joint.get("name", ""))
-        if speed[j] > 0:
-            limit.set("velocity", numbers(speed[j : j + 1]))
-        if effort[j] > 0:
-            limit.set("effort", numbers(effort[j : j + 1]))
-    ET.indent(root)
-    return ET.tostring(root, encoding="unicode") + "\n"
 
 
 def with_sheet(result: Identification) -> NominalArm:

@@ -6,29 +6,160 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.signal import butter, sosfreqz
 from scipy.signal.windows import tukey
 from scipy.stats import chi2
 from scipy.stats import f as fisher
 from scipy.stats import t as student
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.nominal import FRICTION_SMOOTHING
 from gapscope.arm.root_mean_square import rms
 from gapscope.ident.estimators.linear import (
+    REWEIGHTINGS,
     Estimate,
     Estimator,
-    JointTriangles,
-    WeightedLeastSquares,
+    joint_factors,
+    reweighted,
+    weighted_factor,
     whitened,
 )
-from gapscope.ident.form_error import form_error
-from gapscope.ident.model.base_parameters import TINY
-from gapscope.ident.model.linear_problem import Problem, equal_parts
+from gapscope.ident.model.base_parameters import TINY, Factor
+from gapscope.ident.samples import (
+    STRIBECK_SPEEDS,
+    Problem,
+    Samples,
+    check_rank,
+    equal_parts,
+)
 from gapscope.model.conditioning import TORQUE_CUTOFF
+from gapscope.model.design import WAVES, drawn_waves
 from gapscope.model.effective_samples import (
     autocovariance,
     group_slices,
     low_pass_inflation,
+    variance_inflation,
 )
+from gapscope.model.form_error import FIRST_FORM, ROUNDS, SETTLED
+
+# Form error of an identification: what no column has of the friction that an arm has.
+#
+# Whatever law is chosen, joint j is taken to leave
+#
+#     y_j = W_j beta + f_j(q_j, dq_j) + e_j,    f_j = sum_k phi_k u_k,    u_k ~ N(0, omega_k^2)
+#
+# with an unknown function f_j of its own state, as a contrast takes it (``gapscope.model.form_error``): waves, which
+# are smooth and share one amplitude, and dry functions sgn v exp(-(v / vs)^2) of several speeds vs, each of its own.
+# The same motion has the same f again, so that least squares, which takes it for noise, is pulled by it as often as it
+# is repeated. An amplitude follows from the evidence (mackay1992b), with gamma the number of values that data
+# determine,
+#
+#     omega^2 = sum u^2 / gamma.
+
+
+DRY_SPEEDS = (*FRICTION_SMOOTHING * np.array([1, 2, 4]), *STRIBECK_SPEEDS[:2])
+"""Speeds vs of the dry functions [rad/s], from that over which the sign is smoothed. (budget)"""
+
+
+def form_columns(samples: Samples) -> tuple[np.ndarray, ...]:
+    """The unknown functions in the band of the samples: waves, (M, n, K), and each dry function, (M, n, 1)."""
+    arm, motions = samples.columns.arm, [s.motion for s in samples.segments]
+    n = arm.n_joints
+
+    def state(motion: Motion) -> np.ndarray:
+        return np.hstack([motion.q, motion.dq])
+
+    spread = np.concatenate([state(motion) for motion in motions]).std(axis=0)
+    spread = np.maximum(spread, TINY)
+
+    def columns(motion: Motion) -> np.ndarray:
+        own, speed = state(motion) / spread, motion.dq / arm.per_radian
+        smooth = [drawn_waves(own[:, [j, n + j]], WAVES[0]) for j in range(n)]
+        dry = [np.sign(speed) * np.exp(-((speed / vs) ** 2)) for vs in DRY_SPEEDS]
+        return np.concatenate([np.stack(smooth, axis=1), np.stack(dry, axis=2)], axis=2)
+
+    every = samples.filtered_each(columns)
+    ends = np.arange(WAVES[0], every.shape[2])
+    return tuple(np.split(every, ends, axis=2))
+
+
+@dataclass(frozen=True)
+class FormError:
+    """What a problem of n joints leaves beside its columns, as noise and as unknown functions.
+
+    Attributes:
+        noise: e [N m], (N, n).
+        moment: E[u u^T] of all functions, joint by joint, as the data leave it, (n K, n K).
+    """
+
+    noise: np.ndarray
+    moment: np.ndarray
+
+    def covariance(self, left: np.ndarray, problem: Problem) -> np.ndarray:
+        """Of an estimate that makes Z^T (y - W beta) zero, by the unknown functions, (b, b); Z of shape (N, n, b)."""
+        functions = np.concatenate(problem.forms, axis=2)
+        gram = np.einsum("nja,njb->ab", left, problem.matrix, optimize=True)
+        scores = [left[:, j].T @ functions[:, j] for j in range(problem.n_joints)]
+        pull = np.linalg.solve(gram, np.hstack(scores))
+        return np.asarray(pull @ self.moment @ pull.T)
+
+
+def form_error(problem: Problem, beta: np.ndarray) -> FormError:
+    """Noise and amplitudes by the evidence of what an estimate leaves.
+
+    Args:
+        problem: with the columns of its unknown functions.
+        beta: the estimate, (b,).
+    """
+    functions = np.concatenate(problem.forms, axis=2)
+    (_, n, count), b = functions.shape, len(beta)
+    counts = [each.shape[2] for each in problem.forms]
+    starts = np.cumsum([0, *counts[:-1]])
+    left = problem.residual(beta)
+    scale2 = np.maximum((problem.torque**2).mean(axis=0), TINY)
+    variance = np.tile(FIRST_FORM**2 * scale2[:, None], count)
+    noise, noise2 = left, np.maximum((left**2).mean(axis=0), 1e-18 * scale2)
+    # sums of products of [W, functions of the joint, what is left], joint by joint
+    parts = [problem.matrix, functions, left[:, :, None]]
+    every = np.concatenate(parts, axis=2).transpose(1, 2, 0)
+    sums = every @ every.transpose(0, 2, 1)
+    for _ in range(ROUNDS):
+        weighted = sums / noise2[:, None, None]
+        # what is shared by all joints eliminated from what each has of its own
+        shared = weighted[:, :b, :b].sum(axis=0)
+        cross = np.concatenate(list(weighted[:, b:-1, :b]))
+        pull = weighted[:, :b, -1].sum(axis=0)
+        scale = 1 / np.sqrt(np.diag(shared).clip(TINY))
+        inverse = np.linalg.pinv(shared * np.outer(scale, scale), hermitian=True)
+        inverse = inverse * np.outer(scale, scale)
+        information = -cross @ inverse @ cross.T
+        right = weighted[:, b:-1, -1].ravel() - cross @ inverse @ pull
+        for j, own in enumerate(weighted[:, b:-1, b:-1]):
+            at = slice(j * count, (j + 1) * count)
+            information[at, at] += own
+        size = np.sqrt(variance.ravel())
+        inner = np.linalg.inv(np.eye(n * count) + information * np.outer(size, size))
+        value = size * (inner @ (size * right))
+        change = inverse @ (pull - cross.T @ value)
+        noise = left - problem.matrix @ change
+        noise = noise - np.einsum("njk,jk->nj", functions, value.reshape(n, count))
+        inflation = variance_inflation(noise, problem.group)
+        noise2 = np.maximum((noise**2).mean(axis=0) * inflation, 1e-18 * scale2)
+        # as many as data determine, of the functions that share an amplitude
+        determined = (1.0 - np.diag(inner)).reshape(n, count)
+        squares = np.add.reduceat(value.reshape(n, count) ** 2, starts, axis=1)
+        gamma = np.add.reduceat(determined, starts, axis=1)
+        before = variance
+        variance = np.repeat(squares / np.maximum(gamma, TINY), counts, axis=1)
+        # what is a millionth of the torque is none
+        variance = np.maximum(variance, 1e-12 * scale2[:, None])
+        if (np.abs(variance - before) <= SETTLED * before).all():
+            break
+    # what the data say of one function they say of others too: those that replace each other do not add up
+    moment = np.outer(value, value) + inner * np.outer(size, size)
+    return FormError(noise, moment)
+
 
 # Model error distinguished from noise: the residual at the frequencies of the motion against those above.
 
@@ -329,38 +460,25 @@ FACTOR = 2.0
 
 @dataclass(frozen=True)
 class GroupComparison:
-    """Estimates of G groups against what each group states about its own error.
+    """Estimates of some groups against what each group states about its own error, as the JSON document has it.
 
     Attributes:
-        values: shape (G, b).
-        stated: mean variance that the groups state, shape (b,).
-        between: variance of the values between groups, shape (b,).
-        ratio: between over stated variance, all parameters together [1]; 1 if the stated errors hold.
+        count: of the groups.
+        stated_std: mean standard error that the groups state, shape (b,).
+        std_between: standard deviation of the values between groups, shape (b,).
+        ratio: variance between groups over the stated one, all parameters together [1]; 1 if the stated errors hold.
         p_value: how often noise alone gives a ratio this far from 1.
         verdict: ``noise``, ``model error that differs between groups`` or ``model error common to all groups``.
+        meaning: what the verdict means for the stated errors.
     """
 
-    values: np.ndarray
-    stated: np.ndarray
-    between: np.ndarray
+    count: int
+    stated_std: np.ndarray
+    std_between: np.ndarray
     ratio: float
     p_value: float
     verdict: str
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What the verdict means for the stated errors."""
-        if self.verdict == "noise":
-            return ()
-        if self.ratio > 1:
-            return (
-                f"groups differ by {np.sqrt(self.ratio):.1f} times the errors they state: bias that changes with the "
-                "motion, not noise; the stated errors are too small; look for an effect that the model lacks",
-            )
-        return (
-            f"groups agree to {np.sqrt(self.ratio):.2f} of the errors they state: the residual repeats, "
-            "so it is model error common to all groups, not noise; more repetitions will not help; vary the motion",
-        )
+    meaning: str
 
 
 def compare_groups(
@@ -389,7 +507,7 @@ def compare_groups(
     for number, span in enumerate(spans, 1):
         own = problem.rows(span)
         try:
-            value = estimator.estimate(own).value
+            value = estimator(own).value
         except InputError as error:
             where = f"group {number}"
             raise InputError(error.problem, error.remedy, where=where) from None
@@ -405,17 +523,28 @@ def compare_groups(
     # two-sided: the groups may differ by too much or by too little
     tails = chi2.sf(statistic, freedom), chi2.cdf(statistic, freedom)
     p_value, ratio = 2 * min(map(float, tails)), statistic / freedom
-    verdict = "noise"
-    if p_value <= REPEAT_DOUBT and not 1 / FACTOR < ratio < FACTOR:
-        where = "that differs between" if ratio > 1 else "common to all"
-        verdict = f"model error {where} groups"
+    verdict, meaning = (
+        "noise",
+        "they differ as much as the errors that they state; an error that all of them share, such as the form of "
+        "the friction makes, does not show here",
+    )
+    surprising = p_value <= REPEAT_DOUBT
+    if surprising and ratio >= FACTOR:
+        verdict = "model error that differs between groups"
+        meaning = (
+            f"groups differ by {np.sqrt(ratio):.1f} times the errors they state: bias that changes with the "
+            "motion, not noise; the stated errors are too small; look for an effect that the model lacks"
+        )
+    elif surprising and ratio <= 1 / FACTOR:
+        verdict = "model error common to all groups"
+        meaning = (
+            f"groups agree to {np.sqrt(ratio):.2f} of the errors they state: the residual repeats, "
+            "so it is model error common to all groups, not noise; more repetitions will not help; vary the motion"
+        )
+    stated = np.mean([np.diag(np.linalg.inv(one)) for one in weight], axis=0)
+    between = found.std(axis=0, ddof=1)
     return GroupComparison(
-        values=found,
-        stated=np.mean([np.diag(np.linalg.inv(one)) for one in weight], axis=0),
-        between=found.var(axis=0, ddof=1),
-        ratio=ratio,
-        p_value=p_value,
-        verdict=verdict,
+        len(found), np.sqrt(stated), between, ratio, p_value, verdict, meaning
     )
 
 
@@ -436,16 +565,12 @@ class TorqueInterval:
     """How far the arm's torque may lie from the model's.
 
     Attributes:
-        estimate: the model.
-        parameters: how well its parameters are known.
+        parameters: how well the model's parameters are known.
         error: noise and model error of torque that was not fitted.
-        warnings: of model error, with a remedy.
     """
 
-    estimate: Estimate
     parameters: Uncertainty
     error: ModelError
-    warnings: tuple[str, ...]
 
     def half_width(self, matrix: np.ndarray, *, recorded: bool = False) -> np.ndarray:
         """Half the width of the interval [N m], shape (N, n), about W beta.
@@ -476,19 +601,25 @@ class TorqueInterval:
 
 @dataclass(frozen=True)
 class PredictedTorque:
-    """Intervals of predicted torque on some recordings, n joints.
+    """Intervals of predicted torque on some recordings, n joints, as the JSON document has them.
 
     Attributes:
         level: share of samples that an interval is to hold [1].
         half_width: RMS half width for the arm's torque [N m], shape (n,).
-        recorded: the same for the torque as it is recorded, noise included [N m], shape (n,).
+        half_width_recorded: the same for the torque as it is recorded, noise included [N m], shape (n,).
         held: share of recorded samples within the latter [1], shape (n,).
+        model_error, noise, p_value: as in ``ModelError``, shape (n,).
+        joints_with_model_error: joints, from 1, on which noise alone is not believed.
     """
 
     level: float
     half_width: np.ndarray
-    recorded: np.ndarray
+    half_width_recorded: np.ndarray
     held: np.ndarray
+    model_error: np.ndarray
+    noise: np.ndarray
+    p_value: np.ndarray
+    joints_with_model_error: np.ndarray
 
 
 def predicted_torque(
@@ -504,8 +635,18 @@ def predicted_torque(
     own, recorded = (
         interval.half_width(problem.matrix, recorded=noisy) for noisy in (False, True)
     )
-    inside = np.abs(problem.residual(beta)) <= recorded
-    return PredictedTorque(LEVEL, rms(own), rms(recorded), inside.mean(axis=0))
+    held = (np.abs(problem.residual(beta)) <= recorded).mean(axis=0)
+    error = interval.error
+    return PredictedTorque(
+        level=LEVEL,
+        half_width=rms(own),
+        half_width_recorded=rms(recorded),
+        held=held,
+        model_error=error.systematic,
+        noise=error.noise,
+        p_value=error.p_value,
+        joints_with_model_error=error.found,
+    )
 
 
 def torque_interval(
@@ -527,7 +668,7 @@ def torque_interval(
     Raises:
         InputError: the other groups do not determine the parameters.
     """
-    estimate = estimate or estimator.estimate(problem)
+    estimate = estimate or estimator(problem)
     groups = group_slices(problem.group)
     pieces = -(-HELD_OUT // len(groups))  # rounded up
     spans = [part for rows in groups for part in equal_parts(rows, pieces)]
@@ -540,7 +681,7 @@ def torque_interval(
     beyond = np.sqrt((error.systematic**2 - missed2).clip(0.0))
     p_value = np.maximum(error.p_value, by_chance)
     error = replace(error, systematic=beyond, p_value=p_value)
-    return TorqueInterval(estimate, uncertainty, error, error.warnings())
+    return TorqueInterval(uncertainty, error)
 
 
 def _missed_by_parameters(
@@ -589,14 +730,83 @@ def _without_each(
     problem: Problem, spans: Sequence[slice], estimator: Estimator
 ) -> Iterator[np.ndarray]:
     """Estimates without each group, (b,)."""
-    if isinstance(estimator, WeightedLeastSquares):
+    rounds = REWEIGHTINGS.get(estimator)
+    if rounds is not None:
         # the equations of a group are made a triangle once, not for each of the others again
-        parts = [JointTriangles.of(problem.rows(span)) for span in spans]
+        parts = [joint_factors(problem.rows(span)) for span in spans]
         for k in range(len(spans)):
-            others = JointTriangles.joined(parts[:k] + parts[k + 1 :])
-            yield estimator.value(others)
+            others = zip(*(parts[:k] + parts[k + 1 :]), strict=True)
+            joints = [Factor.together(own) for own in others]
+            check_rank(weighted_factor(joints).triangle, problem.names)
+            yield reweighted(joints, rounds).solve()
         return
     for span in spans:
         kept = np.ones(len(problem.torque), dtype=bool)
         kept[span] = False
-        yield estimator.estimate(problem.rows(kept)).value
+        yield estimator(problem.rows(kept)).value
+
+
+# Whether a residual is noise.
+
+
+LAGS = 20
+"""Lags of the test for whiteness."""
+
+
+@dataclass(frozen=True)
+class Whiteness:
+    """Whether residuals are what the band leaves of white noise, sampled at the cut-off, n joints; as the JSON has it.
+
+    Attributes:
+        ljung_box: Ljung and Box's Q over ``LAGS`` lags [1], shape (n,).
+        p_value: how often white noise has a larger one, shape (n,).
+        level: p value from which on a residual may be noise [1].
+        white: joints whose residual may be, shape (n,).
+        largest_autocorrelation: largest beyond the band's own at lags from 1 [1], shape (n,).
+        bound: what white noise stays below with 99 % probability at any one lag [1].
+    """
+
+    ljung_box: np.ndarray
+    p_value: np.ndarray
+    level: float
+    white: np.ndarray
+    largest_autocorrelation: np.ndarray
+    bound: float
+
+
+def band_correlation(rate: float, cutoff: float, step: int) -> np.ndarray:
+    """Autocorrelation that the zero-phase low-pass gives white noise at multiples of ``step`` samples, (LAGS + 1,)."""
+    filter_ = butter(4, min(cutoff, 0.95 * rate / 2), output="sos", fs=rate)
+    frequency, response = sosfreqz(filter_, 4096, fs=rate)
+    # forward and backward: the power gain is the fourth power of the response
+    power = np.abs(response) ** 4
+    lags = np.arange(LAGS + 1) * step / rate
+    phase = 2 * np.pi * lags[:, None] * frequency
+    covariance = (power * np.cos(phase)).sum(axis=1)
+    return np.asarray(covariance / covariance[0])
+
+
+def whiteness(
+    residual: np.ndarray, group: np.ndarray, expected: np.ndarray
+) -> Whiteness:
+    """Ljung and Box's test, Q = N (N + 2) sum_{k=1}^{m} (rho_k - rho0_k)^2 / (N - k), chi-squared of m degrees.
+
+    Args:
+        residual: [N m], shape (N, n).
+        group: stretch that a sample belongs to, shape (N,).
+        expected: rho0, autocorrelation of noise that has passed the band, from lag 0, shape (at least m + 1,).
+
+    Source: ljung1978.
+    """
+    n = len(residual)
+    lags = max(1, min(LAGS, n // 4))
+    covariance = autocovariance(residual - residual.mean(axis=0), group, lags)
+    rho = covariance[1:] / np.maximum(covariance[0], TINY)
+    beyond_band = rho - expected[1 : lags + 1, None]
+    pairs = (n - np.arange(1, lags + 1))[:, None]
+    statistic = n * (n + 2) * (beyond_band**2 / pairs).sum(axis=0)
+    p_value = chi2.sf(statistic, lags)
+    largest = np.abs(beyond_band).max(axis=0)
+    # 99 % of the correlations of white noise lie within this
+    bound = float(2.576 / np.sqrt(n))
+    return Whiteness(statistic, p_value, DOUBT, p_value > DOUBT, largest, bound)

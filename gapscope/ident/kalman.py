@@ -5,27 +5,33 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from filterpy.kalman import KalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
+from scipy.stats import norm
 
 from gapscope.arm.dynamics.rollout import LONGEST_STEP, Plant, Stepper
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.root_mean_square import rms
-from gapscope.ident.checks.plausible_samples import check_bare
 from gapscope.ident.estimators.linear import (
     Estimate,
-    WeightedLeastSquares,
     finished,
+    weighted_least_squares,
     whitened,
 )
-from gapscope.ident.examination import MOVING, Whiteness, band_correlation, whiteness
+from gapscope.ident.intervals import (
+    DOUBT,
+    MAX_BLOCKS,
+    Whiteness,
+    band_correlation,
+    whiteness,
+)
 from gapscope.ident.model.base_parameters import TINY, WORTH, Factor
-from gapscope.ident.model.linear_problem import Problem, equal_parts
 from gapscope.ident.model.regressor import Regressor
-from gapscope.ident.samples import Samples
+from gapscope.ident.samples import MOVING, Problem, Samples, check_bare, equal_parts
 from gapscope.model.changes import Change
 from gapscope.model.effective_samples import group_slices, variance_inflation
 
@@ -59,45 +65,12 @@ class Track:
         return self.value[:, place], self.deviation[:, place]
 
 
-# Samples gathered into stretches of time, each reduced to as many equations as there are parameters.
+# Recursive estimation of base parameters: a Kalman filter whose state is beta, and whose noise comes from the data.
+# Samples are gathered into stretches of time, each reduced to as many equations as there are parameters.
 
 
 SHORTEST = 0.25
-"""Least length of a stretch [s]."""
-MOST = 200
-"""Stretches at most, which bounds time and memory of a filter over them."""
-
-
-@dataclass(frozen=True)
-class Stretches:
-    """A problem as K stretches of samples that follow each other within a group.
-
-    Attributes:
-        rows: the samples of each stretch, K slices.
-        ends: time at the last sample of each, counted over all groups without the gaps between them [s], shape (K,).
-        length: of a stretch [s].
-    """
-
-    rows: list[slice]
-    ends: np.ndarray
-    length: float
-
-    @classmethod
-    def of(cls, problem: Problem) -> Stretches:
-        """Stretches of at least ``SHORTEST`` seconds, about ``MOST`` at most, of N samples in the order of time."""
-        least = max(SHORTEST / problem.interval, len(problem.torque) / MOST)
-        samples = max(1, round(least))
-        rows = []
-        for group in group_slices(problem.group):
-            count = max(1, (group.stop - group.start) // samples)
-            rows += equal_parts(group, count)
-        ends = problem.interval * np.array([own.stop - 1 for own in rows])
-        return cls(rows, ends, problem.interval * (rows[0].stop - rows[0].start))
-
-
-# Recursive estimation of base parameters: a Kalman filter whose state is beta, and whose noise comes from the data.
-
-
+"""Least length of a stretch [s]; there are ``MAX_BLOCKS`` at most, which bounds time and memory of a filter."""
 VAGUE = 10.0
 """Standard deviation of an unknown parameter: this many times the torque's RMS over that of its column [1]."""
 WANDERS = "bcdso"
@@ -113,26 +86,14 @@ MIN_NOISE = 1e-3
 
 
 @dataclass(frozen=True)
-class Opening:
-    """A moment at which some parameters became unknown again, as when a load is picked up.
-
-    Attributes:
-        sample: the first sample after it.
-        covariance: that is added to the estimate's, shape (b, b).
-    """
-
-    sample: int
-    covariance: np.ndarray
-
-
-@dataclass(frozen=True)
 class Followed:
-    """What the filter saw, K stretches of N samples of n joints.
+    """What the filter saw, N samples of n joints in K stretches that follow each other within a group.
 
     Attributes:
         problem: what it followed.
-        stretches: how the samples were gathered.
-        track: the estimate after each stretch.
+        rows: the samples of each stretch, K slices.
+        length: of a stretch [s].
+        track: the estimate after each stretch, by the time of the samples so far without gaps between groups.
         batch: weighted least squares of all samples, shape (b,).
         noise: RMS of the torque's noise [N m], shape (n,).
         inflation: f, how many samples count as one [1], shape (n,).
@@ -141,7 +102,8 @@ class Followed:
     """
 
     problem: Problem
-    stretches: Stretches
+    rows: list[slice]
+    length: float
     track: Track
     batch: np.ndarray
     noise: np.ndarray
@@ -150,7 +112,12 @@ class Followed:
     innovation: np.ndarray
 
 
-def follow(problem: Problem, openings: Sequence[Opening] = ()) -> Followed:
+Openings = Sequence[tuple[int, np.ndarray]]
+"""Moments at which some parameters became unknown again, as when a load is picked up, in the order of time: the first
+sample after each, and the covariance that is added to the estimate's, shape (b, b)."""
+
+
+def follow(problem: Problem, openings: Openings = ()) -> Followed:
     """Filter a problem, beta+ = beta + w, tau = W beta + v, stretch by stretch.
 
     The covariance of v is sigma_j^2 f_j per joint: sigma_j is the RMS residual of weighted least squares (of each part
@@ -162,44 +129,60 @@ def follow(problem: Problem, openings: Sequence[Opening] = ()) -> Followed:
 
     Args:
         problem: in the order of time.
-        openings: in the order of time.
+        openings: where it is begun anew.
 
     Raises:
         InputError: the samples do not determine the parameters.
 
     Source: ljung1999.
     """
-    batch = WeightedLeastSquares().estimate(problem).value
-    stretches = Stretches.of(problem)
-    noise, inflation = _noise(problem, problem.residual(batch))
+    batch = weighted_least_squares(problem).value
+    shortest = max(SHORTEST / problem.interval, len(problem.torque) / MAX_BLOCKS)
+    samples, rows = max(1, round(shortest)), []
+    for group in group_slices(problem.group):
+        rows += equal_parts(group, max(1, (group.stop - group.start) // samples))
+    length = problem.interval * (rows[0].stop - rows[0].start)
+    least = MIN_NOISE * rms(problem.torque) + 1e-9
+
+    def noise_of(residual: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[Factor]]:
+        """Its RMS [N m] and inflation, (n,) each; stretches as equations R beta = z + noise of unit variance."""
+        size = np.maximum(rms(residual), least)
+        inflation = variance_inflation(residual, problem.group)
+        spread = size * np.sqrt(inflation)
+        factors = [Factor.of(*whitened(problem.rows(own), spread)) for own in rows]
+        return size, inflation, factors
+
+    noise, inflation, factors = noise_of(problem.residual(batch))
     if openings:
         # what changed is no noise: its size comes from the estimate of each part
-        triangles = _triangles(problem, stretches, noise * np.sqrt(inflation))
-        track = _filtered(problem, stretches, triangles, openings, 0 * batch)
-        stops = [own.stop for own in stretches.rows]
-        edges = [0, *(opening.sample for opening in openings), len(problem.torque)]
+        track = _filtered(problem, rows, factors, openings, 0 * batch)
+        stops = [own.stop for own in rows]
+        edges = [0, *(sample for sample, _ in openings), len(problem.torque)]
         residual = np.empty_like(problem.torque)
         for start, stop in pairwise(edges):
             last = max(int(np.searchsorted(stops, stop, side="right")) - 1, 0)
             part = slice(start, stop)
             residual[part] = problem.rows(part).residual(track.value[last])
-        noise, inflation = _noise(problem, residual)
-    triangles = _triangles(problem, stretches, noise * np.sqrt(inflation))
+        noise, inflation, factors = noise_of(residual)
     wandering = np.abs(batch) * [name[0] in WANDERS for name in problem.names]
-    tracks = [
-        _filtered(problem, stretches, triangles, openings, level * wandering)
-        for level in LEVELS
-    ]
-    errors = [_error_ahead(problem, stretches, track, noise) for track in tracks]
-    best = 0
-    for k, error in enumerate(errors):
-        if error < (1 - WORTH) * errors[best]:
-            best = k
-    level, track = LEVELS[best], tracks[best]
-    innovation = _predicted_ahead(problem, stretches, track, 1) / noise
+    # a record shorter than that is judged one stretch ahead
+    lag = 1 + round(AHEAD / length)
+    first = max(lag, int(SETTLED * len(rows)))
+    if first >= len(rows):
+        lag, first = 1, min(1, len(rows) - 1)
+    best = np.inf
+    for tried in LEVELS:
+        own = _filtered(problem, rows, factors, openings, tried * wandering)
+        ahead = _predicted_ahead(problem, rows, own, lag) / noise
+        # the median over stretches: those of a motion that is new are not predicted yet, whatever the process noise
+        error = np.median([np.mean(ahead[span] ** 2) for span in rows[first:]])
+        if error < (1 - WORTH) * best:
+            best, level, track = error, tried, own
+    innovation = _predicted_ahead(problem, rows, track, 1) / noise
     return Followed(
         problem=problem,
-        stretches=stretches,
+        rows=rows,
+        length=length,
         track=track,
         batch=batch,
         noise=noise,
@@ -209,40 +192,28 @@ def follow(problem: Problem, openings: Sequence[Opening] = ()) -> Followed:
     )
 
 
-def _noise(problem: Problem, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """RMS of a residual [N m], never zero, and how many of its samples count as one [1], (n,) each."""
-    least = MIN_NOISE * rms(problem.torque) + 1e-9
-    return np.maximum(rms(residual), least), variance_inflation(residual, problem.group)
-
-
-def _triangles(
-    problem: Problem, stretches: Stretches, noise: np.ndarray
-) -> list[Factor]:
-    """Each stretch as equations R beta = z + noise of unit variance; what is left out does not depend on beta."""
-    return [Factor.of(*whitened(problem.rows(own), noise)) for own in stretches.rows]
-
-
 def _filtered(
     problem: Problem,
-    stretches: Stretches,
-    triangles: Sequence[Factor],
-    openings: Sequence[Opening],
+    rows: Sequence[slice],
+    factors: Sequence[Factor],
+    openings: Openings,
     drift: np.ndarray,
 ) -> Track:
     """The track under a random walk, per square root of s, (b,), with the covariance widened at each opening."""
-    ends, b, count = stretches.ends, len(drift), len(triangles)
-    columns = rms(np.array([factor.triangle for factor in triangles]), axis=(0, 1))
-    size = VAGUE * rms(np.array([factor.rotated for factor in triangles]), axis=None)
+    ends = problem.interval * np.array([own.stop - 1 for own in rows])
+    b, count = len(drift), len(factors)
+    columns = rms(np.array([factor.triangle for factor in factors]), axis=(0, 1))
+    size = VAGUE * rms(np.array([factor.rotated for factor in factors]), axis=None)
     kalman = KalmanFilter(dim_x=b, dim_z=b)
     kalman.x, kalman.F, kalman.R = np.zeros(b), np.eye(b), np.eye(b)
     kalman.P = np.diag((size / np.maximum(columns, 1e-9 * columns.max())) ** 2)
-    stops = [own.stop for own in stretches.rows]
-    opened = [int(np.searchsorted(stops, each.sample + 1)) for each in openings]
+    stops = [own.stop for own in rows]
+    opened = [int(np.searchsorted(stops, sample + 1)) for sample, _ in openings]
     value, spread = np.empty((count, b)), np.empty((count, b, b))
-    for k, factor in enumerate(triangles):
-        for cut, opening in zip(opened, openings, strict=True):
+    for k, factor in enumerate(factors):
+        for cut, (_, covariance) in zip(opened, openings, strict=True):
             if k and k == cut:
-                kalman.P = kalman.P + opening.covariance
+                kalman.P = kalman.P + covariance
         if k and k not in opened:
             # gaps between recordings let the parameters wander for longer
             kalman.predict(Q=np.diag(drift**2) * (ends[k] - ends[k - 1]))
@@ -253,46 +224,27 @@ def _filtered(
 
 
 def _predicted_ahead(
-    problem: Problem, stretches: Stretches, track: Track, lag: int
+    problem: Problem, rows: Sequence[slice], track: Track, lag: int
 ) -> np.ndarray:
     """Torque less its prediction from the estimate ``lag`` stretches before [N m], (N, n); zero where there is none."""
     out = np.zeros_like(problem.torque)
-    for own, value in zip(stretches.rows[lag:], track.value, strict=False):
+    for own, value in zip(rows[lag:], track.value, strict=False):
         out[own] = problem.rows(own).residual(value)
     return out
 
 
-def _error_ahead(
-    problem: Problem, stretches: Stretches, track: Track, noise: np.ndarray
-) -> float:
-    """Squared error of the torque predicted ``AHEAD`` seconds ahead, over the noise [1].
-
-    The mean within a stretch, of which the median over the stretches: those of a motion that is new are not predicted
-    yet, whatever the process noise.
-    """
-    lag = 1 + round(AHEAD / stretches.length)
-    first = max(lag, int(SETTLED * len(stretches.rows)))
-    # a record shorter than that is judged one stretch ahead
-    if first >= len(stretches.rows):
-        lag, first = 1, min(1, len(stretches.rows) - 1)
-    error = _predicted_ahead(problem, stretches, track, lag) / noise
-    squares = [np.mean(error[own] ** 2) for own in stretches.rows[first:]]
-    return float(np.median(squares))
-
-
-@dataclass(frozen=True)
-class Kalman:
+def kalman(problem: Problem) -> Estimate:
     """The last estimate of ``follow``, with the covariance of the filter.
 
     If friction wanders, it is friction as it was at the end of the last recording.
 
+    Raises:
+        InputError: the samples do not determine the parameters.
+
     Source: ljung1999.
     """
-
-    def estimate(self, problem: Problem) -> Estimate:
-        """Filter the samples in their order; raises ``InputError`` if they cannot determine the parameters."""
-        track = follow(problem).track
-        return finished(problem, track.value[-1], track.covariance[-1])
+    track = follow(problem).track
+    return finished(problem, track.value[-1], track.covariance[-1])
 
 
 # State and friction at once, by an unscented filter, from encoders and torque alone.
@@ -308,8 +260,6 @@ MIN_SHARE = 0.02
 """The same at least, as a share of the joint's RMS torque at its RMS speed, which counts as ``MOVING`` [1]."""
 WANDER = 0.1
 """How far friction wanders in one second, over that standard deviation [1/sqrt(s)]."""
-AT_REST = 0.1
-"""Standard deviation of the speed before the first sample [rad/s]."""
 MIN_STEP = 1e-6
 """Least noise of an encoder [rad]."""
 
@@ -377,7 +327,10 @@ def follow_states(
     counts = np.diff([*rows, len(recording.t)])
     tau = np.add.reduceat(np.asarray(recording.tau), rows) / counts[:, None]
     period = float(np.median(np.diff(t)))
-    spread = np.maximum(UNSURE * np.abs(prior[places]), _least(recording))
+    speed = rms(np.gradient(recording.q, recording.t, axis=0))
+    torque = MIN_SHARE * rms(np.asarray(recording.tau))
+    least = np.concatenate([torque / np.maximum(speed, MOVING), torque])
+    spread = np.maximum(UNSURE * np.abs(prior[places]), least)
     kalman = UnscentedKalmanFilter(
         4 * n,
         n,
@@ -388,7 +341,8 @@ def follow_states(
     )
     encoder = np.full(n, _encoder_noise(recording, arm))
     kalman.x = np.concatenate([q[0], np.zeros(3 * n)])
-    kalman.P = np.diag(np.concatenate([encoder, np.full(n, AT_REST), spread]) ** 2)
+    # an arm that moves already may be as fast as it is on the whole
+    kalman.P = np.diag(np.concatenate([encoder, speed, spread]) ** 2)
     kalman.R = np.diag(encoder**2)
     # torque that is not modelled acts on the velocities
     inertia = np.diag(regressor.body.mass_matrix(q[0])) + arm.armature
@@ -440,13 +394,6 @@ def _dynamics(
     return after
 
 
-def _least(recording: Recording) -> np.ndarray:
-    """Least standard deviation of b and c, which a share of the joint's torque at its RMS speed sets, shape (2 n,)."""
-    torque = MIN_SHARE * rms(np.asarray(recording.tau))
-    speed = np.gradient(recording.q, recording.t, axis=0)
-    return np.concatenate([torque / np.maximum(rms(speed), MOVING), torque])
-
-
 def _encoder_noise(recording: Recording, arm: NominalArm) -> float:
     """Noise of the encoders [rad]: of the second differences, or of rounding, whichever is more."""
     # white noise of deviation s has second differences of sqrt(6) s
@@ -459,22 +406,15 @@ def _encoder_noise(recording: Recording, arm: NominalArm) -> float:
 # The filter beside the batch: when it converged, where it departs, whether its innovations are white.
 
 
-BAND = 4.0
-"""Standard errors by which the filter departs from the batch; 3.9 is reached once in 10 000 by chance."""
 DETERMINED = 1e-6
 """Least singular value of the columns in which a change moves parameters, over the largest [1]. (numerics)"""
-WIDER = 3.0
-"""Variance of a parameter that changed, over the squared size of the change [1]."""
 
 
-@dataclass(frozen=True)
-class Departure:
+class Departure(NamedTuple):
     """A parameter whose estimate at some moment excludes the batch's.
 
-    Attributes:
-        parameter: its place among the base parameters.
-        stretch: where it is farthest off.
-        size: distance over the filter's standard error [1].
+    Its place among the base parameters, the stretch in which it is farthest off, and by how many of the filter's
+    standard errors [1].
     """
 
     parameter: int
@@ -483,42 +423,29 @@ class Departure:
 
 
 @dataclass(frozen=True)
-class FilterReview:
-    """A filter beside the batch estimate, K stretches of n joints, b parameters.
+class FilterReview(Followed):
+    """A filter beside the batch estimate, K stretches of n joints, b parameters; ``batch`` is what it is compared with.
 
     Attributes:
-        followed: what the filter saw.
-        batch: the estimate it is compared with, shape (b,).
         recordings: name of the recording of each stretch, K of them.
         times: time in it at the end of each stretch [s], shape (K,).
         converged: number of the first stretch from which on the uncertainty of the parameters adds less to the
             predicted torque than its noise; ``None`` if there is none.
-        departures: after that, one for each parameter that departs, the farthest first.
+        departures: after that, one for each parameter that departs by more than chance, the farthest first.
         whiteness: of the innovations after that.
+        rms: RMS of the innovations after that over the RMS residual of the batch [1], shape (n,).
         changes: those that the filter was told of: there it started anew with what changed.
         moved: by how much each of them moved the parameters, shape (C, b).
     """
 
-    followed: Followed
-    batch: np.ndarray
     recordings: tuple[str, ...]
     times: np.ndarray
     converged: int | None
     departures: tuple[Departure, ...]
     whiteness: Whiteness
+    rms: np.ndarray
     changes: tuple[Change, ...]
     moved: np.ndarray
-
-    @property
-    def elapsed(self) -> np.ndarray:
-        """Time of the samples so far, all recordings together [s], shape (K,)."""
-        return self.followed.stretches.ends
-
-    @property
-    def rms(self) -> np.ndarray:
-        """RMS of the innovations after convergence over the RMS residual of the batch [1], shape (n,)."""
-        counted = self.followed.innovation[_first_sample(self.followed, self.converged)]
-        return rms(counted)
 
 
 def review(
@@ -538,39 +465,60 @@ def review(
     names = np.array([samples.segments[k].recording for k in samples.group])
     told, moved, openings = [], [], []
     for found in changes:
-        after = np.flatnonzero(
-            (names == found.recording) & (samples.times > found.time)
-        )
+        here, time = names == found.recording, samples.times
+        after = np.flatnonzero(here & (time > found.time))
         if len(after):
-            D = _moved(found, problem, names, samples.times)
+            D = _moved(found, problem, names, time)
             # unknown after the moment, and again where the recording ends if another follows
-            variance = WIDER * (found.value**2 + found.deviation**2)
-            covariance = (D * variance) @ D.T
-            openings += [Opening(int(k), covariance) for k in (after[0], after[-1] + 1)]
+            covariance = (D * (found.value**2 + found.deviation**2)) @ D.T
+            openings += [(int(k), covariance) for k in (after[0], after[-1] + 1)]
             told.append(found)
             moved.append(D @ found.value)
-    openings = [some for some in openings if some.sample < len(names)]
-    openings.sort(key=lambda opening: opening.sample)
+    openings = [own for own in openings if own[0] < len(names)]
+    openings.sort(key=lambda opening: opening[0])
     followed = follow(problem, openings)
-    ends = np.array([own.stop - 1 for own in followed.stretches.rows])
+    rows, track = followed.rows, followed.track
     batch = followed.batch if batch is None else batch
-    converged = _converged(followed)
+    # from which stretch on W P W^T, the variance that the estimate before it adds, is below that of the noise
+    first = 1
+    for k in range(1, len(rows)):
+        W = problem.matrix[rows[k]]
+        spread = W @ track.covariance[k - 1]
+        added = np.einsum("mja,mja->mj", spread, W) / followed.noise**2
+        if added.mean() > 1:
+            first = k + 1
+    converged = first if first < len(rows) else None
+    departures = []
+    if converged is not None:
+        deviation = np.maximum(track.deviation[converged:], TINY)
+        size = np.abs(track.value[converged:] - batch) / deviation
+        # beyond this one parameter of all departs by chance
+        most = norm.isf(DOUBT / (2 * len(batch)))
+        for i, k in enumerate(size.argmax(axis=0)):
+            if size[k, i] > most:
+                departures.append(Departure(i, converged + int(k), float(size[k, i])))
+        departures.sort(key=lambda departure: -departure.size)
+    else:
+        # innovations count from where it should have settled
+        first = min(max(1, int(SETTLED * len(rows))), len(rows) - 1)
+    counted = slice(rows[first].start, None)
     # innovations are sampled at the cut-off, as in the validation
     rate, cutoff = 1.0 / problem.interval, samples.band.cutoff
-    step, counted = max(1, round(rate / cutoff)), _first_sample(followed, converged)
+    step, ends = max(1, round(rate / cutoff)), [own.stop - 1 for own in rows]
+    innovation = followed.innovation[counted]
     white = whiteness(
-        followed.innovation[counted][::step],
+        innovation[::step],
         problem.group[counted][::step],
         band_correlation(rate, cutoff, step),
     )
     return FilterReview(
-        followed=followed,
-        batch=batch,
+        **vars(followed) | {"batch": batch},
         recordings=tuple(names[ends].tolist()),
         times=samples.times[ends],
         converged=converged,
-        departures=_departures(followed, batch, converged),
+        departures=tuple(departures),
         whiteness=white,
+        rms=rms(innovation),
         changes=tuple(told),
         moved=np.array(moved),
     )
@@ -598,43 +546,3 @@ def _moved(
     scale = np.linalg.norm(W, axis=0)
     right = torque.reshape(len(W), -1)
     return np.linalg.lstsq(W / scale, right, rcond=DETERMINED)[0] / scale[:, None]
-
-
-def _converged(followed: Followed) -> int | None:
-    """The first stretch from which on W P W^T, the variance that the estimate adds, is below that of the noise."""
-    problem, rows = followed.problem, followed.stretches.rows
-    first = 1
-    for k in range(1, len(rows)):
-        W = problem.matrix[rows[k]]
-        # P of the estimate before the stretch
-        spread = W @ followed.track.covariance[k - 1]
-        added = np.einsum("mja,mja->mj", spread, W) / followed.noise**2
-        if added.mean() > 1:
-            first = k + 1
-    return first if first < len(rows) else None
-
-
-def _first_sample(followed: Followed, converged: int | None) -> slice:
-    """The samples after convergence; of a filter that did not converge those after it settled."""
-    rows = followed.stretches.rows
-    first = converged
-    if first is None:
-        first = min(max(1, int(SETTLED * len(rows))), len(rows) - 1)
-    return slice(rows[first].start, None)
-
-
-def _departures(
-    followed: Followed, batch: np.ndarray, converged: int | None
-) -> tuple[Departure, ...]:
-    if converged is None:
-        return ()
-    track = followed.track
-    deviation = np.maximum(track.deviation[converged:], TINY)
-    size = np.abs(track.value[converged:] - batch) / deviation
-    farthest = size.argmax(axis=0)
-    found = [
-        Departure(i, converged + int(k), float(size[k, i]))
-        for i, k in enumerate(farthest)
-        if size[k, i] > BAND
-    ]
-    return tuple(sorted(found, key=lambda departure: -departure.size))

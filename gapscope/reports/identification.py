@@ -19,22 +19,27 @@ from gapscope.arm.io.json_file import plain
 from gapscope.arm.joint_units import common_unit
 from gapscope.arm.root_mean_square import rms
 from gapscope.effects.corrected_file import write_corrected
-from gapscope.ident.checks.troubleshooting import FOUND, WORSE, Row
-from gapscope.ident.examination import CONDITION_LIMIT, Validation
-from gapscope.ident.identification import Identification
+from gapscope.ident.identification import (
+    FOUND,
+    WORSE,
+    Identification,
+    Row,
+    Validation,
+)
 from gapscope.ident.identification_json import (
     document,
     effects,
     filter_document,
     identified_bodies,
     presliding,
-    urdf_text,
     with_sheet,
     write_base,
     write_case_beside,
     write_document,
 )
 from gapscope.ident.kalman import FilterReview
+from gapscope.ident.model.base_parameters import CONDITION_LIMIT
+from gapscope.ident.model.physical_parameters import urdf_text
 from gapscope.model.change_findings import change_findings, change_text
 from gapscope.reports.diagnosis import encode, keep_extremes
 from gapscope.reports.pages import percent_with_decimal, terminal_table, write_html
@@ -82,7 +87,7 @@ def filter_sentence(document: dict[str, Any]) -> str:
 def filter_curves(result: Identification) -> dict[str, Any]:
     """What the figures draw: each parameter with its band and the batch, and each joint's innovations."""
     review = result.filtered
-    track = review.followed.track
+    track = review.track
     expressions = result.base.expressions()
     names = list(result.base.kept_names)
     nominal = result.base.of(result.columns.nominal(result.choice.law))
@@ -99,11 +104,11 @@ def filter_curves(result: Identification) -> dict[str, Any]:
     ]
     start = review.converged
     return {
-        "elapsed": encode(review.elapsed),
+        "elapsed": encode(review.track.t),
         "parameters": parameters,
         "first": _first(review, names),
         "innovations": _innovations(review),
-        "converged": None if start is None else float(review.elapsed[start]),
+        "converged": None if start is None else float(review.track.t[start]),
         "changes": _changes(review),
         "starts": _starts(review),
     }
@@ -112,7 +117,7 @@ def filter_curves(result: Identification) -> dict[str, Any]:
 def _first(review: FilterReview, names: list[str]) -> int:
     """The parameter that is drawn at first: one that changed, or that departs, or friction of the first joint."""
     for moved in review.moved:
-        return int(np.abs(moved / review.followed.track.deviation[-1]).argmax())
+        return int(np.abs(moved / review.track.deviation[-1]).argmax())
     if review.departures:
         return review.departures[0].parameter
     friction = [i for i, name in enumerate(names) if name[0] in "bc"]
@@ -121,10 +126,9 @@ def _first(review: FilterReview, names: list[str]) -> int:
 
 def _innovations(review: FilterReview) -> list[dict[str, str]]:
     """Each joint's innovations over the elapsed time."""
-    followed = review.followed
-    t = followed.problem.interval * np.arange(len(followed.innovation))
+    t = review.problem.interval * np.arange(len(review.innovation))
     joints = []
-    for series in followed.innovation.T:
+    for series in review.innovation.T:
         keep = keep_extremes([series], FILTER_POINTS)
         joints.append({"t": encode(t[keep]), "value": encode(series[keep])})
     return joints
@@ -144,14 +148,14 @@ def _changes(review: FilterReview) -> list[dict[str, Any]]:
 def _elapsed(review: FilterReview, recording: str, time: float) -> float:
     """Elapsed time of a moment of a recording [s]."""
     own = np.array([name == recording for name in review.recordings])
-    return float(np.interp(time, review.times[own], review.elapsed[own]))
+    return float(np.interp(time, review.times[own], review.track.t[own]))
 
 
 def _starts(review: FilterReview) -> list[dict[str, Any]]:
     """Where recordings after the first begin, in elapsed time."""
     names = review.recordings
     edges = [k for k in range(1, len(names)) if names[k] != names[k - 1]]
-    return [{"elapsed": float(review.elapsed[k - 1]), "name": names[k]} for k in edges]
+    return [{"elapsed": float(review.track.t[k - 1]), "name": names[k]} for k in edges]
 
 
 # What the figures draw: torque over time and the residual over speed, as base64 of float32.
@@ -181,7 +185,7 @@ def payload(result: Identification) -> dict[str, Any]:
         "slides": list(result.case.arm.sliding),
         "groups": groups,
         "spectrum": [
-            float(x) for x in np.maximum(result.examined.shown.singular_values, FLOOR)
+            float(x) for x in np.maximum(result.determined.singular_values, FLOOR)
         ],
         "limit": 1 / CONDITION_LIMIT,
         "filter": filter_curves(result),

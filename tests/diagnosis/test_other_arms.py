@@ -15,7 +15,7 @@ from gapscope.arm.robots import load_nominal_arm
 from gapscope.diagnosis.document.wording import parameter_texts, with_slide_units
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.recorder import Plan, record_case
-from gapscope.ident.model.linear_problem import FrictionLaw, ModelColumns
+from gapscope.ident.samples import FrictionLaw, ModelColumns
 
 SLIDE, TURN = "prismatic", "revolute"
 GANTRY = (

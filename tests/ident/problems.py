@@ -9,8 +9,8 @@ import numpy as np
 
 from gapscope.arm.recording import Recording
 from gapscope.ident.model.base_parameters import BaseParameters
-from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.regressor import Regressor
+from gapscope.ident.samples import Problem
 from gapscope.model.conditioning import TORQUE_CUTOFF, condition, low_pass
 
 TRUTH = np.array([2.0, -1.0, 0.5, 3.0])

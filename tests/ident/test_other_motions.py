@@ -13,8 +13,7 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.position_controller import position_controller
 from gapscope.envs.recorder import record
-from gapscope.ident.examination import validate
-from gapscope.ident.identification import IdentificationSettings, identify
+from gapscope.ident.identification import IdentificationSettings, identify, validate
 from gapscope.ident.samples import Band
 
 EFFECTS = (

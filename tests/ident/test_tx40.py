@@ -6,8 +6,11 @@ from pathlib import Path
 import pytest
 
 from gapscope.arm.case import load_case
-from gapscope.ident.fitted_parameters import IdentificationSettings, fit_parameters
-from gapscope.ident.identification import validated
+from gapscope.ident.identification import (
+    IdentificationSettings,
+    fit_parameters,
+    validated,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "identification.md"

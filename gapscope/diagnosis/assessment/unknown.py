@@ -27,7 +27,7 @@ from gapscope.diagnosis.thresholds import (
     UNKNOWN_TORQUE,
 )
 from gapscope.effects.residual import Memory
-from gapscope.ident.examination import band_correlation, whiteness
+from gapscope.ident.intervals import band_correlation, whiteness
 from gapscope.model.conditioning import TORQUE_CUTOFF
 from gapscope.model.design import drawn_waves
 from gapscope.model.difference import ANY

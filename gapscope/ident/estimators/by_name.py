@@ -4,28 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from gapscope.arm.errors import InputError
-from gapscope.ident.estimators.experiment import Experiment
 from gapscope.ident.estimators.linear import (
     Estimate,
     Estimator,
-    HuberLeastSquares,
-    MaximumLikelihood,
-    PartialUpdate,
-    Ridge,
-    TotalLeastSquares,
-    TruncatedSvd,
-    WeightedLeastSquares,
+    huber,
     least_noise,
+    maximum_likelihood,
+    noise_across,
+    ordinary_least_squares,
+    partial_update,
+    ridge,
+    total_least_squares,
+    truncated_svd,
+    weighted_least_squares,
 )
-from gapscope.ident.estimators.physical import ConsistentSdp, LogCholesky
+from gapscope.ident.estimators.physical import (
+    Bodies,
+    log_cholesky,
+    possible_arm,
+    semidefinite,
+)
 from gapscope.ident.estimators.simulating import (
-    DirectInverse,
-    InstrumentalVariables,
-    OutputError,
+    Experiment,
+    direct_inverse,
+    instrumental_variables,
+    output_error,
 )
 from gapscope.ident.intervals import (
     MAX_BLOCKS,
@@ -34,9 +43,9 @@ from gapscope.ident.intervals import (
     block_jackknife,
     refit_jackknife,
 )
-from gapscope.ident.kalman import Kalman
+from gapscope.ident.kalman import kalman
 from gapscope.ident.model.base_parameters import BaseParameters
-from gapscope.ident.model.linear_problem import Problem
+from gapscope.ident.samples import Problem
 
 
 @dataclass(frozen=True)
@@ -63,25 +72,16 @@ class Given:
         return self.base.of(self.nominal)
 
 
-Make = Callable[[Given], Estimator]
 Interval = Callable[[Problem, Estimator, Estimate], Uncertainty]
+"""Uncertainty of the estimate that an estimator made of a problem."""
 
 
-@dataclass(frozen=True)
-class Method:
-    """An estimator of base parameters and its interval.
+class Method(NamedTuple):
+    """An estimator of base parameters: how it is made, its interval, and what that is, in words."""
 
-    Attributes:
-        make: the estimator.
-        interval: uncertainty of its estimate.
-        kind: of the interval, in words.
-        simulates: whether it repeats the recordings in simulation, with Coulomb and viscous friction only.
-    """
-
-    make: Make
+    make: Callable[[Given], Estimator]
     interval: Interval
     kind: str
-    simulates: bool = False
 
 
 def method(name: str) -> Method:
@@ -109,11 +109,8 @@ def _unweighted(
 
 
 def _across(problem: Problem, estimator: Estimator, estimate: Estimate) -> Uncertainty:
-    return block_jackknife(
-        problem,
-        estimate.value,
-        np.linalg.inv(MaximumLikelihood.noise(problem, estimate.value)),
-    )
+    weight = np.linalg.inv(noise_across(problem, estimate.value))
+    return block_jackknife(problem, estimate.value, weight)
 
 
 def _repeated(
@@ -124,7 +121,7 @@ def _repeated(
 
 def _robust(problem: Problem, estimator: Estimator, estimate: Estimate) -> Uncertainty:
     # without a stretch the estimate is nearly the same
-    return refit_jackknife(problem, HuberLeastSquares(start=estimate.value))
+    return refit_jackknife(problem, partial(huber, start=estimate.value))
 
 
 def _stated(problem: Problem, estimator: Estimator, estimate: Estimate) -> Uncertainty:
@@ -139,80 +136,75 @@ _WITH_FORM = f"{_BLOCKS}, and what the unknown form of the friction may do"
 _JACKKNIFE = f"block jackknife, the estimate repeated without each of about {STRETCHES} stretches of time"
 _UNBIASED = f"{_JACKKNIFE}; the bias of the pull is not counted"
 
+
+def _plain(
+    estimator: Estimator, interval: Interval = _repeated, kind: str = _JACKKNIFE
+) -> Method:
+    """A method that needs the problem alone."""
+    return Method(lambda given: estimator, interval, kind)
+
+
+def _possible(bodies: Bodies) -> Method:
+    def make(given: Given) -> Estimator:
+        return partial(
+            possible_arm, prior=given.nominal, base=given.base, bodies=bodies
+        )
+
+    return Method(make, _repeated, _UNBIASED)
+
+
+def _simulating(estimator: Callable[..., Estimate]) -> Method:
+    def make(given: Given) -> Estimator:
+        return partial(estimator, experiment=given.experiment())
+
+    return Method(make, _stated, _BLOCKS)
+
+
+SIMULATING = {
+    "instrumental_variables": _simulating(instrumental_variables),
+    "didim": _simulating(direct_inverse),
+    "output_error": _simulating(output_error),
+}
+"""Methods that repeat the recordings in simulation, with Coulomb and viscous friction only."""
 METHODS: dict[str, Method] = {
-    "consistent": Method(
-        lambda given: WeightedLeastSquares(),
+    "consistent": _plain(
+        weighted_least_squares,
         _by_joint,
         f"{_WITH_FORM}, of weighted least squares without the constraints",
     ),
-    "wls": Method(lambda given: WeightedLeastSquares(), _by_joint, _WITH_FORM),
-    "ols": Method(
-        lambda given: WeightedLeastSquares(rounds=0), _unweighted, _WITH_FORM
-    ),
-    "irls": Method(lambda given: HuberLeastSquares(), _robust, _JACKKNIFE),
+    "wls": _plain(weighted_least_squares, _by_joint, _WITH_FORM),
+    "ols": _plain(ordinary_least_squares, _unweighted, _WITH_FORM),
+    "irls": _plain(huber, _robust),
     "ridge": Method(
-        lambda given: Ridge(
-            "motion" if given.strength is None else given.strength, given.prior
-        ),
+        lambda given: partial(ridge, prior=given.prior, choice=given.strength),
         _repeated,
         _UNBIASED,
     ),
     "l_curve": Method(
-        lambda given: Ridge("l_curve", given.prior), _repeated, _UNBIASED
-    ),
-    "truncated_svd": Method(
-        lambda given: TruncatedSvd(given.prior, given.directions),
+        lambda given: partial(ridge, prior=given.prior, choice="l_curve"),
         _repeated,
         _UNBIASED,
     ),
-    "total_least_squares": Method(
-        lambda given: TotalLeastSquares(), _repeated, _JACKKNIFE
+    "truncated_svd": Method(
+        lambda given: partial(truncated_svd, prior=given.prior, count=given.directions),
+        _repeated,
+        _UNBIASED,
     ),
-    "maximum_likelihood": Method(
-        lambda given: MaximumLikelihood(), _across, _WITH_FORM
-    ),
-    "kalman": Method(
-        lambda given: Kalman(),
+    "total_least_squares": _plain(total_least_squares),
+    "maximum_likelihood": _plain(maximum_likelihood, _across, _WITH_FORM),
+    "kalman": _plain(
+        kalman,
         _stated,
         "covariance of the filter, which counts that samples follow each other",
     ),
     "partial_update": Method(
-        lambda given: PartialUpdate(given.prior),
+        lambda given: partial(partial_update, prior=given.prior),
         _stated,
         "posterior, of the data and the nominal arm together",
     ),
-    "log_cholesky": Method(
-        lambda given: LogCholesky(given.nominal, given.base),
-        _repeated,
-        _UNBIASED,
-    ),
-    "sdp_euclidean": Method(
-        lambda given: ConsistentSdp(given.nominal, given.base),
-        _repeated,
-        _UNBIASED,
-    ),
-    "sdp_entropic": Method(
-        lambda given: ConsistentSdp(given.nominal, given.base, entropic=True),
-        _repeated,
-        _UNBIASED,
-    ),
-    "instrumental_variables": Method(
-        lambda given: InstrumentalVariables(given.experiment()),
-        _stated,
-        _BLOCKS,
-        simulates=True,
-    ),
-    "didim": Method(
-        lambda given: DirectInverse(given.experiment()),
-        _stated,
-        _BLOCKS,
-        simulates=True,
-    ),
-    "output_error": Method(
-        lambda given: OutputError(given.experiment()),
-        _stated,
-        _BLOCKS,
-        simulates=True,
-    ),
+    "log_cholesky": _possible(log_cholesky),
+    "sdp_euclidean": _possible(semidefinite),
+    "sdp_entropic": _possible(partial(semidefinite, entropic=True)),
+    **SIMULATING,
 }
 """Methods by name; ``consistent`` is weighted least squares constrained to bodies that can exist."""

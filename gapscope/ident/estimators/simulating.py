@@ -1,34 +1,314 @@
-"""Estimators that simulate the loop: instrumental variables, DIDIM, output error."""
+"""Estimators that simulate the loop: what they repeat, and instrumental variables, DIDIM, output error."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 from scipy.optimize import least_squares
 
 from gapscope.arm.case import Case
-from gapscope.arm.control import PD
+from gapscope.arm.control import PD, feedforward
+from gapscope.arm.dynamics.rollout import (
+    Commands,
+    Plant,
+    RollOut,
+    roll_outs,
+    sensitivity,
+    ticks_per_step,
+)
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.recording import Recording
 from gapscope.arm.root_mean_square import rms
-from gapscope.ident.estimators.experiment import Experiment
-from gapscope.ident.estimators.linear import Estimate, WeightedLeastSquares
-from gapscope.ident.intervals import Uncertainty, jackknife
+from gapscope.arm.velocity_filter import VelocityFilter, rule_of
+from gapscope.ident.estimators.linear import Estimate, weighted_least_squares
+from gapscope.ident.intervals import jackknife
 from gapscope.ident.model.base_parameters import TINY, BaseParameters
-from gapscope.ident.model.linear_problem import (
+from gapscope.ident.model.regressor import JOINT_COLUMNS, Regressor
+from gapscope.ident.samples import (
+    AT_LIMIT,
+    PER_CUTOFF,
     SMOOTH,
     FrictionLaw,
     Problem,
+    Samples,
+    check_bare,
+    check_samples,
 )
-from gapscope.ident.model.regressor import Regressor
-from gapscope.ident.samples import PER_CUTOFF, Samples
-from gapscope.model.conditioning import TORQUE_CUTOFF, TRIM, low_pass
+from gapscope.model.conditioning import GAP_STEPS, TORQUE_CUTOFF, TRIM, low_pass
 
-# The closed loop of a case: its fitted recordings, and how an estimator that simulates repeats them.
+# Whether a recorded torque is what the declared controller commands; wrong gains ruin every simulated closed loop.
+
+
+AGREES = 0.3
+"""A torque whose feedback part differs by less than this share agrees with its controller [1]."""
+NOISE = 0.02
+"""So does one that differs by less than this share of the joint's torque: noise may do that [1]."""
+OFF = 0.1
+"""Gains that fit better when scaled by more than this are wrong [1]."""
+EXPLAINED = 0.5
+"""Share of the miss that other gains must explain before they are called wrong [1]."""
+SEEN = 0.01
+"""Feedback below this share of the torque's spread is too small to test gains [1]."""
+
+
+def check_controller(
+    recording: Recording,
+    controller: PD,
+    commands: Commands,
+    rows: np.ndarray,
+    limit: np.ndarray | None = None,
+) -> list[str]:
+    """Compare tau with feedforward + kp (q_ref - q) + kd (dq_ref - dq), both low-passed; warnings, one per joint.
+
+    Args:
+        recording: with q_ref and tau.
+        controller: as declared.
+        commands: its reference and feedforward at its ticks.
+        rows: ticks of the recording's rows, (N,).
+        limit: of the torque [N m], shape (n,); samples at it are not compared.
+
+    Raises:
+        InputError: other gains explain a joint's torque clearly better.
+    """
+    assert recording.tau is not None
+    t, velocity = recording.t, recording.dq
+    if velocity is None:
+        # the controller's, at its ticks
+        spline = make_interp_spline(t, recording.q, k=3)
+        q = spline(np.clip(commands.t, t[0], t[-1]))
+        filtered = VelocityFilter(
+            controller.rate,
+            controller.velocity_cutoff,
+            controller.velocity_damping,
+            q[0],
+            commands.dq[0],
+        )
+        velocity = np.array([filtered(row) for row in q])[rows]
+    terms = [
+        recording.tau - commands.torque[rows],
+        controller.kp * (commands.q[rows] - recording.q),
+        controller.kd * (commands.dq[rows] - velocity),
+    ]
+    edge = int(TRIM * recording.rate)
+    inner = slice(edge, len(rows) - edge)
+    feedback, stiff, damped = (
+        low_pass(x, recording.rate, TORQUE_CUTOFF)[inner] for x in terms
+    )
+    most = np.inf if limit is None else AT_LIMIT * limit
+    free = (np.abs(recording.tau) < most)[inner]
+    spread = recording.tau.std(axis=0)
+    found: list[str] = []
+    for j, rows_free in enumerate(free.T):
+        own = feedback[rows_free, j]
+        columns = np.column_stack([stiff[rows_free, j], damped[rows_free, j]])
+        size, error = rms(own), rms(own - columns.sum(axis=1))
+        # too small to test gains, or within what noise may do
+        if size < SEEN * spread.max() or error < max(AGREES * size, NOISE * spread[j]):
+            continue
+        scale = np.linalg.lstsq(columns, own, rcond=None)[0]
+        # other gains that explain the torque: a wrong gain or unit; otherwise another controller
+        explained = rms(own - columns @ scale) < (1 - EXPLAINED) * error
+        if explained and np.abs(scale - 1).max() > OFF:
+            raise InputError(
+                f"the torque of joint {j + 1} fits kp times {scale[0]:.3g} and kd times {scale[1]:.3g}",
+                "correct the gains, or their unit, in controller:; a simulated closed loop needs those of the "
+                "recording",
+                file=recording.name,
+                where="controller.kp, controller.kd",
+            )
+        found.append(
+            f"{recording.name}: {error / size:.0%} of the feedback torque of joint {j + 1} is not what the controller "
+            "commands; check feedforward, delay, and whether the recorded torque is the command"
+        )
+    return found
+
+
+# What an estimator that simulates needs beside the linear problem: the arm, its controller and its commands.
+
+
+AT_REST = 1e-3
+"""A reference that starts slower than this starts at rest [rad/s]."""
+SETTLE = 0.5
+"""How long a reference that starts at rest was held before the recording [s]."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Recordings under a known controller, and how to repeat them with other parameters.
+
+    Attributes:
+        regressor: of the nominal arm, with all of ``JOINT_COLUMNS``.
+        base: its base parameters, which are the problem's.
+        controller: that made the recordings' torque.
+        recordings: with q_ref and tau, without gaps.
+        build: from recordings to the problem; it made the problem from the measured ones, and is given simulated ones,
+            so that filtering and differentiation change both alike.
+        prior: parameters pi near which the simulated arm stays if the data do not decide, shape (p,).
+
+    Raises:
+        InputError: a recording has no reference, no torque or a gap, or its torque contradicts the controller.
+    """
+
+    regressor: Regressor
+    base: BaseParameters
+    controller: PD
+    recordings: Sequence[Recording]
+    build: Callable[[Sequence[Recording]], Problem]
+    prior: np.ndarray
+
+    def __post_init__(self) -> None:
+        """Check the recordings."""
+        assert self.warnings is not None
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """What was noticed about controller and recordings."""
+        found: list[str] = []
+        limit = self.regressor.arm.torque_limit
+        for own, (commands, rows) in zip(self.recordings, self._commanded, strict=True):
+            found += check_controller(own, self.controller, commands, rows, limit)
+        return tuple(found)
+
+    @property
+    def start(self) -> np.ndarray:
+        """Base parameters of the prior, shape (b,)."""
+        return self.base.of(self.prior)
+
+    def simulate(self, beta: np.ndarray) -> tuple[Recording, ...]:
+        """The recordings as an arm with base parameters beta, without noise, would have made them.
+
+        Raises:
+            GapscopeError: the arm diverged.
+        """
+        runs = zip(self.recordings, self._commanded, self._rolled(beta), strict=True)
+        return tuple(
+            replace(own, q=x.q[rows], tau=x.tau[rows], dq=x.dq[rows], tau_sensor=None)
+            for own, (_, rows), x in runs
+        )
+
+    def problem(self, beta: np.ndarray) -> Problem:
+        """The problem that the simulated recordings make."""
+        return self.build(self.simulate(beta))
+
+    def tangents(
+        self, beta: np.ndarray
+    ) -> tuple[tuple[Recording, np.ndarray, np.ndarray], ...]:
+        """Simulated recordings with d q / d beta [rad] and d tau / d beta [N m], each of shape (N, n, b)."""
+        along = sensitivity(
+            self.regressor.body,
+            self._plant(beta),
+            self.controller,
+            self._rolled(beta),
+            np.linalg.pinv(self.base.combination)[self._order],
+            self.regressor.arm.torque_limit,
+            self._rule,
+        )
+        out = []
+        whole = zip(self.simulate(beta), self._commanded, along, strict=True)
+        for simulated, (_, rows), both in whole:
+            # numbers between two rows of a series interpolated
+            steps = np.arange(len(both[0]))
+            at = np.minimum(rows / ticks_per_step(self.controller), steps[-1])
+            by_q, by_tau = (make_interp_spline(steps, x, k=1)(at) for x in both)
+            out.append((simulated, by_q, by_tau))
+        return tuple(out)
+
+    def check(self, problem: Problem) -> None:
+        """Check that a problem is one of these recordings and determines the parameters, or raise ``InputError``."""
+        if problem.matrix.shape[2] != self.base.count:
+            raise InputError(
+                f"the problem has {problem.matrix.shape[2]} parameters, the experiment {self.base.count}",
+                "make the problem with the base parameters of the experiment",
+            )
+        check_samples(problem)
+
+    @cached_property
+    def _rule(self) -> str:
+        """How the controller discretises its velocity filter: what the longest recording shows."""
+        longest = max(self.recordings, key=lambda recording: recording.duration)
+        return rule_of(longest, self.controller)
+
+    @cached_property
+    def _order(self) -> np.ndarray:
+        """Places of the parameters in the order of ``Plant.of``, (14 n,)."""
+        n, quantities = self.regressor.arm.n_joints, self.regressor.quantities
+        blocks = [10 + quantities.index(name) for name in JOINT_COLUMNS]
+        return np.concatenate(
+            [np.arange(k * n, k * n + n) for k in (*range(10), *blocks)]
+        )
+
+    def _plant(self, beta: np.ndarray) -> Plant:
+        """The arm with base parameters beta, nearest to the prior."""
+        return Plant.of(self.base.nearest(beta, self.prior)[self._order])
+
+    @cached_property
+    def _last(self) -> dict[bytes, tuple[RollOut, ...]]:
+        """Roll-outs of the last parameters: an estimator asks for those of one point more than once."""
+        return {}
+
+    def _rolled(self, beta: np.ndarray) -> tuple[RollOut, ...]:
+        """Roll-outs of all recordings, computed or remembered."""
+        key = beta.tobytes()
+        if key not in self._last:
+            self._last.clear()
+            starts = []
+            for own, (commands, rows) in zip(
+                self.recordings, self._commanded, strict=True
+            ):
+                # one that was held at rest begins on its reference
+                begun = commands.q[0] if rows[0] else own.q[0]
+                starts.append((begun, commands.dq[0]))
+            self._last[key] = roll_outs(
+                self.regressor.body,
+                self._plant(beta),
+                self.controller,
+                [commands for commands, _ in self._commanded],
+                self.regressor.arm.torque_limit,
+                starts,
+                self._rule,
+            )
+        return self._last[key]
+
+    @cached_property
+    def _commanded(self) -> list[tuple[Commands, np.ndarray]]:
+        """Commands of each recording, held before a start at rest, and the ticks at which it has its rows, (N,)."""
+        return [self._commands(recording) for recording in self.recordings]
+
+    def _commands(self, recording: Recording) -> tuple[Commands, np.ndarray]:
+        check_bare(recording)
+        t, q_ref = recording.t, recording.q_ref
+        if q_ref is None or recording.tau is None:
+            raise InputError(
+                "has no reference or no torque, which an estimator that simulates needs",
+                "give columns q_ref1.. and tau1.., or use an estimator that does not simulate",
+                file=recording.name,
+            )
+        if (np.diff(t) > GAP_STEPS / recording.rate).any():
+            raise InputError(
+                "has a gap in time",
+                "cut it there into two recordings",
+                file=recording.name,
+            )
+        rate, dq_ref = self.controller.rate, recording.dq_ref
+        if dq_ref is None:
+            dq_ref = make_interp_spline(t, q_ref, k=3)(t, 1)
+        velocity = make_interp_spline(t, dq_ref, k=3)
+        resting = np.abs(velocity(t[0])).max() < AT_REST
+        before = round(SETTLE * rate) if resting else 0
+        rows = before + ((t - t[0]) * rate + 1e-6).astype(int)
+        ticks = t[0] + np.arange(-before, rows[-1] - before + 2) / rate
+        held = np.clip(ticks, t[0], t[-1])
+        q = CubicHermiteSpline(t, q_ref, dq_ref)(held)
+        dq, ddq = velocity(held), velocity(held, 1)
+        arm, body = self.regressor.arm, self.regressor.body
+        torque = feedforward(arm, body, self.controller.feedforward, q, dq, ddq)
+        return Commands(t=ticks, q=q, dq=dq, torque=torque), rows
 
 
 def closed_loop(
@@ -38,7 +318,7 @@ def closed_loop(
     base: BaseParameters,
     problem: Problem,
 ) -> Experiment:
-    """The fitted recordings with their controller, for an estimator that simulates; it starts from least squares.
+    """The fitted recordings of a case with their controller; estimators start from least squares.
 
     Raises:
         InputError: the controller is not known, or a recording cannot be repeated.
@@ -70,9 +350,8 @@ def closed_loop(
         return own.problem(law, base.kept, problem.names)
 
     # the order of the columns of the model
-    quantities = (*SMOOTH, "friction")
-    regressor = Regressor(case.arm, columns.body, quantities)
-    first = WeightedLeastSquares().estimate(problem).value
+    regressor = Regressor(case.arm, columns.body, (*SMOOTH, "friction"))
+    first = weighted_least_squares(problem).value
     start = base.nearest(first, columns.nominal(law))
     return Experiment(regressor, base, case.controller, fit, build, start)
 
@@ -80,6 +359,10 @@ def closed_loop(
 # What the estimators that simulate have in common: checks, steps, and how an iteration ends.
 
 
+ITERATIONS = 15
+"""Steps at most."""
+SAME = 0.01
+"""They end when the simulated torque moves by less than this share of the error [1]."""
 HALVINGS = 6
 """How often a step that lets the simulated arm diverge, or fits worse, is halved."""
 WORSE = 1.05
@@ -90,60 +373,33 @@ NOT_SETTLED = (
 )
 
 
-@dataclass(frozen=True)
-class Simulated:
-    """Parameters with the problem that the arm simulated with them makes.
-
-    Attributes:
-        beta: shape (b,).
-        problem: from simulated recordings.
-        error: RMS per joint of measured minus simulated torque [N m], shape (n,).
-    """
+class Simulated(NamedTuple):
+    """Parameters, (b,), the problem that the arm simulated with them makes, and the RMS torque missed [N m], (n,)."""
 
     beta: np.ndarray
     problem: Problem
     error: np.ndarray
 
 
-@dataclass(frozen=True)
-class _Simulating:
-    """An estimator that repeats the recordings, beta by beta, until the simulated torque stays.
+def _iterated(
+    problem: Problem,
+    experiment: Experiment,
+    goal: Callable[[Simulated], np.ndarray],
+    iterations: int,
+) -> tuple[Simulated, bool]:
+    """Repeat the recordings, beta by beta, until the simulated torque stays; and whether it does.
 
-    Attributes:
-        experiment: how to simulate.
-        iterations: at most.
-        tolerance: the simulated torque moves by less than this share of the error in the last iteration [1].
+    Each step goes to what ``goal`` says of a simulation, (b,). It is halved while the arm diverges or the torque fits
+    clearly worse.
+
+    Raises:
+        InputError: too few samples, or a problem that is not the experiment's.
+        GapscopeError: the simulated arm diverges, at the start or after the last halving.
     """
+    experiment.check(problem)
 
-    name: ClassVar[str]
-    experiment: Experiment
-    iterations: int = 15
-    tolerance: float = 0.01
-
-    def goal(self, problem: Problem, now: Simulated) -> np.ndarray:
-        """The parameters that a simulation asks for next, shape (b,)."""
-        raise NotImplementedError
-
-    def iterated(self, problem: Problem) -> tuple[Simulated, tuple[str, ...]]:
-        """The last simulation, and what makes it doubtful: its last entry, if it did not settle.
-
-        Raises:
-            InputError: too few samples, or a problem that is not the experiment's.
-            GapscopeError: the simulated arm diverges.
-        """
-        self.experiment.check(problem)
-        with _divergence(0):
-            now = self._simulated(problem, self.experiment.start)
-        for iteration in range(1, self.iterations + 1):
-            before, now = now, self._improved(problem, now, iteration)
-            moved = now.problem.torque - before.problem.torque
-            if (rms(moved) <= self.tolerance * now.error).all():
-                return now, self.experiment.warnings
-        return now, (*self.experiment.warnings, f"{self.name} {NOT_SETTLED}")
-
-    def _simulated(self, problem: Problem, beta: np.ndarray) -> Simulated:
-        """Simulate with parameters beta; raises ``GapscopeError`` if the arm diverges."""
-        own = self.experiment.problem(beta)
+    def simulated(beta: np.ndarray) -> Simulated:
+        own = experiment.problem(beta)
         if own.torque.shape != problem.torque.shape:
             raise InputError(
                 f"the problem has samples {problem.torque.shape}, its recordings make {own.torque.shape}",
@@ -151,20 +407,21 @@ class _Simulating:
             )
         return Simulated(beta, own, rms(problem.torque - own.torque))
 
-    def _improved(self, problem: Problem, now: Simulated, iteration: int) -> Simulated:
-        """A step towards the goal, halved while the arm diverges or the torque fits clearly worse.
-
-        Raises:
-            GapscopeError: the arm still diverges after the last halving.
-        """
-        step = self.goal(problem, now) - now.beta
+    with _divergence(0):
+        now = simulated(experiment.start)
+    for iteration in range(1, iterations + 1):
+        before, step = now, goal(now) - now.beta
         for k in range(HALVINGS):
             last = k == HALVINGS - 1
             with _divergence(iteration) if last else suppress(GapscopeError):
-                there = self._simulated(problem, now.beta + 0.5**k * step)
-                if np.mean((there.error / now.error) ** 2) < WORSE**2:
-                    return there
-        return now
+                there = simulated(before.beta + 0.5**k * step)
+                if np.mean((there.error / before.error) ** 2) < WORSE**2:
+                    now = there
+                    break
+        moved = now.problem.torque - before.problem.torque
+        if (rms(moved) <= SAME * now.error).all():
+            return now, True
+    return now, False
 
 
 @contextmanager
@@ -186,21 +443,27 @@ def _divergence(iteration: int) -> Iterator[None]:
 def _estimate(
     problem: Problem,
     beta: np.ndarray,
-    residual: np.ndarray,
-    known: Uncertainty,
+    left: np.ndarray,
+    equations: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
     warnings: tuple[str, ...],
 ) -> Estimate:
-    """The estimate with the interval that belongs to it."""
+    """The estimate that leaves an RMS [N m], (n,), with the interval of the equations that it solves.
+
+    Without one stretch of time after the other: errors of a simulation follow the motion, so that samples are far from
+    independent.
+    """
+    known = jackknife(*equations)
     return Estimate(
-        problem.names, beta, known.covariance, residual, warnings, known.freedom
+        problem.names, beta, known.covariance, left, warnings, known.freedom
     )
 
 
 # DIDIM: direct and inverse dynamic identification; only the torque is compared, the motion is simulated.
 
 
-@dataclass(frozen=True)
-class DirectInverse(_Simulating):
+def direct_inverse(
+    problem: Problem, experiment: Experiment, iterations: int = ITERATIONS
+) -> Estimate:
     """Gauss-Newton on measured minus simulated torque, with the simulated motion's regressor as Jacobian.
 
     beta <- beta + argmin |S^-1/2 (tau - tau_s(beta) - W_s(beta) d)|, tau_s the torque of the closed loop simulated with
@@ -208,50 +471,48 @@ class DirectInverse(_Simulating):
     that their noise cannot bias the result. The controller keeps the motion near the reference whatever beta is, which
     is why W_s serves as Jacobian.
 
+    Raises:
+        InputError, GapscopeError: see ``_iterated``.
+
     Source: gautier2013.
     """
 
-    name = "DIDIM"
+    def weighted(now: Simulated) -> tuple[np.ndarray, np.ndarray]:
+        """W_s, (N, n, b), and recorded less simulated torque, (N, n), over the error."""
+        weight = 1.0 / np.maximum(now.error, TINY)
+        residual = (problem.torque - now.problem.torque) * weight
+        return now.problem.matrix * weight[:, None], residual
 
-    def goal(self, problem: Problem, now: Simulated) -> np.ndarray:
-        """The end of the Gauss-Newton step."""
-        matrix, residual = _weighted(problem, now)
+    def goal(now: Simulated) -> np.ndarray:
+        matrix, residual = weighted(now)
         flat = matrix.reshape(residual.size, -1)
         return now.beta + np.linalg.lstsq(flat, residual.ravel(), rcond=None)[0]
 
-    def estimate(self, problem: Problem) -> Estimate:
-        """Estimate the base parameters; raises what ``iterated`` raises."""
-        now, warnings = self.iterated(problem)
-        matrix, residual = _weighted(problem, now)
-        # errors of a simulation follow the motion, so that samples are far from independent
-        known = jackknife(matrix, matrix, residual, problem.group)
-        return _estimate(problem, now.beta, now.error, known, warnings)
-
-
-def _weighted(problem: Problem, now: Simulated) -> tuple[np.ndarray, np.ndarray]:
-    """Regressor of the simulated motion, (N, n, b), and recorded less simulated torque, (N, n), over the error."""
-    weight = 1.0 / np.maximum(now.error, TINY)
-    residual = (problem.torque - now.problem.torque) * weight
-    return now.problem.matrix * weight[:, None], residual
+    now, settled = _iterated(problem, experiment, goal, iterations)
+    warnings = experiment.warnings + (() if settled else (f"DIDIM {NOT_SETTLED}",))
+    matrix, residual = weighted(now)
+    equations = matrix, matrix, residual, problem.group
+    return _estimate(problem, now.beta, now.error, equations, warnings)
 
 
 # IDIM-IV: the inverse dynamic model with instruments from a simulated, noise-free motion.
 
 
-@dataclass(frozen=True)
-class InstrumentalVariables(_Simulating):
+def instrumental_variables(
+    problem: Problem, experiment: Experiment, iterations: int = ITERATIONS
+) -> Estimate:
     """beta <- (Z^T S^-1 W)^-1 Z^T S^-1 tau, with Z the regressor of the closed loop simulated with the beta before.
 
     W is made from measured positions, whose noise enters their derivatives and, through the controller, the torque;
     least squares are biased by it. Z does not depend on that noise, and is correlated with the true W.
 
+    Raises:
+        InputError, GapscopeError: see ``_iterated``.
+
     Source: janot2014.
     """
 
-    name = "IDIM-IV"
-
-    def goal(self, problem: Problem, now: Simulated) -> np.ndarray:
-        """What the instruments of a simulation give."""
+    def goal(now: Simulated) -> np.ndarray:
         weight = 1.0 / np.maximum(rms(problem.residual(now.beta)), TINY)
         Z = now.problem.matrix * weight[:, None] ** 2
         gram = np.einsum("ija,ijb->ab", Z, problem.matrix)
@@ -260,20 +521,14 @@ class InstrumentalVariables(_Simulating):
         scale = np.sqrt(np.abs(own))
         return np.linalg.solve(gram / np.outer(scale, scale), right / scale) / scale
 
-    def estimate(self, problem: Problem) -> Estimate:
-        """Estimate the base parameters; raises what ``iterated`` raises."""
-        now, warnings = self.iterated(problem)
-        settled = warnings == self.experiment.warnings
-        beta = self.goal(problem, now) if settled else now.beta
-        residual = problem.residual(beta)
-        error = np.maximum(rms(residual), TINY)
-        known = jackknife(
-            now.problem.matrix / error[:, None],
-            problem.matrix / error[:, None],
-            residual / error,
-            problem.group,
-        )
-        return _estimate(problem, beta, error, known, warnings)
+    now, settled = _iterated(problem, experiment, goal, iterations)
+    warnings = experiment.warnings + (() if settled else (f"IDIM-IV {NOT_SETTLED}",))
+    beta = goal(now) if settled else now.beta
+    residual = problem.residual(beta)
+    error = np.maximum(rms(residual), TINY)
+    left, right = (x / error[:, None] for x in (now.problem.matrix, problem.matrix))
+    equations = left, right, residual / error, problem.group
+    return _estimate(problem, beta, error, equations, warnings)
 
 
 # Closed-loop output error: position and torque of the simulated closed loop against the measured ones.
@@ -287,78 +542,67 @@ SUM_SETTLED = 1e-4
 """Relative change of the sum of squares that ends a round [1]."""
 
 
-@dataclass(frozen=True)
-class OutputError:
+def output_error(problem: Problem, experiment: Experiment) -> Estimate:
     """Minimises the sum of ((q - q_s) / s_q)^2 + ((tau - tau_s) / s_tau)^2 over beta, by trust region.
 
     q_s and tau_s are those of the closed loop simulated with beta; their derivatives come from sensitivity equations.
     s_q and s_tau are the joints' RMS errors, computed anew in every round. Both sides pass the same low-pass.
 
-    Attributes:
-        experiment: how to simulate.
+    Raises:
+        InputError: too few samples, or a problem that is not the experiment's.
+        GapscopeError: the simulated arm diverges at the start.
 
     Source: walter1997.
     """
+    experiment.check(problem)
+    parts = _outputs(experiment.recordings)
+    measured, beta = np.concatenate(parts), experiment.start
 
-    experiment: Experiment
+    def missed(x: np.ndarray) -> np.ndarray:
+        return measured - np.concatenate(_outputs(experiment.simulate(x)))
 
-    def estimate(self, problem: Problem) -> Estimate:
-        """Estimate the base parameters.
+    with _divergence(0):
+        error = missed(beta)
 
-        Raises:
-            InputError: too few samples, or a problem that is not the experiment's.
-            GapscopeError: the simulated arm diverges at the start.
-        """
-        experiment = self.experiment
-        experiment.check(problem)
-        measured = _outputs(experiment.recordings)
-        beta = experiment.start
-        with _divergence(0):
-            error = measured - _outputs(experiment.simulate(beta))
+    def residual(x: np.ndarray, scale: np.ndarray) -> np.ndarray:
+        try:
+            return (missed(x) / scale).ravel()
+        except GapscopeError:  # so that the step is taken back
+            return np.full(measured.size, np.inf)
 
-        def residual(x: np.ndarray, scale: np.ndarray) -> np.ndarray:
-            try:
-                return ((measured - _outputs(experiment.simulate(x))) / scale).ravel()
-            except GapscopeError:  # so that the step is taken back
-                return np.full(measured.size, np.inf)
+    def slopes(x: np.ndarray, scale: np.ndarray) -> np.ndarray:
+        parts = [
+            _filtered(np.concatenate([by_q, by_tau], axis=1), recording)
+            for recording, by_q, by_tau in experiment.tangents(x)
+        ]
+        scaled = np.concatenate(parts) / scale[:, None]
+        return -scaled.reshape(measured.size, -1)
 
-        def slopes(x: np.ndarray, scale: np.ndarray) -> np.ndarray:
-            parts = [
-                _filtered(np.concatenate([by_q, by_tau], axis=1), recording)
-                for recording, by_q, by_tau in experiment.tangents(x)
-            ]
-            scaled = np.concatenate(parts) / scale[:, None]
-            return -scaled.reshape(measured.size, -1)
-
-        for _ in range(ROUNDS):
-            scale = np.maximum(rms(error), TINY)
-            fit = least_squares(
-                residual,
-                beta,
-                slopes,
-                args=(scale,),
-                x_scale="jac",
-                ftol=SUM_SETTLED,
-                max_nfev=EVALUATIONS,
-            )
-            beta, error = fit.x, fit.fun.reshape(error.shape) * scale
-        warnings = experiment.warnings
-        if fit.status <= 0:
-            warnings += (f"output error {NOT_SETTLED}",)
-        # that of the estimate without one stretch of time after the other
-        tangents = fit.jac.reshape(*error.shape, -1)
-        lengths = [len(_outputs([recording])) for recording in experiment.recordings]
-        group = np.repeat(np.arange(len(lengths)), lengths)
-        known = jackknife(tangents, tangents, error / scale, group)
-        left = rms(error[:, problem.n_joints :])
-        return _estimate(problem, beta, left, known, warnings)
+    for _ in range(ROUNDS):
+        scale = np.maximum(rms(error), TINY)
+        fit = least_squares(
+            residual,
+            beta,
+            slopes,
+            args=(scale,),
+            x_scale="jac",
+            ftol=SUM_SETTLED,
+            max_nfev=EVALUATIONS,
+        )
+        beta, error = fit.x, fit.fun.reshape(error.shape) * scale
+    warnings = experiment.warnings
+    if fit.status <= 0:
+        warnings += (f"output error {NOT_SETTLED}",)
+    tangents = fit.jac.reshape(*error.shape, -1)
+    group = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+    left = rms(error[:, problem.n_joints :])
+    equations = tangents, tangents, error / scale, group
+    return _estimate(problem, beta, left, equations, warnings)
 
 
-def _outputs(recordings: Sequence[Recording]) -> np.ndarray:
-    """Position and torque of recordings, filtered, trimmed and decimated, shape (M, 2 n)."""
-    return np.concatenate(
-        [_filtered(np.hstack([r.q, np.asarray(r.tau)]), r) for r in recordings]
-    )
+def _outputs(recordings: Sequence[Recording]) -> list[np.ndarray]:
+    """Position and torque of each recording, filtered, trimmed and decimated, (M, 2 n)."""
+    return [_filtered(np.hstack([r.q, np.asarray(r.tau)]), r) for r in recordings]
 
 
 def _filtered(series: np.ndarray, recording: Recording) -> np.ndarray:

@@ -27,37 +27,38 @@ from gapscope.arm.motions.trajectory import (
 )
 from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
-from gapscope.ident.examination import CONDITION_LIMIT
-from gapscope.ident.excitation.limits import (
-    REMEDIES,
-    SURFACE,
-    Allowed,
-    Checker,
-    Margin,
-    check_motion_limits,
-    check_sampling,
-)
 from gapscope.ident.excitation.trajectory_search import (
     CRITERIA,
     KINDS,
     RAMP,
+    REMEDIES,
     SAMPLES,
+    SURFACE,
     TIGHTER,
+    Allowed,
     Budget,
+    Checker,
     ExcitationModel,
     Family,
+    Margin,
     Optimiser,
     Parametrisation,
     Separated,
     Separator,
     Signatures,
     TrajectorySearch,
+    check_motion_limits,
+    check_sampling,
     evolution,
     random_search,
     refinement,
     swarm,
 )
-from gapscope.ident.model.base_parameters import STATES, condition_number
+from gapscope.ident.model.base_parameters import (
+    CONDITION_LIMIT,
+    STATES,
+    condition_number,
+)
 from gapscope.ident.model.regressor import JOINT_COLUMNS
 
 # An exciting trajectory into files: CSV in the columns of the case format, and a ROS ``JointTrajectory``.
@@ -382,16 +383,9 @@ OPTIONS = {
 """Limits of the motion, and what widens each."""
 
 
-class BindingLimit(NamedTuple):
-    """The limit that keeps a motion small, and the condition number that it would have were it ``WIDER`` [1]."""
-
-    limit: str
-    condition: float
-
-
 def binding_limit(
     search: TrajectorySearch, x: np.ndarray, condition: float
-) -> BindingLimit | None:
+) -> tuple[str, float] | None:
     """The limit of the motion that costs a candidate most of its condition number; ``None`` if none costs much.
 
     With wider limits the same numbers x are a larger motion, so each limit can be widened alone.
@@ -400,8 +394,11 @@ def binding_limit(
         search: what the candidate comes from.
         x: its numbers, shape (d,).
         condition: its condition number [1].
+
+    Returns:
+        The limit, and the condition number were it ``WIDER`` [1].
     """
-    space, found = search.parametrisation, []
+    space, found = search.parametrisation, {}
     t = np.linspace(0.0, space.family.duration, SAMPLES)
     for name in OPTIONS:
         limits = space.limits
@@ -411,12 +408,12 @@ def binding_limit(
             limits = limits._replace(lower=middle - half, upper=middle + half)
         else:
             limits = limits._replace(**{name: WIDER * getattr(limits, name)})
-        wider = Parametrisation(space.family, limits)
-        motion = wider.motion(x, t, space.family.basis(t))
-        of_wider = condition_number(search.model.matrix(motion))
-        found.append(BindingLimit(name, of_wider))
-    best = min(found, key=lambda one: one.condition)
-    return best if WORTH * best.condition <= condition else None
+        motion = Parametrisation(space.family, limits).motion(
+            x, t, space.family.basis(t)
+        )
+        found[name] = condition_number(search.model.matrix(motion))
+    best = min(found, key=found.__getitem__)
+    return (best, found[best]) if WORTH * found[best] <= condition else None
 
 
 def check_condition(search: TrajectorySearch, x: np.ndarray, condition: float) -> None:
@@ -428,15 +425,19 @@ def check_condition(search: TrajectorySearch, x: np.ndarray, condition: float) -
     if condition <= CONDITION_LIMIT:
         return
     problem = f"the motion hardly determines the parameters, its condition number is {condition:.2g}"
-    remedy = "allow more evaluations, more harmonics or a longer motion"
+    remedy, where = (
+        "allow more evaluations, more harmonics or a longer motion",
+        "limits",
+    )
     binding = binding_limit(search, x, condition)
     if binding is not None:
-        problem += f": the limit of {binding.limit} keeps it small"
-        remedy = f"{OPTIONS[binding.limit]}; {WIDER:g} times as wide, it would leave {binding.condition:.2g}"
-    if condition > USELESS:
-        raise InputError(
-            problem, remedy, where="limits" if binding is None else binding.limit
+        where, least = binding
+        problem += f": the limit of {where} keeps it small"
+        remedy = (
+            f"{OPTIONS[where]}; {WIDER:g} times as wide, it would leave {least:.2g}"
         )
+    if condition > USELESS:
+        raise InputError(problem, remedy, where=where)
     warnings.warn(f"{problem}; {remedy}", ModelWarning, stacklevel=3)
 
 
@@ -501,15 +502,37 @@ def design(prepared: Prepared, rng: np.random.Generator) -> Excitation:
     Warns:
         ModelWarning: the condition number exceeds 1000; not if effects are to be separated.
     """
-    plan, search = prepared.plan, prepared.search
+    arm, plan, search, final, separator, body = prepared
     begun = time.monotonic()
     OPTIMISERS[plan.method](search, rng)
     seconds = time.monotonic() - begun
-    accepted = accept(search, prepared.final, plan)
-    found = _result(prepared, accepted, seconds)
+    x, reference, margins = accept(search, final, plan)
+    motion = sampled(reference, plan.length, plan.rate)
+    # criteria of long motions are computed from fewer samples
+    step = -(-len(motion.t) // JUDGED)
+    few = Motion(
+        *(series[::step] for series in (motion.t, motion.q, motion.dq, motion.ddq))
+    )
+    model = ExcitationModel(arm, body, plan.columns)
+    inertial = ExcitationModel(arm, body, ()).matrix(few)
+    condition = condition_number(model.matrix(few))
     if plan.criterion != "separation":
-        check_condition(search, accepted.x, found.condition)
-    return found
+        check_condition(search, x, condition)
+    return Excitation(
+        reference=reference,
+        motion=motion,
+        torque=final.torque(motion),
+        margins=margins,
+        condition=condition,
+        inertial_condition=condition_number(inertial),
+        names=model.names,
+        separated=None if separator is None else separator.separate(few, inertial),
+        evaluations=search.evaluations,
+        feasible=search.feasible,
+        seconds=seconds,
+        left_out=() if final.collision is None else final.collision.left_out,
+        checker=final,
+    )
 
 
 class Prepared(NamedTuple):
@@ -571,16 +594,10 @@ def prepare(
     return Prepared(arm, plan, search, final, separator, body)
 
 
-class Accepted(NamedTuple):
-    """A candidate that keeps all limits at every sample: its numbers, its trajectory, and its margins."""
-
-    x: np.ndarray
-    reference: ReferenceMotion
-    margins: tuple[Margin, ...]
-
-
-def accept(search: TrajectorySearch, final: Checker, plan: ExcitationPlan) -> Accepted:
-    """The best candidate of a search that keeps the final limits at every sample.
+def accept(
+    search: TrajectorySearch, final: Checker, plan: ExcitationPlan
+) -> tuple[np.ndarray, ReferenceMotion, tuple[Margin, ...]]:
+    """The best candidate of a search that keeps the final limits at every sample: numbers, trajectory and margins.
 
     Raises:
         InputError: there is none.
@@ -598,7 +615,7 @@ def accept(search: TrajectorySearch, final: Checker, plan: ExcitationPlan) -> Ac
         slow = final.margin_when_slow(motion, SLOW)
         broken_here = tuple(m.name for m in (*margins, slow) if not m.spares)
         if not broken_here:
-            return Accepted(found.x, reference, margins)
+            return found.x, reference, margins
         broken = broken_here
     problem = f"none of {search.judged} candidates keeps all limits; broken most: {', '.join(broken)}"
     if search.found:
@@ -619,34 +636,6 @@ def sampled(reference: ReferenceMotion, duration: float, rate: float) -> Motion:
     t = np.arange(last + 1) / rate
     return Motion(
         t, reference.position(t), reference.velocity(t), reference.acceleration(t)
-    )
-
-
-def _result(prepared: Prepared, accepted: Accepted, seconds: float) -> Excitation:
-    """The trajectory with its margins and criteria, at the rate of the plan."""
-    arm, plan, search, final, separator, body = prepared
-    motion = sampled(accepted.reference, plan.length, plan.rate)
-    # criteria of long motions are computed from fewer samples
-    step = -(-len(motion.t) // JUDGED)
-    few = Motion(
-        motion.t[::step], motion.q[::step], motion.dq[::step], motion.ddq[::step]
-    )
-    model = ExcitationModel(arm, body, plan.columns)
-    inertial = ExcitationModel(arm, body, ()).matrix(few)
-    return Excitation(
-        reference=accepted.reference,
-        motion=motion,
-        torque=final.torque(motion),
-        margins=accepted.margins,
-        condition=condition_number(model.matrix(few)),
-        inertial_condition=condition_number(inertial),
-        names=model.names,
-        separated=None if separator is None else separator.separate(few, inertial),
-        evaluations=search.evaluations,
-        feasible=search.feasible,
-        seconds=seconds,
-        left_out=() if final.collision is None else final.collision.left_out,
-        checker=final,
     )
 
 

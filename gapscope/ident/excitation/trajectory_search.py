@@ -1,4 +1,4 @@
-"""The search for an exciting trajectory: families of motions, criteria, gradients and optimisers."""
+"""The search for an exciting trajectory: limits, families of motions, criteria, gradients and optimisers."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -15,14 +15,19 @@ from scipy.linalg import orth, subspace_angles
 from scipy.optimize import minimize
 from scipy.special import ndtr
 
+from gapscope.arm.control import feedforward
+from gapscope.arm.dynamics.kinematics import Kinematics, smallest_singular_value
+from gapscope.arm.dynamics.link_shapes import CollisionModel
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
+from gapscope.arm.joint_units import common_unit, joint_unit
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.trajectory import (
     Curve,
     Fourier,
     Limits,
     ReferenceMotion,
+    Sampled,
     way_points,
 )
 from gapscope.arm.nearest_name import check_known
@@ -33,14 +38,281 @@ from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.severity import draw
-from gapscope.ident.excitation.limits import Checker
 from gapscope.ident.model.base_parameters import (
+    ROUNDING,
     STATES,
     TINY,
+    WORTH,
     random_states,
     structural_base,
 )
 from gapscope.ident.model.regressor import JOINT_COLUMNS, Regressor
+
+# Whether a sampling rate is high enough for a trajectory.
+
+
+MIN_RATIO = 10.0
+"""Samples per period of the highest frequency, at least [1]."""
+
+
+def check_sampling(rate: float, highest: float) -> None:
+    """Check that there are at least ten samples per period of the highest frequency.
+
+    Args:
+        rate: sampling rate [Hz].
+        highest: highest frequency of the trajectory [Hz].
+
+    Raises:
+        InputError: the rate is too low.
+    """
+    if not rate >= MIN_RATIO * highest * (1 - 1e-9):
+        raise InputError(
+            f"{rate:g} samples per second are fewer than {MIN_RATIO:g} times the highest frequency, {highest:g} Hz",
+            f"sample at {MIN_RATIO * highest:g} Hz or more, or lower the base frequency or the order",
+            where="rate",
+        )
+
+
+# What a trajectory has to keep, and by how much it keeps it.
+
+
+JERK_TIME = 0.02
+"""Shortest time in which the acceleration may rise from nothing to its limit [s]: jerk is bounded by their ratio."""
+SPARE = 1e-4
+"""What is kept of a limit for rounding and interpolation of the files: a share [1], or a distance [m]."""
+SURFACE = "surface"
+"""Name of the surface among the bodies of a ``CollisionModel``."""
+REMEDIES = {
+    "torque": "raise --torque, or lower --acceleration and --velocity",
+    "torque when slow": "raise --torque: the posture alone needs it",
+    "jerk": "lower --frequency, --order or --acceleration",
+    "singular value": "lower --singular",
+    "distance": "lower --clearance",
+    SURFACE: "lower --surface, the height under the arm",
+}
+"""What to change if candidates break a limit."""
+
+
+@dataclass(frozen=True)
+class Allowed:
+    """All limits of an exciting trajectory.
+
+    Attributes:
+        motion: of position [rad], velocity [rad/s] and acceleration [rad/s^2].
+        torque: largest nominal torque [N m], shape (n,).
+        singular: least singular value of the tool's Jacobian, as ``gapscope.arm.dynamics.kinematics`` has it; 0
+        if it may be any. clearance: least distance between bodies, and to the surface [m].
+    """
+
+    motion: Limits
+    torque: np.ndarray
+    singular: float
+    clearance: float
+
+    @property
+    def jerk(self) -> np.ndarray:
+        """Largest jerk [rad/s^3], shape (n,)."""
+        return self.motion.acceleration / JERK_TIME
+
+    def tightened(self, torque: float, singular: float, clearance: float) -> Allowed:
+        """With a share less torque, a share more distance from singular poses, and more clearance [m]."""
+        return replace(
+            self,
+            torque=self.torque * (1 - torque),
+            singular=self.singular * (1 + singular),
+            clearance=self.clearance + clearance,
+        )
+
+
+@dataclass(frozen=True)
+class Margin:
+    """How far a trajectory stays from one limit.
+
+    Attributes:
+        name: ``position``, ``velocity``, ``acceleration``, ``jerk``, ``torque``, ``singular value`` or ``distance``.
+        unit: of limit and margin.
+        limit: the limit; for ``position`` half the range about its middle; shape (n,) or ().
+        margin: least distance from the limit over all samples, negative if it is broken; shape (n,) or ().
+        at: time at which the margin is least [s].
+    """
+
+    name: str
+    unit: str
+    limit: np.ndarray
+    margin: np.ndarray
+    at: float
+
+    @property
+    def kept(self) -> bool:
+        """Whether the limit holds at every sample, but for rounding."""
+        return bool((self.margin >= -1e-9).all())
+
+    @property
+    def spares(self) -> bool:
+        """Whether ``SPARE`` of the limit is left at every sample; of a distance that many metres."""
+        share = 1.0 if self.name == "distance" else self.limit
+        return bool((self.margin >= SPARE * share).all())
+
+
+class Checker:
+    """Checks motions against limits, sample by sample.
+
+    Args:
+        arm: the nominal arm.
+        body: its rigid bodies.
+        allowed: the limits.
+        collision: its collision shapes; ``None`` if collisions are not checked.
+
+    Attributes:
+        allowed, collision: as given.
+    """
+
+    def __init__(
+        self,
+        arm: NominalArm,
+        body: RigidBody,
+        allowed: Allowed,
+        collision: CollisionModel | None,
+    ) -> None:
+        self.allowed, self.collision = allowed, collision
+        self._arm, self._body, self._kinematics = arm, body, Kinematics(body)
+
+    def torque(self, motion: Motion) -> np.ndarray:
+        """Nominal torque with armature and data sheet friction [N m], shape (N, n)."""
+        state = motion.q, motion.dq, motion.ddq
+        return feedforward(self._arm, self._body, "nominal", *state)
+
+    def singular_value(self, q: np.ndarray) -> np.ndarray:
+        """Smallest singular value of the tool's Jacobian at q [rad], (N, n); shape (N,)."""
+        return smallest_singular_value(self._kinematics, q)
+
+    def distance(self, q: np.ndarray) -> np.ndarray:
+        """Least distance between bodies at q [rad], (N, n), infinite if it is not checked [m]; shape (N,)."""
+        return (
+            np.full(len(q), np.inf)
+            if self.collision is None
+            else self.collision.distance(q)[0]
+        )
+
+    def margins(self, motion: Motion, torque: np.ndarray) -> tuple[Margin, ...]:
+        """Margins of a motion of N samples with its nominal torque [N m], (N, n), to all limits that are checked."""
+        allowed, t, sliding = self.allowed, motion.t, self._arm.sliding
+        limits = allowed.motion
+        middle, half = limits.upper + limits.lower, limits.upper - limits.lower
+        wanted = [
+            ("position", "rad", half / 2, motion.q - middle / 2),
+            ("velocity", "rad/s", limits.velocity, motion.dq),
+            ("acceleration", "rad/s^2", limits.acceleration, motion.ddq),
+            ("torque", "N m", allowed.torque, torque),
+        ]
+        if len(t) > 1:
+            # over each step, counted at its end
+            change = np.diff(motion.ddq, axis=0) * motion.rate
+            wanted.append(("jerk", "rad/s^3", allowed.jerk, change))
+        out = [
+            _margin(name, common_unit(unit, sliding), limit, limit - np.abs(values), t)
+            for name, unit, limit, values in wanted
+        ]
+        least = [("singular value", "1", allowed.singular, self.singular_value)]
+        if allowed.singular <= 0:
+            least = []
+        if self.collision is not None:
+            least.append(("distance", "m", allowed.clearance, self.distance))
+        for name, unit, bound, measure in least:
+            slack = measure(motion.q) - bound
+            out.append(_margin(name, unit, np.array(bound), slack, t))
+        return tuple(out)
+
+    def margin_when_slow(self, motion: Motion, speed: float) -> Margin:
+        """Margin to the torque limits of the same path at ``speed`` times the speed [1]; gravity may need more then."""
+        slow = Sampled(motion).slower(speed).motion
+        slack = self.allowed.torque - np.abs(self.torque(slow))
+        unit = common_unit("N m", self._arm.sliding)
+        return _margin("torque when slow", unit, self.allowed.torque, slack, motion.t)
+
+    def check_static(self, postures: np.ndarray) -> None:
+        """Check that some posture can be held at all, given many within the position limits, shape (N, n).
+
+        Raises:
+            InputError: torque, singular poses or collisions forbid all of them; says which.
+        """
+        still = np.zeros_like(postures)
+        torque = (
+            np.abs(self._body.inverse_dynamics(postures, still, still))
+            <= self.allowed.torque
+        )
+        if not torque.all(axis=1).any():
+            joint = int(torque.mean(axis=0).argmin())
+            force = joint_unit("N m", self._arm.sliding[joint])
+            raise InputError(
+                f"the limits allow no trajectory: gravity alone needs more than "
+                f"{self.allowed.torque[joint]:.4g} {force} on joint {joint + 1} in nearly every posture",
+                "raise the share of the torque limits that is used",
+                where="torque",
+            )
+        values = self.singular_value(postures)
+        if values.max() < self.allowed.singular:
+            raise InputError(
+                f"the limits allow no trajectory: no posture has a singular value of {self.allowed.singular:.4g}; the "
+                f"largest met is {values.max():.3g}",
+                "choose a smaller least singular value, or 0",
+                where="singular",
+            )
+        distances = self.distance(postures)
+        if distances.max() < self.allowed.clearance:
+            raise InputError(
+                f"the limits allow no trajectory: no posture keeps {self.allowed.clearance:.4g} m between bodies and "
+                f"to the surface; the best keeps {distances.max():.3g} m",
+                self.remedy("distance", postures),
+                where="clearance",
+            )
+
+    def remedy(self, name: str, postures: np.ndarray) -> str:
+        """What to change if candidates break one limit, named as in ``Margin``.
+
+        Args:
+            name: of the limit.
+            postures: random ones within the position limits, shape (N, n), for what mostly comes too near.
+        """
+        if name != "distance" or self.collision is None:
+            return REMEDIES.get(name, "slow the motion down")
+        distance, nearest = self.collision.distance(postures)
+        too_near = nearest[distance < self.allowed.clearance]
+        to_surface = [SURFACE in self.collision.pairs[i] for i in too_near]
+        mostly_surface = sum(to_surface) > len(to_surface) / 2
+        return REMEDIES[SURFACE if mostly_surface else name]
+
+
+def _margin(
+    name: str, unit: str, limit: np.ndarray, slack: np.ndarray, t: np.ndarray
+) -> Margin:
+    relative = slack / limit if limit.ndim else slack
+    worst = relative.min(axis=1) if limit.ndim else relative
+    at = t[len(t) - len(slack) + int(worst.argmin())]
+    return Margin(name, unit, limit, slack.min(axis=0), float(at))
+
+
+def check_motion_limits(limits: Limits) -> None:
+    """Check that the limits leave room to move.
+
+    Raises:
+        InputError: an empty range of positions, or a velocity or acceleration of zero.
+    """
+    rooms = {
+        "position": limits.upper - limits.lower,
+        "velocity": limits.velocity,
+        "acceleration": limits.acceleration,
+    }
+    for name, room in rooms.items():
+        if (room > 0).all() and np.isfinite(room).all():
+            continue
+        joint = int(np.argmin(np.where(np.isfinite(room), room, -1.0)))
+        raise InputError(
+            f"the limits allow no trajectory: joint {joint + 1} has no room of {name} ({room[joint]:.4g})",
+            "give a positive limit, or a smaller distance from the position limits",
+            where=name,
+        )
+
 
 # Families of trajectories, each q(t) = q0 + B(t) C: a basis over time, and coefficients C from free numbers.
 
@@ -49,12 +321,8 @@ RAMP = 1.0
 """Length of the flanks in which a motion rises from rest and falls back [s]."""
 
 
-class Basis(NamedTuple):
-    """B(t) and its first two derivatives, each of shape (N, m); 1, 1/s, 1/s^2."""
-
-    position: np.ndarray
-    velocity: np.ndarray
-    acceleration: np.ndarray
+Basis = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""B(t) and its first two derivatives, each of shape (N, m); 1, 1/s, 1/s^2."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +366,7 @@ class Family(ABC):
         """The motions of single coefficients: those of as many joints, of which each has one of its own."""
         m = 2 * self.order
         series = replace(self, n_joints=m).reference(np.zeros(m), np.eye(m))
-        return Basis(series.position(t), series.velocity(t), series.acceleration(t))
+        return series.position(t), series.velocity(t), series.acceleration(t)
 
     def coefficients(self, free: np.ndarray) -> np.ndarray:
         """The free numbers in their sizes."""
@@ -185,7 +453,7 @@ ROOM = 0.9
 
 
 class _Decoded(NamedTuple):
-    """Centre, share, S and gain as in ``Parametrisation``; the row in which a joint uses a limit most, and its sign."""
+    """Centre, share, S and gain as in ``Parametrisation``; of the limit that a joint uses most row, sign and room."""
 
     centre: np.ndarray
     share: np.ndarray
@@ -193,6 +461,7 @@ class _Decoded(NamedTuple):
     gain: np.ndarray
     active: np.ndarray
     sign: np.ndarray
+    limit: np.ndarray
 
     @property
     def coefficients(self) -> np.ndarray:
@@ -220,8 +489,7 @@ class Parametrisation:
         # limits are checked at these times
         self._count = int(np.ceil(family.duration / STEP)) + 1
         dense = family.basis(np.linspace(0.0, family.duration, self._count))
-        kinds = [dense.position, dense.velocity, dense.acceleration]
-        self._rows = np.concatenate(kinds)
+        self._rows = np.concatenate(dense)
 
     def draw(self, rng: np.random.Generator) -> np.ndarray:
         """A random x, shape (d,)."""
@@ -256,11 +524,14 @@ class Parametrisation:
         along = (decoded.raw * by_coefficients).sum(axis=0)
         # the gain is RESERVE over the use of the limit that is used most
         by_use = -(decoded.gain**2) / RESERVE * decoded.share * along
-        limit, use_by_centre = self._active_limit(decoded)
+        # a limit of position is nearer if the centre is
+        at_position = decoded.active < self._count
+        by_room = decoded.sign * RESERVE / decoded.gain / decoded.limit
+        use_by_centre = np.where(at_position, by_room, 0.0)
         active_rows = self._rows[decoded.active].T
         by_raw = (
             decoded.share * decoded.gain * by_coefficients
-            + by_use * decoded.sign / limit * active_rows
+            + by_use * decoded.sign / decoded.limit * active_rows
         )
         by_centre = gradients[0].sum(axis=0) + by_use * use_by_centre
         half = (self.limits.upper - self.limits.lower) / 2
@@ -281,11 +552,12 @@ class Parametrisation:
         series = (self._rows @ raw).reshape(3, self._count, n)
         above = np.stack([upper - centre, limits.velocity, limits.acceleration])
         below = np.stack([centre - lower, limits.velocity, limits.acceleration])
-        uses = np.concatenate([series.max(axis=1) / above, -series.min(axis=1) / below])
+        limit = np.concatenate([above, below])
+        uses = np.concatenate([series.max(axis=1), -series.min(axis=1)]) / limit
         # rows 0 to 2 are the upper limits of the three, 3 to 5 the lower ones
         most_used = uses.argmax(axis=0)
         joints = np.arange(n)
-        kind, is_upper = most_used % 3, most_used < 3
+        kind, is_upper = most_used % len(above), most_used < len(above)
         highest, lowest = series.argmax(axis=1), series.argmin(axis=1)
         time = np.where(is_upper, highest[kind, joints], lowest[kind, joints])
         # a joint that does not move uses no limit
@@ -297,17 +569,8 @@ class Parametrisation:
             gain=RESERVE / use,
             active=kind * self._count + time,
             sign=np.where(is_upper, 1.0, -1.0),
+            limit=limit[most_used, joints],
         )
-
-    def _active_limit(self, found: _Decoded) -> tuple[np.ndarray, np.ndarray]:
-        """The limit that each joint uses most, and the derivative of that use by q0 [1/rad]; each of shape (n,)."""
-        kind = found.active // self._count
-        above = self.limits.upper - found.centre
-        room = np.where(found.sign > 0, above, found.centre - self.limits.lower)
-        limits = np.stack([room, self.limits.velocity, self.limits.acceleration])
-        use = RESERVE / found.gain
-        by_centre = np.where(kind == 0, found.sign * use / room, 0.0)
-        return limits[kind, np.arange(self._n)], by_centre
 
 
 # How well a trajectory excites: functions of the eigenvalues of the information matrix W^T W.
@@ -375,10 +638,6 @@ the singular values, half the log determinant over b; ``e``: minus the log of th
 
 
 # How well a trajectory separates effects from each other and from the base parameters.
-
-
-SHOWN = 1e-9
-"""Directions, and effects of unit size, of which less than this is left count as none [1]."""
 
 
 class Separated(NamedTuple):
@@ -455,11 +714,11 @@ class Signatures:
         norms = np.linalg.norm(signatures, axis=0)
         unit = signatures / np.where(norms > 0, norms, 1.0)
         columns = matrix.reshape(-1, matrix.shape[2])
-        basis = orth(columns / (np.linalg.norm(columns, axis=0) + TINY), SHOWN)
+        basis = orth(columns / (np.linalg.norm(columns, axis=0) + TINY), ROUNDING)
         # base parameters can absorb this much of an effect
         residual = unit - basis @ (basis.T @ unit)
         least = float(np.linalg.svd(residual, compute_uv=False)[-1])
-        shown = np.linalg.norm(residual, axis=0) > SHOWN
+        shown = np.linalg.norm(residual, axis=0) > ROUNDING
         owner = np.array([name for name, _ in self._applied])
         angles = {}
         for pair in itertools.combinations(self.names, 2):
@@ -609,29 +868,21 @@ GRADIENT_COST = 8
 """Evaluations that one with a gradient counts as: what it takes on an arm with seven joints."""
 
 
-@dataclass(frozen=True)
-class Found:
-    """A candidate that keeps all limits at the samples of the search.
-
-    Attributes:
-        x: its numbers, shape (d,).
-        value: of the criterion.
-        evaluations: when it was found.
-    """
+class Found(NamedTuple):
+    """A candidate that keeps all limits at the samples of the search: numbers, (d,), criterion, and found when."""
 
     x: np.ndarray
     value: float
     evaluations: int
 
 
-@dataclass
 class TrajectorySearch:
     """Scores candidates and keeps the best ones.
 
     The score is the value of the criterion plus a penalty for torque, singular values and distances that break their
     limits, which are somewhat tighter here than the final ones, for what lies between the samples.
 
-    Attributes:
+    Args:
         parametrisation: of the trajectories.
         model: of the arm.
         criterion: to be made small; with ``signatures``, minus the log of the separation is made small instead.
@@ -640,29 +891,36 @@ class TrajectorySearch:
         signatures: of the effects to separate, or ``None``.
         progress: called with the share of the budget spent [1] and the best value so far, or infinity.
         samples: of a candidate during the search.
+
+    Attributes:
         found: candidates that keep all limits, each better than those before it.
         evaluations: spent.
         judged: number of candidates scored.
         feasible: number of candidates that kept all limits.
     """
 
-    parametrisation: Parametrisation
-    model: ExcitationModel
-    criterion: Criterion
-    checker: Checker
-    budget: Budget
-    signatures: Separator | None = None
-    progress: Callable[[float, float], None] = lambda share, best: None
-    samples: int = SAMPLES
-    found: list[Found] = field(init=False, default_factory=list)
-    evaluations: int = field(init=False, default=0)
-    judged: int = field(init=False, default=0)
-    feasible: int = field(init=False, default=0)
-
-    def __post_init__(self) -> None:
-        """Sample the basis, and start the clock."""
-        family = self.parametrisation.family
-        self._t = np.linspace(0.0, family.duration, self.samples)
+    def __init__(
+        self,
+        parametrisation: Parametrisation,
+        model: ExcitationModel,
+        criterion: Criterion,
+        checker: Checker,
+        budget: Budget,
+        signatures: Separator | None = None,
+        progress: Callable[[float, float], None] = lambda share, best: None,
+        samples: int = SAMPLES,
+    ) -> None:
+        self.parametrisation, self.model, self.criterion = (
+            parametrisation,
+            model,
+            criterion,
+        )
+        self.checker, self.budget, self.signatures = checker, budget, signatures
+        self.progress = progress
+        self.found: list[Found] = []
+        self.evaluations = self.judged = self.feasible = 0
+        family = parametrisation.family
+        self._t = np.linspace(0.0, family.duration, samples)
         self._basis = family.basis(self._t)
         self._start = time.monotonic()
         self._broken = np.zeros(len(PENALISED), dtype=int)
@@ -802,10 +1060,6 @@ def random_starts(
 # Gradient refinement: quasi-Newton steps with analytic derivatives.
 
 
-WORTH = 0.01
-"""Least gain for which a descent that has stalled is begun anew at its end."""
-
-
 class _SpentError(Exception):
     """The budget is spent."""
 
@@ -830,6 +1084,7 @@ def refinement(search: TrajectorySearch, rng: np.random.Generator) -> None:
                 done = minimize(
                     objective, x, jac=True, method="L-BFGS-B", options=options
                 )
+                # a descent that has stalled is begun anew as long as that is worth it
                 if before - done.fun < WORTH:
                     break
                 x, before = done.x, float(done.fun)

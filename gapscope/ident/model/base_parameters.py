@@ -18,8 +18,14 @@ from gapscope.ident.model.regressor import Regressor
 TINY = float(np.sqrt(np.finfo(float).tiny))
 """What would be divided by zero is divided by this: its square and its reciprocal are numbers yet."""
 
+ROUNDING = float(np.sqrt(np.finfo(float).eps))
+"""Share of a number of size one below which its difference from nothing is rounding [1]."""
+
 WORTH = 0.02
 """A richer model has to lower an error on other data by this share; a poorer one may raise it by as much [1]."""
+
+CONDITION_LIMIT = 1000.0
+"""Condition number above which results are doubtful."""
 
 # Numerical rank of a regressor: unit columns, and the gap in a spectrum.
 
@@ -179,7 +185,6 @@ STATES = 300
 """Random states from which what an arm shows is found, whatever its recordings excite."""
 NEGLIGIBLE = 1e-4
 """Factors smaller than this, or as near to 1, are not written."""
-_CLEAN = 1e-9
 _SPAN = 1e-4
 
 
@@ -292,7 +297,7 @@ def base_parameters(Y: np.ndarray, names: Sequence[str]) -> BaseParameters:
     # every column as a combination of those kept
     weights = np.linalg.lstsq(scaled[:, kept], scaled, rcond=None)[0]
     # rounding would show as combinations that are none
-    weights[np.abs(weights) < _CLEAN] = 0.0
+    weights[np.abs(weights) < ROUNDING] = 0.0
     weights *= norms / norms[kept, None]
     weights[:, kept] = np.eye(count)
     return BaseParameters(
@@ -388,17 +393,15 @@ class EssentialParameters:
 
     Attributes:
         names: of the essential parameters, shape (e,).
-        value: their least-squares estimate without the others, shape (e,).
         relative_std: standard deviation over magnitude [1], shape (e,).
         dropped: the others, in the order in which they were dropped.
-        residual: RMS residual before and after [N m].
+        residual_growth: share by which the RMS residual grew [1].
     """
 
     names: tuple[str, ...]
-    value: np.ndarray
     relative_std: np.ndarray
     dropped: tuple[Dropped, ...]
-    residual: tuple[float, float]
+    residual_growth: float
 
 
 def essential_parameters(
@@ -435,7 +438,12 @@ def essential_parameters(
     dropped: list[Dropped] = []
     current = factor
     while True:
-        value, relative, rise = _significance(current, inflation)
+        value, inverse = current.solve(), np.diag(current.inverse_gram())
+        size = np.abs(value)
+        variance = inflation * current.rest / current.freedom
+        relative = np.sqrt(variance * inverse) / np.maximum(size, TINY)
+        # by how much the norm of the residual rises without each parameter [N m]
+        rise = size / np.sqrt(inverse)
         worst = int(np.argmin(rise))
         share = float(rise[worst] / torque) if torque else 0.0
         negligible = relative[worst] > DEVIATION or share < CONTRIBUTION
@@ -448,25 +456,14 @@ def essential_parameters(
         current = factor.select(places)
     before, after = (float(np.sqrt(f.rest / f.rows)) for f in (factor, current))
     kept = tuple(names[place] for place in places)
-    return EssentialParameters(kept, value, relative, tuple(dropped), (before, after))
-
-
-def _significance(
-    factor: Factor, inflation: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Estimate, relative deviation [1], and by how much the norm of the residual rises without each parameter [N m]."""
-    value, inverse = factor.solve(), np.diag(factor.inverse_gram())
-    spread = np.sqrt(inflation * factor.rest / factor.freedom * inverse)
-    size = np.abs(value)
-    return value, spread / np.maximum(size, TINY), size / np.sqrt(inverse)
+    growth = after / (before + TINY) - 1
+    return EssentialParameters(kept, relative, tuple(dropped), growth)
 
 
 # Which inertial parameters base parameters give back, which only in combination, which not at all.
 
 
 RECOVERED, COMBINED, HIDDEN = "recovered", "only in combination", "not identifiable"
-UNSEEN = 1e-9
-"""Norm of a column of C below which no torque depends on its parameter."""
 SHARE = 1e-5
 """Part of a parameter's direction outside what the torque depends on, beyond which it is not recovered alone [1]."""
 
@@ -527,7 +524,7 @@ def recoveries(
             reason = "the torque determines it alone"
             if deviation > abs(value[j]):
                 reason += ", but not more exactly than its own size"
-        elif size[j] > UNSEEN:
+        elif size[j] > ROUNDING:
             first = int(np.argmax(np.abs(base.combination[:, j])))
             status = COMBINED
             reason = f"the torque depends on {shortened(expressions[first])}"
@@ -536,10 +533,14 @@ def recoveries(
     return tuple(out)
 
 
-def shortened(expression: str, terms: int = 4) -> str:
+TERMS = 4
+"""Terms of an expression that are shown."""
+
+
+def shortened(expression: str) -> str:
     """An expression with its first terms, and how many more there are."""
     first, *others = re.split(r" (?=[+-] )", expression)
-    if len(others) < terms:
+    if len(others) < TERMS:
         return expression
-    left = f"and {len(others) + 1 - terms} more terms"
-    return " ".join([first, *others[: terms - 1], left])
+    left = f"and {len(others) + 1 - TERMS} more terms"
+    return " ".join([first, *others[: TERMS - 1], left])

@@ -9,14 +9,14 @@ import numpy as np
 
 from gapscope.arm.root_mean_square import rms
 from gapscope.ident.model.base_parameters import WORTH
-from gapscope.ident.model.linear_problem import (
+from gapscope.ident.samples import (
     PRESLIDING_DISTANCES,
     SATURATION_SHARES,
     STRIBECK_SPEEDS,
     FrictionLaw,
+    Samples,
     equal_parts,
 )
-from gapscope.ident.samples import Samples
 from gapscope.model.effective_samples import group_slices
 
 # How well laws of friction predict stretches of time that were held out; laws differ in the dry columns alone.
@@ -92,20 +92,15 @@ class FrictionTrials:
             whole = np.block([[gram, cross], [cross.T, friction.T @ friction]])
             grams.append(whole[np.ix_(order, order)])
         squares = np.diag(grams[-1])[:-1]
-        penalty = _penalties(self.samples, law, squares)
+        penalty = penalties(self.samples, law, squares)
         return dry, grams, penalty, columns.nominal(law)
 
 
-def penalties(
-    samples: Samples, law: FrictionLaw, matrix: np.ndarray, noise: np.ndarray
-) -> np.ndarray:
-    """Diagonal of the pull's quadratic form for pull 1 [1/x^2], shape (p,): 1 / scale^2, a trace elsewhere."""
-    squares = np.linalg.norm(matrix, axis=0) ** 2 / noise[:, None] ** 2
-    return _penalties(samples, law, squares.sum(axis=0))
+def penalties(samples: Samples, law: FrictionLaw, squares: np.ndarray) -> np.ndarray:
+    """Diagonal of the pull's quadratic form for pull 1 [1/x^2], shape (p,): 1 / scale^2, a trace elsewhere.
 
-
-def _penalties(samples: Samples, law: FrictionLaw, squares: np.ndarray) -> np.ndarray:
-    """The same from the sums of squares of the columns at unit noise, (p,)."""
+    ``squares`` are the sums of squares of the columns at unit noise, (p,).
+    """
     scale = samples.columns.scale(law)
     size = np.sqrt(squares / len(samples.torque))
     # a weak prior on parameters that the nominal arm need not have keeps the system regular
@@ -264,8 +259,8 @@ def joint_noise(samples: Samples, law: FrictionLaw, pull: float) -> np.ndarray:
     noise = np.maximum(torque.std(axis=0), 1e-6 * np.abs(torque).max() + 1e-12)
     least = 1e-4 * rms(torque) + 1e-12
     for _ in range(3):
-        penalty = pull * penalties(samples, law, matrix, noise)
         gram = np.tensordot(noise**-2.0, by_joint, axes=1)
+        penalty = pull * penalties(samples, law, np.diag(gram)[:-1])
         x = pulled_solution(gram, torque.size, penalty, nominal)
         noise = np.maximum(rms(torque - matrix @ x), least)
     return noise

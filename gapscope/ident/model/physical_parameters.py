@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import re
 import warnings
+import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from gapscope.arm.dynamics.rigid_body import INERTIAL_PARAMETERS
+from gapscope.arm.dynamics.plain_urdf import moving_links, numbers, plain_urdf
+from gapscope.arm.dynamics.rigid_body import INERTIAL_PARAMETERS, RigidBody
 from gapscope.arm.errors import GapscopeError
+from gapscope.arm.nominal import NominalArm
 from gapscope.ident.model.base_parameters import BaseParameters
 
 # Pseudo-inertia: ten inertial parameters as a 4 x 4 matrix that is positive definite exactly for a real body.
@@ -20,8 +23,10 @@ from gapscope.ident.model.base_parameters import BaseParameters
 # ``gapscope.arm.dynamics.rigid_body.INERTIAL_PARAMETERS``.
 
 
-_ABOVE_DIAGONAL = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
+_ROW, _COLUMN = np.array([(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)]).T
 """Entries of U of the last six log-Cholesky coordinates."""
+_AXIS = np.arange(_COLUMN.max())
+"""Entries of U on its diagonal, of d1, d2 and d3."""
 
 
 def _basis() -> np.ndarray:
@@ -95,10 +100,8 @@ def to_log_cholesky(parameters: np.ndarray) -> np.ndarray:
     unit = upper / size[..., None, None]
     theta = np.empty((*size.shape, 10))
     theta[..., 0] = np.log(size)
-    for i in range(3):
-        theta[..., 1 + i] = np.log(unit[..., i, i])
-    for k, (i, j) in enumerate(_ABOVE_DIAGONAL):
-        theta[..., 4 + k] = unit[..., i, j]
+    theta[..., 1:4] = np.log(unit[..., _AXIS, _AXIS])
+    theta[..., 4:] = unit[..., _ROW, _COLUMN]
     return theta
 
 
@@ -109,10 +112,8 @@ def log_cholesky_jacobian(theta: np.ndarray) -> np.ndarray:
     # derivatives of U by each coordinate
     change = np.zeros((*theta.shape, 4, 4))
     change[..., 0, :, :] = upper
-    for i in range(3):
-        change[..., 1 + i, i, i] = upper[..., i, i]
-    for k, (i, j) in enumerate(_ABOVE_DIAGONAL):
-        change[..., 4 + k, i, j] = size
+    change[..., 1 + _AXIS, _AXIS, _AXIS] = upper[..., _AXIS, _AXIS]
+    change[..., 4 + np.arange(len(_ROW)), _ROW, _COLUMN] = size[..., None]
     # d(U U^T) = dU U^T and its transpose
     half = change @ np.swapaxes(upper, -1, -2)[..., None, :, :]
     rows = inertial_parameters(half + np.swapaxes(half, -1, -2))
@@ -122,10 +123,8 @@ def log_cholesky_jacobian(theta: np.ndarray) -> np.ndarray:
 def _upper(theta: np.ndarray) -> np.ndarray:
     """U, shape (..., 4, 4)."""
     upper = np.zeros((*theta.shape[:-1], 4, 4))
-    for i in range(3):
-        upper[..., i, i] = np.exp(theta[..., 1 + i])
-    for k, (i, j) in enumerate(_ABOVE_DIAGONAL):
-        upper[..., i, j] = theta[..., 4 + k]
+    upper[..., _AXIS, _AXIS] = np.exp(theta[..., 1:4])
+    upper[..., _ROW, _COLUMN] = theta[..., 4:]
     upper[..., 3, 3] = 1.0
     size = np.exp(theta[..., 0])
     return upper * size[..., None, None]
@@ -375,3 +374,35 @@ def _scaled(matrix: np.ndarray) -> np.ndarray:
     """A pseudo-inertia with lengths in units of ``LENGTH`` [kg]."""
     unit = np.array([1 / LENGTH, 1 / LENGTH, 1 / LENGTH, 1.0])
     return matrix * unit[:, None] * unit
+
+
+# The arm that can exist as a file that other tools read.
+
+
+def urdf_text(arm: NominalArm, body: RigidBody) -> str:
+    """URDF of bodies of an arm: the nominal arm's kinematics and limits, one link per joint, no shapes.
+
+    Frames and axes are those of the nominal arm's joints; inertial frames lie along the principal axes.
+    """
+    links = moving_links(body)
+    root = ET.fromstring(plain_urdf(links))
+    root.set("name", arm.name)
+    # principal moments in full precision
+    for link, element in zip(links, root.findall("link")[1:], strict=True):
+        inertia = element.find("inertial/inertia")
+        assert inertia is not None
+        for key, value in zip(("ixx", "iyy", "izz"), link.moments, strict=True):
+            inertia.set(key, repr(float(value)))
+    # limits of the nominal arm
+    speed, effort = body.velocity_limits(), body.effort_limits()
+    for joint in root.findall("joint"):
+        limit = joint.find("limit")
+        if limit is None:
+            continue
+        j = arm.joints.index(joint.get("name", ""))
+        if speed[j] > 0:
+            limit.set("velocity", numbers(speed[j : j + 1]))
+        if effort[j] > 0:
+            limit.set("effort", numbers(effort[j : j + 1]))
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode") + "\n"

@@ -144,43 +144,59 @@ STIFFNESS = 0.1
 
 
 class Head(NamedTuple):
-    """How the linear head of a joint, f = Phi w over M rows, can change; r directions of the physics.
+    """A joint's output as one linear head, f = Phi w over M rows, and how it can change; r directions of the physics.
 
-    L of the metric L L^T = Phi^T Phi + penalty of a change, (K, K); the part of the output in the physics, Q^T Phi,
-    (r, K); and L^-1 (Q^T Phi)^T, (K, r).
+    What it sees, Phi, (M, K), and its weights, (K,); L of the metric L L^T = Phi^T Phi + penalty of a change, (K, K);
+    the part of the output in the physics, Q^T Phi, (r, K); and L^-1 (Q^T Phi)^T, (K, r).
     """
 
+    seen: np.ndarray
+    weight: np.ndarray
     root: np.ndarray
     inside: np.ndarray
     turned: np.ndarray
 
 
-def linear_head(
-    network: Network, hidden: np.ndarray, joint: int, members: Sequence[int]
-) -> tuple[np.ndarray, np.ndarray]:
-    """The mean of some members on a joint as one linear head: what it sees, Phi, (M, K), and its weights, (K,).
+def heads_of(
+    networks: Sequence[Network],
+    hidden: Sequence[np.ndarray],
+    chosen: np.ndarray,
+    members: Sequence[int],
+    q: np.ndarray,
+    fitted: np.ndarray,
+) -> dict[int, Head]:
+    """The mean of some members of the network that speaks on each joint as one linear head, by joint from 0.
 
-    ``hidden`` is what the heads of the members see, (members, n, M, .), or (1, n, M, .) if all see the same: these have
-    one mean weight, the others share the mean of their outputs.
+    Args:
+        networks: one per form.
+        hidden: what the heads of the members of each see, (members, n, M, .), or (1, n, M, .) if all see the same:
+            these have one mean weight, the others share the mean of their outputs.
+        chosen: number of the network of each joint, -1 for none, (n,).
+        members: that count.
+        q: orthonormal columns of the physics in weighted torque on the rows that are fitted.
+        fitted: these rows, (M,).
     """
-    weight = network.weights[-1][members, joint, :, 0]
-    seen = hidden[:, joint] if len(hidden) == 1 else hidden[members, joint]
-    if len(seen) == 1:
-        weight = weight.mean(axis=0)
-    rows = seen.shape[1]
-    flat = seen.transpose(1, 0, 2).reshape(rows, -1) / len(seen)
-    offset = network.biases[-1][members, joint, 0].mean()
-    return np.hstack([flat, np.ones((rows, 1))]), np.append(weight, offset)
-
-
-def head_of(seen: np.ndarray, q: np.ndarray) -> Head:
-    """A joint's head by Phi, (M, K), and its rows of the orthonormal columns in weighted torque, (M, r)."""
-    spread = np.append(seen[:, :-1].var(axis=0), 1.0)
-    metric = seen.T @ seen + np.diag(STIFFNESS * len(seen) * spread)
-    # regular even if hidden units saturate
-    metric += 1e-9 * np.trace(metric) / len(metric) * np.eye(len(metric))
-    root, inside = np.linalg.cholesky(metric), q.T @ seen
-    return Head(root, inside, solve_triangular(root, inside.T, lower=True))
+    heads = {}
+    for j, k in enumerate(chosen.tolist()):
+        if k < 0:
+            continue
+        weight = networks[k].weights[-1][members, j, :, 0]
+        own = hidden[k][:, j] if len(hidden[k]) == 1 else hidden[k][members, j]
+        if len(own) == 1:
+            weight = weight.mean(axis=0)
+        count = own.shape[1]
+        flat = own.transpose(1, 0, 2).reshape(count, -1) / len(own)
+        seen = np.hstack([flat, np.ones((count, 1))])
+        offset = networks[k].biases[-1][members, j, 0].mean()
+        phi = seen[fitted]
+        spread = np.append(phi[:, :-1].var(axis=0), 1.0)
+        metric = phi.T @ phi + np.diag(STIFFNESS * len(phi) * spread)
+        # regular even if hidden units saturate
+        metric += 1e-9 * np.trace(metric) / len(metric) * np.eye(len(metric))
+        root, inside = np.linalg.cholesky(metric), q[:, j].T @ phi
+        turned = solve_triangular(root, inside.T, lower=True)
+        heads[j] = Head(seen, np.append(weight, offset), root, inside, turned)
+    return heads
 
 
 def project_heads(
@@ -319,7 +335,9 @@ def from_segment(
     assert segment.torque is not None
     physical = replace(corrected, residual=None)
     motion, body = segment.motion, segment.bodies(body)
-    rows = chosen_rows(segment)
+    # trimmed samples, as many as the band of the torque gap holds
+    step = max(1, int(motion.rate / (PER_CUTOFF * TORQUE_CUTOFF) + 1e-6))
+    rows = np.arange(segment.inner.start, segment.inner.stop, step)
 
     def smooth(series: np.ndarray) -> np.ndarray:
         return low_pass(series, motion.rate, TORQUE_CUTOFF)
@@ -338,13 +356,6 @@ def from_segment(
         parameters=parameters,
         rows=rows,
     )
-
-
-def chosen_rows(segment: Segment) -> np.ndarray:
-    """Trimmed samples, as many as the band of the torque gap holds."""
-    step = max(1, int(segment.motion.rate / (PER_CUTOFF * TORQUE_CUTOFF) + 1e-6))
-    inner = segment.inner
-    return np.arange(inner.start, inner.stop, step)
 
 
 def groups(trajectories: Sequence[Trajectory], members: int) -> np.ndarray:
@@ -378,23 +389,31 @@ def groups(trajectories: Sequence[Trajectory], members: int) -> np.ndarray:
 
 REACH = 0.99
 """Quantile of the distance of held-out rows from the others up to which a network is tested, and trusted in full."""
+QUIET = 0.1
+"""A recording weighs as if its RMS were at least this share of the loudest one's."""
 
 
 @dataclass(frozen=True)
 class ResidualRows:
-    """Rows of all trajectories, M of n joints, in weighted torque: over ``scale``.
+    """Rows of all trajectories, N of n joints, in weighted torque, over ``scale``; M members hold some out.
+
+    What counts is the share of its own squares that is left of each group: a group with a large residual would
+    otherwise outvote those in which the same function does harm.
 
     Attributes:
         inputs: what a network sees.
-        windows: of the rows, (n, M, taps, C).
-        residual: of the corrected arm [1], (M, n).
-        target: what the columns of the physics do not explain of it [1], (M, n).
-        q: orthonormal columns of the physics, (M, n, r).
-        parameters: columns of the effects' parameters, (M, n, k).
-        group: for a split by trajectory, (M,).
-        trajectory: of each row, (M,).
+        windows: of the rows, (n, N, taps, C).
+        residual: of the corrected arm [1], (N, n).
+        target: what the columns of the physics do not explain of it [1], (N, n).
+        q: orthonormal columns of the physics, (N, n, r).
+        parameters: columns of the effects' parameters, (N, n, k).
+        group: for a split by trajectory, (N,); -1 is neither fitted nor held out.
+        trajectory: of each row, (N,).
         reach: distance of an input up to which a network is tested on rows that it has not seen [1], (n,).
         scale: RMS of the residual [N m], (n,).
+        held: rows that each member holds out, the groups m, m + members, ..., (M, N).
+        targets: residual without what the physics explains of it in the rows that the member is fitted to, (M, N, n).
+        weight: one over the RMS of the row's group, per joint, (N, n).
     """
 
     inputs: Inputs
@@ -407,13 +426,28 @@ class ResidualRows:
     trajectory: np.ndarray
     reach: np.ndarray
     scale: np.ndarray
+    held: np.ndarray
+    targets: np.ndarray
+    weight: np.ndarray
+
+    @property
+    def fitted(self) -> np.ndarray:
+        """Rows that each member is fitted to, (M, N)."""
+        return (self.group >= 0) & ~self.held
+
+    def held_out(self, outputs: np.ndarray) -> np.ndarray:
+        """Each row as the members that held it out predict it, from the outputs of all, (M, N, ...); (N, ...)."""
+        held = self.held.reshape(*self.held.shape, *[1] * (outputs.ndim - 2))
+        total = np.maximum(held.sum(axis=0), 1)
+        return np.asarray((outputs * held).sum(axis=0) / total)
 
 
 def rows_of(
     trajectories: Sequence[Trajectory], settings: ResidualSettings
 ) -> ResidualRows:
-    """Rows of trajectories as a network sees them."""
-    group = groups(trajectories, settings.members)
+    """Rows of trajectories as a network sees them, and the groups that each member of an ensemble holds out."""
+    members = settings.members
+    group = groups(trajectories, members)
     residual = np.concatenate([x.residual[x.rows] for x in trajectories])
     scale = rms(residual) + TINY
     weighted = residual / scale
@@ -421,13 +455,21 @@ def rows_of(
     windows = np.concatenate(
         [inputs.windows(x.motion, x.load, x.rows) for x in trajectories], axis=1
     )
-    apart = [
-        x.columns if settings.apart == "all" else x.parameters for x in trajectories
-    ]
+    every = settings.apart == "all"
+    apart = [x.columns if every else x.parameters for x in trajectories]
     q = basis(np.concatenate(apart), scale)
     parameters = np.concatenate([x.parameters for x in trajectories])
     lengths = [len(x.rows) for x in trajectories]
     near = windows[:, :, -1, inputs.layout.neighbourhood]
+    counted = group >= 0
+    held = np.stack([(group % members == m) & counted for m in range(members)])
+    held = held[held.any(axis=1)]
+    targets = []
+    for fitted in counted & ~held:
+        gram = np.einsum("mnr,mns->rs", q[fitted], q[fitted])
+        moment = np.einsum("mnr,mn->r", q[fitted], weighted[fitted])
+        explaining = np.linalg.pinv(gram, rcond=1e-10, hermitian=True) @ moment
+        targets.append(weighted - q @ explaining)
     return ResidualRows(
         inputs=inputs,
         windows=windows,
@@ -439,7 +481,19 @@ def rows_of(
         trajectory=np.repeat(np.arange(len(trajectories)), lengths),
         reach=_reach(near, group),
         scale=scale,
+        held=held,
+        targets=np.stack(targets),
+        weight=_group_weights(weighted, group),
     )
+
+
+def _group_weights(residual: np.ndarray, group: np.ndarray) -> np.ndarray:
+    """One over the RMS of each row's group, per joint, over its RMS over all rows, (N, n)."""
+    groups, place = np.unique(group, return_inverse=True)
+    square = np.stack([(residual[group == g] ** 2).mean(axis=0) for g in groups])
+    square = np.maximum(square, QUIET**2 * square.max(axis=0))
+    weight = 1.0 / np.sqrt(np.maximum(square, TINY))[place]
+    return np.asarray(weight / np.sqrt((weight**2).mean(axis=0)))
 
 
 def _inputs(trajectories: Sequence[Trajectory], settings: ResidualSettings) -> Inputs:
@@ -499,153 +553,67 @@ class Equations(NamedTuple):
     rows: float
 
 
-@dataclass(frozen=True)
-class Prior:
-    """Prior of the weights.
+def _posterior(
+    equations: Equations, part: np.ndarray, logs: np.ndarray, share: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """With D the deviations of the weights and s / v share over noise, for s |y - X w|^2 / v + |D^-1 w|^2.
 
-    Attributes:
+    Args:
+        equations: of the fit.
         part: number of the part that each function belongs to, (F,).
         logs: logarithm of each part's variance, shared evenly by its functions, and of the noise variance, (P + 1,).
         share: share of the rows that count as independent [1].
+
+    Returns:
+        Cholesky factor of 1 + D X^T X D s / v, D X^T y s / v, the mean of the weights over D, and D; (F, F) and (F,).
     """
-
-    part: np.ndarray
-    logs: np.ndarray
-    share: float
-
-    def posterior(
-        self, equations: Equations
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """With D the deviations of the weights and s / v share over noise, for s |y - X w|^2 / v + |D^-1 w|^2.
-
-        Cholesky factor of 1 + D X^T X D s / v, D X^T y s / v, the mean over D, and D; (F, F) and (F,).
-        """
-        variance = np.exp(self.logs[:-1]) / np.bincount(self.part)
-        d = np.sqrt(variance[self.part])
-        precision = self.share / np.exp(self.logs[-1])
-        matrix = (d[:, None] * equations.gram * d) * precision
-        matrix[np.diag_indices_from(matrix)] += 1.0
-        factor, scaled = np.linalg.cholesky(matrix), d * equations.moment * precision
-        return factor, scaled, cho_solve((factor, True), scaled), d
-
-    def mean(self, equations: Equations) -> np.ndarray:
-        """Posterior mean of the weights, (F,)."""
-        *_, unit, d = self.posterior(equations)
-        return np.asarray(d * unit)
-
-    def most_evident(self, equations: Equations) -> Prior:
-        """The prior under which the data are most probable; found by L-BFGS from this one. Source: mackay1992."""
-        ranges = [PRIOR_RANGE] * (len(self.logs) - 1) + [NOISE_RANGE]
-        found = minimize(
-            lambda x: replace(self, logs=x).cost(equations),
-            self.logs,
-            jac=True,
-            method="L-BFGS-B",
-            bounds=ranges,
-            options={"maxiter": ITERATIONS},
-        )
-        return replace(self, logs=found.x)
-
-    def cost(self, equations: Equations) -> tuple[float, np.ndarray]:
-        """Negative logarithm of the evidence, and its gradient by the logarithms, (P + 1,)."""
-        factor, scaled, unit, d = self.posterior(equations)
-        w, share, noise = d * unit, self.share, np.exp(self.logs[-1])
-        inverse = lapack.dtrtri(factor, lower=1)[0]
-        posterior = (inverse**2).sum(axis=0)
-        count = share * equations.rows
-        cost = 0.5 * (share * equations.square / noise - scaled @ unit)
-        cost += np.log(np.diag(factor)).sum() + 0.5 * count * self.logs[-1]
-        by_size = 0.5 * np.bincount(self.part, 1.0 - posterior - unit**2)
-        left = equations.square - 2 * w @ equations.moment + w @ equations.gram @ w
-        determined = len(w) - posterior.sum()
-        by_noise = 0.5 * (count - share * left / noise - determined)
-        return float(cost), np.append(by_size, by_noise)
+    variance = np.exp(logs[:-1]) / np.bincount(part)
+    d = np.sqrt(variance[part])
+    precision = share / np.exp(logs[-1])
+    matrix = (d[:, None] * equations.gram * d) * precision
+    matrix[np.diag_indices_from(matrix)] += 1.0
+    factor, scaled = np.linalg.cholesky(matrix), d * equations.moment * precision
+    return factor, scaled, cho_solve((factor, True), scaled), d
 
 
-# Which rows each member of an ensemble is fitted to and which it holds out, and how good it is on these.
+def _evidence_cost(
+    logs: np.ndarray, equations: Equations, part: np.ndarray, share: float
+) -> tuple[float, np.ndarray]:
+    """Negative logarithm of the evidence, and its gradient by the logarithms, (P + 1,). Source: mackay1992."""
+    factor, scaled, unit, d = _posterior(equations, part, logs, share)
+    w, noise = d * unit, np.exp(logs[-1])
+    inverse = lapack.dtrtri(factor, lower=1)[0]
+    posterior = (inverse**2).sum(axis=0)
+    count = share * equations.rows
+    cost = 0.5 * (share * equations.square / noise - scaled @ unit)
+    cost += np.log(np.diag(factor)).sum() + 0.5 * count * logs[-1]
+    by_size = 0.5 * np.bincount(part, 1.0 - posterior - unit**2)
+    left = equations.square - 2 * w @ equations.moment + w @ equations.gram @ w
+    determined = len(w) - posterior.sum()
+    by_noise = 0.5 * (count - share * left / noise - determined)
+    return float(cost), np.append(by_size, by_noise)
 
 
-QUIET = 0.1
-"""A recording weighs as if its RMS were at least this share of the loudest one's."""
+# How good each member is on the rows that it holds out.
+
+
 GAINS = np.linspace(0.05, 1.0, 20)
 """Factors tried on a joint's output."""
 
 
-@dataclass(frozen=True)
-class Folds:
-    """Rows and targets of M members (the first axis), N rows of n joints.
-
-    What counts is the share of its own squares that is left of each group: a group with a large residual would
-    otherwise outvote those in which the same function does harm.
-
-    Attributes:
-        group: of each row, (N,); -1 is neither fitted nor held out.
-        held: rows that each member holds out, (M, N).
-        targets: residual without what the physics explains of it in the rows that the member is fitted to, over its
-            scale [1], (M, N, n).
-        weight: one over the RMS of the row's group, per joint, (N, n); (N,) of one joint.
-    """
-
-    group: np.ndarray
-    held: np.ndarray
-    targets: np.ndarray
-    weight: np.ndarray
-
-    @property
-    def any_fitted(self) -> np.ndarray:
-        """Rows that some member is fitted to, (N,)."""
-        return self.group >= 0
-
-    @property
-    def fitted(self) -> np.ndarray:
-        """Rows that each member is fitted to, (M, N)."""
-        return self.any_fitted & ~self.held
-
-    def held_out(self, outputs: np.ndarray) -> np.ndarray:
-        """Each row as the members that held it out predict it, from the outputs of all, (M, N, ...); (N, ...)."""
-        held = self.held.reshape(*self.held.shape, *[1] * (outputs.ndim - 2))
-        total = np.maximum(held.sum(axis=0), 1)
-        return np.asarray((outputs * held).sum(axis=0) / total)
-
-
-def make_folds(rows: ResidualRows, members: int) -> Folds:
-    """Folds by group: member m of an ensemble holds out the groups m, m + members, ..."""
-    group, residual, q = rows.group, rows.residual, rows.q
-    held = np.stack([(group % members == m) & (group >= 0) for m in range(members)])
-    held = held[held.any(axis=1)]
-    targets = []
-    for fitted in (group >= 0) & ~held:
-        gram = np.einsum("mnr,mns->rs", q[fitted], q[fitted])
-        moment = np.einsum("mnr,mn->r", q[fitted], residual[fitted])
-        explaining = np.linalg.pinv(gram, rcond=1e-10, hermitian=True) @ moment
-        targets.append(residual - q @ explaining)
-    return Folds(group, held, np.stack(targets), group_weights(residual, group))
-
-
-def group_weights(residual: np.ndarray, group: np.ndarray) -> np.ndarray:
-    """One over the RMS of each row's group, per joint, over its RMS over all rows, (N, n)."""
-    weight = np.zeros_like(residual)
-    groups = np.unique(group)
-    square = np.stack([(residual[group == g] ** 2).mean(axis=0) for g in groups])
-    square = np.maximum(square, QUIET**2 * square.max(axis=0))
-    for g, of_group in zip(groups, square, strict=True):
-        weight[group == g] = 1.0 / np.sqrt(np.maximum(of_group, TINY))
-    return np.asarray(weight / np.sqrt((weight**2).mean(axis=0)))
-
-
 def shares_closed(
-    folds: Folds, residual: np.ndarray, predicted: np.ndarray
+    group: np.ndarray, residual: np.ndarray, predicted: np.ndarray
 ) -> np.ndarray:
     """Share of each group's squares that a prediction closes at each factor of ``GAINS``, (groups, n, factors).
 
     Args:
-        folds: the groups.
+        group: of each row, (N,); -1 does not count.
         residual: over its scale [1], (N, n).
         predicted: by the members that held each row out, (N, n).
     """
     shares = []
-    for g in np.unique(folds.group[folds.any_fitted]):
-        y, f = residual[folds.group == g], predicted[folds.group == g]
+    for g in np.unique(group[group >= 0]):
+        y, f = residual[group == g], predicted[group == g]
         size = np.maximum((y**2).sum(axis=0), TINY)
         agreement, square = (y * f).sum(axis=0) / size, (f**2).sum(axis=0) / size
         shares.append(np.outer(agreement, 2 * GAINS) - np.outer(square, GAINS**2))
@@ -688,21 +656,18 @@ FIRST_SIZE, FIRST_NOISE = -3.0, -0.5
 """Logarithms of the first variances of a part and of the noise, over that of the target."""
 
 
-def fit_additive(
-    rows: ResidualRows, folds: Folds, seed: int, progress: Progress = silent
-) -> Network:
+def fit_additive(rows: ResidualRows, seed: int, progress: Progress = silent) -> Network:
     """Fit an ensemble; each member is fitted without the rows that it holds out.
 
     Args:
         rows: all rows.
-        folds: rows and targets of each member.
         seed: of the random waves.
         progress: called with a few words at each joint.
     """
     now = rows.windows[:, :, -1]
     basis = draw_basis(now.min(axis=1), now.max(axis=1), seed)
     part = part_of_each(basis)
-    members, n = len(folds.held), len(now)
+    members, n = len(rows.held), len(now)
     weight = np.zeros((members, n, len(part), 2))
     bias = np.zeros((members, n, 2))
     for joint, x in enumerate(basis.features(now)):
@@ -711,7 +676,7 @@ def fit_additive(
         scaled = np.column_stack([(x - centre) / spread, np.ones(len(x))])
         # the constant is a part of its own
         parts = np.append(part, part.max() + 1)
-        found, noise = _fit_joint(scaled, joint, rows, folds, parts)
+        found, noise = _fit_joint(scaled, joint, rows, parts)
         # the head sees the functions as they are
         by_function = found[:, :-1] / spread
         weight[:, joint, :, 0] = by_function
@@ -721,12 +686,12 @@ def fit_additive(
 
 
 def _fit_joint(
-    x: np.ndarray, joint: int, rows: ResidualRows, folds: Folds, part: np.ndarray
+    x: np.ndarray, joint: int, rows: ResidualRows, part: np.ndarray
 ) -> tuple[np.ndarray, float]:
     """Weights of each member, (members, F), and their mean square error on what they held out."""
-    target, weight = rows.target[:, joint], folds.weight[:, joint]
+    target, weight = rows.target[:, joint], rows.weight[:, joint]
     size = float(rms(target)) or 1.0
-    judged = folds.held.any(axis=0)
+    judged = rows.held.any(axis=0)
 
     def equations(y: np.ndarray, chosen: np.ndarray) -> Equations:
         wx = weight[chosen, None] * x[chosen]
@@ -734,16 +699,29 @@ def _fit_joint(
         return Equations(wx.T @ wx, wx.T @ wy, float(wy @ wy), float(len(wy)))
 
     def left(found: np.ndarray) -> np.ndarray:
-        return (rows.residual[:, joint] - folds.held_out(found @ x.T))[judged]
+        return (rows.residual[:, joint] - rows.held_out(found @ x.T))[judged]
 
-    whole = equations(target, folds.any_fitted)
-    each = list(map(equations, folds.targets[..., joint], folds.fitted))
+    whole = equations(target, rows.group >= 0)
+    each = list(map(equations, rows.targets[..., joint], rows.fitted))
     logs = np.append(np.full(int(part.max()) + 1, FIRST_SIZE), FIRST_NOISE)
+    ranges = [PRIOR_RANGE] * (len(logs) - 1) + [NOISE_RANGE]
     least, kept = np.inf, np.zeros((len(each), x.shape[1]))
     for share in SHARES:
-        prior = Prior(part, logs, share).most_evident(whole)
-        logs = prior.logs
-        found = size * np.stack([prior.mean(own) for own in each])
+        # sizes under which the data are most probable, from those of the share before
+        logs = minimize(
+            _evidence_cost,
+            logs,
+            args=(whole, part, share),
+            jac=True,
+            method="L-BFGS-B",
+            bounds=ranges,
+            options={"maxiter": ITERATIONS},
+        ).x
+        means = []
+        for own in each:
+            *_, unit, d = _posterior(own, part, logs, share)
+            means.append(d * unit)
+        found = size * np.stack(means)
         error = float(np.mean((weight[judged] * left(found)) ** 2))
         if error < least:
             least, kept = error, found
@@ -831,7 +809,7 @@ class Ensemble(torch.nn.Module):
 
 
 def train(
-    settings: ResidualSettings, rows: ResidualRows, folds: Folds, progress: Progress
+    settings: ResidualSettings, rows: ResidualRows, progress: Progress
 ) -> Network:
     """Train an ensemble for a fixed number of steps, each member without the rows that it holds out.
 
@@ -840,7 +818,6 @@ def train(
     Args:
         settings: of the training.
         rows: all rows.
-        folds: rows and targets of each member.
         progress: called with a few words at times.
     """
     with repeatable(settings.seed) as generator:
@@ -852,9 +829,9 @@ def train(
             return torch.as_tensor(array, dtype=torch.float32, device=where)
 
         x = tensor(rows.windows)
-        y = tensor(folds.targets.transpose(0, 2, 1))
-        square = tensor(folds.weight.T**2)
-        fitted = tensor(folds.fitted)[:, None] * square
+        y = tensor(rows.targets.transpose(0, 2, 1))
+        square = tensor(rows.weight.T**2)
+        fitted = tensor(rows.fitted)[:, None] * square
         optimiser = torch.optim.AdamW(ensemble.parameters(), lr=RATE, weight_decay=1.0)
         schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, settings.steps)
         for step in range(1, settings.steps + 1):
@@ -887,27 +864,13 @@ def _likelihood(
 # Which joints a network speaks on, and how loud: judged after the projection, on what members had held out.
 
 
-class Choice(NamedTuple):
-    """What speaks on each of n joints.
-
-    Attributes:
-        chosen: number of the network, -1 for none, (n,).
-        gain: factor on its output [1], (n,).
-        closed: share of the squares held out that it closes [1], (n,).
-    """
-
-    chosen: np.ndarray
-    gain: np.ndarray
-    closed: np.ndarray
-
-
 def settled(
-    choice: Choice,
+    chosen: np.ndarray,
+    gain: np.ndarray,
     networks: Sequence[Network],
     hidden: Sequence[np.ndarray],
     rows: ResidualRows,
-    folds: Folds,
-) -> Choice:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The choice scaled and silenced until what the projection leaves of it stands the strict ``usefulness`` as it is.
 
     All joints share the constraints of the projection, so that a joint that is silenced or scaled changes the others:
@@ -915,30 +878,31 @@ def settled(
     of ``GAINS`` counts as failing, so that it ends.
 
     Args:
-        choice: before the projection.
+        chosen: number of the network of each joint before the projection, -1 for none, (n,).
+        gain: factor on its output [1], (n,).
         networks: one per form, not scaled.
         hidden: what the heads of each see on all rows, (members or 1, n, N, K).
         rows: all rows.
-        folds: which member holds out which.
+
+    Returns:
+        The same two after it, and the share of the squares held out that is closed [1], (n,).
     """
-    chosen, gain, _ = choice
     members = []
-    for member, fitted in enumerate(folds.fitted):
+    for member, fitted in enumerate(rows.fitted):
         q = basis(rows.q[fitted], np.ones(rows.q.shape[1]))
-        linear = linear_heads(networks, hidden, chosen, [member])
-        heads = {j: head_of(seen[fitted], q[:, j]) for j, (seen, _) in linear.items()}
-        members.append((linear, heads))
+        members.append(heads_of(networks, hidden, chosen, [member], q, fitted))
     while True:
         predicted = np.zeros((len(members), *rows.residual.shape))
-        speaking = np.flatnonzero(chosen >= 0).tolist()
-        for output, (linear, heads) in zip(predicted, members, strict=True):
-            weights = {j: gain[j] * linear[j][1] for j in speaking}
-            for j, weight in project_heads(heads, weights).items():
-                output[:, j] = linear[j][0] @ weight
-        shares = shares_closed(folds, rows.residual, folds.held_out(predicted))
+        for output, heads in zip(predicted, members, strict=True):
+            speaking = {j: head for j, head in heads.items() if chosen[j] >= 0}
+            weights = {j: gain[j] * head.weight for j, head in speaking.items()}
+            for j, weight in project_heads(speaking, weights).items():
+                output[:, j] = heads[j].seen @ weight
+        held_out = rows.held_out(predicted)
+        shares = shares_closed(rows.group, rows.residual, held_out)
         closed, again = usefulness(shares, strict=True)
         if (again[chosen >= 0] == 1.0).all():
-            return Choice(chosen, np.where(chosen >= 0, gain, 0.0), closed)
+            return chosen, np.where(chosen >= 0, gain, 0.0), closed
         failing = np.flatnonzero((chosen >= 0) & (gain * again < GAINS[0]))
         if failing.size:
             # the others may stand once the one that harms a group most is silent
@@ -947,20 +911,6 @@ def settled(
             chosen = np.where(np.arange(len(chosen)) == silent, -1, chosen)
         else:
             gain = gain * again
-
-
-def linear_heads(
-    networks: Sequence[Network],
-    hidden: Sequence[np.ndarray],
-    chosen: np.ndarray,
-    members: Sequence[int],
-) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-    """``linear_head`` of some members of the network that speaks on each joint, by joint from 0."""
-    return {
-        j: linear_head(networks[k], hidden[k], j, members)
-        for j, k in enumerate(chosen.tolist())
-        if k >= 0
-    }
 
 
 # From trajectories to a residual network orthogonal to the effects that fades out away from its training data.
@@ -1002,15 +952,6 @@ class Report:
     doubted: float
 
 
-class Candidate(NamedTuple):
-    """A form that was trained: its members, and ``closed`` and ``gain`` as in ``Report``, (n,)."""
-
-    name: str
-    network: Network
-    closed: np.ndarray
-    gain: np.ndarray
-
-
 def fit_residual(
     trajectories: Sequence[Trajectory],
     settings: ResidualSettings,
@@ -1038,29 +979,42 @@ def fit_residual(
         network, report = free if better else strict
         return network, replace(report, closed_apart=by_apart)
     rows = rows_of(trajectories, settings)
-    folds = make_folds(rows, settings.members)
-    candidates = [
-        _candidate(form, rows, folds, settings, progress) for form in settings.forms
-    ]
+    networks: list[Network] = []
+    closed: list[np.ndarray] = []
+    gain: list[np.ndarray] = []
+    for form in settings.forms:
+        if form == ADDITIVE:
+            trained = fit_additive(rows, settings.seed, progress)
+        else:
+            trained = train(replace(settings, form=form), rows, progress)
+        # what it is worth on rows held out
+        outputs = trained.outputs(rows.windows)[0].transpose(0, 2, 1)
+        held_out = rows.held_out(outputs)
+        worth = usefulness(shares_closed(rows.group, rows.residual, held_out))
+        networks.append(trained)
+        closed.append(worth[0])
+        gain.append(worth[1])
     progress("keeps it apart from the physics")
-    networks = [c.network for c in candidates]
-    hidden = [network.hidden(rows.windows) for network in networks]
-    chosen, gain, closed = settled(_choice(candidates), networks, hidden, rows, folds)
-    every = list(range(settings.members))
-    linear = linear_heads(networks, hidden, chosen, every)
-    heads = {j: head_of(seen, rows.q[:, j]) for j, (seen, _) in linear.items()}
-    weights = {j: gain[j] * weight for j, (_, weight) in linear.items()}
+    # the best of each joint, before it is kept apart
+    best, joints = np.argmax(closed, axis=0), np.arange(len(rows.scale))
+    first = np.array(gain)[best, joints]
+    hidden = [own.hidden(rows.windows) for own in networks]
+    chosen, final, left = settled(
+        np.where(first > 0, best, -1), first, networks, hidden, rows
+    )
+    members, everywhere = list(range(settings.members)), np.ones(len(rows.q), bool)
+    heads = heads_of(networks, hidden, chosen, members, rows.q, everywhere)
+    weights = {j: final[j] * head.weight for j, head in heads.items()}
     projected = project_heads(heads, weights)
     before, after = np.zeros_like(rows.residual), np.zeros_like(rows.residual)
-    for j, (seen, _) in linear.items():
-        before[:, j], after[:, j] = seen @ weights[j], seen @ projected[j]
-    kept = [_scaled(network, gain) for network in networks]
+    kept = [_scaled(own, final) for own in networks]
     for j, weight in projected.items():
-        network, change = kept[chosen[j]], weight - weights[j]
+        before[:, j], after[:, j] = heads[j].seen @ weights[j], heads[j].seen @ weight
+        own, change = kept[chosen[j]], weight - weights[j]
         # members that see the same share one change
-        width = network.weights[-1].shape[2]
-        network.weights[-1][:, j, :, 0] += change[:-1].reshape(-1, width)
-        network.biases[-1][:, j, 0] += change[-1]
+        width = own.weights[-1].shape[2]
+        own.weights[-1][:, j, :, 0] += change[:-1].reshape(-1, width)
+        own.biases[-1][:, j, 0] += change[-1]
     near = rows.windows[:, :, -1, rows.inputs.layout.neighbourhood]
     residual = ResidualNetwork(
         inputs=rows.inputs,
@@ -1077,12 +1031,12 @@ def fit_residual(
     ]
     target_share = (rows.target**2).sum() / (rows.residual**2).sum()
     report = Report(
-        by_form={c.name: c.closed for c in candidates},
-        form=tuple("" if k < 0 else candidates[k].name for k in chosen),
-        closed=closed,
+        by_form=dict(zip(settings.forms, closed, strict=True)),
+        form=tuple("" if k < 0 else settings.forms[k] for k in chosen),
+        closed=left,
         apart=settings.apart,
-        closed_apart={settings.apart: float(closed.mean())},
-        gain=gain,
+        closed_apart={settings.apart: float(left.mean())},
+        gain=final,
         in_target=1.0 - float(target_share),
         in_output=(share_explained(rows.q, before), share_explained(rows.q, after)),
         moves=(moves[0], moves[1]),
@@ -1099,33 +1053,6 @@ def _scaled(network: Network, gain: np.ndarray) -> Network:
     bias[..., 0] *= gain
     weights, biases = network.weights[:-1], network.biases[:-1]
     return replace(network, weights=(*weights, weight), biases=(*biases, bias))
-
-
-def _candidate(
-    form: str,
-    rows: ResidualRows,
-    folds: Folds,
-    settings: ResidualSettings,
-    progress: Progress,
-) -> Candidate:
-    """One form trained, and what it is worth on rows held out."""
-    if form == ADDITIVE:
-        network = fit_additive(rows, folds, settings.seed, progress)
-    else:
-        network = train(replace(settings, form=form), rows, folds, progress)
-    outputs = network.outputs(rows.windows)[0].transpose(0, 2, 1)
-    predicted = folds.held_out(outputs)
-    closed, gain = usefulness(shares_closed(folds, rows.residual, predicted))
-    return Candidate(form, network, closed, gain)
-
-
-def _choice(candidates: Sequence[Candidate]) -> Choice:
-    """The best candidate of each joint, before it is kept apart from the physics."""
-    gain = np.stack([c.gain for c in candidates])
-    closed = np.where(gain > 0, np.stack([c.closed for c in candidates]), 0.0)
-    best, joints = closed.argmax(axis=0), np.arange(closed.shape[1])
-    own = gain[best, joints]
-    return Choice(np.where(own > 0, best, -1), own, closed[best, joints])
 
 
 def _trust(now: np.ndarray, reach: np.ndarray) -> Trust:

@@ -18,8 +18,8 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.set_up import look_at_set_up
 from gapscope.effects.applied import AppliedEffect
-from gapscope.ident.checks.troubleshooting import FOUND
 from gapscope.ident.identification import (
+    FOUND,
     Identification,
     IdentificationSettings,
     identify,

@@ -26,29 +26,36 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.trajectory import Fourier, urdf_limits
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.ident.estimators.by_name import METHODS, Given, method
-from gapscope.ident.estimators.experiment import Experiment
 from gapscope.ident.estimators.linear import (
+    Estimate,
     Estimator,
-    HuberLeastSquares,
-    MaximumLikelihood,
-    PartialUpdate,
-    Ridge,
-    TotalLeastSquares,
-    TruncatedSvd,
-    WeightedLeastSquares,
+    huber,
     joint_noise,
+    maximum_likelihood,
+    ordinary_least_squares,
+    partial_update,
     prior_spread,
+    ridge,
+    total_least_squares,
+    truncated_svd,
+    weighted_least_squares,
 )
-from gapscope.ident.estimators.physical import ConsistentSdp, LogCholesky, Possible
+from gapscope.ident.estimators.physical import (
+    Bodies,
+    log_cholesky,
+    possible_arm,
+    semidefinite,
+)
+from gapscope.ident.estimators.simulating import Experiment
 from gapscope.ident.intervals import held_out
 from gapscope.ident.model.base_parameters import (
     BaseParameters,
     base_parameters,
     structural_base,
 )
-from gapscope.ident.model.linear_problem import Problem, unit_warnings
 from gapscope.ident.model.physical_parameters import check_links, inconsistent
 from gapscope.ident.model.regressor import Regressor
+from gapscope.ident.samples import Problem, unit_warnings
 from gapscope.model.conditioning import low_pass
 
 PRIOR = 1.1 * TRUTH
@@ -66,34 +73,37 @@ class Claim:
 
 
 CLAIMS = {
-    "ols": Claim(WeightedLeastSquares(rounds=0), ("well conditioned",)),
+    "ols": Claim(ordinary_least_squares, ("well conditioned",)),
     "wls": Claim(
-        WeightedLeastSquares(),
+        weighted_least_squares,
         ("well conditioned", "noise per joint"),
         ("noise per joint",),
     ),
     "irls": Claim(
-        HuberLeastSquares(),
+        huber,
         ("well conditioned", "outliers", "noise per joint"),
         ("outliers",),
     ),
-    "ridge": Claim(Ridge(1e-9), ("well conditioned",), (), False),
+    "ridge": Claim(partial(ridge, choice=1e-9), ("well conditioned",), (), False),
     "ridge l-curve": Claim(
-        Ridge("l_curve"), ("ill conditioned",), ("ill conditioned",), False
+        partial(ridge, choice="l_curve"),
+        ("ill conditioned",),
+        ("ill conditioned",),
+        False,
     ),
-    "truncated svd": Claim(TruncatedSvd(), ("well conditioned",), (), False),
+    "truncated svd": Claim(truncated_svd, ("well conditioned",), (), False),
     "total least squares": Claim(
-        TotalLeastSquares(),
+        total_least_squares,
         ("well conditioned", "errors in variables"),
         ("errors in variables",),
     ),
     "maximum likelihood": Claim(
-        MaximumLikelihood(),
+        maximum_likelihood,
         ("well conditioned", "correlated noise", "noise per joint"),
         ("correlated noise", "noise per joint"),
     ),
     "partial update": Claim(
-        PartialUpdate(PRIOR),
+        partial(partial_update, prior=PRIOR),
         ("well conditioned", "noise per joint", "ill conditioned"),
         ("ill conditioned",),
         False,
@@ -107,9 +117,7 @@ HALVES = [(name, kind) for name, claim in CLAIMS.items() for kind in claim.halve
 def errors(estimator: Estimator, kind: str, runs: int = 5) -> np.ndarray:
     """Largest error of a parameter in each of some draws of a problem."""
     draws = [SOLVABLE[kind].make(np.random.default_rng(seed)) for seed in range(runs)]
-    return np.array(
-        [np.abs(estimator.estimate(draw).value - TRUTH).max() for draw in draws]
-    )
+    return np.array([np.abs(estimator(draw).value - TRUTH).max() for draw in draws])
 
 
 @pytest.mark.parametrize(("name", "kind"), RECOVERS)
@@ -122,8 +130,7 @@ def test_has_at_most_half_the_error_of_ordinary_least_squares(
     name: str, kind: str
 ) -> None:
     own, plain = (
-        errors(e, kind, 20)
-        for e in (CLAIMS[name].estimator, WeightedLeastSquares(rounds=0))
+        errors(e, kind, 20) for e in (CLAIMS[name].estimator, ordinary_least_squares)
     )
     assert np.median(own) < 0.5 * np.median(plain)
 
@@ -135,7 +142,7 @@ UNBIASED = [name for name in CLAIMS if name not in ("ridge l-curve",)]
 def test_stated_errors_are_those_seen_under_white_noise(name: str) -> None:
     """Over 60 draws the errors in units of the stated deviation have an RMS of 1, within what 240 values allow."""
     estimates = [
-        (CLAIMS[name].estimator.estimate(well_conditioned(np.random.default_rng(seed))))
+        (CLAIMS[name].estimator(well_conditioned(np.random.default_rng(seed))))
         for seed in range(60)
     ]
     scaled = np.array(
@@ -157,11 +164,11 @@ def small_motion(rng: np.random.Generator, reach: float, noise: float) -> Proble
 
 @pytest.mark.parametrize(
     "make",
-    [lambda prior: Ridge("motion", prior), TruncatedSvd],
+    [ridge, truncated_svd],
     ids=["ridge", "truncated svd"],
 )  # fmt: skip
 def test_held_out_motions_choose_what_another_motion_bears(
-    make: Callable[[np.ndarray], Estimator],
+    make: Callable[..., Estimate],
 ) -> None:
     """Of small motions least squares is far worse than the prior; this is not."""
     prior = TRUTH * np.array([1.1, 0.8, 1.2, 0.9])
@@ -172,55 +179,49 @@ def test_held_out_motions_choose_what_another_motion_bears(
 
     draws = [small_motion(np.random.default_rng(s), 0.05, 0.02) for s in range(6)]
     own, rows = (
-        [error(estimator.estimate(draw).value) for draw in draws]
-        for estimator in (make(prior), WeightedLeastSquares(rounds=0))
+        [error(estimator(draw).value) for draw in draws]
+        for estimator in (partial(make, prior=prior), ordinary_least_squares)
     )
     assert max(own) < 1.1 * error(prior) and np.median(own) < 0.8 * error(prior)
     assert max(rows) > 5 * error(prior)
     # what the samples determine is not pulled
     clear = well_conditioned(np.random.default_rng(0))
-    assert np.abs(make(prior).estimate(clear).value - TRUTH).max() < 0.02
+    assert np.abs(make(clear, prior).value - TRUTH).max() < 0.02
 
 
 def test_as_many_directions_as_asked() -> None:
     given = well_conditioned(np.random.default_rng(0))
-    estimate = TruncatedSvd(PRIOR, 0).estimate(given)
+    estimate = truncated_svd(given, PRIOR, 0)
     np.testing.assert_array_equal(estimate.value, PRIOR)
-    whole = TruncatedSvd(PRIOR, 4).estimate(given)
-    plain = WeightedLeastSquares(rounds=1).estimate(given)
+    whole = truncated_svd(given, PRIOR, 4)
+    plain = partial(weighted_least_squares, rounds=1)(given)
     np.testing.assert_allclose(whole.value, plain.value, atol=1e-9)
 
 
 class TestByHand:
     def test_line_through_three_points(self) -> None:
         """tau = 1, 2, 4 at w = 1, 2, 3: beta = 17 / 14, residual 21 - 17^2 / 14 = 5 / 14, variance 5 / 28 / 14."""
-        estimate = WeightedLeastSquares(rounds=0).estimate(
-            column([1.0, 2.0, 3.0], [1.0, 2.0, 4.0])
-        )
+        estimate = ordinary_least_squares(column([1.0, 2.0, 3.0], [1.0, 2.0, 4.0]))
         assert estimate.value[0] == pytest.approx(17 / 14)
         assert estimate.covariance[0, 0] == pytest.approx(5 / 28 / 14)
 
     def test_ridge_of_strength_one_halves(self) -> None:
         """beta = w.tau / (w.w (1 + lambda)); with a prior of 1 the difference to it is halved."""
         given = column([1.0, 2.0], [3.0, 1.0])
-        assert Ridge(1.0).estimate(given).value[0] == pytest.approx(0.5)
-        assert Ridge(1.0, np.array([2.0])).estimate(given).value[0] == pytest.approx(
-            1.5
-        )
+        assert ridge(given, choice=1.0).value[0] == pytest.approx(0.5)
+        assert ridge(given, np.array([2.0]), 1.0).value[0] == pytest.approx(1.5)
 
     def test_total_least_squares_of_a_line_is_its_principal_axis(self) -> None:
         """Points (2, 1), (1, 2), (-1, 1) and (1, -1): A^T A = [[7, 2], [2, 7]], principal axis (1, 1), slope 1."""
         w, tau = [2.0, 1.0, -1.0, 1.0], [1.0, 2.0, 1.0, -1.0]
-        estimate = TotalLeastSquares().estimate(column(w, tau))
+        estimate = total_least_squares(column(w, tau))
         assert estimate.value[0] == pytest.approx(1.0)
-        assert WeightedLeastSquares(rounds=0).estimate(column(w, tau)).value[
-            0
-        ] == pytest.approx(2 / 7)
+        assert ordinary_least_squares(column(w, tau)).value[0] == pytest.approx(2 / 7)
 
     def test_huber_mean_of_a_point_far_off(self) -> None:
         """Of 0, 1, ..., 10 and 1000 the Huber mean solves sum psi = 0: 5 + k s / 11, s the scale; far below 88."""
         tau = [*range(11), 1000.0]
-        estimate = HuberLeastSquares().estimate(_varied(tau))
+        estimate = huber(_varied(tau))
         scale = np.median(np.abs(np.array(tau) - estimate.value[0])) / 0.6745
         assert estimate.value[0] == pytest.approx(5 + 1.345 * scale / 11, rel=1e-4)
 
@@ -252,13 +253,13 @@ def test_what_cannot_be_solved_is_refused(claim: Claim, kind: str) -> None:
     if kind in ("too few", "columns that depend") and not claim.needs_rank:
         pytest.skip("it stays near a prior")
     with pytest.raises(InputError, match=message):
-        claim.estimator.estimate(make(np.random.default_rng(0)))
+        claim.estimator(make(np.random.default_rng(0)))
 
 
 def test_maximum_likelihood_with_fewer_samples_than_joints() -> None:
     W = np.random.default_rng(0).standard_normal((3, 3, 2))
     with pytest.raises(InputError, match="noise of 3 joints"):
-        MaximumLikelihood().estimate(problem(W, W @ np.ones(2)))
+        maximum_likelihood(problem(W, W @ np.ones(2)))
 
 
 @pytest.mark.parametrize(("factor", "size"), [(1000.0, "large"), (0.01, "small")])
@@ -270,8 +271,7 @@ def test_torque_in_another_unit_is_suspected_against_the_nominal_arm(
     assert f"suspiciously {size}" in unit_warnings(wrong, PRIOR)[0]
     assert unit_warnings(given, PRIOR) == ()
     assert any(
-        f"suspiciously {size}" in text
-        for text in PartialUpdate(PRIOR).estimate(wrong).warnings
+        f"suspiciously {size}" in text for text in partial_update(wrong, PRIOR).warnings
     )
 
 
@@ -304,11 +304,6 @@ class Small:
         W, group = Y[..., self.base.kept], np.zeros(samples, int)
         return Problem(W, torque, self.base.kept_names, group, 0.01)
 
-    def bodies(self, estimator: Possible, given: Problem) -> np.ndarray:
-        """All parameters that an estimator finds, (p,)."""
-        matrix, torque = given.stacked()
-        return estimator.bodies(matrix @ self.base.combination, torque)[0]
-
 
 @pytest.fixture(scope="module")
 def small() -> Small:
@@ -318,24 +313,33 @@ def small() -> Small:
     return Small(regressor, structural_base(regressor, np.random.default_rng(0)))
 
 
-MADE: dict[str, Callable[..., Possible]] = {
-    "sdp euclidean": ConsistentSdp,
-    "sdp entropic": partial(ConsistentSdp, entropic=True),
-    "log-cholesky": LogCholesky,
+BODIES: dict[str, Bodies] = {
+    "sdp euclidean": semidefinite,
+    "sdp entropic": partial(semidefinite, entropic=True),
+    "log-cholesky": log_cholesky,
 }
+EACH_BODIES = pytest.mark.parametrize("bodies", BODIES.values(), ids=BODIES)
 
 
-@pytest.fixture(params=MADE)
-def make(request: pytest.FixtureRequest, small: Small) -> Callable[..., Possible]:
+def near(small: Small, bodies: Bodies) -> Estimator:
+    """The estimator about 1.1 of the truth."""
     prior = 1.1 * small.regressor.nominal()
-    return partial(MADE[request.param], prior, small.base)
+    return partial(possible_arm, prior=prior, base=small.base, bodies=bodies)
 
 
+def bodies_of(small: Small, bodies: Bodies, given: Problem) -> np.ndarray:
+    """All parameters that are found about 1.1 of the truth, (p,)."""
+    matrix, torque = given.stacked()
+    prior = 1.1 * small.regressor.nominal()
+    return bodies(matrix @ small.base.combination, torque, prior, small.base.names)[0]
+
+
+@EACH_BODIES
 @pytest.mark.parametrize("noise", [0.1, 5.0])
 def test_bodies_are_physical_and_friction_is_not_negative(
-    small: Small, make: Callable[..., Possible], noise: float
+    small: Small, bodies: Bodies, noise: float
 ) -> None:
-    value = small.bodies(make(), small.sampled(noise, samples=60))
+    value = bodies_of(small, bodies, small.sampled(noise, samples=60))
     links = check_links(value[: 10 * LINKS])
     assert all(link.consistent and link.triangle for link in links)
     assert (value[10 * LINKS : 13 * LINKS] >= 0).all()
@@ -343,61 +347,62 @@ def test_bodies_are_physical_and_friction_is_not_negative(
 
 def test_ordinary_least_squares_gives_bodies_that_cannot_be(small: Small) -> None:
     """Otherwise the test above shows nothing: the same data, spread over standard parameters, give no bodies."""
-    beta = WeightedLeastSquares(rounds=0).estimate(small.sampled(3.0, samples=60)).value
+    beta = ordinary_least_squares(small.sampled(3.0, samples=60)).value
     value = small.base.nearest(beta, small.regressor.nominal())
     assert inconsistent(check_links(value[: 10 * LINKS]))
 
 
-def test_without_noise_the_torque_is_explained(
-    small: Small, make: Callable[..., Possible]
-) -> None:
+@EACH_BODIES
+def test_without_noise_the_torque_is_explained(small: Small, bodies: Bodies) -> None:
     given = small.sampled(0.0)
-    assert make().estimate(given).residual.max() < 0.01 * given.torque.std()
+    assert near(small, bodies)(given).residual.max() < 0.01 * given.torque.std()
 
 
+@EACH_BODIES
 def test_with_noise_other_torque_is_predicted_better_than_without_constraints(
-    small: Small, make: Callable[..., Possible]
+    small: Small, bodies: Bodies
 ) -> None:
     """On little and noisy data; mean over three draws of the RMSE on 200 other states."""
     other = small.sampled(0.0, seed=99)
     draws = [small.sampled(3.0, samples=30, seed=seed) for seed in range(3)]
     own, plain = (
-        np.mean([other.residual(e.estimate(d).value).std() for d in draws])
-        for e in (make(), WeightedLeastSquares(rounds=0))
+        np.mean([other.residual(estimator(d).value).std() for d in draws])
+        for estimator in (near(small, bodies), ordinary_least_squares)
     )
     assert own < 0.7 * plain
 
 
+@EACH_BODIES
 def test_what_data_do_not_tell_comes_from_the_prior(
-    small: Small, make: Callable[..., Possible]
+    small: Small, bodies: Bodies
 ) -> None:
     """The mass of link 1, about a vertical axis, never shows in the torque; its prior is 1.1 of the truth."""
-    given, prior = small.sampled(0.1), make().prior
-    assert small.bodies(make(), given)[0] == pytest.approx(prior[0], rel=0.1)
-    strong = small.bodies(make(weight=1e12), given)[: 10 * LINKS]
+    given, prior = small.sampled(0.1), 1.1 * small.regressor.nominal()
+    assert bodies_of(small, bodies, given)[0] == pytest.approx(prior[0], rel=0.1)
+    strong = bodies_of(small, partial(bodies, weight=1e12), given)[: 10 * LINKS]
     np.testing.assert_allclose(strong, prior[: 10 * LINKS], rtol=1e-2, atol=1e-2)
 
 
+@EACH_BODIES
 def test_parameters_that_data_tell_lie_within_their_stated_errors(
-    small: Small, make: Callable[..., Possible]
+    small: Small, bodies: Bodies
 ) -> None:
     """Friction and offsets, 9 of them: none further off than four deviations."""
-    found = make().estimate(small.sampled(1.0, 400))
+    found = near(small, bodies)(small.sampled(1.0, 400))
     truth = small.base.of(small.regressor.nominal())
     told = [name[0] in "bco" for name in small.base.kept_names]
     scaled = ((found.value - truth) / found.deviation)[told]
     assert sum(told) == 9 and np.abs(scaled).max() < 4.0
 
 
-def test_a_prior_that_is_no_body_and_another_unit_are_said(
-    small: Small, make: Callable[..., Possible]
-) -> None:
-    given = small.sampled(0.1)
+def test_a_prior_that_is_no_body_and_another_unit_are_said(small: Small) -> None:
+    given, prior = small.sampled(0.1), small.regressor.nominal()
     wrong = replace(given, torque=1e3 * given.torque)
-    assert "suspiciously large" in make().estimate(wrong).warnings[0]
-    make().prior[10] = -1.0
+    found = possible_arm(wrong, prior, small.base, log_cholesky)
+    assert "suspiciously large" in found.warnings[0]
+    prior[10] = -1.0
     with pytest.raises(InputError, match="the prior of link 2 is no physical body"):
-        make().estimate(given)
+        possible_arm(given, prior, small.base, log_cholesky)
 
 
 # Each estimator with the interval that belongs to it.
@@ -445,7 +450,7 @@ def test_intervals_hold_the_truth(name: str) -> None:
     for seed in range(40):
         given = of_three(seed)
         estimator = chosen.make(given_by(base))
-        estimate = estimator.estimate(given)
+        estimate = estimator(given)
         low, high = chosen.interval(given, estimator, estimate).interval(estimate.value)
         hits.append((low <= THREE) & (high >= THREE))
     assert 0.88 <= np.mean(hits) <= 1.0
@@ -461,9 +466,7 @@ def test_an_interval_is_its_own_estimators() -> None:
     for name in ("ols", "irls"):
         estimator = METHODS[name].make(given_by(base))
         width[name] = (
-            METHODS[name]
-            .interval(given, estimator, estimator.estimate(given))
-            .deviation
+            METHODS[name].interval(given, estimator, estimator(given)).deviation
         )
     assert (width["irls"] < 0.5 * width["ols"]).all()
 
@@ -548,8 +551,8 @@ def judged(transfer: Transfer, duration: float, seeds: range) -> dict[str, float
         )
         values = {
             "prior": transfer.prior,
-            "full refit": WeightedLeastSquares(rounds=0).estimate(given).value,
-            "partial update": PartialUpdate(transfer.prior).estimate(given).value,
+            "full refit": ordinary_least_squares(given).value,
+            "partial update": partial_update(given, transfer.prior).value,
         }
         for name, value in values.items():
             errors[name].append(float(np.sqrt((other.residual(value) ** 2).mean())))
@@ -567,11 +570,11 @@ def test_moves_the_influential_and_holds_the_rest(transfer: Transfer) -> None:
     """The friction of moving joints is told by the data; what is held keeps prior value and prior spread."""
     given = transfer.problem(3.0, NOISE, 0)
     spread = prior_spread(given, transfer.prior)
-    update = PartialUpdate(transfer.prior)
-    estimate = update.estimate(given)
-    moved = dict(zip(given.names, update.moved(estimate), strict=True))
+    estimate = partial_update(given, transfer.prior)
+    changed = estimate.value != transfer.prior
+    moved = dict(zip(given.names, changed, strict=True))
     assert all(moved[f"c{joint}"] for joint in (1, 2, 3, 4))
-    held = ~update.moved(estimate)
+    held = ~changed
     assert 0 < held.sum() < len(held)
     assert np.array_equal(estimate.value[held], transfer.prior[held])
     assert np.allclose(estimate.deviation[held], spread[held])
@@ -584,7 +587,7 @@ def test_one_parameter_by_hand() -> None:
     W[:4] = 1 + 1e-7
     tau = 3.0 + np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 0.0])[:, None]
     given = Problem(W, tau, ("c1",), np.zeros(9, int), 1.0)
-    estimate = PartialUpdate(np.ones(1)).estimate(given)
+    estimate = partial_update(given, np.ones(1))
     left = tau - estimate.value[0]
     variance = (left**2).mean() * 9 / 8
     found, expected = estimate.value[0], (1 + 27 / variance) / (1 + 9 / variance)
@@ -613,7 +616,7 @@ def test_the_estimate_is_that_of_weighted_equations(
     drawn: Problem,
 ) -> None:
     """By numpy's least squares, with the noise of the rounds before."""
-    found = WeightedLeastSquares().estimate(drawn)
+    found = weighted_least_squares(drawn)
     matrix, torque = drawn.stacked()
     beta = np.linalg.lstsq(matrix, torque, rcond=None)[0]
     for _ in range(2):
@@ -629,9 +632,9 @@ def test_the_estimate_is_that_of_weighted_equations(
 def test_held_out_groups_are_predicted_by_the_estimate_of_the_others(
     drawn: Problem,
 ) -> None:
-    residual = held_out(drawn, WeightedLeastSquares())
+    residual = held_out(drawn, weighted_least_squares)
     for group in range(3):
         own = drawn.group == group
-        value = WeightedLeastSquares().estimate(drawn.rows(~own)).value
+        value = weighted_least_squares(drawn.rows(~own)).value
         expected = drawn.rows(own).residual(value)
         np.testing.assert_allclose(residual[own], expected, rtol=1e-6)

@@ -16,20 +16,20 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.position_controller import position_controller
 from gapscope.envs.recorder import record
-from gapscope.ident.estimators.experiment import Experiment
-from gapscope.ident.estimators.linear import WeightedLeastSquares
+from gapscope.ident.estimators.linear import weighted_least_squares
 from gapscope.ident.estimators.simulating import (
-    DirectInverse,
-    InstrumentalVariables,
-    OutputError,
+    Experiment,
+    direct_inverse,
+    instrumental_variables,
+    output_error,
 )
 from gapscope.ident.model.base_parameters import structural_base
 from gapscope.ident.model.regressor import Regressor
 
 SIMULATING = {
-    "IDIM-IV": InstrumentalVariables,
-    "DIDIM": DirectInverse,
-    "output error": OutputError,
+    "IDIM-IV": instrumental_variables,
+    "DIDIM": direct_inverse,
+    "output error": output_error,
 }
 CENTRE = np.array([0.0, 0.6, -1.2])
 EFFECTS = (
@@ -116,7 +116,7 @@ def test_the_rolled_out_loop_repeats_a_recording_of_another_simulator(clean, wor
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SIMULATING)
 def test_parameters_are_recovered_from_a_clean_recording(clean, world, name):
-    estimate = SIMULATING[name](clean).estimate(clean.build(clean.recordings))
+    estimate = SIMULATING[name](clean.build(clean.recordings), clean)
     assert estimate.warnings == ()
     assert (miss(clean, estimate.value, world[3]) < 0.02).all()
     assert tuple(estimate.names) == tuple(clean.build(clean.recordings).names)
@@ -131,8 +131,8 @@ def test_encoder_noise_that_biases_least_squares_does_not_bias_them(
     clean, noisy, world, name
 ):
     problem = noisy.build(noisy.recordings)
-    plain = miss(clean, WeightedLeastSquares().estimate(problem).value, world[3])
-    estimate = SIMULATING[name](noisy).estimate(problem)
+    plain = miss(clean, weighted_least_squares(problem).value, world[3])
+    estimate = SIMULATING[name](problem, noisy)
     own = miss(clean, estimate.value, world[3])
     assert np.linalg.norm(own) < 0.6 * np.linalg.norm(plain)
     assert np.mean(np.abs(estimate.value - world[3]) < 3 * estimate.deviation) > 0.85
@@ -188,12 +188,10 @@ def test_an_arm_that_runs_away_ends_with_causes(clean, world, name):
     with pytest.raises(
         GapscopeError, match=r"(?s)diverged in iteration 0.*\(a\).*\(b\).*\(c\)"
     ):
-        SIMULATING[name](started).estimate(started.build(started.recordings))
+        SIMULATING[name](started.build(started.recordings), started)
 
 
 @pytest.mark.parametrize("name", ["IDIM-IV", "DIDIM"])
 def test_an_iteration_that_is_cut_short_says_that_it_did_not_settle(clean, name):
-    estimate = SIMULATING[name](clean, iterations=1).estimate(
-        clean.build(clean.recordings)
-    )
+    estimate = SIMULATING[name](clean.build(clean.recordings), clean, 1)
     assert any("did not settle: (a)" in warning for warning in estimate.warnings)

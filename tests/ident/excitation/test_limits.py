@@ -28,8 +28,7 @@ from gapscope.ident.excitation.design import (
     read_joint_trajectory,
     write_joint_trajectory,
 )
-from gapscope.ident.excitation.limits import Allowed, Checker
-from gapscope.ident.excitation.trajectory_search import Budget
+from gapscope.ident.excitation.trajectory_search import Allowed, Budget, Checker
 from gapscope.reports.trajectory import write_trajectory
 
 UP, DOWN = np.zeros(3), np.array([0.3, np.pi / 2 + 0.2, 0.0])

@@ -18,8 +18,8 @@ from gapscope.ident.identification import (
     identify,
 )
 from gapscope.ident.identification_json import check, document, plain
-from gapscope.ident.kalman import Kalman, Opening, follow, follow_states
-from gapscope.ident.model.linear_problem import Problem
+from gapscope.ident.kalman import follow, follow_states, kalman
+from gapscope.ident.samples import Problem
 
 # A filter over stretches: least squares without drift, friction that wanders, honest bands, jumps.
 
@@ -65,7 +65,7 @@ def test_last_estimate_without_drift_is_that_of_weighted_least_squares() -> None
 def test_intervals_hold_the_truth_under_coloured_noise() -> None:
     inside = []
     for seed in range(40):
-        estimate = Kalman().estimate(made(seed, correlation=0.8))
+        estimate = kalman(made(seed, correlation=0.8))
         inside.append(np.abs(estimate.value - TRUTH) < 1.96 * estimate.deviation)
     assert np.mean(inside) > 0.93
 
@@ -77,7 +77,7 @@ def test_friction_that_warms_up_is_followed_and_masses_stay() -> None:
     beta[:, 3] *= 1 + fading
     found = follow(made(1, beta))
     assert found.level > 0
-    ends = [rows.stop - 1 for rows in found.stretches.rows]
+    ends = [rows.stop - 1 for rows in found.rows]
     value, deviation = found.track.of("c1")
     late = len(ends) // 4
     error = np.abs(value - beta[ends, 3])[late:]
@@ -93,9 +93,9 @@ def test_an_opening_lets_the_estimate_jump() -> None:
     beta[moment:, 0] += 1.5
     problem = made(3, beta)
     covariance = np.diag([4.0, 0.0, 0.0, 0.0])
-    opened = follow(problem, [Opening(moment, covariance)])
+    opened = follow(problem, [(moment, covariance)])
     mass, deviation = opened.track.of("m1")
-    ends = np.array([rows.stop for rows in opened.stretches.rows])
+    ends = np.array([rows.stop for rows in opened.rows])
     before, after = mass[ends <= moment][-1], mass[-1]
     assert abs(before - TRUTH[0]) < 4 * deviation[ends <= moment][-1]
     assert abs(after - TRUTH[0] - 1.5) < 4 * deviation[-1]
@@ -170,7 +170,7 @@ def test_a_load_that_is_picked_up_is_told_with_moment_and_mass(case: Case) -> No
     assert abs(change["size"][0] - 1.5) < 0.15
     # the filter is told, and follows the arm from one load to the other
     (moved,) = result.filtered.moved
-    track, (before, after) = result.filtered.followed.track, _sides(result, MOMENT)
+    track, (before, after) = result.filtered.track, _sides(result, MOMENT)
     plainest = int(np.abs(moved / track.deviation[before]).argmax())
     change = track.value[after, plainest] - track.value[before, plainest]
     assert change == pytest.approx(moved[plainest], rel=0.3)

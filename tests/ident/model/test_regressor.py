@@ -18,12 +18,14 @@ from gapscope.effects.applied import AppliedEffect, drives_with
 from gapscope.effects.catalogue import of_quantity
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.model.friction import PULLS, choose
-from gapscope.ident.model.linear_problem import (
+from gapscope.ident.model.regressor import JOINT_COLUMNS, Regressor
+from gapscope.ident.samples import (
+    Band,
     FrictionLaw,
     ModelColumns,
+    Samples,
+    split,
 )
-from gapscope.ident.model.regressor import JOINT_COLUMNS, Regressor
-from gapscope.ident.samples import Band, Samples, split
 
 SHEET = {
     "armature": np.arange(1, 8) / 10,

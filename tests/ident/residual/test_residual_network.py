@@ -12,18 +12,14 @@ import toy
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
-from gapscope.effects.residual import Inputs, Layout, Network
+from gapscope.effects.residual import Inputs, Layout
 from gapscope.ident.residual.export import onnx_model
 from gapscope.ident.residual.fit import (
     GAINS,
-    Choice,
     Ensemble,
-    Folds,
-    ResidualRows,
     ResidualSettings,
     fit_additive,
     fit_residual,
-    make_folds,
     rows_of,
     settled,
     shares_closed,
@@ -216,9 +212,8 @@ def test_the_onnx_model_says_how_its_windows_are_made(tmp_path) -> None:
 
 def test_shares_are_of_each_groups_own_squares() -> None:
     group = np.repeat([0, 1], 4)
-    folds = Folds(group, np.stack([group == 0, group == 1]), np.zeros(0), np.zeros(0))
     residual = np.array([[1.0]] * 4 + [[10.0]] * 4)
-    shares = shares_closed(folds, residual, np.ones((8, 1)))
+    shares = shares_closed(group, residual, np.ones((8, 1)))
     assert np.allclose(shares[:, 0, -1], [1.0, 1.0 - 0.9**2])
     assert np.allclose(shares[0, 0], 1.0 - (1.0 - GAINS) ** 2)
 
@@ -233,22 +228,15 @@ def test_strict_judgement_silences_what_one_recording_does_not_need() -> None:
 
 
 def test_the_judgement_is_repeated_until_nothing_changes() -> None:
-    rows, folds, network = _fitted()
-    # joint 2 has nothing to learn; it has to be silenced, and joint 1 judged without it
-    both = Choice(np.zeros(2, int), np.ones(2), np.ones(2))
-    hidden = [network.hidden(rows.windows)]
-    choice = settled(both, [network], hidden, rows, folds)
-    assert choice.chosen.tolist() == [0, -1]
-    assert choice.closed[0] > 0.4 and 0.6 < choice.gain[0] <= 1.0
-    assert choice.gain[1] == choice.closed[1] == 0.0
-    again = settled(choice, [network], hidden, rows, folds)
-    assert all(np.array_equal(a, b) for a, b in zip(choice, again, strict=True))
-
-
-def _fitted() -> tuple[ResidualRows, Folds, Network]:
-    """An additive network of three toy trajectories, before it is kept apart."""
     settings = toy.quick()
     rows = rows_of([toy.trajectory(k) for k in range(3)], settings)
-    folds = make_folds(rows, settings.members)
-    network = fit_additive(rows, folds, 0)
-    return rows, folds, network
+    network = fit_additive(rows, 0)
+    # joint 2 has nothing to learn; it has to be silenced, and joint 1 judged without it
+    hidden = [network.hidden(rows.windows)]
+    found = settled(np.zeros(2, int), np.ones(2), [network], hidden, rows)
+    chosen, gain, closed = found
+    assert chosen.tolist() == [0, -1]
+    assert closed[0] > 0.4 and 0.6 < gain[0] <= 1.0
+    assert gain[1] == closed[1] == 0.0
+    again = settled(chosen, gain, [network], hidden, rows)
+    assert all(np.array_equal(a, b) for a, b in zip(found, again, strict=True))

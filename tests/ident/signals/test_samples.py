@@ -10,8 +10,7 @@ from arms import tooled_panda
 from cases import panda_recording
 
 from gapscope.ident import samples as module
-from gapscope.ident.model.linear_problem import FrictionLaw, ModelColumns
-from gapscope.ident.samples import Band, SampleCount, Samples
+from gapscope.ident.samples import Band, FrictionLaw, ModelColumns, SampleCount, Samples
 
 BAND = Band(10.0)
 
@@ -40,9 +39,10 @@ def test_blocks_hold_the_same_samples(monkeypatch: pytest.MonkeyPatch) -> None:
     assert abs(len(cut.torque) - len(whole.torque)) <= len(cut.segments)
 
 
-def test_long_recordings_are_thinned_further() -> None:
+def test_long_recordings_are_thinned_further(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "MOST", 100)
     segments = BAND.segments([panda_recording("a.csv", 3)])
-    bounded = BAND.bounded(segments, most=100)
+    bounded = BAND.bounded(segments)
     few = Samples(ModelColumns(tooled_panda()), segments, bounded)
     assert len(few.torque) <= 100
     whole = made()
@@ -84,7 +84,7 @@ def test_torque_at_its_limit_does_not_count() -> None:
 
 
 FEW = SampleCount(
-    seconds=4.0, bandwidth=np.array([1.0, 2.0]), independent=24.0, parameters=24
+    seconds=4.0, bandwidth=np.array([1.0, 2.0]), independent=24.0, per_parameter=1.0
 )
 
 

@@ -12,26 +12,19 @@ from sweeps import daily
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
 from gapscope.ident.estimators.by_name import method
-from gapscope.ident.estimators.linear import (
-    MaximumLikelihood,
-    WeightedLeastSquares,
-)
-from gapscope.ident.examination import (
-    band_correlation,
-    errors,
-    validate,
-    whiteness,
-)
+from gapscope.ident.estimators.linear import ordinary_least_squares
+from gapscope.ident.identification import errors, validate
 from gapscope.ident.intervals import (
+    band_correlation,
     block_jackknife,
     block_length,
     compare_groups,
     held_out,
     model_error,
     torque_interval,
+    whiteness,
 )
-from gapscope.ident.model.linear_problem import Problem
-from gapscope.ident.samples import Band
+from gapscope.ident.samples import Band, Problem
 from gapscope.model.conditioning import Segment, low_pass
 
 BETA = np.array([2.0, -1.0, 0.5, 3.0])
@@ -96,21 +89,19 @@ def holds(problem: Problem, name: str) -> np.ndarray:
     """Which parameters are within the interval of a method of ``identify``."""
     used = method(name)
     # least squares needs neither base nor nominal arm
-    estimator = {"wls": WeightedLeastSquares, "maximum_likelihood": MaximumLikelihood}[
-        name
-    ]()
-    estimate = estimator.estimate(problem)
+    estimator = used.make(None)  # type: ignore[arg-type]
+    estimate = estimator(problem)
     lower, upper = used.interval(problem, estimator, estimate).interval(estimate.value)
     return (lower <= BETA) & (upper >= BETA)
 
 
 def test_jackknife_leaves_out_each_block_in_turn() -> None:
     given = drawn(2)
-    beta = WeightedLeastSquares(rounds=0).estimate(given).value
+    beta = ordinary_least_squares(given).value
     length = SAMPLES // GROUPS
     left_out = np.array(
         [
-            WeightedLeastSquares(rounds=0).estimate(given.rows(given.group != g)).value
+            ordinary_least_squares(given.rows(given.group != g)).value
             for g in range(GROUPS)
         ]
     )
@@ -152,10 +143,10 @@ class TestModelError:
         hits, bare, warned = [], [], []
         for seed in range(runs):
             given, other, torque = self.pair(seed, size)
-            estimate = WeightedLeastSquares(rounds=0).estimate(given)
+            estimate = ordinary_least_squares(given)
             interval = torque_interval(
                 given,
-                WeightedLeastSquares(rounds=0),
+                ordinary_least_squares,
                 block_jackknife(given, estimate.value),
                 cutoff=5.0,
             )
@@ -163,7 +154,7 @@ class TestModelError:
             hits.append((error <= interval.half_width(other))[:, 0].mean())
             own = np.einsum("ijb,bc,ijc->ij", other, estimate.covariance, other)
             bare.append((error <= 1.96 * np.sqrt(own))[:, 0].mean())
-            warned.append(bool(interval.warnings))
+            warned.append(bool(interval.error.warnings()))
         return float(np.mean(hits)), float(np.mean(bare)), float(np.mean(warned))
 
     def test_predicted_torque_stays_within_its_interval_and_every_run_warns(
@@ -181,9 +172,7 @@ class TestModelError:
 
     def test_names_the_joint_and_the_size_of_the_noise(self) -> None:
         given, _, _ = self.pair(0, 0.5)
-        error = model_error(
-            given, held_out(given, WeightedLeastSquares(rounds=0)), cutoff=5.0
-        )
+        error = model_error(given, held_out(given, ordinary_least_squares), cutoff=5.0)
         assert error.found[0] == 1 and error.p_value[0] < error.p_value[1]
         assert (
             error.systematic[0] > error.systematic[1]
@@ -206,7 +195,7 @@ def test_intervals_count_a_form_that_repeats_with_the_motion() -> None:
         functions = np.cos(state * np.arange(1.0, 6.0) + np.arange(5.0))
         lacking = 0.3 * functions @ rng.standard_normal(5)
         given = recorded(rng, W, 0.01 * filtered(rng), lacking)
-        beta = WeightedLeastSquares(rounds=0).estimate(given).value
+        beta = ordinary_least_squares(given).value
         for name, forms in (("blocks", ()), ("form", (functions,))):
             uncertainty = block_jackknife(replace(given, forms=forms), beta)
             lower, upper = uncertainty.interval(beta)
@@ -229,14 +218,14 @@ def test_few_samples_are_not_taken_for_an_effect_that_is_lacking() -> None:
         W = W * (0.02 + np.eye(4)[np.arange(160) * 4 // 160])[:, None, :]
         noise = low_pass(rng.standard_normal((560, 2)), 1 / INTERVAL, 5.0)[200:-200]
         given = recorded(rng, W, 0.1 * noise / noise.std())
-        estimate = WeightedLeastSquares(rounds=0).estimate(given)
+        estimate = ordinary_least_squares(given)
         interval = torque_interval(
             given,
-            WeightedLeastSquares(rounds=0),
+            ordinary_least_squares,
             block_jackknife(given, estimate.value),
             5.0,
         )
-        warned.append(bool(interval.warnings))
+        warned.append(bool(interval.error.warnings()))
     assert not any(warned)
 
 
@@ -281,9 +270,7 @@ def compared(
     missing: float, *, repeat: bool, runs: int = 20
 ) -> tuple[list[str], np.ndarray]:
     found = [
-        compare_groups(
-            groups(seed, missing, repeat=repeat), WeightedLeastSquares(rounds=0)
-        )
+        compare_groups(groups(seed, missing, repeat=repeat), ordinary_least_squares)
         for seed in range(runs)
     ]
     return [one.verdict for one in found], np.array([one.ratio for one in found])
@@ -300,9 +287,9 @@ def test_a_missing_effect_makes_groups_of_different_motion_differ() -> None:
     verdicts, ratio = compared(0.3, repeat=False)
     assert set(verdicts) == {"model error that differs between groups"}
     assert np.median(ratio) > 3
-    one = compare_groups(groups(0, 0.3, repeat=False), WeightedLeastSquares(rounds=0))
-    assert "bias that changes with the motion" in one.warnings[0]
-    assert (one.between > 2 * one.stated).any()
+    one = compare_groups(groups(0, 0.3, repeat=False), ordinary_least_squares)
+    assert "bias that changes with the motion" in one.meaning
+    assert (one.std_between**2 > 2 * one.stated_std**2).any()
 
 
 def test_a_missing_effect_repeats_with_the_motion() -> None:
@@ -316,7 +303,7 @@ def test_a_group_that_is_too_short_is_named() -> None:
     group = np.r_[np.zeros(len(given.torque) - 1, int), 1]
     uneven = Problem(given.matrix, given.torque, given.names, group, INTERVAL)
     with pytest.raises(InputError, match="group 2.*too few"):
-        compare_groups(uneven, WeightedLeastSquares(rounds=0))
+        compare_groups(uneven, ordinary_least_squares)
 
 
 # Errors of a prediction, and whether what is left is noise.

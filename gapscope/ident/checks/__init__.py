@@ -1,1 +1,0 @@
-"""Checks of recordings and fits, each with a remedy."""
