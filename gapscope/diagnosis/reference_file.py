@@ -46,8 +46,7 @@ from gapscope.diagnosis.setup_faults.found_fault import repaired
 from gapscope.ident.identification_json import urdf_text
 from gapscope.ident.model.physical_parameters import nearest_possible
 from gapscope.model.design import BODIES, FreeArm, design, fitted_arm
-from gapscope.model.equations import Equations
-from gapscope.model.form_error import learn
+from gapscope.model.equations import Equations, learn
 from gapscope.model.rows import Rows
 from gapscope.model.terms import Terms
 

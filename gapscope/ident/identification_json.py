@@ -36,7 +36,7 @@ from gapscope.ident.kalman import FilterReview, StatesAndFriction, Track
 from gapscope.ident.model.base_parameters import TINY
 from gapscope.ident.model.friction import PULLS
 from gapscope.ident.model.physical_parameters import LinkCheck
-from gapscope.model.change_findings import change_findings
+from gapscope.model.changes import change_findings
 
 # The document of an identification, with what was examined and filtered.
 

@@ -16,8 +16,8 @@ from gapscope.arm.recording import Recording
 from gapscope.ident.model.base_parameters import TINY
 from gapscope.ident.model.linear_problem import FrictionLaw, ModelColumns, Problem
 from gapscope.model.conditioning import Segment, blocks, condition, low_pass
-from gapscope.model.decimated_segments import low_passed_rows
 from gapscope.model.effective_samples import band_samples, group_slices
+from gapscope.model.rows import low_passed_rows
 
 # The samples of the pipeline: segments with torque, both sides of tau = W x through the same filter.
 

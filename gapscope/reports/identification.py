@@ -35,7 +35,7 @@ from gapscope.ident.identification_json import (
     write_document,
 )
 from gapscope.ident.kalman import FilterReview
-from gapscope.model.change_findings import change_findings, change_text
+from gapscope.model.changes import change_findings, change_text
 from gapscope.reports.diagnosis import encode, keep_extremes
 from gapscope.reports.pages import percent_with_decimal, terminal_table, write_html
 

@@ -15,8 +15,7 @@ from gapscope.ident.fitted_parameters import FittedParameters
 from gapscope.ident.model.base_parameters import TINY, Factor, condition_number
 from gapscope.ident.model.joint_zero import JointZeros
 from gapscope.ident.model.physical_parameters import inconsistent
-from gapscope.model.change_findings import change_findings, change_text
-from gapscope.model.changes import Change
+from gapscope.model.changes import Change, change_findings, change_text
 from gapscope.model.effective_samples import group_slices, variance_inflation
 
 # The troubleshooting table: symptom, cause, check, remedy, filled in from the data.
