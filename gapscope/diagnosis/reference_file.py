@@ -117,7 +117,9 @@ def possible_arm(
         remainder,
         np.sqrt(np.maximum(lacking, 0.0) / count),
         float(
-            (nominal + free.increments.ravel()) @ of_all / max(nominal @ of_all, 1e-12)
+            (nominal + free.increments.ravel())
+            @ of_all
+            / max(nominal @ of_all, np.finfo(float).tiny)
         ),
     )
 

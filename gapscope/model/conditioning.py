@@ -441,14 +441,15 @@ def _segment(recording: Recording, span: slice, cutoffs: np.ndarray) -> Segment:
         filtered = _anti_aliased(regular, rate, step)
         return None if filtered is None else filtered[::step]
 
+    steps = None if recording.tau is None else torque_step(recording.tau)
     return Segment(
         recording=recording.name,
         motion=motion,
         torque=on_grid(recording.tau),
         torque_sensor=on_grid(recording.tau_sensor),
         payload=recording.payload,
-        unknown=unknown_torque(recording, span, grid),
-        torque_step=torque_steps(recording),
+        unknown=_unknown_torque(recording, span, grid),
+        torque_step=steps if np.any(steps) else None,
         temperature=on_grid(recording.temperature),
     )
 
@@ -462,10 +463,7 @@ def _anti_aliased(
     return low_pass(series, rate, 0.4 * rate / step)
 
 
-# How well a torque was measured: where it was not, and in which steps.
-
-
-def unknown_torque(
+def _unknown_torque(
     recording: Recording, span: slice, grid: np.ndarray
 ) -> np.ndarray | None:
     """Which torques of a piece were not measured, or are mixed with such by filters; ``None`` if all were.
@@ -488,11 +486,3 @@ def unknown_torque(
     widened = maximum_filter1d(held.astype(np.uint8), 2 * near + 1, axis=0)
     places = np.clip(np.searchsorted(t, grid), 0, len(t) - 1)
     return np.asarray(widened[places] > 0)
-
-
-def torque_steps(recording: Recording) -> np.ndarray | None:
-    """Steps in which a recording's torque comes [N m], (n,), 0 for none; ``None`` if no joint's has any."""
-    if recording.tau is None:
-        return None
-    steps = torque_step(recording.tau)
-    return steps if steps.any() else None

@@ -41,6 +41,23 @@ class Cell:
     power: float
     count: float
 
+    @classmethod
+    def of(cls, design: Design, j: int, rows: np.ndarray) -> Cell:
+        """The sums of some rows of a motion, on a joint from 0."""
+        x, y, trust = design.columns[j][rows], design.gap[rows, j], design.rows.trust
+        root = x if len(x) <= x.shape[1] else np.asarray(np.linalg.qr(x, mode="r"))
+        count = trust[rows, j]
+        return cls(
+            motion=int(design.rows.motion[rows[0]]),
+            group=int(design.rows.group[rows[0]]),
+            recording=int(design.rows.recording[rows[0]]),
+            rows=rows,
+            root=root,
+            right=x.T @ y,
+            power=float(y @ y),
+            count=float(count @ count),
+        )
+
     @property
     def gram(self) -> np.ndarray:
         """X^T X, (p, p)."""
@@ -73,28 +90,11 @@ class Equations:
         rows = design.rows
         numbers = np.column_stack([rows.motion, rows.group])
         members = [
-            (
-                motion,
-                group,
-                np.flatnonzero((rows.motion == motion) & (rows.group == group)),
-            )
-            for motion, group in np.unique(numbers[~rows.set_aside], axis=0).tolist()
+            np.flatnonzero((numbers == pair).all(axis=1))
+            for pair in np.unique(numbers[~rows.set_aside], axis=0)
         ]
-        cells = [
-            [
-                _cell(
-                    motion,
-                    group,
-                    int(rows.recording[own[0]]),
-                    own,
-                    x[own],
-                    design.gap[own, j],
-                    rows.trust[own, j],
-                )
-                for motion, group, own in members
-            ]
-            for j, x in enumerate(design.columns)
-        ]
+        joints = range(len(design.columns))
+        cells = [[Cell.of(design, j, own) for own in members] for j in joints]
         made = cls(design, cells, noise2)
         for j, own in enumerate(cells):
             for cell in own:
@@ -108,20 +108,6 @@ class Equations:
         for (joint, place), passed in self.design.noisy.items():
             if joint == j:
                 right[place] -= self.noise2[j] * passed[rows].sum()
-
-
-def _cell(
-    motion: int,
-    group: int,
-    recording: int,
-    rows: np.ndarray,
-    x: np.ndarray,
-    y: np.ndarray,
-    trust: np.ndarray,
-) -> Cell:
-    power, count = float(y @ y), float(trust @ trust)
-    root = x if len(x) <= x.shape[1] else np.asarray(np.linalg.qr(x, mode="r"))
-    return Cell(motion, group, recording, rows, root, x.T @ y, power, count)
 
 
 def lower(matrix: np.ndarray) -> np.ndarray:
