@@ -23,8 +23,7 @@ from common import command_line
 from gapscope.arm.case import load_case
 from gapscope.arm.io.formats.table_files import read_csv
 from gapscope.arm.io.load_recording import load_recording
-from gapscope.model.conditioning import TORQUE_CUTOFF, TRIM, low_pass
-from gapscope.model.torque_gap import torque_scale
+from gapscope.model.conditioning import TORQUE_CUTOFF, TRIM, low_pass, torque_scale
 
 ROOT = Path(__file__).resolve().parents[1]
 GAPSCOPE = [sys.executable, "-m", "gapscope"]

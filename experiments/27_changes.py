@@ -37,12 +37,12 @@ from gapscope.blind_check.generator.law import Cause
 from gapscope.blind_check.generator.laws import LAWS
 from gapscope.blind_check.generator.simulate import Conditions
 from gapscope.blind_check.generator.true_arm import Columns, TrueArm
-from gapscope.model.change_findings import (
+from gapscope.model.changes import (
     PAYLOAD,
     PLAIN_FRICTION,
     change_findings,
+    changes_of,
 )
-from gapscope.model.changes import changes_of
 
 CASES = Path(__file__).parent / "cases"
 REAL = (

@@ -307,7 +307,7 @@ def agree(out: Path, data: Path) -> None:
     for leg in LEGS:
         case, _ = of_leg(leg, data, out)
         found = agreement(case)
-        differing = [line.quantity.name for line in found.having(DIFFERS)]
+        differing = [line.name for line in found.having(DIFFERS)]
         cells = (
             str(len(found.having(AGREES))),
             ", ".join(differing) or "–",
@@ -324,7 +324,7 @@ def scatter(found: Agreement, quantity: str) -> str:
     """Deviation of a quantity from repeat to repeat over its mean, joint by joint [%]."""
     texts = []
     for line in found.parameters:
-        if line.quantity.name.startswith(quantity):
+        if line.name.startswith(quantity):
             value = line.values.value
             share = 100 * value.std(ddof=1) / abs(value.mean())
             texts.append(f"{share:.1f}" if np.isfinite(share) else "–")

@@ -40,8 +40,9 @@ from gapscope.model.conditioning import (
     condition,
     low_pass,
     position_cutoff,
+    torque_scale,
 )
-from gapscope.model.torque_gap import torque_gap, torque_scale
+from gapscope.model.torque_gap import torque_gap
 
 
 def write_piece(case: Case, folder: Path) -> None:

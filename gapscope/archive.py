@@ -16,7 +16,7 @@ from gapscope.arm.errors import InputError
 from gapscope.diagnosis.document.diagnosis_json import read_document
 from gapscope.diagnosis.document.numbers import Number, numbers_of
 from gapscope.diagnosis.document.wording import acts_on, parameter_texts
-from gapscope.model.change_findings import change_text
+from gapscope.model.changes import change_text
 
 # Dates in the names of folders and cases.
 

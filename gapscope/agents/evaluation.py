@@ -40,7 +40,7 @@ from gapscope.envs.arguments import positive
 from gapscope.envs.engines import check_engine, default_engine
 from gapscope.envs.position_controller import loop_inertia
 from gapscope.envs.simulated_arm import SimulatedArm
-from gapscope.model.torque_gap import torque_scale
+from gapscope.model.conditioning import torque_scale
 
 DISTURBANCES = ("none", "push", "noise")
 """``push``: a force on the tool; ``noise``: white noise on the encoders."""

@@ -22,7 +22,7 @@ from gapscope.envs.divergence import diverged
 from gapscope.envs.position_controller import VELOCITY_CUTOFF, VELOCITY_DAMPING
 from gapscope.envs.reward import Reward
 from gapscope.envs.simulated_arm import SimulatedArm
-from gapscope.model.torque_gap import torque_scale
+from gapscope.model.conditioning import torque_scale
 
 SETTLE = 0.5
 """The start of the reference is held for this long before t = 0 [s]."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -144,7 +144,7 @@ def explain(
         left[one.name] = _remainder(x, weight, line)
     shares = {name: 1.0 - rest / total for name, rest in left.items()}
     changed = tuple(left)
-    if len(among) < 3:
+    if len(among) <= 2:
         return Explanation((), None, shares, changed)
     apart = {}
     for place, number in enumerate(among.tolist()):
@@ -163,7 +163,7 @@ def explain(
 def _relative_change(one: Covariate, among: np.ndarray) -> float:
     """Range over mean [1]; of times and temperatures, whose zero is arbitrary, below those of the others."""
     value = one.value[among]
-    change = float(np.ptp(value) / max(np.abs(value).mean(), 1e-300))
+    change = float(np.ptp(value) / max(np.abs(value).mean(), np.finfo(float).tiny))
     return change if one.name in (SPEED, LOAD) else min(change, COVARIATE_CHANGE)
 
 
@@ -198,67 +198,74 @@ TOLD = 0.05
 
 
 @dataclass(frozen=True)
-class Quantity:
-    """What may have another value in each recording.
-
-    Attributes:
-        key: short name, ``c2``, ``load`` or ``gain2``.
-        name: in words.
-        unit: of its value.
-        joint: from 1; ``None`` if it acts on several.
-        term: of which the first coordinate is its value.
-    """
-
-    key: str
-    name: str
-    unit: str
-    joint: int | None
-    term: Term
-
-
-@dataclass(frozen=True)
-class RecordingValues:
-    """A quantity's values in each recording; nan in a recording that does not determine it.
-
-    Attributes:
-        value: (R,).
-        std: (R,).
-        parameters: of the effect, by name, in each recording that has some of its own; but for friction beside those
-            that have none.
-    """
-
-    value: np.ndarray
-    std: np.ndarray
-    parameters: tuple[dict[str, np.ndarray], ...]
-
-
-@dataclass(frozen=True)
 class ParameterAgreement:
     """One parameter in R recordings.
 
     Attributes:
-        quantity: what it is.
+        term: of which the first coordinate is its value.
         verdict: ``agrees``, ``differs``, or ``not determined`` by two recordings.
         p: probability that all recordings have one value [1]; ``None`` if it was not tested.
         information: square of what tells the value over the variance that each recording leaves [1], (R,).
-        values: in each recording.
+        value, std: in each recording, (R,); the deviation is not a number in one that does not determine it, nor is the
+            value.
+        parameters: of the effect, by name, in each recording that has some of its own; but for friction beside those
+            that have none.
+        covariates: of the recordings, as this parameter sees them.
         birge: sqrt(Q / (k - 1)) of the k values that are determined [1]; ``None`` if not tested. Source: cochran1954.
         trusted: value and deviation, widened by the Birge ratio if that exceeds 1; ``None`` if there is none to trust.
-        covariates: of the recordings, as this parameter sees them.
         explanation: what the difference goes with; ``None`` if there is none.
-        alternatives: keys of other quantities that would explain the difference about as well.
+        alternatives: other terms that would explain the difference about as well.
     """
 
-    quantity: Quantity
+    term: Term
     verdict: str
     p: float | None
     information: np.ndarray
-    values: RecordingValues
-    birge: float | None
-    trusted: tuple[float, float] | None
+    value: np.ndarray
+    std: np.ndarray
+    parameters: tuple[dict[str, np.ndarray], ...]
     covariates: tuple[Covariate, ...]
-    explanation: Explanation | None
-    alternatives: tuple[str, ...]
+    birge: float | None = None
+    trusted: tuple[float, float] | None = None
+    explanation: Explanation | None = None
+    alternatives: tuple[Term, ...] = ()
+
+    @property
+    def _called(self) -> tuple[str, str]:
+        """Key and name of its effect by its quantity, or by its own name."""
+        plain = self.term.effect, effect_name(self.term.effect)
+        quantity = "".join(self.term.definition.quantities.values())
+        return SHORT.get(quantity, plain) if self.term.joint else plain
+
+    @property
+    def key(self) -> str:
+        """Short name: ``c2``, ``load`` or ``gain2``."""
+        key, _ = self._called
+        return LAST_LOAD if self.term.is_load else f"{key}{self.term.joint or ''}"
+
+    @property
+    def name(self) -> str:
+        """In words."""
+        joint, (_, name) = self.term.joint, self._called
+        if self.term.is_load:
+            return "load on the last link"
+        place = "motor" if self.term.definition.reach == "motor" else "joint"
+        return f"{name} of {place} {joint}" if joint else name
+
+    @property
+    def unit(self) -> str:
+        """Unit of its value."""
+        return self.term.definition.parameters[0].unit
+
+    @property
+    def joint(self) -> int | None:
+        """Its joint from 1; ``None`` if it acts on several."""
+        return self.term.joint or None
+
+    @property
+    def among(self) -> np.ndarray:
+        """Numbers of the recordings that determine it."""
+        return np.flatnonzero(np.isfinite(self.std))
 
 
 @dataclass(frozen=True)
@@ -287,7 +294,7 @@ class Agreement:
 
     def own(self, number: int) -> list[Candidate]:
         """What a recording has of its own, of what differs."""
-        differing = {line.quantity.term for line in self.having(DIFFERS)}
+        differing = {line.term for line in self.having(DIFFERS)}
         mine = [] if self.found is None else self.found.fit.mine
         return [one for one in mine if one.has(number) and one.term in differing]
 
@@ -365,74 +372,55 @@ def _labels(recordings: tuple[Recording, ...]) -> tuple[str, ...]:
     )
 
 
-def quantities(found: Difference) -> tuple[Quantity, ...]:
-    """What is compared: all that may change on an arm that stays as it was built, joint by joint, the load last."""
+def _lines(
+    recordings: Sequence[Recording], found: Difference
+) -> tuple[ParameterAgreement, ...]:
+    """Verdicts on all that may change on an arm that stays as it was built, joint by joint, what differs first."""
     terms = [
         term
         for term in found.fit.contrast.design.places
         if not (lasts(term) or term.parametrisation.nonlinear)
     ]
-    every = [_quantity(term) for term in terms]
-    return tuple(sorted(every, key=lambda one: (one.joint is None, one.joint or 0)))
-
-
-def _quantity(term: Term) -> Quantity:
-    unit = term.definition.parameters[0].unit
-    if term.is_load:
-        return Quantity(LAST_LOAD, "load on the last link", unit, None, term)
-    plain = term.effect, effect_name(term.effect)
-    quantity = "".join(term.definition.quantities.values())
-    short, name = SHORT.get(quantity, plain) if term.joint else plain
-    if not term.joint:
-        return Quantity(short, name, unit, None, term)
-    place = "motor" if term.definition.reach == "motor" else "joint"
-    name = f"{name} of {place} {term.joint}"
-    return Quantity(f"{short}{term.joint}", name, unit, term.joint, term)
-
-
-def _lines(
-    recordings: Sequence[Recording], found: Difference
-) -> tuple[ParameterAgreement, ...]:
-    """Verdicts on all quantities, what differs first."""
-    every = quantities(found)
-    keys = {one.term: one.key for one in every}
-    lines = [_line(recordings, found, one, keys) for one in every]
+    # the load last
+    terms.sort(key=lambda term: (not term.joint, term.joint))
+    lines = [_line(recordings, found, term) for term in terms]
     return tuple(sorted(lines, key=lambda line: line.verdict != DIFFERS))
 
 
 def _line(
-    recordings: Sequence[Recording],
-    found: Difference,
-    one: Quantity,
-    keys: Mapping[Term, str],
+    recordings: Sequence[Recording], found: Difference, term: Term
 ) -> ParameterAgreement:
-    """Verdict on one quantity, all others as the search has them."""
-    probability = found.probabilities_of(lambda c: c.term).get(one.term, 0.0)
+    """Verdict on one parameter, all others as the search has them."""
+    probability = found.probabilities_of(lambda c: c.term).get(term, 0.0)
     differs = probability >= NAMED_PROBABILITY
-    values, information = _values(found, one)
-    there = covariates(recordings, found.fit.contrast.design.rows, one.joint)
-    among = np.flatnonzero(np.isfinite(values.std))
-    if len(among) < 2:
-        verdict = DIFFERS if differs else NOT_DETERMINED
-        return ParameterAgreement(
-            one, verdict, None, information, values, None, None, there, None, ()
-        )
-    value, std = values.value[among], values.std[among]
-    trusted, birge = _weighted_mean(value, std)
-    others = _alternatives(found, one.term) if differs else ()
-    return ParameterAgreement(
-        quantity=one,
-        verdict=DIFFERS if differs else AGREES,
-        p=1.0 - probability,
+    rows = found.fit.contrast.design.rows
+    value, std, parameters, information = _values(found, term)
+    line = ParameterAgreement(
+        term=term,
+        verdict=DIFFERS if differs else NOT_DETERMINED,
+        p=None,
         information=information,
-        values=values,
-        birge=birge,
-        trusted=None if differs else trusted,
-        covariates=there,
-        explanation=explain(values.value, values.std, among, there)
-        if differs
-        else None,
-        alternatives=tuple(keys[term] for term in others if term in keys),
+        value=value,
+        std=std,
+        parameters=parameters,
+        covariates=covariates(recordings, rows, term.joint or None),
+    )
+    among = line.among
+    if len(among) < 2:
+        return line
+    # the mean by weights 1 / std^2, its deviation widened by the Birge ratio if that exceeds 1
+    x, weight = value[among], std[among] ** -2.0
+    mean = float((weight * x).sum() / weight.sum())
+    scatter = float((weight * (x - mean) ** 2).sum())
+    birge = float(np.sqrt(scatter / (len(x) - 1)))
+    line = replace(line, p=1.0 - probability, birge=birge)
+    if not differs:
+        deviation = max(1.0, birge) / float(np.sqrt(weight.sum()))
+        return replace(line, verdict=AGREES, trusted=(mean, deviation))
+    return replace(
+        line,
+        explanation=explain(value, std, among, line.covariates),
+        alternatives=tuple(_alternatives(found, term)),
     )
 
 
@@ -450,13 +438,15 @@ def _alternatives(found: Difference, term: Term) -> list[Term]:
     return [t for t in others if any(one.term == t for some in without for one in some)]
 
 
-def _values(found: Difference, one: Quantity) -> tuple[RecordingValues, np.ndarray]:
-    """Values of a quantity in each recording beside what else differs, and what each tells of it, (R,).
+def _values(
+    found: Difference, term: Term
+) -> tuple[np.ndarray, np.ndarray, tuple[dict[str, np.ndarray], ...], np.ndarray]:
+    """Value, deviation and parameters in each recording beside what else differs, and what each tells of it, (R,).
 
     Friction is that of each recording, whatever the others have; of all else, which cannot be told from the arm that
     all share, differences from the first.
     """
-    term, fit = one.term, found.fit
+    fit = found.fit
     design, groups = fit.contrast.design, range(fit.contrast.groups)
     absolute = term.parametrisation.data_sheet is not None
     contrast = fit.contrast
@@ -479,27 +469,25 @@ def _values(found: Difference, one: Quantity) -> tuple[RecordingValues, np.ndarr
     values[own] = [answer.values[c] for c in each]
     first = len(answer.covariance) - linear * len(each)
     covariance[np.ix_(own, own)] = answer.covariance[first::linear, first::linear]
-    told = TOLD / design.units[term][0]
     # beside those that have none of their own
     beside = values
     if absolute:
         values += found.arm.theta[list(term.columns)]
-        told = max(told, float(np.abs(values[:, 0]).mean()))
-        variance = np.diag(covariance)
+        size, variance = float(np.abs(values[:, 0]).mean()), np.diag(covariance)
     else:
         values = values - values[0]
         # from the mean of all, of which each is a part
         apart = np.eye(count) - 1.0 / count
         variance = np.diag(apart @ covariance @ apart) * count / (count - 1)
-        told = max(told, float(np.abs(values[:, 0]).max()))
-    information = told**2 / variance
+        size = float(np.abs(values[:, 0]).max())
+    information = max(TOLD / design.units[term][0], size) ** 2 / variance
     std = np.where(information >= 1.0, np.sqrt(variance), np.nan)
-    shown = _shown(one, values, np.isfinite(std))
+    shown = [_shown(term, value) for value in values]
     # a centre of what is not there is nowhere
     parameters = tuple(
         _parameters(term, beside[g]) if g in mine or absolute else {} for g in groups
     )
-    return RecordingValues(shown, std, parameters), information
+    return np.where(np.isfinite(std), shown, np.nan), std, parameters, information
 
 
 def _parameters(term: Term, value: np.ndarray) -> dict[str, np.ndarray]:
@@ -514,27 +502,15 @@ def _parameters(term: Term, value: np.ndarray) -> dict[str, np.ndarray]:
     return out
 
 
-def _shown(one: Quantity, values: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """The value that stands for a quantity in each recording, (R,), from its coordinates, (R, linear)."""
-    if "scale" in one.term.definition.quantities.values():
+def _shown(term: Term, value: np.ndarray) -> float:
+    """The value that stands for coordinates of a term, (linear,)."""
+    if "scale" in term.definition.quantities.values():
         # recorded over true torque
-        return np.where(known, 1.0 / (1.0 + values[:, 0]), np.nan)
-    if one.term.is_load:
-        return np.where(known, values[:, 0], np.nan)
-    name = one.term.definition.parameters[0].name
-    each = [np.ravel(_parameters(one.term, value)[name])[0] for value in values]
-    return np.where(known, each, np.nan)
-
-
-def _weighted_mean(
-    value: np.ndarray, std: np.ndarray
-) -> tuple[tuple[float, float], float]:
-    """Mean with weights 1 / std^2 and its deviation, widened by the Birge ratio if that exceeds 1; and that ratio."""
-    weight = std**-2.0
-    mean = float((weight * value).sum() / weight.sum())
-    scatter = float((weight * (value - mean) ** 2).sum())
-    birge = float(np.sqrt(scatter / (len(value) - 1)))
-    return (mean, max(1.0, birge) / float(np.sqrt(weight.sum()))), birge
+        return float(1.0 / (1.0 + value[0]))
+    if term.is_load:
+        return float(value[0])
+    name = term.definition.parameters[0].name
+    return float(np.ravel(_parameters(term, value)[name])[0])
 
 
 # An agreement in sentences: with what a difference goes, and which recording would settle it.
@@ -555,7 +531,7 @@ def goes_with(line: ParameterAgreement, labels: Sequence[str]) -> str:
     found = line.explanation
     if found is None:
         return ""
-    if len(_among(line)) < 3:
+    if len(line.among) <= 2:
         changed = [QUANTITY[name] for name in found.changed]
         return f"two recordings cannot say; they differ in {_listed(changed) or 'nothing known'}"
     names = [QUANTITY[name] for name in found.goes_with]
@@ -574,10 +550,9 @@ def settles(line: ParameterAgreement, labels: Sequence[str]) -> str:
     found = line.explanation
     if found is None:
         return ""
-    among = _among(line)
-    if line.quantity.key == LAST_LOAD:
-        value = line.values.value
-        heaviest = labels[among[int(np.argmax(value[among]))]]
+    among = line.among
+    if line.term.is_load:
+        heaviest = labels[among[int(np.argmax(line.value[among]))]]
         return (
             f"repeat {heaviest} with the empty flange; if it carried a known load, enter that under payloads: in the "
             "case"
@@ -589,52 +564,23 @@ def settles(line: ParameterAgreement, labels: Sequence[str]) -> str:
             again += f"; then vary the {others[0]} alone"
         return again
     names = found.goes_with if len(among) > 2 else found.changed
-    if len(names) > 1:
-        return _one_at_a_time(line, labels, names[0])
-    if names:
-        return _variation(line, labels, names[0])
-    last = labels[among[-1]]
-    return f"repeat {labels[among[0]]} and {last} one after the other: values that stay apart belong to the motion"
-
-
-def _variation(line: ParameterAgreement, labels: Sequence[str], name: str) -> str:
-    """The recording that tests one covariate."""
-    low, high = _extremes(line, labels, name)
+    if not names:
+        last = labels[among[-1]]
+        return f"repeat {labels[among[0]]} and {last} one after the other: values that stay apart belong to the motion"
+    # the recordings with the lowest and the highest value of a covariate
+    name, *others = names
+    values = next(one for one in line.covariates if one.name == name).value[among]
+    ends = np.argmin(values), np.argmax(values)
+    low, high = (labels[among[int(end)]] for end in ends)
+    if name in (START, ORDER):
+        return f"repeat {low} now: if the value of {low} comes back, it was not the time between"
+    if others:
+        return f"repeat {low} with the {QUANTITY[name]} of {high}, all else as it was"
     if name == SPEED:
         return f"the motion of {high} at half speed: if the value follows the speed, the arm is the same"
     if name == TEMPERATURE:
         return f"the motion of {low} once more, as warm as {high}: the value should be that of {high}"
-    if name == LOAD:
-        return f"the motion of {low} with a known payload (payloads: in the case): does the value follow the load?"
-    return f"repeat {low} now: if the value of {low} comes back, it was not the time between"
-
-
-def _one_at_a_time(line: ParameterAgreement, labels: Sequence[str], name: str) -> str:
-    """The recording that separates covariates that changed together."""
-    low, high = _extremes(line, labels, name)
-    if name in (START, ORDER):
-        return f"repeat {low} now: if the value of {low} comes back, it was not the time between"
-    return f"repeat {low} with the {QUANTITY[name]} of {high}, all else as it was"
-
-
-def _extremes(
-    line: ParameterAgreement, labels: Sequence[str], name: str
-) -> tuple[str, str]:
-    """Recordings with the lowest and highest value of a covariate."""
-    among = _among(line)
-    values = covariate(line, name).value[among]
-    low, high = among[int(np.argmin(values))], among[int(np.argmax(values))]
-    return labels[low], labels[high]
-
-
-def covariate(line: ParameterAgreement, name: str) -> Covariate:
-    """A covariate of a line by its name."""
-    return next(one for one in line.covariates if one.name == name)
-
-
-def _among(line: ParameterAgreement) -> list[int]:
-    """Numbers of the recordings that determine the parameter."""
-    return [int(r) for r in np.flatnonzero(np.isfinite(line.values.std))]
+    return f"the motion of {low} with a known payload (payloads: in the case): does the value follow the load?"
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -668,6 +614,11 @@ def document(found: Agreement) -> dict[str, Any]:
             for joint, number in found.unknown
         ],
     }
+    return _plain(content)
+
+
+def _plain(content: dict[str, Any]) -> dict[str, Any]:
+    """As a document has it: numbers that are not known are null."""
     result: dict[str, Any] = plain(content, null_if_not_finite=True)
     return result
 
@@ -680,12 +631,12 @@ def states(found: Agreement) -> dict[str, Any]:
         "recordings": list(found.labels),
         "differs": [
             {
-                "name": line.quantity.name,
-                "unit": line.quantity.unit,
-                "joints": [] if line.quantity.joint is None else [line.quantity.joint],
+                "name": line.name,
+                "unit": line.unit,
+                "joints": [line.joint] if line.joint else [],
                 "probability": 1.0 - (line.p or 0.0),
-                "values": line.values.value,
-                "std": line.values.std,
+                "values": line.value,
+                "std": line.std,
                 "parameters": _per_recording(line),
             }
             for line in differing
@@ -693,32 +644,31 @@ def states(found: Agreement) -> dict[str, Any]:
         "command": f"gapscope agree {found.case.name}",
         "diagnosed": [found.labels[k] for k in found.states[0]],
     }
-    result: dict[str, Any] = plain(content, null_if_not_finite=True)
-    return result
+    return _plain(content)
 
 
 def _per_recording(line: ParameterAgreement) -> list[dict[str, Any]]:
     """Parameters of the effect in each recording."""
     return [
         {name: value.tolist() for name, value in each.items()}
-        for each in line.values.parameters
+        for each in line.parameters
     ]
 
 
 def _parameter(line: ParameterAgreement, found: Agreement) -> dict[str, Any]:
     """One parameter."""
     trusted = line.trusted
-    names = {one.quantity.key: one.quantity.name for one in found.parameters}
+    names = {one.term: one.name for one in found.parameters}
     return {
-        "key": line.quantity.key,
-        "name": line.quantity.name,
-        "unit": line.quantity.unit,
-        "joint": line.quantity.joint,
+        "key": line.key,
+        "name": line.name,
+        "unit": line.unit,
+        "joint": line.joint,
         "verdict": line.verdict,
         "p": line.p,
-        "values": line.values.value,
+        "values": line.value,
         "parameters": _per_recording(line),
-        "std": line.values.std,
+        "std": line.std,
         "information": line.information,
         "birge": line.birge,
         "trusted": None
@@ -726,7 +676,7 @@ def _parameter(line: ParameterAgreement, found: Agreement) -> dict[str, Any]:
         else {"value": trusted[0], "std": trusted[1]},
         "goes_with": None if line.explanation is None else _explanation(line, found),
         "settled_by": settles(line, found.labels) or None,
-        "alternatives": [names[key] for key in line.alternatives],
+        "alternatives": [names[term] for term in line.alternatives if term in names],
         "covariates": {
             one.name: {"unit": one.unit, "values": one.value} for one in line.covariates
         },

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import ndtr, owens_t
+from scipy.stats import chi2
 
 from gapscope.diagnosis.thresholds import MIN_DIFFERENCES, SHORTEST_HISTORY
 
-MEDIAN_CHI2 = 0.454936
+MEDIAN_CHI2 = float(chi2.median(1))
 """Median of the chi-squared distribution with one degree of freedom [1]."""
 
 
@@ -93,11 +94,8 @@ def change_points(
     k = found.position
     earlier = change_points(values[:k], stds[:k], level)
     later = change_points(values[k:], stds[k:], level)
-    return (*earlier, found, *(_moved(change, k) for change in later))
-
-
-def _moved(change: ChangePoint, by: int) -> ChangePoint:
-    return ChangePoint(**{**vars(change), "position": change.position + by})
+    moved = (replace(change, position=change.position + k) for change in later)
+    return (*earlier, found, *moved)
 
 
 def _exceedance(bound: float, fractions: np.ndarray) -> float:
@@ -114,14 +112,11 @@ def _exceedance(bound: float, fractions: np.ndarray) -> float:
     each = 2 * ndtr(-bound)
     u, following = fractions[:-1], fractions[1:]
     correlation = np.sqrt(u * (1 - following) / (following * (1 - u)))
-    both = 2 * (_both_above(bound, correlation) + _both_above(bound, -correlation))
-    return float(np.clip(len(fractions) * each - both.sum(), 0.0, 1.0))
-
-
-def _both_above(bound: float, correlation: np.ndarray) -> np.ndarray:
-    """P(X > b and Y > b) of standard normal variables with a correlation."""
-    slope = np.sqrt((1 - correlation) / (1 + correlation))
-    return ndtr(-bound) - 2 * owens_t(bound, slope)
+    both = 0.0
+    for r in (correlation, -correlation):
+        above = ndtr(-bound) - 2 * owens_t(bound, np.sqrt((1 - r) / (1 + r)))
+        both += 2 * float(above.sum())
+    return float(np.clip(len(fractions) * each - both, 0.0, 1.0))
 
 
 def appearance(found: Sequence[bool]) -> tuple[int, float]:

@@ -12,13 +12,18 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2
 
-from gapscope.arm.case import Case, load_case
+from gapscope.arm.case import load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.nominal import SHEET_UNITS, NominalArm
 from gapscope.diagnosis.document.diagnosis_json import read_document
 from gapscope.diagnosis.document.numbers import Number, numbers_of
-from gapscope.diagnosis.thresholds import ALIKE_NRMSE, EFFECT_FORM, FLEET_LEVEL
+from gapscope.diagnosis.thresholds import (
+    ALIKE_NRMSE,
+    EFFECT_FORM,
+    FLEET_LEVEL,
+    VISIBLE_EFFECT,
+)
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
@@ -31,7 +36,7 @@ from gapscope.envs.effect_ranges import (
     spread,
     within_nominal,
 )
-from gapscope.model.conditioning import Segment, condition
+from gapscope.model.conditioning import condition
 from gapscope.model.torque_gap import torque_gap
 
 # The ranges of effects from the files of one or several diagnoses.
@@ -232,12 +237,15 @@ def compare(documents: Mapping[str, Document]) -> list[dict[str, Any]]:
         }
         for place, by_unit in found.items()
     ]
-    return sorted(rows, key=_rank)
-
-
-def _rank(row: Mapping[str, Any]) -> tuple[int, float, int]:
-    """Effects on all units first, then the largest share."""
-    return ORDER.index(row["kind"]), -max(row["shares"].values()), row["joint"] or 0
+    # those on all units first, then the largest share
+    return sorted(
+        rows,
+        key=lambda row: (
+            ORDER.index(row["kind"]),
+            -max(row["shares"].values()),
+            row["joint"] or 0,
+        ),
+    )
 
 
 def shared(
@@ -263,7 +271,7 @@ def shared(
         numbers = {unit: own[name, component] for unit, own in by_unit.items()}
         values = {unit: float(n.value or 0.0) for unit, n in numbers.items()}
         stds = {unit: n.std for unit, n in numbers.items()}
-        together = pooled_parameter(name, list(values.values()), list(stds.values()))
+        together = _together(name, list(values.values()), list(stds.values()))
         parameters.append(
             {
                 "name": name,
@@ -271,7 +279,7 @@ def shared(
                 "unit": first[name, component].unit,
                 "value": values,
                 "std": stds,
-                "together": None if together is None else asdict(together),
+                "together": together and asdict(together),
             }
         )
     level = FLEET_LEVEL / max(len(parameters), 1)
@@ -306,22 +314,18 @@ def _instead(
     return found
 
 
-def pooled_parameter(
+def _together(
     name: str, values: Sequence[float], stds: Sequence[float | None]
 ) -> Pooled | None:
     """The values of all units taken together; ``None`` for one unit."""
     if len(values) < 2:
         return None
-    if name in ANGLES:
-        # a share of an angle means nothing, so that no error of form is added
-        return pooled(_same_turn(values), stds, form=0.0)
-    return pooled(values, stds)
-
-
-def _same_turn(angles: Sequence[float]) -> list[float]:
-    """Angles [rad] within half a turn of the first."""
-    first = angles[0]
-    return [float(first + np.remainder(a - first + pi, 2 * pi) - pi) for a in angles]
+    if name not in ANGLES:
+        return pooled(values, stds)
+    # within half a turn of the first; a share of an angle means nothing, so that no error of form is added
+    first = values[0]
+    turns = [float(first + np.remainder(a - first + pi, 2 * pi) - pi) for a in values]
+    return pooled(turns, stds, form=0.0)
 
 
 # One law of friction for a type of robot, unless a unit shows otherwise.
@@ -330,11 +334,6 @@ def _same_turn(angles: Sequence[float]) -> list[float]:
 # laws, most of them tell the law; the others are asked again without what they have in its place, and keep their own
 # where that explains more.
 
-
-FEWEST = 3
-"""Of two units neither has the law of the type. (definition)"""
-EXPLAINS_MORE = 0.01
-"""A law explains more if another leaves so much more of a joint's torque [1]: what an effect closes that is named."""
 
 Document = Mapping[str, Any]
 
@@ -347,28 +346,25 @@ def other_laws(documents: Mapping[str, Document]) -> dict[str, tuple[str, ...]]:
     """
     out: dict[str, tuple[str, ...]] = {}
     for members in groups(documents).values():
-        if len(members) >= FEWEST:
-            out |= _other_laws(members)
+        # of two units neither has the law of the type
+        if len(members) <= 2:
+            continue
+        own = {unit: _laws(document) for unit, document in members.items()}
+        # joints on which all of them have friction
+        joints = set.intersection(*(set(laws) for laws in own.values()))
+        common: set[str] = set()
+        apart: dict[str, set[str]] = {unit: set() for unit in members}
+        for joint in sorted(joints):
+            counts = Counter(laws[joint] for laws in own.values())
+            (most, number), *others = counts.most_common()
+            common |= most
+            if others and number > others[0][1]:
+                for unit, laws in own.items():
+                    apart[unit] |= laws[joint] - most
+        # a law that the type has on another joint cannot be left out
+        kept = {unit: tuple(sorted(names - common)) for unit, names in apart.items()}
+        out |= {unit: names for unit, names in kept.items() if names}
     return out
-
-
-def _other_laws(members: Mapping[str, Document]) -> dict[str, tuple[str, ...]]:
-    """The same of the units of one type."""
-    own = {unit: _laws(document) for unit, document in members.items()}
-    # joints on which all of them have friction
-    joints = set.intersection(*(set(laws) for laws in own.values()))
-    common: set[str] = set()
-    apart: dict[str, set[str]] = {unit: set() for unit in members}
-    for joint in sorted(joints):
-        counts = Counter(laws[joint] for laws in own.values())
-        (most, number), *others = counts.most_common()
-        common |= most
-        if others and number > others[0][1]:
-            for unit, laws in own.items():
-                apart[unit] |= laws[joint] - most
-    # a law that the type has on another joint cannot be left out
-    kept = {unit: tuple(sorted(names - common)) for unit, names in apart.items()}
-    return {unit: names for unit, names in kept.items() if names}
 
 
 def _laws(document: Document) -> dict[int, frozenset[str]]:
@@ -390,7 +386,7 @@ def explains_as_much(asked: Document, before: Document) -> bool:
         np.array(document["gap"]["after"]["torque_nrmse"], dtype=float)
         for document in (asked, before)
     )
-    return bool((left <= least + EXPLAINS_MORE).all())
+    return bool((left <= least + VISIBLE_EFFECT).all())
 
 
 # Which unit is this? The corrected arm of each unit predicts the torque recorded on every other.
@@ -465,51 +461,29 @@ def confusion_column(unit: FleetUnit, units: Sequence[FleetUnit]) -> ConfusionCo
     recorded, which may hang from another wall. Nothing is read but cases and ``corrected.yaml``. The unit's own arm was
     fitted to these recordings, or to most of them, and has the advantage of that.
     """
+    nrmse: dict[str, np.ndarray | None] = {}
     try:
         case = load_case(unit.case)
-        segments = _segments(case)
-        nrmse = {
-            row: _nrmse(segments, arm, effects)
-            for row, (arm, effects) in _arms(case, unit, units).items()
-        }
+        every = tuple(r for r in (*case.recordings, *case.judged) if r.tau is not None)
+        if not every:
+            raise GapscopeError(
+                f"{case.name}: no recording carries a torque", "; ".join(case.warnings)
+            )
+        segments = [segment for recording in every for segment in condition(recording)]
+        arms = {NOMINAL: CorrectedArm(case.arm)}
+        for other in units:
+            arm = case.arm
+            if other.name != unit.name:
+                arm = load_case(other.case, read_recordings=False).arm
+            # the other arm, hung where the recorded unit hangs
+            mounted = replace(arm, gravity=case.arm.gravity)
+            arms[other.name] = CorrectedArm(mounted, read_corrected(other.corrected))
+        for row, predicting in arms.items():
+            found = torque_gap(predicting, RigidBody(predicting.arm), segments).nrmse
+            nrmse[row] = found if np.isfinite(found).all() else None
     except GapscopeError as error:
         return ConfusionColumn(unit.name, {}, str(error))
     return ConfusionColumn(unit.name, nrmse)
-
-
-def _arms(
-    case: Case, unit: FleetUnit, units: Sequence[FleetUnit]
-) -> dict[str, tuple[NominalArm, tuple[AppliedEffect, ...]]]:
-    """Nominal arm and effects of each row."""
-    arms: dict[str, tuple[NominalArm, tuple[AppliedEffect, ...]]] = {
-        NOMINAL: (case.arm, ())
-    }
-    for other in units:
-        arm = case.arm
-        if other.name != unit.name:
-            arm = load_case(other.case, read_recordings=False).arm
-        # the other arm, hung where the recorded unit hangs
-        mounted = replace(arm, gravity=case.arm.gravity)
-        arms[other.name] = (mounted, read_corrected(other.corrected))
-    return arms
-
-
-def _segments(case: Case) -> list[Segment]:
-    """What was recorded in a case, conditioned; raises ``GapscopeError`` if no recording carries a torque."""
-    recordings = tuple(r for r in (*case.recordings, *case.judged) if r.tau is not None)
-    if not recordings:
-        raise GapscopeError(
-            f"{case.name}: no recording carries a torque", "; ".join(case.warnings)
-        )
-    return [segment for recording in recordings for segment in condition(recording)]
-
-
-def _nrmse(
-    segments: list[Segment], arm: NominalArm, effects: tuple[AppliedEffect, ...]
-) -> np.ndarray | None:
-    """Torque NRMSE of an arm over all segments, (n,) [1]; ``None`` if it is not finite."""
-    found = torque_gap(CorrectedArm(arm, effects), RigidBody(arm), segments).nrmse
-    return found if np.isfinite(found).all() else None
 
 
 # The comparison of several units as data: ``units.json``.
@@ -558,30 +532,22 @@ def grouped(
     """
     made = []
     for (robot, joints), members in groups(documents).items():
-        if len(members) > 1:
-            own = [unit for unit in units if unit.name in members]
-            made.append(_fleet_group(robot, joints, members, own))
+        if len(members) < 2:
+            continue
+        own = [unit for unit in units if unit.name in members]
+        # those with a faulty set-up take no part in the confusion
+        problems = {}
+        for name, document in members.items():
+            effects = [entry["effect"] for entry in document["effects"]]
+            faults = [e.replace("_", " ") for e in effects if e in SPOILS]
+            if faults:
+                problems[name] = f"its set-up is at fault: {', '.join(faults)}"
+        sound = tuple(unit for unit in own if unit.name not in problems)
+        sound = sound if len(sound) > 1 else ()
+        group = FleetGroup(robot, joints, members, sound, problems, _differ(own))
+        made.append(group)
     compared = {unit for group in made for unit in group.documents}
     return tuple(made), tuple(unit for unit in documents if unit not in compared)
-
-
-def _fleet_group(
-    robot: str,
-    joints: tuple[str, ...],
-    documents: Mapping[str, Document],
-    units: Sequence[FleetUnit],
-) -> FleetGroup:
-    """The group of units of one type of arm; those with a faulty set-up take no part in the confusion."""
-    problems = {unit: _spoilt(document) for unit, document in documents.items()}
-    sound = tuple(unit for unit in units if not problems[unit.name])
-    return FleetGroup(
-        robot,
-        joints,
-        documents,
-        sound if len(sound) > 1 else (),
-        {unit: problem for unit, problem in problems.items() if problem},
-        _differ(units),
-    )
 
 
 def units_document(
@@ -590,18 +556,19 @@ def units_document(
     """Content of ``units.json``: per type of arm the effects compared and, with columns, the confusion."""
     return {
         "schema": 1,
-        "groups": [_group(*entry) for entry in made],
+        "groups": [
+            {
+                "robot": group.robot,
+                "joints": list(group.joints),
+                "units": list(group.documents),
+                "nominal_differs": list(group.differ),
+                "effects": compare(group.documents),
+                "confusion": _confusion(columns, group.left_out),
+            }
+            for group, columns in made
+        ],
         "alone": list(alone),
     }
-
-
-def _spoilt(document: Document) -> str:
-    found = [
-        entry["effect"].replace("_", " ")
-        for entry in document["effects"]
-        if entry["effect"] in SPOILS
-    ]
-    return f"its set-up is at fault: {', '.join(found)}" if found else ""
 
 
 def _differ(units: Sequence[FleetUnit]) -> tuple[str, ...]:
@@ -625,18 +592,7 @@ def _same(one: NominalArm, other: NominalArm, key: str) -> bool:
     a, b = getattr(one, key), getattr(other, key)
     if a is None or b is None:
         return a is b
-    return bool(np.allclose(a, b, rtol=1e-6))
-
-
-def _group(group: FleetGroup, columns: Sequence[ConfusionColumn]) -> dict[str, Any]:
-    return {
-        "robot": group.robot,
-        "joints": list(group.joints),
-        "units": list(group.documents),
-        "nominal_differs": list(group.differ),
-        "effects": compare(group.documents),
-        "confusion": _confusion(columns, group.left_out),
-    }
+    return bool(np.allclose(a, b, rtol=SHEET_ROUNDING))
 
 
 def _confusion(

@@ -69,7 +69,7 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import DryLaw, Turn
 from gapscope.effects.environment import tilt
 from gapscope.effects.friction import PRESLIDING_DISTANCES
-from gapscope.model.conditioning import Segment, condition
+from gapscope.model.conditioning import Segment, condition, torque_scale
 from gapscope.model.difference import Fit
 from gapscope.model.explained import (
     Explained,
@@ -81,12 +81,7 @@ from gapscope.model.explained import (
 from gapscope.model.gravity_direction import turn_of_base
 from gapscope.model.rows import Rows
 from gapscope.model.terms import Candidate, Term
-from gapscope.model.torque_gap import (
-    TorqueGap,
-    gap_on_rows,
-    torque_gap,
-    torque_scale,
-)
+from gapscope.model.torque_gap import TorqueGap, gap_on_rows, torque_gap
 from gapscope.model_audit.audit import odd_kinds
 
 # What the recordings of a case show beside the data sheet of its arm.

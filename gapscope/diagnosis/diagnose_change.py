@@ -64,35 +64,35 @@ def check_same_joints(case: Case, reference: Case | KeptReference) -> None:
     Raises:
         InputError: they do not.
     """
-    arm = reference.arm if isinstance(reference, Case) else reference
-    place = place_of(reference)
-    ours, theirs = list(case.arm.joints), list(arm.joints)
-    if len(ours) != len(theirs):
-        raise InputError(
-            f"has {len(theirs)} joints, {case.name} has {len(ours)}: another robot",
-            "give a reference of the same arm",
-            where=place,
-        )
-    if ours != theirs:
-        reordered = sorted(ours) == sorted(theirs)
-        how = "in another order" if reordered else "with other names"
-        raise InputError(
-            f"has its joints {how}: {', '.join(theirs)}; {case.name} has {', '.join(ours)}",
-            "give a reference of the same arm, with joints: in the order of the case",
-            where=place,
-        )
-    if case.arm.coupled_motors != arm.coupled_motors:
-        raise InputError(
-            f"has coupled motors {list(arm.coupled_motors)}, {case.name} has {list(case.arm.coupled_motors)}",
+    theirs = reference.arm if isinstance(reference, Case) else reference
+    ours, same_arm = case.arm, "give a reference of the same arm"
+    named, also = list(ours.joints), list(theirs.joints)
+    how = "in another order" if sorted(named) == sorted(also) else "with other names"
+    # each holds, or what is said and what to do
+    for holds, problem, remedy in (
+        (
+            len(named) == len(also),
+            f"has {len(also)} joints, {case.name} has {len(named)}: another robot",
+            same_arm,
+        ),
+        (
+            named == also,
+            f"has its joints {how}: {', '.join(also)}; {case.name} has {', '.join(named)}",
+            f"{same_arm}, with joints: in the order of the case",
+        ),
+        (
+            ours.coupled_motors == theirs.coupled_motors,
+            f"has coupled motors {list(theirs.coupled_motors)}, {case.name} has {list(ours.coupled_motors)}",
             "declare the same coupling in both cases, and identify the reference again",
-            where=place,
-        )
-    if not np.allclose(case.arm.gravity, arm.gravity, atol=SAME_GRAVITY):
-        raise InputError(
-            f"has gravity {arm.gravity.tolist()}, {case.name} has {case.arm.gravity.tolist()}",
+        ),
+        (
+            np.allclose(ours.gravity, theirs.gravity, atol=SAME_GRAVITY),
+            f"has gravity {theirs.gravity.tolist()}, {case.name} has {ours.gravity.tolist()}",
             "give a reference that was recorded in the same mounting, or correct gravity:",
-            where=place,
-        )
+        ),
+    ):
+        if not holds:
+            raise InputError(problem, remedy, where=place_of(reference))
 
 
 def check_same_places(case: Case, arm: NominalArm, place: str) -> None:
@@ -106,7 +106,16 @@ def check_same_places(case: Case, arm: NominalArm, place: str) -> None:
     Raises:
         InputError: they do not.
     """
-    if _joint_distance(case.arm, arm) > SAME_JOINT_PLACE:
+    one, other = RigidBody(case.arm).model, RigidBody(arm).model
+    # largest difference in any coordinate [m] or entry of the rotation [1]
+    apart = [
+        max(
+            float(np.abs(a.translation - b.translation).max()),
+            float(np.abs(a.rotation - b.rotation).max()),
+        )
+        for a, b in zip(one.jointPlacements, other.jointPlacements, strict=True)
+    ]
+    if max(apart) > SAME_JOINT_PLACE:
         raise InputError(
             "has joints of the same names in other places: another robot, or another version of its URDF",
             "give a reference of the same arm, and both cases the same kinematics",
@@ -122,17 +131,6 @@ def check_same_arm(case: Case, reference: Case) -> None:
     """
     check_same_joints(case, reference)
     check_same_places(case, reference.arm, place_of(reference))
-
-
-def _joint_distance(one: NominalArm, other: NominalArm) -> float:
-    """Largest difference of the joints' places, in any coordinate [m] or entry of the rotation [1]."""
-    ours, theirs = RigidBody(one).model, RigidBody(other).model
-    largest = 0.0
-    for a, b in zip(ours.jointPlacements, theirs.jointPlacements, strict=True):
-        moved = np.abs(a.translation - b.translation).max()
-        turned = np.abs(a.rotation - b.rotation).max()
-        largest = max(largest, float(moved), float(turned))
-    return largest
 
 
 # What changed between a reference and a case, and the arm that predicts the case.

@@ -38,8 +38,9 @@ from gapscope.model.conditioning import (
     condition,
     low_pass,
     thinned,
+    torque_scale,
 )
-from gapscope.model.torque_gap import filtered_torque, torque_scale
+from gapscope.model.torque_gap import filtered_torque
 
 # The parameters of several effects as one vector, to fit them and to differentiate by them.
 

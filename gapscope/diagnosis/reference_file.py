@@ -45,8 +45,7 @@ from gapscope.diagnosis.setup_faults.fault_search import looks_late
 from gapscope.diagnosis.setup_faults.found_fault import repaired
 from gapscope.ident.model.physical_parameters import nearest_possible, urdf_text
 from gapscope.model.design import BODIES, FreeArm, design, fitted_arm
-from gapscope.model.equations import Equations
-from gapscope.model.form_error import learn
+from gapscope.model.equations import Equations, learn
 from gapscope.model.rows import Rows
 from gapscope.model.terms import Terms
 
@@ -117,7 +116,9 @@ def possible_arm(
         remainder,
         np.sqrt(np.maximum(lacking, 0.0) / count),
         float(
-            (nominal + free.increments.ravel()) @ of_all / max(nominal @ of_all, 1e-12)
+            (nominal + free.increments.ravel())
+            @ of_all
+            / max(nominal @ of_all, np.finfo(float).tiny)
         ),
     )
 

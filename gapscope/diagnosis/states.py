@@ -14,9 +14,9 @@ from gapscope.diagnosis.agreement import Agreement, compared
 from gapscope.diagnosis.thresholds import VISIBLE_EFFECT
 from gapscope.effects.applied import AppliedEffect, Place, State
 from gapscope.model.changes import Change
+from gapscope.model.conditioning import torque_scale
 from gapscope.model.rows import comparable
 from gapscope.model.terms import Term, Terms
-from gapscope.model.torque_gap import torque_scale
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ class OtherState:
         elsewhere = theta.copy()
         for term in forces:
             elsewhere[list(term.columns)] = 0.0
-        here = replace(terms, shapes={**terms.shapes, **forces})
+        here = Terms(terms.n_joints, {**terms.shapes, **forces}, terms.motors)
         return here.effects(self.theta(here, elsewhere, least))
 
 

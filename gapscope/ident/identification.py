@@ -71,8 +71,7 @@ from gapscope.ident.samples import (
     count_samples,
     split,
 )
-from gapscope.model.change_findings import change_findings, change_text
-from gapscope.model.changes import Change, changes_of
+from gapscope.model.changes import Change, change_findings, change_text, changes_of
 from gapscope.model.conditioning import (
     TORQUE_CUTOFF,
     Segment,

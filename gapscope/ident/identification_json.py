@@ -25,7 +25,7 @@ from gapscope.ident.identification import Identification
 from gapscope.ident.kalman import FilterReview, StatesAndFriction, Track
 from gapscope.ident.model.friction import PULLS
 from gapscope.ident.samples import MOVING
-from gapscope.model.change_findings import change_findings
+from gapscope.model.changes import change_findings
 
 # The document of an identification, with what was examined and filtered.
 

@@ -34,14 +34,14 @@ from gapscope.ident.samples import (
     equal_parts,
 )
 from gapscope.model.conditioning import TORQUE_CUTOFF
-from gapscope.model.design import WAVES, drawn_waves
+from gapscope.model.design import PRECISE, WAVES, drawn_waves
 from gapscope.model.effective_samples import (
     autocovariance,
     group_slices,
     low_pass_inflation,
     variance_inflation,
 )
-from gapscope.model.form_error import FIRST_FORM, ROUNDS, SETTLED
+from gapscope.model.equations import ROUNDS, SETTLED
 
 # Form error of an identification: what no column has of the friction that an arm has.
 #
@@ -49,7 +49,7 @@ from gapscope.model.form_error import FIRST_FORM, ROUNDS, SETTLED
 #
 #     y_j = W_j beta + f_j(q_j, dq_j) + e_j,    f_j = sum_k phi_k u_k,    u_k ~ N(0, omega_k^2)
 #
-# with an unknown function f_j of its own state, as a contrast takes it (``gapscope.model.form_error``): waves, which
+# with an unknown function f_j of its own state, as a contrast takes it (``gapscope.model.equations``): waves, which
 # are smooth and share one amplitude, and dry functions sgn v exp(-(v / vs)^2) of several speeds vs, each of its own.
 # The same motion has the same f again, so that least squares, which takes it for noise, is pulled by it as often as it
 # is repeated. An amplitude follows from the evidence (mackay1992b), with gamma the number of values that data
@@ -118,7 +118,7 @@ def form_error(problem: Problem, beta: np.ndarray) -> FormError:
     starts = np.cumsum([0, *counts[:-1]])
     left = problem.residual(beta)
     scale2 = np.maximum((problem.torque**2).mean(axis=0), TINY)
-    variance = np.tile(FIRST_FORM**2 * scale2[:, None], count)
+    variance = np.tile(PRECISE**2 * scale2[:, None], count)
     noise, noise2 = left, np.maximum((left**2).mean(axis=0), 1e-18 * scale2)
     # sums of products of [W, functions of the joint, what is left], joint by joint
     parts = [problem.matrix, functions, left[:, :, None]]

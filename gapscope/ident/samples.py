@@ -23,8 +23,8 @@ from gapscope.ident.model.base_parameters import ROUNDING, TINY
 from gapscope.ident.model.physical_parameters import LEAST_MASS
 from gapscope.ident.model.regressor import Regressor
 from gapscope.model.conditioning import Segment, blocks, condition, low_pass
-from gapscope.model.decimated_segments import low_passed_rows
 from gapscope.model.effective_samples import band_samples, group_slices
+from gapscope.model.rows import low_passed_rows
 
 # The linear problem of identification, tau = W beta + noise.
 

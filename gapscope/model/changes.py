@@ -23,12 +23,14 @@ from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from gapscope.arm.display import effect_name, uncertain
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
+from gapscope.effects.catalogue import of_quantity
 from gapscope.model.conditioning import STANDS_OUT, slips, without_slips
 from gapscope.model.design import Design, FreeArm, design, fitted_arm
 from gapscope.model.difference import (
@@ -39,10 +41,8 @@ from gapscope.model.difference import (
     Search,
     in_a_row,
 )
-from gapscope.model.equations import Equations
-from gapscope.model.form_error import FormError, noise_of_motions
-from gapscope.model.nonlinear_values import Found
-from gapscope.model.ramps import Ramp, best_ramp
+from gapscope.model.equations import Equations, FormError, noise_of_motions
+from gapscope.model.nonlinear_values import WINDOW_EDGES, Found
 from gapscope.model.rows import MIN_MOTIONS, Rows, comparable
 from gapscope.model.terms import Candidate, Term, Terms
 
@@ -60,6 +60,8 @@ ZERO = "zero"
 ANY_FRICTION = 1.0
 """Share by which friction now may differ from that which was learnt: a cold arm has up to twice as much [1]. (physical)
 """
+TINY = float(np.finfo(float).tiny)
+"""What is divided by at least [1]."""
 SURE = 0.95
 """Probability that a moment is within its interval. (definition)"""
 
@@ -71,17 +73,14 @@ Place = tuple[int, float, float]
 """Number of a recording, and the times in it between which something has a value [s]: infinite at an end."""
 
 
-@dataclass(frozen=True)
-class Moment:
+class Moment(NamedTuple):
     """When something changes.
 
     Attributes:
-        recording: its number.
         time: likeliest moment, since the start of the recording [s].
         interval: in which it lies with a probability of ``SURE`` [s].
     """
 
-    recording: int
     time: float
     interval: tuple[float, float]
 
@@ -153,12 +152,14 @@ class Learnt:
         asked: sets of spans that there are until as many false changes may be named as a user wants [1].
         free: what the second may have another value of all along, standard deviations of its coordinates, (linear,).
         taught: noise and form error that the first has taught about that arm, and from what.
+        whole: makes rows of the same motion in as few segments as there are, in which a search is faster.
     """
 
     about: FreeArm
     asked: float
     free: Mapping[Term, np.ndarray]
     taught: tuple[FormError, Equations]
+    whole: Callable[[], Rows]
 
 
 class _Spans:
@@ -168,7 +169,6 @@ class _Spans:
         rows: each recording a group.
         ends: per recording the times at which a span ends [s], rising.
         parts: motions of each span at least.
-        smeared: time on both sides of a moment of which the rows are left out [s].
         moments: per recording, if not the ends of spans.
         learnt: if the first is what was learnt.
     """
@@ -178,7 +178,6 @@ class _Spans:
         rows: Rows,
         ends: Sequence[Sequence[float]],
         parts: int = MIN_MOTIONS,
-        smeared: float = 0.0,
         moments: Sequence[Sequence[float]] | None = None,
         learnt: Learnt | None = None,
     ) -> None:
@@ -191,6 +190,7 @@ class _Spans:
         first = np.cumsum([0, *(len(some) + 1 for some in kept)]).tolist()
         self.groups = [list(range(a, b)) for a, b in pairwise(first)]
         group, left_out = rows.group.copy(), np.zeros(len(rows.group), dtype=bool)
+        smeared = SMEARED / rows.cutoff
         for number, some in enumerate(kept):
             mine = rows.recording == number
             group[mine] = first[number] + np.searchsorted(some, rows.t[mine])
@@ -300,7 +300,7 @@ class _Spans:
             learnt = self.rows.recording == 0
             first = float(self.rows.t[~learnt].min())
             since = min(float(self.rows.t[learnt].max()), first)
-            return [Moment(number, first, (since, first))]
+            return [Moment(first, (since, first))]
         return [
             self._moment(fit, one, number, time, begins)
             for time, begins in ((start, True), (end, False))
@@ -336,7 +336,7 @@ class _Spans:
         # between two pieces of a recording there are no rows
         low = min(float(between[first]) - step, float(t[first]))
         high = max(float(between[last]) + step, float(t[last + 1]))
-        return Moment(number, float(between[np.argmin(cost)]), (low, high))
+        return Moment(float(between[np.argmin(cost)]), (low, high))
 
 
 def changes_of(
@@ -359,7 +359,7 @@ def changes_of(
     about = fitted_arm(rows, arm, tuple(range(len(recordings))))
     slipped = _slipped(given, rows, about)
     told = _by_torque(rows, about, {}, None, ask, progress)
-    clocks = [Clock(one.name, float(one.t[0])) for one in recordings]
+    clocks = [(one.name, float(one.t[0])) for one in recordings]
     moved = partial(_moved_by, recordings=recordings)
     found = _changes(told, clocks, moved) if told.found else ()
     number = {recording.name: k for k, recording in enumerate(recordings)}
@@ -394,27 +394,26 @@ class Since(NamedTuple):
     """What a look at a stream says.
 
     Attributes:
+        fit: what is left beside what was known.
         changes: what the second recording has had since a moment, or all along; ``None`` if nothing new is promised.
         steps: the same as what is known to have changed, a change that takes a while in steps.
         others: probability of every term of which it may have something.
-        fit: what is left beside what was known.
         unknown: joints from 1 on which form error is larger, and since when [s].
         louder: joints from 1 with more noise: how much more, a ratio of RMS [1], and since when [s].
     """
 
-    changes: tuple[Change, ...] | None
-    steps: Mapping[tuple[Term, float], np.ndarray]
-    others: Mapping[Term, float]
     fit: Fit
-    unknown: Mapping[int, float]
-    louder: Mapping[int, tuple[float, float]]
+    changes: tuple[Change, ...] | None = None
+    steps: Mapping[tuple[Term, float], np.ndarray] = {}
+    others: Mapping[Term, float] = {}
+    unknown: Mapping[int, float] = {}
+    louder: Mapping[int, tuple[float, float]] = {}
 
 
 def changes_since(
     rows: Rows,
     known: Mapping[tuple[Term, float], np.ndarray],
     learnt: Learnt,
-    whole: Callable[[], Rows],
 ) -> Since:
     """What the second recording of rows has had since a moment that the first one, which was learnt, had not.
 
@@ -422,34 +421,24 @@ def changes_since(
         rows: both, on one clock.
         known: what is known to have changed, since when [s], and about by how much.
         learnt: beside what, and how rarely something may be named that is none.
-        whole: the same motion in as few segments as there are, in which a search is faster.
     """
     given = {(term, (1, t, np.inf)): value for (term, t), value in known.items()}
     odds = float(np.log(learnt.asked))
-    told = _by_torque(
-        rows,
-        learnt.about,
-        given,
-        learnt,
-        None,
-        stop=lambda fit: bool(_louder(fit, odds)),
-        whole=whole,
-    )
+    told = _by_torque(rows, learnt.about, given, learnt)
     if told.found is None:
         gain, joint, group = told.looked.unknown_since(told.fit)
         if gain <= odds:
-            return Since(None, {}, {}, told.fit, {}, {})
+            return Since(told.fit)
         since = float(rows.t[told.spans.rows.group == group].min())
         louder = _louder(told.fit, odds)
-        return Since(None, {}, {}, told.fit, {joint + 1: since}, louder)
-    clocks = [Clock("", 0.0), Clock("", 0.0)]
-    changes = _changes(told, clocks, lambda made, term: {})
+        return Since(told.fit, unknown={joint + 1: since}, louder=louder)
+    changes = _changes(told, [("", 0.0)] * 2, lambda made, term: {})
     steps = {
         (one.term, told.when[one][0].time): value
         for one, value in told.found.fit.values.items()
     }
     others = told.found.probabilities_of(lambda one: one.term)
-    return Since(changes, steps, others, told.fit, {}, {})
+    return Since(told.fit, changes, steps, others)
 
 
 def _louder(fit: Fit, odds: float) -> dict[int, tuple[float, float]]:
@@ -473,7 +462,7 @@ def _louder(fit: Fit, odds: float) -> dict[int, tuple[float, float]]:
             growth = now.mean() - then.mean()
             within = ((then - then.mean()) ** 2).sum() + ((now - now.mean()) ** 2).sum()
             parted = growth**2 * len(then) * len(now) / count
-            evidence = count / 2 * float(np.log1p(parted / max(within, 1e-12)))
+            evidence = count / 2 * float(np.log1p(parted / max(within, TINY)))
             if growth >= np.log(GROWTHS[0]) and evidence > max(best, odds):
                 best = evidence
                 out[j + 1] = float(np.exp(growth / 2)), float(rows.t[begin[first]])
@@ -536,11 +525,9 @@ def _by_torque(
     rows: Rows,
     about: FreeArm,
     known: Mapping[tuple[Term, Place], np.ndarray],
-    learnt: Learnt | None,
-    ask: Callable[[], Difference | None] | None,
+    learnt: Learnt | None = None,
+    ask: Callable[[], Difference | None] | None = None,
     progress: Callable[[str], None] = lambda message: None,
-    stop: Callable[[Fit], bool] = lambda fit: False,
-    whole: Callable[[], Rows] | None = None,
 ) -> _Told:
     """What the torque says that changes during recordings.
 
@@ -551,8 +538,6 @@ def _by_torque(
         learnt: if the first recording is what was learnt.
         ask: asks what whole recordings have of their own.
         progress: is told.
-        stop: whether what changes leave makes all further questions vain.
-        whole: rows of the last search, if they are others.
     """
     count = int(rows.recording.max()) + 1
     times = [rows.t[rows.recording == k] for k in range(count)]
@@ -562,13 +547,11 @@ def _by_torque(
     torque: np.ndarray | float = 0.0
     # what changes, where, and by how much
     mine, new = dict(known), False
-    before, smeared = _ends(known, count), SMEARED / rows.cutoff
-    left = MAX_MOMENTS
+    before, left = _ends(known, count), MAX_MOMENTS
     between: Difference | None = None
     while True:
         ends = _ends(mine, count)
-        cuts = list(map(_apart, grid, ends))
-        looked = _Spans(rows, cuts, PARTS, smeared, before, learnt)
+        looked = _Spans(rows, list(map(_apart, grid, ends)), PARTS, before, learnt)
         sets = looked.sets(ends)
         there = {looked.candidate(*key): value for key, value in mine.items()}
         search = looked.search(about, sets, len(sets))
@@ -592,38 +575,43 @@ def _by_torque(
                 }
                 about, torque = between.arm, between.fit.torque
                 continue
-        if learnt is not None and (stop(fit) if new else step is None):
-            return _Told(None, looked, {}, between, fit, search)
+        told = _Told(None, looked, {}, between, fit, search)
+        if learnt is not None:
+            # more noise makes all further questions vain
+            vain = (
+                bool(_louder(fit, float(np.log(learnt.asked)))) if new else step is None
+            )
+            if vain:
+                return told
         about, torque = search.moved_by(step or fit), fit.torque
         if step is not None and left:
-            left, new = left - 1, True
-            torque = step.torque
+            left, new, torque = left - 1, True, step.torque
             mine = {
                 (one.term, looked.refined(step, one)): value
                 for one, value in step.values.items()
             }
             continue
         if not mine or (learnt is None and not any(_ends(mine, count))):
-            return _Told(None, looked, {}, between, fit, search)
+            return told
         # all of them at once, against what they may be taken for
         progress("asks what changed")
-        asked = whole() if whole else rows
-        spans = _Spans(asked, ends, smeared=smeared, learnt=learnt)
+        spans = _Spans(learnt.whole() if learnt else rows, ends, learnt=learnt)
         if learnt is not None:
             # nothing of it is in what teaches
             torque = 0.0
         candidates = [spans.candidate(*key) for key in mine]
         likely = dict(zip(candidates, mine.values(), strict=True))
         found = spans.search(about, spans.sets(), len(sets)).run(likely, torque)
-        if set(found.fit.mine) <= set(likely):
+        settled = set(found.fit.mine) <= set(likely)
+        if left and not settled:
+            left, torque = left - 1, 0.0
+            values = found.fit.values
+            mine = {(one.term, spans.place(one)): x for one, x in values.items()}
+            continue
+        when = {one: spans.moments(found.fit, one) for one in found.fit.mine}
+        if settled:
             when = dict(zip(candidates, moments, strict=True))
-            return _Told(found, spans, when, between, fit, search)
-        if not left:
-            when = {one: spans.moments(found.fit, one) for one in found.fit.mine}
-            return _Told(found, spans, when, between, fit, search)
-        left -= 1
-        mine = {(one.term, spans.place(one)): x for one, x in found.fit.values.items()}
-        torque = 0.0
+        return told._replace(found=found, spans=spans, when=when)
 
 
 def _ends(
@@ -652,21 +640,16 @@ def _apart(grid: np.ndarray, ends: Sequence[float]) -> list[float]:
     return sorted([*kept, *ends])
 
 
-class Clock(NamedTuple):
-    """Name of a recording, and the time by its own clock at which the rows of it begin to count [s]."""
-
-    name: str
-    start: float
-
-
 def _changes(
-    told: _Told, clocks: Sequence[Clock], moved: Callable[[Design, Term], Moved]
+    told: _Told,
+    clocks: Sequence[tuple[str, float]],
+    moved: Callable[[Design, Term], Moved],
 ) -> tuple[Change, ...]:
     """Each moment at which what spans have of their own comes or goes.
 
     Args:
         told: what changes.
-        clocks: of the recordings.
+        clocks: names of the recordings, and the times by their own clocks at which their rows begin to count [s].
         moved: what a term moves in them.
     """
     found, spans, moments = told.found, told.spans, told.when
@@ -704,7 +687,7 @@ def _changes(
             out.setdefault((number, one.term.joint), []).append((one, change))
     every: list[tuple[int, Change]] = []
     for (number, _), some in out.items():
-        ramps = _gradual(found, number, some, clocks[number].start)
+        ramps = _gradual(found, number, some, clocks[number][1])
         every += [(number, one) for one in ramps or (own for _, own in some)]
     every.sort(key=lambda pair: (pair[0], pair[1].time))
     return tuple(change for _, change in every)
@@ -797,3 +780,224 @@ def _moved_by(made: Design, term: Term, recordings: Sequence[Recording]) -> Move
         mine = rows.recording == k
         out[recording.name] = float(recording.t[0]) + rows.t[mine], torque[mine]
     return out
+
+
+# Changes that take a while: a parameter that rises or falls evenly between two moments of a recording.
+#
+# The torque r that a recording has beside all else, of variance s^2, is taken as w(t) x d(t), with d the torque of a
+# term and w 0 up to a moment a, 1 from a moment b on, and even in between. The likeliest x explains
+#
+#     G(a, b) = (sum w r d / s^2)^2 / (2 sum w^2 d^2 / s^2)    [nats].
+#
+# With a = b that is a change at once.
+
+
+class Ramp(NamedTuple):
+    """An even change.
+
+    Attributes:
+        begin, end: of it [s].
+        begins: between which moments it begins, with a given probability [s].
+        share: what it reaches, over the term's torque [1].
+        explained: that is explained [nats].
+        mean: evidence of a ramp between any two moments, each pair as likely [nats].
+        at_once: the same of a change at once.
+    """
+
+    begin: float
+    end: float
+    begins: tuple[float, float]
+    share: float
+    explained: float
+    mean: float
+    at_once: float
+
+
+def best_ramp(
+    t: np.ndarray, right: np.ndarray, square: np.ndarray, shortest: float, sure: float
+) -> Ramp | None:
+    """The likeliest ramp of a term in a recording; ``None`` if none fits into it.
+
+    Args:
+        t: times of its rows [s], (T,).
+        right: sum over joints of r d / s^2 on each row, (T,).
+        square: sum over joints of d^2 / s^2 on each row, (T,).
+        shortest: a shorter ramp is none [s].
+        sure: probability that it begins between the moments that are told [1].
+    """
+    edges = np.linspace(t[0], t[-1], WINDOW_EDGES)
+    a, b = (x.ravel() for x in np.meshgrid(edges, edges))
+    gain, _ = _explained(t, right, square, a, b)
+    ramps = gain[b - a >= shortest]
+    if not len(ramps):
+        return None
+    # at once, before each row
+    pull, weight = (x[::-1].cumsum()[::-1] for x in (right, square))
+    steps = pull**2 / np.maximum(weight, TINY) / 2
+    of_ramps = np.where(b - a >= shortest, gain, -np.inf)
+    k, width = int(of_ramps.argmax()), edges[1] - edges[0]
+    # once more, about the best
+    near = np.linspace(-width, width, WINDOW_EDGES)
+    a, b = (x.ravel() for x in np.meshgrid(a[k] + near, b[k] + near))
+    longer = b - a >= shortest
+    a, b = a[longer], b[longer]
+    gain, share = _explained(t, right, square, a, b)
+    k = int(gain.argmax())
+    order = np.argsort(a, kind="stable")
+    likely = np.exp(gain - gain.max())[order].cumsum()
+    low, high = np.searchsorted(likely / likely[-1], [(1 - sure) / 2, (1 + sure) / 2])
+    step = width / WINDOW_EDGES + float(np.median(np.diff(t)))
+    begins = float(a[order][low]) - step, float(a[order][high]) + step
+    return Ramp(
+        float(a[k]),
+        float(b[k]),
+        begins,
+        float(share[k]),
+        float(gain[k]),
+        _mean(ramps),
+        _mean(steps),
+    )
+
+
+def _explained(
+    t: np.ndarray, right: np.ndarray, square: np.ndarray, a: np.ndarray, b: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """G of each pair of moments [nats], (K,), and the likeliest x, (K,)."""
+    length = np.maximum(b - a, np.finfo(float).eps)[:, None]
+    w = np.clip((t - a[:, None]) / length, 0.0, 1.0)
+    pull, weight = w @ right, w**2 @ square
+    share = pull / np.maximum(weight, TINY)
+    return share * pull / 2, share
+
+
+def _mean(gain: np.ndarray) -> float:
+    return float(np.logaddexp.reduce(gain) - np.log(len(gain)))
+
+
+# Findings on what changed during a recording, as ``diagnosis.json`` holds them and in words.
+
+
+PAYLOAD = of_quantity("load")[0].name
+"""What a load on the last link is called, picked up or put down."""
+LOAD = (
+    ("mass", "kg"),
+    ("first_moment_x", "kg m"),
+    ("first_moment_y", "kg m"),
+    ("first_moment_z", "kg m"),
+)
+"""Coordinates of a load that are told."""
+FRICTION = {"damping": "viscous", "friction": "coulomb"}
+"""Name of plain friction of a joint, by the quantity of the effect."""
+PLAIN_FRICTION = "friction"
+
+
+def change_findings(changes: Sequence[Change]) -> list[dict[str, Any]]:
+    """Entries of ``changes``: what changed, in which recording, when, by how much."""
+    out: list[dict[str, Any]] = []
+    for entry in map(_finding, changes):
+        twin = next((other for other in out if _are_one(entry, other)), None)
+        if twin is None:
+            out.append(entry)
+            continue
+        twin["parameters"] |= entry["parameters"]
+        if np.ptp(entry["interval"]) < np.ptp(twin["interval"]):
+            twin |= {key: entry[key] for key in ("time", "interval", "until")}
+    return out
+
+
+def _are_one(one: dict[str, Any], other: dict[str, Any]) -> bool:
+    """Whether both are plain friction of a joint that changes at one moment."""
+    same = all(one[key] == other[key] for key in ("recording", "what", "joints"))
+    low = max(one["interval"][0], other["interval"][0])
+    high = min(one["interval"][1], other["interval"][1])
+    new = not set(one["parameters"]) & set(other["parameters"])
+    return one["what"] == PLAIN_FRICTION and same and low <= high and new
+
+
+def called(term: Term) -> tuple[str, tuple[int, ...]]:
+    """What a change of a term is called, and on which joints: plain friction together, a load by one name."""
+    what = PLAIN_FRICTION if _friction(term) else term.effect
+    if term.is_load:
+        what = PAYLOAD
+    return what, (term.joint,) if term.joint else ()
+
+
+def _finding(change: Change) -> dict[str, Any]:
+    what, joints = called(change.term)
+    return {
+        "recording": change.recording,
+        "what": what,
+        "effect": change.term.effect,
+        "joints": list(joints),
+        "time": change.time,
+        "interval": list(change.interval),
+        "until": change.until,
+        "parameters": _parameters(change),
+        "probability": change.probability,
+        "times_threshold": change.support,
+    }
+
+
+def _friction(term: Term) -> str | None:
+    """Name of plain friction; ``None`` of anything else."""
+    quantities = term.definition.quantities.values()
+    return next((FRICTION[q] for q in quantities if q in FRICTION), None)
+
+
+def _parameters(change: Change) -> dict[str, dict[str, Any]]:
+    """By how much each parameter changed, or what an effect has from then on, with its standard deviation."""
+    value, deviations, term = change.value, change.deviation, change.term
+    if term.is_load or _friction(term):
+        unit = term.definition.parameters[0].unit
+        names = LOAD if term.is_load else ((str(_friction(term)), unit),)
+        coordinates = zip(names, value.tolist(), deviations.tolist(), strict=False)
+        return {
+            name: {"unit": unit, "value": x, "std": std}
+            for (name, unit), x, std in coordinates
+        }
+    middle = _values(change, value)
+    # each coordinate by a deviation up, and down
+    steps = [
+        (_values(change, value + step), _values(change, value - step))
+        for step in np.diag(deviations)
+    ]
+    out, times = {}, term.parametrisation.nonlinear
+    for parameter in term.definition.parameters:
+        name = parameter.name
+        # the number of a link is no value, and when a force acts is said already
+        if name not in middle or name in times:
+            continue
+        half = [(up[name] - down[name]) / 2 for up, down in steps]
+        both = middle[name], np.sqrt((np.array(half) ** 2).sum(axis=0))
+        x, std = (v.tolist() if len(v) > 1 else float(v[0]) for v in both)
+        out[name] = {"unit": parameter.unit, "value": x, "std": std}
+    return out
+
+
+def _values(change: Change, value: np.ndarray) -> dict[str, np.ndarray]:
+    """Parameters by the term's coordinates, (linear,)."""
+    fitted = change.term.parametrisation
+    given = fitted.values(value[:, None], np.zeros((len(fitted.nonlinear), 1)))
+    return {name: np.ravel(np.asarray(x, dtype=float)) for name, x in given.items()}
+
+
+def change_text(entry: Mapping[str, Any]) -> str:
+    """A finding in words: ``load of 1.50 ± 0.01 kg picked up at 3.70 s of recording_1.csv``."""
+    # documents written before changes could take a while have none
+    when = f"{when_text(entry['time'], entry.get('until'))} of {entry['recording']}"
+    if entry["what"] == PAYLOAD:
+        mass = entry["parameters"]["mass"]
+        done = "picked up" if mass["value"] > 0 else "put down"
+        size = f"{uncertain(abs(mass['value']), mass['std'])} kg"
+        return f"load of {size} {done} {when}"
+    sizes = []
+    for name, part in entry["parameters"].items():
+        values, stds = np.ravel(part["value"]), np.ravel(part["std"])
+        each = [uncertain(*pair) for pair in zip(values, stds, strict=True)]
+        size = each[0] if len(each) == 1 else f"({', '.join(each)})"
+        sizes.append(f"{name} by {size} {part['unit']}".removesuffix(" 1"))
+    plain = entry["what"] == PLAIN_FRICTION
+    name = PLAIN_FRICTION if plain else effect_name(entry["what"])
+    joints = entry["joints"]
+    where = f" of joint {joints[0]}" if joints else ""
+    return f"{name}{where} changed {when}: {', '.join(sizes)}"

@@ -9,9 +9,11 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
+from scipy.ndimage import maximum_filter1d
 from scipy.signal import butter, sosfiltfilt, welch
 from scipy.stats import chi2
 
@@ -20,13 +22,14 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.io.plausibility import SHORTEST_LOG
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.motion import Motion
-from gapscope.arm.recording import Recording
-from gapscope.model.measured_torque import torque_steps, unknown_torque
+from gapscope.arm.recording import Recording, held_torque, torque_step
 
 TORQUE_CUTOFF = 12.0
 """Cut-off of the torque gap [Hz], by definition of ``torque_nrmse``."""
 TRIM = 0.3
 """Time cut from both ends of a filtered segment [s], by definition of ``torque_nrmse``."""
+MIN_SCALE_SHARE = 0.05
+"""A joint's normalisation, over the largest joint's deviation, at least [1]: part of what ``torque_nrmse`` is."""
 WORKING_RATE = 250.0
 """Recordings sampled at twice this rate or faster are decimated to no less than it [Hz]."""
 SHORTEST = SHORTEST_LOG
@@ -40,7 +43,8 @@ BY_CHANCE = 0.01
 CUTOFFS = 40
 """Cut-offs between them that are tried. (budget)"""
 FEWEST_ROWS = 8
-"""Samples of a window of which a spectrum is made, at least [1]. (definition)"""
+"""Samples of a window of which a spectrum is made, and of a log that is looked at for jumps, at least [1].
+(definition)"""
 MIN_STEP = 1e-6
 """Stamps closer than this share of a period are one stamp [1]."""
 GAP_STEPS = 4.0
@@ -48,7 +52,7 @@ GAP_STEPS = 4.0
 
 BRIDGED_GAP = 0.04
 """Longest step of time [s] over which a log that is all gaps is interpolated: samples so far apart still show the band
-of the torque gap, 12 Hz."""
+of the torque gap, 12 Hz. A torque that was not measured spoils those so near to it."""
 
 
 STANDS_OUT = 3.0
@@ -109,6 +113,12 @@ class Segment:
         return out
 
     @property
+    def recorded_torque(self) -> np.ndarray:
+        """The recorded torque of a segment that has one [N m], (N, n)."""
+        assert self.torque is not None
+        return self.torque
+
+    @property
     def measured(self) -> np.ndarray:
         """Whether each torque was measured, mask (N, n)."""
         if self.unknown is None:
@@ -140,6 +150,12 @@ def low_pass(series: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
     three_periods = int(3 * rate / min(cutoff, rate / 2))
     padding = min(len(series) - 1, three_periods)
     return sosfiltfilt(sos, series, axis=0, padlen=padding)
+
+
+def torque_scale(torque: np.ndarray) -> np.ndarray:
+    """Normalisation of the torque gap [N m], shape (n,): standard deviation, at least 5 % of the largest joint's."""
+    deviation = torque.std(axis=0)
+    return np.maximum(deviation, MIN_SCALE_SHARE * deviation.max())
 
 
 def position_cutoffs(recording: Recording) -> np.ndarray:
@@ -248,7 +264,7 @@ def jumps(recording: Recording) -> list[Jump]:
     what came before.
     """
     t, q = recording.t, recording.q
-    if len(t) < 12:
+    if len(t) < FEWEST_ROWS:
         return []
     step = np.diff(t)[:, None]
     velocity = np.diff(q, axis=0) / step
@@ -358,8 +374,12 @@ def condition(recording: Recording, cutoff: float | None = None) -> list[Segment
     """
     spans = pieces(recording)
     if not spans:
+        whole = recording.t[-1] - recording.t[0]
+        problem = f"no stretch without a gap lasts {SHORTEST:g} s"
+        if whole < SHORTEST:
+            problem = f"lasts {whole:.3g} s, at least {SHORTEST:g} s is needed"
         raise InputError(
-            _too_short(recording),
+            problem,
             "record for longer, or repair the time stamps",
             file=recording.name,
         )
@@ -368,28 +388,15 @@ def condition(recording: Recording, cutoff: float | None = None) -> list[Segment
     return [_segment(recording, span, cutoffs) for span in spans]
 
 
-def _too_short(recording: Recording) -> str:
-    whole = recording.t[-1] - recording.t[0]
-    if whole >= SHORTEST:
-        return f"no stretch without a gap lasts {SHORTEST:g} s"
-    return f"lasts {whole:.3g} s, at least {SHORTEST:g} s is needed"
-
-
 def thinned(segment: Segment, rate: float) -> Segment:
     """A segment decimated to no less than ``rate`` [Hz], its torques low-passed before."""
-    m = segment.motion
-    step = max(1, int(m.rate / rate + 1e-6))
-    motion = Motion(m.t[::step], m.q[::step], m.dq[::step], m.ddq[::step])
-    return Segment(
-        recording=segment.recording,
-        motion=motion,
-        torque=_decimate(segment.torque, m.rate, step),
-        torque_sensor=_decimate(segment.torque_sensor, m.rate, step),
-        payload=segment.payload,
-        unknown=None if segment.unknown is None else segment.unknown[::step],
-        torque_step=segment.torque_step,
-        temperature=_decimate(segment.temperature, m.rate, step),
-    )
+    own = segment.motion.rate
+    step = max(1, int(own / rate + 1e-6))
+    filtered: dict[str, Any] = {
+        name: _anti_aliased(getattr(segment, name), own, step)
+        for name in ("torque", "torque_sensor", "temperature")
+    }
+    return _cut(replace(segment, **filtered), slice(None, None, step))
 
 
 def blocks(segment: Segment, count: int) -> list[Segment]:
@@ -404,20 +411,14 @@ def blocks(segment: Segment, count: int) -> list[Segment]:
     return [_cut(segment, span) for span in spans]
 
 
-def _cut(segment: Segment, span: slice) -> Segment:
-    """The samples of a segment within a slice."""
-    m, torque, sensor = segment.motion, segment.torque, segment.torque_sensor
-    unknown, warmth = segment.unknown, segment.temperature
-    return Segment(
-        recording=segment.recording,
-        motion=Motion(m.t[span], m.q[span], m.dq[span], m.ddq[span]),
-        torque=None if torque is None else torque[span],
-        torque_sensor=None if sensor is None else sensor[span],
-        payload=segment.payload,
-        unknown=None if unknown is None else unknown[span],
-        torque_step=segment.torque_step,
-        temperature=None if warmth is None else warmth[span],
-    )
+def _cut(segment: Segment, rows: slice) -> Segment:
+    """Some samples of a segment."""
+    m, series = segment.motion, dict[str, Any]()
+    for name in ("torque", "torque_sensor", "unknown", "temperature"):
+        own = getattr(segment, name)
+        series[name] = None if own is None else own[rows]
+    motion = Motion(m.t[rows], m.q[rows], m.dq[rows], m.ddq[rows])
+    return replace(segment, motion=motion, **series)
 
 
 def _segment(recording: Recording, span: slice, cutoffs: np.ndarray) -> Segment:
@@ -438,23 +439,51 @@ def _segment(recording: Recording, span: slice, cutoffs: np.ndarray) -> Segment:
         if series is None:
             return None
         regular = uniform(recording.t[span], series[span], rate)[1]
-        return _decimate(regular, rate, step)
+        filtered = _anti_aliased(regular, rate, step)
+        return None if filtered is None else filtered[::step]
 
-    torque, sensor = on_grid(recording.tau), on_grid(recording.tau_sensor)
+    steps = None if recording.tau is None else torque_step(recording.tau)
     return Segment(
         recording=recording.name,
         motion=motion,
-        torque=torque,
-        torque_sensor=sensor,
+        torque=on_grid(recording.tau),
+        torque_sensor=on_grid(recording.tau_sensor),
         payload=recording.payload,
-        unknown=unknown_torque(recording, span, grid),
-        torque_step=torque_steps(recording),
+        unknown=_unknown_torque(recording, span, grid),
+        torque_step=None if steps is None or not steps.any() else steps,
         temperature=on_grid(recording.temperature),
     )
 
 
-def _decimate(series: np.ndarray | None, rate: float, step: int) -> np.ndarray | None:
-    """Every ``step``-th sample of a series at ``rate`` [Hz], low-passed at 0.8 of the new Nyquist frequency."""
+def _anti_aliased(
+    series: np.ndarray | None, rate: float, step: int
+) -> np.ndarray | None:
+    """Series at ``rate`` [Hz], low-passed at 0.8 of the Nyquist frequency of every ``step``-th sample."""
     if series is None or step == 1:
         return series
-    return low_pass(series, rate, 0.4 * rate / step)[::step]
+    return low_pass(series, rate, 0.4 * rate / step)
+
+
+def _unknown_torque(
+    recording: Recording, span: slice, grid: np.ndarray
+) -> np.ndarray | None:
+    """Which torques of a piece were not measured, or are mixed with such by filters; ``None`` if all were.
+
+    Args:
+        recording: the recording.
+        span: rows of the piece.
+        grid: times at which it is asked [s], (M,).
+
+    Returns:
+        A mask (M, n).
+    """
+    if recording.tau is None:
+        return None
+    t = recording.t[span]
+    held = held_torque(t, recording.q[span], recording.tau[span]).unknown
+    if not held.any():
+        return None
+    near = int(np.ceil(BRIDGED_GAP * recording.rate))
+    widened = maximum_filter1d(held.astype(np.uint8), 2 * near + 1, axis=0)
+    places = np.clip(np.searchsorted(t, grid), 0, len(t) - 1)
+    return np.asarray(widened[places] > 0)

@@ -23,15 +23,18 @@ from itertools import pairwise
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from gapscope.model.design import ROUNDS
 from gapscope.model.equations import (
+    FUNCTIONS,
     Eliminated,
     Equations,
+    FormError,
     eliminated,
     forward,
+    function_gains,
     inverse,
     lower,
 )
-from gapscope.model.form_error import FUNCTIONS, FormError, function_gains
 from gapscope.model.terms import Candidate, Term
 
 SIZES = (0.01, 0.03, 0.1, 0.3, 1.0)
@@ -41,8 +44,6 @@ MANY = 20
 """Columns of terms of which what is shared is eliminated for all at once. (budget)"""
 FACTORS = 16
 """Factors of the information on what is shared, for as many priors of it, that are kept. (budget)"""
-SIZED = 3
-"""Times that the sizes of a set of effects are looked for, each beside the others. (budget)"""
 RESIZED = 6
 """Times that unknown functions are resized. (budget)"""
 LARGEST = 2.0
@@ -126,6 +127,25 @@ class Contrast:
         self.right = self._right_sides()
         self._eliminate_nuisances()
 
+    def _changed(
+        self,
+        motions: list[list[Eliminated]] | None = None,
+        touched: Collection[tuple[int, int]] = (),
+        nuisances: Sequence[Nuisance] = (),
+        prior: np.ndarray | None = None,
+    ) -> Contrast:
+        """The same question of other motions, which change some joints and groups, or beside other nuisances."""
+        other = copy(self)
+        if motions is not None:
+            other.motions = motions
+            other._inform(touched)
+            other.right = other._right_sides()
+        if prior is not None:
+            other.design = replace(self.design, prior=prior)
+        other._nuisances = (*self._nuisances, *nuisances)
+        other._eliminate_nuisances()
+        return other
+
     def grown(self, larger: Mapping[tuple[int, int], float]) -> Contrast:
         """The same question with more form error.
 
@@ -134,19 +154,14 @@ class Contrast:
         """
         if not larger:
             return self
-        other = copy(self)
-        other.motions = [list(motions) for motions in self.motions]
-        touched = set()
+        motions, touched = [list(own) for own in self.motions], set()
         for (j, motion), growth in larger.items():
-            for k, one in enumerate(self.motions[j]):
+            for k, one in enumerate(motions[j]):
                 if one.cell.motion == motion:
                     own2 = self.error.own2[j] * growth
-                    other.motions[j][k] = eliminated(one.cell, own2, one.noise2)
+                    motions[j][k] = eliminated(one.cell, own2, one.noise2)
                     touched.add((j, one.cell.group))
-        other._inform(touched)
-        other.right = other._right_sides()
-        other._eliminate_nuisances()
-        return other
+        return self._changed(motions, touched)
 
     def _inform(self, some: Iterable[tuple[int, int]]) -> None:
         """Sum the information of some joints and groups on the coefficients."""
@@ -168,29 +183,16 @@ class Contrast:
             out[np.ix_(active, active)] += sum(information[g] for g in groups)
         return out
 
-    def _row(self, place: int, groups: Sequence[int]) -> np.ndarray:
-        """Information of some groups on one column and all others, (G, P): nothing of the other groups."""
-        out = np.zeros((self.groups, self.design.size))
-        for active, information in zip(
-            self.design.active, self.information, strict=True
-        ):
-            for k in np.flatnonzero(active == place):
-                for group in groups:
-                    out[group, active] += information[group][k]
-        return out
-
-    def _with_terms(self, some: np.ndarray) -> np.ndarray:
-        """Information of each group on some columns, rising, and those of terms, (K, G, T)."""
-        told = self.design.told
-        out = np.zeros((len(some), self.groups, len(told)))
-        for active, information in zip(
-            self.design.active, self.information, strict=True
-        ):
-            mine, theirs = np.isin(active, some), np.isin(active, told)
-            here = np.searchsorted(some, active[mine])
-            there = np.searchsorted(told, active[theirs])
+    def _gathered(self, some: np.ndarray, others: np.ndarray) -> np.ndarray:
+        """Information of each group on some columns and others, both rising, (G, K, L)."""
+        out = np.zeros((self.groups, len(some), len(others)))
+        every = zip(self.design.active, self.information, strict=True)
+        for active, information in every if len(some) else ():
+            mine, theirs = np.isin(active, some), np.isin(active, others)
+            here = np.searchsorted(some, active[mine])[:, None]
+            there = np.searchsorted(others, active[theirs])
             for group, own in enumerate(information):
-                out[here[:, None], group, there] += own[np.ix_(mine, theirs)]
+                out[group, here, there] += own[np.ix_(mine, theirs)]
         return out
 
     def _right_sides(self) -> np.ndarray:
@@ -214,8 +216,10 @@ class Contrast:
             unit.append(np.sqrt(variance[places]))
         self._units = np.concatenate([prior[self._shared], *unit])
         by_own = np.zeros((len(self._own), self.groups, self.design.size))
+        places = np.unique([p for _, p in self._own]).astype(int)
+        rows = self._gathered(places, np.arange(self.design.size))
         for row, (some, p) in zip(by_own, self._own, strict=True):
-            row[:] = self._row(p, some)
+            row[some] = rows[some, np.searchsorted(places, p)]
         own = self._of_nuisances(by_own.transpose(1, 2, 0))
         count, shared = len(self._shared), self._shared
         self._normal = np.empty((len(own), len(own)))
@@ -237,31 +241,33 @@ class Contrast:
             kept[prior] = Factor(lower(self._normal * unit[:, None] * unit))
         self._factorised = kept[prior]
         self._factor = self._factorised.lower
-        self._solved = self._solve()
+        self.solved = self._solve()
 
     @property
     def of_terms(self) -> np.ndarray:
         """Information of each group on the columns of terms, (G, T, T)."""
         if self._of_terms is None:
             told = self.design.told
-            self._of_terms = self._with_terms(told).transpose(1, 0, 2)
+            self._of_terms = self._gathered(told, told)
         return self._of_terms
 
     @property
     def _crossed(self) -> np.ndarray:
         """Products of the nuisances with the columns of terms of each group, (N, G, T)."""
         if self._cross is None:
-            by_shared = self._with_terms(self._shared)
-            self._cross = np.concatenate([by_shared, self._by_own])
+            by_shared = self._gathered(self._shared, self.design.told)
+            self._cross = np.concatenate([by_shared.transpose(1, 0, 2), self._by_own])
         return self._cross
 
     @property
     def taken_by_nuisances(self) -> np.ndarray:
         """What the likeliest nuisances take of the right sides of the columns of terms of each group, (G, T)."""
-        value = self._units * solve_triangular(
-            self._factor.T, self._solved, check_finite=False
-        )
-        return np.tensordot(value, self._crossed, 1)
+        return np.tensordot(self._likeliest(self.solved), self._crossed, 1)
+
+    def _likeliest(self, solved: np.ndarray) -> np.ndarray:
+        """Likeliest values of the nuisances, from L^-1 U times their right side, (N,)."""
+        back = solve_triangular(self._factor.T, solved, check_finite=False)
+        return np.asarray(self._units * back)
 
     def back(self, groups: Sequence[int], columns: np.ndarray) -> np.ndarray:
         """L^-1 U times the products of the nuisances with columns of terms of some groups, (N, K): once for many."""
@@ -297,17 +303,12 @@ class Contrast:
     @property
     def evidence(self) -> float:
         """Log probability of the gaps if no group has anything of its own [nats], but for a constant."""
-        total = _half_log(self._factor, self._solved)
+        total = _half_log(self._factor, self.solved)
         for motions, noise2 in zip(self.motions, self.error.noise2, strict=True):
             for one in motions:
                 total += _half_log(one.factor, one.right) - one.cell.power / noise2 / 2
                 total -= one.cell.count * float(np.log(noise2)) / 2
         return total
-
-    @property
-    def solved(self) -> np.ndarray:
-        """L^-1 U times the right side of the nuisances."""
-        return self._solved
 
     def for_gap(self, gap: np.ndarray) -> Contrast:
         """The same question to another gap of the same columns, (M, n): that of another arm."""
@@ -318,33 +319,24 @@ class Contrast:
             for j, motions in enumerate(self.motions)
         ]
         other.right = other._right_sides()
-        other._solved = other._solve()
+        other.solved = other._solve()
         return other
 
-    def without(self, group: int, motions: Collection[int]) -> Contrast:
+    def without(self, group: int, left_out: Collection[int]) -> Contrast:
         """The same question without some motions of a group: what the others say of them is a prediction."""
-        other = copy(self)
-        other.motions = [
+        motions = [
             [
                 one
                 for one in own
-                if one.cell.group != group or one.cell.motion not in motions
+                if one.cell.group != group or one.cell.motion not in left_out
             ]
             for own in self.motions
         ]
-        other._inform((j, group) for j in range(len(self.motions)))
-        other.right = other._right_sides()
-        other._eliminate_nuisances()
-        return other
+        return self._changed(motions, {(j, group) for j in range(len(motions))})
 
     def further(self, nuisances: Sequence[Nuisance]) -> Contrast:
         """The same question beside further nuisances of some groups."""
-        if not nuisances:
-            return self
-        other = copy(self)
-        other._nuisances = (*self._nuisances, *nuisances)
-        other._eliminate_nuisances()
-        return other
+        return self._changed(nuisances=nuisances) if nuisances else self
 
     def with_prior(self, prior: np.ndarray) -> Contrast:
         """The same question with other prior deviations of what is shared, (P,)."""
@@ -364,7 +356,7 @@ class Contrast:
             for some in itertools.chain.from_iterable(asked.design.waves):
                 at = np.searchsorted(asked._shared, some)
                 mine = half[:, at]
-                mean = mine.T @ asked._solved
+                mean = mine.T @ asked.solved
                 gain = function_gains(mine.T @ mine, mean, prior[some[0]])
                 prior[some] = FUNCTIONS[int(gain.argmax())]
             if np.array_equal(prior, asked.design.prior):
@@ -378,12 +370,9 @@ class Contrast:
 
     def unshared(self, places: np.ndarray) -> Contrast:
         """The same question if some columns are nobody's but each group's own."""
-        other = copy(self)
         prior = self.design.prior.copy()
         prior[places] = 0.0
-        other.design = replace(self.design, prior=prior)
-        other._eliminate_nuisances()
-        return other
+        return self._changed(prior=prior)
 
     def without_form(self, noise2: np.ndarray, prior: np.ndarray) -> Contrast:
         """The same question of rows of noise alone, without form error.
@@ -429,7 +418,7 @@ class Contrast:
                 right += x.T @ self.gap[rows, j] / noise2 - inner.T @ one.right
                 cross[one.cell.group, active] += products - one.cross.T @ inner
         back = self.nuisance_rows(cross)
-        return Beside(cross, gram - back.T @ back, right - back.T @ self._solved, back)
+        return Beside(cross, gram - back.T @ back, right - back.T @ self.solved, back)
 
     def growth_gains(
         self, group: int, growths: Sequence[float]
@@ -438,7 +427,7 @@ class Contrast:
 
         What is shared is held where it is likeliest, and so is what the group has that is no term.
         """
-        shared, own = self.nuisance_values(self._solved)
+        shared, own = self.nuisance_values(self.solved)
         mine, out = shared + own[group], {}
         tried = np.array([1.0, *growths])
         for j, motions in enumerate(self.motions):
@@ -474,9 +463,7 @@ class Contrast:
     def nuisance_values(self, solved: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Values of what is shared, (P,), and of the nuisances of each group, (G, P), from L^-1 U b."""
         shared, own = np.zeros(self.design.size), np.zeros(self.right.shape)
-        back = solve_triangular(self._factor.T, solved, check_finite=False)
-        value = self._units * back
-        count = len(self._shared)
+        value, count = self._likeliest(solved), len(self._shared)
         shared[self._shared] = value[:count]
         for (some, p), one in zip(self._own, value[count:], strict=True):
             own[some, p] += one
@@ -580,25 +567,24 @@ class OwnTerms:
     ) -> None:
         made = self.design = contrast.design
         self.sizes = tuple(sizes)
-        self._contrast, self._sets, self._about = contrast, sets, about or {}
+        self.contrast, self._sets, self._about = contrast, sets, about or {}
         every = tuple(range(contrast.groups))
         # the groups of each block of coordinates, one for each column
-        self._blocks = [frozenset(some) for some in (*sets, every)]
-        self._grams: dict[frozenset[int], np.ndarray] = {}
+        self._blocks = [tuple(sorted(some)) for some in (*sets, every)]
+        self._grams: dict[tuple[int, ...], np.ndarray] = {}
         self._of_terms = {
             term: np.searchsorted(made.told, own) for term, own in made.places.items()
         }
         self._number = {some: k for k, some in enumerate((*sets, None))}
         self._replaced: dict[Candidate, np.ndarray] = {}
         self._width_of: dict[Term, np.ndarray] = {}
-        self._members = [sorted(block) for block in self._blocks]
         self._further = contrast.beside(self._replacing()) if self._about else None
         self.right = self._right()
 
     def _right(self) -> np.ndarray:
-        contrast = self._contrast
-        of_groups = contrast.right[:, self.design.told] - contrast.taken_by_nuisances
-        right = [of_groups[members].sum(axis=0) for members in self._members]
+        told, contrast = self.design.told, self.contrast
+        of_groups = contrast.right[:, told] - contrast.taken_by_nuisances
+        right = [of_groups[list(block)].sum(axis=0) for block in self._blocks]
         further = [] if self._further is None else [self._further.right]
         return np.concatenate([*right, *further])
 
@@ -622,17 +608,12 @@ class OwnTerms:
 
     def back(self, places: np.ndarray) -> np.ndarray:
         """L^-1 U times the products of coordinates with what is shared, (N, K)."""
-        out = np.empty((len(self._contrast.solved), len(places)))
-        count, told = len(self._blocks), len(self.design.told)
-        number, column = np.divmod(places, told)
-        for k in np.unique(np.minimum(number, count)).tolist():
-            if k == count:
-                mine = number >= count
-                assert self._further is not None
-                out[:, mine] = self._further.back[:, places[mine] - k * told]
-            else:
-                mine = number == k
-                out[:, mine] = self._contrast.back(self._members[k], column[mine])
+        out = np.empty((len(self.contrast.solved), len(places)))
+        for block, mine, columns in self._by_block(places):
+            if block is not None:
+                out[:, mine] = self.contrast.back(block, columns)
+            elif self._further is not None:
+                out[:, mine] = self._further.back[:, columns]
         return out
 
     def _replacing(self) -> list[np.ndarray]:
@@ -660,7 +641,7 @@ class OwnTerms:
 
     def _by_block(
         self, places: np.ndarray
-    ) -> Iterator[tuple[frozenset[int] | None, np.ndarray, np.ndarray]]:
+    ) -> Iterator[tuple[tuple[int, ...] | None, np.ndarray, np.ndarray]]:
         """Coordinates by the groups that have them: which they are, and of which column; ``None``: further ones."""
         count = len(self.design.told)
         number, column = np.divmod(places, count)
@@ -674,30 +655,31 @@ class OwnTerms:
 
     def _in_common(
         self,
-        block: frozenset[int] | None,
+        block: tuple[int, ...] | None,
         columns: np.ndarray,
-        other: frozenset[int] | None,
+        other: tuple[int, ...] | None,
         other_columns: np.ndarray,
     ) -> np.ndarray | float:
         """Products of columns of some groups with columns of others, but for what is shared."""
-        if block is None and other is None:
-            assert self._further is not None
-            known = self._further.gram + self._further.back.T @ self._further.back
-            return np.asarray(known[np.ix_(columns, other_columns)])
-        if block is None or other is None:
-            there = block if other is None else other
-            assert self._further is not None and there is not None
-            cross = self._further.cross[sorted(there)].sum(axis=0)[self.design.told]
-            if other is None:
-                return np.asarray(cross[np.ix_(columns, other_columns)])
-            return np.asarray(cross[np.ix_(other_columns, columns)].T)
-        both = block & other
-        return self._gram(both)[np.ix_(columns, other_columns)] if both else 0.0
+        if block is not None and other is not None:
+            both = tuple(group for group in block if group in other)
+            if not both:
+                return 0.0
+            return np.asarray(self._gram(both)[np.ix_(columns, other_columns)])
+        further = self._further
+        assert further is not None
+        if block is not None:
+            cross = further.cross[list(block)].sum(axis=0)[self.design.told]
+            return np.asarray(cross[np.ix_(columns, other_columns)])
+        if other is not None:
+            return np.asarray(self._in_common(other, other_columns, block, columns)).T
+        known = further.gram + further.back.T @ further.back
+        return np.asarray(known[np.ix_(columns, other_columns)])
 
-    def _gram(self, groups: frozenset[int]) -> np.ndarray:
+    def _gram(self, groups: tuple[int, ...]) -> np.ndarray:
         """Information of some groups on the columns of terms, (T, T)."""
         if groups not in self._grams:
-            self._grams[groups] = self._contrast.of_terms[sorted(groups)].sum(axis=0)
+            self._grams[groups] = self.contrast.of_terms[list(groups)].sum(axis=0)
         return self._grams[groups]
 
     def _alone(self, places: np.ndarray) -> np.ndarray:
@@ -729,27 +711,25 @@ class OwnTerms:
     def _widths(self, term: Term) -> np.ndarray:
         """Prior deviations of a term's coordinates of each of the Z ``sizes``, in torque, (Z, linear)."""
         if term not in self._width_of:
-            self._width_of[term] = self._width(term)
+            unit, fitted = self.design.units[term], term.parametrisation
+            shares = np.ones(len(unit))
+            if fitted.proportions is not None:
+                torque = unit * np.array(fitted.proportions)
+                shares = torque / torque.max()
+            # no arm has much more of an effect than is usual where it is one
+            most = LARGEST * self.design.usual[term] * unit
+            sizes = np.array(self.sizes)[:, None]
+            self._width_of[term] = np.minimum(sizes * shares, most)
         return self._width_of[term]
-
-    def _width(self, term: Term) -> np.ndarray:
-        unit, fitted = self.design.units[term], term.parametrisation
-        shares = np.ones(len(unit))
-        if fitted.proportions is not None:
-            torque = unit * np.array(fitted.proportions)
-            shares = torque / torque.max()
-        # no arm has much more of an effect than is usual where it is one
-        sizes = np.array(self.sizes)[:, None]
-        return np.minimum(sizes * shares, LARGEST * self.design.usual[term] * unit)
 
     def within(self, contrast: Contrast) -> OwnTerms:
         """The same columns in another contrast of the same groups, such as one without some motions."""
-        mine = self._contrast
+        mine = self.contrast
         if contrast.motions is not mine.motions:
             return OwnTerms(contrast, self._sets, self._about, self.sizes)
         # what motions say of the columns is the same, whatever is believed of what is shared
         other = copy(self)
-        other._contrast = contrast
+        other.contrast = contrast
         if self._further is not None:
             other._further = self._further.beside(mine, contrast)
         other.right = other._right()
@@ -759,11 +739,11 @@ class OwnTerms:
         self, values: Mapping[Candidate, np.ndarray]
     ) -> tuple[np.ndarray, np.ndarray]:
         """What is shared, (P,), and the nuisances of each group, (G, P), beside values of candidates."""
-        solved = self._contrast.solved
+        solved = self.contrast.solved
         for one, value in values.items():
             scaled = value * self.design.units[one.term]
             solved = solved - self.back(self.places(one)) @ scaled
-        return self._contrast.nuisance_values(solved)
+        return self.contrast.nuisance_values(solved)
 
     def torque(self, values: Mapping[Candidate, np.ndarray]) -> np.ndarray:
         """What values of candidates do to the torque, over the joints' scale [1], (M, n)."""
@@ -784,15 +764,26 @@ class OwnTerms:
         own = [self.places(one) for one in some]
         return np.concatenate(own) if own else np.zeros(0, dtype=int)
 
-    def products_beside(self, places: np.ndarray, cross: np.ndarray) -> np.ndarray:
-        """Products of coordinates with further columns, from those of the columns of each group, (G, P, K): (K', K)."""
-        out = np.zeros((len(places), cross.shape[2]))
+    def of_others(
+        self, others: Sequence[Candidate], cross: np.ndarray, back: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """L^-1 times the products of other candidates with further columns, (K', K), and times their right side, (K',).
+
+        Args:
+            others: the candidates, whose information beside all that is shared is L L^T - I.
+            cross: products of the further columns with those of each group, (G, P, K).
+            back: L^-1 U times their products with what is shared.
+        """
+        places = self.joined(others)
+        shared = np.zeros((len(places), back.shape[1]))
         for block, mine, columns in self._by_block(places):
             # columns about their own values are not among those of the design
             if block is not None:
-                of_terms = cross[sorted(block)].sum(axis=0)[self.design.told]
-                out[mine] = of_terms[columns]
-        return out
+                of_terms = cross[list(block)].sum(axis=0)[self.design.told]
+                shared[mine] = of_terms[columns]
+        factor = lower(self.products(places, places))
+        inner = forward(factor, shared - self.back(places).T @ back)
+        return inner, forward(factor, self.right[places])
 
     def answer(
         self, terms: Sequence[Candidate], sizes: Sequence[float] | None = None
@@ -834,7 +825,7 @@ class OwnTerms:
         found = [2] * len(terms)
         unit = np.concatenate([each[2] for each in widths])
         covariance, changed = np.empty(0), True
-        for _ in range(SIZED):
+        for _ in range(ROUNDS):
             before = list(found)
             for k, (start, end) in enumerate(pairwise(ends)):
                 if changed:
@@ -846,7 +837,7 @@ class OwnTerms:
                 mean = covariance[own] @ (unit * right)
                 within = (alone - np.eye(end - start)) / unit[own, None] / unit[own]
                 right_side = alone @ mean / unit[own]
-                gains, *_ = _of_widths(within, right_side, widths[k])
+                gains, *_ = of_widths(within, right_side, widths[k])
                 best = int(np.argmax(gains))
                 changed, found[k] = best != found[k], best
                 unit[own] = widths[k][best]
@@ -892,30 +883,14 @@ class OwnTerms:
         widths = {term: self._widths(term) for term in set(terms)}
         units = np.array([self.design.units[term] for term in terms])
         every = np.stack([widths[term] for term in terms], axis=1)
-        gains, values, deviations = _alone(gram, right, every)
-        return gains.tolist(), values / units, deviations / units
+        evidence, scaled, inverse = of_widths(gram, right, every)
+        best = np.argmax(evidence, axis=0), np.arange(len(right))
+        deviations = every * np.sqrt(np.diagonal(inverse, axis1=2, axis2=3))
+        values = (every * scaled)[best] / units
+        return evidence[best].tolist(), values, deviations[best] / units
 
 
-def _alone(
-    gram: np.ndarray, right: np.ndarray, widths: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Each of m candidates of k coordinates in its likeliest size.
-
-    Args:
-        gram, right: information on the coordinates, (m, k, k) and (m, k).
-        widths: prior deviations of each size, (Z, m, k).
-
-    Returns:
-        Evidence [nats], (m,), values and their deviations, (m, k) each.
-    """
-    evidence, scaled, inverse = _of_widths(gram, right, widths)
-    best = np.argmax(evidence, axis=0), np.arange(len(right))
-    variance = np.diagonal(inverse, axis1=2, axis2=3)
-    deviations = widths * np.sqrt(variance)
-    return evidence[best], (widths * scaled)[best], deviations[best]
-
-
-def _of_widths(
+def of_widths(
     gram: np.ndarray, right: np.ndarray, widths: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Evidence of k coordinates of each size [nats], (Z, ...), their values over the widths, and their covariance.

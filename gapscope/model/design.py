@@ -10,7 +10,7 @@ and theta_b what each motion b has of its own (form error).
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -24,22 +24,20 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import (
     DryLaw,
-    Effect,
     External,
     LinkChange,
     TorqueLaw,
     Transmission,
 )
-from gapscope.model.body_point import Bodies
-from gapscope.model.conditioning import Segment
-from gapscope.model.jacobian import as_recorded, columns
-from gapscope.model.prediction import Prediction
-from gapscope.model.rows import Kept, PartOfDesign, Rows
+from gapscope.model.jacobian import Bodies, LinearisationPoint, columns
+from gapscope.model.rows import Kept, PartOfDesign, Rows, over_deviation
 from gapscope.model.terms import Candidate, Term, Terms
 
 WIDE = 2.0
 """Prior of what two groups share whatever its value: RMS torque over the joint's deviation [1]. (physical)"""
-HEALTHY = 1 / 3
+LIKELY = 3.0
+"""Standard deviations within which what a healthy arm has lies, but for one coordinate in 400 [1]. (statistics)"""
+HEALTHY = 1 / LIKELY
 """What a healthy arm has of an effect, over the size that is usual where it is one [1]: 10 % of a torque constant."""
 STIFF = 0.3
 """The same of compliance and free play that both share: what bends more is no arm of the catalogue [1]. (physical)"""
@@ -47,8 +45,10 @@ PUSHES = 4
 """Parts of a motion in each of which form error may look like a force. (budget)"""
 BODIES = 3.0
 """Prior of the bodies, over their nominal size [1]: a URDF may lack a tool, or hold placeholders. (physical)"""
-PRECISE, REWEIGHTINGS = 0.02, 3
-"""What a model leaves of a joint's torque at least, when joints are weighed [1]; and how often they are. (budget)"""
+PRECISE = 0.02
+"""What a model leaves of a joint's torque at least, when joints are weighed [1]; form error of a column at first."""
+ROUNDS = 3
+"""Rounds of what settles in a few: weights of joints, sizes of effects, values about which a law is linear. (budget)"""
 PER_KELVIN = 0.02
 """Share of its friction by which a joint's changes per kelvin [1/K] [bittencourt2012]. (physical)"""
 WAVES, FEWER_WAVES = (24, 48), (8, 16)
@@ -57,7 +57,7 @@ more. (budget)"""
 TAILS = 3
 """Degrees of freedom of Student's t, of which their wave numbers are drawn: rough on all scales. (definition)"""
 MAX_KEPT = 20_000_000
-"""Numbers of columns up to which they are kept. (budget)"""
+"""Numbers of columns, and of what else is kept to be asked for again, up to which they are. (budget)"""
 MIN_TORQUE = 1e-6
 """Columns that move no joint by more than this share of its torque say nothing [1]."""
 
@@ -94,6 +94,13 @@ class FreeArm:
                 theta[terms.block(effect.name)[0]] = getattr(arm, sheet)
         return cls(bare, RigidBody(arm), np.zeros((arm.n_joints, 10)), theta)
 
+    def point(
+        self, bodies: Bodies, terms: Terms, theta: np.ndarray | None = None
+    ) -> LinearisationPoint:
+        """Its torque on a segment, with its effects or with those of other coordinates."""
+        theta = self.theta if theta is None else theta
+        return LinearisationPoint.of(self.corrected(terms, theta), bodies, terms, theta)
+
     @property
     def bodies(self) -> RigidBody:
         """Its bodies, possible or not."""
@@ -112,6 +119,7 @@ class Design:
 
     Attributes:
         rows: M rows of n joints.
+        bodies: of each segment.
         terms: all terms, with the nonlinear parameters of those that have some.
         places: of the columns of each term that the rows show.
         units: RMS torque over the joint's scale of one unit of each coordinate of a term, (linear,).
@@ -128,6 +136,7 @@ class Design:
     """
 
     rows: Rows
+    bodies: list[Bodies]
     terms: Terms
     places: Mapping[Term, np.ndarray]
     units: Mapping[Term, np.ndarray]
@@ -177,26 +186,19 @@ class Design:
         return out
 
 
-@dataclass(frozen=True)
-class About:
-    """Groups about values of terms that they have of their own.
-
-    Attributes:
-        gap: as that of the design, what the terms do to it added, (M, n).
-        columns: of each candidate per joint, on the rows of its groups, in the units of the design, (M, linear).
-    """
-
-    gap: np.ndarray
-    columns: Mapping[Candidate, list[np.ndarray]]
-
-
-def about(made: Design, arm: FreeArm, values: Mapping[Candidate, np.ndarray]) -> About:
-    """The columns of terms about their own values, of those whose columns change with them.
+def about(
+    made: Design, arm: FreeArm, values: Mapping[Candidate, np.ndarray]
+) -> tuple[np.ndarray, dict[Candidate, list[np.ndarray]]]:
+    """Groups about values of terms that they have of their own, of those whose columns change with them.
 
     Args:
         made: the design, about what all groups share.
         arm: that all share.
         values: coordinates of what groups have of their own, (linear,) each.
+
+    Returns:
+        The gap as that of the design, what the terms do to it added, (M, n); and per joint the columns of each
+        candidate, on the rows of its groups, in the units of the design, (M, linear).
     """
     rows, terms = made.rows, made.terms
     moved = {one: x for one, x in values.items() if moves_columns(one.term)}
@@ -205,7 +207,7 @@ def about(made: Design, arm: FreeArm, values: Mapping[Candidate, np.ndarray]) ->
         one: [np.zeros((len(gap), len(x))) for _ in made.active]
         for one, x in moved.items()
     }
-    for k, segment in enumerate(rows.segments):
+    for k, bodies in enumerate(made.bodies):
         rows_of = np.flatnonzero(rows.segment == k)
         group = rows.group[rows_of]
         # groups of a segment that have the same of their own
@@ -213,44 +215,37 @@ def about(made: Design, arm: FreeArm, values: Mapping[Candidate, np.ndarray]) ->
         for number in np.unique(group).tolist():
             some = tuple(one for one in moved if one.has(number))
             alike.setdefault(some, []).append(number)
+        alike.pop((), None)
         for some, numbers in alike.items():
-            if not some:
-                continue
             there = np.isin(group, numbers)
             mine, trust = rows_of[there], rows.trust[rows_of[there]]
-            theta = _with_own(arm, terms, {one: moved[one] for one in some})
-            corrected, body = arm.corrected(terms, theta), segment.bodies(arm.bodies)
-            at = Prediction.of(corrected, body, segment.motion)
-            assert segment.torque is not None
-            left = rows.thin(segment.bridged(segment.torque - at.torque), segment)
-            gap[mine] = left[there] / rows.scale * trust
-            names = {one.effect for one in some}
-            matrix = columns(at, rows, k, terms, theta, names) / rows.scale[:, None]
+            theta = arm.theta.copy()
             for one in some:
-                unit, places = made.units[one.term], list(one.term.columns)
-                whole = matrix[:, :, places]
-                if is_link_change(one.term):
-                    x = _of_link(rows, segment, at, one.term, theta[places])
-                    whole = x / rows.scale[:, None]
-                own = whole[there] / unit * trust[:, :, None]
+                theta[list(one.term.columns)] += moved[one]
+            theta, segment = terms.clipped(theta), bodies.segment
+            at = arm.point(bodies, terms, theta)
+            left = segment.bridged(segment.recorded_torque - at.torque)
+            gap[mine] = rows.thin(left, segment)[there] / rows.scale * trust
+            matrix = columns(at, rows, {one.effect for one in some})
+            for one in some:
+                term, places = one.term, list(one.term.columns)
+                whole, effect = matrix[:, :, places], term.definition
+                if is_link_change(term) and isinstance(effect, LinkChange):
+                    j, motion = term.joint - 1, segment.motion
+                    of_link = bodies.body.link_regressor(
+                        j, motion.q, motion.dq, motion.ddq
+                    )
+                    own = bodies.body.unladen.inertial_parameters().reshape(-1, 10)[j]
+                    tangent = effect.tangent(own, j, theta[places])
+                    whole = rows.thin(at.as_recorded(of_link) @ tangent, segment)
+                whole = whole / rows.scale[:, None] / made.units[term]
+                own = whole[there] * trust[:, :, None]
                 for j, x in enumerate(columns_of[one]):
                     x[mine] = own[:, j]
     for one, value in moved.items():
         scaled = value * made.units[one.term]
         gap += np.stack([x @ scaled for x in columns_of[one]], axis=1)
-    return About(gap, columns_of)
-
-
-def _of_link(
-    rows: Rows, segment: Segment, at: Prediction, term: Term, value: np.ndarray
-) -> np.ndarray:
-    """Columns of a changed link about its value on the rows of a segment [N m] per unit, (M, n, linear)."""
-    effect, j, motion = term.definition, term.joint - 1, segment.motion
-    assert isinstance(effect, LinkChange)
-    regressor = at.body.regressor(motion.q, motion.dq, motion.ddq)
-    own = at.body.unladen.inertial_parameters().reshape(-1, 10)[j]
-    of_link = as_recorded(at, regressor[:, :, 10 * j : 10 * j + 10])
-    return rows.thin(of_link @ effect.tangent(own, j, value), segment)
+    return gap, columns_of
 
 
 def moves_columns(term: Term) -> bool:
@@ -293,16 +288,14 @@ def design(
     """
     n = arm.arm.n_joints
     terms = Terms(n, dict(shapes), arm.arm.coupled_motors)
-    rows.bodies = []
-    parts_of = [_part(rows, k, arm, terms) for k in range(len(rows.segments))]
-    matrices, inertial, forces, gaps = zip(*parts_of, strict=True)
-    scale = rows.scale
-    bodies = np.concatenate(inertial) / scale[:, None]
-    matrix = np.concatenate(matrices) / scale[:, None]
-    parts = [bodies * inertial_scale(arm.body)]
-    prior, may_own = [np.full(10 * n, BODIES)], [np.zeros(10 * n, dtype=bool)]
+    every_part = [_part(rows, k, arm, terms) for k in range(len(rows.segments))]
+    bodies_of, parts = zip(*every_part, strict=True)
+    matrices, inertial, forces, gaps = zip(*parts, strict=True)
+    scale = rows.scale[:, None]
+    bodies, matrix = np.concatenate(inertial) / scale, np.concatenate(matrices) / scale
+    # columns, the prior of what is shared, and whether a motion may have a value of its own
+    blocks = [(bodies * inertial_scale(arm.body), np.full(10 * n, BODIES), False)]
     places, used, usual, count = {}, {}, {}, 10 * n
-    given = units or {}
     nominal = arm.body.inertial_parameters().reshape(n, 10)
     for term in terms.all:
         effect, j = term.definition, term.joint - 1
@@ -313,35 +306,32 @@ def design(
             x = matrix[:, :, list(term.columns)]
         else:
             continue
-        unit = np.sqrt((x**2).mean(axis=0)).max(axis=0)
+        unit = _largest(x)
         # of a load on a slide only the mass shows
         if not (unit > MIN_TORQUE).any():
             continue
-        unit = given.get(term, np.maximum(unit, MIN_TORQUE))
-        parts.append(x / unit)
+        unit = (units or {}).get(term, np.maximum(unit, MIN_TORQUE))
         places[term] = np.arange(count, count + len(unit))
         used[term], usual[term] = unit, _usual_size(term, arm.arm)
         count += len(unit)
+        prior = _shared(term, unit, usual[term])
         # free bodies and free torque constants cannot be told apart: torque counts as the strongest joint records it
-        is_unit = "scale" in effect.quantities.values() and j == np.argmax(scale)
-        prior.append(
-            np.zeros(len(unit)) if is_unit else _shared(term, unit, usual[term])
-        )
-        may_own.append(np.full(len(unit), _is_form(term)))
+        if "scale" in effect.quantities.values() and j == np.argmax(scale):
+            prior = np.zeros(len(unit))
+        # a push has columns of its own, a limit shows in the torque itself
+        is_form = not (isinstance(effect, External) or effect.limits)
+        blocks.append((x / unit, prior, is_form))
     # pushes in parts of a motion: what form error can do to a force
-    push = np.concatenate(forces) / scale[:, None]
-    push = push / np.maximum(np.sqrt((push**2).mean(axis=0)).max(axis=0), 1e-12)
-    part = rows.part_of_motion(PUSHES)
-    parts += [push * (part == k)[:, None, None] for k in range(PUSHES)]
-    prior.append(np.zeros(3 * PUSHES))
-    may_own.append(np.ones(3 * PUSHES, dtype=bool))
+    push = np.concatenate(forces) / scale
+    push, part = (
+        push / np.maximum(_largest(push), MIN_TORQUE**2),
+        rows.part_of_motion(PUSHES),
+    )
+    for k in range(PUSHES):
+        blocks.append((push * (part == k)[:, None, None], np.zeros(3), True))
     if rows.warmth is not None:
-        warm, of_warmth = _warm(arm, rows.warmth, matrix, terms)
-        parts.append(warm)
-        prior.append(of_warmth)
-        may_own.append(np.zeros(len(of_warmth), dtype=bool))
-    whole = np.concatenate(parts, axis=2) * rows.trust[:, :, None]
-    gap = np.concatenate(gaps) / scale
+        blocks += _warm(arm, rows.warmth, matrix, terms)
+    whole = np.concatenate([x for x, *_ in blocks], axis=2) * rows.trust[:, :, None]
     active = [
         np.flatnonzero((whole[:, j] ** 2).mean(axis=0) > MIN_TORQUE**2)
         for j in range(n)
@@ -356,47 +346,46 @@ def design(
         waves.append(mine)
         every.append(np.hstack([whole[:, j, some], *both]))
         active[j] = np.concatenate([some, *mine])
-    prior.append(np.zeros(size - whole.shape[2]))
-    may_own.append(np.zeros(size - whole.shape[2], dtype=bool))
+    blocks.append((whole[:, :, :0], np.zeros(size - whole.shape[2]), False))
     return Design(
-        rows,
-        terms,
-        places,
-        used,
-        usual,
-        every,
-        active,
-        gap * rows.trust,
-        np.concatenate(prior),
-        _taken(arm, places, used, size),
-        np.concatenate(may_own),
-        waves,
-        _noisy(rows, terms, places, used, active),
+        rows=rows,
+        bodies=list(bodies_of),
+        terms=terms,
+        places=places,
+        units=used,
+        usual=usual,
+        columns=every,
+        active=active,
+        gap=np.concatenate(gaps) / rows.scale * rows.trust,
+        prior=np.concatenate([prior for _, prior, _ in blocks]),
+        taken=_taken(arm, places, used, size),
+        own=np.concatenate([np.full(len(prior), own) for _, prior, own in blocks]),
+        waves=waves,
+        noisy=_noisy(rows, terms, places, used, active),
     )
+
+
+def _largest(columns: np.ndarray) -> np.ndarray:
+    """RMS of columns, (M, n, K), on the joint on which it is largest, (K,)."""
+    return np.asarray(np.sqrt((columns**2).mean(axis=0)).max(axis=0))
 
 
 def _warm(
     arm: FreeArm, warmth: np.ndarray, matrix: np.ndarray, terms: Terms
-) -> tuple[np.ndarray, np.ndarray]:
+) -> Iterator[tuple[np.ndarray, np.ndarray, bool]]:
     """Friction that follows the temperature of its joint, F (1 + a (T - mean)), to first order in a.
 
-    Returns:
-        Columns, (M, n, K), each with a joint's torque as its largest, and the deviation of each, (K,).
+    Each column, (M, n, 1), has a joint's torque as its largest; with its deviation, and that motions have none.
     """
-    columns, deviations = [], []
     for term in terms.all:
         if not is_day_friction(term):
             continue
         place = term.columns[0]
-        friction = matrix[:, :, place] * arm.theta[place]
-        column = friction * warmth[:, term.joint - 1, None]
-        unit = float(np.sqrt((column**2).mean(axis=0)).max())
+        friction = matrix[:, :, [place]] * arm.theta[place]
+        column = friction * warmth[:, term.joint - 1, None, None]
+        unit = _largest(column)
         if unit > MIN_TORQUE:
-            columns.append(column / unit)
-            deviations.append(PER_KELVIN * unit)
-    shape = *matrix.shape[:2], 0
-    every = np.stack(columns, axis=2) if columns else np.zeros(shape)
-    return every, np.array(deviations)
+            yield column / unit, PER_KELVIN * unit, False
 
 
 def is_day_friction(term: Term) -> bool:
@@ -404,41 +393,37 @@ def is_day_friction(term: Term) -> bool:
     return term.parametrisation.data_sheet is not None and not term.definition.built_in
 
 
-def _part(rows: Rows, k: int, arm: FreeArm, terms: Terms) -> PartOfDesign:
+def _part(
+    rows: Rows, k: int, arm: FreeArm, terms: Terms
+) -> tuple[Bodies, PartOfDesign]:
     """What a design takes of a segment; what searched parameters do not change is kept until another arm is asked for.
 
     On long logs that is more than memory should hold.
     """
-    segment, motion = rows.segments[k], rows.segments[k].motion
+    segment, searched = rows.segments[k], {term.effect for term in terms.shapes}
     if rows.kept is None or rows.kept.about is not arm:
         rows.kept = Kept(arm, {})
-    kept, body = rows.kept.parts.get(id(segment)), segment.bodies(arm.bodies)
-    searched = {term.effect for term in terms.shapes}
+    _, kept = rows.kept.parts.get(id(segment), (segment, None))
+    bodies = Bodies(arm.bodies, segment)
     if kept is not None and not searched:
-        rows.bodies.append(Bodies(body, motion))
-        return kept[1]
-    corrected = arm.corrected(terms)
-    at = Prediction.of(corrected, body, motion)
+        return bodies, kept
+    at = arm.point(bodies, terms)
     if kept is not None:
         # terms without values of their searched parameters have columns of zero
-        rows.bodies.append(Bodies(body, motion))
-        own = columns(at, rows, k, terms, arm.theta, searched)
-        return kept[1]._replace(terms=kept[1].terms + own)
-    regressor = body.regressor(motion.q, motion.dq, motion.ddq)
-    bodies = Bodies(body, motion, regressor)
-    rows.bodies.append(bodies)
-    assert segment.torque is not None
-    gap = segment.bridged(corrected.delivered(segment.torque) - at.torque)
+        own = columns(at, rows, searched)
+        return bodies, kept._replace(terms=kept.terms + own)
+    regressor = bodies.regressor()
+    delivered = arm.corrected(terms).delivered(segment.recorded_torque)
     part = PartOfDesign(
-        columns(at, rows, k, terms, arm.theta),
+        columns(at, rows),
         # bodies of both groups as their torque is recorded, whatever lies on the way to it
-        rows.thin(as_recorded(at, regressor), segment),
+        rows.thin(at.as_recorded(regressor), segment),
         rows.thin(bodies.force, segment),
-        rows.thin(gap, segment),
+        rows.thin(segment.bridged(delivered - at.torque), segment),
     )
     if not searched and part.terms.size * len(rows.segments) < MAX_KEPT:
         rows.kept.parts[id(segment)] = segment, part
-    return part
+    return bodies, part
 
 
 def _waves(rows: Rows) -> tuple[list[np.ndarray], np.ndarray]:
@@ -454,7 +439,7 @@ def _waves(rows: Rows) -> tuple[list[np.ndarray], np.ndarray]:
     skewness = ((rows.position - rows.position.mean(axis=0)) ** 3).sum(axis=0)
     sense = np.where(skewness < 0, -1.0, 1.0)
     state = np.hstack([rows.position * sense, rows.velocity * sense])
-    state = state / np.maximum(state.std(axis=0), 1e-9)
+    state = over_deviation(state)
     n = rows.position.shape[1]
     of_joint, of_arm = WAVES if rows.group.max() < 2 else FEWER_WAVES
     own = [drawn_waves(state[:, [j, n + j]], of_joint) for j in range(n)]
@@ -479,47 +464,47 @@ def fitted_arm(rows: Rows, arm: NominalArm, groups: Collection[int]) -> FreeArm:
     """
     start = FreeArm.nominal(arm)
     n, terms = arm.n_joints, Terms(arm.n_joints, {}, arm.coupled_motors)
-    free = [e for e in terms.definitions if _is_free(e)]
+    # every arm has them on each joint, of a size that only the data say
+    free = [
+        e
+        for e in terms.definitions
+        if (e.reach == "joint" and not e.fitted.nonlinear)
+        and (np.isinf(e.fitted.usual) or e.fitted.data_sheet is not None)
+    ]
     names = {e.name for e in free}
     places = np.concatenate([terms.block(e.name).ravel() for e in free])
     told = np.isin(rows.group, list(groups))
     matrices, gaps = [], []
-    rows.bodies = []
     for k, segment in enumerate(rows.segments):
-        motion, body = segment.motion, segment.bodies(start.body)
-        regressor = body.regressor(motion.q, motion.dq, motion.ddq)
-        rows.bodies.append(Bodies(body, motion, regressor))
         mine = told[rows.segment == k]
         if not mine.any():
             continue
-        at = Prediction.of(start.corrected(terms), body, motion)
-        own = columns(at, rows, k, terms, start.theta, names)[:, :, places]
+        bodies = Bodies(start.body, segment)
+        regressor, at = bodies.regressor(), start.point(bodies, terms)
+        own = columns(at, rows, names)[:, :, places]
         matrix = np.concatenate([rows.thin(regressor, segment), own], axis=2)
+        gap = rows.thin(segment.bridged(segment.recorded_torque - at.torque), segment)
         matrices.append(matrix[mine])
-        assert segment.torque is not None
-        gap = rows.thin(segment.bridged(segment.torque - at.torque), segment)
         gaps.append(gap[mine])
     x = np.concatenate(matrices) / rows.scale[:, None]
     y = np.concatenate(gaps) / rows.scale
-    size = np.sqrt((x**2).mean(axis=0)).max(axis=0)
-    unit = WIDE / np.maximum(size, MIN_TORQUE)
+    unit = WIDE / np.maximum(_largest(x), MIN_TORQUE)
     unit[: 10 * n] = BODIES * inertial_scale(start.body)
     x = x * unit
     left = np.full(n, PRECISE)
     dry = [terms.block(e.name)[0] for e in free if isinstance(e, DryLaw)]
-    for _ in range(REWEIGHTINGS):
+    for _ in range(ROUNDS):
         trust = rows.trust[told]
         weighted = (x * (trust / left)[:, :, None]).reshape(-1, x.shape[2])
         normal = weighted.T @ weighted + np.eye(x.shape[2])
         value = np.linalg.solve(normal, weighted.T @ (y * trust / left).ravel())
         missed2 = ((y - x @ value) * trust) ** 2
-        left = np.maximum(
-            np.sqrt(missed2.sum(axis=0) / (trust**2).sum(axis=0)), PRECISE
-        )
+        rms = np.sqrt(missed2.sum(axis=0) / (trust**2).sum(axis=0))
+        left = np.maximum(rms, PRECISE)
+        value *= unit
         theta = start.theta.copy()
-        theta[places] += (value * unit)[10 * n :]
+        theta[places] += value[10 * n :]
         rows.held(np.abs(theta[dry]).sum(axis=0), left, arm.per_radian)
-    value = value * unit
     return replace(
         start, increments=value[: 10 * n].reshape(n, 10), theta=terms.clipped(theta)
     )
@@ -584,19 +569,6 @@ def _taken(
     return out
 
 
-def _is_free(effect: Effect) -> bool:
-    """Whether every arm has an effect on each joint, of a size that only the data say."""
-    plain = effect.reach == "joint" and not effect.fitted.nonlinear
-    return plain and (
-        np.isinf(effect.fitted.usual) or effect.fitted.data_sheet is not None
-    )
-
-
-def _is_form(term: Term) -> bool:
-    """Whether form error can look like a term: a push has columns of its own, a limit shows in the torque itself."""
-    return not (isinstance(term.definition, External) or term.definition.limits)
-
-
 def _usual_size(term: Term, arm: NominalArm) -> float:
     """Size of a term's coordinates that is usual where it is an effect."""
     effect, size = term.definition, term.parametrisation.usual
@@ -641,13 +613,3 @@ def _noisy(
         at = int(np.searchsorted(active[j], place))
         out[j, at] = np.concatenate(beyond) / units[term][0]
     return out
-
-
-def _with_own(
-    arm: FreeArm, terms: Terms, values: Mapping[Candidate, np.ndarray]
-) -> np.ndarray:
-    """Coordinates of the arm with what a group has of its own, (P,)."""
-    theta = arm.theta.copy()
-    for one, value in values.items():
-        theta[list(one.term.columns)] += value
-    return terms.clipped(theta)

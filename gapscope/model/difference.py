@@ -27,7 +27,9 @@ from scipy.special import log_ndtr
 from gapscope.arm.dynamics.inertials import inertial_scale
 from gapscope.model.contrast import SIZES, Answer, Contrast, Nuisance, OwnTerms
 from gapscope.model.design import (
+    MAX_KEPT,
     MIN_TORQUE,
+    ROUNDS,
     Design,
     FreeArm,
     about,
@@ -39,8 +41,13 @@ from gapscope.model.design import (
     moved,
     possible,
 )
-from gapscope.model.equations import Equations
-from gapscope.model.form_error import FormError, carried_over, learn
+from gapscope.model.equations import (
+    SETTLED,
+    Equations,
+    FormError,
+    carried_over,
+    learn,
+)
 from gapscope.model.nonlinear_values import UNKNOWN, Found, Scanner
 from gapscope.model.rows import Rows
 from gapscope.model.terms import Candidate, Term
@@ -55,14 +62,8 @@ LESS_COMMON = 0.5
 """Odds of an effect that equals a more common one to first order, over those of that one [1]."""
 GROWTHS = (4.0, 16.0, 64.0)
 """By how much its variance grows then [1]: twice the torque, four times and so on."""
-LINEARISATIONS = 3
-"""Linearisations of what all share. (budget)"""
-REFITS = 3
-"""Linearisations of a hypothesis. (budget)"""
 REFITTED = 2
 """Candidates of those that promise most that are fitted about their own values. (budget)"""
-KEPT = 10_000_000
-"""Numbers of hypotheses, and of questions with more form error, that are kept, about; no fewer than two. (budget)"""
 MAX_TERMS = 18
 """Terms of a set. (budget)"""
 LOOKED_AT = 14
@@ -70,8 +71,6 @@ LOOKED_AT = 14
 FAR = 10.0
 """What promises to be worse by more, and not half as good as what it replaces, is not fitted, and values that are that
 unlikely cannot be [nats]. (budget)"""
-SETTLED = 0.02
-"""Values that change by less from one linearisation to the next stay [1]."""
 LEAST = 700.0
 """Log odds of what nobody has asked for: as good as none, and yet a number [nats]. (numerical)"""
 BEYOND_SATURATION = 1.4
@@ -307,7 +306,7 @@ class Search:
 
     def unchanged(self) -> float:
         """Log probability of the data if no group has anything of its own [nats], but for a constant."""
-        self._linearise(LINEARISATIONS)
+        self._linearise(ROUNDS)
         self._prepare()
         return self._fit((), {}, {}).total
 
@@ -414,13 +413,13 @@ class Search:
         if known:
             self._linearise(1, torque, alike=True)
         else:
-            self._linearise(LINEARISATIONS)
+            self._linearise(ROUNDS)
         found = self._found_about_arm()
         if len(self.sets) == 1 or not found.fit.mine:
             return found
         # each group by itself shows most; what it shows has to stand beside what one leaves of another as well
         before = set(known or ())
-        for _ in range(LINEARISATIONS):
+        for _ in range(ROUNDS):
             if not found.fit.mine or set(found.fit.mine) == before:
                 break
             before = set(found.fit.mine)
@@ -538,8 +537,7 @@ class Search:
     def _look(self, fit: Fit) -> None:
         """Look for nonlinear parameters beside what was found, and take the columns anew."""
         own = OwnTerms(fit.contrast, self.sets, sizes=self.sizes)
-        given = self.found
-        found = self._scanner.scan(fit.contrast, own, fit.chosen, self._shapes, given)
+        found = self._scanner.scan(own, fit.chosen, self._shapes, self.found)
         for term, best in found.items():
             self._found[term] = best
             if all(one.term != term for one in fit.chosen):
@@ -572,7 +570,7 @@ class Search:
         self._contrasts, self._fits, self._beyond = {}, {}, {}
         self._totals, self._top = {}, None
         # what groups have in common with each other and with what is shared, about
-        self._kept = max(2, KEPT // (4 * self._plain.groups * made.size**2))
+        self._kept = max(2, MAX_KEPT // (8 * self._plain.groups * made.size**2))
         self._motions = {
             group: np.unique(self.rows.motion[self.rows.of(group)]).tolist()
             for group in self.groups
@@ -608,7 +606,7 @@ class Search:
         if key in self._fits:
             return self._fits[key]
         can_be = True
-        for _ in range(REFITS):
+        for _ in range(ROUNDS):
             start = {
                 one: values.get(one, np.zeros(len(made.places[one.term])))
                 for one in chosen
@@ -622,12 +620,12 @@ class Search:
                     for one, x in start.items()
                     if not one.term.is_load or is_within(one.term, x, 0.0)
                 }
-                there = about(made, self.arm, bodies)
+                gap, columns = about(made, self.arm, bodies)
                 # a compliant joint can be made to swing beyond all numbers: nothing is linear about that
                 with np.errstate(over="ignore"):
-                    can_be = bool(np.isfinite(np.square(there.gap)).all())
+                    can_be = bool(np.isfinite(np.square(gap)).all())
                 if can_be:
-                    asked, columns_of = asked.for_gap(there.gap), there.columns
+                    asked, columns_of = asked.for_gap(gap), columns
             own = OwnTerms(asked, self.sets, columns_of, self.sizes)
             fit = self._weighed(asked, own, chosen, grown)
             before, values = start, fit.values

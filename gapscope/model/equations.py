@@ -1,13 +1,22 @@
-"""Sums of products of columns and gap, per motion, group and joint: all that a contrast asks is algebra on them."""
+"""Sums of products of columns and gap, per motion, group and joint: all that a contrast asks is algebra on them.
+
+They teach the noise of the joints and the form error of the arm, from data in which nothing changed.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri, dtrtrs
+from scipy.stats import chi2
 
-from gapscope.model.design import Design
+from gapscope.model.conditioning import BY_CHANCE
+from gapscope.model.design import MIN_TORQUE, PRECISE, Design
+from gapscope.model.effective_samples import variance_inflation
+from gapscope.model.rows import MIN_MOTIONS
 
 
 @dataclass(frozen=True)
@@ -31,6 +40,23 @@ class Cell:
     right: np.ndarray
     power: float
     count: float
+
+    @classmethod
+    def of(cls, design: Design, j: int, rows: np.ndarray) -> Cell:
+        """The sums of some rows of a motion, on a joint from 0."""
+        x, y, trust = design.columns[j][rows], design.gap[rows, j], design.rows.trust
+        root = x if len(x) <= x.shape[1] else np.asarray(np.linalg.qr(x, mode="r"))
+        count = trust[rows, j]
+        return cls(
+            motion=int(design.rows.motion[rows[0]]),
+            group=int(design.rows.group[rows[0]]),
+            recording=int(design.rows.recording[rows[0]]),
+            rows=rows,
+            root=root,
+            right=x.T @ y,
+            power=float(y @ y),
+            count=float(count @ count),
+        )
 
     @property
     def gram(self) -> np.ndarray:
@@ -64,28 +90,11 @@ class Equations:
         rows = design.rows
         numbers = np.column_stack([rows.motion, rows.group])
         members = [
-            (
-                motion,
-                group,
-                np.flatnonzero((rows.motion == motion) & (rows.group == group)),
-            )
-            for motion, group in np.unique(numbers[~rows.set_aside], axis=0).tolist()
+            np.flatnonzero((numbers == pair).all(axis=1))
+            for pair in np.unique(numbers[~rows.set_aside], axis=0)
         ]
-        cells = [
-            [
-                _cell(
-                    motion,
-                    group,
-                    int(rows.recording[own[0]]),
-                    own,
-                    x[own],
-                    design.gap[own, j],
-                    rows.trust[own, j],
-                )
-                for motion, group, own in members
-            ]
-            for j, x in enumerate(design.columns)
-        ]
+        joints = range(len(design.columns))
+        cells = [[Cell.of(design, j, own) for own in members] for j in joints]
         made = cls(design, cells, noise2)
         for j, own in enumerate(cells):
             for cell in own:
@@ -99,20 +108,6 @@ class Equations:
         for (joint, place), passed in self.design.noisy.items():
             if joint == j:
                 right[place] -= self.noise2[j] * passed[rows].sum()
-
-
-def _cell(
-    motion: int,
-    group: int,
-    recording: int,
-    rows: np.ndarray,
-    x: np.ndarray,
-    y: np.ndarray,
-    trust: np.ndarray,
-) -> Cell:
-    power, count = float(y @ y), float(trust @ trust)
-    root = x if len(x) <= x.shape[1] else np.asarray(np.linalg.qr(x, mode="r"))
-    return Cell(motion, group, recording, rows, root, x.T @ y, power, count)
 
 
 def lower(matrix: np.ndarray) -> np.ndarray:
@@ -208,3 +203,384 @@ def eliminated(cell: Cell, own2: np.ndarray, noise2: float) -> Eliminated:
     cross = forward(factor, own.T @ cell.root / noise2)
     right = forward(factor, size * cell.right[free] / noise2)
     return Eliminated(cell, free, size, factor, cross, right, noise2)
+
+
+# Form error and noise, learnt from data in which nothing changed.
+#
+# No catalogue has the whole truth of an arm. On joint j, motion b is taken to leave
+#
+#     f_j(x) + A_j theta_bj + e_j,    theta_bj ~ N(0, diag omega_j^2),    e_j ~ N(0, sigma_j^2)
+#
+# beside what all motions share: unknown functions f_j of the joint's own state and of the arm's (``design.py``), each
+# of the size of a grid that makes the data likeliest, and what each motion has of its own, spanned by the columns A_j
+# of the candidates themselves, with an amplitude omega per joint. The same motion again has the same theta: it teaches
+# noise, not form. Noise is what is left of motions held out when each has values of its own; neighbours in time
+# resemble each other, so that 1 + 2 sum_k rho_k of them count as one (bayley1946). The amplitude follows from the
+# evidence of the motions of each group (mackay1992b), with gamma the number of values that data determine,
+#
+#     omega_j^2 = sum theta^2 / sum gamma,
+#
+# and is no less than what makes motions held out as surprising as they are.
+
+
+ROUNDS = 12
+"""Updates of the amplitudes. (budget)"""
+SETTLED = 0.02
+"""An amplitude whose square changes by less is settled, and so are values of a law about which it is linear [1]."""
+FIRST_FREEDOM = 0.1
+"""What a motion may have of its own when noise is measured, of each column [1]."""
+MIN_NOISE = 4e-3
+"""Noise of a joint over its torque's deviation at least [1]: recordings without noise have finite weights."""
+MIN_FORM = 2e-3
+"""Form error of one column at least [1]: no arm is modelled better than to a few thousandths."""
+FUNCTIONS = np.geomspace(MIN_FORM, 0.5, 9)
+"""Sizes of an unknown function that are tried, over the joint's scale [1]. (budget)"""
+OF_THE_JOINT = 2.0
+"""Values that the joint's amplitude counts for beside those of a column alone [1]: few motions determine it."""
+
+
+@dataclass(frozen=True)
+class FormError:
+    """Noise, and amplitudes of form error, of n joints.
+
+    Attributes:
+        noise2: variance of the noise by which rows count, over the square of the joint's scale [1], (n,).
+        white2: the same of a row by itself.
+        own2: per joint the variance of what a motion has of its own of each of its columns, (p_j,).
+        joint2: the same of a column that was not there when it was learnt, (n,).
+        missed2: mean square that was missed of motions held out, (n,).
+        function2: variance of unknown functions of the joint's own state and of the arm's, (n, 2).
+    """
+
+    noise2: np.ndarray
+    white2: np.ndarray
+    own2: list[np.ndarray]
+    joint2: np.ndarray
+    missed2: np.ndarray
+    function2: np.ndarray
+
+    def primed(self, design: Design) -> Design:
+        """A design whose unknown functions have the sizes that were learnt."""
+        prior = design.prior.copy()
+        for places, size2 in zip(design.waves, self.function2, strict=True):
+            for some, own2 in zip(places, size2, strict=True):
+                prior[some] = np.sqrt(own2)
+        return replace(design, prior=prior)
+
+
+def learn(
+    equations: Equations,
+    groups: Collection[int],
+    *,
+    alike: bool = False,
+    priors: Sequence[np.ndarray] = (),
+) -> FormError:
+    """Noise and amplitudes of form error by the evidence of the motions of groups in which nothing changes.
+
+    Args:
+        equations: of all groups.
+        groups: those in which nothing changes.
+        alike: whether they are taken to differ in nothing: then each is predicted from the others.
+        priors: deviations of what is shared, (P,) each: of every joint those count that predict motions held out best;
+            none: those of the design.
+    """
+    every_joint: list[tuple[float, float, np.ndarray, float, float, np.ndarray]] = []
+    for j, every in enumerate(equations.cells):
+        cells = [cell for cell in every if cell.group in groups]
+        if alike:
+            cells = [replace(cell, group=0) for cell in cells]
+        every_joint.append(_learn_joint(equations, j, cells, priors))
+    noise2, white2, own2, joint2, missed2, function2 = zip(*every_joint, strict=True)
+    return FormError(
+        np.array(noise2),
+        np.array(white2),
+        list(own2),
+        np.array(joint2),
+        np.array(missed2),
+        np.array(function2),
+    )
+
+
+def noise_of_motions(equations: Equations, j: int) -> tuple[np.ndarray, np.ndarray]:
+    """First row of each motion, (B,), rising, and variance of a joint's noise in it, over its scale's square [1], (B,).
+
+    All groups are taken to be alike.
+    """
+    cells = [replace(cell, group=0) for cell in equations.cells[j]]
+    cells.sort(key=lambda cell: int(cell.rows[0]))
+    prior, free, size2 = _at_first(equations.design, j)
+    left, *_ = _noise(equations, j, cells, prior, free, size2)
+    own = [(left[cell.rows] ** 2).sum() / max(cell.count, 1.0) for cell in cells]
+    first = np.array([cell.rows[0] for cell in cells])
+    return first, np.maximum(own, MIN_NOISE**2)
+
+
+def _at_first(design: Design, j: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Prior of what is shared of a joint, (p_j,), columns that a motion may have of its own, and their mean squares."""
+    active = design.active[j]
+    prior, free = design.prior[active].copy(), np.flatnonzero(design.own[active])
+    for some in design.waves[j]:
+        prior[np.isin(active, some)] = PRECISE
+    # amplitudes count in torque of this joint
+    return prior, free, np.maximum(design.size2(j)[free], MIN_TORQUE**2)
+
+
+def carried_over(error: FormError, before: Equations, after: Equations) -> FormError:
+    """The same amplitudes for other columns of the same joints: by term, and of new terms that of the joint."""
+    old, new = before.design, after.design
+    own2 = []
+    for j, active in enumerate(new.active):
+        size2 = new.size2(j)
+        variance = np.where(new.own[active], error.joint2[j] / size2, 0.0)
+        for term, places in new.places.items():
+            if term not in old.places:
+                continue
+            here, there = (
+                np.isin(active, places),
+                np.isin(old.active[j], old.places[term]),
+            )
+            if here.sum() == there.sum():
+                # in the term's own units: the columns count in their torque
+                ratio = (new.units[term] / old.units[term])[np.isin(places, active)]
+                variance[here] = error.own2[j][there] * ratio**2
+        own2.append(variance)
+    return replace(error, own2=own2)
+
+
+def _learn_joint(
+    equations: Equations, j: int, cells: list[Cell], priors: Sequence[np.ndarray]
+) -> tuple[float, float, np.ndarray, float, float, np.ndarray]:
+    """Variances of noise, of a row by itself, of the columns, of the joint, of what is missed, and of functions."""
+    design = equations.design
+    active = design.active[j]
+    prior, free, size2 = _at_first(design, j)
+    if priors:
+        every = [
+            np.where(design.prior[active] > 0, some[active], prior) for some in priors
+        ]
+        missed = [(_held_out(equations, j, cells, p) ** 2).sum() for p in every]
+        prior = every[int(np.argmin(missed))]
+    shared = np.flatnonzero(prior > 0)
+    unit = prior[shared]
+    waves = [np.isin(active, some) for some in design.waves[j]]
+    in_shared = [some[shared] for some in waves]
+    groups = sorted({cell.group for cell in cells})
+    left, noise2, white2, missed2 = _noise(equations, j, cells, prior, free, size2)
+    rows = np.sort(np.concatenate([cell.rows for cell in cells]))
+    joint2 = PRECISE**2 / len(free)
+    own2 = joint2 / size2
+    variance = np.zeros(len(active))
+    for _ in range(ROUNDS):
+        variance[free] = own2
+        squares, determined = np.zeros(len(free)), np.zeros(len(free))
+        gains = np.zeros((len(waves), len(FUNCTIONS)))
+        for group in groups:
+            mine = [cell for cell in cells if cell.group == group]
+            white = [whitened(cell, variance, noise2) for cell in mine]
+            # what a motion leaves of right sides beside its own
+            rights = [
+                cell.right / noise2 - W.T @ (W @ (variance * cell.right)) / noise2
+                for cell, W in zip(mine, white, strict=True)
+            ]
+            rows_of_all = np.concatenate(white)[:, shared]
+            total = rows_of_all.T @ rows_of_all
+            right_of_all = np.sum(rights, axis=0)[shared]
+            back = inverse(lower(total * unit[:, None] * unit)) * unit
+            beta = back.T @ (back @ right_of_all)
+            for k, some in enumerate(in_shared):
+                half = back[:, some] / unit[some]
+                gains[k] += function_gains(
+                    half.T @ half, beta[some] / unit[some], unit[some][0]
+                )
+            for cell, W in zip(mine, white, strict=True):
+                of_all = cell.root[:, shared] @ beta
+                right = cell.right[free] - cell.root[:, free].T @ of_all
+                mine_of_all = W[:, free] * own2
+                inner = W[:, free] @ (own2 * right)
+                theta = (own2 * right - mine_of_all.T @ inner) / noise2
+                of_theta = own2 - (mine_of_all**2).sum(axis=0)
+                by_shared = mine_of_all.T @ (W[:, shared] @ back.T)
+                of_theta += (by_shared**2).sum(axis=1)
+                squares += theta**2
+                determined += np.clip(1.0 - of_theta / own2, 0.0, 1.0)
+        before2 = joint2
+        joint2 = max(squares @ size2 / max(determined.sum(), 1e-3), MIN_FORM**2)
+        own2 = (squares + OF_THE_JOINT * joint2 / size2) / (determined + OF_THE_JOINT)
+        settled = abs(joint2 - before2) <= SETTLED * before2
+        before = unit.copy()
+        for some, gain in zip(in_shared, gains, strict=True):
+            unit[some] = FUNCTIONS[int(gain.argmax())]
+        if settled and np.array_equal(unit, before):
+            break
+    # as much as is missed on motions held out
+    variance[free] = own2
+    variance *= _growth(cells, shared, unit, variance, noise2, missed2)
+    joint2 = float((variance[free] * size2).mean())
+    # only now: what is noise by a vibration may be form error as well
+    segment = design.rows.segment[rows]
+    noise2 = max(noise2, _vibration(left[rows], segment, noise2))
+    function2 = np.array([unit[some][0] ** 2 for some in in_shared])
+    return noise2, white2, variance, joint2, missed2, function2
+
+
+def function_gains(covariance: np.ndarray, mean: np.ndarray, size: float) -> np.ndarray:
+    """Evidence of an unknown function of each size of ``FUNCTIONS`` over that of the one it has [nats].
+
+    Of a function with information S and right side r beside all else, in units of its size, a size rho times as large
+    has the evidence 1/2 rho^2 r^T (I + rho^2 S)^-1 r - 1/2 log det(I + rho^2 S).
+
+    Args:
+        covariance, mean: of its coefficients, in units of their size, (k, k) and (k,).
+        size: of the function, over the joint's scale [1].
+    """
+    known = np.linalg.inv(covariance)
+    values, vectors = np.linalg.eigh(known - np.eye(len(known)))
+    right2 = (vectors.T @ (known @ mean)) ** 2
+    values = np.maximum(values, 0.0)
+
+    def evidence(ratio2: np.ndarray) -> np.ndarray:
+        determined = 1.0 + ratio2 * values
+        explained = ratio2 * right2 / determined - np.log(determined)
+        return np.asarray(explained.sum(axis=-1) / 2)
+
+    return evidence((FUNCTIONS[:, None] / size) ** 2) - evidence(np.ones(1))
+
+
+def _of_others(cells: list[Cell], parts: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Sum over the cells by which each is predicted: of other recordings of its group, or of the only one.
+
+    Args:
+        cells: of a joint.
+        parts: what is summed, one of each cell.
+    """
+    groups: dict[int, np.ndarray] = {}
+    recordings: dict[tuple[int, int], np.ndarray] = {}
+    for cell, part in zip(cells, parts, strict=True):
+        groups[cell.group] = groups.get(cell.group, 0.0) + part
+        own = cell.group, cell.recording
+        recordings[own] = recordings.get(own, 0.0) + part
+    count = Counter(group for group, _ in recordings)
+    return [
+        groups[cell.group]
+        - (recordings[cell.group, cell.recording] if count[cell.group] > 1 else part)
+        for cell, part in zip(cells, parts, strict=True)
+    ]
+
+
+def _growth(
+    cells: list[Cell],
+    shared: np.ndarray,
+    unit: np.ndarray,
+    own2: np.ndarray,
+    noise2: float,
+    missed2: float,
+) -> float:
+    """Factor by which form error has to change to miss motions held out as far as they are missed.
+
+    ``missed2`` is the mean square that is missed. What is shared is not known exactly either.
+    """
+    count = sum(cell.count for cell in cells)
+    white = [whitened(cell, own2, noise2)[:, shared] * unit for cell in cells]
+    estimated, form = 0.0, 0.0
+    informations = _of_others(cells, [W.T @ W for W in white])
+    for cell, others in zip(cells, informations, strict=True):
+        half = forward(lower(others), (cell.root[:, shared] * unit).T)
+        estimated += float((half**2).sum())
+        form += float((cell.root**2 @ own2).sum())
+    form = max(form, MIN_TORQUE**2)
+    least, most = missed2 * count - estimated, missed2 * count
+    # no less than what is missed beyond what is not known, no more than all of it
+    return max(least / form, min(1.0, most / form))
+
+
+def _held_out(
+    equations: Equations, j: int, cells: list[Cell], prior: np.ndarray
+) -> np.ndarray:
+    """What is missed of motions of a joint that are predicted from others of their group, over its scale, (M,)."""
+    design = equations.design
+    shared = np.flatnonzero(prior > 0)
+    unit, x, y = prior[shared], design.columns[j], design.gap[:, j]
+    count = sum(cell.count for cell in cells)
+    missed2 = max(sum(cell.power for cell in cells) / count, MIN_NOISE**2)
+    missed = np.zeros(len(y))
+    others = list(
+        zip(
+            cells,
+            _of_others(cells, [cell.gram for cell in cells]),
+            _of_others(cells, [cell.right for cell in cells]),
+            strict=True,
+        )
+    )
+    # the noise by which the prior counts is what is missed
+    for _ in range(2):
+        for cell, gram, right in others:
+            normal = gram[np.ix_(shared, shared)] * unit[:, None] * unit / missed2
+            normal[np.diag_indices(len(unit))] += 1.0
+            beta = unit * np.linalg.solve(normal, unit * right[shared] / missed2)
+            missed[cell.rows] = y[cell.rows] - x[np.ix_(cell.rows, shared)] @ beta
+        missed2 = max(float(missed @ missed) / count, MIN_NOISE**2)
+    return missed
+
+
+def _noise(
+    equations: Equations,
+    j: int,
+    cells: list[Cell],
+    prior: np.ndarray,
+    free: np.ndarray,
+    size2: np.ndarray,
+) -> tuple[np.ndarray, float, float, float]:
+    """Noise (M,), its variance, neighbours counted once and each for itself, and mean square of what is missed.
+
+    Noise is what is left of motions held out, each predicted from others of its group, with values of its own.
+    """
+    design = equations.design
+    count = sum(cell.count for cell in cells)
+    x, y = design.columns[j], design.gap[:, j]
+    missed = _held_out(equations, j, cells, prior)
+    missed2 = max(float(missed @ missed) / count, MIN_NOISE**2)
+    left, spent = np.zeros(len(y)), 0.0
+    for cell in cells:
+        own = x[np.ix_(cell.rows, free)] * (FIRST_FREEDOM / np.sqrt(size2))
+        # what is left of rows y is (I + X X^T / s^2)^-1 y
+        here = missed[cell.rows]
+        if len(own) > len(free):
+            half = inverse(lower(own.T @ own / missed2))
+            spent += len(free) - float((half**2).sum())
+            left[cell.rows] = here - own @ (half.T @ (half @ (own.T @ here))) / missed2
+        else:
+            half = inverse(lower(own @ own.T / missed2))
+            spent += len(own) - float((half**2).sum())
+            left[cell.rows] = half.T @ (half @ here)
+    rows = np.sort(np.concatenate([cell.rows for cell in cells]))
+    inflation = variance_inflation(left[rows, None], design.rows.segment[rows])[0]
+    mean2 = float((left[rows] ** 2).sum()) / max(count - spent, 1.0)
+    white2 = max(mean2, MIN_NOISE**2)
+    return left, white2 * float(inflation), white2, missed2
+
+
+def _vibration(left: np.ndarray, segment: np.ndarray, noise2: float) -> float:
+    """Density of what is left at the frequency where it is strongest; 0 if noise of a density makes as much.
+
+    A vibration shakes the joint, so that columns of accelerations and delays hold it as well as the gap: they are as
+    uncertain as it is strong.
+
+    Args:
+        left: what is left, (m,).
+        segment: number of the segment of each row, (m,).
+        noise2: the density.
+    """
+    parts = np.split(left, np.flatnonzero(np.diff(segment)) + 1)
+    cuts = [max(1, round(MIN_MOTIONS * len(part) / len(left))) for part in parts]
+    count = min(len(part) // cut for part, cut in zip(parts, cuts, strict=True))
+    pieces = [
+        part[k * count : (k + 1) * count]
+        for part in parts
+        for k in range(len(part) // count)
+    ]
+    power = (np.abs(np.fft.rfft(pieces, axis=1)[:, 1:]) ** 2).mean(axis=0) / count
+    # of noise twice the power over its density is distributed as chi-squared; the largest of all frequencies
+    freedom = 2 * len(pieces)
+    chance = chi2.ppf((1.0 - BY_CHANCE) ** (1.0 / len(power)), freedom) / freedom
+    strongest = float(power.max())
+    return strongest if strongest > chance * noise2 else 0.0

@@ -9,13 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from gapscope.effects.effect import External
+from gapscope.model.conditioning import torque_scale
 from gapscope.model.contrast import Answer, OwnTerms
+from gapscope.model.design import LIKELY
 from gapscope.model.difference import Fit
 from gapscope.model.terms import Candidate, Term
-from gapscope.model.torque_gap import torque_scale
-
-LIKELY = 3.0
-"""Standard deviations within which what a healthy arm has lies, but for one coordinate in 400 [1]. (statistics)"""
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,9 @@ from gapscope.arm.errors import GapscopeError
 from gapscope.arm.nominal import NominalArm, smooth_sign
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.environment import tilt
-from gapscope.model.conditioning import Segment, thinned
-from gapscope.model.torque_gap import torque_gap, torque_scale
+from gapscope.model.conditioning import Segment, thinned, torque_scale
+from gapscope.model.rows import MODEL_RATE
+from gapscope.model.torque_gap import torque_gap
 
 GRAVITY_SIZE_FACTOR = 2.0
 """A vector fitted in gravity's place counts as gravity if its size is right within this factor [1]: inertials and
@@ -31,13 +32,6 @@ MIN_TURN = 0.4
 TURNED_BASE_FALL = 0.6
 """An arm that hangs or is mounted sideways is believed if that lowers the squared gap by this share [1]: nothing else
 comes near. (hand)"""
-RATE = 100.0
-"""Segments are decimated to no less than this [Hz]. (budget)"""
-
-LARGEST_PITCH = 1.35
-"""Pitch of a start [rad], short of a right angle, at which roll changes nothing."""
-LARGEST_MISS = 0.3
-"""Angle by which no turn of the base comes nearer to a direction [rad]; most come nearer than rounding."""
 
 
 def gravity_by_torque(
@@ -87,11 +81,10 @@ def turn_of_base(nominal: np.ndarray, found: np.ndarray) -> tuple[float, float] 
 
     starts = itertools.product(np.arange(-3, 4) * np.pi / 3, (-1.0, 0.0, 1.0))
     nearest = min(starts, key=lambda turn: float(np.sum(miss(np.array(turn)) ** 2)))
-    largest, bounds = (np.array([np.pi, p]) for p in (LARGEST_PITCH, np.pi / 2))
-    best = least_squares(
-        miss, np.clip(nearest, -largest, largest), bounds=(-bounds, bounds)
-    )
-    if np.linalg.norm(best.fun) > LARGEST_MISS:
+    bounds = np.array([np.pi, np.pi / 2])
+    best = least_squares(miss, nearest, bounds=(-bounds, bounds))
+    # what no turn of the base comes nearer to
+    if np.linalg.norm(best.fun) > MIN_TURN:
         return None
     roll, pitch = best.x.tolist()
     return roll, pitch
@@ -99,7 +92,7 @@ def turn_of_base(nominal: np.ndarray, found: np.ndarray) -> tuple[float, float] 
 
 def as_mounted(arm: NominalArm, segments: Sequence[Segment]) -> NominalArm:
     """The arm with the gravity that its torque shows, if its base is mounted turned."""
-    segments = [thinned(s, RATE) for s in segments if s.torque is not None]
+    segments = [thinned(s, MODEL_RATE) for s in segments if s.torque is not None]
     before = _gap(arm, segments) if segments else None
     if before is None:
         return arm

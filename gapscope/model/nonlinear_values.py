@@ -12,15 +12,22 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.effect import External
+from gapscope.effects.effect import (
+    Drift,
+    Effect,
+    External,
+    Path,
+    Signals,
+    TorqueLaw,
+    Transmission,
+)
 from gapscope.effects.parametrisation import JointSeries
-from gapscope.model.candidate_columns import JointSignals, unit_columns
-from gapscope.model.contrast import SIZES, Contrast, OwnTerms
-from gapscope.model.design import FreeArm
-from gapscope.model.equations import forward, lower
-from gapscope.model.prediction import Prediction
-from gapscope.model.rows import Rows
+from gapscope.model.conditioning import low_pass
+from gapscope.model.contrast import SIZES, OwnTerms, of_widths
+from gapscope.model.design import MIN_TORQUE, FreeArm
+from gapscope.model.rows import DecimatedSegments, Rows
 from gapscope.model.terms import Candidate, Term, Terms
 
 WINDOW_EDGES = 40
@@ -29,6 +36,52 @@ UNKNOWN = 0.01
 """Odds of something that the catalogue does not have, over none [1]."""
 MIN_WINDOW = 0.05
 """Bins of a window are no shorter [s]."""
+
+
+class JointSignals(NamedTuple):
+    """What the laws on one joint may depend on, on one segment, (N, 1) each.
+
+    Attributes:
+        t: time since the start of the recording [s].
+        position, velocity: [rad], [rad/s].
+        recorded: torque [N m].
+        load: torque that the arm predicts [N m].
+        friction: its friction as if it did not drift [N m].
+    """
+
+    t: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    recorded: np.ndarray
+    load: np.ndarray
+    friction: np.ndarray
+
+
+def unit_columns(
+    effect: Effect, values: np.ndarray, signals: JointSignals
+) -> np.ndarray:
+    """Torque of an effect of unit coordinates for each value of (K,) of its nonlinear parameter [N m], (N, K c).
+
+    Raises:
+        KeyError: no law of its kind has a nonlinear parameter on a joint.
+    """
+    columns = []
+    for unit in np.eye(effect.fitted.linear):
+        x = np.repeat(unit[:, None], len(values), axis=1)
+        by_name = effect.fitted.values(x, values[None])
+        parameters = [by_name[name] for name in effect.names]
+        if isinstance(effect, Path):
+            u = signals.recorded
+            torque = effect.applied(u, signals, *parameters) - u
+        elif isinstance(effect, Drift):
+            torque = signals.friction * effect.change(signals.t, *parameters)
+        elif isinstance(effect, TorqueLaw):
+            state = signals.t, signals.position, signals.velocity, signals.load
+            torque = effect.law(Signals(*state), *parameters)
+        else:
+            raise KeyError(f"{effect.name} has no nonlinear parameter on a joint")
+        columns.append(np.broadcast_to(torque, (len(signals.t), len(values))))
+    return np.stack(columns, axis=2).reshape(len(signals.t), -1)
 
 
 class Found(NamedTuple):
@@ -53,19 +106,17 @@ class Scanner:
         self._columns: dict[Term, np.ndarray] = {}
         # torque and friction that the shared arm predicts on every segment
         self._load, self._friction = [], []
-        terms = Terms(self.arm.arm.n_joints, {}, self.arm.arm.coupled_motors)
-        corrected = self.arm.corrected(terms)
+        corrected = arm.corrected(Terms(arm.arm.n_joints, {}, arm.arm.coupled_motors))
         friction = tuple(e for e in corrected.effects if e.effect.family == "friction")
-        for segment in self.rows.segments:
-            body = segment.bodies(self.arm.bodies)
-            self._load.append(Prediction.of(corrected, body, segment.motion).torque)
-            none = np.zeros_like(segment.motion.q)
-            rubbing = CorrectedArm(self.arm.arm, friction)
-            self._friction.append(rubbing.needed_torque(none, segment.motion))
+        rubbing = CorrectedArm(arm.arm, friction)
+        for segment in rows.segments:
+            motion, body = segment.motion, segment.bodies(arm.bodies)
+            self._load.append(corrected.unlimited.predict(body, motion))
+            none = np.zeros_like(motion.q)
+            self._friction.append(rubbing.needed_torque(none, motion))
 
     def scan(
         self,
-        contrast: Contrast,
         own: OwnTerms,
         chosen: Sequence[Candidate],
         shapes: Mapping[Term, tuple[float, ...]],
@@ -74,26 +125,22 @@ class Scanner:
         """The best values of every term that has nonlinear parameters.
 
         Args:
-            contrast: of all groups.
             own: of the group.
             chosen: terms that the group has; each is looked at beside the others.
             shapes: values of these.
             given: terms whose values are given.
         """
         found: dict[Term, Found] = {}
-        for term in contrast.design.terms.all:
-            fitted = term.parametrisation
-            if not fitted.nonlinear or term in given:
+        for term in own.design.terms.all:
+            if not term.parametrisation.nonlinear or term in given:
                 continue
             others = [one for one in chosen if one.term != term and own.has(one.term)]
             if isinstance(term.definition, External):
-                window = self._window(term, contrast, own, others)
-                if window is not None:
-                    found[term] = window
-                continue
-            in_use = any(one.term == term for one in chosen)
-            known = shapes[term][0] if in_use and term in shapes else None
-            best = self._on_joint(term, contrast, own, others, known)
+                best = self._window(own, others)
+            else:
+                in_use = any(one.term == term for one in chosen)
+                known = shapes[term][0] if in_use and term in shapes else None
+                best = self._on_joint(term, own, others, known)
             if best is not None:
                 found[term] = best
         return found
@@ -104,27 +151,22 @@ class Scanner:
         group = self.rows.group
         return np.flatnonzero((group == self.group) | (self.group is None))
 
-    def _series(self, j: int) -> JointSeries:
-        segments = self.rows.segments
-        return JointSeries(
-            [s.motion.t for s in segments],
-            [s.motion.q[:, j] for s in segments],
-            [s.motion.dq[:, j] for s in segments],
-            [s.torque[:, j] for s in segments if s.torque is not None],
-            float(self.arm.arm.per_radian[j]),
-        )
-
     def _on_joint(
         self,
         term: Term,
-        contrast: Contrast,
         own: OwnTerms,
         others: Sequence[Candidate],
         known: float | None,
     ) -> Found | None:
         """The best value of a term's parameter on a joint."""
-        fitted, j = term.parametrisation, term.joint - 1
-        series = self._series(j)
+        fitted, j, segments = term.parametrisation, term.joint - 1, self.rows.segments
+        series = JointSeries(
+            [s.motion.t for s in segments],
+            [s.motion.q[:, j] for s in segments],
+            [s.motion.dq[:, j] for s in segments],
+            [s.recorded_torque[:, j] for s in segments],
+            float(self.arm.arm.per_radian[j]),
+        )
         assert fitted.grid is not None
         values = fitted.grid(series, known)
         if fitted.possible is not None and len(values):
@@ -134,19 +176,10 @@ class Scanner:
         if not len(values):
             return None
         x = self._columns_of(term, values, known)
-        noise = None
-        if term.definition.limits:
-            # the noise of the torque that is beyond a limit is in the gap as well
-            noise = contrast.error.white2[j] * (np.abs(self._recorded(j)) > values)
-        gain = _gains(contrast, own, others, j, x, term, self.group, noise)
+        gain = self._gains(term, own, others, x, values)
         best = int(np.argmax(gain))
         value = _peak(values, gain, best)
-        charge = float(gain.max() - np.logaddexp.reduce(gain) + np.log(len(gain)))
-        return Found((value,), (_spread(values, value, gain),), charge)
-
-    def _recorded(self, j: int) -> np.ndarray:
-        """Recorded torque of a joint on the rows [N m], (M, 1)."""
-        return self.rows.torque[:, j, None]
+        return Found((value,), (_spread(values, value, gain),), _charge(gain))
 
     def _columns_of(
         self, term: Term, values: np.ndarray, known: float | None
@@ -154,108 +187,158 @@ class Scanner:
         """Columns of each value, side by side, over the joint's scale, (M, K c); those of first values are kept."""
         j, rows = term.joint - 1, self.rows
         weight = rows.trust[:, j, None] / rows.scale[j]
-        first = known is None and not term.definition.limits
+        if known is not None or term.definition.limits:
+            return self._by_law(term, values) * weight
         # what follows from the recordings alone is the same about every arm
-        kept = rows.candidates(self.arm.arm.per_radian).of(term) if first else None
+        if term not in rows.first_columns:
+            alone = self._by_law(term, values, alone=True)
+            # what is not a number shows in the torque of a law that depends on the arm
+            known_alone = bool(np.isfinite(alone).all())
+            rows.first_columns[term] = alone if known_alone else None
+        kept = rows.first_columns[term]
         if kept is not None:
-            return kept.columns * weight
-        if first and term in self._columns:
-            return self._columns[term]
-        x = self._about_arm(term, values) * weight
-        if first:
-            self._columns[term] = x
-        return x
+            return kept * weight
+        if term not in self._columns:
+            self._columns[term] = self._by_law(term, values) * weight
+        return self._columns[term]
 
-    def _about_arm(self, term: Term, values: np.ndarray) -> np.ndarray:
-        """Columns of each value, side by side [N m], (M, K c)."""
-        j, parts = term.joint - 1, []
-        for k, segment in enumerate(self.rows.segments):
-            motion = segment.motion
-            assert segment.torque is not None
-            series = (
-                motion.q,
-                motion.dq,
-                segment.torque,
-                self._load[k],
-                self._friction[k],
+    def _by_law(
+        self, term: Term, values: np.ndarray, *, alone: bool = False
+    ) -> np.ndarray:
+        """Columns of each value, side by side [N m], (M, K c).
+
+        Args:
+            term: the term.
+            values: of its parameter, (K,).
+            alone: without what an arm's effects change, which is not a number: torque, friction and, as a zero that is
+                off shifts the phase of what acts on the way to the joint and more of other laws, the position of those.
+        """
+        effect, j, rows, parts = term.definition, term.joint - 1, self.rows, []
+        # what acts on the way to the joint shows on all rows
+        sparse = alone and isinstance(effect, Path) and not effect.limits
+        for k, segment in enumerate(rows.segments):
+            step, rate, motion = rows.step(segment), segment.motion.rate, segment.motion
+            # many columns are computed on a divisor of all steps that leaves four times the band
+            most = max(1, int(rate // (4 * rows.cutoff))) if sparse else 1
+            stride = max(k for k in range(1, most + 1) if step % k == 0)
+            at = np.s_[::stride, j, None]
+            series = (motion.q, motion.dq, segment.recorded_torque)
+            signals = JointSignals(
+                motion.t[::stride, None],
+                *(x[at] for x in (*series, self._load[k], self._friction[k])),
             )
-            signals = JointSignals(motion.t[:, None], *(x[:, j, None] for x in series))
-            parts.append(
-                self.rows.thin(unit_columns(term.definition, values, signals), segment)
-            )
+            if alone:
+                unknown = np.full_like(signals.load, np.nan)
+                signals = signals._replace(load=unknown, friction=unknown)
+                if not isinstance(effect, Path):
+                    signals = signals._replace(position=unknown)
+            own = unit_columns(effect, values, signals)
+            if alone and not np.isfinite(own).all():
+                return np.full((1, 1), np.nan)
+            if sparse:
+                kept = low_pass(own, rate / stride, rows.cutoff)
+                taken = np.arange(len(motion.t))[rows.taken(segment)] / stride
+                places = np.minimum(np.round(taken).astype(int), len(kept) - 1)
+                parts.append(kept[places].astype(np.float32))
+            else:
+                parts.append(rows.thin(own, segment))
         return np.concatenate(parts)
 
-    def _window(
-        self, term: Term, contrast: Contrast, own: OwnTerms, others: Sequence[Candidate]
-    ) -> Found | None:
+    def _gains(
+        self,
+        term: Term,
+        own: OwnTerms,
+        others: Sequence[Candidate],
+        x: np.ndarray,
+        values: np.ndarray,
+    ) -> np.ndarray:
+        """Log evidence of values of a term, a group's own or everybody's, by columns (M, K c), beside other terms."""
+        contrast, design, j = own.contrast, own.design, term.joint - 1
+        error, count = contrast.error, term.parametrisation.linear
+        noise2, active, k = error.noise2[j], design.active[j], x.shape[1] // count
+
+        def split(matrix: np.ndarray) -> np.ndarray:
+            return matrix.reshape(len(matrix), k, count)
+
+        # of everybody, and of the group
+        gram = np.zeros((2, k, count, count))
+        right = np.zeros((2, x.shape[1]))
+        cross = np.zeros((contrast.groups, design.size, x.shape[1]))
+        for one in contrast.motions[j]:
+            rows = one.cell.rows
+            own_rows = x[rows]
+            products = design.columns[j][rows].T @ own_rows / noise2
+            inner = one.inner(products)
+            pull = own_rows.T @ contrast.gap[rows, j] / noise2 - inner.T @ one.right
+            if term.definition.limits:
+                # the noise of the torque that is beyond a limit is in the gap as well
+                beyond = np.abs(self.rows.torque[rows, j, None]) > values
+                pull -= error.white2[j] * beyond.sum(axis=0) / noise2
+            who = slice(None) if one.cell.group == self.group else slice(1)
+            gram[who] += _squares(split(own_rows)) / noise2 - _squares(split(inner))
+            right[who] += pull
+            cross[one.cell.group, active] += products - one.cross.T @ inner
+        sides = [(gram[0], right[0], cross)]
+        if self.group is not None:
+            cross_group = np.zeros_like(cross)
+            cross_group[self.group] = cross[self.group]
+            sides.append((gram[1], right[1], cross_group))
+        size = np.sqrt((x**2).mean(axis=0)).reshape(k, count)
+        shown = size.min(axis=1) > MIN_TORQUE
+        unit, gains = 1.0 / np.maximum(size, MIN_TORQUE), []
+        for squares, pull, products in sides:
+            back = contrast.nuisance_rows(products)
+            inner, solved = own.of_others(others, products, back)
+            squares = squares - _squares(split(back)) - _squares(split(inner))
+            pull = pull - back.T @ contrast.solved - inner.T @ solved
+            gains.append(_evidence(squares, pull.reshape(k, count), unit))
+        # what both have is no difference: the value may be that of either
+        return np.where(shown, np.nan_to_num(np.max(gains, axis=0)), 0.0)
+
+    def _window(self, own: OwnTerms, others: Sequence[Candidate]) -> Found | None:
         """The window in which a force explains most.
 
         What a window needs is a sum over its bins, whose products with all else are computed once.
         """
-        rows, mine = self.rows, self._mine
+        rows, mine, contrast = self.rows, self._mine, own.contrast
         begin, end = rows.t[mine].min(), rows.t[mine].max()
         width = max((end - begin) / WINDOW_EDGES, MIN_WINDOW)
         bins = int(np.ceil((end - begin) / width + 1e-9))
-        if bins < 4:
+        first, last = spans = _spans(bins)
+        if not len(first):
             return None
-        force = np.concatenate(
-            [
-                rows.thin(-rows.bodies[k].force, segment)
-                for k, segment in enumerate(rows.segments)
-            ]
-        )
+        force = -rows.rows([bodies.force for bodies in own.design.bodies])
         force = force / rows.scale[:, None] * rows.trust[:, :, None]
         place = np.clip(((rows.t - begin) / width).astype(int), 0, bins - 1)
-        size = np.sqrt((force[mine] ** 2).mean(axis=0)).max(axis=0) + 1e-12
-        columns = []
-        for joint in range(rows.torque.shape[1]):
+        size = np.sqrt((force[mine] ** 2).mean(axis=0)).max(axis=0) + MIN_TORQUE**2
+        columns, joints = [], range(force.shape[1])
+        for joint in joints:
             x = np.zeros((len(rows.t), bins, 3))
             x[mine, place[mine]] = force[mine, joint]
             columns.append(x.reshape(len(x), -1))
         further = contrast.beside(columns)
-        gram, right = further.gram, further.right
-        places = own.joined(others)
-        if len(places):
-            factor = lower(own.products(places, places))
-            known = own.back(places).T @ further.back
-            shared = own.products_beside(places, further.cross)
-            inner = forward(factor, shared - known)
-            gram = gram - inner.T @ inner
-            right = right - inner.T @ forward(factor, own.right[places])
-        spans = _spans(bins)
-        gain = _of_spans(gram, right, spans, 1.0 / size)
-        k = int(np.argmax(gain))
-        charge = float(gain.max() - np.logaddexp.reduce(gain) + np.log(len(gain)))
+        inner, solved = own.of_others(others, further.cross, further.back)
+        gram = further.gram - inner.T @ inner
+        gain = _of_spans(gram, further.right - inner.T @ solved, spans, 1.0 / size)
+        k, alone = int(np.argmax(gain)), []
         # something unknown on one joint for a while is no push
-        alone = self._on_one_joint(contrast, place, bins, spans)
-        charge += max(alone + float(np.log(UNKNOWN)), 0.0)
-        first, last = spans
-        ends = [begin + edges * width for edges in (first, last)]
-        return Found(
-            tuple(float(edges[k]) for edges in ends),
-            tuple(_spread(edges, edges[k], gain) for edges in ends),
-            charge,
-        )
-
-    def _on_one_joint(
-        self,
-        contrast: Contrast,
-        place: np.ndarray,
-        bins: int,
-        spans: tuple[np.ndarray, np.ndarray],
-    ) -> float:
-        """Log evidence of a constant torque on some joint in some window, each as likely [nats]."""
-        rows, mine, gains = self.rows, self._mine, []
         column = np.zeros((len(rows.t), bins))
         column[mine, place[mine]] = 1.0
         none = np.zeros_like(column)
-        for j in range(rows.torque.shape[1]):
-            own = column * rows.trust[:, j, None]
-            columns = [own if k == j else none for k in range(rows.torque.shape[1])]
-            found = contrast.beside(columns)
-            gains.append(_of_spans(found.gram, found.right, spans, np.ones(1)))
-        every = np.concatenate(gains)
-        return float(np.logaddexp.reduce(every) - np.log(len(every)))
+        for j in joints:
+            trusted = column * rows.trust[:, j, None]
+            columns = [trusted if i == j else none for i in joints]
+            torque = contrast.beside(columns)
+            alone.append(_of_spans(torque.gram, torque.right, spans, np.ones(1)))
+        every = np.concatenate(alone)
+        evidence = float(np.logaddexp.reduce(every) - np.log(len(every)))
+        charge = _charge(gain) + max(evidence + float(np.log(UNKNOWN)), 0.0)
+        edges = [begin + ends * width for ends in (first, last)]
+        return Found(
+            tuple(float(ends[k]) for ends in edges),
+            tuple(_spread(ends, ends[k], gain) for ends in edges),
+            charge,
+        )
 
 
 def _spans(bins: int) -> tuple[np.ndarray, np.ndarray]:
@@ -290,24 +373,22 @@ def _of_spans(
 
 
 def _evidence(gram: np.ndarray, right: np.ndarray, unit: np.ndarray) -> np.ndarray:
-    """Log evidence of K candidates of c coordinates, in the likeliest size, (K,).
+    """Log evidence of K candidates of c coordinates, each of its likeliest size, (K,).
 
     Args:
         gram, right: information, (K, c, c) and (K, c).
         unit: of the coordinates, (c,) or (K, c).
     """
-    every = []
-    for size in SIZES:
-        u = np.broadcast_to(size * unit, right.shape)
-        every.append(_log_evidence(gram * u[:, :, None] * u[:, None, :], right * u))
-    return np.asarray(np.max(every, axis=0))
+    sizes = np.array(SIZES)[:, None, None]
+    evidence, *_ = of_widths(
+        gram, right, np.broadcast_to(sizes * unit, (len(SIZES), *right.shape))
+    )
+    return np.asarray(evidence.max(axis=0))
 
 
-def _log_evidence(gram: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """The same of coordinates in units of their prior deviations."""
-    normal = gram + np.eye(gram.shape[1])
-    solved = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
-    return (right * solved).sum(axis=1) / 2 - np.linalg.slogdet(normal)[1] / 2
+def _charge(gain: np.ndarray) -> float:
+    """What it takes to say which of some values it is, by their evidence [nats]."""
+    return float(gain.max() - np.logaddexp.reduce(gain) + np.log(len(gain)))
 
 
 def _squares(columns: np.ndarray) -> np.ndarray:
@@ -315,67 +396,6 @@ def _squares(columns: np.ndarray) -> np.ndarray:
     parts = np.moveaxis(columns, 2, 0)
     of_pairs = [[(a * b).sum(axis=0) for a in parts] for b in parts]
     return np.array(of_pairs).T
-
-
-def _gains(
-    contrast: Contrast,
-    own: OwnTerms,
-    others: Sequence[Candidate],
-    j: int,
-    x: np.ndarray,
-    term: Term,
-    group: int | None,
-    noise: np.ndarray | None,
-) -> np.ndarray:
-    """Log evidence of candidates on a joint, a group's own or everybody's, by columns (M, K c), beside other terms."""
-    design, noise2 = contrast.design, contrast.error.noise2[j]
-    count = term.parametrisation.linear
-    active, k = design.active[j], x.shape[1] // count
-
-    def split(matrix: np.ndarray) -> np.ndarray:
-        return matrix.reshape(len(matrix), k, count)
-
-    of_all, of_group = np.zeros((k, count, count)), np.zeros((k, count, count))
-    right_all, right_group = np.zeros(x.shape[1]), np.zeros(x.shape[1])
-    cross = np.zeros((contrast.groups, design.size, x.shape[1]))
-    for one in contrast.motions[j]:
-        rows, mine = one.cell.rows, one.cell.group == group
-        own_rows = x[rows]
-        products = design.columns[j][rows].T @ own_rows / noise2
-        inner = one.inner(products)
-        pull = own_rows.T @ contrast.gap[rows, j] / noise2 - inner.T @ one.right
-        if noise is not None:
-            pull -= noise[rows].sum(axis=0) / noise2
-        gram = _squares(split(own_rows)) / noise2 - _squares(split(inner))
-        of_all += gram
-        right_all += pull
-        if mine:
-            of_group += gram
-            right_group += pull
-        cross[one.cell.group, active] += products - one.cross.T @ inner
-    places = own.joined(others)
-    factor = lower(own.products(places, places))
-    solved = forward(factor, own.right[places])
-    sides = [(of_all, right_all, cross)]
-    if group is not None:
-        cross_group = np.zeros_like(cross)
-        cross_group[group] = cross[group]
-        sides.append((of_group, right_group, cross_group))
-    gains = []
-    for gram, right, products in sides:
-        back = contrast.nuisance_rows(products)
-        known = own.back(places).T @ back
-        shared = own.products_beside(places, products)
-        inner = forward(factor, shared - known)
-        gram = gram - _squares(split(back)) - _squares(split(inner))
-        right = right - back.T @ contrast.solved - inner.T @ solved
-        gains.append((gram, right.reshape(k, count)))
-    size = np.sqrt((x**2).mean(axis=0)).reshape(k, count)
-    shown = size.min(axis=1) > 1e-6
-    unit = 1.0 / np.maximum(size, 1e-6)
-    # what both have is no difference: the value may be that of either
-    best = np.max([_evidence(gram, right, unit) for gram, right in gains], axis=0)
-    return np.where(shown, np.nan_to_num(best), 0.0)
 
 
 def _spread(values: np.ndarray, best: float, gain: np.ndarray) -> float:
@@ -405,3 +425,58 @@ def _peak(values: np.ndarray, gain: np.ndarray, best: int) -> float:
         return value
     slope = to_above - curve * above
     return value + float(np.clip(-slope / (2 * curve), below, above))
+
+
+# What compliance of a joint would do to the torque of the bodies, simulated once for all that is asked of it.
+
+
+class CompliantBodies:
+    """The bodies of an arm, and what compliance of one joint would do to their torque.
+
+    A search asks for the same resonances and widths of free play again and again; each is simulated once.
+
+    Args:
+        data: the segments.
+        body: dynamics of the nominal arm.
+        arm: the arm; of its effects only those on the bodies count.
+
+    Attributes:
+        torque: torque that the bodies need on each segment [N m], (N, n).
+        mass: inertia that each joint moves, mean over the recordings [kg m^2 or kg], (n,).
+    """
+
+    def __init__(
+        self, data: DecimatedSegments, body: RigidBody, arm: CorrectedArm
+    ) -> None:
+        self._data, self._unit = data, np.eye(arm.arm.n_joints)
+        self.torque, self._matrices = [], []
+        for segment in data.segments:
+            m, laden = segment.motion, segment.bodies(body)
+            self.torque.append(arm.rigid_torque(laden, m))
+            self._matrices.append(arm.body(laden).sensitivities(m.q, m.dq, m.ddq))
+        inertias = [
+            np.diagonal(mass, axis1=1, axis2=2).mean(axis=0)
+            for _, _, mass in self._matrices
+        ]
+        self.mass = np.mean(inertias, axis=0)
+        self._known: dict[tuple[str | float, ...], np.ndarray] = {}
+
+    def added(self, effect: Transmission, j: int, x: np.ndarray) -> np.ndarray:
+        """What a transmission of one joint, from 0, adds to the torque on the rows of all segments [N m], (M, n).
+
+        Args:
+            effect: elasticity, free play or the like.
+            j: the joint.
+            x: linear coordinates of the effect, (linear,).
+        """
+        key = (effect.name, j, *x.tolist())
+        if key not in self._known:
+            values = effect.values_at(x[:, None]).values()
+            own = [value * self._unit[j] for value in values]
+            every = zip(self._matrices, self._data.segments, self.torque, strict=True)
+            added = [
+                effect.behind(matrices, s.motion.rate, torque, *own) - torque
+                for matrices, s, torque in every
+            ]
+            self._known[key] = self._data.rows(added).astype(np.float32)
+        return self._known[key]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -12,21 +13,147 @@ from scipy.spatial.distance import cdist
 
 from gapscope.arm.nominal import smooth_sign
 from gapscope.arm.recording import Recording
-from gapscope.model.candidate_columns import CandidateColumns
 from gapscope.model.conditioning import (
     LARGEST_CUTOFF,
     TORQUE_CUTOFF,
     Segment,
     condition,
+    low_pass,
     pieces,
     position_cutoff,
     thinned,
+    torque_scale,
 )
-from gapscope.model.decimated_segments import DecimatedSegments
-from gapscope.model.torque_gap import torque_scale
+from gapscope.model.terms import Term
 
-MODEL_RATE = 2.5 * LARGEST_CUTOFF
-"""Rate at which columns are computed before they are filtered [Hz]: what is left of positions lies well below half."""
+# The zero-phase low-pass on every so many samples only, as products of small matrices.
+#
+# ``conditioning.low_pass`` is linear: row i of what it gives is a sum over the samples about it, since its response
+# fades within a few periods of the cut-off. What is kept of a long series is therefore a product with a narrow band,
+# the same for all rows away from the ends; near the ends the rows are those of a short series. To keep one row of
+# four costs a third of filtering all of them.
+
+
+FADED = 9.0
+"""Periods of the cut-off after which the response has faded to 1e-9 of its peak [1]."""
+MAX_OF_RATE = 0.25
+"""Cut-off over rate up to which this holds [1]."""
+BLOCK = 16
+"""Rows that are computed by one product."""
+
+
+def low_passed_rows(
+    series: np.ndarray, rate: float, cutoff: float, kept: slice
+) -> np.ndarray:
+    """``low_pass(series, rate, cutoff)[kept]`` to 1e-8 of its size.
+
+    Args:
+        series: samples, (N, C).
+        rate: of the samples [Hz].
+        cutoff: of the low-pass [Hz].
+        kept: which rows of the result are wanted; M of them.
+
+    Returns:
+        Shape (M, C).
+    """
+    count = len(series)
+    rows = np.arange(count)[kept]
+    step = 1 if kept.step is None else kept.step
+    # of all rows the recursion is cheaper, and near Nyquist its response fades slowly
+    if step == 1 or cutoff > MAX_OF_RATE * rate:
+        return low_pass(series, rate, cutoff)[kept]
+    # stamps give rates that differ by rounding from recording to recording
+    rate = round(rate, 6)
+    length = min(count, 4 * _reach(rate, cutoff))
+    short = _short_series(rate, cutoff, length)
+    if length == count:
+        return np.asarray(short[rows] @ series)
+    out = np.empty((len(rows), series.shape[1]))
+    beginning, end = rows < length // 2, rows >= count - length // 2
+    out[beginning] = short[rows[beginning]] @ series[:length]
+    out[end] = short[rows[end] - (count - length)] @ series[count - length :]
+    between = np.flatnonzero(~(beginning | end))
+    reach, band = length // 4, _band(rate, cutoff, step)
+    for block in np.split(between, range(BLOCK, len(between), BLOCK)):
+        if len(block):
+            first, last = rows[block[0]] - reach, rows[block[-1]] + reach + 1
+            out[block] = band[: len(block), : last - first] @ series[first:last]
+    return out
+
+
+def _reach(rate: float, cutoff: float) -> int:
+    """Samples after which the response has faded."""
+    return int(np.ceil(FADED * rate / cutoff))
+
+
+@lru_cache(maxsize=16)
+def _band(rate: float, cutoff: float, step: int) -> np.ndarray:
+    """The response in the middle of a series, moved on by ``step`` samples from row to row of a block."""
+    reach = _reach(rate, cutoff)
+    response = _short_series(rate, cutoff, 4 * reach)[2 * reach, reach : 3 * reach + 1]
+    band = np.zeros((BLOCK, len(response) + (BLOCK - 1) * step))
+    for row, own in enumerate(band):
+        own[row * step : row * step + len(response)] = response
+    return band
+
+
+@lru_cache(maxsize=16)
+def _short_series(rate: float, cutoff: float, length: int) -> np.ndarray:
+    """What the low-pass makes of each sample of a series, (L, L)."""
+    return low_pass(np.eye(length), rate, cutoff)
+
+
+# Segments and the rows that are taken of them: filtered, trimmed, decimated to about twice the filter's cut-off.
+
+
+PER_CUTOFF = 2.5
+"""Rows a second over the cut-off of their filter, and samples over that of positions, at least [1]: what a filter
+leaves lies well below half of it."""
+MODEL_RATE = PER_CUTOFF * LARGEST_CUTOFF
+"""Rate at which columns are computed before they are filtered [Hz]."""
+UNMEASURED = 1e-3
+"""Weight of a row whose torque was not measured [1]: not zero, as each half of a recording needs some rows."""
+
+
+class DecimatedSegments:
+    """Segments, and their series on decimated rows.
+
+    Attributes:
+        segments: the segments.
+        cutoff: cut-off of the filter [Hz].
+    """
+
+    def __init__(self, segments: list[Segment], cutoff: float) -> None:
+        self.segments, self.cutoff = segments, cutoff
+
+    def thin(self, series: np.ndarray, segment: Segment) -> np.ndarray:
+        """Series of a segment, filtered, trimmed, and decimated to about twice the filter's cut-off."""
+        flat, kept = series.reshape(len(series), -1), self.taken(segment)
+        rows = low_passed_rows(flat, segment.motion.rate, self.cutoff, kept)
+        return rows.reshape(len(rows), *series.shape[1:])
+
+    def taken(self, segment: Segment) -> slice:
+        """The samples of a segment that are its rows."""
+        inner = segment.inner
+        return slice(inner.start, inner.stop, self.step(segment))
+
+    def rows(self, series: Sequence[np.ndarray]) -> np.ndarray:
+        """Series of every segment, (N, K) each, on its rows, one below the other, (M, K)."""
+        pairs = zip(series, self.segments, strict=True)
+        return np.vstack([self.thin(x, s) for x, s in pairs])
+
+    def step(self, segment: Segment) -> int:
+        """Every how many samples the rows are taken."""
+        return max(1, int(segment.motion.rate // (PER_CUTOFF * self.cutoff)))
+
+    def time(self, segment: Segment) -> np.ndarray:
+        """Time of a segment's rows since the start of its recording [s], (M,)."""
+        return segment.motion.t[self.taken(segment)]
+
+
+# Rows of groups of recordings.
+
+
 MIN_MOTIONS = 4
 """Parts of a group at least, each of which counts as a motion of its own: one motion says nothing of another."""
 SAME_STATE = 0.1
@@ -89,6 +216,8 @@ class Rows(DecimatedSegments):
         position, velocity: [rad], [rad/s], (M, n).
         holding: what ``held`` was told.
         kept: what the last design, about some arm, took of segments.
+        first_columns: of terms with a searched value, what follows from the recordings alone, as ``nonlinear_values``
+            finds it: the same whatever the groups are.
         warmth: temperature of the joints over its mean [K], (M, n), if friction is to follow it.
     """
 
@@ -109,21 +238,20 @@ class Rows(DecimatedSegments):
         super().__init__(segments, min(TORQUE_CUTOFF, cutoff))
         self.kept: Kept | None = None
         self.warmth: np.ndarray | None = None
-        self._candidates: list[CandidateColumns] = []
-        self.bodies = []
+        self.first_columns: dict[Term, np.ndarray | None] = {}
         counts = [len(self.time(s)) for s in segments]
         self.recording = np.repeat(of_recording, counts)
         self.segment = np.repeat(np.arange(len(segments)), counts)
         self.group = np.repeat(self.group_of, counts)
         self.set_aside = self.recording >= taught
-        self.torque = self.rows([_torque(s) for s in segments])
-        self.measured = np.sqrt(np.vstack([self.known(s) for s in segments]))
+        self.torque = self.rows([s.bridged(s.recorded_torque) for s in segments])
+        known = np.vstack([s.measured[self.taken(s)] for s in segments])
+        self.measured = np.sqrt(np.where(known, 1.0, UNMEASURED))
         self.trust = self.measured
         self.sticking = np.zeros_like(self.trust)
         self.scale = torque_scale(self.torque[self.group == 0])
         self.t = np.concatenate([self.time(s) for s in segments])
-        self.position = np.vstack([self._kept(s.motion.q, s) for s in segments])
-        self.velocity = np.vstack([self._kept(s.motion.dq, s) for s in segments])
+        self._move_as(segments)
         self.motion = self._motions()
 
     @classmethod
@@ -171,16 +299,15 @@ class Rows(DecimatedSegments):
         if lengths != [len(self.time(s)) for s in self.segments]:
             return None
         other = copy(self)
-        other.segments, other.bodies, other.kept = segments, [], None
-        other._candidates = []
-        other.position = np.vstack([self._kept(s.motion.q, s) for s in segments])
-        other.velocity = np.vstack([self._kept(s.motion.dq, s) for s in segments])
+        other.segments, other.kept, other.first_columns = segments, None, {}
+        other._move_as(segments)
         return other
 
-    def _kept(self, series: np.ndarray, segment: Segment) -> np.ndarray:
-        """Series of a segment at its rows, as it is."""
-        inner = segment.inner
-        return series[inner.start : inner.stop : self.step(segment)]
+    def _move_as(self, segments: Sequence[Segment]) -> None:
+        """Take the states of segments at their rows, as they are."""
+        motions = [(s.motion, self.taken(s)) for s in segments]
+        self.position = np.vstack([m.q[rows] for m, rows in motions])
+        self.velocity = np.vstack([m.dq[rows] for m, rows in motions])
 
     def follow_temperature(self) -> None:
         """Let friction follow the temperature of its joint, if all recordings have it."""
@@ -188,17 +315,6 @@ class Rows(DecimatedSegments):
         if len(given) == len(self.segments):
             warmth = self.rows(given)
             self.warmth = warmth - warmth.mean(axis=0)
-
-    def candidates(self, per_radian: np.ndarray) -> CandidateColumns:
-        """Columns of what a search tries that follow from the recordings alone, whatever the groups are.
-
-        Args:
-            per_radian: what counts as a radian of each joint, (n,).
-        """
-        # regrouped rows share the list
-        if not self._candidates:
-            self._candidates.append(CandidateColumns(self, per_radian))
-        return self._candidates[0]
 
     def of(self, group: int) -> np.ndarray:
         """Which rows belong to a group, mask (M,)."""
@@ -243,9 +359,9 @@ class Rows(DecimatedSegments):
 
     def _motions(self, least: int = MIN_MOTIONS) -> np.ndarray:
         """Numbers of the motions, (M,): parts of what a group passes for the first time, and all that repeats them."""
-        faster = np.vstack([self._kept(s.motion.ddq, s) for s in self.segments])
-        every = (self.position, self.velocity, faster)
-        state = np.hstack([x / np.maximum(x.std(axis=0), 1e-9) for x in every])
+        every = [s.motion.ddq[self.taken(s)] for s in self.segments]
+        faster = np.vstack(every)
+        state = over_deviation(np.hstack([self.position, self.velocity, faster]))
         motion, count = np.empty(len(state), dtype=int), 0
         kinds = np.column_stack([self.group, self.set_aside])
         for kind in np.unique(kinds, axis=0):
@@ -261,6 +377,11 @@ class Rows(DecimatedSegments):
                     count += 1
             motion[rows] = motion[rows[first]]
         return motion
+
+
+def over_deviation(series: np.ndarray) -> np.ndarray:
+    """Series over their deviation, (M, d); those that hardly differ over next to nothing."""
+    return np.asarray(series / np.maximum(series.std(axis=0), 1e-9))
 
 
 def _segments(recording: Recording) -> list[Segment]:
@@ -334,8 +455,3 @@ def comparable(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
 def _same(one: Recording, other: Recording) -> bool:
     torques = np.asarray(one.tau), np.asarray(other.tau)
     return np.array_equal(one.q, other.q) and np.array_equal(*torques)
-
-
-def _torque(segment: Segment) -> np.ndarray:
-    assert segment.torque is not None
-    return segment.bridged(segment.torque)

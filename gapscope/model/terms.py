@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+import itertools
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -102,65 +103,51 @@ class Candidate:
         return self.term.effect
 
 
-@dataclass(frozen=True)
 class Terms:
     """All terms for an arm with n joints, the vector theta of their linear coordinates, and their shapes.
 
-    Attributes:
+    Theta is laid out effect by effect, coordinate by coordinate, joint by joint.
+
+    Args:
         n_joints: n.
         shapes: per term with a shape its values; a term without one in the table cannot be chosen.
         motors: numbers of the motors that turn several joints.
+
+    Attributes:
         all: all terms, effect by effect.
         size: length of theta.
     """
 
-    n_joints: int
-    shapes: Mapping[Term, tuple[float, ...]] = field(default_factory=dict)
-    motors: tuple[int, ...] = ()
-
-    def __post_init__(self) -> None:
-        """Lay out theta: effect by effect, coordinate by coordinate, joint by joint."""
-        terms, start = [], 0
+    def __init__(
+        self,
+        n_joints: int,
+        shapes: Mapping[Term, tuple[float, ...]] | None = None,
+        motors: tuple[int, ...] = (),
+    ) -> None:
+        self.n_joints, self.motors = n_joints, motors
+        self.shapes, self.size = shapes or {}, 0
+        self._by_effect: dict[str, tuple[Term, ...]] = {}
+        self._blocks: dict[str, np.ndarray] = {}
         for effect in self.definitions:
-            linear = effect.fitted.linear
-            joints = self._places(effect)
-            places = len(joints)
-            for k, joint in enumerate(joints):
-                columns = tuple(start + i * places + k for i in range(linear))
-                terms.append(Term(effect.name, joint, columns))
-            start += places * linear
-        object.__setattr__(self, "all", tuple(terms))
-        object.__setattr__(self, "size", start)
-        by_effect: dict[str, list[Term]] = {e.name: [] for e in self.definitions}
-        for term in terms:
-            by_effect[term.effect].append(term)
-        blocks = {
-            name: np.array([t.columns for t in own]).T
-            for name, own in by_effect.items()
-        }
-        object.__setattr__(self, "_blocks", blocks)
-        own_terms = {name: tuple(own) for name, own in by_effect.items()}
-        object.__setattr__(self, "_by_effect", own_terms)
-
-    all: tuple[Term, ...] = field(init=False, compare=False)
-    size: int = field(init=False, compare=False)
-    _blocks: dict[str, np.ndarray] = field(init=False, compare=False, repr=False)
-    _by_effect: dict[str, tuple[Term, ...]] = field(
-        init=False, compare=False, repr=False
-    )
+            joints: Sequence[int] = range(1, n_joints + 1)
+            if effect.scope == "arm":
+                joints = (0,)
+            elif effect.reach == "motor":
+                joints = motors
+            count = effect.fitted.linear * len(joints)
+            block = self.size + np.arange(count).reshape(-1, len(joints))
+            self._by_effect[effect.name] = tuple(
+                Term(effect.name, joint, tuple(places))
+                for joint, places in zip(joints, block.T.tolist(), strict=True)
+            )
+            self._blocks[effect.name] = block
+            self.size += count
+        self.all = tuple(itertools.chain.from_iterable(self._by_effect.values()))
 
     @property
     def definitions(self) -> list[Effect]:
         """The effects that the terms are of, in their order."""
         return explained(coupled=bool(self.motors))
-
-    def _places(self, effect: Effect) -> tuple[int, ...]:
-        """What an effect may be placed on: joints, links or motors by their numbers, 0 for the arm."""
-        if effect.scope == "arm":
-            return (0,)
-        if effect.reach == "motor":
-            return self.motors
-        return tuple(range(1, self.n_joints + 1))
 
     def can_choose(self, term: Term) -> bool:
         """Whether a term needs no nonlinear parameters, or has them."""
@@ -180,6 +167,10 @@ class Terms:
     def of(self, effect: str) -> tuple[Term, ...]:
         """The terms of an effect, in joint order."""
         return self._by_effect.get(effect, ())
+
+    def choosable(self, effect: str) -> list[Term]:
+        """Those of them that need no nonlinear parameters, or have them."""
+        return [term for term in self.of(effect) if self.can_choose(term)]
 
     def block(self, effect: str) -> np.ndarray:
         """Places of an effect's linear coordinates in theta, shape (linear, joints, links, motors or 1)."""

@@ -9,17 +9,8 @@ import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.model.conditioning import TORQUE_CUTOFF, Segment, low_pass
-from gapscope.model.decimated_segments import DecimatedSegments
-
-MIN_SCALE_SHARE = 0.05
-"""A joint's normalisation, over the largest joint's deviation, at least [1]: part of what ``torque_nrmse`` is."""
-
-
-def torque_scale(torque: np.ndarray) -> np.ndarray:
-    """Normalisation of the torque gap [N m], shape (n,): standard deviation, at least 5 % of the largest joint's."""
-    deviation = torque.std(axis=0)
-    return np.maximum(deviation, MIN_SCALE_SHARE * deviation.max())
+from gapscope.model.conditioning import TORQUE_CUTOFF, Segment, low_pass, torque_scale
+from gapscope.model.rows import DecimatedSegments
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,7 @@ from gapscope.diagnosis.locate import DRIVES, JointLocalisation, Region
 from gapscope.diagnosis.result import Diagnosis, Signature, Spectrum, Trace
 from gapscope.effects.catalogue import known_effect
 from gapscope.effects.effect import Effect
-from gapscope.model.change_findings import change_text
+from gapscope.model.changes import change_text
 from gapscope.reports import compared_units as units_words
 from gapscope.reports.compared_units import ADDING
 from gapscope.reports.expected import expected_rows

@@ -40,7 +40,7 @@ from gapscope.ident.identification_json import (
 from gapscope.ident.kalman import FilterReview
 from gapscope.ident.model.base_parameters import CONDITION_LIMIT
 from gapscope.ident.model.physical_parameters import urdf_text
-from gapscope.model.change_findings import change_findings, change_text
+from gapscope.model.changes import change_findings, change_text
 from gapscope.reports.diagnosis import encode, keep_extremes
 from gapscope.reports.pages import percent_with_decimal, terminal_table, write_html
 

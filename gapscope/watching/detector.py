@@ -18,8 +18,16 @@ from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.recording import Recording
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.model.change_findings import PLAIN_FRICTION, called, change_findings
-from gapscope.model.changes import SPANS, Change, Learnt, Since, changes_since
+from gapscope.model.changes import (
+    PLAIN_FRICTION,
+    SPANS,
+    Change,
+    Learnt,
+    Since,
+    called,
+    change_findings,
+    changes_since,
+)
 from gapscope.model.conditioning import (
     GAP_STEPS,
     TORQUE_CUTOFF,
@@ -33,8 +41,7 @@ from gapscope.model.conditioning import (
 )
 from gapscope.model.design import FreeArm, design, fitted_arm
 from gapscope.model.difference import Fit
-from gapscope.model.equations import Equations
-from gapscope.model.form_error import FormError, learn
+from gapscope.model.equations import Equations, FormError, learn
 from gapscope.model.rows import MODEL_RATE, Kept, Rows
 from gapscope.model.terms import Term
 from gapscope.watching.events import (
@@ -484,8 +491,8 @@ class Detector:
         for gone in parts.keys() - now:
             del parts[gone]
         rows.kept = self._kept
-        learnt = Learnt(self._about, self._asked, state.free, self._taught)
-        said = changes_since(rows, state.known, learnt, self._whole)
+        learnt = Learnt(self._about, self._asked, state.free, self._taught, self._whole)
+        said = changes_since(rows, state.known, learnt)
         # a single look may meet an odd motion, or a change too new to be told
         again = sorted(set(said.unknown) & set(state.unknown))
         state.unknown = dict(said.unknown)

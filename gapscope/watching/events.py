@@ -16,7 +16,7 @@ from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.json_file import plain
 from gapscope.arm.joint_units import joint_unit
 from gapscope.effects.catalogue import of_quantity
-from gapscope.model.change_findings import PAYLOAD, PLAIN_FRICTION
+from gapscope.model.changes import PAYLOAD, PLAIN_FRICTION
 
 # What a watch says: an alarm, a misfit, a drift or a note, as one JSON line and as a sentence.
 

@@ -18,8 +18,7 @@ from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.gap.predict import predict_torque
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.model.conditioning import TRIM, low_pass
-from gapscope.model.torque_gap import torque_scale
+from gapscope.model.conditioning import TRIM, low_pass, torque_scale
 
 pytestmark = pytest.mark.shared_data
 

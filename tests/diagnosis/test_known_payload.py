@@ -33,12 +33,10 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.transmission import BACKLASH, ELASTICITY
 from gapscope.ident.identification import IdentificationSettings, identify
-from gapscope.model.body_point import Bodies
-from gapscope.model.compliant_bodies import CompliantBodies
 from gapscope.model.conditioning import Segment, blocks, condition, thinned
-from gapscope.model.decimated_segments import DecimatedSegments
-from gapscope.model.jacobian import columns
-from gapscope.model.prediction import Prediction
+from gapscope.model.jacobian import Bodies, LinearisationPoint, columns
+from gapscope.model.nonlinear_values import CompliantBodies
+from gapscope.model.rows import DecimatedSegments
 from gapscope.model.terms import Terms
 from gapscope.model.torque_gap import torque_gap
 
@@ -201,12 +199,11 @@ class TestSegment:
         arm = urdf_with_load(tmp_path)
         results = []
         for nominal, piece in ((synthetic.arm(), s), (arm, replace(s, payload=None))):
-            laden = piece.bodies(RigidBody(nominal))
-            data = DecimatedSegments([piece], CUTOFF)
-            data.bodies = [Bodies(laden, piece.motion)]
+            bodies = Bodies(RigidBody(nominal), piece)
             corrected = CorrectedArm(nominal, terms.effects(theta))
-            at = Prediction.of(corrected, laden, piece.motion)
-            results.append((at.torque, columns(at, data, 0, terms, theta)))
+            at = LinearisationPoint.of(corrected, bodies, terms, theta)
+            data = DecimatedSegments([piece], CUTOFF)
+            results.append((at.torque, columns(at, data)))
         (base, x), (expected, y) = results
         np.testing.assert_allclose(base, expected, atol=1e-6)
         size = np.abs(y).max(axis=(0, 1)).clip(1e-3)

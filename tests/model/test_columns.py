@@ -14,10 +14,9 @@ from gapscope.effects.catalogue import explained
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Effect
 from gapscope.effects.transmission import PLAY_START, PLAY_STEP
-from gapscope.model.body_point import Bodies, LinearisationPoint
 from gapscope.model.conditioning import Segment
 from gapscope.model.design import Design, FreeArm, about, design
-from gapscope.model.prediction import Prediction
+from gapscope.model.jacobian import Bodies, LinearisationPoint
 from gapscope.model.rows import Rows
 from gapscope.model.terms import Candidate, Term, Terms
 
@@ -223,11 +222,8 @@ def test_a_law_gives_the_columns_that_differences_give(name: str) -> None:
     """What a kind of effects knows of its derivatives is what an effect of a kind without them gets."""
     known, around = terms(name), theta(name)
     arm = CorrectedArm(synthetic.arm(), known.effects(around))
-    bodies, motion = synthetic.body(), segment().motion
-    regressor = bodies.regressor(motion.q, motion.dq, motion.ddq)
-    at = Prediction.of(arm, bodies, motion)
-    own = Bodies(bodies, motion, regressor)
-    point = LinearisationPoint(at, segment(), own, known, around)
+    bodies, motion = Bodies(synthetic.body(), segment()), segment().motion
+    point = LinearisationPoint.of(arm, bodies, known, around)
     effect = known.of(name)[0].definition
     x = around[known.block(name)]
     searched = np.array([known.shapes.get(t, ()) for t in known.of(name)]).T
@@ -266,12 +262,11 @@ def test_what_values_do_is_what_the_corrected_arm_predicts(name: str) -> None:
     made = design(rows(), arm(0.0 * around), known.shapes)
     shown = [t for t in known.of(name) if t in made.places]
     own = {Candidate(t, (0,)): around[list(t.columns)] for t in shown}
-    there = about(made, arm(0.0 * around), own)
-    left = there.gap.copy()
+    left, columns = about(made, arm(0.0 * around), own)
     for one, value in own.items():
-        if one in there.columns:
+        if one in columns:
             scaled = value * made.units[one.term]
-            left -= np.stack([x @ scaled for x in there.columns[one]], axis=1)
+            left -= np.stack([x @ scaled for x in columns[one]], axis=1)
         else:
             left -= made.torque(one.term, value)
     expected = predict(known.effects(around, shown)) - predict(())

@@ -14,10 +14,11 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.environment import tilt
-from gapscope.model.conditioning import Segment, condition
+from gapscope.model.conditioning import Segment, condition, torque_scale
 from gapscope.model.gravity_direction import gravity_by_torque, turn_of_base
-from gapscope.model.prediction import Prediction
-from gapscope.model.torque_gap import torque_gap, torque_scale
+from gapscope.model.jacobian import Bodies, LinearisationPoint
+from gapscope.model.terms import Terms
+from gapscope.model.torque_gap import torque_gap
 
 
 def segments(truth: synthetic.Truth, rate: float = 250.0) -> list[Segment]:
@@ -150,7 +151,10 @@ ARM = CorrectedArm(synthetic.arm(), tuple(effect(name) for name in EFFECTS))
 def test_arms_at_once_change_as_each_alone(motion: Motion) -> None:
     """Arms of which some undo another way from the recorded torque to the joint."""
     body = synthetic.body()
-    at = Prediction.of(ARM, body, motion)
+    segment = Segment("moved.csv", motion, None)
+    terms = Terms(len(motion.q.T))
+    theta = np.zeros(terms.size)
+    at = LinearisationPoint.of(ARM, Bodies(body, segment), terms, theta)
     names = [name for name in EFFECTS if name != "encoder_offset"]
     others = (tuple(e for e in ARM.effects if e.name != name) for name in names)
     arms = [replace(ARM, effects=some) for some in others]

@@ -45,7 +45,7 @@ def instrumented(
     bodies = 10 * searching.arm.arm.n_joints
     measured = _columns(searching, made, values, bodies)
     instruments = _columns(searching, by_commands, values, bodies)
-    gap = about(made, searching.arm, values).gap
+    gap, _ = about(made, searching.arm, values)
     size = measured[0].shape[1]
     left, right = np.zeros((size, size)), np.zeros(size)
     # errors of the bodies follow the columns of the terms; their prior keeps them small
@@ -80,7 +80,7 @@ def _columns(
     bodies: int,
 ) -> list[np.ndarray]:
     """Columns of terms about their values, then of errors of the bodies, per joint over its scale, (M, K)."""
-    moved = about(made, searching.arm, values).columns
+    _, moved = about(made, searching.arm, values)
     out = []
     for j, (x, active) in enumerate(zip(made.columns, made.active, strict=True)):
         whole = np.zeros((len(x), made.size))

@@ -22,9 +22,9 @@ from gapscope.diagnosis.thresholds import (
 from gapscope.effects.catalogue import known_effect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Signals, TorqueLaw
-from gapscope.model.conditioning import TORQUE_CUTOFF, Segment, low_pass
+from gapscope.model.conditioning import TORQUE_CUTOFF, Segment, low_pass, torque_scale
 from gapscope.model.effective_samples import variance_inflation
-from gapscope.model.torque_gap import TorqueGap, filtered_torque, torque_scale
+from gapscope.model.torque_gap import TorqueGap, filtered_torque
 
 # A sensor behind the gear reads what reaches the link,
 #

@@ -30,7 +30,7 @@ from gapscope.diagnosis.gap.plausible_data import short_note, still_note
 from gapscope.diagnosis.locate import MotionRows, located, regions
 from gapscope.diagnosis.selection.undeclared_coupling import UndeclaredCoupling
 from gapscope.diagnosis.thresholds import FALSE_DISCOVERY_RATE, UNKNOWN_TORQUE
-from gapscope.model.change_findings import change_findings
+from gapscope.model.changes import change_findings
 from gapscope.model.conditioning import TORQUE_CUTOFF
 from gapscope.model.terms import Candidate
 

@@ -27,8 +27,8 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import CATALOGUE, known_effect
 from gapscope.effects.effect import Turn
 from gapscope.effects.setup_faults import Fault
+from gapscope.model.conditioning import torque_scale
 from gapscope.model.terms import Terms
-from gapscope.model.torque_gap import torque_scale
 
 # Small parts of ``diagnosis.json`` that several sections share.
 
@@ -373,9 +373,7 @@ def _evidence(applied: AppliedEffect, state: OtherState, found: Agreement) -> Fi
     closed = np.array([(before - only).sum(), (without - after).sum()])
     share = np.clip(closed / max(float(before.sum()), 1e-9), 0.0, 1.0)
     differing = [
-        line
-        for line in found.having(DIFFERS)
-        if line.quantity.term.effect == applied.name
+        line for line in found.having(DIFFERS) if line.term.effect == applied.name
     ]
     return {
         "effect": applied.name,

@@ -30,9 +30,9 @@ from gapscope.model.conditioning import (
     condition,
     low_pass,
     pieces,
+    torque_scale,
 )
 from gapscope.model.effective_samples import motion_samples
-from gapscope.model.torque_gap import torque_scale
 
 # What the integrator of a controller held when a recording began, which no recording shows.
 #

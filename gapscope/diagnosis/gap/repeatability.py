@@ -14,7 +14,8 @@ from itertools import combinations_with_replacement
 import numpy as np
 from scipy.signal import correlate
 
-from gapscope.model.torque_gap import TorqueGap, torque_scale
+from gapscope.model.conditioning import torque_scale
+from gapscope.model.torque_gap import TorqueGap
 
 
 @dataclass(frozen=True)

@@ -26,9 +26,9 @@ from gapscope.diagnosis.thresholds import (
     VISIBLE_TERM,
 )
 from gapscope.effects.effect import DryLaw, External, LinkChange, Transmission
-from gapscope.model.compliant_bodies import CompliantBodies
 from gapscope.model.contrast import SIZES, Contrast, Nuisance, OwnTerms
 from gapscope.model.design import (
+    LIKELY,
     MIN_TORQUE,
     WIDE,
     Design,
@@ -47,12 +47,10 @@ from gapscope.model.difference import (
     Promise,
     Search,
 )
-from gapscope.model.equations import Equations
+from gapscope.model.equations import Equations, learn
 from gapscope.model.expected import Detectable, detectable
-from gapscope.model.explained import LIKELY
-from gapscope.model.form_error import learn
 from gapscope.model.gravity_direction import as_mounted
-from gapscope.model.nonlinear_values import Scanner
+from gapscope.model.nonlinear_values import CompliantBodies, Scanner
 from gapscope.model.rows import Rows
 from gapscope.model.terms import Candidate, Term, Terms
 

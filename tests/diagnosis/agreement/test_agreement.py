@@ -45,11 +45,11 @@ def compared(found: Sequence[Recording]) -> Agreement:
 
 
 def line(found: Agreement, key: str) -> ParameterAgreement:
-    return next(one for one in found.parameters if one.quantity.key == key)
+    return next(one for one in found.parameters if one.key == key)
 
 
 def differing(found: Agreement) -> list[str]:
-    return [one.quantity.key for one in found.having(DIFFERS)]
+    return [one.key for one in found.having(DIFFERS)]
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def test_the_same_arm_agrees_with_values_to_trust(same: Agreement) -> None:
         # the healthy error of a torque constant scales friction as well
         assert value == pytest.approx(truth, rel=0.1)
         # the deviation of the mean, which scatter beyond the stated deviations widens
-        precision = (one.values.std**-2.0).sum()
+        precision = (one.std**-2.0).sum()
         assert std == pytest.approx(max(one.birge, 1.0) / np.sqrt(precision))
 
 
@@ -103,7 +103,7 @@ def test_the_same_arm_agrees_with_values_to_trust(same: Agreement) -> None:
 def test_more_friction_in_one_recording_differs_alone(rubbing: Agreement) -> None:
     assert differing(rubbing) == ["c2"]
     one = line(rubbing, "c2")
-    low, high, again = one.values.value
+    low, high, again = one.value
     assert high / low == pytest.approx(1.3, abs=0.03)
     assert again == pytest.approx(low, abs=0.05)
     assert low == pytest.approx(COULOMB[1], rel=0.1)
@@ -148,7 +148,7 @@ class TestLoad:
         result = compared([recorded(truth, k) for k, truth in enumerate(loads)])
         assert differing(result) == ["load"]
         one = line(result, "load")
-        assert one.values.value == pytest.approx([0.0, 0.0, 1.5], abs=0.05)
+        assert one.value == pytest.approx([0.0, 0.0, 1.5], abs=0.05)
         settled = document(result)["parameters"][0]["settled_by"]
         assert settled.startswith("repeat recording_2.csv with the empty flange")
 
@@ -163,7 +163,7 @@ def test_another_torque_constant_is_a_gain() -> None:
     scaled = Truth(scale=(0.0, 0.1, 0.0))
     result = compared([recorded(scaled if k == 2 else Truth(), k) for k in range(3)])
     assert differing(result) == ["gain2"]
-    value = line(result, "gain2").values.value
+    value = line(result, "gain2").value
     # the recorded torque is the needed one over 1 + s
     assert value == pytest.approx([1.0, 1.0, 1.0 / 1.1], abs=0.015)
 

@@ -15,8 +15,7 @@ from gapscope.diagnosis.diagnose import SheetComparison, diagnosis_of, examine
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.gap.plausible_data import up_to_changes
 from gapscope.effects.applied import AppliedEffect
-from gapscope.model.change_findings import change_findings, change_text
-from gapscope.model.changes import Change, changes_of
+from gapscope.model.changes import Change, change_findings, change_text, changes_of
 
 MOMENT = {"load": 4.1, "friction": 4.4}
 CHANGED = {
