@@ -50,7 +50,7 @@ APART = ({"envs", "ident"}, {"agents", "blind_check"})
 """Never import each other, although they share a layer."""
 
 DIAGNOSIS_LAYERS: tuple[set[str], ...] = (
-    {"thresholds"},
+    {"change_points", "thresholds"},
     {"gap", "setup_faults"},
     {"locate", "selection"},
     {"agreement", "states"},
@@ -60,7 +60,7 @@ DIAGNOSIS_LAYERS: tuple[set[str], ...] = (
     {"document"},
     {"diagnose", "set_up"},
     {"reference_file", "diagnose_change", "hypotheses", "next_recording"},
-    {"change_points", "compare_units"},
+    {"compare_units"},
 )
 """The same inside ``diagnosis``."""
 

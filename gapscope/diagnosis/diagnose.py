@@ -678,7 +678,6 @@ def diagnosis_of(found: SheetComparison, progress: Progress = silent) -> Diagnos
     content = document.content()
     progress("writes the findings")
     segments, after = found.segments, found.corrected
-    rates = tuple(segment.motion.rate for segment in segments)
     gaps = found.gaps
     possible = tuple(found.change(name) for name in found.possible)
     return Diagnosis(
@@ -686,7 +685,7 @@ def diagnosis_of(found: SheetComparison, progress: Progress = silent) -> Diagnos
         effects=_in_order(found.effects, content["effects"]),
         traces=traces(found.nominal, after, found.body, segments),
         signatures=signatures(after, found.body, segments),
-        spectrum=spectrum(gaps["before"], gaps["after"], rates),
+        spectrum=spectrum(gaps["before"], gaps["after"], segments),
         located=located(content, gaps, found.floor, segments),
         possible=_in_order(possible, content["possible"]),
         presliding=tuple(found.presliding.tolist()),

@@ -277,7 +277,7 @@ def diagnosis_of(comparison: ReferenceComparison) -> Diagnosis:
         "before": torque_gap(before, body, segments),
         "after": torque_gap(after, body, segments),
     }
-    floor, rates = comparison.explained.floor, tuple(s.motion.rate for s in segments)
+    floor = comparison.explained.floor
     order = [finding["effect"] for finding in content["effects"]]
     named = sorted(
         map(comparison.change, comparison.named), key=lambda e: order.index(e.name)
@@ -288,7 +288,7 @@ def diagnosis_of(comparison: ReferenceComparison) -> Diagnosis:
         effects=tuple(named),
         traces=traces(before, after, body, segments),
         signatures=signatures(after, body, segments, shown),
-        spectrum=spectrum(gaps["before"], gaps["after"], rates),
+        spectrum=spectrum(gaps["before"], gaps["after"], segments),
         located=located(content, gaps, floor, segments),
         possible=tuple(map(comparison.change, comparison.possible)),
         presliding=tuple(comparison.vendor.presliding.tolist()),

@@ -3,45 +3,32 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.signal import csd, welch
+from scipy.signal import csd
 
 from gapscope.arm.display import significant
+from gapscope.diagnosis.change_points import change_points
 from gapscope.diagnosis.thresholds import (
-    BAND_COHERENCE,
-    BAND_POWER,
     BANDS,
-    CHANGE_POINT_PENALTY,
-    EQUAL_COHERENCE,
+    FALSE_ALARM_RATE,
     INTERVAL_RATIO,
     JOINTS_IN_DEPTH,
-    LEAF_ROWS,
     LEVEL_WINDOW,
-    LINE_ENRICHMENT,
-    LINE_LOWEST,
-    LINE_SHARE,
-    LINE_WIDTH,
-    MAX_CHANGE_POINTS,
     MAX_INTERVALS,
-    MIN_BAND_POWER,
-    MIN_INTERVAL_WINDOWS,
-    MIN_LEVEL_NOISE,
     REGION_ENRICHMENT,
     REGION_SHARE,
     REGIONS_PER_JOINT,
     RULE_BLOCK,
-    RULE_CAP_QUANTILE,
-    RULE_CHANCE,
-    RULE_CONDITION_GAIN,
     RULE_CONDITIONS,
-    RULE_RATE,
-    STILL_QUANTILE,
 )
 from gapscope.model.conditioning import TORQUE_CUTOFF, Segment
+
+TINY = 1e-300
+"""Keeps a quotient of squares finite. (numerical)"""
 
 # A region of the motion that holds more of a gap than its size explains.
 
@@ -56,7 +43,8 @@ class Region:
             ``line`` or ``coherence``: learnt from the gap.
         regime: what the region is, in words.
         share: its share of the joint's squared gap, 0..1.
-        coverage: its share of the samples; of a frequency band, its share of the power of the nominal torque, 0..1.
+        coverage: its share of the samples; of frequencies, what they would hold of white noise, or of a gap that goes
+            like the nominal torque, if that is more; 0..1.
         detail: the same as numbers, further keys of the document.
     """
 
@@ -70,7 +58,17 @@ class Region:
     @property
     def enrichment(self) -> float:
         """Share over coverage."""
-        return self.share / max(self.coverage, 1e-3)
+        return self.share / max(self.coverage, TINY)
+
+    @property
+    def worth(self) -> float:
+        """Share times log enrichment [nats]: large if little of the time holds much of the gap."""
+        return self.share * float(np.log(max(self.enrichment, TINY)))
+
+    @property
+    def stands_out(self) -> bool:
+        """Whether it holds much of the gap, and much more than its size explains."""
+        return self.share >= REGION_SHARE and self.enrichment >= REGION_ENRICHMENT
 
 
 # Segments stacked as rows: the quantities against which a gap is looked at.
@@ -124,60 +122,49 @@ def stack(segments: list[Segment]) -> MotionRows:
     )
 
 
-# The quantities that a rule may speak of.
-
-
-@dataclass(frozen=True)
-class RuleVariable:
-    """One quantity at every row.
-
-    Attributes:
-        name: in the document: ``speed``, ``direction``, ``load``, ``acceleration``, ``position`` or ``time``.
-        symbol, unit: in words.
-        values: shape (M,).
-    """
-
-    name: str
-    symbol: str
-    unit: str
-    values: np.ndarray
-
-
-def rule_variables(rows: MotionRows, load: np.ndarray, j: int) -> list[RuleVariable]:
-    """Of joint j (from 0): speed, direction (-1, 0, 1), |nominal torque|, |acceleration|, position, time; each (M,)."""
-    velocity = rows.dq[:, j]
-    speed = np.abs(velocity)
-    moves = speed > np.quantile(speed, STILL_QUANTILE)
-    direction = np.where(moves, np.sign(velocity), 0.0)
-    return [
-        RuleVariable("speed", "|dq|", "rad/s", speed),
-        RuleVariable("direction", "direction", "", direction),
-        RuleVariable("load", "|load|", "N m", np.abs(load[:, j])),
-        RuleVariable("acceleration", "|ddq|", "rad/s²", np.abs(rows.ddq[:, j])),
-        RuleVariable("position", "q", "rad", rows.q[:, j]),
-        RuleVariable("time", "t", "s", rows.clock),
-    ]
-
-
-# A shallow regression tree over a few quantities [breiman1984].
+# A rule that says when the gap of a joint is large: one branch of a regression tree [breiman1984], learnt on every
+# other second and tested on the rest.
 
 
 SPLITS = 48
-"""Thresholds that are tried per quantity, at equal shares of the rows."""
+"""Thresholds that are tried per quantity, at equal shares of the rows: a part holds one of them at least. (budget)"""
+QUANTITIES = {
+    "speed": ("|dq|", "rad/s"),
+    "direction": ("direction", ""),
+    "load": ("|load|", "N m"),
+    "acceleration": ("|ddq|", "rad/s²"),
+    "position": ("q", "rad"),
+}
+"""What a rule may speak of: symbol and unit in words. Of times, intervals say more: they know the recording."""
 
 
-@dataclass(frozen=True)
-class Cut:
-    """One condition: the quantity with this index lies above ``threshold``, or else not."""
+def rule_quantities(rows: MotionRows, load: np.ndarray, j: int) -> np.ndarray:
+    """``QUANTITIES`` of joint j (from 0) at every row, (M, 5); load is the nominal torque [N m], (M, n)."""
+    velocity, acceleration = rows.dq[:, j], rows.ddq[:, j]
+    series = (
+        np.abs(velocity),
+        np.sign(velocity),
+        np.abs(load[:, j]),
+        np.abs(acceleration),
+        rows.q[:, j],
+    )
+    return np.column_stack(series)
 
-    index: int
+
+class Cut(NamedTuple):
+    """One condition: the quantity with this number lies above ``threshold``, or else not."""
+
+    quantity: int
     threshold: float
     above: bool
 
-    def holds(self, x: np.ndarray) -> np.ndarray:
-        """Mask over rows x of shape (M, K); shape (M,)."""
-        higher = x[:, self.index] > self.threshold
-        return higher if self.above else ~higher
+
+def meeting(cuts: tuple[Cut, ...], x: np.ndarray) -> np.ndarray:
+    """Mask of the rows x, (M, K), that meet all conditions, (M,)."""
+    inside = np.ones(len(x), dtype=bool)
+    for index, threshold, above in cuts:
+        inside &= (x[:, index] > threshold) == above
+    return inside
 
 
 def hottest_leaf(x: np.ndarray, y: np.ndarray, depth: int) -> tuple[Cut, ...]:
@@ -191,47 +178,38 @@ def hottest_leaf(x: np.ndarray, y: np.ndarray, depth: int) -> tuple[Cut, ...]:
         y: what is predicted, shape (M,).
         depth: most cuts.
     """
-    cuts: list[Cut] = []
-    inside = np.ones(len(y), dtype=bool)
-    least = max(4, int(LEAF_ROWS * len(y)))
+    cuts: tuple[Cut, ...] = ()
+    least = max(1, len(y) // SPLITS)
     for _ in range(depth):
+        inside = meeting(cuts, x)
         cut = _best_cut(x[inside], y[inside], least)
         if cut is None:
             break
-        cuts.append(cut)
-        inside &= cut.holds(x)
-    return tuple(cuts)
+        cuts = (*cuts, cut)
+    return cuts
 
 
 def _best_cut(x: np.ndarray, y: np.ndarray, least: int) -> Cut | None:
     """The cut with the largest fall of the sum of squares; ``None`` if no cut leaves ``least`` rows on both sides."""
     if len(y) <= 2 * least:
         return None
-    counts = np.unique(np.linspace(least, len(y) - least, SPLITS).astype(int))
-    largest_fall, best = 0.0, None
+    below = np.unique(np.linspace(least, len(y) - least, SPLITS).astype(int))
+    above = len(y) - below
+    largest, best = 0.0, None
     for index, values in enumerate(x.T):
         order = np.argsort(values, kind="stable")
         ordered, total = values[order], np.cumsum(y[order])
-        for below in counts:
-            low_value, high_value = ordered[below - 1], ordered[below]
-            if low_value == high_value:
-                continue  # no threshold lies between equal values
-            above = len(y) - below
-            low_mean = total[below - 1] / below
-            high_mean = (total[-1] - total[below - 1]) / above
-            fall = below * above / len(y) * (high_mean - low_mean) ** 2
-            if fall > largest_fall:
-                threshold = float(0.5 * (low_value + high_value))
-                largest_fall = fall
-                best = Cut(index, threshold, bool(high_mean > low_mean))
+        step = (total[-1] - total[below - 1]) / above - total[below - 1] / below
+        # no threshold lies between equal values
+        parted = ordered[below - 1] < ordered[below]
+        fall = np.where(parted, below * above / len(y) * step**2, 0.0)
+        k = int(fall.argmax())
+        if fall[k] > largest:
+            threshold = float(ordered[below[k] - 1] + ordered[below[k]]) / 2
+            # with two significant digits, as the report gives it
+            largest = fall[k]
+            best = Cut(index, float(f"{threshold:.2g}"), bool(step[k] > 0))
     return best
-
-
-# A rule that says when the gap of a joint is large, learnt on one half of the rows and tested on the other.
-
-
-MAX_BLOCKS = 100_003
-"""More blocks of time than a segment has."""
 
 
 def rule(
@@ -246,193 +224,139 @@ def rule(
         floor: RMS that a healthy arm leaves on the joint [N m].
         joint: from 1.
     """
-    variables = rule_variables(rows, load, joint - 1)
-    values = np.column_stack([variable.values for variable in variables])
-    step = max(1, int(min(rows.rates) // RULE_RATE))
-    x, above = values[::step], _above_floor(error[::step], floor)
-    learnt = _learning_rows(rows, step)
+    every = rule_quantities(rows, load, joint - 1)
+    # more rows than twice the band hold nothing new
+    step = max(1, int(min(rows.rates) / (2 * TORQUE_CUTOFF)))
+    x, above = every[::step], np.clip(error[::step] ** 2 - floor**2, 0.0, None)
+    learnt = (rows.t[::step] // RULE_BLOCK + rows.segment[::step]) % 2 == 0
     if not above[learnt].any() or not above[~learnt].any():
         return None
     leaf = hottest_leaf(x[learnt], above[learnt], RULE_CONDITIONS)
-    cuts = _worthwhile(tuple(_rounded(cut) for cut in leaf), x[~learnt], above[~learnt])
-    # learnt on one half, tested on the other
-    if not cuts or not _holds(cuts, variables, x[~learnt], above[~learnt]):
+    cuts = _worthwhile(leaf, x[~learnt], above[~learnt], joint)
+    inside = meeting(cuts, x[~learnt])
+    there = _rule_region(cuts, inside, above[~learnt], joint)
+    if not there.stands_out or there.share <= _by_chance(inside, above[~learnt]):
         return None
-    inside = _inside(cuts, values)
-    share = float((error[inside] ** 2).sum() / (error**2).sum())
-    conditions = _conditions(cuts, variables)
-    words = " and ".join(_rule_words(condition) for condition in conditions)
-    detail = {"conditions": conditions}
+    return _rule_region(cuts, meeting(cuts, every), error**2, joint)
+
+
+def _worthwhile(
+    cuts: tuple[Cut, ...], x: np.ndarray, y: np.ndarray, joint: int
+) -> tuple[Cut, ...]:
+    """The conditions that are worth most on held-out rows, of which each is due what a fitted value owes.
+
+    What a rule is worth counts as often as y has independent samples, (sum y)^2 / sum y^2: few rows that hold most of
+    it decide little.
+    """
+    samples = float(y.sum() ** 2 / (y**2).sum())
+
+    def evidence(some: tuple[Cut, ...]) -> float:
+        region = _rule_region(some, meeting(some, x), y, joint)
+        return samples * region.worth - len(some) * np.log(samples)
+
+    counts = range(len(cuts) + 1)
+    subsets = (c for count in counts for c in itertools.combinations(cuts, count))
+    return max(subsets, key=evidence)
+
+
+def _rule_region(
+    cuts: tuple[Cut, ...], inside: np.ndarray, square: np.ndarray, joint: int
+) -> Region:
+    """A rule as a region of a squared gap, given the mask over its rows, (M,) both.
+
+    Conditions on one quantity are one; ``above`` and ``below`` are ``None`` if open.
+    """
+    conditions: dict[int, dict[str, Any]] = {}
+    names = list(QUANTITIES)
+    for index, threshold, above in cuts:
+        symbol, unit = QUANTITIES[names[index]]
+        new = {"quantity": names[index], "symbol": symbol, "unit": unit}
+        entry = conditions.setdefault(index, {**new, "above": None, "below": None})
+        side, tighter = ("above", max) if above else ("below", min)
+        known = entry[side]
+        entry[side] = threshold if known is None else tighter(known, threshold)
+    share = float(square[inside].sum() / square.sum())
+    words = " and ".join(map(_rule_words, conditions.values()))
+    detail = {"conditions": list(conditions.values())}
     return Region(joint, "rule", words, share, float(inside.mean()), detail)
 
 
-def _above_floor(error: np.ndarray, floor: float) -> np.ndarray:
-    """Squared gap above the floor's square [(N m)^2], (M,), with its spikes cut."""
-    square = error**2
-    capped = np.minimum(square, np.quantile(square, RULE_CAP_QUANTILE))
-    return np.clip(capped - floor**2, 0.0, None)
-
-
-def _learning_rows(rows: MotionRows, step: int) -> np.ndarray:
-    """Mask of every ``step``-th row that a rule is learnt from: every other block of time; the rest tests it."""
-    block_in_segment = (rows.t[::step] // RULE_BLOCK).astype(int)
-    blocks = block_in_segment + MAX_BLOCKS * rows.segment[::step]
-    number = np.unique(blocks, return_inverse=True)[1]
-    return np.asarray(number % 2 == 0)
-
-
-def _rounded(cut: Cut) -> Cut:
-    """With two significant digits, as the report gives it."""
-    return Cut(cut.index, float(f"{cut.threshold:.2g}"), cut.above)
-
-
-def _inside(cuts: tuple[Cut, ...], x: np.ndarray) -> np.ndarray:
-    """Mask of the rows x that meet all conditions, (M,)."""
-    inside = np.ones(len(x), dtype=bool)
-    for cut in cuts:
-        inside &= cut.holds(x)
-    return inside
-
-
-def _share_and_coverage(inside: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Share of y and share of the rows inside."""
-    return float(y[inside].sum() / y.sum()), float(inside.mean())
-
-
-def _worth(cuts: tuple[Cut, ...], x: np.ndarray, y: np.ndarray) -> float:
-    """Share times log enrichment of a rule: large if little of the time holds much of the gap."""
-    share, coverage = _share_and_coverage(_inside(cuts, x), y)
-    return share * float(np.log(max(share, 1e-9) / max(coverage, 1e-3)))
-
-
-def _worthwhile(cuts: tuple[Cut, ...], x: np.ndarray, y: np.ndarray) -> tuple[Cut, ...]:
-    """The fewest of the conditions that do nearly as well as any others on held-out rows."""
-    best: tuple[Cut, ...] = ()
-    for count in range(len(cuts) + 1):
-        for subset in itertools.combinations(cuts, count):
-            # each further condition must be worth it
-            needed_gain = RULE_CONDITION_GAIN ** (count - len(best))
-            if _worth(subset, x, y) > max(needed_gain * _worth(best, x, y), 0.0):
-                best = subset
-    return best
-
-
-def _holds(
-    cuts: tuple[Cut, ...],
-    variables: list[RuleVariable],
-    x: np.ndarray,
-    y: np.ndarray,
-) -> bool:
-    """Whether a rule holds on held-out rows."""
-    inside = _inside(cuts, x)
-    if not inside.any() or inside.all():
-        return False
-    share, coverage = _share_and_coverage(inside, y)
-    if share < REGION_SHARE or share / coverage < REGION_ENRICHMENT:
-        return False
-    # Most gaps vary over time: a rule that names a time needs a sharp contrast to what lies outside.
-    if any(variables[cut.index].name == "time" for cut in cuts):
-        return bool(y[inside].mean() > INTERVAL_RATIO * y[~inside].mean())
-    return share > _by_chance(inside, y)
-
-
 def _by_chance(inside: np.ndarray, y: np.ndarray) -> float:
-    """Share that a rule would reach with ``RULE_CHANCE`` if the gap were elsewhere in time: over all circular shifts.
+    """Share that a rule would seldom reach if the gap were elsewhere in time: over all circular shifts.
 
     A shift keeps gap and motion as they are in themselves, and breaks the relation between them.
     """
-    near = int(RULE_BLOCK * RULE_RATE)
+    near = int(RULE_BLOCK * 2 * TORQUE_CUTOFF)
     if len(y) <= 4 * near:
         return 1.0
     # correlation theorem: sum of y over the mask, for every circular shift of y at once
     mask_spectrum = np.fft.rfft(inside.astype(float))
     overlap = np.fft.irfft(mask_spectrum * np.conj(np.fft.rfft(y)), len(y))
-    shares = overlap / y.sum()
-    return float(np.quantile(shares[near : len(y) - near], 1 - RULE_CHANCE))
-
-
-def _conditions(
-    cuts: tuple[Cut, ...], variables: list[RuleVariable]
-) -> list[dict[str, Any]]:
-    """Conditions as numbers, those on one quantity together; ``above`` and ``below`` are ``None`` if open."""
-    out: dict[int, dict[str, Any]] = {}
-    for cut in cuts:
-        variable = variables[cut.index]
-        new = {
-            "quantity": variable.name,
-            "symbol": variable.symbol,
-            "unit": variable.unit,
-            "above": None,
-            "below": None,
-        }
-        entry = out.setdefault(cut.index, new)
-        side, tighter = ("above", max) if cut.above else ("below", min)
-        known = entry[side]
-        entry[side] = cut.threshold if known is None else tighter(known, cut.threshold)
-    return list(out.values())
+    shares = overlap[near : len(y) - near] / y.sum()
+    return float(np.quantile(shares, 1 - FALSE_ALARM_RATE))
 
 
 def _rule_words(condition: dict[str, Any]) -> str:
     """One condition in words."""
     low, high, symbol = condition["above"], condition["below"], condition["symbol"]
-    unit = f" {condition['unit']}".rstrip()
     if condition["quantity"] == "direction":
-        if low is not None and high is not None:
-            return "nearly at rest"
-        if low is not None:
-            return "moving forward" if low >= 0 else "not moving backward"
-        return "moving backward" if high < 0 else "not moving forward"
-    if low is None:
-        return f"{symbol} < {significant(high, 2)}{unit}"
-    if high is None:
-        return f"{symbol} > {significant(low, 2)}{unit}"
-    return f"{significant(low, 2)} < {symbol} < {significant(high, 2)}{unit}"
+        return "moving backward" if low is None else "moving forward"
+    parts = [symbol]
+    if low is not None:
+        parts = [f"{significant(low, 2)} <", symbol]
+    if high is not None:
+        parts.append(f"< {significant(high, 2)}")
+    elif low is not None:
+        parts = [symbol, f"> {significant(low, 2)}"]
+    return " ".join([*parts, condition["unit"]])
 
 
 # How a gap follows the joint's own signals: coherence, and gain and phase of the transfer function [bendat2010].
 
 
-STRETCH = 2.0
-"""Length of the stretches over which spectra are averaged [s]."""
 STEP = 0.25
-"""Grid of frequencies on which recordings of different length are averaged [Hz]."""
-CHANCE = 0.01
-"""Probability with which signals without relation reach the coherence of ``Spectra.chance`` [1]."""
-MIN_SIZE = 16
-"""Segments with fewer samples have no spectrum."""
-TINY = 1e-300
-"""Keeps a quotient of powers finite."""
+"""Grid of frequencies [Hz]; spectra are averaged over stretches that resolve it, of 1 / ``STEP``. (budget)"""
+FREQUENCIES = STEP * np.arange(int(TORQUE_CUTOFF / STEP) + 1)
+"""In the band of the gap [Hz], (F,)."""
+DRIVES = {
+    "torque": "N m per N m",
+    "velocity": "N m s/rad",
+    "acceleration": "N m s²/rad",
+}
+"""The joint's own signals that a gap may follow, the nominal torque first, and the unit of gap over signal."""
 
 
-@dataclass(frozen=True)
-class Drive:
-    """A signal that a gap may follow: name and unit of gap over signal."""
+def densities(x: np.ndarray, y: np.ndarray, rows: MotionRows) -> np.ndarray:
+    """Cross power densities S_xy at ``FREQUENCIES``, complex, (F, K); of x and itself the power density.
 
-    name: str
-    unit: str
-
-
-DRIVES = (
-    Drive("torque", "N m per N m"),
-    Drive("velocity", "N m s/rad"),
-    Drive("acceleration", "N m s²/rad"),
-)
-"""The joint's own nominal torque, velocity and acceleration."""
+    Args:
+        x, y: series at the rows, (M, K), or one of both (M, 1).
+        rows: the rows; a segment weighs as many samples as it has.
+    """
+    shape = np.broadcast_shapes(x[0].shape, y[0].shape)
+    out = np.zeros((len(FREQUENCIES), *shape), dtype=complex)
+    for segment, rate in enumerate(rows.rates):
+        mine = rows.segment == segment
+        whole = round(rate / STEP)
+        size = min(int(mine.sum()), whole)
+        if size > 1:
+            _, density = csd(x[mine], y[mine], rate, nperseg=size, nfft=whole, axis=0)
+            known = density[: len(out)]
+            out[: len(known)] += mine.mean() * known
+    return out
 
 
 @dataclass(frozen=True)
 class Spectra:
-    """Spectra of one joint's gap e and of K signals x, averaged over stretches of all recordings; F frequencies.
+    """Spectra of one joint's gap e and of K signals x, averaged over stretches of all recordings.
 
     Attributes:
-        frequency: [Hz], (F,).
         gap: power density S_ee [(N m)^2/Hz], (F,).
         signals: S_xx, in the squared unit of the signal per Hz, (K, F).
         cross: S_xe, complex, (K, F).
-        averages: number of stretches that count, half of overlapping ones being new [1].
+        averages: number of stretches [1].
     """
 
-    frequency: np.ndarray
     gap: np.ndarray
     signals: np.ndarray
     cross: np.ndarray
@@ -443,128 +367,102 @@ class Spectra:
         """gamma^2 = |S_xe|^2 / (S_xx S_ee), the share of the gap's power that follows each signal, (K, F)."""
         return np.abs(self.cross) ** 2 / np.maximum(self.signals * self.gap, TINY)
 
-    def chance(self, lines: int) -> float:
-        """Coherence that signals without relation exceed with probability ``CHANCE``, over a band of so many lines.
+    def share(self, mask: np.ndarray) -> float:
+        """Share of the gap's power in some of the frequencies [1]."""
+        return float(self.gap[mask].sum() / max(self.gap.sum(), TINY))
 
-        Of N independent averages the coherence exceeds c with probability (1 - c)^(N - 1) [bendat2010].
-        """
-        independent_lines = max(lines * STEP * STRETCH / 1.5, 1.0)
-        freedom = max(self.averages * independent_lines - 1, 1.0)
-        return float(1 - CHANCE ** (1 / freedom))
-
-    def band(self, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Coherence, (K,), and transfer function S_xe / S_xx, complex, (K,), over a band of frequencies."""
-        cross = self.cross[:, mask].sum(axis=1)
-        signals = self.signals[:, mask].sum(axis=1)
-        gap = self.gap[mask].sum()
-        coherence = np.abs(cross) ** 2 / np.maximum(signals * gap, TINY)
-        return coherence, cross / np.maximum(signals, TINY)
+    def coverage(self, mask: np.ndarray) -> float:
+        """Share that white noise has there, or that the nominal torque has, if that is more [1]."""
+        torque = self.signals[0]
+        power = float(torque[mask].sum() / max(torque.sum(), TINY))
+        return max(power, float(mask.mean()))
 
 
 def spectra(
     error: np.ndarray, rows: MotionRows, load: np.ndarray, joint: int
 ) -> Spectra:
     """Spectra of one joint's gap [N m], (M,), and of ``DRIVES``; load is the nominal torque [N m], (M, n)."""
-    j = joint - 1
-    signals = (load[:, j], rows.dq[:, j], rows.ddq[:, j])
-    frequency = np.arange(0.0, TORQUE_CUTOFF + STEP / 2, STEP)
-    gap = np.zeros(len(frequency))
-    own = np.zeros((len(signals), len(frequency)))
-    cross = np.zeros(own.shape, dtype=complex)
-    averages, total = 0.0, 0
-    for segment, rate in enumerate(rows.rates):
-        inside = rows.segment == segment
-        count = int(inside.sum())
-        size = min(count, int(STRETCH * rate))
-        if size < MIN_SIZE:
-            continue
-        # a segment weighs as many samples as it has
-        grid, power = welch(error[inside], rate, nperseg=size)
-        gap += count * np.interp(frequency, grid, power)
-        for k, signal in enumerate(signals):
-            _, power = welch(signal[inside], rate, nperseg=size)
-            own[k] += count * np.interp(frequency, grid, power)
-            _, density = csd(signal[inside], error[inside], rate, nperseg=size)
-            cross[k] += count * np.interp(frequency, grid, density)
-        averages += count / size
-        total += count
-    total = max(total, 1)
-    return Spectra(frequency, gap / total, own / total, cross / total, averages)
+    j, gap = joint - 1, error[:, None]
+    signals = np.column_stack([load[:, j], rows.dq[:, j], rows.ddq[:, j]])
+    seconds = float((np.bincount(rows.segment) / np.array(rows.rates)).sum())
+    return Spectra(
+        densities(gap, gap, rows)[:, 0].real,
+        densities(signals, signals, rows).real.T,
+        densities(signals, gap, rows).T,
+        max(seconds * STEP, 1.0),
+    )
 
 
-# Where a gap lies in frequency: lines of its own, and bands in which it follows the joint's own signals.
+def _bands() -> Iterator[tuple[float, float, np.ndarray]]:
+    """Ends of ``BANDS`` [Hz], and the mask over the frequencies, (F,)."""
+    for low, high in itertools.pairwise(BANDS):
+        yield low, high, (low <= FREQUENCIES) & (high > FREQUENCIES)
 
 
 def line(found: Spectra, joint: int) -> Region | None:
-    """A narrow line in the spectrum of the gap that the torque does not have."""
-    frequency, gap, torque = found.frequency, found.gap, found.signals[0]
-    candidates = frequency >= LINE_LOWEST
-    if gap.sum() <= 0 or not candidates.any():
+    """A narrow line that holds most of the power of the gap, and that white noise and the torque do not have.
+
+    The window of the stretches (Hann's) makes any line two steps wide to either side; what lies within twice that from
+    zero is no vibration but slow.
+    """
+    width = 2 * STEP
+    peak = FREQUENCIES[int((found.gap * (2 * width <= FREQUENCIES)).argmax())]
+    near = np.abs(FREQUENCIES - peak) <= width
+    share = found.share(near)
+    if peak == 0.0 or 2 * share < 1:
         return None
-    peak = float(frequency[candidates][int(gap[candidates].argmax())])
-    near = np.abs(frequency - peak) <= LINE_WIDTH
-    share = float(gap[near].sum() / gap.sum())
-    coverage = _power_share(torque, near)
-    # White noise would hold near.mean() of its power there.
-    least = max(LINE_SHARE, LINE_ENRICHMENT * coverage, 2 * float(near.mean()))
-    if share < least:
-        return None
-    centre = float((frequency[near] * gap[near]).sum() / gap[near].sum())
+    power = found.gap[near]
+    centre = float((FREQUENCIES[near] * power).sum() / power.sum())
     words = f"line at {significant(centre, 2)} Hz"
     detail = {"frequency": centre}
-    return Region(joint, "line", words, min(share, 1.0), min(coverage, 1.0), detail)
-
-
-def _power_share(power: np.ndarray, mask: np.ndarray) -> float:
-    """Share of a power density in some of its frequencies, at least ``MIN_BAND_POWER``."""
-    share = float(power[mask].sum() / max(power.sum(), 1e-300))
-    return max(share, MIN_BAND_POWER)
+    region = Region(joint, "line", words, share, found.coverage(near), detail)
+    return region if region.stands_out else None
 
 
 def coherent(found: Spectra, joint: int) -> list[Region]:
-    """Bands in which the gap follows the joint's own torque, velocity or acceleration; the largest share first."""
-    whole = max(found.gap.sum(), 1e-300)
+    """Bands in which most of the gap follows the joint's own torque, velocity or acceleration; the largest share first.
+
+    Of N independent averages the coherence of signals without relation exceeds c with probability (1 - c)^(N - 1), and
+    that of others has the standard error sqrt(2 / N) (1 - c) sqrt(c) [bendat2010]. Of the signals that the gap follows
+    as well as any within two of these, the one is named that it is most in step with: in a narrow band velocity and
+    acceleration are the same but for a quarter of a period.
+    """
     out = []
-    for low, high in BANDS:
-        mask = (found.frequency >= low) & (found.frequency < high)
-        share = float(found.gap[mask].sum() / whole)
-        if share < BAND_POWER:
+    for low, high, mask in _bands():
+        share, cross = found.share(mask), found.cross[:, mask].sum(axis=1)
+        signals, gap = found.signals[:, mask].sum(axis=1), found.gap[mask].sum()
+        coherence = np.abs(cross) ** 2 / np.maximum(signals * gap, TINY)
+        # the window joins two lines of the grid
+        averages = max(found.averages * float(mask.sum()) / 2, 2.0)
+        by_chance = 1 - FALSE_ALARM_RATE ** (1 / (averages - 1))
+        best = float(coherence.max())
+        if share < REGION_SHARE or best < max(by_chance, 1 - best):
             continue
-        coherence, transfer = found.band(mask)
-        best = _plainest(coherence, transfer)
-        if coherence[best] < max(BAND_COHERENCE, found.chance(int(mask.sum()))):
-            continue
-        gain, phase = float(np.abs(transfer[best])), float(np.angle(transfer[best]))
-        drive = DRIVES[best]
+        error = np.sqrt(2 * best / averages) * (1 - best)
+        in_step = np.abs(np.cos(np.angle(cross)))
+        k = int(np.where(coherence >= best - 2 * error, in_step, -1.0).argmax())
+        name, unit = list(DRIVES.items())[k]
+        transfer = cross[k] / signals[k]
+        gain, phase = float(np.abs(transfer)), float(np.angle(transfer))
         words = (
-            f"{low:g} to {high:g} Hz, follows the joint's {drive.name} {_phase(phase)}: {significant(gain, 2)} "
-            f"{drive.unit}, coherence {coherence[best]:.2f}"
+            f"{low:g} to {high:g} Hz, follows the joint's {name} {_phase(phase)}: {significant(gain, 2)} {unit}, "
+            f"coherence {coherence[k]:.2f}"
         )
         detail = {
             "band": [low, high],
-            "signal": drive.name,
-            "coherence": float(coherence[best]),
+            "signal": name,
+            "coherence": float(coherence[k]),
             "gain": gain,
-            "unit": drive.unit,
+            "unit": unit,
             "phase": phase,
         }
-        coverage = min(_power_share(found.signals[0], mask), 1.0)
+        coverage = found.coverage(mask)
         out.append(Region(joint, "coherence", words, share, coverage, detail))
     return sorted(out, key=lambda region: -region.share)
 
 
-def _plainest(coherence: np.ndarray, transfer: np.ndarray) -> int:
-    """Of the signals that the gap follows about as well as any, the one that it is most in step with.
-
-    In a narrow band velocity and acceleration are the same but for a quarter of a period.
-    """
-    as_good = coherence > coherence.max() - EQUAL_COHERENCE
-    in_step = np.abs(np.cos(np.angle(transfer)))
-    return int(np.where(as_good, in_step, -1.0).argmax())
-
-
 def _phase(phase: float) -> str:
-    """A phase [rad] in words; positive if the gap is ahead."""
+    """A phase [rad] in words, to the nearest third of a half-turn; positive if the gap is ahead."""
     if abs(phase) < np.pi / 6:
         return "in step"
     if abs(phase) > 5 * np.pi / 6:
@@ -573,7 +471,7 @@ def _phase(phase: float) -> str:
     return f"{degrees} {'ahead' if phase > 0 else 'behind'}"
 
 
-# When a gap starts and stops: change points of its level over time, by penalised least squares [killick2012].
+# When a gap starts and stops: change points of its level over time.
 
 
 @dataclass(frozen=True)
@@ -593,88 +491,42 @@ class GapLevels:
     edges: tuple[int, ...]
 
     @property
+    def stretches(self) -> list[slice]:
+        """The windows of each stretch."""
+        return [slice(a, b) for a, b in itertools.pairwise(self.edges)]
+
+    @property
     def steps(self) -> np.ndarray:
         """RMS over the stretch that each window belongs to [N m], (W,)."""
-        stretches = [slice(a, b) for a, b in itertools.pairwise(self.edges)]
-        means = [np.sqrt(np.mean(self.rms[stretch] ** 2)) for stretch in stretches]
+        means = [np.sqrt(np.mean(self.rms[own] ** 2)) for own in self.stretches]
         return np.repeat(means, np.diff(self.edges))
 
 
 def levels(error: np.ndarray, rows: MotionRows, floor: float) -> list[GapLevels]:
-    """Level of one joint's gap [N m], (M,), over each recording; ``floor`` is what a healthy arm leaves [N m]."""
-    names = [rows.recording(segment) for segment in range(len(rows.rates))]
-    out = []
-    for name in dict.fromkeys(names):
-        segments = [segment for segment, other in enumerate(names) if other == name]
-        inside = np.isin(rows.segment, segments)
-        if inside.any():
-            out.append(
-                _recording_levels(name, rows.clock[inside], error[inside], floor)
-            )
-    return out
+    """Level of one joint's gap [N m], (M,), over each recording; ``floor`` is what a healthy arm leaves [N m].
 
-
-def _recording_levels(
-    name: str, t: np.ndarray, error: np.ndarray, floor: float
-) -> GapLevels:
-    """Level of a gap [N m], (M,), at times t [s], (M,), of one recording."""
-    square = error**2
-    window = ((t - t[0]) // LEVEL_WINDOW).astype(int)
-    count = np.bincount(window)
-    # windows cut short by a gap in the recording are left out
-    used = count >= 0.5 * np.median(count[count > 0])
-    mean = np.bincount(window, square)[used] / count[used]
-    middle = t[0] + LEVEL_WINDOW * (np.flatnonzero(used) + 0.5)
-    level = np.log(mean + floor**2 + 1e-12 * square.max() + 1e-300)
-    return GapLevels(name, middle, np.sqrt(mean), change_points(level))
-
-
-def change_points(series: np.ndarray) -> tuple[int, ...]:
-    """Windows at which the mean of a series (W,) changes: 0, the change points, W.
-
-    Least sum over the stretches of squared deviations from their mean, plus ``CHANGE_POINT_PENALTY`` var log W for each
-    stretch, by dynamic programming with the pruning of [killick2012]; var from the differences of neighbours.
+    The log of the mean square of noise in a band B over a window T deviates by 1 / sqrt(B T).
     """
-    n = len(series)
-    if n < 2 * MIN_INTERVAL_WINDOWS:
-        return (0, n)
-    charge = CHANGE_POINT_PENALTY * _noise_of(series) ** 2 * np.log(n)
-    sums = np.concatenate([[0.0], np.cumsum(series)])
-    squares = np.concatenate([[0.0], np.cumsum(series**2)])
-    # cost[end]: least cost of the windows before end; last[end]: where its last stretch begins
-    cost, last = np.full(n + 1, np.inf), np.zeros(n + 1, dtype=int)
-    cost[0] = -charge
-    starts = np.array([0])
-    for end in range(MIN_INTERVAL_WINDOWS, n + 1):
-        length = end - starts
-        sum_of_stretch = sums[end] - sums[starts]
-        deviation = squares[end] - squares[starts] - sum_of_stretch**2 / length
-        too_short = length < MIN_INTERVAL_WINDOWS
-        reached = np.where(too_short, np.inf, cost[starts] + deviation)
-        cost[end] = reached.min() + charge
-        last[end] = starts[int(reached.argmin())]
-        # a start that costs more already without the charge of a new stretch stays worse
-        keep = too_short | (reached <= cost[end])
-        starts = np.append(starts[keep], end - MIN_INTERVAL_WINDOWS + 1)
-    edges = [n]
-    while edges[-1] > 0:
-        edges.append(int(last[edges[-1]]))
-    return tuple(edges[::-1])
-
-
-def _noise_of(series: np.ndarray) -> float:
-    """Standard deviation of a series' noise, from the median step between neighbours (a normal one's is 0.6745)."""
-    step = float(np.median(np.abs(np.diff(series))))
-    return max(step / (0.6745 * np.sqrt(2)), MIN_LEVEL_NOISE)
-
-
-class _Stretch(NamedTuple):
-    """A stretch between change points: windows ``begin`` to ``end`` of a level, ``place`` among those of all levels."""
-
-    level: GapLevels
-    begin: int
-    end: int
-    place: slice
+    names = np.array([rows.recording(k) for k in range(len(rows.rates))])
+    deviation = (TORQUE_CUTOFF * LEVEL_WINDOW) ** -0.5
+    out = []
+    for name in dict.fromkeys(names.tolist()):
+        inside = (names == name)[rows.segment]
+        t, square = rows.clock[inside], error[inside] ** 2
+        if not len(t):
+            continue
+        window = ((t - t[0]) // LEVEL_WINDOW).astype(int)
+        count = np.bincount(window)
+        # windows cut short by a gap in the recording are left out
+        used = 2 * count >= np.median(count[count > 0])
+        mean = np.bincount(window, square)[used] / count[used]
+        middle = t[0] + LEVEL_WINDOW * (np.flatnonzero(used) + 1 / 2)
+        level = np.log(mean + floor**2 + TINY)
+        stds = np.full(len(level), deviation)
+        changes = change_points(level, stds, FALSE_ALARM_RATE)
+        edges = (0, *(change.position for change in changes), len(level))
+        out.append(GapLevels(name, middle, np.sqrt(mean), edges))
+    return out
 
 
 def intervals(found: list[GapLevels], joint: int) -> list[Region]:
@@ -682,65 +534,47 @@ def intervals(found: list[GapLevels], joint: int) -> list[Region]:
 
     The hottest stretch is tried, then the hottest two: a contact may come twice.
     """
-    if not found:
-        return []
-    square = np.concatenate([level.rms for level in found]) ** 2
-    hottest = sorted(
-        _stretches(found), key=lambda stretch: -square[stretch.place].mean()
-    )
-    for count in range(1, min(MAX_INTERVALS, len(hottest)) + 1):
-        chosen = hottest[:count]
-        if _stand_out(chosen, square):
-            regions = [_interval_region(stretch, square, joint) for stretch in chosen]
+    every = [(level, own) for level in found for own in level.stretches]
+    every.sort(key=lambda one: -float((one[0].rms[one[1]] ** 2).mean()))
+    whole = max(sum(float((level.rms**2).sum()) for level in found), TINY)
+    windows = sum(len(level.rms) for level in found)
+    for count in range(1, MAX_INTERVALS + 1):
+        regions = []
+        for level, own in every[:count]:
+            share = float((level.rms[own] ** 2).sum()) / whole
+            coverage = (own.stop - own.start) / windows
+            start = end = None
+            if own.start > 0:
+                start = float(level.t[own.start] - LEVEL_WINDOW / 2)
+            if own.stop < len(level.t):
+                end = float(level.t[own.stop - 1] + LEVEL_WINDOW / 2)
+            detail = {"recording": level.recording, "start": start, "end": end}
+            words = _interval_words(level.recording, start, end)
+            regions.append(Region(joint, "interval", words, share, coverage, detail))
+        share, coverage = (
+            sum(getattr(region, name) for region in regions)
+            for name in ("share", "coverage")
+        )
+        together = Region(joint, "interval", "", share, coverage)
+        if together.stands_out and _far_above(every[:count], every[count:]):
             return sorted(regions, key=lambda region: -region.share)
     return []
 
 
-def _stretches(found: list[GapLevels]) -> list[_Stretch]:
-    """Stretches of the levels that have few change points; with many, the gap follows the motion and not the time."""
-    stretches, first = [], 0
-    for level in found:
-        if len(level.edges) - 2 <= MAX_CHANGE_POINTS:
-            for begin, end in itertools.pairwise(level.edges):
-                place = slice(first + begin, first + end)
-                stretches.append(_Stretch(level, begin, end, place))
-        first += len(level.rms)
-    return stretches
-
-
-def _stand_out(chosen: list[_Stretch], square: np.ndarray) -> bool:
-    """Whether stretches hold much of the squared level, (W,), and each is far above what lies outside of them all."""
-    outside = np.ones(len(square), dtype=bool)
-    for stretch in chosen:
-        outside[stretch.place] = False
-    if not outside.any():
+def _far_above(
+    chosen: list[tuple[GapLevels, slice]], others: list[tuple[GapLevels, slice]]
+) -> bool:
+    """Whether the squared level in each stretch is far above that of any other piece of the same length."""
+    if not others:
         return False
-    share = float(square[~outside].sum() / max(square.sum(), 1e-300))
-    coverage = float((~outside).mean())
-    if share < max(REGION_SHARE, REGION_ENRICHMENT * coverage):
-        return False
-    return all(_is_far_above(square[s.place], square[outside]) for s in chosen)
-
-
-def _is_far_above(inside: np.ndarray, outside: np.ndarray) -> bool:
-    """Whether the squared level in an interval is far above that of any stretch outside of the same length."""
-    length = min(len(inside), len(outside))
-    elsewhere = np.convolve(outside, np.full(length, 1.0 / length), mode="valid").max()
-    return bool(inside.mean() > INTERVAL_RATIO * elsewhere)
-
-
-def _interval_region(stretch: _Stretch, square: np.ndarray, joint: int) -> Region:
-    level = stretch.level
-    share = float(square[stretch.place].sum() / square.sum())
-    coverage = (stretch.end - stretch.begin) / len(square)
-    start = end = None
-    if stretch.begin > 0:
-        start = float(level.t[stretch.begin] - LEVEL_WINDOW / 2)
-    if stretch.end < len(level.t):
-        end = float(level.t[stretch.end - 1] + LEVEL_WINDOW / 2)
-    detail = {"recording": level.recording, "start": start, "end": end}
-    words = _interval_words(level.recording, start, end)
-    return Region(joint, "interval", words, share, coverage, detail)
+    outside = np.concatenate([level.rms[own] ** 2 for level, own in others])
+    for level, own in chosen:
+        length = min(own.stop - own.start, len(outside))
+        box = np.full(length, 1 / length)
+        elsewhere = np.convolve(outside, box, mode="valid").max()
+        if (level.rms[own] ** 2).mean() <= INTERVAL_RATIO * elsewhere:
+            return False
+    return True
 
 
 def _interval_words(recording: str, start: float | None, end: float | None) -> str:
@@ -757,7 +591,7 @@ def _interval_words(recording: str, start: float | None, end: float | None) -> s
 
 
 BINS = 24
-"""Bins of the quantity of a rule in ``JointLocalisation.profile``."""
+"""Bins of the quantity of a rule in ``JointLocalisation.profile``. (budget)"""
 
 
 @dataclass(frozen=True)
@@ -765,19 +599,15 @@ class Profile:
     """RMS of a gap over bins of one quantity.
 
     Attributes:
-        symbol, unit: of the quantity.
+        condition: of the rule, on the quantity.
         x: middle of the bins, (B,).
         rms: RMS of the gap in each [N m], (B,).
-        above, below: the rule's bounds on the quantity; ``None`` if open.
         words: the whole rule.
     """
 
-    symbol: str
-    unit: str
+    condition: Mapping[str, Any]
     x: np.ndarray
     rms: np.ndarray
-    above: float | None
-    below: float | None
     words: str
 
 
@@ -818,79 +648,51 @@ def locate(
         floor: RMS that a healthy arm leaves [N m], (n,).
         joints: from 1; a joint whose gap is zero is left out.
     """
-    return [
-        _localised(error[:, j - 1], rows, load, float(floor[j - 1]), j)
-        for j in joints
-        if error[:, j - 1].any()
-    ]
-
-
-def _localised(
-    error: np.ndarray, rows: MotionRows, load: np.ndarray, floor: float, joint: int
-) -> JointLocalisation:
-    """Where the gap of one joint (M,) lies."""
-    over_time = levels(error, rows, floor)
-    bursts = intervals(over_time, joint)[:REGIONS_PER_JOINT]
-    own_rule = rule(error, rows, load, floor, joint)
-    # Intervals say more than a rule over time: they know which recording.
-    if own_rule is not None and bursts and _is_over_time(own_rule):
-        own_rule = None
-    in_frequency = spectra(error, rows, load, joint)
-    bands = coherent(in_frequency, joint)[:REGIONS_PER_JOINT]
-    found = [own_rule, *bursts, line(in_frequency, joint), *bands]
-    return JointLocalisation(
-        joint,
-        floor,
-        tuple(region for region in found if region is not None),
-        _profile(own_rule, error, rows, load, joint),
-        tuple(over_time),
-        in_frequency,
-    )
-
-
-def _is_over_time(region: Region) -> bool:
-    """Whether a rule has a condition on time."""
-    conditions = region.detail["conditions"]
-    return any(condition["quantity"] == "time" for condition in conditions)
+    out = []
+    for joint in joints:
+        gap, least = error[:, joint - 1], float(floor[joint - 1])
+        if not gap.any():
+            continue
+        over_time = levels(gap, rows, least)
+        own_rule = rule(gap, rows, load, least, joint)
+        in_frequency = spectra(gap, rows, load, joint)
+        found = [
+            own_rule,
+            *intervals(over_time, joint),
+            line(in_frequency, joint),
+            *coherent(in_frequency, joint)[:REGIONS_PER_JOINT],
+        ]
+        out.append(
+            JointLocalisation(
+                joint,
+                least,
+                tuple(region for region in found if region is not None),
+                None if own_rule is None else _profile(own_rule, gap, rows, load),
+                tuple(over_time),
+                in_frequency,
+            )
+        )
+    return out
 
 
 def _profile(
-    own_rule: Region | None,
-    error: np.ndarray,
-    rows: MotionRows,
-    load: np.ndarray,
-    joint: int,
+    own_rule: Region, error: np.ndarray, rows: MotionRows, load: np.ndarray
 ) -> Profile | None:
-    """RMS over bins of equal width between the outer percentiles of the rule's first quantity with a scale."""
-    if own_rule is None:
-        return None
+    """RMS over bins of equal width of the rule's first quantity with a scale."""
     conditions = [c for c in own_rule.detail["conditions"] if c["unit"]]
     if not conditions:
         return None
-    first = conditions[0]
-    variables = {v.name: v.values for v in rule_variables(rows, load, joint - 1)}
-    values = variables[first["quantity"]]
-    low, high = np.percentile(values, [0.5, 99.5])
-    edges = np.linspace(low, high, BINS + 1)
-    index = np.clip(np.digitize(values, edges) - 1, 0, BINS - 1)
-    count = np.bincount(index, minlength=BINS)
-    square = np.bincount(index, error**2, minlength=BINS)
+    place = list(QUANTITIES).index(conditions[0]["quantity"])
+    values = rule_quantities(rows, load, own_rule.joint - 1)[:, place]
+    count, edges = np.histogram(values, BINS)
+    square, _ = np.histogram(values, BINS, weights=error**2)
     used = count > 0
     middle = (edges[:-1] + edges[1:]) / 2
-    return Profile(
-        first["symbol"],
-        first["unit"],
-        middle[used],
-        np.sqrt(square[used] / count[used]),
-        first["above"],
-        first["below"],
-        own_rule.regime,
-    )
+    level = np.sqrt(square[used] / count[used])
+    return Profile(conditions[0], middle[used], level, own_rule.regime)
 
 
-# Where a gap lies: by regime of motion, by position, in time and by frequency, cut in advance.
-#
-# ``gapscope.diagnosis.localisation`` learns from the gap itself what such cuts are too coarse for.
+# Where a gap lies by regime of motion, by position, in time and by frequency, cut in advance, and as was learnt.
 
 
 def located(
@@ -923,7 +725,7 @@ def regions(
     rows: MotionRows,
     load: np.ndarray,
     joints: list[int],
-    most: int = 2,
+    most: int = REGIONS_PER_JOINT,
 ) -> list[Region]:
     """The regions where the gap of some joints is concentrated, the strongest first.
 
@@ -936,116 +738,59 @@ def regions(
     """
     found: list[Region] = []
     for joint in joints:
-        gap, nominal = error[:, joint - 1], load[:, joint - 1]
+        gap = error[:, joint - 1]
         if not gap.any():
             continue
-        candidates = [
-            _regime_region(joint, part, gap**2)
-            for part in _parts(rows, load, joint - 1)
-        ]
-        candidates += _bands(gap, nominal, rows, joint)
-        named = [
-            region
-            for region in candidates
-            if region.share >= REGION_SHARE and region.enrichment >= REGION_ENRICHMENT
-        ]
-        found += sorted(named, key=_strength, reverse=True)[:most]
+        square, own = gap**2, spectra(gap, rows, load, joint)
+        candidates = []
+        for kind, words, mask in _parts(rows, load[:, joint - 1], joint - 1):
+            share = float(square[mask].sum() / square.sum())
+            candidates.append(Region(joint, kind, words, share, float(mask.mean())))
+        for low, high, mask in _bands():
+            words, share = f"{low:g} to {high:g} Hz", own.share(mask)
+            coverage = own.coverage(mask)
+            candidates.append(Region(joint, "frequency", words, share, coverage))
+        named = [region for region in candidates if region.stands_out]
+        found += sorted(named, key=lambda region: -region.worth)[:most]
     return found
 
 
-def _strength(region: Region) -> float:
-    return region.share * float(np.log(region.enrichment))
+def _parts(
+    rows: MotionRows, load: np.ndarray, j: int
+) -> Iterator[tuple[str, str, np.ndarray]]:
+    """Parts of the motion of joint j (from 0), in fifths: kind, words, mask over the rows, (M,).
 
-
-class _Part(NamedTuple):
-    """A part of the rows, cut in advance: its kind, in words, and the mask over the rows, (M,)."""
-
-    kind: str
-    words: str
-    mask: np.ndarray
-
-
-def _regime_region(joint: int, part: _Part, square: np.ndarray) -> Region:
-    share = float(square[part.mask].sum() / square.sum())
-    return Region(joint, part.kind, part.words, share, float(part.mask.mean()))
-
-
-def _parts(rows: MotionRows, load: np.ndarray, j: int) -> list[_Part]:
-    """Parts of the motion of joint j (from 0) that hold any rows."""
-    parts = [
-        *_motion_parts(rows, load[:, j], j),
-        *_position_parts(rows.q[:, j]),
-        *_time_parts(rows),
-    ]
-    return [part for part in parts if part.mask.any()]
-
-
-def _motion_parts(rows: MotionRows, load: np.ndarray, j: int) -> list[_Part]:
-    """The fifth of the rows at the lowest and highest speed, acceleration and load, and both directions."""
-    velocity = rows.dq[:, j]
-    speed, acceleration = np.abs(velocity), np.abs(rows.ddq[:, j])
-    torque = np.abs(load)
-    slow, fast = np.quantile(speed, [0.2, 0.8])
-    strong, heavy = np.quantile(acceleration, 0.8), np.quantile(torque, 0.8)
-    named = [
+    Args:
+        rows: the motion.
+        load: torque that the nominal arm predicts on the joint [N m], (M,).
+        j: the joint.
+    """
+    fifths = np.linspace(0, 1, 6)
+    velocity, q, clock = rows.dq[:, j], rows.q[:, j], rows.clock
+    speed, acceleration, torque = (np.abs(x) for x in (velocity, rows.ddq[:, j], load))
+    slow, fast = np.quantile(speed, fifths[[1, -2]])
+    strong, heavy = (np.quantile(x, fifths[-2]) for x in (acceleration, torque))
+    for words, mask in (
         (f"near velocity reversal, |dq| below {slow:.2g} rad/s", speed <= slow),
         (f"high speed, |dq| above {fast:.2g} rad/s", speed >= fast),
-        (
-            f"high acceleration, |ddq| above {strong:.2g} rad/s²",
-            acceleration >= strong,
-        ),
+        (f"high acceleration, |ddq| above {strong:.2g} rad/s²", acceleration >= strong),
         (f"high load, nominal torque above {heavy:.2g} N m", torque >= heavy),
         ("moving forward", velocity > slow),
         ("moving backward", velocity < -slow),
-    ]
-    return [_Part("regime", words, mask) for words, mask in named]
-
-
-def _position_parts(q: np.ndarray) -> list[_Part]:
-    """Fifths of the range of positions."""
-    parts = []
-    for low, high in itertools.pairwise(np.linspace(q.min(), q.max(), 6)):
-        words = f"position {low:.2f} to {high:.2f} rad"
-        parts.append(_Part("position", words, (q >= low) & (q <= high)))
-    return parts
-
-
-def _time_parts(rows: MotionRows) -> list[_Part]:
-    """Fifths of the time of each segment."""
-    clock = rows.clock
-    parts = []
-    for segment in np.unique(rows.segment):
-        inside = rows.segment == segment
-        t = clock[inside]
-        for low, high in itertools.pairwise(np.linspace(t[0], t[-1], 6)):
-            words = f"{rows.recording(segment)}, {low:.1f} to {high:.1f} s"
-            mask = inside & (clock >= low) & (clock <= high)
-            parts.append(_Part("time", words, mask))
-    return parts
-
-
-def _bands(
-    error: np.ndarray, load: np.ndarray, rows: MotionRows, joint: int
-) -> list[Region]:
-    """Frequency bands of one joint; what a band covers is its share of the power of the nominal torque."""
-    shares = band_powers(error, rows)
-    coverages = np.maximum(band_powers(load, rows), MIN_BAND_POWER)
-    return [
-        Region(
-            joint, "frequency", f"{low:g} to {high:g} Hz", float(share), float(coverage)
+    ):
+        yield "regime", words, mask
+    for low, high in itertools.pairwise(q.min() + fifths * np.ptp(q)):
+        yield (
+            "position",
+            f"position {low:.2f} to {high:.2f} rad",
+            (q >= low) & (q <= high),
         )
-        for (low, high), share, coverage in zip(BANDS, shares, coverages, strict=True)
-    ]
-
-
-def band_powers(series: np.ndarray, rows: MotionRows) -> np.ndarray:
-    """Share of the power of a series (M,) in each of ``BANDS``, over all segments; shape (len(BANDS),)."""
-    powers = np.zeros(len(BANDS))
-    for segment, rate in enumerate(rows.rates):
-        part = series[rows.segment == segment]
-        frequency, density = welch(part, rate, nperseg=min(len(part), int(4 * rate)))
-        resolution = frequency[1] - frequency[0]
-        for k, (low, high) in enumerate(BANDS):
-            band = (frequency >= low) & (frequency < high)
-            powers[k] += density[band].sum() * resolution * len(part) / rate
-    return powers / max(powers.sum(), 1e-300)
+    for segment in np.unique(rows.segment):
+        inside, name = rows.segment == segment, rows.recording(segment)
+        t = clock[inside]
+        for low, high in itertools.pairwise(t[0] + fifths * (t[-1] - t[0])):
+            yield (
+                "time",
+                f"{name}, {low:.1f} to {high:.1f} s",
+                inside & (clock >= low) & (clock <= high),
+            )

@@ -223,45 +223,20 @@ REPLAYED_TICKS_COMPLIANT = 4_000
 # lubricant. (physical)
 INERTIAL_ERROR = 0.03
 
-# --- localisation: regions and rules
-REGION_SHARE = 0.25  # A region must hold this share of a joint's squared gap to be named [1]... (hand)
-REGION_ENRICHMENT = 1.6  # ...and this many times what its share of the time would give [1]. (hand)
+# --- localisation
+REGION_SHARE = 0.25  # A region must hold this share of a joint's squared gap to be named [1]... (definition)
+REGION_ENRICHMENT = 1.6  # ...and this many times what its size would give [1]: it is where to look. (definition)
 JOINTS_IN_DEPTH = 3  # Joints that are looked at in depth. (budget)
-REGIONS_PER_JOINT = 2  # Most intervals, and most bands, of a joint. (hand)
-RULE_CONDITIONS = 3  # Most conditions of a rule. (hand)
-RULE_RATE = 25.0  # Rows are thinned to about this rate, twice the band of the gap [Hz]. (statistics)
+REGIONS_PER_JOINT = 2  # Most regions cut in advance, and most bands, of a joint. (budget)
+RULE_CONDITIONS = 3  # Most conditions of a rule: more are not read. (budget)
 RULE_BLOCK = 1.0  # Rows go to learning and testing in blocks of this length [s]. (hand)
-RULE_CAP_QUANTILE = 0.995  # Squared gaps above this quantile count as it [1]: a spike is no regime. (hand)
-# A rule must hold more than all but this share of the shifts of the gap in time reach [1]... (statistics)
-RULE_CHANCE = 0.02
-# ...a rule that names a time, and an interval, this many times the squared gap outside [1]: a gap that comes and
-# goes with the motion has no start. (hand)
+LEVEL_WINDOW = 0.25  # Length of the windows over which the level is taken [s]: three periods of the band. (budget)
+MAX_INTERVALS = 2  # Most intervals of all recordings: a contact may come twice. (budget)
+# An interval holds this many times the squared gap of any other of the same length [1]: a gap that comes and goes with
+# the motion has no start. Chance is no measure of that: its level changes for sure. (hand)
 INTERVAL_RATIO = 4.0
-# A condition must raise share times log enrichment on held-out rows by this factor [1]. (hand)
-RULE_CONDITION_GAIN = 1.1
-STILL_QUANTILE = 0.1  # Quantile of the speed below which a joint moves in neither direction [1]. (hand)
-LEAF_ROWS = 0.02  # A leaf holds at least this share of the rows [1]. (hand)
-
-# --- localisation: intervals in time
-LEVEL_WINDOW = 0.25  # Length of the windows over which the level is taken [s]. (hand)
-# Charge for a change point, times the variance of the level times the log of the number of windows [1]. (hand)
-CHANGE_POINT_PENALTY = 6.0
-MIN_INTERVAL_WINDOWS = 3  # Least number of windows between two change points. (hand)
-MIN_LEVEL_NOISE = 0.35  # Least standard deviation of the level that is taken as its noise [nats]. (hand)
-MAX_INTERVALS = 2  # Most intervals of a recording. (hand)
-MAX_CHANGE_POINTS = 6  # With more change points in one recording the gap follows the motion, not time. (hand)
-
-# --- localisation: frequencies
-# Frequency bands [Hz]. (hand)
-BANDS = ((0.0, 0.5), (0.5, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 8.0), (8.0, TORQUE_CUTOFF))
-BAND_POWER = 0.1  # A band or a line holds at least this share of the gap's power [1]. (hand)
-BAND_COHERENCE = 0.6  # Share of the gap's power in a band that follows a signal, at least [1]. (hand)
-EQUAL_COHERENCE = 0.05  # Coherence within which signals count as equal [1]. (hand)
-LINE_SHARE = 0.6  # A line holds this share of the gap's power [1]... (hand)
-LINE_WIDTH = 0.6  # ...so far to either side [Hz]... (hand)
-LINE_ENRICHMENT = 3.0  # ...and this many times the nominal torque's share of power there [1]. (hand)
-LINE_LOWEST = 1.5  # Below this frequency the motion itself has lines [Hz]. (hand)
-MIN_BAND_POWER = 0.02  # A band counts as this share of the torque's power at least [1]. (hand)
+# Ends of the frequency bands [Hz]: octaves of what arms move at, up to the band of the gap. (definition)
+BANDS = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, TORQUE_CUTOFF)
 
 # --- reference: what changed since a reference
 # Share by which Coulomb and viscous friction may differ from day to day, as temperature does [bittencourt2012]:

@@ -56,7 +56,7 @@ from gapscope.diagnosis.document.wording import (
     verdict_sentence,
     worst_joint,
 )
-from gapscope.diagnosis.locate import DRIVES, JointLocalisation, Region
+from gapscope.diagnosis.locate import DRIVES, FREQUENCIES, JointLocalisation, Region
 from gapscope.diagnosis.result import Diagnosis, Signature, Spectrum, Trace
 from gapscope.effects.catalogue import known_effect
 from gapscope.effects.effect import Effect
@@ -282,11 +282,11 @@ def _rule(place: JointLocalisation, slides: bool) -> dict[str, Any] | None:
     return {
         "title": f"J{place.joint}: in which part of the motion",
         "words": capital(in_text(words) if slides else words),
-        "axis": f"{profile.symbol} [{joint_unit(profile.unit, slides)}]",
+        "axis": f"{profile.condition['symbol']} [{joint_unit(profile.condition['unit'], slides)}]",
         "x": encode(profile.x),
         "rms": encode(profile.rms),
-        "above": profile.above,
-        "below": profile.below,
+        "above": profile.condition["above"],
+        "below": profile.condition["below"],
         "floor": place.floor,
     }
 
@@ -324,11 +324,11 @@ def _frequency(place: JointLocalisation) -> dict[str, Any] | None:
     return {
         "title": f"J{place.joint}: at which frequencies",
         "words": f"{_joined(told)}. {meaning}",
-        "x": encode(found.frequency),
+        "x": encode(FREQUENCIES),
         "gap": encode(found.gap / max(float(found.gap.max()), 1e-300)),
         "coherence": [
-            {"name": drive.name, "y": encode(np.clip(row, 0.0, 1.0))}
-            for drive, row in zip(DRIVES, found.coherence, strict=True)
+            {"name": name, "y": encode(np.clip(row, 0.0, 1.0))}
+            for name, row in zip(DRIVES, found.coherence, strict=True)
         ],
     }
 

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
-from scipy.signal import welch
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.joint_units import joint_unit
 from gapscope.diagnosis.document.wording import worst_joint
-from gapscope.diagnosis.locate import MotionRows, locate, stack
+from gapscope.diagnosis.locate import FREQUENCIES, MotionRows, densities, locate, stack
 from gapscope.diagnosis.result import Located, Signature, Spectrum, Trace
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
@@ -78,32 +76,11 @@ def traces(
     return tuple(out)
 
 
-def spectrum(before: TorqueGap, after: TorqueGap, rates: tuple[float, ...]) -> Spectrum:
-    """Amplitude spectrum of the gap up to 12 Hz, mean power over the segments, sampled at ``rates`` [Hz]."""
-    frequency = np.arange(0.0, 12.01, 0.25)
-    return Spectrum(
-        frequency,
-        np.sqrt(_power_density(before, rates, frequency)),
-        np.sqrt(_power_density(after, rates, frequency)),
-    )
-
-
-def _power_density(
-    gap: TorqueGap, rates: tuple[float, ...], frequency: np.ndarray
-) -> np.ndarray:
-    """Power density of a gap [(N m)^2/Hz], (F, n), segments weighted by their length."""
-    power = np.zeros((len(frequency), gap.error.shape[1]))
-    spans = itertools.pairwise(gap.edges)
-    for (start, end), rate in zip(spans, rates, strict=True):
-        length = end - start
-
-        # Stretches of 4 s resolve 0.25 Hz.
-        window = min(length, int(4 * rate))
-        grid, density = welch(gap.error[start:end], rate, nperseg=window, axis=0)
-        at_frequency = [np.interp(frequency, grid, column) for column in density.T]
-
-        power += length / gap.edges[-1] * np.column_stack(at_frequency)
-    return power
+def spectrum(before: TorqueGap, after: TorqueGap, segments: list[Segment]) -> Spectrum:
+    """Amplitude spectrum of the gap in its band, mean power over the segments."""
+    rows = stack(segments)
+    powers = (densities(gap.error, gap.error, rows).real for gap in (before, after))
+    return Spectrum(FREQUENCIES, *(np.sqrt(power) for power in powers))
 
 
 def signatures(

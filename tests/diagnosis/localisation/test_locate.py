@@ -12,7 +12,6 @@ from sweeps import daily
 from gapscope.diagnosis.locate import (
     MotionRows,
     Region,
-    change_points,
     hottest_leaf,
     levels,
     locate,
@@ -229,20 +228,10 @@ def test_coherence_lies_between_zero_and_one() -> None:
     assert (own.coherence >= 0).all() and (own.coherence <= 1.0 + 1e-9).all()
 
 
-def test_change_points_of_a_staircase() -> None:
-    rng = np.random.default_rng(0)
-    series = np.concatenate(
-        [np.zeros(40), np.full(20, 3.0), np.full(30, 1.0)]
-    ) + 0.3 * rng.standard_normal(90)
-    assert change_points(series) == (0, 40, 60, 90)
-    assert change_points(0.3 * rng.standard_normal(90)) == (0, 90)
-    assert change_points(np.zeros(4)) == (0, 4)
-
-
 def test_the_tree_follows_the_hotter_side() -> None:
     rng = np.random.default_rng(0)
     x = rng.uniform(-1, 1, (2000, 3))
     y = ((x[:, 0] > 0.2) & (x[:, 2] < -0.1)).astype(float)
     cuts = hottest_leaf(x, y, 2)
-    assert {(cut.index, cut.above) for cut in cuts} == {(0, True), (2, False)}
+    assert {(index, above) for index, _, above in cuts} == {(0, True), (2, False)}
     assert hottest_leaf(x, np.ones(2000), 2) == ()
