@@ -16,7 +16,7 @@ from sweeps import daily
 from gapscope.arm.case import load_case
 from gapscope.arm.dynamics.rigid_body import INERTIAL_PARAMETERS, RigidBody
 from gapscope.effects.corrected_file import read_corrected
-from gapscope.ident.estimators.by_name import METHODS
+from gapscope.ident.estimators.by_name import METHODS, SIMULATING
 from gapscope.ident.identification_json import check
 from gapscope.ident.model.physical_parameters import check_links
 
@@ -236,7 +236,7 @@ class TestResults:
         self, gapscope: Command, healthy: Path, tmp_path: Path, estimator: str
     ) -> None:
         out, case = tmp_path / "out", healthy
-        if METHODS[estimator].simulates:
+        if estimator in SIMULATING:
             # the closed loop is repeated: a case with its controller
             case, nothing = tmp_path / "loop", tmp_path / "nothing.yaml"
             nothing.write_text("schema: 1\neffects: []\n")
