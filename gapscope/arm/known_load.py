@@ -10,7 +10,7 @@ import numpy as np
 from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import check_size
 
-_UPPER = ([0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2])
+UPPER = ([0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2])
 """Rows and columns of Ixx, Ixy, Iyy, Ixz, Iyz, Izz, the order of ``rigid_body.INERTIAL_PARAMETERS``."""
 
 
@@ -22,7 +22,7 @@ def point_mass_parameters(mass: float, com: np.ndarray) -> np.ndarray:
     """
     c = np.asarray(com, dtype=float)
     inertia = mass * (c @ c * np.eye(3) - np.outer(c, c))
-    return np.concatenate([[mass], mass * c, inertia[_UPPER]])
+    return np.concatenate([[mass], mass * c, inertia[UPPER]])
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,9 @@ from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.plausibility import even_stamps, repeated_rows
+from gapscope.arm.io.table import GAP_STEPS
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.recording import GAP_STEPS, Recording, set_points
+from gapscope.arm.recording import Recording, set_points
 from gapscope.arm.robots import shifted_arm
 
 COLUMNS = {"tau": "torque", "tau_sensor": "sensor"}

@@ -19,8 +19,6 @@ from gapscope.arm.motions.motion import whole_rate
 
 CHANNELS = ("q", "dq", "tau", "q_ref", "dq_ref", "tau_sensor", "temperature")
 """Names of the per-joint channels, in the order in which files hold them."""
-GAP_STEPS = 4.0
-"""A step of time longer than this many usual steps is a gap, over which nothing is interpolated [1]."""
 USUAL_STEP = 0.01
 """Largest difference of a usual step of time from the median step, over it [1]: the resolution of a clock of dates in
 double precision is 0.1 % of the step of a log at 5 kHz."""

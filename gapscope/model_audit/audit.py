@@ -134,7 +134,7 @@ def static_poses(robot: str | Path, recording: Path) -> StaticPoses:
         offset,
         rms(tau - model),
         tau.std(axis=0),
-        _explanations(arm, q, tau, model),
+        _explanations(arm, q, tau, model, correlation),
     )
 
 
@@ -220,7 +220,11 @@ def _line(model: np.ndarray, tau: np.ndarray) -> tuple[float, float, float]:
 
 
 def _explanations(
-    arm: NominalArm, q: np.ndarray, tau: np.ndarray, model: np.ndarray
+    arm: NominalArm,
+    q: np.ndarray,
+    tau: np.ndarray,
+    model: np.ndarray,
+    correlation: np.ndarray,
 ) -> tuple[Explanation, ...]:
     """Hypotheses on what is wrong, by what they leave; each parameter costs as in Akaike's criterion."""
     torque = tau - tau.mean(axis=0)
@@ -238,9 +242,11 @@ def _explanations(
     scale = float((torque * by_model).sum() / (by_model**2).sum())
     name = f"one scale of {scale:.3g} on all joints"
     found.append(explained(name, torque - scale * by_model, 1))
-    signs = _signs(tau, model)
-    if (signs < 0).any() and (signs > 0).any():
-        joints = ", ".join(str(j + 1) for j in np.flatnonzero(signs < 0))
+    # joints on which gravity hardly acts keep their sign
+    opposite = correlation < OPPOSITE
+    if opposite.any() and not opposite.all():
+        signs = np.where(opposite, -1.0, 1.0)
+        joints = ", ".join(str(j + 1) for j in np.flatnonzero(opposite))
         name = f"torque of the opposite sign on joint {joints}"
         found.append(explained(name, torque - signs * by_model))
     for word, shifted in _shifted_gravity(arm, q):
@@ -252,13 +258,6 @@ def _explanations(
         return count * 2 * np.log(max(one.misfit, 1e-6)) + 2 * one.parameters
 
     return tuple(sorted(found, key=criterion))
-
-
-def _signs(tau: np.ndarray, model: np.ndarray) -> np.ndarray:
-    """-1 of joints whose torque has the opposite sign, else 1, also of those on which gravity hardly acts; (n,)."""
-    joints = range(tau.shape[1])
-    correlation = np.array([_line(model[:, j], tau[:, j])[0] for j in joints])
-    return np.where(correlation < OPPOSITE, -1.0, 1.0)
 
 
 def _shifted_gravity(

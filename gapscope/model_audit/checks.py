@@ -329,54 +329,46 @@ SIDES = (
 def check_repeats(description: Description) -> Iterator[Finding]:
     """Placeholders, the same inertial on different links, and mirrored links whose products of inertia are not."""
     bodies = [
-        link
+        (link, own)
         for link in description.links
-        if link.inertial is not None
-        and link.inertial.is_body
-        and link.inertial.mass >= MIN_MASS
+        if (own := link.inertial) and own.is_body and own.mass >= MIN_MASS
     ]
     yield from _placeholders(bodies)
     yield from _mirrored(bodies)
 
 
-def _placeholders(bodies: list[Link]) -> Iterator[Finding]:
+def _placeholders(bodies: Sequence[tuple[Link, Inertial]]) -> Iterator[Finding]:
     """The same moments on links of other masses, or three equal moments with round numbers on several."""
-    same: dict[tuple[float, ...], list[Link]] = defaultdict(list)
-    for link in bodies:
-        assert link.inertial is not None
-        same[tuple(link.inertial.moments.ravel().round(12))].append(link)
-    for links in same.values():
-        inertials = [link.inertial for link in links if link.inertial is not None]
-        first = inertials[0]
-        masses = {inertial.mass for inertial in inertials}
-        ball = np.ptp(first.diagonal) == 0 and np.allclose(
-            first.moments, np.diag(first.diagonal)
-        )
-        several = len(links) >= REPEATED_MOMENTS
-        if not (several and (ball or len(masses) > 1)):
+    same: dict[tuple[float, ...], list[tuple[Link, Inertial]]] = defaultdict(list)
+    for link, own in bodies:
+        same[tuple(own.moments.ravel().round(12))].append((link, own))
+    for alike in same.values():
+        links, inertials = zip(*alike, strict=True)
+        first, masses = inertials[0], {own.mass for own in inertials}
+        x, y, z = first.diagonal
+        ball = x == y == z and np.allclose(first.moments, np.diag(first.diagonal))
+        if len(links) < REPEATED_MOMENTS or not (ball or len(masses) > 1):
             continue
         names = ", ".join(link.name for link in links)
         yield Finding(
             "implausible",
             "placeholder",
             *links[0].where,
-            f"the same moments ({first.diagonal[0]:g}, {first.diagonal[1]:g}, {first.diagonal[2]:g} kg m^2) on "
-            f"{len(links)} links of {min(masses):g} to {max(masses):g} kg: {names}",
+            f"the same moments ({x:g}, {y:g}, {z:g} kg m^2) on {len(links)} links of {min(masses):g} to "
+            f"{max(masses):g} kg: {names}",
             "moments of each link's own mass and shape",
             "these are placeholders: take the values from CAD, or identify the arm (gapscope identify)",
             size=float(np.log(len(links))),
         )
 
 
-def _mirrored(bodies: list[Link]) -> Iterator[Finding]:
+def _mirrored(bodies: Sequence[tuple[Link, Inertial]]) -> Iterator[Finding]:
     """Left and right links of which one is no mirror image of the other."""
-    by_name = {link.name.lower(): link for link in bodies}
-    for name, left in by_name.items():
-        right = next((by_name[x] for x in _others(name) if x in by_name), None)
-        if right is None or left.inertial is None or right.inertial is None:
-            continue
-        wrong = _wrong_image(left.inertial, right.inertial)
-        if wrong:
+    by_name = {link.name.lower(): (link, own) for link, own in bodies}
+    for name, (left, own) in by_name.items():
+        images = (by_name[x] for x in _others(name) if x in by_name)
+        right, other = next(images, (left, own))
+        if right is not left and (wrong := _wrong_image(own, other)):
             yield Finding(
                 "implausible",
                 "mirror_image",

@@ -8,10 +8,11 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from gapscope.arm.dynamics.description import moments_matrix
+from gapscope.arm.dynamics.description import MOMENTS, Inertial
 from gapscope.arm.dynamics.plain_urdf import numbers
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.robot_file import listed
+from gapscope.arm.known_load import UPPER, point_mass_parameters
 
 THINNEST = 1e-3
 """Least edge of a box [m], for inertias whose largest moment is the sum of the others or above it."""
@@ -80,27 +81,19 @@ def odd_inertials(body: RigidBody) -> tuple[str, ...]:
     return tuple(notes)
 
 
-# Inertial parameters of the links of a URDF, read from its elements and written back into them.
+# Inertial parameters of the links of a URDF, as they are read and written into its elements.
 
 
-def own_parameters(link: ET.Element) -> np.ndarray:
+def own_parameters(inertial: Inertial | None) -> np.ndarray:
     """The ten parameters of a link alone, without what is fixed to it, in its own frame; zero without an inertial.
 
     In the order of ``gapscope.arm.dynamics.rigid_body.INERTIAL_PARAMETERS``; kg, kg m, kg m^2; shape (10,).
     """
-    inertial = link.find("inertial")
     if inertial is None:
         return np.zeros(10)
-    origin, mass, moments = (
-        inertial.find(tag) for tag in ("origin", "mass", "inertia")
-    )
-    assert mass is not None and moments is not None  # a URDF that was read has both
-    xyz, rpy = (_vector(origin, key) for key in ("xyz", "rpy"))
-    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    own = moments_matrix(float(moments.get(name, 0)) for name in names)
-    turn = pin.rpy.rpyToMatrix(rpy)
-    inertia = pin.Inertia(float(mass.get("value", 0)), xyz, turn @ own @ turn.T)
-    return np.asarray(inertia.toDynamicParameters())
+    out = point_mass_parameters(inertial.mass, inertial.com)
+    out[4:] += inertial.moments[UPPER]
+    return out
 
 
 def set_parameters(link: ET.Element, parameters: np.ndarray) -> None:
@@ -110,23 +103,11 @@ def set_parameters(link: ET.Element, parameters: np.ndarray) -> None:
     if not np.any(parameters):
         return
     inertia = pin.Inertia.FromDynamicParameters(np.asarray(parameters, dtype=float))
-    moments = inertia.inertia
+    six = map(repr, inertia.inertia[np.triu_indices(3)].tolist())
     inertial = ET.Element("inertial")
     ET.SubElement(inertial, "origin", xyz=numbers(inertia.lever), rpy="0 0 0")
     ET.SubElement(inertial, "mass", value=repr(float(inertia.mass)))
-    places = {
-        "ixx": (0, 0),
-        "ixy": (0, 1),
-        "ixz": (0, 2),
-        "iyy": (1, 1),
-        "iyz": (1, 2),
-        "izz": (2, 2),
-    }
-    ET.SubElement(
-        inertial,
-        "inertia",
-        {name: repr(float(moments[at])) for name, at in places.items()},
-    )
+    ET.SubElement(inertial, "inertia", dict(zip(MOMENTS, six, strict=True)))
     link.insert(0, inertial)
 
 
@@ -138,12 +119,6 @@ def possible(parameters: np.ndarray) -> bool:
     least, middle, largest = np.linalg.eigvalsh(inertia.inertia)
     slack = 1e-9 * largest
     return bool(least >= -slack and largest <= least + middle + slack)
-
-
-def _vector(origin: ET.Element | None, key: str) -> np.ndarray:
-    return np.array(
-        (("" if origin is None else origin.get(key)) or "0 0 0").split(), dtype=float
-    )
 
 
 # The size of an arm's inertial parameters, against which their errors are measured, and how these go together.
@@ -175,8 +150,6 @@ def inertial_scale(body: RigidBody) -> np.ndarray:
 
 SHAPE_ERROR = 0.3
 """Error of the shape of a body's inertia about its centre, over the error of its mass [1]. (hand)"""
-MOMENT_PLACES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
-"""Places in the matrix of inertia of the last six parameters of a body."""
 
 
 def inertial_errors(parameters: np.ndarray, units: np.ndarray) -> np.ndarray:
@@ -206,8 +179,7 @@ def _of_body(body: np.ndarray, distance: float) -> np.ndarray:
     """Columns of one body's errors: its mass, three of its centre, six of its shape, (10, 10)."""
     mass, centre = body[0], body[1:4] / body[0]
     about_joint = np.zeros((3, 3))
-    for value, (i, j) in zip(body[4:], MOMENT_PLACES, strict=True):
-        about_joint[i, j] = about_joint[j, i] = value
+    about_joint[UPPER] = about_joint.T[UPPER] = body[4:]
     about_centre = about_joint - mass * _spread(centre, centre)
     out = np.zeros((10, 10))
     out[:, 0] = body
@@ -215,10 +187,9 @@ def _of_body(body: np.ndarray, distance: float) -> np.ndarray:
         # m (c^T c E - c c^T) changes with the centre by twice its symmetric part
         change = 2.0 * mass * _spread(centre, shift)
         out[1:4, 1 + axis] = mass * shift
-        out[4:, 1 + axis] = [change[i, j] for i, j in MOMENT_PLACES]
+        out[4:, 1 + axis] = change[UPPER]
     shape = SHAPE_ERROR * max(0.5 * float(np.trace(about_centre)), 0.0)
-    for place, (i, j) in enumerate(MOMENT_PLACES):
-        out[4 + place, 4 + place] = shape if i == j else 0.5 * shape
+    out[4:, 4:] = np.diag(shape * np.where(np.eye(3)[UPPER], 1.0, 0.5))
     return out
 
 

@@ -275,55 +275,43 @@ def arm_model(
             "name the joints of the recording's columns in joints:, or give the URDF of the recorded arm",
             file=path,
         )
-    model = pin.Model()
+    model, positions = pin.Model(), locked or {}
     held = {joint.child for joint in description.joints}
-    for joint in description.joints:
-        if joint.parent not in held:
-            base = description.by_name[joint.parent]
-            _add(model, description, base, 0, pin.SE3.Identity(), joints, locked or {})
-            break
+    bases = [joint.parent for joint in description.joints if joint.parent not in held]
+    # link by link from the base on, each with the joint above it and the body and place that carry this joint
+    waiting: list[tuple[Joint | None, str, int, pin.SE3]]
+    waiting = [(None, base, 0, pin.SE3.Identity()) for base in bases[:1]]
+    while waiting:
+        joint, name, body, place = waiting.pop()
+        if joint is not None:
+            place = place * _frame(joint.place) * pin.SE3(np.eye(3), joint.anchor)
+            if joint.name in joints:
+                body, place = _add_joint(model, joint, body, place), pin.SE3.Identity()
+            elif joint.kind in SINGLE and positions.get(joint.name):
+                moved = joint.axis / np.linalg.norm(joint.axis) * positions[joint.name]
+                if joint.kind == "revolute":
+                    place = place * pin.SE3(pin.exp3(moved), np.zeros(3))
+                else:
+                    place = place * pin.SE3(np.eye(3), moved)
+            place = place * pin.SE3(np.eye(3), -joint.anchor)
+        link = description.by_name[name]
+        if (own := link.inertial) is not None:
+            inertia = pin.Inertia(own.mass, own.com, own.moments)
+            model.appendBodyToJoint(body, inertia, place)
+        elif body and link.drawn and description.form == "MJCF":
+            for shape in link.shapes:
+                model.appendBodyToJoint(body, _weighed(shape), place)
+        if link.line:
+            frame = pin.Frame(link.name, body, place, pin.FrameType.BODY)
+            model.addFrame(frame, False)
+        for below in reversed(description.below(name)):
+            waiting.append((below, below.child, body, place))
     if description.form == "MJCF":
         for name, limit in torque_limits(description).items():
             if model.existJointName(name):
                 model.effortLimit[model.joints[model.getJointId(name)].idx_v] = limit
     model.gravity = pin.Motion(np.array(gravity), np.zeros(3))
     return model
-
-
-def _add(
-    model: pin.Model,
-    description: Description,
-    link: Link,
-    body: int,
-    place: pin.SE3,
-    joints: Collection[str],
-    locked: Mapping[str, float],
-) -> None:
-    """Add a link to a body of a model, at its place there, and all that it holds."""
-    if link.inertial is not None:
-        own = link.inertial
-        inertia = pin.Inertia(own.mass, own.com, own.moments)
-        model.appendBodyToJoint(body, inertia, place)
-    elif body and link.drawn and description.form == "MJCF":
-        for shape in link.shapes:
-            model.appendBodyToJoint(body, _weighed(shape), place)
-    if link.line:
-        frame = pin.Frame(link.name, body, place, pin.FrameType.BODY)
-        model.addFrame(frame, False)
-    for joint in description.below(link.name):
-        at = place * _frame(joint.place) * pin.SE3(np.eye(3), joint.anchor)
-        back, carrier = pin.SE3(np.eye(3), -joint.anchor), body
-        if joint.name in joints:
-            carrier = _add_joint(model, joint, body, at)
-            at = pin.SE3.Identity()
-        elif joint.kind in SINGLE and locked.get(joint.name):
-            moved = joint.axis / np.linalg.norm(joint.axis) * locked[joint.name]
-            if joint.kind == "revolute":
-                at = at * pin.SE3(pin.exp3(moved), np.zeros(3))
-            else:
-                at = at * pin.SE3(np.eye(3), moved)
-        child = description.by_name[joint.child]
-        _add(model, description, child, carrier, at * back, joints, locked)
 
 
 def _frame(place: Place) -> pin.SE3:
@@ -333,12 +321,12 @@ def _frame(place: Place) -> pin.SE3:
 def _add_joint(model: pin.Model, joint: Joint, body: int, place: pin.SE3) -> int:
     """Add a joint that moves; the number of the body that it carries."""
     axis = joint.axis / np.linalg.norm(joint.axis)
-    kind, free = "R", pin.JointModelRevoluteUnaligned
+    aligned = (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)
+    free = pin.JointModelRevoluteUnaligned
     if joint.kind == "prismatic":
-        kind, free = "P", pin.JointModelPrismaticUnaligned
-    motion = free(axis)
-    if axis.max() == 1.0:
-        motion = getattr(pin, f"JointModel{kind}{'XYZ'[axis.argmax()]}")()
+        aligned = (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ)
+        free = pin.JointModelPrismaticUnaligned
+    motion = aligned[axis.argmax()]() if axis.max() == 1.0 else free(axis)
     lower, upper = joint.lower or 0.0, joint.upper or 0.0
     if joint.turns_freely or lower >= upper:
         lower, upper = -np.inf, np.inf

@@ -43,12 +43,11 @@ from gapscope.arm.io.plausibility import (
     without_spikes,
     without_turns,
 )
-from gapscope.arm.io.table import Log, Table, damage
+from gapscope.arm.io.table import GAP_STEPS, Log, Table, damage
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import (
     CHANNELS,
-    GAP_STEPS,
     Recording,
     held_notes,
     step_notes,

@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.recording import GAP_STEPS
 
 # A table as a log file holds it: named columns, and the place of each row in the file.
 
 
+GAP_STEPS = 4.0
+"""A step of time longer than this many usual steps is a gap, over which nothing is interpolated [1]."""
 LARGEST_NUMBER = 1e50
 """Size of the largest number in a log, whatever it counts; squares and products of larger ones overflow [1]."""
 NO_VALUE = ("", "nan", "-nan", "null", "none", "na", "n/a", "-")

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
-from gapscope.arm.dynamics.description import SCHEMES, find_mesh
+from gapscope.arm.dynamics.description import SCHEMES, find_mesh, read_description
 from gapscope.arm.dynamics.inertials import (
     own_parameters,
     possible,
@@ -144,6 +144,7 @@ def _set_bodies(root: ET.Element, arm: PlainArm) -> None:
     """
     links = {link.get("name", ""): link for link in root.findall("link")}
     child = {j.get("name", ""): _end(j, "child") for j in root.findall("joint")}
+    described = read_description(arm.body.file, shapes=False).by_name
     increments = arm.corrected.inertial_increments(arm.nominal)
     merged = arm.body.inertial_parameters().reshape(-1, 10)
     for joint, increment, total in zip(
@@ -152,7 +153,7 @@ def _set_bodies(root: ET.Element, arm: PlainArm) -> None:
         if not increment.any():
             continue
         link = links[child[joint]]
-        alone = own_parameters(link) + increment
+        alone = own_parameters(described[child[joint]].inertial) + increment
         if possible(alone) or not possible(total):
             set_parameters(link, alone)
             continue
