@@ -343,8 +343,8 @@ def _placeholders(bodies: Sequence[tuple[Link, Inertial]]) -> Iterator[Finding]:
     for link, own in bodies:
         same[tuple(own.moments.ravel().round(12))].append((link, own))
     for alike in same.values():
-        links, inertials = zip(*alike, strict=True)
-        first, masses = inertials[0], {own.mass for own in inertials}
+        links, masses = [link for link, _ in alike], {own.mass for _, own in alike}
+        _, first = alike[0]
         x, y, z = first.diagonal
         ball = x == y == z and np.allclose(first.moments, np.diag(first.diagonal))
         if len(links) < REPEATED_MOMENTS or not (ball or len(masses) > 1):
