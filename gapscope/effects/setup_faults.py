@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -31,8 +31,7 @@ Values = float | tuple[float, ...]
 """One value for all joints of a fault, or one for each."""
 
 
-@dataclass(frozen=True)
-class Look:
+class Look(NamedTuple):
     """What a case shows under a reading, from which faults tell where they may be, n joints; joints count from 0.
 
     Attributes:

@@ -6,8 +6,9 @@ A snippet is written from the values of each joint and body, and the ends betwee
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import LinkChange
-from gapscope.envs.effect_ranges import EffectRange, EffectRanges, write_effect_ranges
+from gapscope.envs.effect_ranges import EffectRanges, write_effect_ranges
 from gapscope.envs.export.plain_arm import PlainArm, joint_drives
 from gapscope.envs.export.texts import (
     TEMPLATES,
@@ -56,8 +57,7 @@ class BodyRange(NamedTuple):
     com: tuple[tuple[float, float], ...]
 
 
-@dataclass(frozen=True)
-class SnippetArm:
+class SnippetArm(NamedTuple):
     """An arm for a snippet.
 
     Attributes:
@@ -196,10 +196,10 @@ def _moved(
 ) -> CorrectedArm:
     """The arm with the effects at one side of their ranges, all parameters or only some."""
     ends = {item.key: getattr(item, side) for item in ranges.ranges}
-    kept = [e for e in corrected.effects if _key(e) not in ends]
+    kept = [e for e in corrected.effects if e.key not in ends]
     moved = list(ends.values())
     if only is not None:
-        own = {_key(e): e.parameters for e in corrected.effects}
+        own = {e.key: e.parameters for e in corrected.effects}
         moved = [
             AppliedEffect(
                 end.name,
@@ -210,10 +210,6 @@ def _moved(
             if key in own
         ]
     return replace(corrected, effects=(*kept, *moved), residual=None)
-
-
-def _key(applied: AppliedEffect) -> tuple[str, int]:
-    return EffectRange(applied, applied).key
 
 
 def _bodies(plain: PlainArm, ranges: EffectRanges) -> tuple[BodyRange, ...]:
@@ -250,8 +246,7 @@ def _moments(plain: PlainArm, corrected: CorrectedArm) -> tuple[np.ndarray, np.n
     return total[:, 0], total[:, 1:4]
 
 
-@dataclass(frozen=True)
-class Target:
+class Target(NamedTuple):
     """A simulator; the text below the head of its snippet is a file of ``templates``.
 
     Attributes:
@@ -269,7 +264,7 @@ class Target:
     name: str
     title: str
     held: Sequence[str]
-    hints: Mapping[str, str] = field(default_factory=dict)
+    hints: Mapping[str, str] = MappingProxyType({})
     notes: Sequence[str] = ()
     model: str = "urdf"
     comment: str = "#"
