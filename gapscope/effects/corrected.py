@@ -23,7 +23,6 @@ from gapscope.effects.deflection import through_play, through_springs
 from gapscope.effects.effect import (
     SHEET,
     Drift,
-    DryLaw,
     Effect,
     External,
     LinkChange,
@@ -348,7 +347,8 @@ class CorrectedArm:
         plain = arm.coulomb * direction + arm.viscous * motor.dq
         torque = torque + factor * plain
         # load friction last: it acts on the whole motor torque
-        for law, values in sorted(friction, key=lambda item: _by_load(item[0])):
+        friction.sort(key=lambda item: getattr(item[0], "varies_with", "") == "load")
+        for law, values in friction:
             signals = Signals(t, position, motor.dq, torque, direction)
             torque = torque + factor * law.law(signals, *values)
         return torque + self._coupled_torque(motor)
@@ -417,11 +417,6 @@ class CorrectedArm:
         if self.residual is None:
             return torque
         return torque + self.residual.torque(motion, torque)
-
-
-def _by_load(law: TorqueLaw) -> bool:
-    """Whether a law of friction varies with the load."""
-    return isinstance(law, DryLaw) and law.varies_with == "load"
 
 
 def _direction(

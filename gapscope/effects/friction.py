@@ -38,28 +38,20 @@ def friction_direction(
     direction = smooth_sign(velocity)
     bends = np.flatnonzero(distance)
     if bends.size:
-        first = direction[0, bends]
-        direction[:, bends] = _bend(position[:, bends], distance[bends], first)
+        # a step dq without reversal takes s to sgn dq + (s - sgn dq) exp(-|dq| / z_s), exactly: an affine map, so that
+        # the state is the running composition of maps, which takes log2 N passes over the series instead of N steps
+        step = np.diff(position[:, bends], axis=0, prepend=position[:1, bends])
+        factor = np.exp(-np.abs(step) / distance[bends])
+        state = np.sign(step) * (1.0 - factor)
+        state[0] = direction[0, bends]
+        reach = 1
+        while reach < len(position):
+            # the map of the last `reach` steps after that of the `reach` steps before them
+            state[reach:] += factor[reach:] * state[:-reach].copy()
+            factor[reach:] *= factor[:-reach].copy()
+            reach *= 2
+        direction[:, bends] = state
     return direction
-
-
-def _bend(position: np.ndarray, distance: np.ndarray, first: np.ndarray) -> np.ndarray:
-    """Dahl's state along a path [rad], (N, k), with z_s and the state at first of shape (k,).
-
-    A step dq without reversal takes s to sgn dq + (s - sgn dq) exp(-|dq| / z_s), exactly: an affine map, so that the
-    state is the running composition of maps, which takes log2 N passes over the series instead of N steps.
-    """
-    step = np.diff(position, axis=0, prepend=position[:1])
-    factor = np.exp(-np.abs(step) / distance)
-    state = np.sign(step) * (1.0 - factor)
-    state[0] = first
-    reach = 1
-    while reach < len(position):
-        # the map of the last `reach` steps after that of the `reach` steps before them
-        state[reach:] += factor[reach:] * state[:-reach].copy()
-        factor[reach:] *= factor[:-reach].copy()
-        reach *= 2
-    return state
 
 
 def stribeck_amplitude(
