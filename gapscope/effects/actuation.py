@@ -59,10 +59,12 @@ def ripple_values(x: np.ndarray, nonlinear: np.ndarray) -> Values:
 
 def torque_limits(series: JointSeries, known: float | None) -> np.ndarray:
     """Limits to try [N m], (K,): from the least up to the largest torque in even steps and ratios; none without any."""
-    largest = _largest(series)
+    recorded = np.abs(np.concatenate(series.recorded))
+    largest = float(recorded.max())
     if largest == 0:
         return np.zeros(0)
-    least = _least_limit(series)
+    seldom = float(np.quantile(recorded, 1.0 - LIMITED_TIME_HELD))
+    least = max(MIN_LIMIT * largest, seldom)
     if known is not None:
         return np.clip(known * np.linspace(0.9, 1.1, 21), least, 0.999 * largest)
     steps = np.linspace(least, 0.98 * largest, LIMIT_GRID)
@@ -86,30 +88,15 @@ def possible_limits(
     order = np.argsort(size)
     within = np.searchsorted(size[order], limits, side="right")
     count = len(size) - within
-    sums = [_sums_from(x[order], within) for x in (along, along**2)]
+    powers = np.stack([along, along**2])[:, order]
+    up_to = np.pad(np.cumsum(powers, axis=1), ((0, 0), (1, 0)))
+    sums = up_to[:, -1:] - up_to[:, within]
     mean, mean_square = sums / np.maximum(count, 1)
     apart2 = mean_square - 2 * mean * limits + limits**2
     apart = np.sqrt(np.maximum(apart2, 0.0))
     seldom = count / len(size) < LIMITED_TIME_TRACKING
     held = apart < HELD_NEAR_LIMIT * limits
     return (mean > MIN_NEED_AT_LIMIT * limits) & (seldom | held)
-
-
-def _largest(series: JointSeries) -> float:
-    return float(np.abs(np.concatenate(series.recorded)).max())
-
-
-def _least_limit(series: JointSeries) -> float:
-    """The lowest limit [N m] that a joint's recorded torque may have."""
-    recorded = np.abs(np.concatenate(series.recorded))
-    seldom = float(np.quantile(recorded, 1.0 - LIMITED_TIME_HELD))
-    return max(MIN_LIMIT * float(recorded.max()), seldom)
-
-
-def _sums_from(series: np.ndarray, starts: np.ndarray) -> np.ndarray:
-    """Sums of a series (N,) from each of some places to its end, (L,)."""
-    up_to = np.append(0.0, np.cumsum(series))
-    return np.asarray(up_to[-1] - up_to[starts])
 
 
 def ripple_cycles(series: JointSeries, known: float | None) -> np.ndarray:

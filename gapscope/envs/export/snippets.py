@@ -144,30 +144,6 @@ class SnippetArm(NamedTuple):
         return dict(gain[gain != 1.0])
 
 
-def snippet_arm(
-    plain: PlainArm, controller: Controller | None, ranges: EffectRanges | None
-) -> SnippetArm:
-    """The values of an arm, and their ends.
-
-    Args:
-        plain: the arm.
-        controller: that of the case; its gains if it is a PD law.
-        ranges: of the effects, within what the data sheet allows, or ``None``.
-
-    Raises:
-        InputError: friction or armature is negative in total.
-    """
-    corrected = plain.corrected
-    joints = _joints(plain, corrected, controller)
-    if ranges is None:
-        return SnippetArm(plain, joints, joints, joints)
-    low, high = (
-        _joints(plain, _moved(corrected, ranges, side), controller)
-        for side in ("low", "high")
-    )
-    return SnippetArm(plain, joints, low, high, _bodies(plain, ranges), ranges)
-
-
 def _joints(
     plain: PlainArm, corrected: CorrectedArm, controller: Controller | None
 ) -> pd.DataFrame:
@@ -357,7 +333,8 @@ def write_snippet(
         What it leaves out, a sentence each.
 
     Raises:
-        InputError: ranges are missing, or the simulator has no words for them.
+        InputError: ranges are missing, the simulator has no words for them, or friction or armature is negative in
+            total.
         GapscopeError: the file cannot be written.
     """
     target = TARGETS[form]
@@ -376,7 +353,16 @@ def write_snippet(
     if ranges is not None and form == "environment":
         write_effect_ranges(ranges, out, HEAD)
         return ()
-    arm = snippet_arm(plain, controller, ranges)
+    corrected = plain.corrected
+    joints = low = high = _joints(plain, corrected, controller)
+    bodies: tuple[BodyRange, ...] = ()
+    if ranges is not None:
+        low, high = (
+            _joints(plain, _moved(corrected, ranges, side), controller)
+            for side in ("low", "high")
+        )
+        bodies = _bodies(plain, ranges)
+    arm = SnippetArm(plain, joints, low, high, bodies, ranges)
     with atomic_write(out) as aside:
         aside.write_text(target.text(arm), encoding="utf-8")
     return target.left_out(arm)
