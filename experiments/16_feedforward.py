@@ -37,7 +37,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import asdict, replace
+from dataclasses import replace
 from itertools import product
 from math import inf, sqrt
 from pathlib import Path
@@ -179,7 +179,8 @@ def model_cell(robot: str, model: str, seed: int, folder: Path) -> Any:
     tried = read_model(source(model, folder), arm)
     plan = EvaluationPlan(engines=(ENGINE,), seeds=(seed,))
     bench = TrackingBench(arm, effects, plan)
-    rows = [one.row() for one in bench.episodes(model, tried, ENGINE, seed)]
+    episodes = bench.episodes(model, tried, ENGINE, seed)
+    rows = plain(episodes, null_if_not_finite=True)
     margin = {"feedforward": bench.margin(tried, ENGINE)}
     if model in INSIDE_LOOP:
         inside = TrackingBench(arm, effects, replace(plan, law="computed"))
@@ -483,7 +484,7 @@ def bandwidth_cell(fed: list[Fed], arm: GeneratorArm) -> dict[str, Any]:
     """Measures of every motion at every bandwidth, and the largest stable bandwidth [Hz]."""
     rows = [
         {"bandwidth": bandwidth, "motion": MOTIONS[i]}
-        | plain(asdict(arm.measure(fed[i], i, bandwidth)), null_if_not_finite=True)
+        | plain(arm.measure(fed[i], i, bandwidth)._asdict(), null_if_not_finite=True)
         for bandwidth in BANDWIDTHS
         for i in range(len(MOTIONS))
     ]

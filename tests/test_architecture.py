@@ -11,7 +11,7 @@ import pytest
 
 from gapscope.effects import (
     actuation,
-    coupled_motors,
+    catalogue,
     environment,
     friction,
     rigid_body,
@@ -21,7 +21,7 @@ from gapscope.effects import (
 from gapscope.effects.effect import Effect
 
 FAMILIES = (
-    *(actuation, coupled_motors, environment, friction),
+    *(actuation, catalogue, environment, friction),
     *(rigid_body, sensing, transmission),
 )
 """Modules that hold the records of effects."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -11,7 +10,7 @@ from gapscope.agents.models import AgentModel, TorqueModel
 from gapscope.arm.control import Targets
 from gapscope.arm.motions.motion import Motion
 from gapscope.envs.actions import DAMPING, Gains, scaled
-from gapscope.envs.arguments import positive
+from gapscope.envs.arguments import check_values
 from gapscope.envs.episode import Layout
 
 
@@ -32,48 +31,23 @@ class Tuning:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        positive("bandwidth", self.bandwidth, "Hz")
-        positive("damping", self.damping, "1")
-
-    @property
-    def stiffness(self) -> float:
-        """w^2 [1/s^2], gain from position error to acceleration."""
-        return (2 * np.pi * self.bandwidth) ** 2
-
-    @property
-    def rate(self) -> float:
-        """2 zeta w [1/s], gain from velocity error to acceleration."""
-        return 2 * self.damping * 2 * np.pi * self.bandwidth
+        check_values(vars(self), "environment", "evaluation")
 
     def gains(self, inertia: np.ndarray) -> Gains:
         """kp = w^2 M [N m/rad] and kd = 2 zeta w M [N m s/rad], each (n,), on inertias M [kg m^2], shape (n,)."""
-        return Gains(self.stiffness * inertia, self.rate * inertia)
+        stiffness = (2 * np.pi * self.bandwidth) ** 2
+        rate = 2 * self.damping * 2 * np.pi * self.bandwidth
+        return Gains(stiffness * inertia, rate * inertia)
 
     def times(self, factor: float) -> Tuning:
         """The same with the bandwidth multiplied: kp grows with the square of the factor, kd with the factor."""
         return Tuning(self.bandwidth * factor, self.damping)
 
 
-class TrackingController(Protocol):
-    """A controller of n joints; it is called at every tick, and its torque is held until the next."""
-
-    def begin(self, motion: Motion) -> None:
-        """Start anew on a reference, given at every tick."""
-
-    def plan(self, motion: Motion) -> np.ndarray:
-        """Feedforward of a reference known beforehand [N m], shape (N, n); zeros if it takes none."""
-
-    def __call__(self, now: Targets, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
-        """Torque to command [N m], shape (n,).
-
-        Args:
-            now: reference, and what ``plan`` has for this tick, each (n,).
-            q, dq: position of the encoders [rad], velocity estimated from them [rad/s], each (n,).
-        """
-
-
 class Feedforward:
     """tau = model(q_ref, dq_ref, ddq_ref) + kp (q_ref - q) + kd (dq_ref - dq), clipped at +-limit.
+
+    It is called at every tick, and its torque is held until the next; other controllers are kinds of it.
 
     Without a model it is PD alone, with ``gapscope.agents.models.Gravity`` PD with gravity, with
     ``gapscope.agents.models.ArmModel`` PD with inverse dynamics. The model is outside the loop: it changes
@@ -91,22 +65,27 @@ class Feedforward:
         self.gains, self.limit, self.model = gains, limit, model
 
     def begin(self, motion: Motion) -> None:
-        """Stateless; nothing to reset."""
+        """Start anew on a reference, given at every tick; here nothing is to be reset."""
 
     def plan(self, motion: Motion) -> np.ndarray:
-        """The model's torque over the reference [N m], shape (N, n)."""
+        """Feedforward of a reference known beforehand [N m], shape (N, n); zeros if it takes none."""
         if self.model is None:
             return np.zeros_like(motion.q)
         return self.model.series(motion)
 
     def __call__(self, now: Targets, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
-        """Torque to command [N m], shape (n,)."""
+        """Torque to command [N m], shape (n,).
+
+        Args:
+            now: reference, and what ``plan`` has for this tick, each (n,).
+            q, dq: position of the encoders [rad], velocity estimated from them [rad/s], each (n,).
+        """
         tau = self.gains.kp * (now.q - q) + self.gains.kd * (now.dq - dq)
         tau += now.torque
         return np.minimum(np.maximum(tau, -self.limit), self.limit)
 
 
-class ComputedTorque:
+class ComputedTorque(Feedforward):
     """tau = model(q, dq_ref, ddq_ref + w^2 (q_ref - q) + 2 zeta w (dq_ref - dq)), clipped at +-limit.
 
     The model is inside the loop: its inertia scales the gains, so that a wrong one shifts the bandwidth. Coriolis
@@ -122,20 +101,15 @@ class ComputedTorque:
     """
 
     def __init__(self, tuning: Tuning, limit: np.ndarray, model: TorqueModel) -> None:
-        self.tuning, self.limit, self.model = tuning, limit, model
-
-    def begin(self, motion: Motion) -> None:
-        """Stateless; nothing to reset."""
-
-    def plan(self, motion: Motion) -> np.ndarray:
-        """Zeros."""
-        return np.zeros_like(motion.q)
+        # nothing is planned: the model is inside the loop
+        super().__init__(tuning.gains(np.ones(len(limit))), limit)
+        self.inside = model
 
     def __call__(self, now: Targets, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
         """Torque to command [N m], shape (n,)."""
-        stiffness, rate = self.tuning.stiffness, self.tuning.rate
+        stiffness, rate = self.gains
         wanted = now.ddq + stiffness * (now.q - q) + rate * (now.dq - dq)
-        tau = self.model(q, now.dq, wanted)
+        tau = self.inside(q, now.dq, wanted)
         return np.minimum(np.maximum(tau, -self.limit), self.limit)
 
 

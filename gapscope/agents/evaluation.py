@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,12 +14,10 @@ from gapscope.agents.controllers import (
     AgentController,
     ComputedTorque,
     Feedforward,
-    TrackingController,
     Tuning,
 )
 from gapscope.agents.models import AgentModel, ArmModel, Candidate, Gravity
 from gapscope.agents.tracking import (
-    Measures,
     SampledReference,
     TrackingMetrics,
     largest_factor,
@@ -28,7 +26,6 @@ from gapscope.agents.tracking import (
 )
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
-from gapscope.arm.io.json_file import plain
 from gapscope.arm.motions.named_motions import check_motion_name, draw_motion, workspace
 from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
@@ -36,7 +33,7 @@ from gapscope.effects.applied import AppliedEffect, push
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import External
-from gapscope.envs.arguments import positive
+from gapscope.envs.arguments import check_values
 from gapscope.envs.engines import check_engine, default_engine
 from gapscope.envs.position_controller import loop_inertia
 from gapscope.envs.simulated_arm import SimulatedArm
@@ -97,62 +94,19 @@ class EvaluationPlan:
     def __post_init__(self) -> None:
         """Check names and numbers."""
         check_known("law", self.law, LAWS, where="law")
-        positive("duration", self.duration, "s")
-        for name in ("motions", "disturbances", "seeds", "engines"):
-            if not getattr(self, name):
-                raise InputError("expected at least one", where=name)
+        check_values(vars(self), "environment", "evaluation")
         for engine in self.engines:
             check_engine(engine)
         for name in self.disturbances:
             check_known("disturbance", name, DISTURBANCES, where="disturbances")
 
 
-@dataclass(frozen=True)
-class Episode:
-    """One model on one motion.
-
-    Attributes:
-        model, engine, motion, disturbance, seed: which.
-        measures: how well it was tracked.
-        torque_error: NRMSE of the model's feedforward against the torque that the motion needs, mean over joints [1].
-    """
-
-    model: str
-    engine: str
-    motion: str
-    disturbance: str
-    seed: int
-    measures: Measures
-    torque_error: float
-
-    def row(self) -> dict[str, Any]:
-        """As plain data; numbers that are not finite are ``None``."""
-        row = asdict(self)
-        row |= row.pop("measures")
-        return dict(plain(row, null_if_not_finite=True))
-
-
-class EvaluationCache(Protocol):
-    """Cells of an evaluation: episodes of a model in an engine with one seed, and its margin in an engine."""
-
-    def episodes(
-        self,
-        name: str,
-        model: Candidate,
-        engine: str,
-        seed: int,
-        compute: Callable[[], Iterable[Episode]],
-    ) -> list[Episode]:
-        """Episodes of a model with one seed: the cached ones, or those that ``compute`` returns."""
-
-    def margin(
-        self,
-        name: str,
-        model: Candidate,
-        engine: str,
-        compute: Callable[[], float],
-    ) -> float:
-        """Largest stable bandwidth of a model [Hz]: the cached one, or the one that ``compute`` returns."""
+Episode = Mapping[str, Any]
+"""One model on one motion: ``model``, ``engine``, ``motion``, ``disturbance``, ``seed``, the fields of
+``gapscope.agents.tracking.Measures``, and ``torque_error``, the NRMSE of the model's feedforward against the torque
+that the motion needs, mean over joints [1]."""
+Cell = Callable[[tuple[str, ...], Candidate, Callable[[], Any]], Any]
+"""What a cell of an evaluation holds, by its key and its model: what is kept of it, or what is computed now."""
 
 
 HELD_OUT = 0x6A95
@@ -211,7 +165,7 @@ class TrackingBench:
         model: Candidate,
         tuning: Tuning | None = None,
         limited: bool = True,
-    ) -> TrackingController:
+    ) -> Feedforward:
         """The controller of the plan's law with a model, or that of an agent.
 
         Args:
@@ -273,9 +227,10 @@ class TrackingBench:
 
     def episodes(
         self, name: str, model: Candidate, engine: str, seed: int
-    ) -> Iterator[Episode]:
+    ) -> list[Episode]:
         """All motions and disturbances of the plan with one model, engine and seed."""
         plan = self.plan
+        rows: list[Episode] = []
         controller = self.controller(model)
         for motion in plan.motions:
             course, _ = self.course(motion, seed)
@@ -287,15 +242,16 @@ class TrackingBench:
                 extra = disturbance(kind, rng, self._scale, plan.duration)
                 with self._simulated(engine, *extra, rng) as simulated:
                     run = track(simulated, controller, course)
-                yield Episode(
-                    model=name,
-                    engine=engine,
-                    motion=motion,
-                    disturbance=kind,
-                    seed=seed,
-                    measures=self._metrics(run, DT, plan.duration),
-                    torque_error=error,
-                )
+                row = {
+                    "model": name,
+                    "engine": engine,
+                    "motion": motion,
+                    "disturbance": kind,
+                    "seed": seed,
+                    "torque_error": error,
+                }
+                rows.append(row | self._metrics(run, DT, plan.duration)._asdict())
+        return rows
 
     def margin(self, model: Candidate, engine: str) -> float:
         """Largest bandwidth at which the loop stays stable on a held-out motion [Hz].
@@ -343,8 +299,7 @@ class TrackingBench:
         )
 
 
-@dataclass(frozen=True)
-class Evaluation:
+class Evaluation(NamedTuple):
     """What came out.
 
     Attributes:
@@ -352,7 +307,7 @@ class Evaluation:
         margins: largest stable bandwidth [Hz] by model and engine.
     """
 
-    episodes: tuple[Episode, ...]
+    episodes: list[Episode]
     margins: dict[tuple[str, str], float]
 
 
@@ -360,7 +315,7 @@ def evaluate(
     models: Mapping[str, Candidate],
     bench: TrackingBench,
     progress: Callable[[str], None] = lambda message: None,
-    cache: EvaluationCache | None = None,
+    cell: Cell = lambda key, model, compute: compute(),
 ) -> Evaluation:
     """Track with every model of ``models`` and raise its gains.
 
@@ -368,7 +323,7 @@ def evaluate(
         models: models and agents by name; ``None`` is PD alone.
         bench: the arm and the plan.
         progress: called with a short message before each piece of work.
-        cache: of what is finished; none by default.
+        cell: gives back what is kept of a piece of work, or computes it.
     """
     episodes: list[Episode] = []
     margins: dict[tuple[str, str], float] = {}
@@ -380,14 +335,9 @@ def evaluate(
             for seed in bench.plan.seeds:
                 progress(f"{which}: tracks, seed {seed}")
                 compute = partial(bench.episodes, name, model, engine, seed)
-                episodes += (
-                    cache.episodes(name, model, engine, seed, compute)
-                    if cache
-                    else compute()
-                )
+                key = ("episodes", name, engine, str(seed))
+                episodes += cell(key, model, compute)
             progress(f"{which}: raises the gains")
             find = partial(bench.margin, model, engine)
-            margins[name, engine] = (
-                cache.margin(name, model, engine, find) if cache else find()
-            )
-    return Evaluation(tuple(episodes), margins)
+            margins[name, engine] = cell(("margin", name, engine), model, find)
+    return Evaluation(episodes, margins)

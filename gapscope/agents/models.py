@@ -213,36 +213,34 @@ def read_arm(source: str, arm: NominalArm) -> CorrectedArm:
     if source == "nominal":
         return CorrectedArm(arm)
     path = Path(source)
-    if path.suffix == ".json":
-        return _identified(path, arm)
     if path.suffix in (".yaml", ".yml"):
         return read_corrected_arm(arm, path)
+    if path.suffix == ".json":
+        # the identified arm that ``gapscope identify`` wrote beside its document
+        remedy = (
+            "give the identification.json that gapscope identify wrote, in its folder"
+        )
+        content = read_json(path, remedy)
+        files = content.get("files") if isinstance(content, dict) else None
+        if not isinstance(files, dict) or not {"case", "effects"} <= set(files):
+            raise InputError(
+                "names no files of an identified arm", remedy, file=path, where="files"
+            )
+        case, effects = (
+            file_beside(path.parent, files[name], path, f"files.{name}")
+            for name in ("case", "effects")
+        )
+        identified = load_case(case, read_recordings=False).arm
+        if identified.joints != arm.joints:
+            raise InputError(
+                f"is of an arm with the joints {', '.join(identified.joints)}, not {', '.join(arm.joints)}",
+                "identify the arm that is tracked, or give it as --robot",
+                file=path,
+            )
+        return read_corrected_arm(identified, effects)
     raise InputError(
         f"unknown model {source!r}",
         f"{nearest(source, NAMES)}give {', '.join(NAMES)}, the path of a corrected.yaml or of an identification.json, "
         "or the folder of a trained agent",
         where="MODEL",
     )
-
-
-def _identified(path: Path, arm: NominalArm) -> CorrectedArm:
-    """The identified arm that ``gapscope identify`` wrote beside its document."""
-    remedy = "give the identification.json that gapscope identify wrote, in its folder"
-    content = read_json(path, remedy)
-    files = content.get("files") if isinstance(content, dict) else None
-    if not isinstance(files, dict) or not {"case", "effects"} <= set(files):
-        raise InputError(
-            "names no files of an identified arm", remedy, file=path, where="files"
-        )
-    case, effects = (
-        file_beside(path.parent, files[name], path, f"files.{name}")
-        for name in ("case", "effects")
-    )
-    identified = load_case(case, read_recordings=False).arm
-    if identified.joints != arm.joints:
-        raise InputError(
-            f"is of an arm with the joints {', '.join(identified.joints)}, not {', '.join(arm.joints)}",
-            "identify the arm that is tracked, or give it as --robot",
-            file=path,
-        )
-    return read_corrected_arm(identified, effects)

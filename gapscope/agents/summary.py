@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass
+from collections.abc import Hashable, Sequence
 from math import isfinite, nan
-from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 from scipy.stats import binomtest, spearmanr, trim_mean
 
-from gapscope.agents.evaluation import Episode, Evaluation
+from gapscope.agents.evaluation import Evaluation
 from gapscope.arm.io.json_file import plain
 
 LEVEL = 0.95
@@ -82,70 +81,63 @@ def rank_correlation(x: Sequence[float], y: Sequence[float]) -> float | None:
 
 SEED = 20
 """Of the bootstrap: the same episodes give the same intervals."""
-MEASURES = ("joint_error", "tool_error", "reward", "torque_rate")
+MEASURES = ("joint_error", "tool_error", "reward", "torque_rate", "torque_error")
 """Measures of an episode that are summarised."""
 
 
-@dataclass(frozen=True)
-class SummaryLine:
+class SummaryLine(NamedTuple):
     """Summary of one model in one engine under one disturbance: interquartile means over seeds and motions.
 
     Attributes:
         model, engine, disturbance: which.
-        count, diverged: episodes, and how many of them diverged.
-        means: by measure, see ``gapscope.agents.tracking.Measures``.
-        torque_error: NRMSE of the feedforward [1].
+        episodes, diverged: how many, and how many of them diverged.
+        means: by measure, see ``gapscope.agents.evaluation.Episode``.
         margin: largest stable bandwidth [Hz], or ``None`` if it was not sought.
     """
 
     model: str
     engine: str
     disturbance: str
-    count: int
+    episodes: int
     diverged: int
     means: dict[str, Mean]
-    torque_error: Mean
     margin: float | None
 
     def plain(self) -> dict[str, Any]:
         """As JSON data."""
-        low, high = binomtest(self.diverged, self.count).proportion_ci(method="wilson")
+        low, high = binomtest(self.diverged, self.episodes).proportion_ci(
+            method="wilson"
+        )
+        means = {name: mean._asdict() for name, mean in self.means.items()}
         return {
             "model": self.model,
             "engine": self.engine,
             "disturbance": self.disturbance,
-            "episodes": self.count,
+            "episodes": self.episodes,
             "diverged": {"count": self.diverged, "low": low, "high": high},
-            **{name: _plain(mean) for name, mean in self.means.items()},
-            "torque_error": _plain(self.torque_error),
+            **plain(means, null_if_not_finite=True),
             "margin": self.margin,
         }
 
 
 def summarise(evaluation: Evaluation) -> list[SummaryLine]:
     """A line per disturbance, engine and model, the models in the order in which they were tried."""
-    groups: dict[tuple[str, str, str], list[Episode]] = {}
-    kinds = dict.fromkeys(episode.disturbance for episode in evaluation.episodes)
-    for kind in kinds:
-        for episode in evaluation.episodes:
-            if episode.disturbance == kind:
-                groups.setdefault((episode.model, episode.engine, kind), []).append(
-                    episode
-                )
-    return [
-        SummaryLine(
-            *key,
-            len(episodes),
-            sum(e.measures.diverged for e in episodes),
-            {
-                name: _mean(episodes, attrgetter(f"measures.{name}"))
-                for name in MEASURES
-            },
-            _mean(episodes, attrgetter("torque_error")),
-            evaluation.margins.get(key[:2]),
-        )
-        for key, episodes in groups.items()
-    ]
+    rows = pd.DataFrame(evaluation.episodes)
+    lines = []
+    for kind in rows["disturbance"].unique():
+        own = rows[rows["disturbance"] == kind]
+        for (model, engine), group in own.groupby(["model", "engine"], sort=False):
+            motions = group["motion"].tolist()
+            means = {}
+            for name in MEASURES:
+                rng = np.random.default_rng(SEED)
+                means[name] = mean_of(group[name].tolist(), motions, rng)
+            count, margin = len(group), evaluation.margins.get((model, engine))
+            diverged = int(group["diverged"].sum())
+            lines.append(
+                SummaryLine(model, engine, kind, count, diverged, means, margin)
+            )
+    return lines
 
 
 def relation(lines: Sequence[SummaryLine]) -> float | None:
@@ -155,19 +147,8 @@ def relation(lines: Sequence[SummaryLine]) -> float | None:
     """
     first = [line for line in lines if line.disturbance == lines[0].disturbance]
     known = [line for line in first if isfinite(line.means["joint_error"].value)]
-    return rank_correlation(
-        [line.torque_error.value for line in known],
-        [line.means["joint_error"].value for line in known],
+    torque, joint = (
+        [line.means[name].value for line in known]
+        for name in ("torque_error", "joint_error")
     )
-
-
-def _mean(episodes: Sequence[Episode], of: Callable[[Episode], float]) -> Mean:
-    return mean_of(
-        [of(e) for e in episodes],
-        [e.motion for e in episodes],
-        np.random.default_rng(SEED),
-    )
-
-
-def _plain(mean: Mean) -> dict[str, float | None]:
-    return dict(plain(mean._asdict(), null_if_not_finite=True))
+    return rank_correlation(torque, joint)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from math import inf
+from typing import NamedTuple
 
 import numpy as np
 
-from gapscope.agents.controllers import TrackingController
+from gapscope.agents.controllers import Feedforward
 from gapscope.arm.control import Targets
 from gapscope.arm.dynamics.kinematics import Kinematics
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -21,7 +21,7 @@ from gapscope.envs.actions import rated_torque, torque_limit
 from gapscope.envs.divergence import diverged
 from gapscope.envs.position_controller import VELOCITY_CUTOFF, VELOCITY_DAMPING
 from gapscope.envs.reward import Reward
-from gapscope.envs.simulated_arm import SimulatedArm
+from gapscope.envs.simulated_arm import SimulatedArm, closed_loop
 from gapscope.model.conditioning import torque_scale
 
 SETTLE = 0.5
@@ -30,8 +30,7 @@ BEYOND = 0.25
 """Feedforward is computed this far beyond the end, for delays to look ahead [s]."""
 
 
-@dataclass(frozen=True)
-class SampledReference:
+class SampledReference(NamedTuple):
     """A reference at every tick of a controller, from some time before its start to beyond its end, N ticks.
 
     Attributes:
@@ -72,9 +71,9 @@ class SampledReference:
         )
         return cls(motion, first, np.zeros_like(motion.q))
 
-    def planned(self, controller: TrackingController) -> SampledReference:
+    def planned(self, controller: Feedforward) -> SampledReference:
         """The same with the feedforward of a controller."""
-        return SampledReference(self.motion, self.first, controller.plan(self.motion))
+        return self._replace(torque=controller.plan(self.motion))
 
     @property
     def ticks(self) -> int:
@@ -82,8 +81,7 @@ class SampledReference:
         return len(self.motion.t) - round(BEYOND * self.motion.rate)
 
 
-@dataclass(frozen=True)
-class TrackingRun:
+class TrackingRun(NamedTuple):
     """What an arm did on a course, K ticks from t = 0 on, K less than the course's if it diverged.
 
     Attributes:
@@ -103,7 +101,7 @@ class TrackingRun:
 
 def track(
     simulated: SimulatedArm,
-    controller: TrackingController,
+    controller: Feedforward,
     course: SampledReference,
     *,
     kick: np.ndarray | float = 0.0,
@@ -133,14 +131,14 @@ def track(
         np.zeros(n),
         motion.dq[0] - start_speed,
     )
-    targets = Targets(motion.q, motion.dq, motion.ddq, course.torque)
+    series = (motion.q, motion.dq, motion.ddq, course.torque)
+    targets = Targets(*series).at(slice(course.ticks))
+    loop = closed_loop(
+        simulated, targets, controller, lambda now, q: now.dq - error_rate(now.q - q)
+    )
     q, tau = np.empty((2, course.ticks, n))
     done, ran_away = course.ticks, False
-    for i in range(course.ticks):
-        now = targets.at(i)
-        q[i] = simulated.encoders()
-        tau[i] = controller(now, q[i], now.dq - error_rate(now.q - q[i]))
-        simulated.step(tau[i])
+    for i, (q[i], _, tau[i]) in enumerate(loop):
         if diverged(simulated.dq):
             done, ran_away = i, True
             break
@@ -152,8 +150,7 @@ ACTION = 0.02
 """Period of the environment's actions, for the reward and the tool's error [s]."""
 
 
-@dataclass(frozen=True)
-class Measures:
+class Measures(NamedTuple):
     """Measures of one track.
 
     Attributes:
@@ -248,7 +245,7 @@ RESOLUTION = 0.02
 
 def settles(
     simulated: SimulatedArm,
-    controller: TrackingController,
+    controller: Feedforward,
     course: SampledReference,
     needed: np.ndarray,
     cutoff: float | None = VELOCITY_CUTOFF,

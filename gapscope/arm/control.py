@@ -260,7 +260,7 @@ class Targets(NamedTuple):
         torque = feedforward(arm, RigidBody(arm), controller.feedforward, q, dq, ddq)
         return cls(q, dq, ddq, torque)
 
-    def at(self, tick: int | np.ndarray) -> Targets:
+    def at(self, tick: int | slice | np.ndarray) -> Targets:
         """The commands of one tick, or of some of them."""
         return Targets(*(series[tick] for series in self))
 

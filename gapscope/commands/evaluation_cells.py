@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from gapscope.agents.evaluation import Episode, TrackingBench
+from gapscope.agents.evaluation import TrackingBench
 from gapscope.agents.models import AgentModel, ArmModel, Candidate
-from gapscope.agents.tracking import Measures
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import to_json
@@ -49,34 +48,6 @@ class Cells:
         if again:
             self.clear()
 
-    def episodes(
-        self,
-        name: str,
-        model: Candidate,
-        engine: str,
-        seed: int,
-        compute: Callable[[], Iterable[Episode]],
-    ) -> list[Episode]:
-        """Episodes of a model with one seed, kept or new."""
-
-        def plain() -> list[dict[str, Any]]:
-            return [asdict(episode) for episode in compute()]
-
-        rows = self._cell(("episodes", name, engine, str(seed)), model, plain)
-        return [
-            Episode(**{**row, "measures": Measures(**row["measures"])}) for row in rows
-        ]
-
-    def margin(
-        self,
-        name: str,
-        model: Candidate,
-        engine: str,
-        compute: Callable[[], float],
-    ) -> float:
-        """Largest stable bandwidth [Hz], kept or new."""
-        return float(self._cell(("margin", name, engine), model, compute))
-
     def clear(self) -> None:
         """Remove what is kept, once the results are whole."""
         try:
@@ -89,7 +60,7 @@ class Cells:
                 f"{self._folder}: cannot be removed ({error.strerror})", "remove it"
             ) from None
 
-    def _cell(
+    def __call__(
         self,
         key: tuple[str, ...],
         model: Candidate,

@@ -17,7 +17,7 @@ from gapscope.effects.parametrisation import (
     Values,
     linear_in,
 )
-from gapscope.effects.signals import log_uniform, random_sign
+from gapscope.effects.signals import Drawn, drawn
 
 
 def saturate(
@@ -32,16 +32,6 @@ def saturate(
     return np.minimum(np.maximum(torque, -bound), bound)
 
 
-def delay_inverse(needed: np.ndarray, series: Series, delay: np.ndarray) -> np.ndarray:
-    """recorded(t) = needed(t + T) [N m]; T in s."""
-    return series.shifted(needed, delay)
-
-
-def delay(recorded: np.ndarray, series: Series, time: np.ndarray) -> np.ndarray:
-    """applied(t) = recorded(t - T) [N m]; T in s."""
-    return series.shifted(recorded, -time)
-
-
 def lag_inverse(
     needed: np.ndarray, series: Series, time_constant: np.ndarray
 ) -> np.ndarray:
@@ -51,69 +41,11 @@ def lag_inverse(
     return needed + time_constant * series.rate(needed)
 
 
-def lag(recorded: np.ndarray, series: Series, time_constant: np.ndarray) -> np.ndarray:
-    """Applied = recorded behind 1 / (1 + T s) [N m]; T in s."""
-    return series.lagged(recorded, time_constant)
-
-
-def scale_inverse(
-    needed: np.ndarray, series: Series | None, scale: np.ndarray
-) -> np.ndarray:
-    """Recorded = needed / (1 + s) [N m]; s > -1, dimensionless."""
-    return needed / (1.0 + scale)
-
-
-def scale(recorded: np.ndarray, series: Series | None, scale: np.ndarray) -> np.ndarray:
-    """Applied = (1 + s) recorded [N m]."""
-    return recorded * (1.0 + scale)
-
-
-def offset_inverse(
-    needed: np.ndarray, series: Series | None, torque: np.ndarray
-) -> np.ndarray:
-    """Recorded = needed - offset [N m]."""
-    return needed - torque
-
-
-def offset(
-    recorded: np.ndarray, series: Series | None, torque: np.ndarray
-) -> np.ndarray:
-    """Applied = recorded + offset [N m]."""
-    return recorded + torque
-
-
 def ripple_torque(
     position: np.ndarray, amplitude: np.ndarray, cycles: np.ndarray, phase: np.ndarray
 ) -> np.ndarray:
     """A sin(n q + phi) [N m]; A in N m, n periods per revolution, phi and q in rad."""
     return amplitude * np.sin(cycles * position + phase)
-
-
-def ripple_inverse(
-    needed: np.ndarray,
-    series: Series,
-    amplitude: np.ndarray,
-    cycles: np.ndarray,
-    phase: np.ndarray,
-) -> np.ndarray:
-    """Recorded = needed - A sin(n q + phi) [N m]."""
-    return needed - ripple_torque(series.position, amplitude, cycles, phase)
-
-
-def ripple(
-    recorded: np.ndarray,
-    series: Series,
-    amplitude: np.ndarray,
-    cycles: np.ndarray,
-    phase: np.ndarray,
-) -> np.ndarray:
-    """Applied = recorded + A sin(n q + phi) [N m]."""
-    return recorded + ripple_torque(series.position, amplitude, cycles, phase)
-
-
-def saturation_values(x: np.ndarray, nonlinear: np.ndarray) -> Values:
-    """The limit is searched; x0 is 1 with saturation and 0 without."""
-    return {"limit": nonlinear[0]}
 
 
 def ripple_values(x: np.ndarray, nonlinear: np.ndarray) -> Values:
@@ -127,10 +59,12 @@ def ripple_values(x: np.ndarray, nonlinear: np.ndarray) -> Values:
 
 def torque_limits(series: JointSeries, known: float | None) -> np.ndarray:
     """Limits to try [N m], (K,): from the least up to the largest torque in even steps and ratios; none without any."""
-    largest = _largest(series)
+    recorded = np.abs(np.concatenate(series.recorded))
+    largest = float(recorded.max())
     if largest == 0:
         return np.zeros(0)
-    least = _least_limit(series)
+    seldom = float(np.quantile(recorded, 1.0 - LIMITED_TIME_HELD))
+    least = max(MIN_LIMIT * largest, seldom)
     if known is not None:
         return np.clip(known * np.linspace(0.9, 1.1, 21), least, 0.999 * largest)
     steps = np.linspace(least, 0.98 * largest, LIMIT_GRID)
@@ -154,30 +88,15 @@ def possible_limits(
     order = np.argsort(size)
     within = np.searchsorted(size[order], limits, side="right")
     count = len(size) - within
-    sums = [_sums_from(x[order], within) for x in (along, along**2)]
+    powers = np.stack([along, along**2])[:, order]
+    up_to = np.pad(np.cumsum(powers, axis=1), ((0, 0), (1, 0)))
+    sums = up_to[:, -1:] - up_to[:, within]
     mean, mean_square = sums / np.maximum(count, 1)
     apart2 = mean_square - 2 * mean * limits + limits**2
     apart = np.sqrt(np.maximum(apart2, 0.0))
     seldom = count / len(size) < LIMITED_TIME_TRACKING
     held = apart < HELD_NEAR_LIMIT * limits
     return (mean > MIN_NEED_AT_LIMIT * limits) & (seldom | held)
-
-
-def _largest(series: JointSeries) -> float:
-    return float(np.abs(np.concatenate(series.recorded)).max())
-
-
-def _least_limit(series: JointSeries) -> float:
-    """The lowest limit [N m] that a joint's recorded torque may have."""
-    recorded = np.abs(np.concatenate(series.recorded))
-    seldom = float(np.quantile(recorded, 1.0 - LIMITED_TIME_HELD))
-    return max(MIN_LIMIT * float(recorded.max()), seldom)
-
-
-def _sums_from(series: np.ndarray, starts: np.ndarray) -> np.ndarray:
-    """Sums of a series (N,) from each of some places to its end, (L,)."""
-    up_to = np.append(0.0, np.cumsum(series))
-    return np.asarray(up_to[-1] - up_to[starts])
 
 
 def ripple_cycles(series: JointSeries, known: float | None) -> np.ndarray:
@@ -197,37 +116,12 @@ def ripple_cycles(series: JointSeries, known: float | None) -> np.ndarray:
     return np.arange(least, least + band, step) / size
 
 
-def draw_limit(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
-    """1 to 1.6 times the torque of each joint."""
-    return {"limit": scale.torque[j] * rng.uniform(1.0, 1.6)}
-
-
-def draw_delay(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
-    """2 to 20 ms."""
-    return {"delay": log_uniform(rng, 0.002, 0.02, len(j))}
-
-
-def draw_lag(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
-    """5 to 30 ms."""
-    return {"time_constant": log_uniform(rng, 0.005, 0.03, len(j))}
-
-
-def draw_scale(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
-    """10 to 30 % too much or too little."""
-    return {"scale": random_sign(rng, len(j)) * rng.uniform(0.1, 0.3, len(j))}
-
-
-def draw_offset(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
-    """5 to 30 % of the torque of each joint."""
-    return {"torque": random_sign(rng) * scale.torque[j] * rng.uniform(0.05, 0.3)}
-
-
 def draw_ripple(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
     """2 to 10 % of the torque of each joint, a whole number of times per revolution."""
     return {
-        "amplitude": scale.torque[j] * rng.uniform(0.02, 0.1, len(j)),
-        "cycles": np.round(log_uniform(rng, 2.0, 100.0, len(j))),
-        "phase": rng.uniform(0.0, 2 * np.pi, len(j)),
+        "amplitude": Drawn(0.02, 0.1, of="torque")(rng, scale, j),
+        "cycles": np.round(Drawn(2.0, 100.0, log=True)(rng, scale, j)),
+        "phase": Drawn(0.0, 2 * np.pi)(rng, scale, j),
     }
 
 
@@ -276,13 +170,14 @@ SATURATION = Path(
     place=0,
     varies_with="nothing",
     parametrisation=Parametrisation(
-        saturation_values,
+        # x0 is 1 with saturation and 0 without
+        lambda x, limit: {"limit": limit[0]},
         nonlinear=("limit",),
         lowest=0.6,
         grid=torque_limits,
         possible=possible_limits,
     ),
-    severity=draw_limit,
+    severity=drawn(limit=Drawn(1.0, 1.6, of="torque", each=False)),
     limits=True,
     quantities={"limit": "limit"},
 )
@@ -300,12 +195,12 @@ DELAY = Path(
         ("armature", "a chirp above 10 Hz"),
         ("viscous_friction", "a chirp above 10 Hz"),
     ),
-    inverse=delay_inverse,
-    applied=delay,
+    inverse=lambda needed, series, delay: series.shifted(needed, delay),
+    applied=lambda recorded, series, delay: series.shifted(recorded, -delay),
     place=1,
     varies_with="time",
     parametrisation=linear_in(DELAY_TIME, step=1e-4, lowest=MIN_DELAY),
-    severity=draw_delay,
+    severity=drawn(delay=Drawn(0.002, 0.02, log=True)),
     inherent=True,
     delays=True,
     plotted_against="torque rate",
@@ -326,11 +221,11 @@ LAG = Path(
         ("armature", "a chirp above 10 Hz"),
     ),
     inverse=lag_inverse,
-    applied=lag,
+    applied=lambda recorded, series, time: series.lagged(recorded, time),
     place=2,
     varies_with="time",
     parametrisation=linear_in(TIME_CONSTANT, step=1e-4, lowest=MIN_DELAY),
-    severity=draw_lag,
+    severity=drawn(time_constant=Drawn(0.005, 0.03, log=True)),
     inherent=True,
     delays=True,
     near_equivalent="actuator_delay",
@@ -350,12 +245,12 @@ SCALE = Path(
         ("load_friction", "slow motion in both directions under load"),
         ("torque_saturation", "the same motion at two amplitudes"),
     ),
-    inverse=scale_inverse,
-    applied=scale,
+    inverse=lambda needed, series, scale: needed / (1.0 + scale),
+    applied=lambda recorded, series, scale: recorded * (1.0 + scale),
     place=3,
     varies_with="nothing",
     parametrisation=linear_in(SCALE_ERROR, step=1e-3),
-    severity=draw_scale,
+    severity=drawn(scale=Drawn(0.1, 0.3, signed=True)),
     plotted_against="recorded torque",
     quantities={"scale": "scale"},
 )
@@ -372,12 +267,12 @@ OFFSET = Path(
         ("encoder_offset", "static poses over the whole range of the joint"),
         ("coulomb_friction", "slow motion in both directions"),
     ),
-    inverse=offset_inverse,
-    applied=offset,
+    inverse=lambda needed, series, offset: needed - offset,
+    applied=lambda recorded, series, offset: recorded + offset,
     place=4,
     varies_with="nothing",
     parametrisation=linear_in(OFFSET_TORQUE),
-    severity=draw_offset,
+    severity=drawn(torque=Drawn(0.05, 0.3, of="torque", each=False, signed=True)),
     plotted_against="time",
     quantities={"torque": "offset"},
 )
@@ -397,8 +292,12 @@ RIPPLE = Path(
     confused_with=(
         ("torque_offset", "a slow sweep over the whole range of the joint"),
     ),
-    inverse=ripple_inverse,
-    applied=ripple,
+    inverse=lambda needed, series, *values: (
+        needed - ripple_torque(series.position, *values)
+    ),
+    applied=lambda recorded, series, *values: (
+        recorded + ripple_torque(series.position, *values)
+    ),
     place=5,
     parametrisation=Parametrisation(
         ripple_values, linear=2, nonlinear=("cycles",), grid=ripple_cycles

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from numbers import Integral
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,51 +41,39 @@ class AppliedEffect:
 
     def __post_init__(self) -> None:
         """Check names, sizes and bounds."""
-        definition = by_name(self.name)
-        self._check_names(definition)
-        if (definition.scope == "joint") != bool(self.joints):
+        effect, joints = by_name(self.name), list(self.joints)
+        known, given = effect.names, [str(name) for name in self.parameters]
+        if set(known) != set(given):
+            units = ", ".join(f"{p.name} in {p.unit}" for p in effect.parameters)
+            remedy = f"give {units}"
+            if unknown := [name for name in given if name not in known]:
+                near = nearest(unknown[0], known)
+                remedy = f"{unknown[0]!r} is unknown: {near}{remedy}"
             raise InputError(
-                f"an effect of scope {definition.scope}, but joints are {list(self.joints)}",
-                "say on which joints, joints: [1, ...]"
-                if definition.scope == "joint"
-                else "leave joints: out",
+                f"expected the parameters {', '.join(known)}; got {', '.join(given) or 'none'}",
+                remedy,
                 where=self.name,
             )
-        if any(
-            not isinstance(joint, Integral) or joint < 1 for joint in self.joints
-        ) or len(set(self.joints)) != len(self.joints):
+        if (effect.scope == "joint") != bool(joints):
             raise InputError(
-                f"joints count from 1 and occur once, got {list(self.joints)}",
+                f"an effect of scope {effect.scope}, but joints are {joints}",
+                "leave joints: out"
+                if joints
+                else "say on which joints, joints: [1, ...]",
                 where=self.name,
             )
-        values = {
-            p.name: self._checked(p, definition.scope) for p in definition.parameters
-        }
-        if definition.scope == "link" and values["link"] % 1:
+        whole = all(isinstance(joint, Integral) and joint >= 1 for joint in joints)
+        if not whole or len(set(joints)) != len(joints):
+            raise InputError(
+                f"joints count from 1 and occur once, got {joints}", where=self.name
+            )
+        values = {p.name: self._checked(p, effect.scope) for p in effect.parameters}
+        if effect.scope == "link" and values["link"] % 1:
             raise InputError(
                 f"a link is a whole number, got {float(values['link'])}",
                 where=f"{self.name}.link",
             )
         object.__setattr__(self, "parameters", values)
-
-    def _check_names(self, definition: Effect) -> None:
-        """Check that each parameter is given, and no other."""
-        known, given = definition.names, [str(name) for name in self.parameters]
-        unknown, missing = (
-            [x for x in names if x not in others]
-            for names, others in ((given, known), (known, given))
-        )
-        if not (unknown or missing):
-            return
-        units = ", ".join(f"{p.name} in {p.unit}" for p in definition.parameters)
-        remedy = f"give {units}"
-        if unknown:
-            remedy = f"{unknown[0]!r} is unknown: {nearest(unknown[0], known)}{remedy}"
-        raise InputError(
-            f"expected the parameters {', '.join(known)}; got {', '.join(given) or 'none'}",
-            remedy,
-            where=self.name,
-        )
 
     def _checked(self, parameter: Parameter, scope: str) -> np.ndarray:
         """A parameter's values, as a read-only array of the right shape and within its bounds."""
@@ -131,6 +120,11 @@ class AppliedEffect:
     def effect(self) -> Effect:
         """The effect's definition in the catalogue."""
         return by_name(self.name)
+
+    @property
+    def key(self) -> tuple[str, int]:
+        """Name of the effect, and the link that it changes, 0 without one."""
+        return self.name, int(self.parameters.get("link", 0))
 
     def per_joint(self, parameter: str, n_joints: int) -> np.ndarray:
         """Values of a parameter over all joints, zero if the effect does not act; shape (n,).
@@ -191,8 +185,7 @@ def push(force: np.ndarray, start: float, end: float) -> AppliedEffect:
 # States of an arm: effects that it has in some recordings only, or between two times of one.
 
 
-@dataclass(frozen=True)
-class Place:
+class Place(NamedTuple):
     """Where something holds.
 
     Attributes:
@@ -209,8 +202,7 @@ class Place:
         return recording in self.recordings and self.start <= start and end <= self.end
 
 
-@dataclass(frozen=True)
-class State:
+class State(NamedTuple):
     """All effects that an arm has at a place.
 
     Attributes:
@@ -237,14 +229,11 @@ def states_of(entries: Sequence[Entry], order: Sequence[str] = ()) -> tuple[Stat
     if not named:
         return ()
     others = (name for name in named if name not in order)
-    every = dict.fromkeys([*others, *order])
-    return tuple(state for name in every for state in _of_recording(name, entries))
-
-
-def _of_recording(name: str, entries: Sequence[Entry]) -> Iterator[State]:
-    """The states of a recording, one after the other."""
-    places = [place for _, place in entries if place and name in place.recordings]
-    times = {-np.inf, np.inf, *(t for p in places for t in (p.start, p.end))}
-    for start, end in pairwise(sorted(times)):
-        some = (e for e, p in entries if p is None or p.holds(name, start, end))
-        yield State(Place((name,), start, end), tuple(some))
+    states = []
+    for name in dict.fromkeys([*others, *order]):
+        places = [place for _, place in entries if place and name in place.recordings]
+        times = {-np.inf, np.inf, *(t for p in places for t in (p.start, p.end))}
+        for start, end in pairwise(sorted(times)):
+            held = (e for e, p in entries if p is None or p.holds(name, start, end))
+            states.append(State(Place((name,), start, end), tuple(held)))
+    return tuple(states)

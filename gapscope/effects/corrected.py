@@ -13,12 +13,12 @@ from typing import TypeVar
 
 import numpy as np
 
+from gapscope.arm.dynamics.plain_urdf import check_inertia
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect, State
-from gapscope.effects.coupled_motors import COUPLED_ARMATURE
 from gapscope.effects.deflection import through_play, through_springs
 from gapscope.effects.effect import (
     SHEET,
@@ -31,17 +31,57 @@ from gapscope.effects.effect import (
     Signals,
     TorqueLaw,
     Transmission,
+    Turn,
 )
-from gapscope.effects.environment import BASE_TILT, tilt
-from gapscope.effects.friction import LOAD, friction_direction
-from gapscope.effects.passivity import check_totals, is_movable
+from gapscope.effects.friction import friction_direction
 from gapscope.effects.residual import ResidualNetwork
-from gapscope.effects.rigid_body import ARMATURE
 from gapscope.effects.signals import MotionSeries, slow_with_rates
-from gapscope.effects.transmission import BACKLASH, ELASTICITY
 
 K = TypeVar("K", bound=Effect)
 """A kind of effects."""
+
+
+# An arm is passive if over any motion it gives back no more energy than it was given: friction power dq tau_f >= 0 and
+# dq^T M(q) dq >= 0. Springs may be negative: their energy depends on the position alone.
+
+
+ROUNDING = 1e-8
+"""Values this far below zero are rounding, and count as zero [N m, N m s/rad, kg m^2]."""
+NOT_NEGATIVE = {
+    f"{of}{quantity}": unit
+    for of in ("", "motor_")
+    for quantity, unit in (
+        ("friction", "N m"),
+        ("damping", "N m s/rad"),
+        ("rotor", "kg m^2"),
+    )
+}
+"""Quantities of drives that feed energy in below zero, with their units."""
+
+
+def total(values: np.ndarray, name: str, unit: str) -> np.ndarray:
+    """Values per joint that may not be negative, since that would feed energy in, shape (n,); rounding is taken off.
+
+    Raises:
+        InputError: one is negative.
+    """
+    if (values < -ROUNDING).any():
+        joint = int(values.argmin())
+        raise InputError(
+            f"nominal value plus effect is {values[joint]:.4g} {unit} at joint {joint + 1}, which would feed energy in",
+            "give an increment that leaves the total at zero or above",
+            where=name,
+        )
+    return np.maximum(values, 0.0)
+
+
+def _is_movable(body: RigidBody) -> bool:
+    """Whether bodies have positive kinetic energy in every posture that is looked at, as real ones have."""
+    try:
+        check_inertia(body)
+    except InputError:
+        return False
+    return True
 
 
 @dataclass(frozen=True)
@@ -102,13 +142,25 @@ class CorrectedArm:
         """
         if self.residual is not None:
             self.residual.check(self.arm.n_joints)
-        self._check_remainder()
+        expected = self.arm.n_joints, 10
+        if self.remainder is not None and self.remainder.shape != expected:
+            raise InputError(
+                f"has shape {self.remainder.shape}, expected {expected}",
+                "give ten inertial parameters for each link, or leave it out",
+                where="remainder",
+            )
         for state in self.states:
             replace(self, effects=state.effects, states=()).check()
         places: set[tuple[str, int]] = set()
         for applied in self.effects:
             applied.check(self.arm.n_joints)
-            self._check_motors(applied)
+            lone = set(applied.joints) - set(self.arm.coupled_motors)
+            if applied.effect.reach == "motor" and lone:
+                raise InputError(
+                    f"motor {min(lone)} is not declared to turn several joints",
+                    "say so in the case: nominal: {coupling: [{motor: 6, joint: 5, ratio: 1}]}",
+                    where=applied.name,
+                )
             if isinstance(applied.effect, LinkChange | External):
                 continue
             here = {(applied.name, joint) for joint in applied.joints or (0,)}
@@ -121,30 +173,10 @@ class CorrectedArm:
                     where=applied.name,
                 )
             places |= here
-        check_totals(self.effects, self.quantity)
-
-    def _check_remainder(self) -> None:
-        """Check that the remainder is one of ten numbers for each link."""
-        expected = self.arm.n_joints, 10
-        if self.remainder is None or self.remainder.shape == expected:
-            return
-        raise InputError(
-            f"has shape {self.remainder.shape}, expected {expected}",
-            "give ten inertial parameters for each link, or leave it out",
-            where="remainder",
-        )
-
-    def _check_motors(self, applied: AppliedEffect) -> None:
-        """Check that an effect of coupled motors is on motors that are declared as coupled."""
-        if applied.effect.reach != "motor":
-            return
-        for motor in applied.joints:
-            if motor not in self.arm.coupled_motors:
-                raise InputError(
-                    f"motor {motor} is not declared to turn several joints",
-                    "say so in the case: nominal: {coupling: [{motor: 6, joint: 5, ratio: 1}]}",
-                    where=applied.name,
-                )
+        for applied in self.effects:
+            for quantity in applied.effect.quantities.values():
+                if quantity in NOT_NEGATIVE:
+                    self.passive(quantity, applied.name)
 
     def value(self, name: str, parameter: str) -> np.ndarray:
         """Values of a joint effect's parameter over all joints, zeros if it does not act; shape (n,)."""
@@ -165,6 +197,14 @@ class CorrectedArm:
             if quantity == name and applied.joints
         ]
         return np.asarray(sum(added, nominal))
+
+    def passive(self, name: str, where: str = "") -> np.ndarray:
+        """A quantity that may not be negative in total, a key of ``NOT_NEGATIVE``, of joints or coupled motors, (n,).
+
+        Raises:
+            InputError: it is negative; ``where`` names what is at fault, the quantity by default.
+        """
+        return total(self.quantity(name), where or name, NOT_NEGATIVE[name])
 
     def of_kind(self, kind: type[K]) -> list[tuple[K, list[np.ndarray]]]:
         """Effects of a kind on joints, each with its parameters over all joints, in their order, shape (n,)."""
@@ -197,9 +237,8 @@ class CorrectedArm:
     def base_rotation(self) -> np.ndarray:
         """R from the base to the world frame, shape (3, 3)."""
         for applied in self.effects:
-            if applied.name == BASE_TILT.name:
-                roll, pitch = (applied.parameters[x] for x in ("roll", "pitch"))
-                return tilt(float(roll), float(pitch))
+            if isinstance(applied.effect, Turn):
+                return applied.effect.rotation(*applied.parameters.values())
         return np.eye(3)
 
     def body(self, nominal: RigidBody) -> RigidBody:
@@ -213,7 +252,7 @@ class CorrectedArm:
 
         A payload below zero takes mass from the last link at a point; with it may go more inertia than the link has.
         """
-        return not is_movable(self.body(nominal)) and is_movable(nominal)
+        return not _is_movable(self.body(nominal)) and _is_movable(nominal)
 
     def true_position(self, q: np.ndarray) -> np.ndarray:
         """Position [rad] of what the encoders sit on from the recorded one, shape (N, n): sensing effects undone."""
@@ -224,7 +263,7 @@ class CorrectedArm:
     def rigid_torque(self, body: RigidBody, motion: Motion) -> np.ndarray:
         """Torque of the bodies, against an external force too [N m], (N, n), without rotors and friction."""
         motion = replace(motion, q=self.true_position(motion.q))
-        if any(e.name == BASE_TILT.name for e in self.effects):
+        if any(isinstance(e.effect, Turn) for e in self.effects):
             unchanged = np.zeros((self.arm.n_joints, 10))
             gravity = self.base_rotation().T @ self.arm.gravity
             body = body.changed(unchanged, gravity)
@@ -235,9 +274,8 @@ class CorrectedArm:
         if self.arm.encoder == "joint":
             # the links move as the encoders say, whatever lies between them and the motors
             return torque
-        stiffness = self.value(ELASTICITY.name, "stiffness")
-        damping = self.value(ELASTICITY.name, "damping")
-        width = self.value(BACKLASH.name, "width")
+        gear = ("gear_stiffness", "gear_damping", "play")
+        stiffness, damping, width = map(self.quantity, gear)
         # with free play its solver follows the spring too
         elastic = np.where(width > 0, 0.0, stiffness)
         if not (width.any() or elastic.any()):
@@ -268,21 +306,17 @@ class CorrectedArm:
                 torque[active] -= body.force_torque(motion.q[active], in_base)
         return torque
 
-    def _deflection(self, torque: np.ndarray, motion: Motion) -> np.ndarray:
-        """Theta - q [rad], (N, n), under the torque through the transmission [N m]."""
-        series = MotionSeries(motion)
-        out = np.zeros_like(torque)
-        for effect, values in self.of_kind(Transmission):
-            static = effect.deflection(torque, *values)
-            out += series.lagged(static, effect.lag(*values))
-        return out
-
     def _motor_motion(self, rigid: np.ndarray, motion: Motion) -> Motion:
         """Motion of the motors, joint side, from the recorded one and the torque of the bodies [N m], (N, n)."""
         motor = replace(motion, q=self.true_position(motion.q))
-        if self.arm.encoder == "motor" or not self.of_kind(Transmission):
+        between = self.of_kind(Transmission)
+        if self.arm.encoder == "motor" or not between:
             return motor
-        deflection = self._deflection(rigid, motion)
+        # theta - q under the torque through the transmission
+        series, deflection = MotionSeries(motion), np.zeros_like(rigid)
+        for effect, values in between:
+            static = effect.deflection(rigid, *values)
+            deflection += series.lagged(static, effect.lag(*values))
         ahead, ahead_rate, ahead_acceleration = slow_with_rates(deflection, motion)
         return Motion(
             motion.t,
@@ -300,9 +334,7 @@ class CorrectedArm:
         motor = self._motor_motion(rigid, motion)
         position, t = self.true_position(motion.q), motion.t[:, None]
         friction = []
-        torque = (
-            rigid + (arm.armature + self.value(ARMATURE.name, "inertia")) * motor.ddq
-        )
+        torque = rigid + self.quantity("rotor") * motor.ddq
         for law, values in self.of_kind(TorqueLaw):
             if law.reach == "motor":
                 continue
@@ -315,7 +347,8 @@ class CorrectedArm:
         plain = arm.coulomb * direction + arm.viscous * motor.dq
         torque = torque + factor * plain
         # load friction last: it acts on the whole motor torque
-        for law, values in sorted(friction, key=lambda item: item[0].name == LOAD.name):
+        friction.sort(key=lambda item: getattr(item[0], "varies_with", "") == "load")
+        for law, values in friction:
             signals = Signals(t, position, motor.dq, torque, direction)
             torque = torque + factor * law.law(signals, *values)
         return torque + self._coupled_torque(motor)
@@ -327,7 +360,7 @@ class CorrectedArm:
         """
         drives = self.arm.coupling
         laws = [item for item in self.of_kind(TorqueLaw) if item[0].reach == "motor"]
-        inertia = self.value(COUPLED_ARMATURE.name, "inertia")
+        inertia = self.quantity("motor_rotor")
         if drives is None or not (laws or inertia.any()):
             return 0.0
         position, speed = motion.q @ drives.T, motion.dq @ drives.T

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, replace
 from pathlib import Path
@@ -16,22 +16,13 @@ from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.input_file import file_beside
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.case_file import read_yaml
+from gapscope.arm.io.json_file import field, plain, schema_fault
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect, Entry, Place, State, states_of
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.residual import ResidualNetwork, read_residual
+from gapscope.effects.residual import read_residual
 from gapscope.effects.setup_faults import FAULTS, Fault
 
-_KEYS = {
-    "schema",
-    "case",
-    "effects",
-    "residual",
-    "presliding",
-    "corrects",
-    "remainder",
-    "recordings",
-}
 _PLACE = {"recordings", "from", "to"}
 
 
@@ -133,7 +124,7 @@ def read_corrected(path: Path | str) -> tuple[AppliedEffect, ...]:
     Raises:
         InputError: the file is missing, not YAML, or an entry is not an effect of the catalogue; names the entry.
     """
-    content, path = _content(Path(path)), Path(path)
+    content, entries, _ = _parsed(Path(path))
     if content.get("residual"):
         warnings.warn(
             f"{path}: the residual network is left out, it is no effect; to simulate it too, give the environment "
@@ -148,7 +139,7 @@ def read_corrected(path: Path | str) -> tuple[AppliedEffect, ...]:
             ModelWarning,
             stacklevel=2,
         )
-    return _effects(content, path)
+    return _last(entries, content)
 
 
 def read_with_faults(
@@ -159,15 +150,94 @@ def read_with_faults(
     Raises:
         InputError: as ``read_corrected``; or an entry is not a fault as ``gapscope.effects.setup_faults`` has it.
     """
-    content, path = _content(Path(path)), Path(path)
-    entries = content["effects"]
-    faults = {
-        i: x
-        for i, x in enumerate(entries)
-        if isinstance(x, dict) and str(x.get("effect")) in FAULTS
-    }
-    effects = _effects(content, path, leave_out=faults)
-    return effects, tuple(_fault(x, f"effects[{i}]", path) for i, x in faults.items())
+    content, entries, faults = _parsed(Path(path), with_faults=True)
+    return _last(entries, content), tuple(faults)
+
+
+def read_corrected_arm(arm: NominalArm, path: Path | str) -> CorrectedArm:
+    """The corrected arm from a nominal one and a file of the form of ``corrected.yaml``, residual network included.
+
+    Raises:
+        InputError: as ``read_corrected``; or the network cannot be read, or is of another arm; a joint does not exist.
+    """
+    path = Path(path)
+    content, entries, _ = _parsed(path)
+    effects, states = _last(entries, content), _states(entries, content)
+    if content.get("presliding") is not None:
+        try:
+            arm = replace(arm, presliding=content["presliding"])
+        except InputError as error:
+            raise InputError(error.problem, file=path, where="presliding") from None
+    residual = remainder = None
+    if content.get("residual") is not None:
+        file = file_beside(path.parent, content["residual"], path, "residual")
+        residual = read_residual(file)
+    if content.get("remainder") is not None:
+        remainder = np.array(content["remainder"], dtype=float, ndmin=2)
+    corrected = CorrectedArm(arm, effects, residual, remainder, states)
+    with error_context(path, effects):
+        corrected.check()
+    return corrected
+
+
+def _parsed(
+    path: Path, with_faults: bool = False
+) -> tuple[dict[str, Any], list[Entry], list[Fault]]:
+    """Content of the file, its effects with where they hold, and the faults among them if there may be any."""
+    content = read_yaml(path, "check the path")
+    _check(content, "file", path)
+    entries, faults = [], []
+    for i, entry in enumerate(content["effects"]):
+        where = f"effects[{i}]"
+        named = str(entry.get("effect")) if isinstance(entry, dict) else ""
+        if with_faults and named in FAULTS:
+            faults.append(_fault(entry, where, path))
+            continue
+        effect = read_entry(entry, where, path)
+        place = None
+        if not _PLACE.isdisjoint(entry):
+            limits = (entry.get("from"), -np.inf), (entry.get("to"), np.inf)
+            times = [none if t is None else float(t) for t, none in limits]
+            place = Place(tuple(entry["recordings"]), *times)
+            if place.start >= place.end:
+                raise InputError(
+                    f"holds from {place.start:g} to {place.end:g} s, which is no time",
+                    "give from before to",
+                    file=path,
+                    where=where,
+                )
+        entries.append((effect, place))
+    return content, entries, faults
+
+
+def _check(content: Any, section: str, file: Path | None, where: str = "") -> None:
+    """Check a file or an entry of it by its schema; raises ``InputError`` with what is expected."""
+    content = plain(content, null_if_not_finite=True)
+    fault = schema_fault(content, "corrected", section)
+    if fault is None:
+        return
+    problem = f"expected {fault.schema['description']}"
+    remedy = "see corrected.yaml of a diagnosis"
+    if fault.validator == "additionalProperties":
+        known = fault.schema["properties"]
+        unknown = sorted(str(name) for name in content if name not in known)
+        problem = f"unknown key {unknown[0]!r}"
+        remedy = f"known are {', '.join(sorted(known))}"
+    places = (where, field(fault.absolute_path))
+    raise InputError(problem, remedy, file=file, where=".".join(filter(None, places)))
+
+
+def _states(entries: Sequence[Entry], content: dict[str, Any]) -> tuple[State, ...]:
+    """The states that the entries of a file make; none if no entry says where it holds."""
+    return states_of(entries, content.get("recordings") or ())
+
+
+def _last(
+    entries: Sequence[Entry], content: dict[str, Any]
+) -> tuple[AppliedEffect, ...]:
+    """The effects of a file, those of the last state if it has several."""
+    states = _states(entries, content)
+    return states[-1].effects if states else tuple(effect for effect, _ in entries)
 
 
 def described_fault(fault: Fault) -> dict[str, Any]:
@@ -219,156 +289,6 @@ def _fault(entry: dict[str, Any], where: str, path: Path) -> Fault:
     return fault
 
 
-def read_corrected_arm(arm: NominalArm, path: Path | str) -> CorrectedArm:
-    """The corrected arm from a nominal one and a file of the form of ``corrected.yaml``, residual network included.
-
-    Raises:
-        InputError: as ``read_corrected``; or the network cannot be read, or is of another arm; a joint does not exist.
-    """
-    content, path = _content(Path(path)), Path(path)
-    effects = _effects(content, path)
-    states = _states(_entries(content, path), content, path)
-    arm = _with_presliding(arm, content, path)
-    residual, remainder = _residual(content, path), _remainder(content, path)
-    corrected = CorrectedArm(arm, effects, residual, remainder, states)
-    with error_context(path, effects):
-        corrected.check()
-    return corrected
-
-
-def _with_presliding(
-    arm: NominalArm, content: dict[str, Any], path: Path
-) -> NominalArm:
-    """The arm with the presliding of its dry friction that a file gives, if any."""
-    distances = content.get("presliding")
-    if distances is None:
-        return arm
-    try:
-        bent = replace(arm, presliding=distances)
-    except InputError as error:
-        raise InputError(error.problem, file=path, where="presliding") from None
-    if (bent.presliding < 0).any():
-        raise InputError("a distance is below zero", file=path, where="presliding")
-    return bent
-
-
-def _residual(content: dict[str, Any], path: Path) -> ResidualNetwork | None:
-    """The residual network that a file names, if any."""
-    name = content.get("residual")
-    if name is None:
-        return None
-    return read_residual(file_beside(path.parent, name, path, "residual"))
-
-
-def _remainder(content: dict[str, Any], path: Path) -> np.ndarray | None:
-    """What the links lack to predict best, (n, 10), if a file says so."""
-    given = content.get("remainder")
-    if given is None:
-        return None
-    try:
-        value = np.array(given, dtype=float)
-    except (TypeError, ValueError):
-        value = np.array(np.nan)
-    if value.ndim != 2 or not np.isfinite(value).all():
-        raise InputError(
-            "expected ten numbers for each link",
-            "see corrected.yaml of a comparison with a reference",
-            file=path,
-            where="remainder",
-        )
-    return value
-
-
-def _content(path: Path) -> dict[str, Any]:
-    """Content of the file, its keys checked."""
-    content = read_yaml(path, "check the path")
-    if (
-        not isinstance(content, dict)
-        or content.get("schema") != 1
-        or not isinstance(content.get("effects"), list)
-    ):
-        raise InputError(
-            "expected the keys schema: 1 and effects: [...]",
-            "see corrected.yaml of a diagnosis",
-            file=path,
-        )
-    if unknown := set(content) - _KEYS:
-        raise InputError(
-            f"unknown key {sorted(unknown)[0]!r}",
-            f"known are {', '.join(sorted(_KEYS))}",
-            file=path,
-        )
-    return content
-
-
-def _effects(
-    content: dict[str, Any], path: Path, leave_out: Collection[int] = ()
-) -> tuple[AppliedEffect, ...]:
-    """The effects of a file but for some entries, those of the last state if it has several."""
-    entries = _entries(content, path, leave_out)
-    states = _states(entries, content, path)
-    return states[-1].effects if states else tuple(effect for effect, _ in entries)
-
-
-def _states(
-    entries: Sequence[Entry], content: dict[str, Any], path: Path
-) -> tuple[State, ...]:
-    """The states that the entries of a file make; none if no entry says where it holds."""
-    listed = content.get("recordings") or []
-    if not _are_names(listed):
-        raise InputError(
-            "expected names of recordings",
-            "list them in the order in which they were made, recordings: [a.csv, b.csv]",
-            file=path,
-            where="recordings",
-        )
-    return states_of(entries, listed)
-
-
-def _entries(
-    content: dict[str, Any], path: Path, leave_out: Collection[int] = ()
-) -> list[Entry]:
-    """The effects of a file, each with where it holds, but for some entries."""
-    out = []
-    for i, entry in enumerate(content["effects"]):
-        if i in leave_out:
-            continue
-        effect = read_entry(entry, f"effects[{i}]", path)
-        out.append((effect, _place(entry, f"effects[{i}]", path)))
-    return out
-
-
-def _place(entry: Any, where: str, path: Path) -> Place | None:
-    """Where an entry says that its effect holds; ``None`` for everywhere."""
-    given = {key: entry[key] for key in _PLACE & set(entry)}
-    if not given:
-        return None
-    names, times = given.get("recordings"), [given.get("from"), given.get("to")]
-    numbers = all(t is None or isinstance(t, int | float) for t in times)
-    if not (names and _are_names(names) and numbers):
-        raise InputError(
-            "recordings, from and to say where an effect holds: names of recordings, and times in s",
-            "write for instance recordings: [b.csv], from: 3.5",
-            file=path,
-            where=where,
-        )
-    ends = zip(("start", "end"), times, strict=True)
-    limits = {name: float(t) for name, t in ends if t is not None}
-    place = Place(tuple(names), **limits)
-    if place.start >= place.end:
-        raise InputError(
-            f"holds from {place.start:g} to {place.end:g} s, which is no time",
-            "give from before to",
-            file=path,
-            where=where,
-        )
-    return place
-
-
-def _are_names(value: Any) -> bool:
-    return isinstance(value, list) and all(isinstance(x, str) for x in value)
-
-
 @contextmanager
 def error_context(
     path: Path | str | None, effects: Sequence[AppliedEffect]
@@ -405,17 +325,7 @@ def read_entry(entry: Any, where: str, path: Path | None = None) -> AppliedEffec
     Raises:
         InputError: it is not an effect of the catalogue.
     """
-    if (
-        not isinstance(entry, Mapping)
-        or not isinstance(entry.get("parameters", {}), Mapping)
-        or "effect" not in entry
-    ):
-        raise InputError(
-            "expected effect:, joints: and parameters:",
-            "write for instance {effect: coulomb_friction, joints: [2], parameters: {torque: [4.0]}}",
-            file=path,
-            where=where,
-        )
+    _check(entry, "entry", path, where)
     if str(entry["effect"]) in FAULTS:
         raise InputError(
             f"{entry['effect']!r} is a fault of the set-up: it lies in recordings, not in the arm",

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -158,28 +158,41 @@ class Springs:
         self._matrices, self._stiffness = matrices, stiffness[self.elastic]
         block = np.ix_(np.arange(len(torque)), self.elastic, self.elastic)
         by_position, by_velocity, mass = (matrix[block] for matrix in matrices)
-        frequency = _resonances(mass, self._stiffness)
+        # bodies of no or negative mass, on the way of a search, follow at once
+        lightest = np.diagonal(mass, axis1=1, axis2=2).min(axis=0)
+        frequency = np.sqrt(self._stiffness / np.maximum(lightest, LIGHTEST))
         # a resonance too fast to integrate deflects at once: it has neither mass nor damper
         slow = frequency <= 2 * np.pi * FASTEST_FOLLOWED
         fastest = max(frequency[slow], default=0.0)
         self._parts = int(np.ceil(fastest / rate / PHASE_PER_STEP)) or 1
         self._step = 1.0 / (rate * self._parts)
-        calmed = _critical_damping(frequency, mass, 1.0 / rate)
+        # critical damping that fades over the first ``CALM`` seconds
+        fading = 1.0 - np.arange(len(mass)) * (1.0 / rate) / CALM
+        calm = 2 * np.clip(fading, 0.0, 1.0)[:, None, None]
+        calmed = calm * frequency * mass * np.eye(len(frequency))
         d = by_velocity + np.diag(damping[self.elastic]) + calmed
         keep = np.outer(slow, slow)
         k = by_position + np.diag(self._stiffness)
         series = (mass * keep, d * keep, k, torque[:, self.elastic])
         m, d, k, driving = _finer_together(series, self._parts)
         self._calmed = np.diagonal(calmed, axis1=1, axis2=2)
-        self._recursion = _recursion(m / self._step**2, d / (2 * self._step), k)
-        delta = _held(self._recursion, driving)
-        self.followed = delta is not None
-        self.delta = _at_once(k, driving) if delta is None else delta
+        self.delta = np.full_like(driving, np.nan)
+        # of bodies without mass a step does not determine the next
+        with suppress(np.linalg.LinAlgError):
+            h = self._step
+            self._recursion = SpringRecursion(m / h**2, d / (2 * h), k)
+            self.delta = self._recursion.follow(driving)
+        # springs too soft to hold their links let them run away, and negative masses on the way of a search
+        finite = bool(np.isfinite(self.delta).all())
+        self.followed = finite and bool(np.abs(self.delta).max() <= FARTHEST)
+        if not self.followed:
+            inverse = np.linalg.pinv(k, rcond=1e-9)
+            at_once = np.einsum("nij,nj->ni", inverse, driving)
+            self.delta = np.clip(at_once, -FARTHEST, FARTHEST)
 
     @cached_property
     def columns(self) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of the torque [N m] by each spring's stiffness, and by its damping, (N, n, e); if followed."""
-        assert self._recursion is not None
         # the damping at first is critical for the stiffness, and grows with its root
         calmed = finer(0.5 * self._calmed / self._stiffness, self._parts)
         changes = self._recursion.changes(self.delta, calmed, self._step)
@@ -189,25 +202,12 @@ class Springs:
 
     def of_bodies(self, delta: np.ndarray) -> np.ndarray:
         """What R lags, (S, e, R), take from the bodies' torque [N m], (N, n, R)."""
-        rates = _with_spring_rates(delta, self._step)
+        rates = _with_rates(delta, self._step)
         parts = [
             matrix[:, :, self.elastic] @ x[:: self._parts]
             for matrix, x in zip(self._matrices, rates, strict=True)
         ]
         return np.asarray(sum(parts))
-
-
-def _resonances(mass: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
-    """Highest resonance of each link on its spring over the motion [rad/s], shape (e,); mass (N, e, e)."""
-    lightest = np.diagonal(mass, axis1=1, axis2=2).min(axis=0)
-    # bodies of no or negative mass, on the way of a search, follow at once
-    return np.sqrt(stiffness / np.maximum(lightest, LIGHTEST))
-
-
-def _critical_damping(frequency: np.ndarray, mass: np.ndarray, h: float) -> np.ndarray:
-    """Damping that fades over the first ``CALM`` seconds of steps of h [s], shape (N, e, e) [N m s/rad]."""
-    fading = np.clip(1.0 - np.arange(len(mass)) * h / CALM, 0.0, 1.0)[:, None, None]
-    return 2 * fading * frequency * mass * np.eye(len(frequency))
 
 
 def finer(series: np.ndarray, parts: int) -> np.ndarray:
@@ -229,41 +229,14 @@ def _finer_together(series: Sequence[np.ndarray], parts: int) -> list[np.ndarray
     return [x.reshape(-1, *like.shape[1:]) for x, like in pairs]
 
 
-def _recursion(m: np.ndarray, d: np.ndarray, k: np.ndarray) -> SpringRecursion | None:
-    """The links' motion step by step; ``None`` if a step does not determine the next, as of bodies without mass."""
-    try:
-        return SpringRecursion(m, d, k)
-    except np.linalg.LinAlgError:
-        return None
-
-
-def _held(recursion: SpringRecursion | None, torque: np.ndarray) -> np.ndarray | None:
-    """Delta (S, e) under a torque (S, e); ``None`` if the links run away from their motors.
-
-    Springs too soft to hold them let them, and negative masses on the way of a search.
-    """
-    if recursion is None:
-        return None
-    delta = recursion.follow(torque)
-    held = np.isfinite(delta).all() and np.abs(delta).max() <= FARTHEST
-    return delta if held else None
-
-
-def _with_spring_rates(delta: np.ndarray, h: float) -> tuple[np.ndarray, ...]:
-    """Delta (S, ...) and its first two derivatives by time; step h [s]."""
+def _with_rates(delta: np.ndarray, h: float) -> Matrices:
+    """Delta (S, ...) and its first two derivatives by time, by central differences over steps of h [s]."""
     rate = np.gradient(delta, h, axis=0)
     acceleration = np.gradient(rate, h, axis=0)
-    # the differences of the recursion itself, except at the ends
+    # narrower, as those of the recursion, so that the upper end of the band is not damped
     after, before = delta[2:], delta[:-2]
     acceleration[1:-1] = (after - 2 * delta[1:-1] + before) / h**2
     return delta, rate, acceleration
-
-
-def _at_once(k: np.ndarray, torque: np.ndarray) -> np.ndarray:
-    """Delta (N, e) of springs k (N, e, e) that follow a torque (N, e) without mass, within ``FARTHEST``."""
-    inverse = np.linalg.pinv(k, rcond=1e-9)
-    delta = np.einsum("nij,nj->ni", inverse, torque)
-    return np.clip(delta, -FARTHEST, FARTHEST)
 
 
 def of_bodies(
@@ -342,85 +315,51 @@ def _deflections(
 ) -> Matrices:
     """Delta of joints with free play and its first two derivatives by time, (N, n) each."""
     deltas = (np.zeros_like(torque), np.zeros_like(torque), np.zeros_like(torque))
+    parts = max(1, int(np.ceil(1.0 / (rate * LONGEST_STEP))))
+    h = 1.0 / (rate * parts)
     for j in np.flatnonzero(width):
-        own = tuple(matrix[:, j, j] for matrix in matrices)
-        followed = _one_joint(
-            own, torque[:, j], rate, width[j], stiffness[j], damping[j]
-        )
-        for series, delta in zip(deltas, followed, strict=True):
-            series[:, j] = delta
+        by_position, by_velocity, mass = (matrix[:, j, j] for matrix in matrices)
+        # bodies of no or negative mass, on the way of a search, are light ones here
+        mass = np.maximum(mass, LIGHTEST)
+        k, d, half = stiffness[j], damping[j], 0.5 * width[j]
+        if not k:
+            # a contact that is not known
+            k = float(mass.mean()) * (2 * np.pi * CONTACT) ** 2
+            d = 2 * CONTACT_DAMPING * float(np.sqrt(k * mass.mean()))
+        series = np.column_stack([mass, by_velocity, by_position, torque[:, j]])
+        fine = finer(series, parts)
+        delta = _play(fine, k, d, half, h)
+        held = np.isfinite(delta).all() and np.abs(delta).max() <= half + FARTHEST
+        if not held:
+            delta = half * np.sign(fine[:, 3])
+        followed = _with_rates(delta[::parts], 1.0 / rate)
+        for whole, own in zip(deltas, followed, strict=True):
+            whole[:, j] = own
     return deltas
 
 
-def _one_joint(
-    own: tuple[np.ndarray, ...],
-    torque: np.ndarray,
-    rate: float,
-    width: float,
-    k: float,
-    d: float,
-) -> Matrices:
-    """Delta of one joint with free play and its first two derivatives by time, (N,) each.
+def _play(
+    series: np.ndarray, stiffness: float, damping: float, half: float, h: float
+) -> np.ndarray:
+    """Delta (N,) of one joint with free play of half the width ``half`` [rad], by implicit steps of h [s].
 
     Args:
-        own: derivatives of its torque by its own position, velocity and acceleration, (N,) each.
-        torque: that its bodies need [N m], (N,).
-        rate: sampling rate [Hz].
-        width: whole free play [rad].
-        k, d: contact [N m/rad], [N m s/rad]; k is 0 if it is not known.
+        series: of its own equation M delta'' + C delta' + G delta = torque: M [kg m^2], C [N m s/rad], G [N m/rad] and
+            the torque [N m], (N, 4).
+        stiffness, damping: of the contact [N m/rad], [N m s/rad].
+        half: [rad].
+        h: [s].
     """
-    by_position, by_velocity, mass = own
-    # bodies of no or negative mass, on the way of a search, are light ones here
-    mass = np.maximum(mass, LIGHTEST)
-    if not k:
-        k = float(mass.mean()) * (2 * np.pi * CONTACT) ** 2
-        d = 2 * CONTACT_DAMPING * float(np.sqrt(k * mass.mean()))
-    parts = max(1, int(np.ceil(1.0 / (rate * LONGEST_STEP))))
-    h, half = 1.0 / (rate * parts), 0.5 * width
-    series = np.column_stack([mass, by_velocity, by_position, torque])
-    m, c, g, push = finer(series, parts).T
-    delta = _play(push, _OwnJoint(m, c, g, k, d), half, h)
-    held = np.isfinite(delta).all() and np.abs(delta).max() <= half + FARTHEST
-    if not held:
-        delta = half * np.sign(push)
-    return _with_play_rates(delta[::parts], 1.0 / rate)
-
-
-def _with_play_rates(delta: np.ndarray, h: float) -> Matrices:
-    """Delta (N,) with its first two derivatives by time, by central differences over samples h [s] apart."""
-    rate = np.gradient(delta, h)
-    acceleration = np.gradient(rate, h)
-    # narrower, so that the upper end of the band is not damped
-    acceleration[1:-1] = (delta[2:] - 2 * delta[1:-1] + delta[:-2]) / h**2
-    return delta, rate, acceleration
-
-
-class _OwnJoint(NamedTuple):
-    """Coefficients of one joint's own equation, M delta'' + C delta' + G delta plus spring and damper, (N,) or numbers.
-
-    Attributes:
-        m, c, g: of the bodies [kg m^2], [N m s/rad], [N m/rad].
-        k, d: of the contact [N m/rad], [N m s/rad].
-    """
-
-    m: np.ndarray
-    c: np.ndarray
-    g: np.ndarray
-    k: float
-    d: float
-
-
-def _play(torque: np.ndarray, own: _OwnJoint, half: float, h: float) -> np.ndarray:
-    """Delta (N,) of one joint with free play of half the width ``half`` [rad], by implicit steps of h [s]."""
+    m, c, g, torque = series.T
     out = np.empty(len(torque))
     # numbers of Python are faster than those of arrays, and overflow without a word: see ``held``
-    half, k, damper = float(half), float(own.k), float(own.d / h)
+    half, k, damper = float(half), float(stiffness), float(damping / h)
     flank = half if torque[0] > 0 else -half
     start = flank + float(torque[0]) / k
     now, before = start, start
-    inertia = (own.m / h**2).tolist()
-    drag = (own.c / h).tolist()
-    inside = (own.m / h**2 + own.c / h + own.g).tolist()
+    inertia = (m / h**2).tolist()
+    drag = (c / h).tolist()
+    inside = (m / h**2 + c / h + g).tolist()
     push = torque.tolist()
     contact = k + damper
     for i, floating in enumerate(inside):

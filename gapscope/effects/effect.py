@@ -6,7 +6,7 @@ What all effects of a kind have in common, its class states as default: the side
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
@@ -119,21 +119,22 @@ class Effect:
     looks_like: str
     reference: str
     confused_with: tuple[tuple[str, str], ...] = ()
-    parametrisation: Parametrisation | None = field(default=None, kw_only=True)
-    severity: Severity | None = field(default=None, kw_only=True)
-    side: Side = field(default="link", kw_only=True)
-    reach: Reach = field(default="arm", kw_only=True)
-    inherent: bool = field(default=False, kw_only=True)
-    simplified: bool = field(default=False, kw_only=True)
-    locally_linear: bool = field(default=True, kw_only=True)
-    delays: bool = field(default=False, kw_only=True)
-    limits: bool = field(default=False, kw_only=True)
-    built_in: bool = field(default=False, kw_only=True)
-    near_equivalent: str | None = field(default=None, kw_only=True)
-    on_joint: str | None = field(default=None, kw_only=True)
-    plotted_against: PlottedQuantity = field(default="own torque", kw_only=True)
-    quantities: Mapping[str, str] = field(default_factory=dict, kw_only=True)
-    without: str = field(default="", kw_only=True)
+    _: KW_ONLY
+    parametrisation: Parametrisation | None = None
+    severity: Severity | None = None
+    side: Side = "link"
+    reach: Reach = "arm"
+    inherent: bool = False
+    simplified: bool = False
+    locally_linear: bool = True
+    delays: bool = False
+    limits: bool = False
+    built_in: bool = False
+    near_equivalent: str | None = None
+    on_joint: str | None = None
+    plotted_against: PlottedQuantity = "own torque"
+    quantities: Mapping[str, str] = field(default_factory=dict)
+    without: str = ""
 
     def parameter(self, name: str) -> Parameter:
         """The parameter called ``name``; raises ``KeyError`` if there is none."""
@@ -300,7 +301,7 @@ class Series(Protocol):
         """The series behind 1 / (1 + T s), T per joint [s], shape (n,); at rest before the start."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TorqueLaw(Effect):
     """A torque that opposes the motor: recorded = nominal + law(signals, *values).
 
@@ -308,12 +309,12 @@ class TorqueLaw(Effect):
     returns N m.
     """
 
-    law: Law = field(kw_only=True)
-    side: Side = field(default="actuator", kw_only=True)
-    reach: Reach = field(default="joint", kw_only=True)
+    law: Law
+    side: Side = "actuator"
+    reach: Reach = "joint"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class DryLaw(TorqueLaw):
     """A torque law of dry friction: if the joint rests it takes any value within its amplitude.
 
@@ -324,27 +325,25 @@ class DryLaw(TorqueLaw):
         varies_with: on what the amplitude depends besides its values: a simulator takes it anew only when that changes.
     """
 
-    amplitude: Law = field(kw_only=True)
-    varies_with: Literal["nothing", "velocity", "load"] = field(
-        default="velocity", kw_only=True
-    )
+    amplitude: Law
+    varies_with: Literal["nothing", "velocity", "load"] = "velocity"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Drift(Effect):
     """A slow change of all friction of a joint by a share of it, ``change(t, *values)`` [1]; t from the start [s]."""
 
-    change: Law = field(kw_only=True)
-    side: Side = field(default="actuator", kw_only=True)
-    reach: Reach = field(default="joint", kw_only=True)
+    change: Law
+    side: Side = "actuator"
+    reach: Reach = "joint"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Inertial(Effect):
     """A change of the model: of inertia, of rotors, or of the direction of gravity."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class LinkChange(Inertial):
     """A change of one link's inertia.
 
@@ -356,10 +355,8 @@ class LinkChange(Inertial):
             (10, linear); ``None`` for central differences.
     """
 
-    change: Law = field(kw_only=True)
-    tangent_at: Callable[[np.ndarray], np.ndarray] | None = field(
-        default=None, kw_only=True
-    )
+    change: Law
+    tangent_at: Callable[[np.ndarray], np.ndarray] | None = None
 
     def tangent(self, own: np.ndarray, link: int, x: np.ndarray) -> np.ndarray:
         """Derivative of the ten parameters of a link, from 0, that has ``own``, by coordinates x, (10, linear)."""
@@ -384,11 +381,11 @@ class LinkChange(Inertial):
         return np.stack(columns, axis=3)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Turn(Inertial):
     """A turn of the base: ``rotation(*values)`` is R from the base to the world frame, (3, 3)."""
 
-    rotation: Law = field(kw_only=True)
+    rotation: Law
 
     def columns(self, at: Mechanics, x: np.ndarray, searched: np.ndarray) -> np.ndarray:
         """G times the derivative of gravity in the base frame, R^T g."""
@@ -399,7 +396,7 @@ class Turn(Inertial):
         return (at.gravity_regressor @ derivative(gravity, x[:, 0]))[..., None]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Transmission(Effect):
     """Play or compliance between motor and joint, a two-mass joint in the simulator.
 
@@ -415,15 +412,15 @@ class Transmission(Effect):
             moves an inertia [kg m^2] by a torque [N m], (N,); a linearisation around none of it shows nothing.
     """
 
-    deflection: Law = field(kw_only=True)
-    lag: Law = field(kw_only=True)
-    behind: Law = field(kw_only=True)
-    derivatives: Callable[..., np.ndarray] | None = field(default=None, kw_only=True)
-    starts: Callable[[float, np.ndarray], Iterator[np.ndarray]] = field(kw_only=True)
-    side: Side = field(default="both", kw_only=True)
-    inherent: bool = field(default=True, kw_only=True)
-    simplified: bool = field(default=True, kw_only=True)
-    locally_linear: bool = field(default=False, kw_only=True)
+    deflection: Law
+    lag: Law
+    behind: Law
+    derivatives: Callable[..., np.ndarray] | None = None
+    starts: Callable[[float, np.ndarray], Iterator[np.ndarray]]
+    side: Side = "both"
+    inherent: bool = True
+    simplified: bool = True
+    locally_linear: bool = False
 
     def columns(self, at: Mechanics, x: np.ndarray, searched: np.ndarray) -> np.ndarray:
         """Its own derivatives, or central differences."""
@@ -432,7 +429,7 @@ class Transmission(Effect):
         return self.derivatives(self, at, x)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Path(Effect):
     """Something between the recorded torque and the joint.
 
@@ -446,25 +443,23 @@ class Path(Effect):
             (``quantities``), and for all that does not depend on time.
     """
 
-    inverse: Law = field(kw_only=True)
-    applied: Law = field(kw_only=True)
-    place: int = field(kw_only=True)
-    varies_with: Literal["nothing", "position", "time"] = field(
-        default="position", kw_only=True
-    )
-    side: Side = field(default="actuator", kw_only=True)
-    reach: Reach = field(default="joint", kw_only=True)
+    inverse: Law
+    applied: Law
+    place: int
+    varies_with: Literal["nothing", "position", "time"] = "position"
+    side: Side = "actuator"
+    reach: Reach = "joint"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Sensing(Effect):
     """A map between true and recorded position [rad].
 
     ``recorded(true, *values)`` gives what the encoder says, ``true(recorded, *values)`` undoes it as far as possible.
     """
 
-    true: Law = field(kw_only=True)
-    recorded: Law = field(kw_only=True)
+    true: Law
+    recorded: Law
 
     def columns(self, at: Mechanics, x: np.ndarray, searched: np.ndarray) -> np.ndarray:
         """What moves the true positions changes the bodies' torque as their position does."""
@@ -477,11 +472,11 @@ class Sensing(Effect):
         return at.sensitivities[0][:, :, None] * by_x[:, None]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class External(Effect):
     """An external force: ``active(t, start, end)`` says when it acts [1]; t from the start of the recording [s]."""
 
-    active: Law = field(kw_only=True)
+    active: Law
 
     def columns(self, at: Mechanics, x: np.ndarray, searched: np.ndarray) -> np.ndarray:
         """-J^T while it acts."""

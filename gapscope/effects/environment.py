@@ -40,11 +40,6 @@ def clip_tilt(x: np.ndarray) -> np.ndarray:
     )
 
 
-def force_values(x: np.ndarray, nonlinear: np.ndarray) -> Values:
-    """The force is linear, the interval in which it acts is searched."""
-    return {"force": x, "start": nonlinear[0], "end": nonlinear[1]}
-
-
 def draw_tilt(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
     """0.5 to 5 degrees in any direction."""
     angle = np.deg2rad(rng.uniform(0.5, 5.0))
@@ -104,7 +99,11 @@ EXTERNAL_FORCE = External(
     reference="haddadin2017",
     confused_with=(("payload", "the same motion once more, with nobody near"),),
     active=acts,
-    parametrisation=Parametrisation(force_values, linear=3, nonlinear=("start", "end")),
+    parametrisation=Parametrisation(
+        lambda x, times: {"force": x, "start": times[0], "end": times[1]},
+        linear=3,
+        nonlinear=("start", "end"),
+    ),
     severity=draw_force,
     quantities={"force": "contact", "start": "contact", "end": "contact"},
     without="it belongs to the recording in which it acted",

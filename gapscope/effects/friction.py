@@ -14,16 +14,14 @@ from __future__ import annotations
 import numpy as np
 
 from gapscope.arm.nominal import smooth_sign
-from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.effect import Drift, DryLaw, Signals, TorqueLaw
 from gapscope.effects.parameter import Parameter
 from gapscope.effects.parametrisation import (
     Grid,
-    Values,
     amplitude_and_searched,
     linear_in,
 )
-from gapscope.effects.signals import log_uniform
+from gapscope.effects.signals import Drawn, drawn
 
 
 def friction_direction(
@@ -40,45 +38,20 @@ def friction_direction(
     direction = smooth_sign(velocity)
     bends = np.flatnonzero(distance)
     if bends.size:
-        first = direction[0, bends]
-        direction[:, bends] = _bend(position[:, bends], distance[bends], first)
+        # a step dq without reversal takes s to sgn dq + (s - sgn dq) exp(-|dq| / z_s), exactly: an affine map, so that
+        # the state is the running composition of maps, which takes log2 N passes over the series instead of N steps
+        step = np.diff(position[:, bends], axis=0, prepend=position[:1, bends])
+        factor = np.exp(-np.abs(step) / distance[bends])
+        state = np.sign(step) * (1.0 - factor)
+        state[0] = direction[0, bends]
+        reach = 1
+        while reach < len(position):
+            # the map of the last `reach` steps after that of the `reach` steps before them
+            state[reach:] += factor[reach:] * state[:-reach].copy()
+            factor[reach:] *= factor[:-reach].copy()
+            reach *= 2
+        direction[:, bends] = state
     return direction
-
-
-def _bend(position: np.ndarray, distance: np.ndarray, first: np.ndarray) -> np.ndarray:
-    """Dahl's state along a path [rad], (N, k), with z_s and the state at first of shape (k,).
-
-    A step dq without reversal takes s to sgn dq + (s - sgn dq) exp(-|dq| / z_s), exactly: an affine map, so that the
-    state is the running composition of maps, which takes log2 N passes over the series instead of N steps.
-    """
-    step = np.diff(position, axis=0, prepend=position[:1])
-    factor = np.exp(-np.abs(step) / distance)
-    state = np.sign(step) * (1.0 - factor)
-    state[0] = first
-    reach = 1
-    while reach < len(position):
-        # the map of the last `reach` steps after that of the `reach` steps before them
-        state[reach:] += factor[reach:] * state[:-reach].copy()
-        factor[reach:] *= factor[:-reach].copy()
-        reach *= 2
-    return state
-
-
-def coulomb_amplitude(
-    velocity: np.ndarray, load: np.ndarray, torque: np.ndarray
-) -> np.ndarray:
-    """c [N m], whatever velocity and load."""
-    return torque + 0.0 * velocity
-
-
-def coulomb(signals: Signals, torque: np.ndarray) -> np.ndarray:
-    """c sgn v [N m]; c in N m, v in rad/s."""
-    return torque * signals.direction
-
-
-def viscous(signals: Signals, coefficient: np.ndarray) -> np.ndarray:
-    """b v [N m]; b in N m s/rad, v in rad/s."""
-    return coefficient * signals.velocity
 
 
 def stribeck_amplitude(
@@ -87,14 +60,6 @@ def stribeck_amplitude(
     """d exp(-(v / vs)^2) [N m]; d in N m, v and vs in rad/s. If vs is 0 the effect is off."""
     relative = velocity / np.where(speed > 0, speed, 1.0)
     return torque * np.exp(-relative * relative)
-
-
-def stribeck(signals: Signals, torque: np.ndarray, speed: np.ndarray) -> np.ndarray:
-    """d exp(-(v / vs)^2) sgn v [N m]."""
-    return (
-        stribeck_amplitude(signals.velocity, signals.load, torque, speed)
-        * signals.direction
-    )
 
 
 def saturating_amplitude(
@@ -108,21 +73,6 @@ def saturating_amplitude(
     present = speed > 0
     relative = np.abs(velocity) / np.where(present, speed, 1.0)
     return np.where(present, torque, 0.0) * np.tanh(relative)
-
-
-def saturating(signals: Signals, torque: np.ndarray, speed: np.ndarray) -> np.ndarray:
-    r"""d tanh(\|v\| / vs) sgn v [N m]."""
-    return (
-        saturating_amplitude(signals.velocity, signals.load, torque, speed)
-        * signals.direction
-    )
-
-
-def load_amplitude(
-    velocity: np.ndarray, load: np.ndarray, coefficient: np.ndarray
-) -> np.ndarray:
-    r"""mu \|tau_load\| [N m]; mu dimensionless, the load the applied motor torque [N m]."""
-    return coefficient * np.abs(load)
 
 
 def load_dependent(signals: Signals, coefficient: np.ndarray) -> np.ndarray:
@@ -142,40 +92,6 @@ def drift_change(
     present = time_constant > 0
     decay = np.exp(-t / np.where(present, time_constant, 1.0))
     return np.where(present, amplitude, 0.0) * decay
-
-
-def draw_coulomb(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
-    """5 to 30 % of the torque of each joint."""
-    return {"torque": scale.torque[j] * rng.uniform(0.05, 0.3)}
-
-
-def draw_viscous(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
-    """5 to 30 % of the torque of each joint at its velocity limit."""
-    return {"coefficient": scale.torque[j] / scale.speed[j] * rng.uniform(0.05, 0.3)}
-
-
-def draw_stribeck(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
-    """5 to 20 % of the torque of each joint."""
-    return {
-        "torque": scale.torque[j] * rng.uniform(0.05, 0.2),
-        "velocity": log_uniform(rng, 0.02, 2.9, len(j)),
-    }
-
-
-def draw_saturating(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
-    """5 to 30 % of the torque of each joint, that it reaches between a tenth and a half of its velocity limit."""
-    return {
-        "torque": scale.torque[j] * rng.uniform(0.05, 0.3),
-        "velocity": scale.speed[j] * rng.uniform(0.05, 0.25, len(j)),
-    }
-
-
-def draw_drift(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
-    """Friction that falls by a sixth to a half, within minutes so that a recording shows it."""
-    return {
-        "amplitude": rng.uniform(0.2, 1.0, len(j)),
-        "time_constant": log_uniform(rng, 5.0, 300.0, len(j)),
-    }
 
 
 PRESLIDING_DISTANCES = (1e-5, 2e-5, 3e-5, 6e-5, 1e-4, 3e-4)
@@ -201,10 +117,10 @@ COULOMB = DryLaw(
         ("load_friction", "the same motion with two payloads"),
         ("viscous_friction", "the same path at a tenth of the speed"),
     ),
-    law=coulomb,
-    amplitude=coulomb_amplitude,
+    law=lambda signals, torque: torque * signals.direction,
+    amplitude=lambda velocity, load, torque: torque + 0.0 * velocity,
     parametrisation=linear_in(COULOMB_TORQUE, data_sheet="coulomb"),
-    severity=draw_coulomb,
+    severity=drawn(torque=Drawn(0.05, 0.3, of="torque", each=False)),
     plotted_against="velocity",
     quantities={"torque": "friction"},
     varies_with="nothing",
@@ -222,9 +138,11 @@ VISCOUS = TorqueLaw(
         ("coulomb_friction", "the same path at a tenth of the speed"),
         ("armature", "slow and fast runs of the same path"),
     ),
-    law=viscous,
+    law=lambda signals, coefficient: coefficient * signals.velocity,
     parametrisation=linear_in(VISCOUS_COEFFICIENT, data_sheet="viscous"),
-    severity=draw_viscous,
+    severity=lambda rng, scale, j: {
+        "coefficient": scale.torque[j] / scale.speed[j] * rng.uniform(0.05, 0.3)
+    },
     simplified=True,
     plotted_against="velocity",
     quantities={"coefficient": "damping"},
@@ -247,12 +165,17 @@ STRIBECK = DryLaw(
         ("backlash", "slow ramps in both directions"),
         ("coulomb_friction", "the same path at a tenth of the speed"),
     ),
-    law=stribeck,
+    law=lambda signals, *values: (
+        stribeck_amplitude(signals.velocity, signals.load, *values) * signals.direction
+    ),
     amplitude=stribeck_amplitude,
     parametrisation=amplitude_and_searched(
         "torque", "velocity", Grid(0.01, 3.0, (5e-3, 10.0)), lowest=0.0
     ),
-    severity=draw_stribeck,
+    severity=drawn(
+        torque=Drawn(0.05, 0.2, of="torque", each=False),
+        velocity=Drawn(0.02, 2.9, log=True),
+    ),
     inherent=True,
     simplified=True,
     quantities={"torque": "breakaway", "velocity": "breakaway_speed"},
@@ -277,7 +200,10 @@ SATURATING = DryLaw(
         ("coulomb_friction", "the same path at a tenth of the speed"),
         ("stribeck_friction", "the same path at a tenth of the speed"),
     ),
-    law=saturating,
+    law=lambda signals, *values: (
+        saturating_amplitude(signals.velocity, signals.load, *values)
+        * signals.direction
+    ),
     amplitude=saturating_amplitude,
     parametrisation=amplitude_and_searched(
         "torque",
@@ -286,7 +212,10 @@ SATURATING = DryLaw(
         Grid(0.1, 0.7, (0.1, 0.7), unit="largest speed", points=10),
         lowest=0.0,
     ),
-    severity=draw_saturating,
+    severity=drawn(
+        torque=Drawn(0.05, 0.3, of="torque", each=False),
+        velocity=Drawn(0.05, 0.25, of="speed"),
+    ),
     inherent=True,
     simplified=True,
     plotted_against="velocity",
@@ -307,7 +236,7 @@ LOAD = DryLaw(
         ("torque_scale", "static poses under load, then slow reversals"),
     ),
     law=load_dependent,
-    amplitude=load_amplitude,
+    amplitude=lambda velocity, load, coefficient: coefficient * np.abs(load),
     parametrisation=linear_in(LOAD_COEFFICIENT, step=1e-3, lowest=0.0),
     inherent=True,
     plotted_against="directed load",
@@ -339,7 +268,10 @@ DRIFT = Drift(
         step=1e-3,
         lowest=-0.95,
     ),
-    severity=draw_drift,
+    # within minutes, so that a recording shows it
+    severity=drawn(
+        amplitude=Drawn(0.2, 1.0), time_constant=Drawn(5.0, 300.0, log=True)
+    ),
     inherent=True,
     simplified=True,
     quantities={"amplitude": "drift", "time_constant": "drift_time"},

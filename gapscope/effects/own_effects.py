@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 from zlib import crc32
 
 import numpy as np
@@ -151,207 +152,196 @@ def check_effect(effect: Effect) -> None:
         InputError: it cannot; says what is expected, and what to do.
     """
     _check_record(effect)
-    _check_parametrisation(effect)
+    _check_values(effect)
     with np.errstate(all="ignore"):
         for trial in _trials(effect):
-            _check_law(effect, *trial)
+            _check_law(effect, trial)
+
+
+def _refused(effect: Effect, part: str, problem: str, remedy: str) -> InputError:
+    """The error that a part of an effect is at fault."""
+    return InputError(problem, remedy, where=f"{effect.name}.{part}".rstrip("."))
 
 
 def _check_record(effect: Effect) -> None:
     """Check the names, the kind, the family and the ranges."""
-
-    def refuse(problem: str, remedy: str, where: str = "") -> InputError:
-        place = f"{effect.name}.{where}" if where else str(effect.name)
-        return InputError(problem, remedy, where=place)
-
     for name in (effect.name, *effect.names):
         if not isinstance(name, str) or not _NAME.fullmatch(name):
-            raise refuse(
+            raise _refused(
+                effect,
+                "",
                 f"{name!r} is no name for files and commands",
                 "use snake case: small letters, digits and underscores, as in cogging_torque",
             )
+    kind = type(effect).__name__
     if not isinstance(effect, KINDS):
-        names = ", ".join(kind.__name__ for kind in KINDS)
-        raise refuse(f"{type(effect).__name__} has no law", f"make it one of {names}")
-    if effect.family not in FAMILIES:
-        raise refuse(
-            f"unknown family {effect.family!r}",
-            f"use one of {', '.join(FAMILIES)}",
-            "family",
-        )
-    scopes: dict[type[Effect], tuple[str, ...]] = {
-        LinkChange: ("link", "arm"),
-        External: ("arm",),
-        Turn: ("arm",),
-    }
-    allowed = next((s for k, s in scopes.items() if isinstance(effect, k)), ("joint",))
-    if effect.scope not in allowed:
-        raise refuse(
-            f"a {type(effect).__name__} of scope {effect.scope!r}",
-            f"use {' or '.join(allowed)}",
-            "scope",
-        )
+        names = ", ".join(known.__name__ for known in KINDS)
+        raise _refused(effect, "", f"{kind} has no law", f"make it one of {names}")
+    scopes: tuple[str, ...] = ("joint",)
+    if isinstance(effect, LinkChange):
+        scopes = ("link", "arm")
+    elif isinstance(effect, External | Turn):
+        scopes = ("arm",)
+    for part, known in (("family", FAMILIES), ("scope", scopes)):
+        if getattr(effect, part) not in known:
+            problem = f"a {kind} of {part} {getattr(effect, part)!r}"
+            raise _refused(effect, part, problem, f"use {' or '.join(known)}")
     for p in effect.parameters:
         (low, high), (least, most) = p.bounds, p.typical
         if not low <= least <= most <= high or least == most == 0.0:
-            raise refuse(
+            raise _refused(
+                effect,
+                p.name,
                 f"typical values {p.typical} within bounds {p.bounds} {p.unit}",
                 "give the smallest first, typical ones within the bounds and not all zero",
-                p.name,
             )
     for name, quantity in effect.quantities.items():
         if name not in effect.names or quantity not in QUANTITIES:
-            raise refuse(
+            raise _refused(
+                effect,
+                "quantities",
                 f"{name!r}: {quantity!r} is no quantity of a parameter",
                 f"name a parameter, and one of {', '.join(QUANTITIES)}",
-                "quantities",
             )
 
 
-def _check_parametrisation(effect: Effect) -> None:
+def _check_values(effect: Effect) -> None:
     """Check that fitting and drawing give the parameters, and that a search for one has a place to begin."""
-    fit, given = effect.parametrisation, {}
+    fit, draw, given = effect.parametrisation, effect.severity, {}
     if fit is not None:
         on_grid = isinstance(effect, TorqueLaw | Drift) and bool(fit.nonlinear)
         if on_grid and (fit.grid is None or len(fit.nonlinear) > 1):
-            raise InputError(
+            raise _refused(
+                effect,
+                "parametrisation",
                 f"no Grid says where the search for {', '.join(fit.nonlinear)} begins",
                 "give one nonlinear parameter, and a Grid of the values to try first",
-                where=f"{effect.name}.parametrisation",
             )
-        x, s = np.ones((fit.linear, 1)), np.ones((len(fit.nonlinear), 1))
-        given["parametrisation"] = lambda: fit.values(x, s)
-    if effect.severity is not None:
-        draw, ones = effect.severity, np.ones(_JOINTS)
+        x = np.ones((fit.linear, 1)), np.ones((len(fit.nonlinear), 1))
+        given["parametrisation"] = partial(fit.values, *x)
+    if draw is not None:
+        ones = np.ones(_JOINTS)
         scale = ArmScale(ones, ones, ones, ones, ones, 1.0)
         joints = np.arange(_JOINTS if effect.scope == "joint" else 0)
-        rng = np.random.default_rng(0)
-        given["severity"] = lambda: draw(rng, scale, joints)
-    for what, values_of in given.items():
-        where = f"{effect.name}.{what}"
+        given["severity"] = partial(draw, np.random.default_rng(0), scale, joints)
+    # on which link it acts is searched beside its values
+    searched = {"link"} if effect.scope == "link" else set()
+    for part, values_of in given.items():
         try:
             names = set(values_of())
         except Exception as error:
-            raise InputError(
+            raise _refused(
+                effect,
+                part,
                 f"cannot be computed ({type(error).__name__}: {error})",
                 f"let it give a value of {', '.join(effect.names)}; {PAGE}",
-                where=where,
             ) from error
-        # on which link it acts is searched beside its values
-        searched = {"link"} if effect.scope == "link" else set()
         if names | searched != set(effect.names):
-            raise InputError(
+            raise _refused(
+                effect,
+                part,
                 f"gives {', '.join(sorted(names)) or 'nothing'}, but the parameters are {', '.join(effect.names)}",
                 "let it give a value of each parameter",
-                where=where,
             )
 
 
-Trial = tuple[str, Callable[..., Any], Callable[[Any], tuple[Any, ...]], np.ndarray]
-"""Name of a law; the law; what it takes before its parameters, from the rows that it is asked for; its values without
-the effect, shape (N, n)."""
+class _Trial(NamedTuple):
+    """A law of an effect with samples.
+
+    Attributes:
+        name: of the law.
+        takes: what it takes before its parameters, in words.
+        arguments: the same, of the rows that are asked for.
+        without: its values without the effect, (N, n).
+    """
+
+    name: str
+    takes: str
+    arguments: Callable[[Any], tuple[Any, ...]]
+    without: np.ndarray
 
 
-def _trials(effect: Effect) -> Iterator[Trial]:
+def _trials(effect: Effect) -> list[_Trial]:
     """The laws of an effect on joints, each with samples. Of those on links and arms, the record alone is checked."""
     rng = np.random.default_rng(0)
     q, dq, load = rng.uniform(-2.0, 2.0, (3, _N, _JOINTS))
     # where laws divide by zero
     dq[0] = load[1] = q[2] = 0.0
     t = np.linspace(0.0, 1.0, _N)
-    none = np.zeros((_N, _JOINTS))
-    time = t[:, None]
-    if isinstance(effect, TorqueLaw):
-        yield (
-            "law",
-            effect.law,
-            lambda k: (Signals(time[k], q[k], dq[k], load[k]),),
-            none,
-        )
-    if isinstance(effect, DryLaw):
-        # without the effect its amplitude is zero as well
-        yield "amplitude", effect.amplitude, lambda k: (dq[k], load[k]), none
-    if isinstance(effect, Drift):
-        yield "change", effect.change, lambda k: (time[k],), none
-    if isinstance(effect, Transmission):
-        yield "deflection", effect.deflection, lambda k: (load[k],), none
-    if isinstance(effect, Sensing):
-        yield "true", effect.true, lambda k: (q[k],), q
-        yield "recorded", effect.recorded, lambda k: (q[k],), q
-    if isinstance(effect, WayToJoint):
-        series = MotionSeries(Motion(t, q, dq, dq))
-        # a series is needed whole, as for delays
-        yield "inverse", effect.inverse, lambda k: (load, series), load
-        yield "applied", effect.applied, lambda k: (load, series), load
+    none, time = np.zeros((_N, _JOINTS)), t[:, None]
+    # a series is needed whole, as for delays
+    way = load, MotionSeries(Motion(t, q, dq, dq))
+
+    def signals(k: Any) -> tuple[Signals]:
+        return (Signals(time[k], q[k], dq[k], load[k]),)
+
+    place, recorded = "position [rad]", "the torque recorded [N m], a Series"
+    known: dict[type[Effect], list[_Trial]] = {
+        TorqueLaw: [_Trial("law", "Signals", signals, none)],
+        DryLaw: [
+            _Trial(
+                *("amplitude", "velocity [rad/s], load [N m]"),
+                lambda k: (dq[k], load[k]),
+                none,
+            )
+        ],
+        Drift: [_Trial("change", "time [s]", lambda k: (time[k],), none)],
+        Transmission: [
+            _Trial("deflection", "torque [N m]", lambda k: (load[k],), none)
+        ],
+        Sensing: [
+            _Trial("true", place, lambda k: (q[k],), q),
+            _Trial("recorded", place, lambda k: (q[k],), q),
+        ],
+        WayToJoint: [
+            _Trial("inverse", "the torque needed, a Series", lambda k: way, load),
+            _Trial("applied", recorded, lambda k: way, load),
+        ],
+    }
+    return [x for kind in known if isinstance(effect, kind) for x in known[kind]]
 
 
-def _check_law(
-    effect: Effect,
-    what: str,
-    law: Callable[..., Any],
-    arguments: Callable[[Any], tuple[Any, ...]],
-    without: np.ndarray,
-) -> None:
+def _check_law(effect: Effect, trial: _Trial) -> None:
     """Check a law with typical values of the parameters, with one sample alone, and without the effect."""
-    where = f"{effect.name}.{what}"
+    law, without = getattr(effect, trial.name), trial.without
     typical = [np.linspace(*p.typical, _JOINTS) for p in effect.parameters]
-    absent = [np.zeros(_JOINTS) for _ in effect.parameters]
-    every = slice(None)
+    refused = partial(_refused, effect, trial.name)
 
     def computed(rows: Any, values: Iterable[np.ndarray]) -> np.ndarray:
         try:
-            result = np.asarray(law(*arguments(rows), *values), dtype=float)
+            result = np.asarray(law(*trial.arguments(rows), *values), dtype=float)
         except Exception as error:
-            raise InputError(
+            raise refused(
                 f"cannot be computed ({type(error).__name__}: {error})",
-                f"let it take {_taken(what)} and the parameters {', '.join(effect.names)}, in this order; it gets "
+                f"let it take {trial.takes} and the parameters {', '.join(effect.names)}, in this order; it gets "
                 f"arrays and uses functions of numpy: {PAGE}",
-                where=where,
             ) from error
         wanted = without[rows].shape
         try:
             return np.broadcast_to(result, wanted)
         except ValueError:
-            raise InputError(
+            raise refused(
                 f"gives an array of shape {result.shape}, expected {wanted}: one value for each sample and joint",
                 "compute each sample and joint by itself, without sums or indices over them",
-                where=where,
             ) from None
 
-    series = computed(every, typical)
+    series = computed(slice(None), typical)
     if not np.isfinite(series).all():
-        raise InputError(
+        raise refused(
             "gives nan or infinity for typical values of its parameters",
             "keep what it divides by away from zero, and powers of negative numbers out",
-            where=where,
         )
-    if not isinstance(effect, WayToJoint):
-        for row in range(_N):
-            if not np.allclose(computed(row, typical), series[row], atol=1e-9):
-                raise InputError(
-                    "gives another value for one sample alone than for the same sample in a series",
-                    "let a sample depend on nothing but its own signals and the parameters",
-                    where=where,
-                )
-    off = computed(every, absent)
-    if not np.allclose(off, without, rtol=0.0, atol=1e-9):
-        found = off[~np.isclose(off, without, rtol=0.0, atol=1e-9)][0]
-        raise InputError(
-            f"gives {found:g} where every parameter is zero, as on joints that do not have the effect",
+    for row in range(0 if isinstance(effect, WayToJoint) else _N):
+        if not np.allclose(computed(row, typical), series[row], atol=1e-9):
+            raise refused(
+                "gives another value for one sample alone than for the same sample in a series",
+                "let a sample depend on nothing but its own signals and the parameters",
+            )
+    off = computed(slice(None), np.zeros((len(typical), _JOINTS)))
+    wrong = off[~np.isclose(off, without, rtol=0.0, atol=1e-9)]
+    if wrong.size:
+        raise refused(
+            f"gives {wrong[0]:g} where every parameter is zero, as on joints that do not have the effect",
             "let it do nothing there: multiply by an amplitude, and divide by gapscope.effects.parametrisation.nonzero"
             "(x)",
-            where=where,
         )
-
-
-def _taken(what: str) -> str:
-    """What a law takes before its parameters, in words."""
-    taken: Mapping[str, str] = {
-        "law": "Signals",
-        "amplitude": "velocity [rad/s], load [N m]",
-        "change": "time [s]",
-        "deflection": "torque [N m]",
-        "inverse": "the torque needed [N m], a Series",
-        "applied": "the torque recorded [N m], a Series",
-    }
-    return taken.get(what, "position [rad]")

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -139,12 +138,12 @@ def linear_in(
     """
     sized = parameter.unit not in ("N m", "N m s/rad")
     return Parametrisation(
-        partial(_only, parameter.name),
+        lambda x, _: {parameter.name: x[0]},
         step=step,
         lowest=lowest,
         usual=max(map(abs, parameter.typical)) if sized else np.inf,
         data_sheet=data_sheet,
-        clip=partial(_within, parameter.bounds),
+        clip=lambda x: np.clip(x, *parameter.bounds),
     )
 
 
@@ -158,7 +157,7 @@ def amplitude_and_searched(
 ) -> Parametrisation:
     """The parametrisation of an effect linear in one parameter, its amplitude, with another that is searched."""
     return Parametrisation(
-        partial(_amplitude_and_searched, amplitude, searched),
+        lambda x, searches: {amplitude: x[0], searched: searches[0]},
         nonlinear=(searched,),
         step=step,
         lowest=lowest,
@@ -169,17 +168,3 @@ def amplitude_and_searched(
 def nonzero(divisor: np.ndarray) -> np.ndarray:
     """A divisor kept away from zero, its sign lost below 1e-9."""
     return np.where(np.abs(divisor) < 1e-9, 1e-9, divisor)
-
-
-def _only(name: str, x: np.ndarray, nonlinear: np.ndarray) -> Values:
-    return {name: x[0]}
-
-
-def _amplitude_and_searched(
-    amplitude: str, searched: str, x: np.ndarray, nonlinear: np.ndarray
-) -> Values:
-    return {amplitude: x[0], searched: nonlinear[0]}
-
-
-def _within(bounds: tuple[float, float], x: np.ndarray) -> np.ndarray:
-    return np.clip(x, *bounds)

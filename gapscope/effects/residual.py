@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -56,13 +57,6 @@ class Memory:
         return np.hstack([self._stop / REACHES, self._heat])
 
 
-def memory_series(motion: Motion, load: np.ndarray) -> np.ndarray:
-    """States along a motion, (n, N, STATES); ``load`` in N m, (N, n)."""
-    memory, dt = Memory(motion.q[0]), 1.0 / motion.rate
-    states = [memory.advance(q, x, dt) for q, x in zip(motion.q, load, strict=True)]
-    return np.stack(states, axis=1)
-
-
 # What a residual network sees of a motion: per joint its own signals, what it remembers, the other joints.
 
 
@@ -74,20 +68,29 @@ OF_OTHERS = 3
 """The direction of the other joints."""
 
 
-@dataclass(frozen=True)
 class Layout:
     """Places of the channels of a joint of an arm with n joints; C = 13 + 7 n of them.
 
     The joint's dq, ddq and load; its directions; its memory; dq, ddq, load and direction of the others; q, sin q and
     cos q of all joints, its own first.
+
+    Attributes:
+        channels: number C of channels.
+        direction, memory: slices of the joint's directions and its memory.
+        others: of the signals of the other joints: dq, ddq, load and direction, n - 1 each.
+        angle: place of the joint's position; those of the others follow.
+        past: channels of which a network with a short past sees the past: dq and a direction.
     """
 
-    n: int
-
-    @property
-    def channels(self) -> int:
-        """Number C of channels."""
-        return self.angle + 3 * self.n
+    def __init__(self, n: int) -> None:
+        self.n = n
+        directions = 3 + len(SPEEDS)
+        self.direction = slice(3, directions)
+        self.memory = slice(directions, directions + STATES)
+        self.angle = self.memory.stop + 4 * (n - 1)
+        self.others = slice(self.memory.stop, self.angle)
+        self.channels = self.angle + 3 * n
+        self.past = np.array([0, 3 + DIRECTION])
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -104,40 +107,15 @@ class Layout:
         return (*own, *directions, *memory, *of_others, *posture)
 
     @property
-    def direction(self) -> slice:
-        """The joint's directions."""
-        return slice(3, 3 + len(SPEEDS))
-
-    @property
-    def memory(self) -> slice:
-        """The joint's memory."""
-        return slice(self.direction.stop, self.direction.stop + STATES)
-
-    @property
-    def others(self) -> slice:
-        """Signals of the other joints: dq, ddq, load and direction, n - 1 each."""
-        return slice(self.memory.stop, self.memory.stop + 4 * (self.n - 1))
-
-    @property
-    def angle(self) -> int:
-        """The joint's position; those of the others follow."""
-        return self.others.stop
-
-    @property
     def own(self) -> np.ndarray:
         """Channels of the joint itself."""
         position = self.angle + self.n * np.arange(3)
         return np.concatenate([np.arange(self.memory.stop), position])
 
     @property
-    def past(self) -> np.ndarray:
-        """Channels of which a network with a short past sees the past: dq and a direction."""
-        return np.array([0, self.direction.start + DIRECTION])
-
-    @property
     def neighbourhood(self) -> np.ndarray:
         """Channels by which the distance from the training data is told: dq, ddq, load, direction, dq, sin q, cos q."""
-        own = [0, 1, 2, self.direction.start + DIRECTION]
+        own = [0, 1, 2, 3 + DIRECTION]
         others = np.arange(self.others.start, self.others.start + self.n - 1)
         posture = np.arange(self.angle + self.n, self.channels)
         return np.concatenate([own, others, posture]).astype(int)
@@ -164,7 +142,7 @@ class Inputs:
     mean: np.ndarray
     std: np.ndarray
 
-    @property
+    @cached_property
     def layout(self) -> Layout:
         """Places of the channels."""
         return Layout(self.n)
@@ -213,8 +191,10 @@ class Inputs:
 
 def channels(motion: Motion, load: np.ndarray) -> np.ndarray:
     """Channels of each joint at each sample, in their units, shape (n, N, C)."""
-    memory = memory_series(motion, load)
-    return channels_with(memory, motion.q, motion.dq, motion.ddq, load)
+    memory, dt = Memory(motion.q[0]), 1.0 / motion.rate
+    states = [memory.advance(q, x, dt) for q, x in zip(motion.q, load, strict=True)]
+    remembered = np.stack(states, axis=1)
+    return channels_with(remembered, motion.q, motion.dq, motion.ddq, load)
 
 
 def channels_with(
@@ -255,8 +235,7 @@ FRICTION = 3
 """The direction that friction follows."""
 
 
-@dataclass(frozen=True)
-class Basis:
+class Basis(NamedTuple):
     """F functions for each of n joints, of its channels held within the range of training.
 
     Waves over its position, alone and times its direction; its directions and speed; its memory; its load, alone and
@@ -274,15 +253,11 @@ class Basis:
     own: np.ndarray
     everything: np.ndarray
 
-    @property
-    def layout(self) -> Layout:
-        """Places of the channels."""
-        return Layout(len(self.low))
-
     def parts(self, now: np.ndarray) -> list[np.ndarray]:
         """The functions by kind, each (n, N, .), of normalised channels (n, N, C)."""
         x = np.clip(now, self.low[:, None], self.high[:, None])
-        at, n = self.layout, self.layout.n
+        n = len(self.low)
+        at = Layout(n)
         direction, memory = x[..., at.direction], x[..., at.memory]
         speed, load, friction = x[..., :1], x[..., 2:3], direction[..., [FRICTION]]
         strain, warmth = memory[..., : len(REACHES)], memory[..., len(REACHES) :]
@@ -313,7 +288,7 @@ class Basis:
 
     def _waves(self, position: np.ndarray) -> list[np.ndarray]:
         """Cosines and sines of multiples of half a turn over ``BEYOND`` times the range, by band; (n, N, .)."""
-        angle = self.layout.angle
+        angle = Layout(len(self.low)).angle
         low, high = self.low[:, angle, None], self.high[:, angle, None]
         along = (position - low) / (BEYOND * np.maximum(high - low, 1e-9))
         phase = np.pi * along[:, :, None] * np.arange(1, WAVES + 1)
@@ -348,8 +323,7 @@ def part_of_each(basis: Basis) -> np.ndarray:
 # Trust of a residual network: 1 near the inputs that it was trained on, 0 far from them.
 
 
-@dataclass(frozen=True)
-class Trust:
+class Trust(NamedTuple):
     """A factor between 0 and 1 from the distance to the nearest of L inputs seen in training, per joint.
 
     With r the radius and d the distance, u = clip((d - r) / r, 0, 1): trust is 1 - 3 u^2 + 2 u^3. It is 1 up to the
@@ -457,8 +431,7 @@ CHUNK = 1000
 """Samples that are evaluated at once."""
 
 
-@dataclass(frozen=True)
-class NetworkPrediction:
+class NetworkPrediction(NamedTuple):
     """What the network says of N samples of n joints.
 
     Attributes:
@@ -518,12 +491,7 @@ class ResidualNetwork:
             self.of_windows(self.inputs.windows_of(series, motion.rate, chunk))
             for chunk in rows
         ]
-        return NetworkPrediction(
-            *(
-                np.concatenate([getattr(p, k) for p in parts])
-                for k in ("torque", "std", "trust")
-            )
-        )
+        return NetworkPrediction(*map(np.concatenate, zip(*parts, strict=True)))
 
     def of_windows(self, windows: np.ndarray) -> NetworkPrediction:
         """The same of normalised windows (n, N, taps, C); one sample of a running arm is N = 1."""
@@ -556,27 +524,6 @@ class ResidualNetwork:
 
 
 SCHEMA = 2
-_KEYS = (
-    "schema",
-    "taps",
-    "spacing",
-    "mean",
-    "std",
-    "forms",
-    "chosen",
-    "landmarks",
-    "radius",
-    "scale",
-    "bound",
-    "cutoff",
-)
-_AXES = {
-    **dict.fromkeys(("schema", "taps", "spacing", "cutoff", "layers"), 0),
-    **dict.fromkeys(("scale", "bound", "radius", "chosen", "forms", "seen"), 1),
-    **dict.fromkeys(("mean", "std"), 2),
-    "landmarks": 3,
-}
-"""Axes of the arrays that are not checked by trying a window."""
 LARGEST_COUNT = 1000
 """Taps of a window, or layers of a network, beyond which it is no network of Gapscope [1]."""
 _OF_BASIS = ("low", "high", "own", "everything")
@@ -590,40 +537,24 @@ def write_residual(residual: ResidualNetwork, path: Path | str) -> None:
         GapscopeError: the file cannot be written.
     """
     inputs = residual.inputs
-    arrays = {
-        "schema": np.array(SCHEMA),
-        "taps": np.array(inputs.taps),
-        "spacing": np.array(inputs.spacing),
-        "mean": inputs.mean,
-        "std": inputs.std,
-        "forms": np.array([network.form for network in residual.networks]),
-        "chosen": residual.chosen,
+    arrays: dict[str, Any] = {
+        "schema": SCHEMA,
+        **{name: getattr(inputs, name) for name in ("taps", "spacing", "mean", "std")},
+        "forms": [network.form for network in residual.networks],
         "landmarks": residual.trust.landmarks,
         "radius": residual.trust.radius,
-        "scale": residual.scale,
-        "bound": residual.bound,
-        "cutoff": np.array(residual.cutoff),
     }
+    for name in ("chosen", "scale", "bound", "cutoff"):
+        arrays[name] = getattr(residual, name)
     for network in residual.networks:
-        arrays |= _of_network(network)
+        of_form = {"layers": len(network.weights), "seen": network.seen}
+        for k, weight in enumerate(network.weights):
+            of_form |= {f"weight{k}": weight, f"bias{k}": network.biases[k]}
+        if network.basis is not None:
+            of_form |= {name: getattr(network.basis, name) for name in _OF_BASIS}
+        arrays |= {f"{network.form}.{name}": of_form[name] for name in of_form}
     with atomic_write(path) as aside, aside.open("wb") as stream:
         np.savez_compressed(stream, allow_pickle=False, **arrays)
-
-
-def _of_network(network: Network) -> dict[str, np.ndarray]:
-    """Arrays of one network, their names led by its form."""
-    form = network.form
-    arrays = {
-        f"{form}.layers": np.array(len(network.weights)),
-        f"{form}.seen": network.seen,
-    }
-    for k, (weight, bias) in enumerate(
-        zip(network.weights, network.biases, strict=True)
-    ):
-        arrays |= {f"{form}.weight{k}": weight, f"{form}.bias{k}": bias}
-    if network.basis is not None:
-        arrays |= {f"{form}.{name}": getattr(network.basis, name) for name in _OF_BASIS}
-    return arrays
 
 
 def read_residual(path: Path | str) -> ResidualNetwork:
@@ -634,123 +565,85 @@ def read_residual(path: Path | str) -> ResidualNetwork:
     """
     path = Path(path)
     arrays = read_arrays(path, _REMEDY)
-    _need(arrays, _KEYS, path)
-    _check_kinds(arrays, path)
-    forms = [str(form) for form in np.atleast_1d(arrays["forms"])]
-    if int(arrays["schema"]) != SCHEMA or not set(forms) <= set(FORMS):
-        raise InputError(
-            f"is of schema {arrays['schema']} and forms {', '.join(forms)}; known are schema {SCHEMA} and "
-            f"{', '.join(FORMS)}",
-            "train it again, or use the version of Gapscope that wrote it",
-            file=path,
-        )
-    inputs = Inputs(
-        n=len(arrays["scale"]),
-        taps=int(arrays["taps"]),
-        spacing=float(arrays["spacing"]),
-        mean=arrays["mean"],
-        std=arrays["std"],
-    )
-    found = ResidualNetwork(
-        inputs=inputs,
-        networks=tuple(_network(arrays, form, path) for form in forms),
-        chosen=arrays["chosen"],
-        trust=Trust(arrays["landmarks"], arrays["radius"]),
-        scale=arrays["scale"],
-        bound=arrays["bound"],
-        cutoff=float(arrays["cutoff"]),
-    )
-    _check_shapes(found, path)
-    return found
 
-
-def _check_kinds(arrays: dict[str, np.ndarray], path: Path) -> None:
-    """Check that each array is of numbers, or the names of forms, with as many axes as it needs.
-
-    Raises:
-        InputError: one is not.
-    """
-    for key, value in arrays.items():
-        name = key.rpartition(".")[2]
-        axes = _AXES.get(name)
-        named = name == "forms"
-        kinds = "U" if named else "fiub"
-        if value.dtype.kind not in kinds or (axes is not None and value.ndim != axes):
-            expected = "names" if named else "numbers"
-            form = "" if axes is None else f" of {axes} axes"
+    def array(name: str, *shape: int | None, kinds: str = "fiub") -> np.ndarray:
+        """An array, numbers by default, of a shape in which ``None`` stands for any length."""
+        if name not in arrays:
             raise InputError(
-                f"holds {value.dtype} of shape {value.shape}, expected {expected}{form}",
-                _REMEDY,
-                file=path,
-                where=key,
+                f"is no residual network: {name} is missing", _REMEDY, file=path
             )
-        if value.dtype.kind == "f" and not np.isfinite(value).all():
-            raise InputError(
-                "holds values that are not finite", _REMEDY, file=path, where=key
+        value, problem = arrays[name], ""
+        pairs = zip(shape, value.shape, strict=False)
+        fits = all(wanted in (None, length) for wanted, length in pairs)
+        if value.dtype.kind not in kinds or value.ndim != len(shape) or not fits:
+            lengths = ", ".join("any" if x is None else str(x) for x in shape)
+            expected = "numbers" if "f" in kinds else "names"
+            problem = (
+                f"holds {value.dtype} of shape {value.shape}, expected {expected} of "
+                f"shape ({lengths})"
             )
-    counts = {key: arrays[key] for key in arrays if key.endswith(("taps", ".layers"))}
-    for key, count in counts.items():
-        if not 0 <= count <= LARGEST_COUNT:
+        elif value.dtype.kind == "f" and not np.isfinite(value).all():
+            problem = "holds values that are not finite"
+        if problem:
+            raise InputError(problem, _REMEDY, file=path, where=name)
+        return value
+
+    def count(name: str) -> int:
+        number = int(array(name))
+        if not 0 <= number <= LARGEST_COUNT:
             raise InputError(
-                f"is {count}, expected 0 to {LARGEST_COUNT}",
-                _REMEDY,
-                file=path,
-                where=key,
-            )
-
-
-def _need(arrays: dict[str, np.ndarray], keys: Iterable[str], path: Path) -> None:
-    """Refuse a file without one of the keys."""
-    if missing := [key for key in keys if key not in arrays]:
-        where = f"{missing[0]} is missing"
-        if "schema" in arrays and int(arrays["schema"]) != SCHEMA:
-            where = f"its schema is {arrays['schema']}, known is {SCHEMA}"
-        raise InputError(f"is no residual network: {where}", _REMEDY, file=path)
-
-
-def _network(arrays: dict[str, np.ndarray], form: str, path: Path) -> Network:
-    """The network of one form."""
-    _need(arrays, (f"{form}.layers", f"{form}.seen"), path)
-    layers = range(int(arrays[f"{form}.layers"]))
-    weights, biases = (
-        [f"{form}.{kind}{k}" for k in layers] for kind in ("weight", "bias")
-    )
-    of_basis = [f"{form}.{name}" for name in _OF_BASIS] if form == ADDITIVE else []
-    _need(arrays, (*weights, *biases, *of_basis), path)
-    return Network(
-        form=form,
-        seen=arrays[f"{form}.seen"],
-        weights=tuple(arrays[key] for key in weights),
-        biases=tuple(arrays[key] for key in biases),
-        basis=Basis(*(arrays[key] for key in of_basis)) if of_basis else None,
-    )
-
-
-def _check_shapes(found: ResidualNetwork, path: Path) -> None:
-    """Check that every array has the shape that the others ask for, by trying one window and by name."""
-    n, c = found.inputs.n, found.inputs.channels
-    near = len(found.inputs.layout.neighbourhood)
-    for name, value, shape in (
-        ("mean", found.inputs.mean, (n, c)),
-        ("std", found.inputs.std, (n, c)),
-        ("landmarks", found.trust.landmarks[:, :1], (n, 1, near)),
-        ("radius", found.trust.radius, (n,)),
-        ("bound", found.bound, (n,)),
-        ("chosen", found.chosen, (n,)),
-    ):
-        if value.shape != shape:
-            raise InputError(
-                f"has shape {value.shape}, expected {shape}",
+                f"is {number}, expected 0 to {LARGEST_COUNT}",
                 _REMEDY,
                 file=path,
                 where=name,
             )
-    windows = np.zeros((n, 1, found.inputs.taps, c))
+        return number
+
+    def network(form: str) -> Network:
+        layers = range(count(f"{form}.layers"))
+        basis = None
+        if form == ADDITIVE:
+            basis = Basis(*(array(f"{form}.{x}", None, None) for x in _OF_BASIS))
+        return Network(
+            form,
+            array(f"{form}.seen", None),
+            tuple(array(f"{form}.weight{k}", None, n, None, None) for k in layers),
+            tuple(array(f"{form}.bias{k}", None, n, None) for k in layers),
+            basis,
+        )
+
+    schema = int(array("schema"))
+    forms = ["unknown"]
+    if schema == SCHEMA:
+        forms = [str(form) for form in array("forms", None, kinds="U")]
+    if schema != SCHEMA or not set(forms) <= set(FORMS):
+        raise InputError(
+            f"is of schema {schema} and forms {', '.join(forms)}; known are schema {SCHEMA} and {', '.join(FORMS)}",
+            "train it again, or use the version of Gapscope that wrote it",
+            file=path,
+        )
+    n = len(array("scale", None))
+    layout = Layout(n)
+    mean, std = (array(name, n, layout.channels) for name in ("mean", "std"))
+    inputs = Inputs(n, count("taps"), float(array("spacing")), mean, std)
+    near = len(layout.neighbourhood)
+    found = ResidualNetwork(
+        inputs=inputs,
+        networks=tuple(map(network, forms)),
+        chosen=array("chosen", n),
+        trust=Trust(array("landmarks", n, None, near), array("radius", n)),
+        scale=array("scale", n),
+        bound=array("bound", n),
+        cutoff=float(array("cutoff")),
+    )
+    # whether its weights fit together, a window tells
+    windows = np.zeros((n, 1, inputs.taps, layout.channels))
     try:
         found.of_windows(windows)
-        for network in found.networks:
-            network.outputs(windows)
+        for one in found.networks:
+            one.outputs(windows)
     except (ValueError, IndexError, TypeError) as error:
         raise InputError(
             f"its weights do not fit together ({error})", _REMEDY, file=path
         ) from None
+    return found

@@ -14,12 +14,7 @@ from gapscope.effects.parametrisation import (
     linear_in,
     nonzero,
 )
-from gapscope.effects.signals import random_sign
-
-
-def payload_change(own: np.ndarray, mass: np.ndarray, com: np.ndarray) -> np.ndarray:
-    """A point mass m [kg] at c [m] in the frame of the joint that moves the last link; shape (10,)."""
-    return point_mass_parameters(float(mass), com)
+from gapscope.effects.signals import Drawn, drawn
 
 
 def link_change(
@@ -52,11 +47,6 @@ def payload_tangent(x: np.ndarray) -> np.ndarray:
     return derivative(change, x, 1e-4 * abs(mass))
 
 
-def payload_values(x: np.ndarray, nonlinear: np.ndarray) -> Values:
-    """Mass m = x0 and first moment m c = x1, x2, x3."""
-    return {"mass": x[0], "com": x[1:] / nonzero(x[0])}
-
-
 def clip_payload(x: np.ndarray) -> np.ndarray:
     """Mass moved into its bounds, first moment to where the centre of mass lies within its own."""
     mass = np.clip(x[0], *LOAD_MASS.bounds)
@@ -64,31 +54,11 @@ def clip_payload(x: np.ndarray) -> np.ndarray:
     return np.vstack([mass, np.clip(x[1:], -farthest, farthest)])
 
 
-def link_values(x: np.ndarray, nonlinear: np.ndarray) -> Values:
-    """dm = x0 and dc = x1, x2, x3."""
-    return {"mass": x[0], "com": x[1:]}
-
-
 def clip_link(x: np.ndarray) -> np.ndarray:
     """dm and dc moved into their bounds."""
     return np.vstack(
         [np.clip(x[0], *LINK_MASS.bounds), np.clip(x[1:], *LINK_COM.bounds)]
     )
-
-
-def lightest_load(masses: np.ndarray, last: int) -> float:
-    """Least mass of a load [kg]: no more can be missing than the last link's own, of the nominal ``masses``, (n,)."""
-    return -float(masses[last])
-
-
-def lightest_links(masses: np.ndarray, last: int) -> np.ndarray:
-    """Least change of each link's mass [kg], (n,): a link keeps a share of its nominal ``masses``."""
-    return (MIN_LINK_MASS - 1.0) * masses
-
-
-def draw_armature(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
-    """20 to 100 % of the nominal armature."""
-    return {"inertia": scale.rotor[j] * rng.uniform(0.2, 1.0)}
 
 
 def draw_payload(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
@@ -102,7 +72,7 @@ def draw_link(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Value
     link = int(rng.choice(np.flatnonzero(scale.mass > 0)))
     return {
         "link": np.array(link + 1.0),
-        "mass": random_sign(rng) * rng.uniform(0.1, 0.4) * scale.mass[link],
+        "mass": rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 0.4) * scale.mass[link],
         "com": rng.uniform(-0.02, 0.02, 3),
     }
 
@@ -134,7 +104,7 @@ ARMATURE = Inertial(
     ),
     parametrisation=linear_in(ROTOR_INERTIA, data_sheet="armature"),
     built_in=True,
-    severity=draw_armature,
+    severity=drawn(inertia=Drawn(0.2, 1.0, of="rotor", each=False)),
     side="actuator",
     reach="joint",
     plotted_against="acceleration",
@@ -153,12 +123,13 @@ PAYLOAD = LinkChange(
         ("torque_scale", "the same motion with a known payload"),
         ("encoder_offset", "static poses over the whole range of every joint"),
     ),
-    change=payload_change,
+    change=lambda own, mass, com: point_mass_parameters(float(mass), com),
     tangent_at=payload_tangent,
     parametrisation=Parametrisation(
-        payload_values,
+        lambda x, _: {"mass": x[0], "com": x[1:] / nonzero(x[0])},
         linear=4,
-        lowest=lightest_load,
+        # no more can be missing than the last link's own mass
+        lowest=lambda masses, last: -float(masses[last]),
         proportions=(1.0, *[LOAD_COM.typical[1]] * 3),
         clip=clip_payload,
     ),
@@ -184,9 +155,9 @@ LINK_INERTIA = LinkChange(
     ),
     change=link_change,
     parametrisation=Parametrisation(
-        link_values,
+        lambda x, _: {"mass": x[0], "com": x[1:]},
         linear=4,
-        lowest=lightest_links,
+        lowest=lambda masses, last: (MIN_LINK_MASS - 1.0) * masses,
         proportions=(LINK_MASS.typical[1], *[LINK_COM.typical[1]] * 3),
         clip=clip_link,
     ),

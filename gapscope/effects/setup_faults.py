@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -31,8 +31,7 @@ Values = float | tuple[float, ...]
 """One value for all joints of a fault, or one for each."""
 
 
-@dataclass(frozen=True)
-class Look:
+class Look(NamedTuple):
     """What a case shows under a reading, from which faults tell where they may be, n joints; joints count from 0.
 
     Attributes:
@@ -572,22 +571,17 @@ class LateTorque(Fault):
         if self.variant == "delay" or recording.tau is None:
             return super().apply(recording, rng, arm)
         self.check()
-        tau = _low_passed(recording.t, recording.tau, self.delay)
+        # behind 1 / (1 + T s), constant over each step
+        kept = np.exp(-np.diff(recording.t) / self.delay)
+        tau = np.array(recording.tau)
+        for k, share in enumerate(kept, start=1):
+            tau[k] = share * tau[k - 1] + (1.0 - share) * recording.tau[k]
         return replace(recording, tau=tau)
 
 
 def _is_gross(factor: np.ndarray | float) -> np.ndarray:
     """Whether true over recorded torque is that of another unit [1]."""
     return np.abs(np.log(factor)) > np.log(UNIT_FACTOR)
-
-
-def _low_passed(t: np.ndarray, tau: np.ndarray, time_constant: float) -> np.ndarray:
-    """A series [N m], (N, n), behind 1 / (1 + T s), constant before the start and over each step of t [s]."""
-    kept = np.exp(-np.diff(t) / time_constant)
-    out = np.array(tau)
-    for k, share in enumerate(kept, start=1):
-        out[k] = share * out[k - 1] + (1.0 - share) * tau[k]
-    return out
 
 
 # Faults of the clock: time stamps that are not those of the samples.
@@ -663,42 +657,27 @@ class TimeStamps(Fault):
         self, recording: Recording, rng: np.random.Generator, arm: NominalArm
     ) -> Recording:
         """Lose, repeat or shift stamps; what was measured after the recording's end is not in it."""
-        at_random = {
-            "jitter": self._with_jitter,
-            "gaps": self._with_gaps,
-            "repeats": self._with_repeats,
-        }
-        if self.variant in at_random:
-            self.check()
-            return at_random[self.variant](recording, rng)
+        self.check()
+        t, count = recording.t, len(recording.t)
+        if self.variant == "jitter":
+            period = float(np.median(np.diff(t)))
+            # below half a period, so that the samples keep their order
+            shifts = np.clip(self.amount * rng.standard_normal(count), -0.45, 0.45)
+            return replace(recording, t=t + period * shifts)
+        if self.variant == "gaps":
+            # three stretches
+            length = min(max(1, int(self.amount * count / 3)), count // 4)
+            starts = rng.integers(1, count - length, 3)
+            lost = np.concatenate([np.arange(s, s + length) for s in starts])
+            return recording.part(np.setdiff1d(np.arange(count), lost))
+        if self.variant == "repeats":
+            # samples written once more, each under the stamp of the next
+            repeated = min(max(1, int(self.amount * count)), count // 2)
+            late = rng.choice(np.arange(1, count), size=repeated, replace=False)
+            rows = np.arange(count)
+            rows[late] -= 1
+            return replace(recording.part(rows), t=t)
         return super().apply(recording, rng, arm)
-
-    def _with_jitter(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        """Stamps off at random."""
-        t = recording.t
-        period = float(np.median(np.diff(t)))
-        # below half a period, so that the samples keep their order
-        shifts = np.clip(self.amount * rng.standard_normal(len(t)), -0.45, 0.45)
-        return replace(recording, t=t + period * shifts)
-
-    def _with_gaps(self, recording: Recording, rng: np.random.Generator) -> Recording:
-        """Three stretches lost."""
-        count = len(recording.t)
-        length = min(max(1, int(self.amount * count / 3)), count // 4)
-        starts = rng.integers(1, count - length, 3)
-        lost = np.concatenate([np.arange(s, s + length) for s in starts])
-        return recording.part(np.setdiff1d(np.arange(count), lost))
-
-    def _with_repeats(
-        self, recording: Recording, rng: np.random.Generator
-    ) -> Recording:
-        """Samples written once more, each under the stamp of the next."""
-        count = len(recording.t)
-        repeated = min(max(1, int(self.amount * count)), count // 2)
-        late = rng.choice(np.arange(1, count), size=repeated, replace=False)
-        rows = np.arange(count)
-        rows[late] -= 1
-        return replace(recording.part(rows), t=recording.t)
 
 
 # Faults of references and velocities: columns that are not what the controller followed or the arm did.
@@ -984,12 +963,7 @@ class ShiftedInertials(Fault):
 
     @classmethod
     def candidates(cls, look: Look) -> list[Fault]:
-        """One link off."""
-        return [*cls.one_link_off()]
-
-    @classmethod
-    def one_link_off(cls) -> list[ShiftedInertials]:
-        """Either way, among all links or among those that a joint moves."""
+        """One link off either way, among all links or among those that a joint moves."""
         return [cls(by, moved) for moved in (False, True) for by in (1, -1)]
 
     def reading(self, n: int) -> Reading:

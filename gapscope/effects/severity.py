@@ -7,7 +7,6 @@ shares) comes from the ranges met on real arms. Both are those of the catalogue'
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 
@@ -16,8 +15,7 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.catalogue import effect as by_name
-from gapscope.effects.effect import Effect, Transmission
-from gapscope.effects.parametrisation import Values
+from gapscope.effects.effect import Transmission
 
 
 def possible(arm: NominalArm) -> tuple[str, ...]:
@@ -58,22 +56,15 @@ def draw(
         )
         chosen = tuple(sorted(int(joint) for joint in some))
     j = np.array(chosen, dtype=int) - 1
-    severity = definition.severity or partial(_typical, definition)
-    values = severity(rng, scale, j)
-    clipped = {
-        p.name: np.clip(values[p.name], *p.bounds) for p in definition.parameters
-    }
+    drawn = definition.severity and definition.severity(rng, scale, j)
+    clipped = {}
+    for p in definition.parameters:
+        if drawn:
+            value = drawn[p.name]
+        else:
+            # evenly from the typical range, for the joints or a vector's components independently
+            size = len(j) if definition.scope == "joint" else p.size
+            even = rng.uniform(*p.typical, size)
+            value = even if definition.scope == "joint" or size > 1 else even[0]
+        clipped[p.name] = np.clip(value, *p.bounds)
     return AppliedEffect(name, chosen, clipped)
-
-
-def _typical(
-    definition: Effect, rng: np.random.Generator, scale: ArmScale, joints: np.ndarray
-) -> Values:
-    """Values drawn evenly from the typical range, of the joints or of a vector's components independently."""
-    per_joint = definition.scope == "joint"
-    values = {}
-    for parameter in definition.parameters:
-        size = len(joints) if per_joint else parameter.size
-        drawn = rng.uniform(*parameter.typical, size)
-        values[parameter.name] = drawn if per_joint or size > 1 else drawn[0]
-    return values

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -10,6 +12,8 @@ from scipy.signal import butter, lfilter, sosfiltfilt
 
 from gapscope.arm.dynamics.rigid_body import ArrayCache
 from gapscope.arm.motions.motion import Motion
+from gapscope.effects.arm_scale import ArmScale
+from gapscope.effects.parametrisation import Values
 
 # Series over time, shifted, differentiated and lagged, as the laws on the way to the joint need them.
 
@@ -89,13 +93,38 @@ def slow_with_rates(
 # Random numbers from which severities are made.
 
 
-def random_sign(rng: np.random.Generator, size: int | None = None) -> np.ndarray:
-    """-1 or 1, one or ``size`` of them."""
-    return np.asarray(rng.choice([-1.0, 1.0], size))
+class Drawn(NamedTuple):
+    """A value drawn evenly between two ends, in parts of what is large on an arm.
+
+    Attributes:
+        low, high: the ends, in the unit of the value, or of what it is a part of.
+        of: a field of ``ArmScale`` with a value for each joint; none by default.
+        each: whether every joint has a number of its own; otherwise all have the same.
+        log: whether the logarithm is drawn evenly.
+        signed: whether the value may be negative too, either being as likely.
+    """
+
+    low: float
+    high: float
+    of: str = ""
+    each: bool = True
+    log: bool = False
+    signed: bool = False
+
+    def __call__(
+        self, rng: np.random.Generator, scale: ArmScale, joints: np.ndarray
+    ) -> np.ndarray:
+        """The values of joints, from 0, (m,)."""
+        size = len(joints) if self.each else None
+        sign = rng.choice([-1.0, 1.0], size) if self.signed else 1.0
+        large = getattr(scale, self.of)[joints] if self.of else 1.0
+        if self.log:
+            drawn = np.exp(rng.uniform(np.log(self.low), np.log(self.high), size))
+        else:
+            drawn = rng.uniform(self.low, self.high, size)
+        return np.asarray(sign * large * drawn)
 
 
-def log_uniform(
-    rng: np.random.Generator, low: float, high: float, size: int
-) -> np.ndarray:
-    """Values whose logarithms are uniform between those of ``low`` and ``high``, shape (size,)."""
-    return np.exp(rng.uniform(np.log(low), np.log(high), size))
+def drawn(**values: Drawn) -> Callable[..., Values]:
+    """The severity of an effect whose parameters are drawn one after the other."""
+    return lambda *of_arm: {name: one(*of_arm) for name, one in values.items()}

@@ -11,8 +11,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from gapscope.effects.arm_scale import ArmScale
-from gapscope.effects.deflection import Matrices, Springs, through_play, through_springs
-from gapscope.effects.effect import Mechanics, Signals, TorqueLaw, Transmission
+from gapscope.effects.deflection import Springs, through_play, through_springs
+from gapscope.effects.effect import Mechanics, TorqueLaw, Transmission
 from gapscope.effects.parameter import Parameter
 from gapscope.effects.parametrisation import (
     Parametrisation,
@@ -20,7 +20,7 @@ from gapscope.effects.parametrisation import (
     linear_in,
     nonzero,
 )
-from gapscope.effects.signals import log_uniform, slow_with_rates
+from gapscope.effects.signals import Drawn, drawn, slow_with_rates
 
 
 def over(values: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
@@ -34,16 +34,6 @@ def elastic_deflection(
 ) -> np.ndarray:
     """Theta - q = tau / k [rad]; tau in N m, k in N m/rad. If k is 0 the effect is off."""
     return over(torque, stiffness)
-
-
-def elastic_lag(stiffness: np.ndarray, damping: np.ndarray) -> np.ndarray:
-    """D / k [s]: with the damper d beside it, the spring follows the torque late."""
-    return over(damping, stiffness)
-
-
-def no_lag(width: np.ndarray) -> np.ndarray:
-    """0 s: free play is crossed at once."""
-    return np.zeros_like(width)
 
 
 def elastic_torque(
@@ -61,14 +51,6 @@ def backlash_deflection(torque: np.ndarray, width: np.ndarray) -> np.ndarray:
 def through_backlash(twist: np.ndarray, width: np.ndarray) -> np.ndarray:
     """The part of a twist [rad] beyond free play of the whole width w [rad]; 0 inside it."""
     return twist - np.minimum(np.maximum(twist, -0.5 * width), 0.5 * width)
-
-
-def behind_gear_play(
-    matrices: Matrices, rate: float, torque: np.ndarray, width: np.ndarray
-) -> np.ndarray:
-    """Torque that bodies behind free play need of the motors [N m], (N, n), the gear being closed by its teeth."""
-    none = np.zeros_like(width)
-    return through_play(matrices, rate, torque, width, none, none)
 
 
 def elasticity_starts(inertia: float, torque: np.ndarray) -> Iterator[np.ndarray]:
@@ -158,11 +140,6 @@ def backlash_columns(effect: Transmission, at: Mechanics, x: np.ndarray) -> np.n
     return out
 
 
-def spring(signals: Signals, stiffness: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    """K (q - q0) [N m]; k in N m/rad, q and q0 in rad."""
-    return stiffness * (signals.position - rest)
-
-
 def elasticity_values(x: np.ndarray, nonlinear: np.ndarray) -> Values:
     """Deflection = x0 tau - x1 dtau/dt, with x0 = 1 / k and x1 = d / k^2."""
     compliance = np.maximum(x[0], 1e-12)
@@ -170,11 +147,6 @@ def elasticity_values(x: np.ndarray, nonlinear: np.ndarray) -> Values:
         "stiffness": 1.0 / compliance,
         "damping": np.maximum(x[1], 0.0) / compliance**2,
     }
-
-
-def spring_values(x: np.ndarray, nonlinear: np.ndarray) -> Values:
-    """K (q - q0) = x0 q - x1."""
-    return {"stiffness": x[0], "rest": x[1] / nonzero(x[0])}
 
 
 def clip_elasticity(x: np.ndarray) -> np.ndarray:
@@ -195,19 +167,6 @@ def draw_elasticity(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) ->
     return {
         "stiffness": resonance**2 * reduced,
         "damping": 2 * rng.uniform(0.02, 0.1, len(j)) * resonance * reduced,
-    }
-
-
-def draw_backlash(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
-    """0.1 to 1 degree."""
-    return {"width": log_uniform(rng, 0.0017, 0.0175, len(j))}
-
-
-def draw_spring(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
-    """10 to 50 % of the torque of each joint at one radian."""
-    return {
-        "stiffness": scale.torque[j] * rng.uniform(0.1, 0.5),
-        "rest": rng.uniform(-0.5, 0.5, len(j)),
     }
 
 
@@ -245,7 +204,8 @@ ELASTICITY = Transmission(
         ("actuator_lag", "a chirp past the resonance, or an encoder on the link"),
     ),
     deflection=elastic_deflection,
-    lag=elastic_lag,
+    # with the damper beside it, the spring follows the torque late
+    lag=lambda stiffness, damping: over(damping, stiffness),
     behind=through_springs,
     derivatives=elasticity_columns,
     starts=elasticity_starts,
@@ -276,12 +236,15 @@ BACKLASH = Transmission(
         ("stribeck_friction", "slow ramps in both directions"),
     ),
     deflection=backlash_deflection,
-    lag=no_lag,
-    behind=behind_gear_play,
+    lag=np.zeros_like,
+    # the gear is closed by its teeth
+    behind=lambda matrices, rate, torque, width: through_play(
+        matrices, rate, torque, width, *np.zeros((2, len(width)))
+    ),
     derivatives=backlash_columns,
     starts=backlash_starts,
     parametrisation=linear_in(PLAY_WIDTH, step=COMPLIANCE_STEP, lowest=0.0),
-    severity=draw_backlash,
+    severity=drawn(width=Drawn(0.0017, 0.0175, log=True)),
     quantities={"width": "play"},
 )
 
@@ -302,12 +265,17 @@ SPRING = TorqueLaw(
         ("payload", "the same path with the other joints in another posture"),
         ("torque_offset", "static poses over the whole range of the joint"),
     ),
-    law=spring,
+    law=lambda signals, stiffness, rest: stiffness * (signals.position - rest),
     # so wide a step leaves the bound of the rest, at which the law is not linear
     parametrisation=Parametrisation(
-        spring_values, linear=2, step=1.0, clip=clip_spring
+        lambda x, _: {"stiffness": x[0], "rest": x[1] / nonzero(x[0])},
+        linear=2,
+        step=1.0,
+        clip=clip_spring,
     ),
-    severity=draw_spring,
+    severity=drawn(
+        stiffness=Drawn(0.1, 0.5, of="torque", each=False), rest=Drawn(-0.5, 0.5)
+    ),
     side="link",
     inherent=True,
     simplified=True,

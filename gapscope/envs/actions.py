@@ -109,19 +109,6 @@ def pd_gains(inertia: np.ndarray, bandwidth: float, damping: float = DAMPING) ->
     return Gains(w**2 * inertia, 2 * damping * w * inertia)
 
 
-def low_gains(
-    arm: NominalArm, body: RigidBody, posture: np.ndarray, bandwidth: float
-) -> Gains:
-    """Gains of a PD loop of w = 2 pi ``bandwidth`` [Hz]: kp = w^2 M + w b, kd = 2 zeta w M.
-
-    M is the joint's own inertia M_ii + I_i at the posture [kg m^2], b its nominal viscous friction [N m s/rad], which
-    already damps the loop.
-    """
-    inertia = np.diag(body.mass_matrix(posture)) + arm.armature
-    kp, kd = pd_gains(inertia, bandwidth)
-    return Gains(kp + 2 * np.pi * bandwidth * arm.viscous, kd)
-
-
 def control(
     arm: NominalArm,
     body: RigidBody,
@@ -148,7 +135,12 @@ def control(
     """
     check_known("action", kind, ACTION_KINDS, where="action")
     limit, rated = torque_limit(arm, body), rated_torque(arm, body, space)
-    gains = None if kind == "torque" else low_gains(arm, body, space.posture, bandwidth)
+    gains = None
+    if kind != "torque":
+        # nominal viscous friction damps the loop already: the stiffness makes good what it takes
+        inertia = np.diag(body.mass_matrix(space.posture)) + arm.armature
+        kp, kd = pd_gains(inertia, bandwidth)
+        gains = Gains(kp + 2 * np.pi * bandwidth * arm.viscous, kd)
     if reach is None:
         return Control(
             kind,

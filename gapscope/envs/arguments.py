@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import numbers
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +11,7 @@ import numpy as np
 
 from gapscope.arm.control import FEEDFORWARDS
 from gapscope.arm.errors import InputError
+from gapscope.arm.io.json_file import plain, schema_fault
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.named_motions import check_motion_name
 from gapscope.arm.motions.trajectory import Limits, ReferenceMotion
@@ -32,37 +31,29 @@ class FeedforwardModel(Protocol):
         """Torque to command over a motion known beforehand [N m], shape (N, n)."""
 
 
-def positive(name: str, value: float, unit: str) -> float:
-    """The value, if it is a finite number above zero.
+def check_values(
+    values: Mapping[str, Any], document: str, section: str, where: str = ""
+) -> None:
+    """Check values by a section of a schema; those that are ``None`` are left open.
+
+    Args:
+        values: by name.
+        document: name of the schema, a file of ``gapscope/schemas``.
+        section: of the schema.
+        where: what the names belong to, for messages.
 
     Raises:
-        InputError: it is not.
+        InputError: one is not what is expected; says what is.
     """
-    # bool is a number to Python
-    number = isinstance(value, numbers.Real) and not isinstance(value, bool)
-    if not (number and math.isfinite(value) and value > 0):
+    given = {name: value for name, value in values.items() if value is not None}
+    content = plain(given, null_if_not_finite=True)
+    fault = schema_fault(content, document, section)
+    if fault is not None:
+        name = str(fault.absolute_path[0])
+        expected = fault.schema["description"]
         raise InputError(
-            f"expected a number above zero [{unit}], got {value!r}", where=name
+            f"expected {expected}, got {values[name]!r}", where=where + name
         )
-    return float(value)
-
-
-def positive_or_none(name: str, value: float | None, unit: str) -> float | None:
-    """The value, if it is ``None`` or a finite number above zero; raises ``InputError`` if not."""
-    return None if value is None else positive(name, value, unit)
-
-
-def whole(name: str, value: int) -> int:
-    """The value, if it is a whole number above zero.
-
-    Raises:
-        InputError: it is not.
-    """
-    if isinstance(value, bool) or not isinstance(value, numbers.Integral) or value < 1:
-        raise InputError(
-            f"expected a whole number from 1 on, got {value!r}", where=name
-        )
-    return int(value)
 
 
 def noise(name: str, value: float | Sequence[float], n_joints: int) -> np.ndarray:
@@ -92,23 +83,6 @@ def numbers_of(name: str, value: object) -> np.ndarray:
         return np.array(value, dtype=float)
     except (TypeError, ValueError):
         raise InputError(f"holds what is not a number, {value!r}", where=name) from None
-
-
-def times(name: str, value: Sequence[float]) -> tuple[float, ...]:
-    """The value, if it is a list of times above zero [s].
-
-    Raises:
-        InputError: it is not.
-    """
-    if np.ndim(array := numbers_of(name, value)) != 1 or not (
-        np.isfinite(array).all() and (array > 0).all()
-    ):
-        raise InputError(
-            f"expected times above zero [s], got {value!r}",
-            "give a list, which may be empty",
-            where=name,
-        )
-    return tuple(float(time) for time in array)
 
 
 Record = TypeVar("Record")
@@ -158,15 +132,6 @@ def checked_limits(limits: Limits | None, n_joints: int) -> Limits | None:
             where="limits",
         )
     return found
-
-
-def checked_posture(posture: Sequence[float] | None) -> np.ndarray | None:
-    """The posture about which motions are drawn [rad], as an array; its size is checked with the limits.
-
-    Raises:
-        InputError: it holds what is not a number.
-    """
-    return None if posture is None else numbers_of("posture", posture)
 
 
 def checked_actions(actions: object, shape: tuple[int, ...]) -> np.ndarray:

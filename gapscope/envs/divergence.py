@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -59,10 +58,19 @@ def divergence_info(
         acted: whether one of its actions was other than zero.
     """
     arm, control, dt = setup.arm, setup.control, setup.timing.dt
-    joint, time, causes = fastest(dq), float(steps * dt), []
+    joint, time = fastest(dq), float(steps * dt)
+    causes: list[str] = []
     if control.gains is not None:
         mass = setup.body.mass_matrix(q) + np.diag(arm.armature)
-        causes = _unstable(control.gains, mass, arm.viscous, dt)
+        longest = longest_step(control.gains, mass, arm.viscous, dt)
+        if longest < dt:
+            lower = pd_loop(control.gains, dt).stable_share([mass], arm.viscous)
+            share = f" below {SAFE * lower:.2g} of what it is" if lower > 0 else ""
+            ways = f"bandwidth{share}" if share else "a lower bandwidth"
+            if longest > 0:
+                ways = f"time_step below {0.5 * longest:.2g} s, or {ways}"
+            what = f"the PD loop is unstable at {dt:.3g} s; {ways}"
+            causes = [f"too large a step or gains: {what}"]
     if not np.isfinite(control.limit[joint]):
         causes.append(
             "no torque limit: give sheet={'torque_limit': [...]} in N m, one number per joint"
@@ -96,24 +104,6 @@ def divergence_info(
 def fastest(dq: np.ndarray) -> int:
     """Index of the fastest joint; dq [rad/s], shape (n,), may hold what is no number, which counts as fastest."""
     return int(np.argmax(np.where(np.isfinite(dq), np.abs(dq), np.inf)))
-
-
-def _unstable(
-    gains: Gains, mass: np.ndarray, viscous: np.ndarray, dt: float
-) -> list[str]:
-    """What to change if the PD loop is unstable with a mass matrix M + I [kg m^2]; nothing if it is stable."""
-    longest = longest_step(gains, mass, viscous, dt)
-    if longest == dt:
-        return []
-    lower = pd_loop(gains, dt).stable_share([mass], viscous)
-    ways = [f"time_step below {0.5 * longest:.2g} s"] if longest > 0 else []
-    ways.append(
-        f"bandwidth below {SAFE * lower:.2g} of what it is"
-        if lower > 0
-        else "a lower bandwidth"
-    )
-    what = f"too large a step or gains: the PD loop is unstable at {dt:.3g} s"
-    return [f"{what}; {', or '.join(ways)}"]
 
 
 def longest_step(
@@ -183,7 +173,7 @@ def diverged_recording(
         true = CorrectedArm(arm, effects)
         names = ", ".join(dict.fromkeys(effect.name for effect in effects))
         delay = float(np.max(true.quantity("delay")))
-        late = replace(loop, late=round(delay / loop.dt))
+        late = loop._replace(late=round(delay / loop.dt))
         share = _stable_share(late, true, postures)
         causes.append(
             f"{names} makes a stable loop unstable: milder effects, or {_lower(controller, share)}"

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
@@ -19,8 +18,7 @@ from gapscope.effects.corrected_file import read_entry
 from gapscope.effects.effect import SHEET, External
 
 
-@dataclass(frozen=True)
-class EffectRange:
+class EffectRange(NamedTuple):
     """An effect of which each parameter lies between two ends, independently of the others.
 
     Attributes:
@@ -33,7 +31,7 @@ class EffectRange:
     @property
     def key(self) -> tuple[str, int]:
         """Name of the effect, and the link that it changes, 0 without one."""
-        return self.low.name, int(self.low.parameters.get("link", 0))
+        return self.low.key
 
     def draw(self, rng: np.random.Generator) -> AppliedEffect:
         """The effect with each value drawn evenly between its ends."""
@@ -44,8 +42,7 @@ class EffectRange:
         return AppliedEffect(self.low.name, self.low.joints, drawn)
 
 
-@dataclass(frozen=True)
-class EffectRanges:
+class EffectRanges(NamedTuple):
     """Effects that are all drawn at a reset, each within its range.
 
     Attributes:
@@ -53,6 +50,11 @@ class EffectRanges:
     """
 
     ranges: tuple[EffectRange, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the effects."""
+        return tuple(item.low.name for item in self.ranges)
 
     def draw(self, rng: np.random.Generator) -> tuple[AppliedEffect, ...]:
         """The effects with values; the same state of ``rng`` gives the same, bit by bit."""

@@ -27,7 +27,7 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Transmission
 from gapscope.envs import arguments
 from gapscope.envs.actions import control
-from gapscope.envs.arguments import checked_actions, whole
+from gapscope.envs.arguments import check_values, checked_actions
 from gapscope.envs.divergence import ending, title
 from gapscope.envs.effect_ranges import EffectRanges
 from gapscope.envs.episode import (
@@ -45,7 +45,7 @@ from gapscope.envs.episode import (
 )
 from gapscope.envs.plant import ControlledArms
 from gapscope.envs.randomisation import Randomisation, checked_randomisation
-from gapscope.envs.reward import Reward, RewardParts, chosen_reward
+from gapscope.envs.reward import Reward, RewardParts
 
 if TYPE_CHECKING:
     from gapscope.envs.rendering import Screen
@@ -208,23 +208,22 @@ class ArmTracking(gymnasium.Env):
         chosen_model = arguments.chosen_feedforward(feedforward)
         chosen_motion = arguments.checked_motion(motion, n)
         chosen_randomisation = checked_randomisation(randomisation)
-        timing = Timing(
-            arguments.positive("time_step", time_step, "s"),
-            arguments.whole("sub_steps", sub_steps),
-            arguments.positive("episode_length", episode_length, "s"),
-            arguments.times("look_ahead", look_ahead),
-        )
+        numbers = {
+            "time_step": time_step,
+            "sub_steps": sub_steps,
+            "episode_length": episode_length,
+            "look_ahead": look_ahead,
+            "action_share": action_share,
+            "bandwidth": bandwidth,
+            "action_reach": action_reach,
+        }
+        arguments.check_values(numbers, "environment", "environment")
+        timing = Timing(time_step, sub_steps, episode_length, look_ahead)
+        about = None if posture is None else arguments.numbers_of("posture", posture)
         allowed = arguments.checked_limits(limits, n)
-        self.space = workspace(self.body, allowed, arguments.checked_posture(posture))
-        own_control = control(
-            self.arm,
-            self.body,
-            self.space,
-            action,
-            arguments.positive_or_none("action_share", action_share, "1"),
-            arguments.positive("bandwidth", bandwidth, "Hz"),
-            arguments.positive_or_none("action_reach", action_reach, "rad"),
-        )
+        self.space = workspace(self.body, allowed, about)
+        loop = action_share, bandwidth, action_reach
+        own_control = control(self.arm, self.body, self.space, action, *loop)
         base = arguments.chosen_base(simulated, self.arm, effects)
         # an arm instead of the nominal one brings its own effects
         given = base.effects if simulated else chosen_effects(effects, self.arm)
@@ -241,7 +240,10 @@ class ArmTracking(gymnasium.Env):
             timing=timing,
             feedforward=chosen_model,
             options=EpisodeOptions(chosen_motion, given, chosen_randomisation),
-            reward=chosen_reward(reward),
+            reward=arguments.record_of(
+                *("reward", Reward() if reward is None else reward, Reward),
+                "give a gapscope.envs.reward.Reward",
+            ),
             layout=self.layout,
             stops=(lower + NEAR_STOP, upper - NEAR_STOP),
             debug=debug,
@@ -363,7 +365,8 @@ class VectorArmTracking(VectorEnv):
         threads: int = 0,
         **options: Any,
     ) -> None:
-        self.num_envs = whole("num_envs", num_envs)
+        check_values({"num_envs": num_envs}, "environment", "environment")
+        self.num_envs = num_envs
         engine = options.pop("engine", None) or "mujoco"
         if options.get("render_mode") is not None:
             raise InputError(
@@ -371,7 +374,14 @@ class VectorArmTracking(VectorEnv):
                 "vectorization_mode='sync' does",
                 where="render_mode",
             )
-        self._mode = _checked_mode(autoreset_mode)
+        modes = {mode.value: mode for mode in MODES}
+        name = getattr(autoreset_mode, "value", autoreset_mode)
+        if name not in modes:
+            raise InputError(
+                f"expected {' or '.join(modes)}, got {autoreset_mode!r}",
+                where="autoreset_mode",
+            )
+        self._mode = modes[name]
         self.metadata = {"autoreset_mode": self._mode, "render_modes": []}
         one = ArmTracking(robot, engine=engine, **options)
         one.close()
@@ -381,7 +391,12 @@ class VectorArmTracking(VectorEnv):
         self.observation_space = batch_space(one.observation_space, self.num_envs)
         self.action_space = batch_space(one.action_space, self.num_envs)
         episodes = partial(Episodes, self.setup, self.num_envs, engine=engine)
-        together = engine == "mujoco" and not _draws_motors(self.setup)
+        drawn = self.setup.options.randomisation
+        names: Sequence[str] = () if drawn is None else drawn.names
+        # joints may come to have motors of their own, or motors turn several joints
+        kinds = [CATALOGUE[name] for name in names]
+        motors = any(isinstance(x, Transmission) or x.reach == "motor" for x in kinds)
+        together = engine == "mujoco" and not motors
         try:
             self._episodes = episodes(together=together, threads=threads)
         except InputError:
@@ -521,28 +536,3 @@ class VectorArmTracking(VectorEnv):
         info = self._infos(ended, values, early)
         found = {"final_obs": last, "final_info": info}
         return found | {f"_{name}": ended.copy() for name in found}
-
-
-def _checked_mode(mode: AutoresetMode | str) -> AutoresetMode:
-    """The mode of autoreset; raises ``InputError`` if it is none of ``MODES``."""
-    names = {known.value: known for known in MODES}
-    found = names.get(mode) if isinstance(mode, str) else mode
-    if found not in MODES:
-        raise InputError(
-            f"expected {' or '.join(names)}, got {mode!r}", where="autoreset_mode"
-        )
-    return found
-
-
-def _draws_motors(setup: Setup) -> bool:
-    """Whether effects may be drawn with which joints have motors of their own, or motors turn several joints."""
-    drawn = setup.options.randomisation
-    if drawn is None:
-        return False
-    names = (
-        [item.low.name for item in drawn.ranges]
-        if isinstance(drawn, EffectRanges)
-        else drawn.names
-    )
-    effects = [CATALOGUE[name] for name in names]
-    return any(isinstance(x, Transmission) or x.reach == "motor" for x in effects)

@@ -171,7 +171,10 @@ class SampledReference:
         model, timing = setup.feedforward, setup.timing
         steps = timing.actions * timing.sub_steps + 1
         more = 0 if isinstance(model, str) else round(EXTENSION / timing.dt)
-        self.motion = motion = _sampled(reference, timing, steps + more)
+        t = timing.dt * np.arange(steps + more)
+        self.motion = motion = Motion(
+            t, reference.position(t), reference.velocity(t), reference.acceleration(t)
+        )
         chosen = slice(0, steps, timing.sub_steps)
         t, self.q, dq = motion.t[chosen], motion.q[chosen], motion.dq[chosen]
         ahead = [reference.position(t + time) - self.q for time in timing.look_ahead]
@@ -184,14 +187,6 @@ class SampledReference:
         self.step_q, self.step_dq = motion.q, motion.dq
         torque = self.step_torque[:: timing.sub_steps] / setup.control.rated
         self.planned = np.hstack([self.q, dq, *ahead, torque])
-
-
-def _sampled(reference: ReferenceMotion, timing: Timing, steps: int) -> Motion:
-    """A reference at so many steps of the simulation."""
-    t = timing.dt * np.arange(steps)
-    return Motion(
-        t, reference.position(t), reference.velocity(t), reference.acceleration(t)
-    )
 
 
 Effects = (
@@ -310,32 +305,19 @@ class Setup(NamedTuple):
         Raises:
             InputError: an option that cannot be used.
         """
-        chosen = self._chosen(options)
+        for name in options:
+            check_known("option", name, EpisodeOptions._fields, where="reset")
+        chosen = self.options._replace(**options)
+        motion = checked_motion(chosen.motion, self.arm.n_joints)
         effects = chosen.effects
-        if chosen.randomisation is not None:
+        if "effects" in options:
+            effects = chosen_effects(options["effects"], self.arm)
+        randomisation = checked_randomisation(chosen.randomisation)
+        if randomisation is not None:
             rng = np.random.default_rng(seeds[1])
-            drawn = draw_effects(
-                rng, self.arm, chosen.randomisation, self.scale, effects
-            )
+            drawn = draw_effects(rng, self.arm, randomisation, self.scale, effects)
             effects = (*effects, *drawn)
-        motion = chosen.motion
         if isinstance(motion, str):
             rng = np.random.default_rng(seeds[0])
             motion = draw_motion(motion, rng, self.space, self.timing.duration)
         return SampledReference(self, motion), effects
-
-    def _chosen(self, options: Mapping[str, Any]) -> EpisodeOptions:
-        """The options of one episode, checked."""
-        default = self.options
-        motion = checked_motion(
-            options.get("motion", default.motion), self.arm.n_joints
-        )
-        effects = default.effects
-        if "effects" in options:
-            effects = chosen_effects(options["effects"], self.arm)
-        randomisation = checked_randomisation(
-            options.get("randomisation", default.randomisation)
-        )
-        for name in options:
-            check_known("option", name, EpisodeOptions._fields, where="reset")
-        return EpisodeOptions(motion, effects, randomisation)

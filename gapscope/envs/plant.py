@@ -186,7 +186,11 @@ class ControlledArms:
             threads=threads,
         )
         self._networks: dict[int, NetworkTorque] = {}
-        self._chunk = 1 if setup.control.gains else sensor_chunk(setup.timing)
+        # steps between readings of the encoders: as many as fit, and divide those of an action
+        self._chunk, parts = 1, setup.timing.sub_steps
+        if setup.control.gains is None:
+            fits = max(1, int(SENSOR_PERIOD / setup.timing.dt + 1e-9))
+            self._chunk = max(x for x in range(1, fits + 1) if parts % x == 0)
         rate = 1.0 / (setup.timing.dt * self._chunk)
         shape = (count, setup.arm.n_joints)
         self._estimate = VelocityFilters(rate, shape)
@@ -421,9 +425,3 @@ class ControlledArms:
         count = steps * len(self._control.rated)
         self.load = squares / count
         self.torque_rate = np.sqrt(jumps / count) / self._timing.dt
-
-
-def sensor_chunk(timing: Timing) -> int:
-    """Steps between readings of the encoders: as many as fit into ``SENSOR_PERIOD``, and divide those of an action."""
-    fits = max(1, int(SENSOR_PERIOD / timing.dt + 1e-9))
-    return max(steps for steps in range(1, fits + 1) if timing.sub_steps % steps == 0)

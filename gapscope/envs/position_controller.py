@@ -7,7 +7,7 @@ that are stable along a whole motion.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq
@@ -22,8 +22,7 @@ from gapscope.arm.velocity_filter import FilterGains, filter_gains
 from gapscope.envs.actions import DAMPING, Gains, pd_gains
 
 
-@dataclass(frozen=True)
-class SampledLoop:
+class SampledLoop(NamedTuple):
     """The loop of a controller and n joints, sampled with a period of dt.
 
     The error is that from a posture at rest. With the feedback u[k] = P(q[k], v[k]) + z[k] of the law, times the
@@ -46,7 +45,7 @@ class SampledLoop:
 
     def times(self, share: float) -> SampledLoop:
         """The same loop with a bandwidth ``share`` times as large and the same damping."""
-        return replace(self, controller=self.controller.times(share))
+        return self._replace(controller=self.controller.times(share))
 
     def stable_share(
         self,
@@ -252,7 +251,8 @@ def stiffest_mode(
 
     def growth(log_factor: float) -> float:
         factor = np.exp(log_factor)
-        loop = replace(pd_loop(Gains(factor * kp, factor * kd), 1.0 / RATE), late=late)
+        sampled = pd_loop(Gains(factor * kp, factor * kd), 1.0 / RATE)
+        loop = sampled._replace(late=late)
         return loop.spectral_radius(np.eye(1), np.zeros(1)) - 1.0
 
     # gains over the inertia from next to nothing to far beyond what any loop bears

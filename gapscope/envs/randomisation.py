@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from numbers import Integral, Real
 from typing import Any
 
 import gymnasium
@@ -19,7 +18,7 @@ from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Transmission
 from gapscope.effects.severity import draw
-from gapscope.envs.arguments import record_of
+from gapscope.envs.arguments import check_values, record_of
 from gapscope.envs.effect_ranges import EffectRanges
 
 GIVE = (
@@ -27,8 +26,6 @@ GIVE = (
     "gapscope.envs.effect_ranges.read_effect_ranges reads"
 )
 """What to do if something else was given."""
-LEAST, MOST = 1e-3, 10.0
-"""Bounds of severities [1]."""
 
 
 @dataclass(frozen=True)
@@ -59,25 +56,20 @@ class Randomisation:
 
     def __post_init__(self) -> None:
         """Check names and ranges; a name may stand alone."""
-        names = (
-            (self.names,)
-            if isinstance(self.names, str)
-            else _listed("names", self.names)
-        )
-        object.__setattr__(self, "names", names)
-        for name in names:
+        if isinstance(self.names, str):
+            object.__setattr__(self, "names", (self.names,))
+        check_values(vars(self), "environment", "randomisation", "randomisation.")
+        object.__setattr__(self, "names", tuple(self.names))
+        for name in self.names:
             check_known("effect", name, sorted(CATALOGUE), where="randomisation.names")
-        joints = (1,) if self.joints is None else _listed("joints", self.joints)
-        on_joints = all(isinstance(j, Integral) and int(j) >= 1 for j in joints)
-        if not (names and joints and on_joints):
-            raise InputError(
-                "there is nothing to draw",
-                "name effects, and joints from 1 on or None",
-                where="randomisation",
-            )
-        _check_range("count", self.count, 0, len(names))
-        _check_range("joint_count", self.joint_count, 1, np.inf)
-        _check_range("severity", self.severity, LEAST, MOST)
+        for name in ("count", "joint_count", "severity"):
+            low, high = getattr(self, name)
+            if low > high or (name == "count" and high > len(self.names)):
+                raise InputError(
+                    f"{[low, high]} is no range of so many effects or joints",
+                    "give the lowest number first, and no more than there are effects",
+                    where=f"randomisation.{name}",
+                )
 
 
 def checked_randomisation(
@@ -91,34 +83,6 @@ def checked_randomisation(
     if randomisation is None or isinstance(randomisation, EffectRanges):
         return randomisation
     return record_of("randomisation", randomisation, Randomisation, GIVE)
-
-
-def _listed(name: str, value: object) -> tuple[Any, ...]:
-    """The value as a tuple.
-
-    Raises:
-        InputError: it is no list.
-    """
-    if isinstance(value, str) or not isinstance(value, Iterable):
-        raise InputError(
-            f"expected a list, got {value!r}", where=f"randomisation.{name}"
-        )
-    return tuple(value)
-
-
-def _check_range(name: str, value: object, least: float, most: float) -> None:
-    """Check that a value is a range, its lowest and highest number, within bounds; numbers of things are whole."""
-    ends, kind = _listed(name, value), Real if name == "severity" else Integral
-    if (
-        len(ends) != 2
-        or not all(isinstance(end, kind) for end in ends)
-        or not least <= ends[0] <= ends[1] <= most
-    ):
-        raise InputError(
-            f"{value!r} is no range within {least} .. {most}",
-            f"give the lowest and the highest {'number' if kind is Real else 'whole number'}",
-            where=f"randomisation.{name}",
-        )
 
 
 def draw_effects(

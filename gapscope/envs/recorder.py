@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -39,11 +37,11 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Path as TorquePath
 from gapscope.envs.actions import DAMPING
-from gapscope.envs.arguments import positive, whole
+from gapscope.envs.arguments import check_values
 from gapscope.envs.divergence import diverged, diverged_recording
 from gapscope.envs.engines import check_engine, default_engine
 from gapscope.envs.position_controller import position_controller
-from gapscope.envs.simulated_arm import SimulatedArm
+from gapscope.envs.simulated_arm import SimulatedArm, closed_loop
 
 RECENT_TICKS, POSTURE_TICKS = 1000, 50
 """Ticks before a divergence from which the postures are taken that may explain it, and from one to the next."""
@@ -125,39 +123,34 @@ def record(
         targets.dq[0],
     )
     steps = steps_per_tick(controller)
-    simulate = partial(
-        SimulatedArm,
+    if encoder_step is None:
+        encoder_step = arm.encoder_step or 0.0
+    change, following = later or (np.inf, effects)
+    q, dq, tau = np.empty((3, *targets.q.shape))
+    with SimulatedArm(
         arm,
-        dt=1.0 / (controller.rate * steps),
+        effects,
+        1.0 / (controller.rate * steps),
         engine=engine,
-        encoder_step=(arm.encoder_step or 0.0)
-        if encoder_step is None
-        else encoder_step,
+        encoder_step=encoder_step,
         encoder_noise=encoder_noise,
         rng=rng,
-    )
-    change, following = later or (np.inf, effects)
-    at_work = effects
-    q, dq, tau = (np.empty_like(targets.q) for _ in range(3))
-    with ExitStack() as stack:
-        simulated = stack.enter_context(simulate(effects))
-        last = simulated if later is None else stack.enter_context(simulate(following))
+    ) as simulated:
         simulated.start(targets.q[0], targets.dq[0], t[0])
-        for i, now in enumerate(t.tolist()):
-            if simulated is not last and now >= change:
-                last.reset(simulated.q, simulated.dq, now)
-                simulated, at_work = last, following
-            q[i] = simulated.encoders()
-            dq[i] = filtered(q[i])
-            tau[i] = control(targets.at(i), q[i], dq[i])
-            simulated.step(tau[i], steps)
+        loop = closed_loop(
+            simulated, targets, control, lambda _, at: filtered(at), steps
+        )
+        for i, (q[i], dq[i], tau[i]) in enumerate(loop):
             if diverged(simulated.dq):
                 recent = targets.q[max(0, i - RECENT_TICKS) : i + 1][::-POSTURE_TICKS]
+                at_work, speed = simulated.effects, simulated.dq
                 raise diverged_recording(
-                    arm, at_work, controller, recent, simulated.dq, now
+                    arm, at_work, controller, recent, speed, float(t[i])
                 )
             if read_back:
                 tau[i] = simulated.applied
+            if i + 1 < len(t) and t[i] < change <= t[i + 1]:
+                simulated.become(following, t[i + 1])
     rows = np.arange(first, len(t), every)
     noise = rng.standard_normal((len(rows), arm.n_joints)) * torque_noise
     return Recording(
@@ -209,19 +202,12 @@ class Plan:
     def __post_init__(self) -> None:
         """Check the numbers and the engine."""
         check_engine(self.engine)
-        whole("recordings", self.recordings)
-        positive("rate", self.rate, "Hz")
-        if positive("duration", self.duration, "s") < SHORTEST:
+        check_values(vars(self), "environment", "recording")
+        if self.duration < SHORTEST:
             raise InputError(
                 f"a case holds recordings of at least {SHORTEST:g} s", where="duration"
             )
         check_sample_count(self.duration, self.rate, self.recordings)
-        for name in ("noise", "encoder_noise"):
-            if not (np.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
-                raise InputError(
-                    f"expected a number from 0 on, got {getattr(self, name)!r}",
-                    where=name,
-                )
 
 
 def record_case(
@@ -250,7 +236,8 @@ def record_case(
         GapscopeError: the simulated arm diverged; says why.
     """
     CorrectedArm(arm, effects).check()
-    space = workspace(RigidBody(arm))
+    body = RigidBody(arm)
+    space, (lower, upper) = workspace(body), body.position_limits()
     motions = _motions(arm, plan, rng, space)
     durations = [
         motion.duration if isinstance(motion, Sampled) else plan.duration
@@ -280,7 +267,17 @@ def record_case(
             engine=plan.engine,
         )
         assert recording.tau is not None
-        _warn_of_stops(recording, arm)
+        # motions keep a distance from the stops: gains or effects let joints come to them
+        stopped = ((recording.q <= lower) | (recording.q >= upper)).any(axis=0)
+        if stopped.any():
+            joints = [f"{j + 1} ({arm.joints[j]})" for j in np.flatnonzero(stopped)]
+            warnings.warn(
+                f"{recording.name}: the controller did not hold joints {', '.join(joints)} off their stops, whose "
+                "torque is in the recorded one. Give rotor inertias (nominal: armature), which allow for stiffer "
+                "gains, or weaker effects",
+                ModelWarning,
+                stacklevel=2,
+            )
         spread = recording.tau.std(axis=0)
         noise = (
             plan.noise
@@ -295,21 +292,6 @@ def hidden_by_reading_back(effects: tuple[AppliedEffect, ...]) -> tuple[str, ...
     """Names of effects between command and joint: torque that is read back behind them does not show them."""
     return tuple(
         applied.name for applied in effects if isinstance(applied.effect, TorquePath)
-    )
-
-
-def _warn_of_stops(recording: Recording, arm: NominalArm) -> None:
-    """Warn of joints that came to their stops, from which motions keep a distance, as gains or effects let them."""
-    lower, upper = RigidBody(arm).position_limits()
-    stopped = ((recording.q <= lower) | (recording.q >= upper)).any(axis=0)
-    if not stopped.any():
-        return
-    joints = ", ".join(f"{j + 1} ({arm.joints[j]})" for j in np.flatnonzero(stopped))
-    warnings.warn(
-        f"{recording.name}: the controller did not hold joints {joints} off their stops, whose torque is in the "
-        "recorded one. Give rotor inertias (nominal: armature), which allow for stiffer gains, or weaker effects",
-        ModelWarning,
-        stacklevel=3,
     )
 
 

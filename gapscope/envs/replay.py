@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, make_interp_spline
@@ -28,7 +29,12 @@ from gapscope.effects.applied import AppliedEffect, State
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.residual import ResidualNetwork
 from gapscope.envs.divergence import diverged, fastest
-from gapscope.envs.simulated_arm import NetworkTorque, SimulatedArm, between
+from gapscope.envs.simulated_arm import (
+    NetworkTorque,
+    SimulatedArm,
+    between,
+    closed_loop,
+)
 
 TRIM = 0.3
 """Time cut from both ends of a stretch before the gap is measured [s]."""
@@ -46,8 +52,7 @@ GIVE_DATA_SHEET = "give armature and friction in nominal:, or a model with them"
 """What to do if the replayed arm diverges under its controller, and under the recorded torque."""
 
 
-@dataclass(frozen=True)
-class Replay:
+class Replay(NamedTuple):
     """A replayed motion, at the times of the recording, N samples of n joints.
 
     Attributes:
@@ -196,7 +201,7 @@ def _tracked(
         body = RigidBody(corrected.arm).carrying(recording.payload)
         needed = replace(corrected, residual=None).predict(body, reference)[0]
         control.start_with(needed, first, start, speed)
-    q, tau = np.empty_like(commands.q), np.empty_like(commands.q)
+    q, tau = np.empty((2, *commands.q.shape))
     steps = steps_per_tick(controller)
     dt = 1.0 / (controller.rate * steps)
     network = None
@@ -204,17 +209,11 @@ def _tracked(
         network = NetworkTorque(corrected, reference, 1, recording.payload)
     with _simulated(corrected, recording, dt, engine) as simulated:
         simulated.start(start, first.dq, ticks[0])
-        # rows of all series side by side: indexing each series at each tick takes longer than the law
-        followed = map(Targets._make, zip(*commands, strict=True))
-        for i, (time, wanted) in enumerate(zip(ticks, followed, strict=True)):
-            q[i] = now = simulated.encoders()
-            speed = velocity(now)
-            tau[i] = applied = control(wanted, now, speed)
-            if network is not None:
-                network.see(i, now, speed)
-                applied = applied - network.torque(i)
-            simulated.step(applied, steps)
-            _check(simulated, time, CHECK_CONTROLLER)
+        loop = closed_loop(
+            simulated, commands, control, lambda _, at: velocity(at), steps, network
+        )
+        for i, (q[i], _, tau[i]) in enumerate(loop):
+            _check(simulated, ticks[i], CHECK_CONTROLLER)
     # a row holds the torque of the last tick before it
     tick = ((t - t[0]) * controller.rate + 1e-6).astype(int)
     return between(ticks, q, t), tau[tick]
@@ -230,9 +229,19 @@ def _driven(
     assert recording.tau is not None
     t, tau = recording.t[rows], recording.tau[rows]
     period = 1.0 / recording.rate
-    smooth = _smooth(recording.q[rows], recording.rate)
+    # measured positions through a zero-phase low-pass
+    cutoff = min(CUTOFF, 0.4 * recording.rate)
+    sos = butter(2, cutoff, output="sos", fs=recording.rate)
+    padding = min(len(t) - 1, int(3 * recording.rate / cutoff))
+    smooth: np.ndarray = sosfiltfilt(sos, recording.q[rows], axis=0, padlen=padding)
     speed = make_interp_spline(t, smooth, k=3)(t, 1)
-    applied = tau - _network_torque(corrected, recording, rows, smooth)
+    applied = tau
+    if corrected.residual is not None:
+        spline = make_interp_spline(t, smooth, k=5)
+        motion = Motion(t, smooth, spline(t, 1), spline(t, 2))
+        body = RigidBody(corrected.arm).carrying(recording.payload)
+        load = replace(corrected, residual=None).predict(body, motion)
+        applied = tau - corrected.residual.torque(motion, load)
     q = np.empty_like(tau)
     dt = period / max(1, int(np.ceil(period / LONGEST_STEP - 1e-9)))
     count = max(2, round(HORIZON / period))
@@ -251,20 +260,6 @@ def _driven(
     return q, tau
 
 
-def _network_torque(
-    corrected: CorrectedArm, recording: Recording, rows: slice, smooth: np.ndarray
-) -> np.ndarray | float:
-    """What the residual network says of the recorded motion [N m], (N, n); 0 without one."""
-    if corrected.residual is None:
-        return 0.0
-    t = recording.t[rows]
-    spline = make_interp_spline(t, smooth, k=5)
-    motion = Motion(t, smooth, spline(t, 1), spline(t, 2))
-    body = RigidBody(corrected.arm).carrying(recording.payload)
-    load = replace(corrected, residual=None).predict(body, motion)
-    return corrected.residual.torque(motion, load)
-
-
 def _check(simulated: SimulatedArm, time: float, remedy: str) -> None:
     """Stop an arm that diverges."""
     dq = simulated.dq
@@ -273,12 +268,3 @@ def _check(simulated: SimulatedArm, time: float, remedy: str) -> None:
             f"the replayed arm diverged at joint {fastest(dq) + 1}, at t = {time:.3g} s",
             remedy,
         )
-
-
-def _smooth(q: np.ndarray, rate: float) -> np.ndarray:
-    """Measured positions through a zero-phase low-pass, (N, n)."""
-    cutoff = min(CUTOFF, 0.4 * rate)
-    sos = butter(2, cutoff, output="sos", fs=rate)
-    padding = min(len(q) - 1, int(3 * rate / cutoff))
-    smooth: np.ndarray = sosfiltfilt(sos, q, axis=0, padlen=padding)
-    return smooth

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from gapscope.envs.arguments import positive, record_of
+from gapscope.envs.arguments import check_values
 
 
 class RewardParts(NamedTuple):
@@ -47,14 +47,7 @@ class Reward:
 
     def __post_init__(self) -> None:
         """Check the numbers; a weight of zero is allowed."""
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.name == "tolerance" or value != 0:
-                positive(
-                    f"reward.{field.name}",
-                    value,
-                    "rad" if field.name == "tolerance" else "1",
-                )
+        check_values(vars(self), "environment", "reward", "reward.")
 
     def __call__(
         self, error: np.ndarray, load: np.ndarray | float, jump: np.ndarray
@@ -71,10 +64,3 @@ class Reward:
         squares = np.vecdot(jump, jump)
         smoothness = -self.smoothness * squares / jump.shape[-1]
         return RewardParts(tracking, -self.effort * load, smoothness)
-
-
-def chosen_reward(reward: Reward | None) -> Reward:
-    """The reward, or the default one; raises ``InputError`` if it is none."""
-    if reward is None:
-        return Reward()
-    return record_of("reward", reward, Reward, "give a gapscope.envs.reward.Reward")

@@ -5,12 +5,13 @@ One arm is one of N arms. The torque of a residual network is taken off what it 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from gapscope.arm.control import Targets
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.known_load import KnownLoad
@@ -508,6 +509,17 @@ class SimulatedArm:
         true = np.asarray(q, dtype=float)
         self._arms.reset(0, true, np.zeros_like(true) + dq, time)
 
+    @property
+    def effects(self) -> tuple[AppliedEffect, ...]:
+        """What it has beyond the nominal arm."""
+        return self._arms.effects[0]
+
+    def become(self, effects: tuple[AppliedEffect, ...], time: float) -> None:
+        """Have other effects from a time [s] on: position and velocity continue, states of effects are forgotten."""
+        q, dq = self.q, self.dq
+        self._arms.put(0, effects)
+        self.reset(q, dq, time)
+
     def start(
         self, reading: np.ndarray, dq: np.ndarray | float = 0.0, time: float = 0.0
     ) -> None:
@@ -548,6 +560,39 @@ class SimulatedArm:
         """Hold the commanded torque [N m], shape (n,), for ``steps`` time steps."""
         # a copy: it is held, whatever becomes of the array
         self._arms.hold(np.array(torque, dtype=float), steps)
+
+
+def closed_loop(
+    simulated: SimulatedArm,
+    targets: Targets,
+    control: Callable[[Targets, np.ndarray, np.ndarray], np.ndarray],
+    velocity: Callable[[Targets, np.ndarray], np.ndarray],
+    steps: int = 1,
+    network: NetworkTorque | None = None,
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Run an arm under a controller: at each tick what the encoders read, the velocity, and the torque commanded.
+
+    Each tick is given when its torque has been held until the next one. All are of shape (n,) [rad], [rad/s], [N m].
+
+    Args:
+        simulated: the arm, at its start.
+        targets: what it is to follow at each tick.
+        control: torque by the target, position and velocity.
+        velocity: by the target and the position.
+        steps: of the simulation per tick.
+        network: what a residual network takes off the torque, or ``None``.
+    """
+    # rows of all series side by side: indexing each series at each tick takes longer than the law
+    followed = map(Targets._make, zip(*targets, strict=True))
+    for number, now in enumerate(followed):
+        q = simulated.encoders()
+        dq = velocity(now, q)
+        torque = felt = control(now, q, dq)
+        if network is not None:
+            network.see(number, q, dq)
+            felt = torque - network.torque(number)
+        simulated.step(felt, steps)
+        yield q, dq, torque
 
 
 class NetworkTorque:

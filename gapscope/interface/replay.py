@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -97,4 +97,4 @@ def replay(
             residual=corrected.residual,
             states=corrected.states,
         )
-    return ReplayResult(chosen.name, replace(result, t=chosen.stamps))
+    return ReplayResult(chosen.name, result._replace(t=chosen.stamps))

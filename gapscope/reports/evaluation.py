@@ -16,7 +16,7 @@ from rich.text import Text
 from gapscope.agents.evaluation import Evaluation, TrackingBench
 from gapscope.agents.summary import Mean, SummaryLine, relation
 from gapscope.arm.io.atomic_write import atomic_write
-from gapscope.arm.io.json_file import write_json
+from gapscope.arm.io.json_file import plain, write_json
 from gapscope.effects.corrected_file import described
 from gapscope.reports.pages import (
     COLOURS,
@@ -95,7 +95,7 @@ def _table(lines: list[SummaryLine], kind: tuple[str, str]) -> Table:
         )
         shown.add_column(Text(head), justify="right", no_wrap=True)
     for line in lines:
-        means = [_two_lines(mean(line, name), factor) for name, factor in MEANS]
+        means = [_two_lines(line.means[name], factor) for name, factor in MEANS]
         shown.add_row(*(Text(cell) for cell in (line.model, *means, *cells(line)[-2:])))
     return shown
 
@@ -106,15 +106,10 @@ def cells(line: SummaryLine) -> list[str]:
         line.model,
         line.engine,
         line.disturbance,
-        *(_one_line(mean(line, name), factor) for name, factor in MEANS),
-        f"{line.diverged}/{line.count}",
+        *(_one_line(line.means[name], factor) for name, factor in MEANS),
+        f"{line.diverged}/{line.episodes}",
         "–" if line.margin is None else f"{line.margin:.1f}",
     ]
-
-
-def mean(line: SummaryLine, name: str) -> Mean:
-    """A mean of a line by the name of its measure."""
-    return line.torque_error if name == "torque_error" else line.means[name]
 
 
 def _one_line(mean: Mean, factor: float) -> str:
@@ -216,7 +211,7 @@ def _figure(content: Mapping[str, Any], lines: Sequence[SummaryLine]) -> Figure:
             )
         # too many diverged episodes make a mean infinite
         shown = [line for line in own if isfinite(line.means["joint_error"].value)]
-        torque = [line.torque_error for line in shown]
+        torque = [line.means["torque_error"] for line in shown]
         joint = [line.means["joint_error"] for line in shown]
         figure.add_scatter(
             x=[PERCENT * mean.value for mean in torque],
@@ -317,5 +312,5 @@ def evaluation_document(
         },
         "models": [line.plain() for line in lines],
         "rank_correlation_of_torque_and_joint_error": relation(lines),
-        "episodes": [episode.row() for episode in evaluation.episodes],
+        "episodes": plain(evaluation.episodes, null_if_not_finite=True),
     }

@@ -1,6 +1,6 @@
 """A trained agent as a controller: it sees what the environment shows, and acts as there."""
 
-from dataclasses import astuple, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ import pytest
 from gapscope.agents.controllers import AgentController
 from gapscope.agents.evaluation import EvaluationPlan, TrackingBench
 from gapscope.agents.models import AgentModel, Gravity
-from gapscope.agents.tracking import SampledReference, track
+from gapscope.agents.tracking import Measures, SampledReference, track
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.named_motions import draw_motion, workspace
@@ -92,19 +92,17 @@ def test_an_agent_that_does_nothing_is_its_model(two: NominalArm) -> None:
     bench = TrackingBench(two, (), plan)
     agent = _agent(two, Noting(2, 0.0))
     ((alone,), (with_agent,)) = (
-        list(bench.episodes("m", model, plan.engines[0], 0))
+        bench.episodes("m", model, plan.engines[0], 0)
         for model in (Gravity(two), agent)
     )
     # the last bit of a sum may differ between two runs, and an episode lets it grow
-    np.testing.assert_allclose(
-        astuple(with_agent.measures), astuple(alone.measures), rtol=1e-6
-    )
-    np.testing.assert_allclose(
-        with_agent.torque_error, alone.torque_error, rtol=1e-6, atol=1e-9
-    )
+    for name in (*Measures._fields, "torque_error"):
+        np.testing.assert_allclose(
+            with_agent[name], alone[name], rtol=1e-6, atol=1e-9, err_msg=name
+        )
     own = replace(agent, policy=Noting(2))
-    acting = next(bench.episodes("m", own, plan.engines[0], 0))
-    assert acting.measures.joint_error > alone.measures.joint_error
+    acting = bench.episodes("m", own, plan.engines[0], 0)[0]
+    assert acting["joint_error"] > alone["joint_error"]
 
 
 def test_an_agent_begins_anew(two: NominalArm) -> None:

@@ -8,7 +8,6 @@ import pytest
 from gapscope.agents.controllers import (
     ComputedTorque,
     Feedforward,
-    TrackingController,
     Tuning,
 )
 from gapscope.agents.evaluation import EvaluationPlan, TrackingBench
@@ -34,7 +33,7 @@ PD = W**2 * 0.2 + W * 0.3
 """What the loop of 1 kg m^2 adds [N m]."""
 
 
-def _commanded(controller: TrackingController, far: float = 0.0) -> float:
+def _commanded(controller: Feedforward, far: float = 0.0) -> float:
     """Torque of the sample, or of one whose reference is farther away [N m]."""
     series = (MOTION.q + far, MOTION.dq, MOTION.ddq, controller.plan(MOTION))
     return float(controller(Targets(*series).at(0), Q, DQ)[0])

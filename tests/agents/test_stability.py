@@ -12,6 +12,7 @@ from gapscope.agents.tracking import (
     HIGHEST,
     LOWEST,
     RESOLUTION,
+    Measures,
     SampledReference,
     largest_factor,
     settles,
@@ -130,7 +131,7 @@ def test_an_arm_with_a_wrong_model_inside_the_loop_shakes() -> None:
         bench = TrackingBench(arm, (late,), plan)
         for name, model in models.items():
             (episode,) = bench.episodes(name, model, "pybullet", 0)
-            found[law, name] = episode.measures
+            found[law, name] = Measures(*(episode[x] for x in Measures._fields))
     inside = found["computed", "wrong"]
     assert found["computed", "right"].joint_error < 1e-3
     assert inside.joint_error > 0.01

@@ -288,8 +288,8 @@ def test_it_comes_back_as_it_was_written(tmp_path: Path) -> None:
     write_residual(residual, tmp_path / "residual.npz")
     found = read_residual(tmp_path / "residual.npz")
     for a, b in zip(
-        vars(residual.predict(m, m.q)).values(),
-        vars(found.predict(m, m.q)).values(),
+        residual.predict(m, m.q),
+        found.predict(m, m.q),
         strict=True,
     ):
         np.testing.assert_array_equal(a, b)
@@ -347,14 +347,20 @@ def test_faults_are_told(tmp_path: Path) -> None:
         ({"scale": None}, "scale is missing"),
         ({"mlp.weight1": None}, "mlp.weight1 is missing"),
         ({"additive.own": None}, "additive.own is missing"),
-        ({"bound": np.ones(5)}, r"bound: has shape \(5,\), expected \(6,\)"),
+        (
+            {"bound": np.ones(5)},
+            r"bound: holds float64 of shape \(5,\), expected numbers of shape \(6\)",
+        ),
         (
             {"mlp.bias0": np.full((3, 6, 5), np.nan)},
             "mlp.bias0: holds values that are not finite",
         ),
         ({"mlp.weight0": np.ones((3, 6, 4, 5))}, "do not fit together"),
         ({"additive.weight0": np.ones((3, 6, 4, 2))}, "do not fit together"),
-        ({"schema": np.array(1), "forms": None}, "its schema is 1, known is 2"),
+        (
+            {"schema": np.array(1), "forms": None},
+            "is of schema 1 and forms unknown; known are schema 2",
+        ),
     ],
 )
 def test_arrays_that_do_not_fit_are_told(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -23,7 +24,7 @@ from gapscope.effects import (
     transmission,
 )
 from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.catalogue import CATALOGUE, effect
+from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import read_corrected_arm, write_corrected
 from gapscope.effects.effect import DryLaw, Path, Signals
@@ -33,71 +34,41 @@ from gapscope.effects.signals import MotionSeries
 ONE = np.array([1.0])
 
 
-def _signals(
-    velocity: float = 0.0, position: float = 0.0, load: float = 0.0, t: float = 0.0
-) -> Signals:
-    return Signals(t, np.array([position]), np.array([velocity]), np.array([load]))
+def _law(name: str, *values: float, **known: float) -> np.ndarray:
+    """The torque law of an effect, of one sample of one joint."""
+    at = Signals(0.0, *(known.get(x, 0.0) * ONE for x in ("position", "velocity")), ONE)
+    return CATALOGUE[name].law(at, *(value * ONE for value in values))
+
+
+def _of(law: Callable[..., np.ndarray], *values: float) -> np.ndarray:
+    return law(*(value * ONE for value in values))
+
+
+def _saturated(torque: float, limit: float) -> np.ndarray:
+    return actuation.saturate(torque * ONE, None, limit * ONE)
 
 
 GOLDEN = [
     # at v = vs the peak has fallen to 1 / e
-    (
-        "stribeck",
-        friction.stribeck(_signals(velocity=0.2), np.array([3.0]), np.array([0.2])),
-        1.103638,
-    ),
-    (
-        "stribeck, sliding",
-        friction.stribeck(_signals(velocity=2.0), np.array([3.0]), np.array([0.2])),
-        0.0,
-    ),
-    (
-        "saturating, off",
-        friction.saturating(_signals(velocity=1.0), np.array([4.0]), np.array([0.0])),
-        0.0,
-    ),
-    # 1 + 0.6 / e
-    ("drift", friction.drift_change(30.0, np.array([0.6]), np.array([30.0])), 0.220728),
-    (
-        "spring",
-        transmission.spring(_signals(position=0.7), np.array([20.0]), np.array([0.2])),
-        10.0,
-    ),
-    (
-        "elastic torque",
-        transmission.elastic_torque(0.002 * ONE, -0.1 * ONE, 1e4 * ONE, 30.0 * ONE),
-        17.0,
-    ),
-    (
-        "elastic deflection",
-        transmission.elastic_deflection(50.0 * ONE, 1e4 * ONE, 30.0 * ONE),
-        0.005,
-    ),
-    (
-        "backlash deflection",
-        transmission.backlash_deflection(-3.0 * ONE, 0.01 * ONE),
-        -0.005,
-    ),
-    (
-        "through backlash",
-        transmission.through_backlash(-0.012 * ONE, 0.02 * ONE),
-        -0.002,
-    ),
-    ("inside backlash", transmission.through_backlash(0.009 * ONE, 0.02 * ONE), 0.0),
+    ("stribeck", _law("stribeck_friction", 3.0, 0.2, velocity=0.2), 1.103638),
+    ("sliding", _law("stribeck_friction", 3.0, 0.2, velocity=2.0), 0.0),
+    ("saturating, off", _law("saturating_friction", 4.0, 0.0, velocity=1.0), 0.0),
+    # 0.6 / e
+    ("drift", _of(friction.drift_change, 30.0, 0.6, 30.0), 0.220728),
+    ("spring", _law("parallel_spring", 20.0, 0.2, position=0.7), 10.0),
+    ("elastic", _of(transmission.elastic_torque, 0.002, -0.1, 1e4, 30.0), 17.0),
+    ("bent", _of(transmission.elastic_deflection, 50.0, 1e4, 30.0), 0.005),
+    ("backlash", _of(transmission.backlash_deflection, -3.0, 0.01), -0.005),
+    ("through backlash", _of(transmission.through_backlash, -0.012, 0.02), -0.002),
+    ("inside backlash", _of(transmission.through_backlash, 0.009, 0.02), 0.0),
     # 2 sin(6 * 15 deg + 30 deg)
-    (
-        "ripple, shifted",
-        actuation.ripple_torque(
-            np.deg2rad([15.0]), 2.0 * ONE, 6.0 * ONE, np.pi / 6 * ONE
-        ),
-        1.732051,
-    ),
-    ("saturation", actuation.saturate(-90.0 * ONE, None, 40.0 * ONE), -40.0),
-    ("no saturation", actuation.saturate(-90.0 * ONE, None, 0.0 * ONE), -90.0),
-    ("quantization", sensing.quantize(0.52 * ONE, 0.05 * ONE), 0.5),
-    ("no quantization", sensing.quantize(0.52 * ONE, 0.0 * ONE), 0.52),
-    ("force acts", environment.acts(2.5, 2.0 * ONE, 3.0 * ONE), 1.0),
-    ("force is over", environment.acts(3.0, 2.0 * ONE, 3.0 * ONE), 0.0),
+    ("ripple", _of(actuation.ripple_torque, np.pi / 12, 2, 6, np.pi / 6), 1.732051),
+    ("saturation", _saturated(-90.0, 40.0), -40.0),
+    ("no saturation", _saturated(-90.0, 0.0), -90.0),
+    ("quantization", _of(sensing.quantize, 0.52, 0.05), 0.5),
+    ("no quantization", _of(sensing.quantize, 0.52, 0.0), 0.52),
+    ("force acts", _of(environment.acts, 2.5, 2.0, 3.0), 1.0),
+    ("force is over", _of(environment.acts, 3.0, 2.0, 3.0), 0.0),
 ]
 
 
@@ -211,12 +182,6 @@ def test_force_on_the_last_link_by_hand(tmp_path) -> None:
     )  # the rod now points down, along the force
 
 
-def test_unknown_name_offers_the_nearest() -> None:
-    with pytest.raises(InputError, match="unknown effect 'joint_elastcity'") as caught:
-        effect("joint_elastcity")
-    assert "did you mean joint_elasticity?" in caught.value.remedy
-
-
 # Each law against values worked out by hand, and the payload against a body that pinocchio welds on.
 
 
@@ -294,11 +259,6 @@ def test_torque_of_a_pendulum(
     assert torque(pendulum, motion, applied(name, **values)) == pytest.approx(
         expected, abs=1e-9
     )
-
-
-def signals(velocity: float, load: float) -> Signals:
-    """One sample of one joint at the origin."""
-    return Signals(0.0, np.zeros(1), np.array([velocity]), np.array([load]))
 
 
 def test_point_mass_parameters() -> None:

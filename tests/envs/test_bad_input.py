@@ -96,40 +96,10 @@ EFFECTS = {
         "effects[1], joint_elasticity: joint 2 has a motor of its own but no rotor inertia",
         "nominal.armature",
     ),
-    "unknown effect": (
-        [_entry("coulomb_fricton", {"torque": [1.0]}, [1])],
-        "effects[1]: unknown effect 'coulomb_fricton'",
-        "did you mean coulomb_friction?",
-    ),
     "unknown parameter": (
         [_entry("joint_elasticity", {"stifness": [1e4], "damping": [0.0]}, [2])],
         "effects[1], joint_elasticity: expected the parameters stiffness, damping; got stifness, damping",
         "'stifness' is unknown: did you mean 'stiffness'? give stiffness in N m/rad, damping in N m s/rad",
-    ),
-    "missing parameter": (
-        [_entry("stribeck_friction", {"torque": [1.0]}, [1])],
-        "effects[1], stribeck_friction: expected the parameters torque, velocity; got torque",
-        "velocity in rad/s",
-    ),
-    "wrong number of values": (
-        [_entry("coulomb_friction", {"torque": [1.0, 2.0, 3.0]}, [1, 2])],
-        "effects[1], coulomb_friction.torque: expected 2 values, got 3",
-        "one value for each of the joints",
-    ),
-    "value out of bounds": (
-        [_entry("actuator_delay", {"delay": [8.8]}, [1])],
-        "effects[1], actuator_delay.delay: value [8.8] outside",
-        "give delay in s; on real arms it lies near",
-    ),
-    "value that is no number": (
-        [_entry("coulomb_friction", {"torque": ["much"]}, [1])],
-        "effects[1], coulomb_friction.torque: holds a value that is not a number, ['much']",
-        "give numbers in N m",
-    ),
-    "joints of an effect on the arm": (
-        [_entry("payload", {"mass": 1.0, "com": [0, 0, 0]}, [1])],
-        "effects[1], payload: an effect of scope arm, but joints are [1]",
-        "leave joints: out",
     ),
 }
 

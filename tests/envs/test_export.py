@@ -17,10 +17,12 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.catalogue import CATALOGUE, register, remove
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.friction import COULOMB
 from gapscope.effects.parameter import Parameter
+from gapscope.effects.severity import draw
 from gapscope.envs.engines import installed
 from gapscope.envs.export.formats import export
 from gapscope.envs.export.texts import FORMATS, HELD, holds
@@ -98,6 +100,25 @@ def random_effects(rng: np.random.Generator, n: int) -> tuple[AppliedEffect, ...
     )
 
 
+def exported(
+    arm: CorrectedArm, form: str, folder: Path, **options: object
+) -> tuple[Path, tuple[str, ...]]:
+    """The file of an arm, and what it leaves out."""
+    out = folder / f"arm.{form}"
+    missing, _ = export(arm, form, out, **options)
+    return out, missing
+
+
+def iiwa(*effects: AppliedEffect, **options: object) -> CorrectedArm:
+    return CorrectedArm(load_nominal_arm("kuka_iiwa", **options), effects)
+
+
+def in_pinocchio(file: Path, motion: Motion, **options: object) -> np.ndarray:
+    """Inverse dynamics of the arm of a file."""
+    body = RigidBody(load_nominal_arm(file, **options))
+    return body.inverse_dynamics(motion.q, motion.dq, motion.ddq)
+
+
 @pytest.fixture(params=ROBOTS)
 def nominal(request: pytest.FixtureRequest) -> NominalArm:
     return load_nominal_arm(request.param)
@@ -118,16 +139,13 @@ class TestTorque:
     def test_of_urdf_in_pinocchio(
         self, nominal: NominalArm, tmp_path: Path, seed: int
     ) -> None:
-        arm = CorrectedArm(
-            nominal, random_effects(np.random.default_rng(seed), nominal.n_joints)
-        )
-        export(arm, "urdf", tmp_path / "arm.urdf")
-        again = load_nominal_arm(tmp_path / "arm.urdf", joints=nominal.joints)
+        effects = random_effects(np.random.default_rng(seed), nominal.n_joints)
+        arm = CorrectedArm(nominal, effects)
+        file, _ = exported(arm, "urdf", tmp_path)
         motion = states(arm, seed)
         want = arm.rigid_torque(RigidBody(nominal), motion)
-        assert RigidBody(again).inverse_dynamics(
-            motion.q, motion.dq, motion.ddq
-        ) == pytest.approx(want, rel=1e-9)
+        got = in_pinocchio(file, motion, joints=nominal.joints)
+        assert got == pytest.approx(want, rel=1e-9)
 
     def test_of_urdf_in_pybullet(
         self, nominal: NominalArm, bullet, tmp_path: Path
@@ -178,7 +196,7 @@ class TestTorque:
     def test_of_sdf_in_dart(self, tmp_path: Path) -> None:
         dartpy = pytest.importorskip("dartpy")
 
-        arm = CorrectedArm(load_nominal_arm("kuka_iiwa"), BODIES + OFF)
+        arm = iiwa(*BODIES, *OFF)
         export(arm, "sdf", tmp_path / "arm.sdf")
         text = ET.parse(tmp_path / "arm.sdf")
         for link in text.getroot().iter("link"):  # DART is slow at shapes
@@ -201,29 +219,22 @@ class TestTorque:
             arm.rigid_torque(RigidBody(arm.arm), motion), rel=1e-6, abs=1e-9
         )
 
-    def test_at_what_encoders_with_an_offset_read(self, tmp_path: Path) -> None:
-        arm = CorrectedArm(load_nominal_arm("kuka_iiwa"), OFF)
-        export(arm, "urdf", tmp_path / "arm.urdf")
-        again = RigidBody(load_nominal_arm(tmp_path / "arm.urdf"))
-        motion = states(arm)
-        want = arm.rigid_torque(RigidBody(arm.arm), motion)
-        got = again.inverse_dynamics(motion.q, motion.dq, motion.ddq)
-        assert got == pytest.approx(want, rel=1e-9)
-        low, high = RigidBody(arm.arm).position_limits()
-        shift = np.array([0.0, 0.03, 0.0, -0.05, 0.0, 0.0, 0.0])
-        assert np.array(again.position_limits()) == pytest.approx(
-            np.array([low + shift, high + shift])
-        )
-
-    def test_stands_as_gravity_of_the_case_says(self, tmp_path: Path) -> None:
-        wall = load_nominal_arm("kuka_iiwa", gravity=[0.0, -9.81, 0.0])
-        arm = CorrectedArm(wall, BODIES)
-        export(arm, "urdf", tmp_path / "arm.urdf")
-        motion = states(arm)
-        got = RigidBody(load_nominal_arm(tmp_path / "arm.urdf")).inverse_dynamics(
-            motion.q, motion.dq, motion.ddq
-        )
-        assert got == pytest.approx(arm.rigid_torque(RigidBody(wall), motion), rel=1e-9)
+    @pytest.mark.parametrize(
+        ("effects", "gravity"), [(OFF, (0.0, 0.0, -9.81)), (BODIES, (0.0, -9.81, 0.0))]
+    )
+    def test_at_what_encoders_read_and_as_gravity_of_the_case_says(
+        self, tmp_path: Path, effects: tuple, gravity: tuple
+    ) -> None:
+        """With its encoders off, and on a wall."""
+        arm = iiwa(*effects, gravity=list(gravity))
+        file, _ = exported(arm, "urdf", tmp_path)
+        motion, nominal = states(arm), RigidBody(arm.arm)
+        want = arm.rigid_torque(nominal, motion)
+        assert in_pinocchio(file, motion) == pytest.approx(want, rel=1e-9)
+        low, high = nominal.position_limits()
+        shift = arm.quantity("zero")
+        limits = np.array(RigidBody(load_nominal_arm(file)).position_limits())
+        assert limits == pytest.approx(np.array([low + shift, high + shift]))
 
     def test_of_a_link_that_takes_over_what_is_fixed_to_it(
         self, tmp_path: Path
@@ -241,33 +252,27 @@ class TestTorque:
             "link_inertia", (), {"link": 1, "mass": -3.0, "com": [0.0, 0.0, 0.1]}
         )
         arm = CorrectedArm(load_nominal_arm(tmp_path / "robot.urdf"), (lighter,))
-        export(arm, "urdf", tmp_path / "out.urdf")
+        file, _ = exported(arm, "urdf", tmp_path)
+        mass = RigidBody(load_nominal_arm(file)).inertial_parameters()[0]
+        assert mass == pytest.approx(7.0)
         motion = states(arm)
-        body = RigidBody(load_nominal_arm(tmp_path / "out.urdf"))
-        assert body.inertial_parameters()[0] == pytest.approx(7.0)
         want = arm.rigid_torque(RigidBody(arm.arm), motion)
-        assert body.inverse_dynamics(motion.q, motion.dq, motion.ddq) == pytest.approx(
-            want, rel=1e-9
-        )
+        assert in_pinocchio(file, motion) == pytest.approx(want, rel=1e-9)
 
 
 class TestJoints:
     def test_friction_and_limits_in_urdf(self, tmp_path: Path) -> None:
-        arm = CorrectedArm(load_nominal_arm("kuka_iiwa"), DRIVES)
-        export(arm, "urdf", tmp_path / "arm.urdf")
-        again = load_nominal_arm(tmp_path / "arm.urdf")
-        assert again.viscous == pytest.approx(
-            arm.arm.viscous + np.array([2, 0, 3, 0, 0, 0, 0])
-        )
+        arm = iiwa(*DRIVES)
+        file, _ = exported(arm, "urdf", tmp_path)
+        again = load_nominal_arm(file)
+        assert again.viscous == pytest.approx(arm.quantity("damping"))
         assert again.coulomb == pytest.approx([0, 4, 0, 0, 0, 0, 0])
         body, nominal = RigidBody(again), RigidBody(arm.arm)
-        assert body.effort_limits() == pytest.approx(
-            np.where(np.arange(7) == 3, 20.0, nominal.effort_limits())
-        )
-        assert np.array(body.position_limits()) == pytest.approx(
-            np.array(nominal.position_limits())
-        )
-        assert body.velocity_limits() == pytest.approx(nominal.velocity_limits())
+        effort = np.where(np.arange(7) == 3, 20.0, nominal.effort_limits())
+        assert body.effort_limits() == pytest.approx(effort)
+        for limits in ("position_limits", "velocity_limits"):
+            got, want = (np.array(getattr(x, limits)()) for x in (body, nominal))
+            assert got == pytest.approx(want)
 
     def test_sdf_is_what_sdformat_describes(self, tmp_path: Path) -> None:
         """By the descriptions of version 1.6 with which sdformat, and so Gazebo, reads its files."""
@@ -276,7 +281,7 @@ class TestJoints:
         if folder is None:
             pytest.skip("no descriptions of SDF: Debian's package sdformat-sdf")
         description = ET.parse(folder / "root.sdf").getroot()
-        arm = CorrectedArm(load_nominal_arm("kuka_iiwa"), (*BODIES, *DRIVES))
+        arm = iiwa(*BODIES, *DRIVES)
         export(arm, "sdf", tmp_path / "arm.sdf")
         root = ET.parse(tmp_path / "arm.sdf").getroot()
         assert not list(faults(root, description, folder))
@@ -291,7 +296,7 @@ class TestJoints:
         ]
 
     def test_friction_spring_and_limits_in_sdf(self, tmp_path: Path) -> None:
-        arm = CorrectedArm(load_nominal_arm("kuka_iiwa"), DRIVES)
+        arm = iiwa(*DRIVES)
         export(arm, "sdf", tmp_path / "arm.sdf")
         root = ET.parse(tmp_path / "arm.sdf").getroot()
         joints = {joint.get("name"): joint for joint in root.iter("joint")}
@@ -324,7 +329,7 @@ class TestJoints:
             AppliedEffect("actuator_lag", (1,), {"time_constant": [0.05]}),
         )
         export(
-            CorrectedArm(load_nominal_arm("kuka_iiwa"), effects),
+            iiwa(*effects),
             "mjcf",
             tmp_path / "arm.xml",
         )
@@ -418,9 +423,7 @@ class TestLeftOut:
     @pytest.mark.parametrize("form", FORMATS)
     def test_is_told_and_written_with_figures(self, tmp_path: Path, form: str) -> None:
         out = tmp_path / "arm.xml"
-        missing, _ = export(
-            CorrectedArm(load_nominal_arm("kuka_iiwa"), DRIVES + HARD), form, out
-        )
+        missing, _ = export(iiwa(*DRIVES, *HARD), form, out)
         text = out.read_text(encoding="utf-8")
         said = "\n".join(missing)
         for part in (
@@ -439,24 +442,11 @@ class TestLeftOut:
     def test_every_effect_is_held_or_told(
         self, data_sheet_arm: NominalArm, tmp_path: Path, form: str, name: str
     ) -> None:
-        definition = CATALOGUE[name]
-        typical = {
-            p.name: np.full(p.size, 0.5 * sum(p.typical)) for p in definition.parameters
-        }
-        values = {
-            key: value if len(value) > 1 else float(value[0])
-            for key, value in typical.items()
-        }
-        if name == "link_inertia":
-            values["link"] = 1
-        effect = AppliedEffect(
-            name, (1,) if definition.scope == "joint" else (), values
-        )
-        missing, _ = export(
-            CorrectedArm(data_sheet_arm, (effect,)), form, tmp_path / "arm.xml"
-        )
+        scale = ArmScale.of(data_sheet_arm)
+        effect = draw(name, np.random.default_rng(0), scale, (1,))
+        _, missing = exported(CorrectedArm(data_sheet_arm, (effect,)), form, tmp_path)
         told = any(line.startswith(name) for line in missing)
-        assert told != holds(HELD[form], definition)
+        assert told != holds(HELD[form], CATALOGUE[name])
 
 
 class TestMjcfSource:
@@ -475,39 +465,34 @@ class TestMjcfSource:
         assert any("URDF files alone" in line for line in missing)
         again, motion = load_nominal_arm(out), states(arm)
         want = arm.rigid_torque(RigidBody(arm.arm), motion)
-        assert RigidBody(again).inverse_dynamics(
-            motion.q, motion.dq, motion.ddq
-        ) == pytest.approx(want, rel=1e-9)
+        assert in_pinocchio(out, motion) == pytest.approx(want, rel=1e-9)
         assert again.viscous == pytest.approx([0.4]) and again.coulomb == pytest.approx(
             [0.5]
         )
 
 
-class TestRefused:
-    def test_unknown_format(self, tmp_path: Path) -> None:
-        with pytest.raises(InputError, match="did you mean 'mjcf'"):
-            export(
-                CorrectedArm(load_nominal_arm("kuka_iiwa")), "mjc", tmp_path / "arm.xml"
-            )
-
-    def test_friction_that_feeds_energy_in(self, tmp_path: Path) -> None:
-        effect = AppliedEffect("viscous_friction", (2,), {"coefficient": [-3.0]})
-        with pytest.raises(InputError, match="feed energy in"):
-            export(
-                CorrectedArm(load_nominal_arm("kuka_iiwa"), (effect,)),
-                "urdf",
-                tmp_path / "arm.urdf",
-            )
-
-    def test_a_body_that_cannot_be(self, tmp_path: Path) -> None:
-        effect = AppliedEffect("payload", (), {"mass": -40.0, "com": [0.0, 0.0, 0.0]})
-        with pytest.raises(InputError, match="payload"):
-            export(
-                CorrectedArm(load_nominal_arm("kuka_iiwa"), (effect,)),
-                "sdf",
-                tmp_path / "arm.sdf",
-            )
-        assert not (tmp_path / "arm.sdf").exists()
+@pytest.mark.parametrize(
+    ("form", "effects", "message"),
+    [
+        ("mjc", (), "did you mean 'mjcf'"),
+        (
+            "urdf",
+            (AppliedEffect("viscous_friction", (2,), {"coefficient": [-3.0]}),),
+            "feed energy in",
+        ),
+        (
+            "sdf",
+            (AppliedEffect("payload", (), {"mass": -40.0, "com": [0.0, 0.0, 0.0]}),),
+            "payload",
+        ),
+    ],
+)
+def test_what_cannot_be_is_refused(
+    tmp_path: Path, form: str, effects: tuple, message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        exported(iiwa(*effects), form, tmp_path)
+    assert not list(tmp_path.iterdir())
 
 
 NUMBERS = {"double": 1, "int": 1, "pose": 6, "vector3": 3}
@@ -562,7 +547,7 @@ class TestOwnEffect:
         self, tmp_path: Path, form: str, said: bool
     ) -> None:
         effect = AppliedEffect("seal_drag", (2,), {"drag": [0.625]})
-        arm = CorrectedArm(load_nominal_arm("kuka_iiwa"), (effect,))
+        arm = iiwa(effect)
         missing, _ = export(arm, form, tmp_path / "arm.out")
         assert any(line.startswith("seal_drag, joint 2") for line in missing) != said
         written = (tmp_path / "arm.out").read_text().replace("drag 0.625", "")

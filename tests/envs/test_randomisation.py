@@ -115,8 +115,8 @@ def test_same_seed_same_effects_and_motions_as_option_and_as_wrapper() -> None:
 
 BAD = [
     ({"names": ["coulomb"]}, "did you mean 'coulomb_friction'"),
-    ({"names": []}, "nothing to draw"),
-    ({"names": ["payload"], "joints": [0]}, "joints from 1"),
+    ({"names": []}, "names: expected a list"),
+    ({"names": ["payload"], "joints": [0]}, "joints: expected a whole number"),
     ({"names": ["payload"], "severity": (0.0, 1.5)}, "severity"),
     ({"names": ["payload"], "count": (1, 2)}, "count"),
     ({"names": ["payload"], "joint_count": (0, 1)}, "joint_count"),

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -27,43 +26,6 @@ def _accelerations(engine: SimulatedArm, rng: np.random.Generator, samples: int 
         engine.reset(q, dq)
         engine.step(torque)
         yield q, dq, torque, (engine.dq - dq) / engine.dt
-
-
-def _loaded_model(arm: NominalArm) -> pin.Model:
-    """The arm with the payload welded on, by pinocchio's own means."""
-    model = pin.buildModelFromUrdf(str(arm.urdf))
-    inertia = pin.Inertia(
-        float(PAYLOAD.parameters["mass"]), PAYLOAD.parameters["com"], np.zeros((3, 3))
-    )
-    model.appendBodyToJoint(7, inertia, pin.SE3.Identity())
-    return model
-
-
-def test_payload_is_the_inverse_dynamics_of_the_loaded_model(
-    bare_arm: NominalArm,
-) -> None:
-    model = _loaded_model(bare_arm)
-    data = model.createData()
-    with SimulatedArm(bare_arm, (PAYLOAD,)) as engine:
-        for q, dq, torque, ddq in _accelerations(engine, np.random.default_rng(2)):
-            np.testing.assert_allclose(
-                pin.rnea(model, data, q, dq, ddq), torque, atol=1e-9
-            )
-
-
-def test_armature_adds_to_the_mass_matrix(
-    data_sheet_arm: NominalArm, bare_arm: NominalArm
-) -> None:
-    arm = replace(bare_arm, armature=data_sheet_arm.armature)
-    extra = AppliedEffect("armature", (2, 6), {"inertia": [0.7, 0.05]})
-    total = arm.armature + extra.per_joint("inertia", 7)
-    body = RigidBody(arm)
-    with SimulatedArm(arm, (extra,)) as engine:
-        for q, dq, torque, ddq in _accelerations(engine, np.random.default_rng(3)):
-            expected = np.linalg.solve(
-                body.mass_matrix(q) + np.diag(total), torque - body.bias(q, dq)
-            )
-            np.testing.assert_allclose(ddq, expected, rtol=1e-9, atol=1e-9)
 
 
 def test_friction_stops_a_moving_joint_and_never_turns_it_round(pendulum) -> None:
@@ -104,12 +66,6 @@ def test_worlds_do_not_disturb_each_other(bare_arm: NominalArm) -> None:
                 alone.step(np.zeros(7))
             np.testing.assert_array_equal(first.q, alone.q)
         assert np.abs(second.q - first.q).max() > 1e-6
-
-
-def test_close_may_be_called_twice(bare_arm: NominalArm) -> None:
-    engine = SimulatedArm(bare_arm)
-    engine.close()
-    engine.close()
 
 
 def test_columns_in_another_order_and_locked_joints(bare_arm: NominalArm) -> None:

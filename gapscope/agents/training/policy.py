@@ -5,9 +5,8 @@ from __future__ import annotations
 import platform
 import shutil
 import warnings
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
@@ -41,8 +40,7 @@ LIBRARIES = ("gapscope", "numpy", "torch", "stable_baselines3")
 _REMEDY = "give the folder that gapscope train wrote, or train again with --again"
 
 
-@dataclass(frozen=True, eq=False)
-class TrainedAgent:
+class TrainedAgent(NamedTuple):
     """A trained agent.
 
     Attributes:
@@ -119,8 +117,26 @@ def read_agent(folder: Path | str, arm: NominalArm) -> TrainedAgent:
     """
     folder = Path(folder)
     path = folder / DOCUMENT
-    content = _document(folder)
-    _check_joints(content["joints"], arm, path)
+    if is_folder(folder) and not is_file(path):
+        raise InputError(
+            f"holds no trained agent (no file {DOCUMENT})", _REMEDY, file=folder
+        )
+    content = read_json(path, _REMEDY)
+    # sizes beyond any agent's are refused before networks are made
+    fault = schema_fault(content, "agent")
+    if fault is not None:
+        raise InputError(
+            f"is no document of a trained agent ({fault.message})",
+            _REMEDY,
+            file=path,
+            where=field(fault.absolute_path),
+        )
+    if content["joints"] != list(arm.joints):
+        raise InputError(
+            f"is an agent of an arm with the joints {', '.join(content['joints'])}, not {', '.join(arm.joints)}",
+            "train one for this arm, or give its arm as --robot",
+            file=path,
+        )
     for name in (POLICY, NORMALISATION):
         check_file(folder / name, _REMEDY, LARGEST_IN_MEMORY)
         if sha256(folder / name) != content["files"][name]:
@@ -151,34 +167,6 @@ def read_agent(folder: Path | str, arm: NominalArm) -> TrainedAgent:
     return TrainedAgent(content, settings, normalisation, learner)
 
 
-def _document(folder: Path) -> dict[str, Any]:
-    """Content of ``agent.json``, its keys checked; sizes beyond any agent's are refused before networks are made."""
-    path = folder / DOCUMENT
-    if is_folder(folder) and not is_file(path):
-        raise InputError(
-            f"holds no trained agent (no file {DOCUMENT})", _REMEDY, file=folder
-        )
-    content = read_json(path, _REMEDY)
-    fault = schema_fault(content, "agent")
-    if fault is not None:
-        raise InputError(
-            f"is no document of a trained agent ({fault.message})",
-            _REMEDY,
-            file=path,
-            where=field(fault.absolute_path),
-        )
-    return dict(content)
-
-
-def _check_joints(joints: list[str], arm: NominalArm, path: Path) -> None:
-    if list(joints) != list(arm.joints):
-        raise InputError(
-            f"is an agent of an arm with the joints {', '.join(joints)}, not {', '.join(arm.joints)}",
-            "train one for this arm, or give its arm as --robot",
-            file=path,
-        )
-
-
 class _Spaces(gymnasium.Env):
     """An environment of which only the spaces are used."""
 
@@ -204,10 +192,8 @@ def read_agent_model(folder: Path, arm: NominalArm) -> AgentModel:
             where="model",
         )
     body, settings = RigidBody(arm), agent.settings
-    reach = settings.action_reach if settings.action == "residual" else None
-    trained_with = control(
-        arm, body, workspace(body), settings.action, None, settings.bandwidth, reach
-    )
+    loop = settings.action, None, settings.bandwidth, settings.reach
+    trained_with = control(arm, body, workspace(body), *loop)
     try:
         model = Task.of(source, arm).model()
     except InputError as error:

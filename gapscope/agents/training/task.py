@@ -219,11 +219,11 @@ class Task:
             settings: of the training.
             length: of an episode [s]; by default that of training.
         """
-        return ArmTracking(**self._simulator(settings, length))
+        return ArmTracking(**self._arguments(settings, length))
 
     def simulators(self, settings: TrainingSettings) -> VectorArmTracking:
         """The training environments in one; an episode is followed by the next one at once."""
-        arguments = self._simulator(settings, None)
+        arguments = self._arguments(settings, None)
         return VectorArmTracking(
             settings.environments, autoreset_mode="SameStep", **arguments
         )
@@ -239,44 +239,33 @@ class Task:
             hidden: whether it is the arm with hidden effects.
             more: arguments of the environment in place of the settings'.
         """
-        arguments = self._simulator(settings, settings.duration)
-        if hidden:
-            effects = self.hidden or ()
-            arguments = self._arguments(settings, settings.duration, effects=effects)
+        arguments = self._arguments(settings, settings.duration, hidden)
         return VectorArmTracking(count, **arguments | more)
 
-    def _simulator(
-        self, settings: TrainingSettings, length: float | None
-    ) -> dict[str, Any]:
-        """Arguments of the environment made from the model."""
-        drawn: Randomisation | EffectRanges | None = settings.randomisation
-        simulated = self.believed
-        if drawn is None and self.ranges is not None:
-            drawn = self.ranges
-            names = {item.low.name for item in drawn.ranges}
-            fixed = tuple(e for e in simulated.effects if e.name not in names)
-            simulated = replace(simulated, effects=fixed)
-        return self._arguments(
-            settings, length, simulated=simulated, randomisation=drawn
-        )
-
     def _arguments(
-        self, settings: TrainingSettings, length: float | None, **options: Any
+        self, settings: TrainingSettings, length: float | None, hidden: bool = False
     ) -> dict[str, Any]:
-        """Arguments of an environment."""
-        model = self.model()
-        reach = settings.action_reach if settings.action == "residual" else None
+        """Arguments of the environment made from the model, or of the arm with hidden effects."""
+        model, simulated = self.model(), self.believed
+        arm: dict[str, Any] = {"effects": self.hidden or ()}
+        if not hidden:
+            drawn: Randomisation | EffectRanges | None = settings.randomisation
+            if drawn is None and self.ranges is not None:
+                drawn, names = self.ranges, self.ranges.names
+                fixed = tuple(e for e in simulated.effects if e.name not in names)
+                simulated = replace(simulated, effects=fixed)
+            arm = {"simulated": simulated, "randomisation": drawn}
         return {
             "robot": self.arm,
             "feedforward": "none" if model is None else model,
             "action": settings.action,
-            "action_reach": reach,
+            "action_reach": settings.reach,
             "bandwidth": settings.bandwidth,
             "motion": settings.motion,
             "episode_length": length or settings.episode_length,
             "reward": settings.reward,
             "engine": settings.engine,
-            **options,
+            **arm,
         }
 
 

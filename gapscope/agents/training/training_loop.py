@@ -6,7 +6,6 @@ import os
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -104,16 +103,14 @@ class Point(NamedTuple):
 
     def plain(self) -> dict[str, Any]:
         """As JSON data."""
-        scores = {"simulator": self.simulator, "hidden": self.hidden}
-        plain = {name: score and score.plain() for name, score in scores.items()}
-        return {"steps": self.steps, **plain}
+        hidden = self.hidden and self.hidden.plain()
+        return {**self._asdict(), "simulator": self.simulator.plain(), "hidden": hidden}
 
     @classmethod
     def of(cls, content: dict[str, Any]) -> Point:
         """From plain data."""
-        hidden = content["hidden"]
-        known = hidden and AgentScore.of(hidden)
-        return cls(content["steps"], AgentScore.of(content["simulator"]), known)
+        hidden = content["hidden"] and AgentScore.of(content["hidden"])
+        return cls(content["steps"], AgentScore.of(content["simulator"]), hidden)
 
 
 def write_curve(curve: Sequence[Point], path: Path) -> None:
@@ -122,16 +119,10 @@ def write_curve(curve: Sequence[Point], path: Path) -> None:
     Columns: steps, then with ``simulator_`` and ``hidden_`` reward [1], joint_error [rad], torque_rate [N m/s], ended.
     """
     names = [name for name in AgentScore._fields if name != "episodes"]
-    rows = []
-    for point in curve:
-        row: dict[str, Any] = {"steps": point.steps}
-        for part in ("simulator", "hidden"):
-            score = point.plain()[part] or {}
-            row |= {f"{part}_{name}": score.get(name) for name in names}
-        rows.append(row)
+    columns = [f"{part}_{name}" for part in ("simulator", "hidden") for name in names]
+    rows = pd.json_normalize([point.plain() for point in curve], sep="_")
     with atomic_write(path) as aside:
-        # as objects, whole numbers stay whole beside what is missing
-        pd.DataFrame(rows, dtype=object).to_csv(aside, index=False)
+        rows.reindex(columns=["steps", *columns]).to_csv(aside, index=False)
 
 
 CHECKPOINTS, EVENTS = "checkpoint", "tensorboard"
@@ -143,8 +134,7 @@ WEIGHTS, BEST, REPLAY, NORMALISATION = (
 )
 
 
-@dataclass(frozen=True)
-class Trained:
+class Trained(NamedTuple):
     """What came out of a training.
 
     Attributes:

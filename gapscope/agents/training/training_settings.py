@@ -10,10 +10,11 @@ from typing import Any
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.case_file import read_yaml
-from gapscope.arm.io.json_file import plain, schema, schema_fault
+from gapscope.arm.io.json_file import plain, schema
 from gapscope.arm.motions.named_motions import MOTIONS
 from gapscope.arm.nearest_name import check_known, nearest
 from gapscope.envs.actions import ACTION_KINDS
+from gapscope.envs.arguments import check_values
 from gapscope.envs.engines import check_engine
 from gapscope.envs.mystery_arm import HIDDEN
 from gapscope.envs.randomisation import Randomisation
@@ -23,21 +24,6 @@ ALGORITHMS = ("ppo", "sac", "td3")
 """Sections of ``gapscope/schemas/training.schema.json``, which has their hyperparameters."""
 RESIDUAL = "ppo_residual"
 """Settings that ship for models without inverse dynamics."""
-
-
-def _check(values: Mapping[str, Any], section: str, where: str = "") -> None:
-    """Check values by a section of the schema of trainings.
-
-    Raises:
-        InputError: one is not what is expected; says what is.
-    """
-    fault = schema_fault(plain(values, null_if_not_finite=True), "training", section)
-    if fault is not None:
-        name = str(fault.absolute_path[0])
-        expected = fault.schema["description"]
-        raise InputError(
-            f"expected {expected}, got {values[name]!r}", where=where + name
-        )
 
 
 @dataclass(frozen=True)
@@ -109,7 +95,7 @@ class TrainingSettings:
         check_known("algorithm", self.algorithm, ALGORITHMS, where="algorithm")
         check_known("action", self.action, ACTION_KINDS, where="action")
         check_engine(self.engine)
-        _check(vars(self), "settings")
+        check_values(vars(self), "training", "settings")
         for name in ("network", "value_network", "motions", "randomise"):
             value = getattr(self, name)
             object.__setattr__(self, name, value if value is None else tuple(value))
@@ -127,7 +113,8 @@ class TrainingSettings:
                     f"{nearest(str(name), known)}known are {', '.join(known)}",
                     where=f"hyperparameters.{name}",
                 )
-        _check(self.hyperparameters, self.algorithm, "hyperparameters.")
+        given = self.hyperparameters
+        check_values(given, "training", self.algorithm, "hyperparameters.")
         object.__setattr__(self, "hyperparameters", dict(self.hyperparameters))
         _ = self.reward, self.randomisation  # they check their own numbers
 
@@ -135,6 +122,11 @@ class TrainingSettings:
     def reward(self) -> Reward:
         """The reward."""
         return Reward(self.tolerance, self.effort, self.smoothness)
+
+    @property
+    def reach(self) -> float | None:
+        """The reach of an action, of actions of the kind that has one."""
+        return self.action_reach if self.action == "residual" else None
 
     @property
     def randomisation(self) -> Randomisation | None:

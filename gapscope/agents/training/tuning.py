@@ -20,6 +20,10 @@ STUDY = "study.log"
 """Journal of the trials; a search that was interrupted continues from it."""
 
 
+START = {"learning_rate": 3e-4, "gamma": 0.95, "batch_size": 256}
+"""Hyperparameters of the first trial that the settings do not name."""
+
+
 def check_installed() -> None:
     """Check that Optuna is there; raises ``InputError`` otherwise."""
     try:
@@ -73,7 +77,9 @@ def tune(
         study_name="tune", storage=storage, direction="maximize", load_if_exists=True
     )
     if not study.trials:
-        study.enqueue_trial(_start(settings))
+        given = {**START, **settings.hyperparameters}
+        first = {name: given[name] for name in START}
+        study.enqueue_trial(first | {"exploration": settings.exploration})
     finished = len(study.get_trials(deepcopy=False, states=complete))
     # a resumed search must not repeat the draws of the trials that are finished
     study.sampler = optuna.samplers.TPESampler(seed=settings.seed + finished)
@@ -83,7 +89,13 @@ def tune(
         """Reward of the best round of one short training in the simulator; its files are removed."""
         place = folder / f"trial_{trial.number}"
         shutil.rmtree(place, ignore_errors=True)
-        tried = _with(settings, _suggest(trial))
+        suggested = {
+            "learning_rate": trial.suggest_float("learning_rate", 1e-4, 5e-3, log=True),
+            "gamma": trial.suggest_float("gamma", 0.7, 0.99),
+            "batch_size": trial.suggest_categorical("batch_size", [64, 128, 256, 512]),
+            "exploration": trial.suggest_float("exploration", 0.02, 0.6, log=True),
+        }
+        tried = _with(settings, suggested)
         trained = Training(without_hidden, tried, place).run()
         shutil.rmtree(place, ignore_errors=True)
         reward = trained.curve[trained.best].simulator.reward
@@ -100,25 +112,6 @@ def tune(
             yaml.safe_dump(best.plain(), sort_keys=False), encoding="utf-8"
         )
     return folder / "tuned.yaml"
-
-
-def _start(settings: TrainingSettings) -> dict[str, Any]:
-    given = settings.hyperparameters
-    return {
-        "learning_rate": float(given.get("learning_rate", 3e-4)),
-        "gamma": float(given.get("gamma", 0.95)),
-        "batch_size": int(given.get("batch_size", 256)),
-        "exploration": settings.exploration,
-    }
-
-
-def _suggest(trial: Any) -> dict[str, Any]:
-    return {
-        "learning_rate": trial.suggest_float("learning_rate", 1e-4, 5e-3, log=True),
-        "gamma": trial.suggest_float("gamma", 0.7, 0.99),
-        "batch_size": trial.suggest_categorical("batch_size", [64, 128, 256, 512]),
-        "exploration": trial.suggest_float("exploration", 0.02, 0.6, log=True),
-    }
 
 
 def _with(settings: TrainingSettings, found: dict[str, Any]) -> TrainingSettings:

@@ -18,8 +18,7 @@ from gapscope.arm.display import (
 )
 from gapscope.arm.joint_units import SLIDING_UNITS, common_unit, joint_unit, units_of
 from gapscope.diagnosis.thresholds import HEALTHY_REAL, NO_TORQUE
-from gapscope.effects.catalogue import known_effect
-from gapscope.effects.coupled_motors import COUPLED_MOTORS
+from gapscope.effects.catalogue import COUPLED_MOTORS, known_effect
 from gapscope.model.changes import change_text
 
 # Units of ``diagnosis.json`` on an arm with sliding joints: m, N and kg where an entry is about a slide.

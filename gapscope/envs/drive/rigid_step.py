@@ -16,7 +16,7 @@ from numpy import absolute, add, greater, multiply, sign, subtract
 
 from gapscope.arm.dynamics.rollout import ForwardDynamics
 from gapscope.envs.drive.arm_drive import ArmDrive
-from gapscope.envs.drive.friction import DryFriction
+from gapscope.envs.drive.laws import DryFriction
 from gapscope.envs.engines import Bodies
 
 HOLD = 1e10

@@ -52,13 +52,6 @@ def arm_model(
     return model
 
 
-def usable_processors() -> int:
-    """Processors that this process may run on."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
 class OneArm:
     """An arm alone, with the methods of ``mujoco.batch.Batch`` that are used here, whose steps take longer."""
 
@@ -107,7 +100,10 @@ class MuJoCoBodies(Bodies):
     ) -> None:
         model = arm_model(moving_links(body), np.asarray(body.gravity), dt)
         mujoco.mj_setConst(model, mujoco.MjData(model))
-        most = max(1, min(usable_processors(), count // FEWEST_PER_THREAD))
+        usable = os.cpu_count() or 1
+        if hasattr(os, "sched_getaffinity"):
+            usable = len(os.sched_getaffinity(0))
+        most = max(1, min(usable, count // FEWEST_PER_THREAD))
         self._batch: OneArm | Batch = (
             OneArm(model)
             if count == 1

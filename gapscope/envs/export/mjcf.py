@@ -19,13 +19,13 @@ import pandas as pd
 
 from gapscope.arm.dynamics.link_shapes import PlacedShape
 from gapscope.arm.dynamics.plain_urdf import numbers, rotation
-from gapscope.envs.drive.two_mass import (
+from gapscope.envs.drive.arm_drive import (
     TOOTH_DAMPING,
     TOOTH_FREQUENCY,
     mass_matrices,
     substeps,
 )
-from gapscope.envs.export.plain_arm import PlainArm, mesh_path, passive_quantity
+from gapscope.envs.export.plain_arm import PASSIVE, PlainArm, mesh_path
 from gapscope.envs.export.texts import rendered
 
 MESHES = (".stl", ".obj", ".msh")
@@ -199,10 +199,7 @@ def _coupled_motors(arm: PlainArm) -> list[dict[str, Any]]:
     corrected = arm.corrected
     if corrected.arm.coupling is None:
         return []
-    columns = {
-        name: passive_quantity(corrected, name, "motor_")
-        for name in ("rotor", "damping", "friction")
-    }
+    columns = {name: corrected.passive(f"motor_{name}") for name in PASSIVE}
     return [
         {name: column[motor] for name, column in columns.items()}
         | {

@@ -6,8 +6,9 @@ A drive is what acts between the command and the body of a joint, nominal values
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -29,11 +30,10 @@ from gapscope.arm.dynamics.plain_urdf import (
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import LinkChange
-from gapscope.effects.passivity import total
-from gapscope.envs.drive.two_mass import least_inertia, mass_matrices, teeth
+from gapscope.envs.drive.arm_drive import least_inertia, mass_matrices, teeth
 
-NOT_NEGATIVE = {"friction": "N m", "damping": "N m s/rad", "rotor": "kg m^2"}
-"""Quantities that may not be negative in total, with their unit."""
+PASSIVE = ("friction", "damping", "rotor")
+"""Quantities of a drive that may not be negative in total."""
 DRIVEN = (
     *("breakaway", "breakaway_speed", "saturating", "saturating_speed"),
     *("stiffness", "rest", "delay", "lag", "scale", "offset", "zero"),
@@ -65,8 +65,8 @@ def joint_drives(corrected: CorrectedArm, body: RigidBody) -> pd.DataFrame:
     """
     arm = corrected.arm
     drives = pd.DataFrame(index=list(arm.joints))
-    for name in NOT_NEGATIVE:
-        drives[name] = passive_quantity(corrected, name)
+    for name in PASSIVE:
+        drives[name] = corrected.passive(name)
     for name in DRIVEN:
         drives[name] = corrected.quantity(name)
     # springs and ripple follow the true position, the coordinates of a file are what the encoders read
@@ -81,19 +81,17 @@ def joint_drives(corrected: CorrectedArm, body: RigidBody) -> pd.DataFrame:
         drives[name] = drives[name].where(drives["elastic"], value)
     limit = body.effort_limits() if arm.torque_limit is None else arm.torque_limit
     drives["presliding"] = arm.presliding
-    drives["inertia"] = _held_inertia(masses, rotors, drives["gear"].to_numpy())
+    # springs of any stiffness s on all joints are no faster than sqrt(s / inertia): with each joint's own least inertia
+    # as unit, the largest eigenvalue of M^-1 of the bodies and the motors that are not behind a gear
+    alone = drives["gear"].to_numpy()
+    together = masses + np.diag(np.where(alone, 0.0, rotors))
+    least = least_inertia(together)
+    root = np.sqrt(least)
+    coupling = np.linalg.eigvalsh(root[:, None] * np.linalg.inv(together) * root)
+    drives["inertia"] = np.where(alone, rotors, least / coupling.max())
     drives["effort"] = np.minimum(_known(limit), _known(corrected.quantity("limit")))
     drives["velocity"] = _known(body.velocity_limits())
     return drives
-
-
-def passive_quantity(corrected: CorrectedArm, name: str, of: str = "") -> np.ndarray:
-    """A quantity that may not be negative in total, of joints or, with ``of="motor_"``, of coupled motors, (n,).
-
-    Raises:
-        InputError: it is negative.
-    """
-    return total(corrected.quantity(of + name), of + name, NOT_NEGATIVE[name])
 
 
 def _known(limit: np.ndarray) -> np.ndarray:
@@ -101,23 +99,7 @@ def _known(limit: np.ndarray) -> np.ndarray:
     return np.where(limit > 0, limit, np.inf)
 
 
-def _held_inertia(
-    masses: np.ndarray, rotors: np.ndarray, alone: np.ndarray
-) -> np.ndarray:
-    """Inertia [kg m^2], (n,), by which springs of any stiffness s on all joints are no faster than sqrt(s / inertia).
-
-    Of bodies whose mass matrices are of shape (K, n, n), without their rotors, and of the motors that are ``alone``.
-    """
-    together = masses + np.diag(np.where(alone, 0.0, rotors))
-    least = least_inertia(together)
-    root = np.sqrt(least)
-    # the largest eigenvalue of M^-1, with each joint's own least inertia as unit
-    coupling = np.linalg.eigvalsh(root[:, None] * np.linalg.inv(together) * root)
-    return np.where(alone, rotors, least / coupling.max())
-
-
-@dataclass(frozen=True)
-class PlainArm:
+class PlainArm(NamedTuple):
     """A corrected arm as bodies and drives.
 
     Attributes:

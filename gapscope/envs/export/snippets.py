@@ -6,8 +6,9 @@ A snippet is written from the values of each joint and body, and the ends betwee
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import LinkChange
-from gapscope.envs.effect_ranges import EffectRange, EffectRanges, write_effect_ranges
+from gapscope.envs.effect_ranges import EffectRanges, write_effect_ranges
 from gapscope.envs.export.plain_arm import PlainArm, joint_drives
 from gapscope.envs.export.texts import (
     TEMPLATES,
@@ -56,8 +57,7 @@ class BodyRange(NamedTuple):
     com: tuple[tuple[float, float], ...]
 
 
-@dataclass(frozen=True)
-class SnippetArm:
+class SnippetArm(NamedTuple):
     """An arm for a snippet.
 
     Attributes:
@@ -144,30 +144,6 @@ class SnippetArm:
         return dict(gain[gain != 1.0])
 
 
-def snippet_arm(
-    plain: PlainArm, controller: Controller | None, ranges: EffectRanges | None
-) -> SnippetArm:
-    """The values of an arm, and their ends.
-
-    Args:
-        plain: the arm.
-        controller: that of the case; its gains if it is a PD law.
-        ranges: of the effects, within what the data sheet allows, or ``None``.
-
-    Raises:
-        InputError: friction or armature is negative in total.
-    """
-    corrected = plain.corrected
-    joints = _joints(plain, corrected, controller)
-    if ranges is None:
-        return SnippetArm(plain, joints, joints, joints)
-    low, high = (
-        _joints(plain, _moved(corrected, ranges, side), controller)
-        for side in ("low", "high")
-    )
-    return SnippetArm(plain, joints, low, high, _bodies(plain, ranges), ranges)
-
-
 def _joints(
     plain: PlainArm, corrected: CorrectedArm, controller: Controller | None
 ) -> pd.DataFrame:
@@ -196,10 +172,10 @@ def _moved(
 ) -> CorrectedArm:
     """The arm with the effects at one side of their ranges, all parameters or only some."""
     ends = {item.key: getattr(item, side) for item in ranges.ranges}
-    kept = [e for e in corrected.effects if _key(e) not in ends]
+    kept = [e for e in corrected.effects if e.key not in ends]
     moved = list(ends.values())
     if only is not None:
-        own = {_key(e): e.parameters for e in corrected.effects}
+        own = {e.key: e.parameters for e in corrected.effects}
         moved = [
             AppliedEffect(
                 end.name,
@@ -210,10 +186,6 @@ def _moved(
             if key in own
         ]
     return replace(corrected, effects=(*kept, *moved), residual=None)
-
-
-def _key(applied: AppliedEffect) -> tuple[str, int]:
-    return EffectRange(applied, applied).key
 
 
 def _bodies(plain: PlainArm, ranges: EffectRanges) -> tuple[BodyRange, ...]:
@@ -250,8 +222,7 @@ def _moments(plain: PlainArm, corrected: CorrectedArm) -> tuple[np.ndarray, np.n
     return total[:, 0], total[:, 1:4]
 
 
-@dataclass(frozen=True)
-class Target:
+class Target(NamedTuple):
     """A simulator; the text below the head of its snippet is a file of ``templates``.
 
     Attributes:
@@ -269,7 +240,7 @@ class Target:
     name: str
     title: str
     held: Sequence[str]
-    hints: Mapping[str, str] = field(default_factory=dict)
+    hints: Mapping[str, str] = MappingProxyType({})
     notes: Sequence[str] = ()
     model: str = "urdf"
     comment: str = "#"
@@ -362,7 +333,8 @@ def write_snippet(
         What it leaves out, a sentence each.
 
     Raises:
-        InputError: ranges are missing, or the simulator has no words for them.
+        InputError: ranges are missing, the simulator has no words for them, or friction or armature is negative in
+            total.
         GapscopeError: the file cannot be written.
     """
     target = TARGETS[form]
@@ -381,7 +353,16 @@ def write_snippet(
     if ranges is not None and form == "environment":
         write_effect_ranges(ranges, out, HEAD)
         return ()
-    arm = snippet_arm(plain, controller, ranges)
+    corrected = plain.corrected
+    joints = low = high = _joints(plain, corrected, controller)
+    bodies: tuple[BodyRange, ...] = ()
+    if ranges is not None:
+        low, high = (
+            _joints(plain, _moved(corrected, ranges, side), controller)
+            for side in ("low", "high")
+        )
+        bodies = _bodies(plain, ranges)
+    arm = SnippetArm(plain, joints, low, high, bodies, ranges)
     with atomic_write(out) as aside:
         aside.write_text(target.text(arm), encoding="utf-8")
     return target.left_out(arm)

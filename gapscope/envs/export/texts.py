@@ -68,7 +68,10 @@ def _templates() -> jinja2.Environment:
         "quoted": quoted,
         "exact": lambda value: repr(float(value)),
         "numbers": numbers,
-        "pose": _pose,
+        # position [m] and roll, pitch, yaw [rad] of a position and a rotation matrix
+        "pose": lambda place: numbers(
+            np.r_[place[0], Rotation.from_matrix(place[1]).as_euler("xyz")]
+        ),
         # MuJoCo writes the real part first
         "quaternion": lambda turn: numbers(
             np.roll(Rotation.from_matrix(turn).as_quat(), 1)
@@ -76,11 +79,6 @@ def _templates() -> jinja2.Environment:
     }
     made.globals |= {"inf": np.inf, "friction_smoothing": FRICTION_SMOOTHING}
     return made
-
-
-def _pose(place: tuple[np.ndarray, np.ndarray]) -> str:
-    """Position [m] and roll, pitch, yaw [rad] of a position and a rotation matrix."""
-    return numbers(np.r_[place[0], Rotation.from_matrix(place[1]).as_euler("xyz")])
 
 
 def number(value: float) -> str:
@@ -236,22 +234,16 @@ def described(applied: AppliedEffect, arm: NominalArm, hint: str | None = None) 
         + ("" if p.unit == "1" else f" {p.unit}")
         for p in applied.effect.parameters
     )
-    hint = hint or _hint(applied, arm)
-    return f"{applied.name}{_joints(applied.joints)}: {values}" + (
-        f" ({hint})" if hint else ""
-    )
-
-
-def _hint(applied: AppliedEffect, arm: NominalArm) -> str:
-    """What to do about an effect that is left out; empty if there is nothing to say."""
     nearest = nearest_friction(CorrectedArm(arm, (applied,)))
-    if not nearest.any():
-        return applied.effect.without
-    figures = _figures(nearest[np.array(applied.joints) - 1])
-    return (
-        f"nearest: Coulomb friction higher by {figures} N m, the coefficient times the RMS of the load over all "
-        "postures; better, times the load of your motion"
-    )
+    if not hint and nearest.any():
+        figures = _figures(nearest[np.array(applied.joints) - 1])
+        hint = (
+            f"nearest: Coulomb friction higher by {figures} N m, the coefficient times the RMS of the load over all "
+            "postures; better, times the load of your motion"
+        )
+    hint = hint or applied.effect.without
+    end = f" ({hint})" if hint else ""
+    return f"{applied.name}{_joints(applied.joints)}: {values}{end}"
 
 
 def nearest_friction(corrected: CorrectedArm) -> np.ndarray:

@@ -198,15 +198,16 @@ def _shift_zeros(root: ET.Element, arm: PlainArm) -> None:
 
 def _turn_base(root: ET.Element, mount: np.ndarray) -> None:
     """A fixed joint between a new root link and the base."""
-    names = {link.get("name", "") for link in root.findall("link")}
-    carried = {_end(joint, "child") for joint in root.findall("joint")}
-    base = next(
-        name
-        for name in (x.get("name", "") for x in root.findall("link"))
-        if name not in carried
+    links, joints = (
+        [x.get("name", "") for x in root.findall(tag)] for tag in ("link", "joint")
     )
-    taken = names | {joint.get("name", "") for joint in root.findall("joint")}
-    world, holder = (_free(name, taken) for name in ("world", "mount"))
+    carried = {_end(joint, "child") for joint in root.findall("joint")}
+    base = next(name for name in links if name not in carried)
+    world, holder = "world", "mount"
+    while world in (*links, *joints):
+        world += "_"
+    while holder in (*links, *joints):
+        holder += "_"
     joint = ET.Element("joint", name=holder, type="fixed")
     ET.SubElement(joint, "parent", link=world)
     ET.SubElement(joint, "child", link=base)
@@ -224,9 +225,3 @@ def _end(joint: ET.Element, tag: str) -> str:
     """Link at an end of a joint."""
     element = joint.find(tag)
     return "" if element is None else element.get("link", "")
-
-
-def _free(name: str, taken: set[str]) -> str:
-    while name in taken:
-        name += "_"
-    return name

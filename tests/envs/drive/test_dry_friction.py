@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gapscope.envs.drive.friction import DryFriction
+from gapscope.envs.drive.laws import DryFriction
 
 
 @settings(max_examples=200, deadline=None)

@@ -98,7 +98,7 @@ def test_torque_is_bounded_by_the_training_residual() -> None:
     )
     loud = replace(
         residual,
-        trust=replace(residual.trust, radius=1e6 * np.ones(toy.N)),
+        trust=residual.trust._replace(radius=1e6 * np.ones(toy.N)),
         scale=100.0 * residual.scale,
     )
     torque = np.abs(loud.of_windows(windows).torque)
