@@ -21,7 +21,7 @@ from pinocchio_arms import FORM_ARMS, FORMS, FormArm
 
 from gapscope.arm.case import Case
 from gapscope.arm.errors import InputError
-from gapscope.ident.estimators.by_name import METHODS, Given
+from gapscope.ident.estimators.by_name import METHODS, SIMULATING, Given
 from gapscope.ident.identification import (
     FittedParameters,
     IdentificationSettings,
@@ -64,7 +64,7 @@ def left(fitted: FittedParameters) -> dict[str, Left]:
     given = Given(fitted.base, nominal, _no_simulation)
     values = {"nominal": nominal}
     for name, method in METHODS.items():
-        if method.simulates:
+        if name in SIMULATING:
             continue
         try:
             beta = method.make(given)(fitted.problem).value

@@ -33,8 +33,8 @@ from gapscope.ident.identification_json import (
     effects,
     identified_bodies,
     sheet,
-    urdf_text,
 )
+from gapscope.ident.model.physical_parameters import urdf_text
 from gapscope.model.conditioning import (
     TORQUE_CUTOFF,
     condition,

@@ -449,7 +449,7 @@ def _separating(
         plan,
         request.limits,
         _part(progress, SCREENING_SHARE, 1 - SCREENING_SHARE),
-        chosen.contrast,
+        chosen.contrast.separate,
         chosen.body,
     )
     excitation = design(prepared, rng)
@@ -507,7 +507,7 @@ def _screened(
                 replace(option.plan(request.rate), budget=budget),
                 request.limits,
                 _part(progress, k / count, 1 / count),
-                candidate.contrast,
+                candidate.contrast.separate,
                 candidate.body,
             ).search
         except InputError as error:

@@ -59,11 +59,6 @@ class Track:
         """Standard errors, shape (N, b)."""
         return np.sqrt(np.einsum("kii->ki", self.covariance).clip(0.0))
 
-    def of(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """Value and standard error of one parameter, shape (N,) each."""
-        place = self.names.index(name)
-        return self.value[:, place], self.deviation[:, place]
-
 
 # Recursive estimation of base parameters: a Kalman filter whose state is beta, and whose noise comes from the data.
 # Samples are gathered into stretches of time, each reduced to as many equations as there are parameters.

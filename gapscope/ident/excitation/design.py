@@ -45,13 +45,13 @@ from gapscope.ident.excitation.trajectory_search import (
     Parametrisation,
     Separated,
     Separator,
-    Signatures,
     TrajectorySearch,
     check_motion_limits,
     check_sampling,
     evolution,
     random_search,
     refinement,
+    separator_of,
     swarm,
 )
 from gapscope.ident.model.base_parameters import (
@@ -526,7 +526,7 @@ def design(prepared: Prepared, rng: np.random.Generator) -> Excitation:
         condition=condition,
         inertial_condition=condition_number(inertial),
         names=model.names,
-        separated=None if separator is None else separator.separate(few, inertial),
+        separated=None if separator is None else separator(few, inertial),
         evaluations=search.evaluations,
         feasible=search.feasible,
         seconds=seconds,
@@ -576,7 +576,7 @@ def prepare(
         # a given separator predicts over time, which takes a rate of its own
         samples = int(np.ceil(plan.length * SEPARATING_RATE)) + 1
     elif len(plan.effects) > 1:
-        separator = Signatures(arm, body, plan.effects)
+        separator = separator_of(arm, body, plan.effects)
     # tighter than the final limits, for what lies between the samples of the search
     tight = allowed.tightened(**TIGHTER)
     near = None if collision is None else collision.nearby(tight.clearance)
@@ -587,7 +587,7 @@ def prepare(
         criterion=CRITERIA["condition" if separating else plan.criterion],
         checker=Checker(arm, body, tight, near),
         budget=plan.budget,
-        signatures=separator if separating else None,
+        separator=separator if separating else None,
         progress=progress,
         samples=samples,
     )

@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import orth, subspace_angles
@@ -655,15 +655,17 @@ class Separated(NamedTuple):
     angle: dict[tuple[str, str], float]
 
 
-class Separator(Protocol):
-    """Says how far explanations are apart on a motion."""
-
-    def separate(self, motion: Motion, matrix: np.ndarray) -> Separated:
-        """On a motion of N samples with base regressor W, shape (N, n, b)."""
+Separator = Callable[[Motion, np.ndarray], Separated]
+"""Says how far explanations are apart on a motion of N samples with base regressor W, shape (N, n, b)."""
 
 
-class Signatures:
-    """Changes of torque by effects of typical size, one for each joint of an effect on joints.
+def separator_of(
+    arm: NominalArm, body: RigidBody, names: Sequence[str], seed: int = 0
+) -> Separator:
+    """Separates effects of typical size: one signature for each joint of an effect on joints, a change of torque.
+
+    With Z the signatures, each divided by its norm, and P the residual of a vector after least squares with the
+    columns of W: the smallest singular value of P Z, and the angles between the P Z of two effects.
 
     Args:
         arm: the nominal arm.
@@ -674,43 +676,27 @@ class Signatures:
     Raises:
         InputError: fewer than two effects, the same one twice, or one that is not known.
     """
+    if len(names) < 2 or len(set(names)) < len(names):
+        raise InputError(
+            "separation needs two or more different effects",
+            "name them, with commas",
+            where="effects",
+        )
+    scale, rng = ArmScale.of(arm), np.random.default_rng(seed)
+    applied: list[AppliedEffect] = []
+    for name in names:
+        check_known("effect", name, CATALOGUE, where="effects")
+        joints: list[list[int] | None] = [None]
+        if CATALOGUE[name].scope == "joint":
+            joints = [[joint] for joint in range(1, arm.n_joints + 1)]
+        applied += [draw(name, rng, scale, own) for own in joints]
+    owner = np.array([effect.name for effect in applied])
 
-    def __init__(
-        self, arm: NominalArm, body: RigidBody, names: Sequence[str], seed: int = 0
-    ) -> None:
-        if len(names) < 2 or len(set(names)) < len(names):
-            raise InputError(
-                "separation needs two or more different effects",
-                "name them, with commas",
-                where="effects",
-            )
-        self.names, self._arm, self._body = tuple(names), arm, body
-        scale, rng = ArmScale.of(arm), np.random.default_rng(seed)
-        self._applied: list[tuple[str, AppliedEffect]] = []
-        for name in names:
-            check_known("effect", name, CATALOGUE, where="effects")
-            if CATALOGUE[name].scope != "joint":
-                self._applied.append((name, draw(name, rng, scale, None)))
-                continue
-            for joint in range(1, arm.n_joints + 1):
-                self._applied.append((name, draw(name, rng, scale, [joint])))
-
-    def of(self, motion: Motion) -> np.ndarray:
-        """Change of the torque that would be recorded [N m], N n rows, one column for each effect and joint."""
-        nominal = CorrectedArm(self._arm).predict(self._body, motion)
-        changes = []
-        for _, effect in self._applied:
-            torque = CorrectedArm(self._arm, (effect,)).predict(self._body, motion)
-            changes.append((torque - nominal).ravel())
-        return np.column_stack(changes)
-
-    def separate(self, motion: Motion, matrix: np.ndarray) -> Separated:
-        """How far the effects are apart on a motion of N samples with base regressor W, shape (N, n, b).
-
-        With Z the signatures, each divided by its norm, and P the residual of a vector after least squares with the
-        columns of W: the smallest singular value of P Z, and the angles between the P Z of two effects.
-        """
-        signatures = self.of(motion)
+    def separate(motion: Motion, matrix: np.ndarray) -> Separated:
+        nominal = CorrectedArm(arm).predict(body, motion)
+        arms = (CorrectedArm(arm, (effect,)) for effect in applied)
+        changes = [(own.predict(body, motion) - nominal).ravel() for own in arms]
+        signatures = np.column_stack(changes)
         norms = np.linalg.norm(signatures, axis=0)
         unit = signatures / np.where(norms > 0, norms, 1.0)
         columns = matrix.reshape(-1, matrix.shape[2])
@@ -719,13 +705,14 @@ class Signatures:
         residual = unit - basis @ (basis.T @ unit)
         least = float(np.linalg.svd(residual, compute_uv=False)[-1])
         shown = np.linalg.norm(residual, axis=0) > ROUNDING
-        owner = np.array([name for name, _ in self._applied])
         angles = {}
-        for pair in itertools.combinations(self.names, 2):
+        for pair in itertools.combinations(names, 2):
             parts = [residual[:, shown & (owner == name)] for name in pair]
             known = all(part.size for part in parts)
             angles[pair] = float(subspace_angles(*parts).min()) if known else 0.0
         return Separated(least, angles)
+
+    return separate
 
 
 # Model that scores a candidate: the base columns of its regressor and its torque, with exact derivatives.
@@ -885,10 +872,10 @@ class TrajectorySearch:
     Args:
         parametrisation: of the trajectories.
         model: of the arm.
-        criterion: to be made small; with ``signatures``, minus the log of the separation is made small instead.
+        criterion: to be made small; with ``separator``, minus the log of the separation is made small instead.
         checker: of the limits, tightened.
         budget: when to end.
-        signatures: of the effects to separate, or ``None``.
+        separator: of the effects to separate, or ``None``.
         progress: called with the share of the budget spent [1] and the best value so far, or infinity.
         samples: of a candidate during the search.
 
@@ -906,7 +893,7 @@ class TrajectorySearch:
         criterion: Criterion,
         checker: Checker,
         budget: Budget,
-        signatures: Separator | None = None,
+        separator: Separator | None = None,
         progress: Callable[[float, float], None] = lambda share, best: None,
         samples: int = SAMPLES,
     ) -> None:
@@ -915,7 +902,7 @@ class TrajectorySearch:
             model,
             criterion,
         )
-        self.checker, self.budget, self.signatures = checker, budget, signatures
+        self.checker, self.budget, self.separator = checker, budget, separator
         self.progress = progress
         self.found: list[Found] = []
         self.evaluations = self.judged = self.feasible = 0
@@ -993,9 +980,9 @@ class TrajectorySearch:
         return motion, self.model.matrix(motion), np.array(breaches), worst
 
     def _value(self, motion: Motion, matrix: np.ndarray) -> float:
-        if self.signatures is None:
+        if self.separator is None:
             return self.criterion.evaluate(matrix, self.model.reference)
-        separation = self.signatures.separate(motion, matrix).least
+        separation = self.separator(motion, matrix).least
         return -float(np.log(max(separation, TINY)))
 
     def _note(self, x: np.ndarray, value: float, breach: np.ndarray) -> float:

@@ -373,34 +373,20 @@ CONTRIBUTION = 1e-3
 
 
 @dataclass(frozen=True)
-class Dropped:
-    """A parameter that was dropped.
-
-    Attributes:
-        name: of the parameter.
-        relative_std: standard deviation over magnitude when it was dropped [1].
-        contribution: RMS torque that it alone explained then, over the RMS of the torque [1].
-    """
-
-    name: str
-    relative_std: float
-    contribution: float
-
-
-@dataclass(frozen=True)
 class EssentialParameters:
     """A model that was reduced to its essential parameters, e of b.
 
     Attributes:
         names: of the essential parameters, shape (e,).
         relative_std: standard deviation over magnitude [1], shape (e,).
-        dropped: the others, in the order in which they were dropped.
+        dropped: the others, in the order in which they were dropped, each with ``name``, ``relative_std`` then, and
+            ``contribution``: the RMS torque that it alone explained, over the RMS of the torque [1].
         residual_growth: share by which the RMS residual grew [1].
     """
 
     names: tuple[str, ...]
     relative_std: np.ndarray
-    dropped: tuple[Dropped, ...]
+    dropped: list[dict[str, str | float]]
     residual_growth: float
 
 
@@ -435,7 +421,7 @@ def essential_parameters(
     # a residual of almost nothing may grow by more than a share of itself
     limit = max((1 + WORTH) * before, CONTRIBUTION * torque)
     places = list(range(len(names)))
-    dropped: list[Dropped] = []
+    dropped: list[dict[str, str | float]] = []
     current = factor
     while True:
         value, inverse = current.solve(), np.diag(current.inverse_gram())
@@ -451,13 +437,14 @@ def essential_parameters(
         if len(places) == 1 or not negligible or squares_without > limit**2:
             break
         name = names[places.pop(worst)]
-        dropped.append(Dropped(name, float(relative[worst]), share))
+        deviation = float(relative[worst])
+        dropped.append({"name": name, "relative_std": deviation, "contribution": share})
         # fitted again without it: the others change
         current = factor.select(places)
     before, after = (float(np.sqrt(f.rest / f.rows)) for f in (factor, current))
     kept = tuple(names[place] for place in places)
     growth = after / (before + TINY) - 1
-    return EssentialParameters(kept, relative, tuple(dropped), growth)
+    return EssentialParameters(kept, relative, dropped, growth)
 
 
 # Which inertial parameters base parameters give back, which only in combination, which not at all.

@@ -44,31 +44,14 @@ class JointZeros:
         offset: [rad], shape (n,).
         deviation: standard deviation [rad], shape (n,).
         known: whether data and nominal arm determine it, shape (n,); no joint if the search did not converge.
-        value: parameters x estimated with the offsets, shape (p,).
-        cost: mean square of the weighted residual, plus the pull, without and with offsets [1].
-        impossible: links whose parameters are those of no body, from 1, without and with offsets.
+        asked: joints, from 0, whose zero must be asked about: the offset is large and certain, and with the offsets the
+            fit is much better, or more bodies become possible.
     """
 
     offset: np.ndarray
     deviation: np.ndarray
     known: np.ndarray
-    value: np.ndarray
-    cost: tuple[float, float]
-    impossible: tuple[tuple[int, ...], ...]
-
-    @property
-    def asked(self) -> np.ndarray:
-        """Joints, from 0, whose zero must be asked about.
-
-        The offset is large and certain, and with the offsets the fit is much better, or more bodies become possible.
-        """
-        size = np.abs(self.offset)
-        certain = (size > LEAST) & (size > CERTAIN * self.deviation) & self.known
-        cost_without, cost_with = self.cost
-        better = cost_with < (1 - WORTH) * cost_without
-        impossible_without, impossible_with = self.impossible
-        more_possible = len(impossible_with) < len(impossible_without)
-        return np.flatnonzero(certain & (better or more_possible))
+    asked: np.ndarray
 
     def questions(self) -> tuple[str, ...]:
         """A question about each zero that must be asked about."""
@@ -114,23 +97,21 @@ def estimate_zeros(samples: Samples, choice: Choice, penalty: np.ndarray) -> Joi
         ftol=SETTLED,
     )
     without, final = at((0.0,) * n), at(tuple(found.x))
-    impossible = (
-        inconsistent(check_links(one.value[: columns.links]))
+    impossible, with_offsets = (
+        len(inconsistent(check_links(one.value[: columns.links])))
         for one in (without, final)
     )
     # a band of f Hz holds 2 f independent samples a second
     noise_scale = np.sqrt(max(final.cost / rows, TINY) * PER_CUTOFF / 2)
-    determined = (final.spread < KNOWN * WIDTH) & (found.active_mask == 0)
+    deviation = final.spread * noise_scale
+    known = (final.spread < KNOWN * WIDTH) & (found.active_mask == 0)
     # where a slide's zero lies shows in the levers alone
-    determined &= ~np.array(columns.arm.sliding)
-    return JointZeros(
-        offset=found.x,
-        deviation=final.spread * noise_scale,
-        known=determined & bool(found.success),
-        value=final.value,
-        cost=(without.cost / rows, final.cost / rows),
-        impossible=tuple(tuple(c.link for c in checks) for checks in impossible),
-    )
+    known &= ~np.array(columns.arm.sliding) & bool(found.success)
+    size = np.abs(found.x)
+    certain = known & (size > LEAST) & (size > CERTAIN * deviation)
+    better = final.cost < (1 - WORTH) * without.cost or with_offsets < impossible
+    asked = np.flatnonzero(certain & better)
+    return JointZeros(found.x, deviation, known, asked)
 
 
 class _Reduced(NamedTuple):

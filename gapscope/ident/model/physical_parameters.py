@@ -192,13 +192,11 @@ class Physical:
         value: x, shape (p,); links consistent, rotors and friction not negative.
         before: the links' checks for the x nearest to the nominal one that gives beta exactly.
         after: the links' checks for ``value``.
-        distance: (C x - beta)^T cov^-1 (C x - beta) over the number of base parameters: what consistency costs [1].
     """
 
     value: np.ndarray
     before: tuple[LinkCheck, ...]
     after: tuple[LinkCheck, ...]
-    distance: float
 
 
 def check_links(parameters: np.ndarray) -> tuple[LinkCheck, ...]:
@@ -251,7 +249,6 @@ def consistent(
     right = C.T @ information @ left
     bounded = not_negative(base.names)
     value = nearest_possible(normal, right, nominal, links, bounded)
-    gap = C @ value - beta
     # the least change in units of the pull that gives beta exactly
     unit = 1.0 / np.sqrt(penalty)
     free = nominal + unit * (np.linalg.pinv(C * unit) @ left)
@@ -259,7 +256,6 @@ def consistent(
         value=value,
         before=check_links(free[: 10 * links]),
         after=check_links(value[: 10 * links]),
-        distance=float(gap @ information @ gap) / max(base.count, 1),
     )
 
 

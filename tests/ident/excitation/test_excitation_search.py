@@ -38,8 +38,8 @@ from gapscope.ident.excitation.trajectory_search import (
     Checker,
     ExcitationModel,
     Parametrisation,
-    Signatures,
     TrajectorySearch,
+    separator_of,
 )
 from gapscope.ident.model.base_parameters import condition_number
 from gapscope.ident.model.regressor import JOINT_COLUMNS
@@ -359,11 +359,10 @@ def test_an_effect_is_as_far_from_its_likeness_as_the_load_varies(
     arm: NominalArm, body: RigidBody
 ) -> None:
     """Load friction is Coulomb friction under constant load: telling them apart takes a load that changes."""
-    signatures = Signatures(arm, body, ("coulomb_friction", "load_friction"))
+    separate = separator_of(arm, body, ("coulomb_friction", "load_friction"))
     model = ExcitationModel(arm, body)
     small, large = (
-        signatures.separate(m, model.matrix(m))
-        for m in (to_and_fro(0.01), to_and_fro(1.0))
+        separate(m, model.matrix(m)) for m in (to_and_fro(0.01), to_and_fro(1.0))
     )
     assert 0 <= small.least < large.least <= 1
     pair = ("coulomb_friction", "load_friction")
@@ -374,7 +373,7 @@ def test_an_effect_that_base_parameters_explain_shows_nothing_of_its_own(
     arm: NominalArm, body: RigidBody
 ) -> None:
     motion, model = to_and_fro(1.0), ExcitationModel(arm, body)
-    found = Signatures(arm, body, ("payload", "coulomb_friction")).separate(
+    found = separator_of(arm, body, ("payload", "coulomb_friction"))(
         motion, model.matrix(motion)
     )
     assert found.least < 1e-6
@@ -388,7 +387,7 @@ def test_effects_that_cannot_be_compared_are_refused(
     names: tuple[str, ...], arm: NominalArm, body: RigidBody
 ) -> None:
     with pytest.raises(InputError):
-        Signatures(arm, body, names)
+        separator_of(arm, body, names)
 
 
 # Trajectories that determine no parameter: the limit that keeps them small, a warning, and a refusal.

@@ -18,8 +18,15 @@ from gapscope.ident.identification import (
     identify,
 )
 from gapscope.ident.identification_json import check, document, plain
-from gapscope.ident.kalman import follow, follow_states, kalman
+from gapscope.ident.kalman import Track, follow, follow_states, kalman
 from gapscope.ident.samples import Problem
+
+
+def of(track: Track, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Value and standard error of one parameter, (N,) each."""
+    place = track.names.index(name)
+    return track.value[:, place], track.deviation[:, place]
+
 
 # A filter over stretches: least squares without drift, friction that wanders, honest bands, jumps.
 
@@ -78,12 +85,12 @@ def test_friction_that_warms_up_is_followed_and_masses_stay() -> None:
     found = follow(made(1, beta))
     assert found.level > 0
     ends = [rows.stop - 1 for rows in found.rows]
-    value, deviation = found.track.of("c1")
+    value, deviation = of(found.track, "c1")
     late = len(ends) // 4
     error = np.abs(value - beta[ends, 3])[late:]
     assert np.mean(error < 3 * deviation[late:]) > 0.8
     assert error.max() < 0.15
-    mass, _ = found.track.of("m1")
+    mass, _ = of(found.track, "m1")
     assert abs(mass[-1] - TRUTH[0]) < 0.1
 
 
@@ -94,13 +101,13 @@ def test_an_opening_lets_the_estimate_jump() -> None:
     problem = made(3, beta)
     covariance = np.diag([4.0, 0.0, 0.0, 0.0])
     opened = follow(problem, [(moment, covariance)])
-    mass, deviation = opened.track.of("m1")
+    mass, deviation = of(opened.track, "m1")
     ends = np.array([rows.stop for rows in opened.rows])
     before, after = mass[ends <= moment][-1], mass[-1]
     assert abs(before - TRUTH[0]) < 4 * deviation[ends <= moment][-1]
     assert abs(after - TRUTH[0] - 1.5) < 4 * deviation[-1]
     # a filter that is not told stays off
-    unaware, _ = follow(problem).track.of("m1")
+    unaware, _ = of(follow(problem).track, "m1")
     assert abs(unaware[-1] - TRUTH[0] - 1.5) > 0.1
 
 
@@ -115,7 +122,7 @@ def test_friction_moves_to_that_of_the_recording(world) -> None:
     )
     found = follow_states(world.arm, recording, nominal, np.full(3, 0.1))
     assert found.friction.names == ("b1", "b2", "b3", "c1", "c2", "c3")
-    assert abs(found.friction.of("b2")[0][-1] - 5.2) < 0.5
+    assert abs(of(found.friction, "b2")[0][-1] - 5.2) < 0.5
     # velocity follows without differentiating
     t = found.friction.t
     smooth = np.gradient(recording.q, recording.t, axis=0)

@@ -103,7 +103,7 @@ def factor():
 def test_parameters_without_content_are_dropped_and_the_others_kept(factor):
     found = essential_parameters(factor, tuple("abcde"))
     assert found.names == ("a", "c", "e")
-    assert {step.name for step in found.dropped} == {"b", "d"}
+    assert {step["name"] for step in found.dropped} == {"b", "d"}
     assert found.residual_growth < 0.02
 
 
