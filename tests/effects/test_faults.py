@@ -101,7 +101,7 @@ MADE = [
 ]
 
 
-@pytest.mark.parametrize(("fault", "made"), MADE, ids=lambda x: str(x)[:40])
+@pytest.mark.parametrize(("fault", "made"), MADE, ids=[str(fault) for fault, _ in MADE])
 def test_what_a_fault_makes_of_channels(
     fault: Fault, made: dict, recording: Recording
 ) -> None:
