@@ -29,12 +29,8 @@ from gapscope.arm.nominal import smooth_sign
 from gapscope.arm.recording import Recording
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.identification import IdentificationSettings
-from gapscope.ident.identification_json import (
-    effects,
-    identified_bodies,
-    sheet,
-    urdf_text,
-)
+from gapscope.ident.identification_json import effects, identified_bodies, sheet
+from gapscope.ident.model.physical_parameters import urdf_text
 from gapscope.model.conditioning import (
     TORQUE_CUTOFF,
     condition,
