@@ -46,8 +46,7 @@ from gapscope.blind_check.generator.law import Cause, Draws
 from gapscope.blind_check.generator.laws import LAWS
 from gapscope.blind_check.generator.simulate import Conditions
 from gapscope.blind_check.generator.true_arm import Columns, TrueArm
-from gapscope.diagnosis.diagnose_change import diagnose_change
-from gapscope.diagnosis.reference_file import identify_reference
+from gapscope.diagnosis.diagnose_change import diagnose_change, identify_reference
 from gapscope.model.conditioning import condition, position_cutoff
 
 DAY = 0.12

@@ -32,8 +32,7 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.trajectory import Fourier, urdf_limits
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.diagnosis.diagnose_change import diagnose_change
-from gapscope.diagnosis.reference_file import identify_reference
+from gapscope.diagnosis.diagnose_change import diagnose_change, identify_reference
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 

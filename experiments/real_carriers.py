@@ -29,11 +29,7 @@ from gapscope.arm.nominal import smooth_sign
 from gapscope.arm.recording import Recording
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.identification import IdentificationSettings
-from gapscope.ident.identification_json import (
-    effects,
-    identified_bodies,
-    sheet,
-)
+from gapscope.ident.identification_json import effects, identified_bodies, sheet
 from gapscope.ident.model.physical_parameters import urdf_text
 from gapscope.model.conditioning import (
     TORQUE_CUTOFF,

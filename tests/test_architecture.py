@@ -59,7 +59,7 @@ DIAGNOSIS_LAYERS: tuple[set[str], ...] = (
     {"result"},
     {"document"},
     {"diagnose", "set_up"},
-    {"reference_file", "diagnose_change", "hypotheses", "next_recording"},
+    {"diagnose_change", "hypotheses", "next_recording"},
     {"compare_units"},
 )
 """The same inside ``diagnosis``."""
@@ -96,7 +96,7 @@ NAMES_EFFECTS: dict[str, str] = {
             *("arm.nominal", "arm.robots"),
             *("arm.dynamics.description", "envs.mystery_arm"),
             *("model_audit.checks",),
-            "diagnosis.reference_file",
+            "diagnosis.diagnose_change",
         ),
         "payload is the case's key of a known load": ("diagnosis.document.content",),
         "the blind check keeps what hides what, and plain methods, apart": (

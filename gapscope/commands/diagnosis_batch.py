@@ -25,8 +25,8 @@ from gapscope.diagnosis.compare_units import (
     other_laws,
     units_document,
 )
+from gapscope.diagnosis.diagnose_change import FOLDER
 from gapscope.diagnosis.document.diagnosis_json import validate
-from gapscope.diagnosis.reference_file import FOLDER
 from gapscope.effects.catalogue import without
 from gapscope.interface.reference import kept_reference
 from gapscope.provenance import KEY, made_from

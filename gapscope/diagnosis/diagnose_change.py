@@ -1,20 +1,35 @@
-"""A diagnosis against a reference: what the same arm has now that it had not then, as a document."""
+"""A reference, identified and kept, and a diagnosis against it: what the same arm has now that it had not then."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case
+from gapscope.arm.dynamics.inertials import inertial_scale
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.errors import InputError
+from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.input_file import (
+    LARGEST_IN_MEMORY,
+    is_file,
+    is_folder,
+    read_arrays,
+    read_bytes,
+    read_text,
+)
+from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.json_file import read_json, schema_fault, write_json
+from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import Recording
 from gapscope.diagnosis.comparison import Comparison
 from gapscope.diagnosis.document.content import Document, nominal_friction
 from gapscope.diagnosis.document.expected import expected_entries
@@ -26,14 +41,21 @@ from gapscope.diagnosis.document.plotted_curves import (
     traces,
 )
 from gapscope.diagnosis.gap.commanded_torque import with_commanded_torque
-from gapscope.diagnosis.prepare import Prepared, Progress, prepare, silent
-from gapscope.diagnosis.reference_file import (
-    URDF,
-    KeptReference,
-    PossibleArm,
-    possible_arm,
+from gapscope.diagnosis.gap.plausible_data import (
+    check_moving,
+    check_rates,
+    check_stamps,
+    check_torque,
+    select_windows,
+    short_note,
+    still_note,
 )
+from gapscope.diagnosis.prepare import Prepared, Progress, prepare, silent
 from gapscope.diagnosis.result import Diagnosis
+from gapscope.diagnosis.setup_faults.clocks import find_quantization
+from gapscope.diagnosis.setup_faults.detection import find_setup_faults
+from gapscope.diagnosis.setup_faults.fault_search import looks_late
+from gapscope.diagnosis.setup_faults.found_fault import repaired
 from gapscope.diagnosis.thresholds import (
     FRICTION_DAY_TO_DAY,
     SAME_GRAVITY,
@@ -44,11 +66,413 @@ from gapscope.effects.applied import AppliedEffect, State
 from gapscope.effects.catalogue import known_effect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import LinkChange
-from gapscope.model.design import FreeArm, fitted_arm, moved
+from gapscope.ident.model.physical_parameters import nearest_possible, urdf_text
+from gapscope.model.design import BODIES, FreeArm, design, fitted_arm, moved
 from gapscope.model.difference import Search
+from gapscope.model.equations import Equations, learn
 from gapscope.model.expected import detectable
 from gapscope.model.rows import Rows
+from gapscope.model.terms import Terms
 from gapscope.model.torque_gap import torque_gap
+
+# An arm that predicts as files have it: possible bodies, a data sheet, effects, and what is left of its bodies.
+
+
+@dataclass(frozen=True)
+class PossibleArm:
+    """An arm whose bodies can be, the nearest to those that predict best.
+
+    Attributes:
+        arm: the nominal arm with the data sheet that was found; its bodies are in ``urdf``.
+        urdf: text of a URDF of its bodies.
+        theta: coordinates of the effects that it has beside its data sheet, (P,).
+        remainder: of the inertial parameters of each link, which the bodies lack to predict best, (n, 10).
+        lacking: RMS torque of it on the first group [N m], (n,).
+        torque_ratio: torque of the bodies that predict best over that of the nominal ones, by least squares [1].
+    """
+
+    arm: NominalArm
+    urdf: str
+    theta: np.ndarray
+    remainder: np.ndarray
+    lacking: np.ndarray
+    torque_ratio: float
+
+
+def possible_arm(
+    free: FreeArm, sheet: NominalArm, rows: Rows, noise2: np.ndarray
+) -> PossibleArm:
+    """The possible arm nearest to one that predicts, by the torque of the first group.
+
+    Args:
+        free: the arm that predicts.
+        sheet: the nominal arm with its data sheet.
+        rows: of all groups.
+        noise2: variance of the noise of each joint, over the square of its scale [1], (n,).
+
+    Raises:
+        GapscopeError: the solver finds no possible bodies.
+    """
+    n, scale = sheet.n_joints, inertial_scale(free.body)
+    squares = _squares(free.body, rows)
+    by_noise = squares / (noise2 * rows.scale**2)[:, None, None]
+    normal = np.diag((BODIES * scale) ** -2.0) + by_noise.sum(axis=0)
+    nominal = free.body.inertial_parameters()
+    right = normal @ free.increments.ravel()
+    value = nearest_possible(normal, right, nominal, n)
+    change = (value - nominal).reshape(n, 10)
+    body: RigidBody = free.body.changed(change)
+    terms, theta = Terms(n, {}, sheet.coupled_motors), free.theta.copy()
+    drives: dict[str, Any] = {}
+    for effect in terms.definitions:
+        name = effect.fitted.data_sheet
+        if name is not None:
+            own = terms.block(effect.name)[0]
+            drives[name] = np.maximum(theta[own], 0.0)
+            theta[own] = 0.0
+    arm = replace(sheet, **drives, friction_source="the reference, identified")
+    remainder = free.increments - change
+    count = np.count_nonzero(rows.of(0))
+    lacking = np.einsum("jpq,p,q->j", squares, remainder.ravel(), remainder.ravel())
+    of_all = squares.sum(axis=0) @ nominal
+    return PossibleArm(
+        arm,
+        urdf_text(arm, body),
+        theta,
+        remainder,
+        np.sqrt(np.maximum(lacking, 0.0) / count),
+        float(
+            (nominal + free.increments.ravel())
+            @ of_all
+            / max(nominal @ of_all, np.finfo(float).tiny)
+        ),
+    )
+
+
+def _squares(body: RigidBody, rows: Rows) -> np.ndarray:
+    """Sums over the rows of the first group of the products of the inertial columns, per joint, (n, 10 n, 10 n)."""
+    n = body.n_joints
+    out = np.zeros((n, 10 * n, 10 * n))
+    for k, segment in enumerate(rows.segments):
+        if rows.group_of[k]:
+            continue
+        motion = segment.motion
+        regressor = body.regressor(motion.q, motion.dq, motion.ddq)
+        x = rows.thin(regressor, segment)
+        for j in range(n):
+            out[j] += x[:, j].T @ x[:, j]
+    return out
+
+
+# The reference of a comparison: recordings of a healthy arm, and the possible arm nearest to what they show.
+
+
+URDF = "identified.urdf"
+"""File of the identified bodies."""
+
+
+@dataclass(frozen=True, eq=False)
+class KeptReference:
+    """All that a comparison needs of a reference, an arm with n joints.
+
+    Attributes:
+        name: of the reference case.
+        joints: names of the joints, in the order of the reference.
+        coupled_motors: numbers from 1 of the motors that turn several joints.
+        gravity: in the base frame [m/s^2], (3,).
+        urdf: text of a URDF of possible bodies that predict the reference best.
+        armature: reflected rotor inertia that was found with them [kg m^2], (n,).
+        coulomb: Coulomb friction [N m], (n,).
+        viscous: viscous friction [N m s/rad], (n,).
+        recordings: with a torque, faults of the set-up repaired; of long ones the windows that are looked at.
+        faults: name and variant of the faults of the set-up that show on the reference.
+        warnings: what makes it doubtful as a reference.
+        made_from: hashes of the reference's files and of the program, see ``gapscope.provenance.made_from``.
+        file: the document that it was read from; ``None`` if it was made in this run.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    coupled_motors: tuple[int, ...]
+    gravity: np.ndarray
+    urdf: str
+    armature: np.ndarray
+    coulomb: np.ndarray
+    viscous: np.ndarray
+    recordings: tuple[Recording, ...]
+    faults: frozenset[tuple[str, str]] = frozenset()
+    warnings: tuple[str, ...] = ()
+    made_from: Mapping[str, str] = field(default_factory=dict)
+    file: Path | None = None
+
+    def on(self, case: Case, folder: Path) -> Case:
+        """A case with the identified arm as its nominal one, by which faults of the set-up are looked for.
+
+        Args:
+            case: of the same arm.
+            folder: where its URDF is written, ``identified.urdf``.
+        """
+        urdf = folder / URDF
+        urdf.write_bytes(self.urdf.encode())
+        arm = replace(
+            case.arm,
+            urdf=urdf,
+            armature=self.armature,
+            coulomb=self.coulomb,
+            viscous=self.viscous,
+            friction_source="the reference, identified",
+        )
+        return replace(case, arm=arm)
+
+
+# A reference as a folder: ``reference.json``, ``reference.npz`` and ``identified.urdf``.
+#
+# The JSON file is removed first and written last, and holds the hashes of the other two: a folder that was not written
+# to its end, or whose files belong to two references, is refused.
+
+
+SCHEMA = 2
+DOCUMENT, ARRAYS = "reference.json", "reference.npz"
+FOLDER = "identified"
+"""Folder in which a diagnosis keeps its reference, beside its results."""
+REMEDY = "keep the reference again: gapscope diagnose CASE --against REFERENCE --out DIR writes DIR/identified"
+SHEET = ("armature", "coulomb", "viscous")
+"""What is kept of the data sheet, a number for each joint."""
+CHANNELS = ("t", "q", "tau")
+"""What is kept of a recording."""
+
+
+def identified_folder(path: Path) -> Path | None:
+    """The folder of a kept reference: the path itself, or ``identified`` in it; ``None`` if it is a case."""
+    if not is_folder(path) or is_file(path / "case.yaml"):
+        return None
+    for folder in (path, path / FOLDER):
+        if any(is_file(folder / name) for name in (DOCUMENT, ARRAYS)):
+            return folder
+    return None
+
+
+def write_reference(reference: KeptReference, folder: Path) -> Path:
+    """Write a reference; ``reference.json`` comes last.
+
+    Returns:
+        The path of ``reference.json``.
+
+    Raises:
+        GapscopeError: a file cannot be written.
+    """
+    document = folder / DOCUMENT
+    try:
+        document.unlink(missing_ok=True)
+    except OSError as error:
+        raise GapscopeError(
+            f"{document}: cannot be replaced ({error.strerror})", "remove it"
+        ) from None
+    arrays = {
+        f"{channel}{k + 1}": getattr(recording, channel)
+        for k, recording in enumerate(reference.recordings)
+        for channel in CHANNELS
+    }
+    recordings = []
+    for recording in reference.recordings:
+        load = recording.payload
+        carried = None if load is None else {"mass": load.mass, "com": list(load.com)}
+        own = {"name": recording.name, "samples": len(recording.t), "payload": carried}
+        recordings.append(own)
+    with atomic_write(folder / ARRAYS) as aside, aside.open("wb") as stream:
+        np.savez_compressed(stream, allow_pickle=False, **arrays)
+    with atomic_write(folder / URDF) as aside:
+        aside.write_bytes(reference.urdf.encode())
+    hashes = {name: _sha256((folder / name).read_bytes()) for name in (URDF, ARRAYS)}
+    content = {
+        "schema": SCHEMA,
+        "reference": reference.name,
+        "recordings": recordings,
+        "made_from": reference.made_from,
+        "joints": reference.joints,
+        "coupled_motors": reference.coupled_motors,
+        "gravity": reference.gravity,
+        "armature": reference.armature,
+        "coulomb": reference.coulomb,
+        "viscous": reference.viscous,
+        "faults": sorted(reference.faults),
+        "warnings": reference.warnings,
+        "files": hashes,
+    }
+    write_json(content, document)
+    return document
+
+
+def read_reference(folder: Path) -> KeptReference:
+    """Read a reference.
+
+    Args:
+        folder: that ``write_reference`` wrote.
+
+    Raises:
+        InputError: a file is missing, changed or not of this format; names the file and the field.
+    """
+    path = folder / DOCUMENT
+    if not is_file(path):
+        raise _unfit("is missing: the reference was not written to its end", path)
+    content = read_json(path, REMEDY)
+    schema = content.get("schema") if isinstance(content, dict) else None
+    if schema is not None and schema != SCHEMA:
+        raise _unfit(
+            f"is of schema {schema!r}, this version of Gapscope reads {SCHEMA}: "
+            "it compares with the recordings of a reference",
+            path,
+            "field schema",
+        )
+    error = schema_fault(content, "reference")
+    if error is not None:
+        field = ".".join(str(step) for step in error.absolute_path)
+        raise _unfit(error.message, path, f"field {field}" if field else "")
+    # the files beside it have the hashes that stand there
+    for name in (URDF, ARRAYS):
+        found = read_bytes(folder / name, REMEDY, LARGEST_IN_MEMORY)
+        if _sha256(found) != content["files"][name]:
+            raise _unfit(
+                f"is not the file that {DOCUMENT} was written with",
+                folder / name,
+                f"field files.{name} of {DOCUMENT}",
+            )
+    sheet, n = {}, len(content["joints"])
+    for name in SHEET:
+        sheet[name] = np.array(content[name], dtype=float)
+        if sheet[name].shape != (n,):
+            problem = f"has {sheet[name].size} numbers, the arm has {n} joints"
+            raise _unfit(problem, path, f"field {name}")
+    return KeptReference(
+        name=content["reference"],
+        joints=tuple(content["joints"]),
+        coupled_motors=tuple(content["coupled_motors"]),
+        gravity=np.array(content["gravity"], dtype=float),
+        urdf=read_text(folder / URDF, REMEDY),
+        recordings=_read_recordings(folder / ARRAYS, content),
+        faults=frozenset((name, variant) for name, variant in content["faults"]),
+        warnings=tuple(content["warnings"]),
+        made_from=content["made_from"],
+        file=path,
+        **sheet,
+    )
+
+
+def _unfit(problem: str, path: Path, where: str = "") -> InputError:
+    """The error of a file of a reference that cannot be read."""
+    return InputError(problem, REMEDY, file=path, where=where)
+
+
+def _read_recordings(path: Path, content: Mapping[str, Any]) -> tuple[Recording, ...]:
+    """The recordings of ``reference.npz``, finite and of the shapes that the document states."""
+    arrays, n = read_arrays(path, REMEDY), len(content["joints"])
+    recordings = []
+    for k, entry in enumerate(content["recordings"], 1):
+        samples, carried = entry["samples"], entry["payload"]
+        series = []
+        for name in CHANNELS:
+            shape = (samples,) if name == "t" else (samples, n)
+            found = arrays.get(f"{name}{k}", np.array(np.nan))
+            numeric = found.dtype.kind in "fiu" and np.isfinite(found).all()
+            if found.shape != shape or not numeric:
+                problem = f"expected finite numbers of shape {shape}"
+                raise _unfit(problem, path, f"{name}{k}")
+            series.append(found)
+        t, q, tau = series
+        load = carried and KnownLoad(carried["mass"], tuple(carried["com"]))
+        recordings.append(Recording(entry["name"], t, q, tau, payload=load))
+    return tuple(recordings)
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+# A reference made ready: recordings of a healthy arm, faults of the set-up put right, and its nearest possible arm.
+
+
+def identify_reference(
+    reference: Case, progress: Callable[[str], None] = lambda message: None
+) -> KeptReference:
+    """Make a reference ready: whatever shows on it is no change.
+
+    Args:
+        reference: the arm, known healthy and without load.
+        progress: called with a few words at each step.
+
+    Raises:
+        InputError: no torque, no motion, too short, torque in another unit; says what to do.
+        GapscopeError: no physically consistent bodies were found.
+    """
+    reference = with_commanded_torque(reference)
+    check_stamps(reference)
+    check_torque(reference)
+    check_moving(reference)
+    check_rates(reference)
+    with threadpool_limits(1):
+        progress("identifies the arm")
+        kept = _kept(select_windows(reference))
+        progress("tests the set-up")
+        with TemporaryDirectory(prefix="gapscope-") as folder:
+            nominal = kept.on(reference, Path(folder))
+            # the gravity of an arm that was identified on a torque is in that torque
+            faults = tuple(
+                fault
+                for fault in find_setup_faults(nominal)
+                if not fault.reading(reference.arm.n_joints).differs("gravity")
+            )
+            right = select_windows(repaired(nominal, faults))
+            faults = (*faults, *find_quantization(right))
+            late = looks_late(nominal)
+        if faults:
+            # of what is put right here, the case shows the same against the arm that is right
+            kept = _kept(replace(right, arm=reference.arm))
+    names = {(fault.name, fault.variant) for fault in faults}
+    if late:
+        names.add(("late_torque", "delay"))
+    return replace(
+        kept,
+        recordings=tuple(r for r in right.recordings if r.tau is not None),
+        faults=frozenset(names),
+        warnings=(
+            *still_note(reference),
+            *short_note(reference),
+            *_single_note(right.recordings),
+        ),
+    )
+
+
+def _single_note(recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """A sentence on a reference of one recording."""
+    if len([r for r in recordings if r.tau is not None]) > 1:
+        return ()
+    return (
+        "one recording does not show how differently the model misses other motions, which then looks like a change: "
+        "record the healthy arm in two other motions at least, or take what is found as a suspicion",
+    )
+
+
+def _kept(reference: Case) -> KeptReference:
+    """The reference as it was recorded, with the possible arm that predicts it best."""
+    rows = Rows.recorded([reference.recordings])
+    free = fitted_arm(rows, reference.arm, {0})
+    noise2 = learn(Equations.of(design(rows, free, {})), {0}).noise2
+    found = possible_arm(free, reference.arm, rows, noise2)
+    return KeptReference(
+        name=reference.name,
+        joints=reference.arm.joints,
+        coupled_motors=reference.arm.coupled_motors,
+        gravity=reference.arm.gravity,
+        urdf=found.urdf,
+        armature=found.arm.armature,
+        coulomb=found.arm.coulomb,
+        viscous=found.arm.viscous,
+        recordings=reference.recordings,
+    )
+
+
+# A diagnosis against a reference: what the same arm has now that it had not then, as a document.
+
 
 # Whether a case and a reference are of the same arm.
 

@@ -16,11 +16,15 @@ from rich.console import RenderableType
 from gapscope.arm.case import Case
 from gapscope.arm.io.atomic_write import atomic_write, begin_results
 from gapscope.diagnosis.diagnose import diagnose as diagnose_case
-from gapscope.diagnosis.diagnose_change import Change, diagnose_change
+from gapscope.diagnosis.diagnose_change import (
+    FOLDER,
+    Change,
+    diagnose_change,
+    write_reference,
+)
 from gapscope.diagnosis.document.diagnosis_json import write_document
 from gapscope.diagnosis.document.numbers import Number, numbers_of
 from gapscope.diagnosis.prepare import Progress, silent
-from gapscope.diagnosis.reference_file import FOLDER, write_reference
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm

@@ -7,16 +7,17 @@ from pathlib import Path
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import InputError
-from gapscope.diagnosis.diagnose_change import check_same_arm, place_of
-from gapscope.diagnosis.prepare import Progress, silent
-from gapscope.diagnosis.reference_file import (
+from gapscope.diagnosis.diagnose_change import (
     FOLDER,
     KeptReference,
+    check_same_arm,
     identified_folder,
     identify_reference,
+    place_of,
     read_reference,
     write_reference,
 )
+from gapscope.diagnosis.prepare import Progress, silent
 from gapscope.provenance import made_from
 
 Reference = Case | KeptReference | str | Path

@@ -284,12 +284,12 @@ def learn(
         priors: deviations of what is shared, (P,) each: of every joint those count that predict motions held out best;
             none: those of the design.
     """
-    every_joint: list[tuple[float, float, np.ndarray, float, float, np.ndarray]] = []
+    every_joint = []
     for j, every in enumerate(equations.cells):
         cells = [cell for cell in every if cell.group in groups]
         if alike:
             cells = [replace(cell, group=0) for cell in cells]
-        every_joint.append(_learn_joint(equations, j, cells, priors))
+        every_joint.append(_Joint(equations.design, j, cells).learn(priors))
     noise2, white2, own2, joint2, missed2, function2 = zip(*every_joint, strict=True)
     return FormError(
         np.array(noise2),
@@ -308,21 +308,10 @@ def noise_of_motions(equations: Equations, j: int) -> tuple[np.ndarray, np.ndarr
     """
     cells = [replace(cell, group=0) for cell in equations.cells[j]]
     cells.sort(key=lambda cell: int(cell.rows[0]))
-    prior, free, size2 = _at_first(equations.design, j)
-    left, *_ = _noise(equations, j, cells, prior, free, size2)
+    left, *_ = _Joint(equations.design, j, cells).noise()
     own = [(left[cell.rows] ** 2).sum() / max(cell.count, 1.0) for cell in cells]
     first = np.array([cell.rows[0] for cell in cells])
     return first, np.maximum(own, MIN_NOISE**2)
-
-
-def _at_first(design: Design, j: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Prior of what is shared of a joint, (p_j,), columns that a motion may have of its own, and their mean squares."""
-    active = design.active[j]
-    prior, free = design.prior[active].copy(), np.flatnonzero(design.own[active])
-    for some in design.waves[j]:
-        prior[np.isin(active, some)] = PRECISE
-    # amplitudes count in torque of this joint
-    return prior, free, np.maximum(design.size2(j)[free], MIN_TORQUE**2)
 
 
 def carried_over(error: FormError, before: Equations, after: Equations) -> FormError:
@@ -347,80 +336,169 @@ def carried_over(error: FormError, before: Equations, after: Equations) -> FormE
     return replace(error, own2=own2)
 
 
-def _learn_joint(
-    equations: Equations, j: int, cells: list[Cell], priors: Sequence[np.ndarray]
-) -> tuple[float, float, np.ndarray, float, float, np.ndarray]:
-    """Variances of noise, of a row by itself, of the columns, of the joint, of what is missed, and of functions."""
-    design = equations.design
-    active = design.active[j]
-    prior, free, size2 = _at_first(design, j)
-    if priors:
-        every = [
-            np.where(design.prior[active] > 0, some[active], prior) for some in priors
-        ]
-        missed = [(_held_out(equations, j, cells, p) ** 2).sum() for p in every]
-        prior = every[int(np.argmin(missed))]
-    shared = np.flatnonzero(prior > 0)
-    unit = prior[shared]
-    waves = [np.isin(active, some) for some in design.waves[j]]
-    in_shared = [some[shared] for some in waves]
-    groups = sorted({cell.group for cell in cells})
-    left, noise2, white2, missed2 = _noise(equations, j, cells, prior, free, size2)
-    rows = np.sort(np.concatenate([cell.rows for cell in cells]))
-    joint2 = PRECISE**2 / len(free)
-    own2 = joint2 / size2
-    variance = np.zeros(len(active))
-    for _ in range(ROUNDS):
+class _Joint:
+    """What some motions of a joint, from 0, teach.
+
+    Attributes:
+        prior: of what is shared, (p_j,).
+        free, size2: columns of which a motion may have values of its own, and their mean squares.
+        waves: which columns make up each unknown function, masks (p_j,).
+        rows: of all motions, rising.
+        count: rows that count.
+    """
+
+    def __init__(self, design: Design, j: int, cells: list[Cell]) -> None:
+        self.cells, self._active = cells, design.active[j]
+        self.x, self.y = design.columns[j], design.gap[:, j]
+        self.rows = np.sort(np.concatenate([cell.rows for cell in cells]))
+        self.segment = design.rows.segment[self.rows]
+        self.count = sum(cell.count for cell in cells)
+        self.waves = [np.isin(self._active, some) for some in design.waves[j]]
+        self.prior = design.prior[self._active].copy()
+        self._believed = self.prior > 0
+        for some in self.waves:
+            self.prior[some] = PRECISE
+        self.free = np.flatnonzero(design.own[self._active])
+        # amplitudes count in torque of this joint
+        self.size2 = np.maximum(design.size2(j)[self.free], MIN_TORQUE**2)
+
+    def learn(
+        self, priors: Sequence[np.ndarray]
+    ) -> tuple[float, float, np.ndarray, float, float, np.ndarray]:
+        """Variances of noise, of a row by itself, of the columns, of the joint, of what is missed, and of functions."""
+        if priors:
+            every, missed = [], []
+            for some in priors:
+                prior = np.where(self._believed, some[self._active], self.prior)
+                every.append(prior)
+                missed.append((self.held_out(prior) ** 2).sum())
+            self.prior = every[int(np.argmin(missed))]
+        cells, free, size2 = self.cells, self.free, self.size2
+        shared = np.flatnonzero(self.prior > 0)
+        unit = self.prior[shared]
+        in_shared = [some[shared] for some in self.waves]
+        groups = sorted({cell.group for cell in cells})
+        left, noise2, white2, missed2 = self.noise()
+        joint2 = PRECISE**2 / len(free)
+        own2 = joint2 / size2
+        variance = np.zeros(len(self.prior))
+        for _ in range(ROUNDS):
+            variance[free] = own2
+            squares, determined = np.zeros(len(free)), np.zeros(len(free))
+            gains = np.zeros((len(in_shared), len(FUNCTIONS)))
+            for group in groups:
+                mine = [cell for cell in cells if cell.group == group]
+                white = [whitened(cell, variance, noise2) for cell in mine]
+                # what a motion leaves of right sides beside its own
+                rights = [
+                    cell.right / noise2 - W.T @ (W @ (variance * cell.right)) / noise2
+                    for cell, W in zip(mine, white, strict=True)
+                ]
+                rows_of_all = np.concatenate(white)[:, shared]
+                total = rows_of_all.T @ rows_of_all
+                right_of_all = np.sum(rights, axis=0)[shared]
+                back = inverse(lower(total * unit[:, None] * unit)) * unit
+                beta = back.T @ (back @ right_of_all)
+                for k, some in enumerate(in_shared):
+                    half, size = back[:, some] / unit[some], unit[some]
+                    mean = beta[some] / size
+                    gains[k] += function_gains(half.T @ half, mean, size[0])
+                for cell, W in zip(mine, white, strict=True):
+                    of_all = cell.root[:, shared] @ beta
+                    right = cell.right[free] - cell.root[:, free].T @ of_all
+                    mine_of_all = W[:, free] * own2
+                    inner = W[:, free] @ (own2 * right)
+                    theta = (own2 * right - mine_of_all.T @ inner) / noise2
+                    of_theta = own2 - (mine_of_all**2).sum(axis=0)
+                    by_shared = mine_of_all.T @ (W[:, shared] @ back.T)
+                    of_theta += (by_shared**2).sum(axis=1)
+                    squares += theta**2
+                    determined += np.clip(1.0 - of_theta / own2, 0.0, 1.0)
+            before2, before = joint2, unit.copy()
+            joint2 = max(squares @ size2 / max(determined.sum(), 1e-3), MIN_FORM**2)
+            of_joint = OF_THE_JOINT * joint2 / size2
+            own2 = (squares + of_joint) / (determined + OF_THE_JOINT)
+            for some, gain in zip(in_shared, gains, strict=True):
+                unit[some] = FUNCTIONS[int(gain.argmax())]
+            settled = abs(joint2 - before2) <= SETTLED * before2
+            if settled and np.array_equal(unit, before):
+                break
+        # as much as is missed on motions held out
         variance[free] = own2
-        squares, determined = np.zeros(len(free)), np.zeros(len(free))
-        gains = np.zeros((len(waves), len(FUNCTIONS)))
-        for group in groups:
-            mine = [cell for cell in cells if cell.group == group]
-            white = [whitened(cell, variance, noise2) for cell in mine]
-            # what a motion leaves of right sides beside its own
-            rights = [
-                cell.right / noise2 - W.T @ (W @ (variance * cell.right)) / noise2
-                for cell, W in zip(mine, white, strict=True)
-            ]
-            rows_of_all = np.concatenate(white)[:, shared]
-            total = rows_of_all.T @ rows_of_all
-            right_of_all = np.sum(rights, axis=0)[shared]
-            back = inverse(lower(total * unit[:, None] * unit)) * unit
-            beta = back.T @ (back @ right_of_all)
-            for k, some in enumerate(in_shared):
-                half = back[:, some] / unit[some]
-                gains[k] += function_gains(
-                    half.T @ half, beta[some] / unit[some], unit[some][0]
-                )
-            for cell, W in zip(mine, white, strict=True):
-                of_all = cell.root[:, shared] @ beta
-                right = cell.right[free] - cell.root[:, free].T @ of_all
-                mine_of_all = W[:, free] * own2
-                inner = W[:, free] @ (own2 * right)
-                theta = (own2 * right - mine_of_all.T @ inner) / noise2
-                of_theta = own2 - (mine_of_all**2).sum(axis=0)
-                by_shared = mine_of_all.T @ (W[:, shared] @ back.T)
-                of_theta += (by_shared**2).sum(axis=1)
-                squares += theta**2
-                determined += np.clip(1.0 - of_theta / own2, 0.0, 1.0)
-        before2 = joint2
-        joint2 = max(squares @ size2 / max(determined.sum(), 1e-3), MIN_FORM**2)
-        own2 = (squares + OF_THE_JOINT * joint2 / size2) / (determined + OF_THE_JOINT)
-        settled = abs(joint2 - before2) <= SETTLED * before2
-        before = unit.copy()
-        for some, gain in zip(in_shared, gains, strict=True):
-            unit[some] = FUNCTIONS[int(gain.argmax())]
-        if settled and np.array_equal(unit, before):
-            break
-    # as much as is missed on motions held out
-    variance[free] = own2
-    variance *= _growth(cells, shared, unit, variance, noise2, missed2)
-    joint2 = float((variance[free] * size2).mean())
-    # only now: what is noise by a vibration may be form error as well
-    segment = design.rows.segment[rows]
-    noise2 = max(noise2, _vibration(left[rows], segment, noise2))
-    function2 = np.array([unit[some][0] ** 2 for some in in_shared])
-    return noise2, white2, variance, joint2, missed2, function2
+        variance *= self._growth(shared, unit, variance, noise2, missed2)
+        joint2 = float((variance[free] * size2).mean())
+        # only now: what is noise by a vibration may be form error as well
+        noise2 = max(noise2, _vibration(left[self.rows], self.segment, noise2))
+        function2 = np.array([unit[some][0] ** 2 for some in in_shared])
+        return noise2, white2, variance, joint2, missed2, function2
+
+    def held_out(self, prior: np.ndarray) -> np.ndarray:
+        """What is missed of motions that are predicted from others of their group, over the joint's scale, (M,)."""
+        cells, shared = self.cells, np.flatnonzero(prior > 0)
+        unit, missed = prior[shared], np.zeros(len(self.y))
+        power = sum(cell.power for cell in cells)
+        missed2 = max(power / self.count, MIN_NOISE**2)
+        grams = _of_others(cells, [cell.gram for cell in cells])
+        rights = _of_others(cells, [cell.right for cell in cells])
+        # the noise by which the prior counts is what is missed
+        for _ in range(2):
+            for cell, gram, right in zip(cells, grams, rights, strict=True):
+                normal = gram[np.ix_(shared, shared)] * unit[:, None] * unit / missed2
+                normal[np.diag_indices(len(unit))] += 1.0
+                beta = unit * np.linalg.solve(normal, unit * right[shared] / missed2)
+                x = self.x[np.ix_(cell.rows, shared)]
+                missed[cell.rows] = self.y[cell.rows] - x @ beta
+            missed2 = max(float(missed @ missed) / self.count, MIN_NOISE**2)
+        return missed
+
+    def noise(self) -> tuple[np.ndarray, float, float, float]:
+        """Noise (M,), its variance, neighbours counted once and each for itself, and mean square of what is missed.
+
+        Noise is what is left of motions held out, each predicted from others of its group, with values of its own.
+        """
+        missed, rows, free = self.held_out(self.prior), self.rows, self.free
+        missed2 = max(float(missed @ missed) / self.count, MIN_NOISE**2)
+        left, spent = np.zeros(len(self.y)), 0.0
+        for cell in self.cells:
+            x, here = self.x[np.ix_(cell.rows, free)], missed[cell.rows]
+            own = x * (FIRST_FREEDOM / np.sqrt(self.size2))
+            # what is left of rows y is (I + X X^T / s^2)^-1 y
+            if len(own) > len(free):
+                half = inverse(lower(own.T @ own / missed2))
+                explained = own @ (half.T @ (half @ (own.T @ here))) / missed2
+                left[cell.rows] = here - explained
+            else:
+                half = inverse(lower(own @ own.T / missed2))
+                left[cell.rows] = half.T @ (half @ here)
+            spent += len(half) - float((half**2).sum())
+        inflation = variance_inflation(left[rows, None], self.segment)[0]
+        mean2 = float((left[rows] ** 2).sum()) / max(self.count - spent, 1.0)
+        white2 = max(mean2, MIN_NOISE**2)
+        return left, white2 * float(inflation), white2, missed2
+
+    def _growth(
+        self,
+        shared: np.ndarray,
+        unit: np.ndarray,
+        own2: np.ndarray,
+        noise2: float,
+        missed2: float,
+    ) -> float:
+        """Factor by which form error has to change to miss motions held out as far as they are missed.
+
+        ``missed2`` is the mean square that is missed. What is shared is not known exactly either.
+        """
+        white = [whitened(cell, own2, noise2)[:, shared] * unit for cell in self.cells]
+        estimated, form = 0.0, 0.0
+        informations = _of_others(self.cells, [W.T @ W for W in white])
+        for cell, others in zip(self.cells, informations, strict=True):
+            half = forward(lower(others), (cell.root[:, shared] * unit).T)
+            estimated += float((half**2).sum())
+            form += float((cell.root**2 @ own2).sum())
+        form = max(form, MIN_TORQUE**2)
+        least, most = missed2 * self.count - estimated, missed2 * self.count
+        # no less than what is missed beyond what is not known, no more than all of it
+        return max(least / form, min(1.0, most / form))
 
 
 def function_gains(covariance: np.ndarray, mean: np.ndarray, size: float) -> np.ndarray:
@@ -465,98 +543,6 @@ def _of_others(cells: list[Cell], parts: Sequence[np.ndarray]) -> list[np.ndarra
         - (recordings[cell.group, cell.recording] if count[cell.group] > 1 else part)
         for cell, part in zip(cells, parts, strict=True)
     ]
-
-
-def _growth(
-    cells: list[Cell],
-    shared: np.ndarray,
-    unit: np.ndarray,
-    own2: np.ndarray,
-    noise2: float,
-    missed2: float,
-) -> float:
-    """Factor by which form error has to change to miss motions held out as far as they are missed.
-
-    ``missed2`` is the mean square that is missed. What is shared is not known exactly either.
-    """
-    count = sum(cell.count for cell in cells)
-    white = [whitened(cell, own2, noise2)[:, shared] * unit for cell in cells]
-    estimated, form = 0.0, 0.0
-    informations = _of_others(cells, [W.T @ W for W in white])
-    for cell, others in zip(cells, informations, strict=True):
-        half = forward(lower(others), (cell.root[:, shared] * unit).T)
-        estimated += float((half**2).sum())
-        form += float((cell.root**2 @ own2).sum())
-    form = max(form, MIN_TORQUE**2)
-    least, most = missed2 * count - estimated, missed2 * count
-    # no less than what is missed beyond what is not known, no more than all of it
-    return max(least / form, min(1.0, most / form))
-
-
-def _held_out(
-    equations: Equations, j: int, cells: list[Cell], prior: np.ndarray
-) -> np.ndarray:
-    """What is missed of motions of a joint that are predicted from others of their group, over its scale, (M,)."""
-    design = equations.design
-    shared = np.flatnonzero(prior > 0)
-    unit, x, y = prior[shared], design.columns[j], design.gap[:, j]
-    count = sum(cell.count for cell in cells)
-    missed2 = max(sum(cell.power for cell in cells) / count, MIN_NOISE**2)
-    missed = np.zeros(len(y))
-    others = list(
-        zip(
-            cells,
-            _of_others(cells, [cell.gram for cell in cells]),
-            _of_others(cells, [cell.right for cell in cells]),
-            strict=True,
-        )
-    )
-    # the noise by which the prior counts is what is missed
-    for _ in range(2):
-        for cell, gram, right in others:
-            normal = gram[np.ix_(shared, shared)] * unit[:, None] * unit / missed2
-            normal[np.diag_indices(len(unit))] += 1.0
-            beta = unit * np.linalg.solve(normal, unit * right[shared] / missed2)
-            missed[cell.rows] = y[cell.rows] - x[np.ix_(cell.rows, shared)] @ beta
-        missed2 = max(float(missed @ missed) / count, MIN_NOISE**2)
-    return missed
-
-
-def _noise(
-    equations: Equations,
-    j: int,
-    cells: list[Cell],
-    prior: np.ndarray,
-    free: np.ndarray,
-    size2: np.ndarray,
-) -> tuple[np.ndarray, float, float, float]:
-    """Noise (M,), its variance, neighbours counted once and each for itself, and mean square of what is missed.
-
-    Noise is what is left of motions held out, each predicted from others of its group, with values of its own.
-    """
-    design = equations.design
-    count = sum(cell.count for cell in cells)
-    x, y = design.columns[j], design.gap[:, j]
-    missed = _held_out(equations, j, cells, prior)
-    missed2 = max(float(missed @ missed) / count, MIN_NOISE**2)
-    left, spent = np.zeros(len(y)), 0.0
-    for cell in cells:
-        own = x[np.ix_(cell.rows, free)] * (FIRST_FREEDOM / np.sqrt(size2))
-        # what is left of rows y is (I + X X^T / s^2)^-1 y
-        here = missed[cell.rows]
-        if len(own) > len(free):
-            half = inverse(lower(own.T @ own / missed2))
-            spent += len(free) - float((half**2).sum())
-            left[cell.rows] = here - own @ (half.T @ (half @ (own.T @ here))) / missed2
-        else:
-            half = inverse(lower(own @ own.T / missed2))
-            spent += len(own) - float((half**2).sum())
-            left[cell.rows] = half.T @ (half @ here)
-    rows = np.sort(np.concatenate([cell.rows for cell in cells]))
-    inflation = variance_inflation(left[rows, None], design.rows.segment[rows])[0]
-    mean2 = float((left[rows] ** 2).sum()) / max(count - spent, 1.0)
-    white2 = max(mean2, MIN_NOISE**2)
-    return left, white2 * float(inflation), white2, missed2
 
 
 def _vibration(left: np.ndarray, segment: np.ndarray, noise2: float) -> float:

@@ -47,21 +47,24 @@ class Bodies:
 
     def __init__(self, nominal: RigidBody, segment: Segment) -> None:
         self.body, self.segment = segment.bodies(nominal), segment
+        self._kept: tuple[np.ndarray, np.ndarray] | None = None
         self._play: dict[float, np.ndarray] = {}
 
     def regressor(self) -> np.ndarray:
-        """Inertial regressor of the motion, (N, n, 10 n): not kept, but for what columns need of it."""
+        """Inertial regressor of the motion, (N, n, 10 n): of it only what columns need is kept."""
         motion, last = self.segment.motion, 10 * self.body.last_link
         regressor = self.body.regressor(motion.q, motion.dq, motion.ddq)
         torque = regressor @ self.body.inertial_parameters()
-        self._both = torque, regressor[:, :, last : last + 10].copy()
+        self._kept = torque, regressor[:, :, last : last + 10].copy()
         return regressor
 
-    @cached_property
+    @property
     def _both(self) -> tuple[np.ndarray, np.ndarray]:
         """Torque of the bodies, (N, n), and regressor of the last link, (N, n, 10)."""
-        self.regressor()
-        return self._both
+        if self._kept is None:
+            self.regressor()
+        assert self._kept is not None
+        return self._kept
 
     @property
     def last(self) -> np.ndarray:

@@ -19,7 +19,7 @@ from guard import HANG
 from sweeps import daily, nightly
 
 from gapscope.commands.diagnosis_batch import finished
-from gapscope.diagnosis.reference_file import identify_reference
+from gapscope.diagnosis.diagnose_change import identify_reference
 from gapscope.interface.reference import kept_reference
 from gapscope.provenance import made_from
 

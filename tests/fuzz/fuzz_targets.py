@@ -26,8 +26,8 @@ from gapscope.arm.io.write_case import write_recording
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
+from gapscope.diagnosis.diagnose_change import read_reference
 from gapscope.diagnosis.document.diagnosis_json import read_document
-from gapscope.diagnosis.reference_file import read_reference
 from gapscope.effects.corrected_file import read_corrected_arm, read_with_faults
 from gapscope.effects.residual import (
     Inputs,

@@ -207,61 +207,48 @@ def test_healthy_arms_differ_no_more_often_than_stated() -> None:
     assert alarms <= 1
 
 
-class TestExplanation:
-    STD = np.full(4, 0.01)
-    ALL = np.arange(4)
-
-    @staticmethod
-    def covariates(speed: Sequence[float], order: Sequence[float]) -> list[Covariate]:
-        return [
-            Covariate("speed", "rad/s", np.array(speed)),
-            Covariate("order", "1", np.array(order)),
-        ]
-
-    def test_speed_is_named_if_values_lie_on_a_line_over_it(self) -> None:
-        value = np.array([1.0, 3.0, 2.0, 4.0])
-        given = self.covariates((0.1, 0.3, 0.2, 0.4), (1, 2, 3, 4))
-        found = explain(value, self.STD, self.ALL, given)
-        assert found.goes_with == ("speed",) and found.alone is None
+@pytest.mark.parametrize(
+    ("value", "speed", "goes_with", "changed"),
+    [
+        ((1.0, 3.0, 2.0, 4.0), (0.1, 0.3, 0.2, 0.4), {"speed"}, {"speed", "order"}),
+        # what changes together is not told apart
+        ((1.0, 2.0, 3.0, 4.0), (0.1, 0.2, 0.3, 0.4), {"speed", "order"}, {"speed", "order"}),
+        ((1.0, 2.0, 2.0, 1.0), (0.1, 0.2, 0.3, 0.4), set(), {"speed", "order"}),
+        # a speed that hardly differs is no candidate
+        ((1.0, 2.0, 3.0, 4.0), (0.30, 0.301, 0.302, 0.303), {"order"}, {"order"}),
+    ],
+)  # fmt: skip
+def test_what_a_difference_goes_with(value, speed, goes_with, changed) -> None:
+    order = Covariate("order", "1", np.arange(1.0, 5.0))
+    given = [Covariate("speed", "rad/s", np.array(speed)), order]
+    found = explain(np.array(value), np.full(4, 0.01), np.arange(4), given)
+    assert set(found.goes_with) == goes_with and found.alone is None
+    assert set(found.changed) == changed
+    if goes_with == {"speed"}:
         # over the order 1..4 the line 1.3 + 0.8 k leaves 1.8 of 5
         assert found.shares["order"] == pytest.approx(0.64)
 
-    def test_covariates_that_change_together_are_not_told_apart(self) -> None:
-        value = np.array([1.0, 2.0, 3.0, 4.0])
-        given = self.covariates((0.1, 0.2, 0.3, 0.4), (1, 2, 3, 4))
-        found = explain(value, self.STD, self.ALL, given)
-        assert set(found.goes_with) == {"speed", "order"}
 
-    def test_nothing_is_named_if_nothing_fits(self) -> None:
-        value = np.array([1.0, 2.0, 2.0, 1.0])
-        given = self.covariates((0.1, 0.2, 0.3, 0.4), (1, 2, 3, 4))
-        found = explain(value, self.STD, self.ALL, given)
-        assert found.goes_with == () and found.alone is None
+@pytest.mark.parametrize(
+    ("torque", "problem"),
+    [
+        ((True,), "one recording agrees with itself"),
+        ((True, False), r"only recording_0\.csv has torque"),
+        ((False, False), "no recording holds a torque"),
+    ],
+)
+def test_too_few_recordings_to_compare(torque: tuple[bool, ...], problem: str) -> None:
+    every = [recorded(Truth(), k) for k in range(len(torque))]
+    given = [
+        one if has else replace(one, tau=None)
+        for one, has in zip(every, torque, strict=True)
+    ]
+    with pytest.raises(InputError, match=problem):
+        compared(given)
 
-    def test_a_speed_that_hardly_differs_is_no_candidate(self) -> None:
-        value = np.array([1.0, 2.0, 3.0, 4.0])
-        given = self.covariates((0.30, 0.301, 0.302, 0.303), (1, 2, 3, 4))
-        found = explain(value, self.STD, self.ALL, given)
-        assert found.changed == ("order",)
 
-
-class TestBadInput:
-    def test_one_recording(self) -> None:
-        with pytest.raises(InputError, match="one recording agrees with itself"):
-            compared([recorded(Truth(), 0)])
-
-    def test_one_recording_with_torque(self) -> None:
-        silent = replace(recorded(Truth(), 1), tau=None)
-        with pytest.raises(InputError, match=r"only recording_0\.csv has torque"):
-            compared([recorded(Truth(), 0), silent])
-
-    def test_no_torque(self) -> None:
-        silent = [replace(recorded(Truth(), k), tau=None) for k in range(2)]
-        with pytest.raises(InputError, match="no recording holds a torque"):
-            compared(silent)
-
-    def test_no_motion(self) -> None:
-        one = recorded(Truth(), 0)
-        still = replace(one, q=np.full_like(one.q, 0.3))
-        with pytest.raises(InputError, match="trajectory is constant"):
-            compared([still, still])
+def test_no_motion() -> None:
+    one = recorded(Truth(), 0)
+    still = replace(one, q=np.full_like(one.q, 0.3))
+    with pytest.raises(InputError, match="trajectory is constant"):
+        compared([still, still])

@@ -16,9 +16,14 @@ from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.write_case import write_case
 from gapscope.cli import main
-from gapscope.diagnosis.diagnose_change import SCALED, check_same_arm, diagnose_change
+from gapscope.diagnosis.diagnose_change import (
+    SCALED,
+    KeptReference,
+    check_same_arm,
+    diagnose_change,
+    identify_reference,
+)
 from gapscope.diagnosis.document.diagnosis_json import validate
-from gapscope.diagnosis.reference_file import KeptReference, identify_reference
 
 OFFSET = (0.6, -0.5, 0.2)
 """Torque offsets that the arm has on both days [N m]."""

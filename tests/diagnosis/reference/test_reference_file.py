@@ -16,9 +16,9 @@ import gapscope
 from gapscope.arm.errors import InputError
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.recording import Recording
-from gapscope.diagnosis.diagnose_change import diagnose_change
-from gapscope.diagnosis.reference_file import (
+from gapscope.diagnosis.diagnose_change import (
     KeptReference,
+    diagnose_change,
     identified_folder,
     read_reference,
     write_reference,
