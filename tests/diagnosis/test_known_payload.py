@@ -24,7 +24,7 @@ from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.diagnose_change import Change, diagnose_change
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.gap.predict import predict_torque
-from gapscope.diagnosis.hypotheses import RecordedData
+from gapscope.diagnosis.next_recording import RecordedData
 from gapscope.diagnosis.reference_file import identify_reference
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
