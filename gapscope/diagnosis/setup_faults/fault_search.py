@@ -96,7 +96,7 @@ def _refined_zero(
 def _refined_factors(
     scorer: ReadingScorer, before: Reading, candidate: Fault
 ) -> tuple[Fault, tuple[float, ...]]:
-    """One value for all joints, and of their own for those that it explains decisively less."""
+    """One value for all joints; values of their own for those, or all, that it explains decisively less."""
     (name,), (given,) = candidate.values(), candidate.values().values()
     joints, starts = len(given), np.log(given)
 
@@ -105,21 +105,29 @@ def _refined_factors(
 
         def build(x: np.ndarray) -> Fault:
             each: Any = tuple(np.exp(x[groups]).tolist())
-            several = isinstance(getattr(candidate, name), tuple)
-            return replace(candidate, **{name: each if several else each[0]})
+            return replace(candidate, **{name: each if joints > 1 else each[0]})
 
         return _PatternSearch(scorer, before, build)
 
-    groups: np.ndarray = np.zeros(joints, dtype=int)
-    x = search(groups).minimum(np.array([np.median(starts)]))
-    least = search(groups).cost(x)
-    for j, start in enumerate(starts if joints > 1 else ()):
-        alone = np.where(np.arange(joints) == j, len(x), groups)
-        cost = search(alone).cost(np.append(x, start)) + scorer.charge
-        if cost < least:
-            groups, x, least = alone, np.append(x, start), cost
+    one: np.ndarray = np.zeros(joints, dtype=int)
+    if isinstance(candidate, TorqueUnit):
+        groups, x = one, search(one).minimum(np.array([np.median(starts)]))
+        least = search(groups).cost(x)
+        for j, start in enumerate(starts):
+            alone = np.where(np.arange(joints) == j, len(x), groups)
+            cost = search(alone).cost(np.append(x, start)) + scorer.charge
+            if cost < least:
+                groups, x, least = alone, np.append(x, start), cost
+        x = search(groups).minimum(x)
+    else:
+        # positions in wrong units spoil what the others tell: each on its own first
+        groups = np.arange(joints)
+        x = search(groups).minimum(starts)
+        common = search(one).minimum(np.array([np.median(x)]))
+        worth = search(groups).cost(x) + (joints - 1) * scorer.charge
+        if search(one).cost(common) <= worth:
+            groups, x = one, common
     found = search(groups)
-    x = found.minimum(x)
     std = np.exp(x) * found.deviation(x)
     return found.build(x), tuple(std[groups].tolist())
 
