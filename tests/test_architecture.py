@@ -59,7 +59,7 @@ DIAGNOSIS_LAYERS: tuple[set[str], ...] = (
     {"result"},
     {"document"},
     {"diagnose", "set_up"},
-    {"diagnose_change", "hypotheses", "next_recording"},
+    {"diagnose_change", "next_recording"},
     {"compare_units"},
 )
 """The same inside ``diagnosis``."""

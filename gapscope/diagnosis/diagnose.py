@@ -17,7 +17,7 @@ from gapscope.arm.recording import Recording
 from gapscope.arm.root_mean_square import rms
 from gapscope.diagnosis.assessment.instrumental_values import instrumented
 from gapscope.diagnosis.assessment.replay_gap import ReplayGap, replay_gap
-from gapscope.diagnosis.assessment.sensor_sides import find_sides, sides_entry
+from gapscope.diagnosis.assessment.sensor_sides import find_sides
 from gapscope.diagnosis.assessment.unknown import Unknown, unknown
 from gapscope.diagnosis.comparison import Comparison
 from gapscope.diagnosis.document.content import (
@@ -523,11 +523,7 @@ class _Document(Document):
             sheet.segments,
         )
         if sides is not None:
-            named = [
-                {"effect": effect.name, "joints": list(effect.joints)}
-                for effect in sheet.effects
-            ]
-            out["sides"] = sides_entry(sides, named)
+            out["sides"] = sides
         return out
 
     def _context(self, reached: str) -> dict[str, Any]:

@@ -1,44 +1,49 @@
-"""The next recording: motions that could be made, what each would tell, and the advice in words."""
+"""The next recording: hypotheses that are open, motions that could be made, what each would tell, and the advice."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.optimize import least_squares
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case
-from gapscope.arm.display import percent, significant
+from gapscope.arm.display import effect_name, percent, significant
 from gapscope.arm.dynamics.inertials import inertial_scale
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.errors import InputError
+from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm, smooth_sign
-from gapscope.diagnosis.document.wording import listing
-from gapscope.diagnosis.hypotheses import (
-    Hypothesis,
-    Question,
-    RecordedData,
-    hypotheses,
-    open_questions,
-)
+from gapscope.diagnosis.document.wording import acts_on, listing
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.found_fault import repaired
 from gapscope.diagnosis.thresholds import (
-    ADVICE_INERTIALS,
-    ADVICE_SAMPLE_STEP,
+    ADVICE_RATE,
+    DESIGNED_ALTERNATIVES,
+    FIT_DRAWS,
+    FIT_STARTS,
+    FIT_STEPS,
+    INERTIAL_ERROR,
     MAY_SETTLE,
+    MIN_PARAMETER_SCALE,
     MIN_SCREENING,
+    OPEN_ALTERNATIVE,
     PAYLOAD_WORTH,
     SCREENING_SHARE,
     SETTLES,
 )
 from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.catalogue import CATALOGUE
+from gapscope.effects.arm_scale import ArmScale
+from gapscope.effects.catalogue import CATALOGUE, explained
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.effect import External
+from gapscope.effects.parameter import Parameter
+from gapscope.effects.severity import draw
 from gapscope.ident.excitation.design import (
     Excitation,
     ExcitationPlan,
@@ -46,18 +51,363 @@ from gapscope.ident.excitation.design import (
     design,
     prepare,
 )
+from gapscope.ident.excitation.design import Prepared as PreparedSearch
 from gapscope.ident.excitation.trajectory_search import Budget, Separated, random_search
-from gapscope.model.conditioning import TORQUE_CUTOFF
+from gapscope.model.conditioning import (
+    TORQUE_CUTOFF,
+    Segment,
+    condition,
+    low_pass,
+    thinned,
+    torque_scale,
+)
 from gapscope.model.effective_samples import band_samples
+from gapscope.model.torque_gap import filtered_torque
+
+# The parameters of several effects as one vector, to fit them and to differentiate by them.
+
+
+FIXED = ("link", "start", "end", "cycles")
+"""Parameters that are not fitted: a name, times that belong to one recording, a count of teeth or poles."""
+RIDGE = 1e-9
+"""Keeps a parameter that the data do not show at its value [1]."""
+FARTHEST = 1e6
+"""Stands for bounds that are farther away, in units of a parameter's scale [1]."""
+
+
+def free(
+    effects: tuple[AppliedEffect, ...],
+) -> Iterator[tuple[int, Parameter, np.ndarray]]:
+    """Index of the effect, parameter and values (m,) of all that is fitted, in the order of the vector."""
+    for index, applied in enumerate(effects):
+        for parameter in applied.effect.parameters:
+            if parameter.name not in FIXED:
+                values = np.atleast_1d(applied.parameters[parameter.name])
+                yield index, parameter, values.ravel()
+
+
+class Coordinates(NamedTuple):
+    """Values of effects as one vector, of length P.
+
+    Attributes:
+        values: [SI units].
+        scale: size of each, for steps and for conditioning.
+        low, high: bounds, no farther away than ``FARTHEST`` scales.
+        lasting: which act on another recording too: an external force does not come again.
+    """
+
+    values: np.ndarray
+    scale: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    lasting: np.ndarray
+
+
+def coordinates(effects: tuple[AppliedEffect, ...]) -> Coordinates:
+    """The values of effects that are fitted."""
+    parts = [np.zeros((5, 0))]
+    for index, parameter, values in free(effects):
+        largest = max(abs(value) for value in parameter.typical)
+        scale = np.maximum(np.abs(values), MIN_PARAMETER_SCALE * largest)
+        low = np.maximum(parameter.bounds[0], -FARTHEST * scale)
+        high = np.minimum(parameter.bounds[1], FARTHEST * scale)
+        lasts = not isinstance(effects[index].effect, External)
+        lasting = np.full(len(values), float(lasts))
+        parts.append(np.stack([values, scale, low, high, lasting]))
+    values, scale, low, high, lasting = np.concatenate(parts, axis=1)
+    return Coordinates(values, scale, low, high, lasting > 0)
+
+
+def with_values(
+    effects: tuple[AppliedEffect, ...], values: np.ndarray
+) -> tuple[AppliedEffect, ...]:
+    """The effects with other values, shape (P,), moved into their bounds."""
+    changed = [dict(applied.parameters) for applied in effects]
+    start = 0
+    for index, parameter, old in free(effects):
+        end = start + len(old)
+        shape = np.shape(effects[index].parameters[parameter.name])
+        new = np.clip(values[start:end], *parameter.bounds)
+        changed[index][parameter.name] = new.reshape(shape)
+        start = end
+    return tuple(
+        replace(applied, parameters=parameters)
+        for applied, parameters in zip(effects, changed, strict=True)
+    )
+
+
+# A hypothesis: the nominal arm with one explanation of the gap, and how its prediction moves with its parameters.
+
+
+STEP = 1e-3
+"""Step of the finite differences, in units of a parameter's scale [1]."""
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One explanation.
+
+    Attributes:
+        words: what it says.
+        arm: the nominal arm.
+        effects: with values.
+    """
+
+    words: str
+    arm: NominalArm
+    effects: tuple[AppliedEffect, ...]
+
+    def predict(self, body: RigidBody, motion: Motion) -> np.ndarray:
+        """Torque that would be recorded, below the gap's cut-off [N m], (N, n)."""
+        torque = CorrectedArm(self.arm, self.effects).unlimited.predict(body, motion)
+        return low_pass(torque, motion.rate, TORQUE_CUTOFF)
+
+    def jacobian(self, body: RigidBody, motion: Motion, here: np.ndarray) -> np.ndarray:
+        """Derivative of the prediction ``here``, (N, n), by the parameters in units of their scales; (N, n, P)."""
+        at = coordinates(self.effects)
+        out = np.zeros((*here.shape, len(at.values)))
+        # a value at its upper bound can only go down
+        steps = np.where(at.values + STEP * at.scale <= at.high, STEP, -STEP)
+        for k, change in enumerate(np.diag(steps * at.scale)):
+            effects = with_values(self.effects, at.values + change)
+            moved = replace(self, effects=effects)
+            out[:, :, k] = (moved.predict(body, motion) - here) / steps[k]
+        return out
+
+    def elsewhere(self) -> Hypothesis:
+        """The hypothesis on another recording: an external force does not come again."""
+        lasting = tuple(e for e in self.effects if not isinstance(e.effect, External))
+        return replace(self, effects=lasting)
+
+
+# The recordings at hand, as the hypotheses are fitted to them and compared on them.
+
+
+@dataclass(frozen=True)
+class RecordedData:
+    """Conditioned recordings of one arm with n joints.
+
+    Attributes:
+        body: dynamics of the nominal arm.
+        segments: with torque, at about ``ADVICE_RATE``.
+        measured: recorded torque of each, filtered and trimmed as the gap is [N m], each (M, n).
+        floor: RMS that a healthy arm would leave on them [N m], (n,).
+    """
+
+    body: RigidBody
+    segments: tuple[Segment, ...]
+    measured: tuple[np.ndarray, ...]
+    floor: np.ndarray
+
+    @classmethod
+    def of(cls, case: Case, floor: np.ndarray) -> RecordedData:
+        """Of a case whose floor, as a share of ``gapscope.model.torque_gap.torque_scale``, is given; (n,).
+
+        Raises:
+            GapscopeError: no recording has a torque.
+        """
+        recordings = tuple(r for r in case.recordings if r.tau is not None)
+        if not recordings:
+            raise GapscopeError(
+                f"{case.name}: no recording carries a torque",
+                "give torque in column tau1..",
+            )
+        segments = tuple(
+            thinned(s, ADVICE_RATE) for r in recordings for s in condition(r)
+        )
+        measured = tuple(filtered_torque(s) for s in segments)
+        return cls(
+            RigidBody(case.arm),
+            segments,
+            measured,
+            floor * torque_scale(np.vstack(measured)),
+        )
+
+    def residual(self, hypothesis: Hypothesis) -> np.ndarray:
+        """Predicted minus recorded torque over the floor [1], all samples and joints in a row."""
+        parts = []
+        for segment, measured in zip(self.segments, self.measured, strict=True):
+            body = segment.bodies(self.body)
+            predicted = hypothesis.predict(body, segment.motion)[segment.inner]
+            parts.append(((predicted - measured) / self.floor).ravel())
+        return np.concatenate(parts)
+
+    def jacobian(self, hypothesis: Hypothesis) -> np.ndarray:
+        """Derivative of ``residual`` by the parameters in units of their scales, (M n, P)."""
+        parts = []
+        for segment in self.segments:
+            body = segment.bodies(self.body)
+            here = hypothesis.predict(body, segment.motion)
+            slopes = hypothesis.jacobian(body, segment.motion, here)[segment.inner]
+            in_floors = slopes / self.floor[:, None]
+            parts.append(in_floors.reshape(-1, slopes.shape[2]))
+        return np.vstack(parts)
+
+
+def fitted(present: RecordedData, hypothesis: Hypothesis) -> tuple[Hypothesis, float]:
+    """A hypothesis with the values that explain the recordings best, and the mean square it leaves in floors [1]."""
+    effects, start = hypothesis.effects, coordinates(hypothesis.effects)
+    scale = start.scale
+    if not len(scale):
+        return hypothesis, float(np.mean(present.residual(hypothesis) ** 2))
+
+    def at(x: np.ndarray) -> Hypothesis:
+        return replace(hypothesis, effects=with_values(effects, x * scale))
+
+    def slope(x: np.ndarray) -> np.ndarray:
+        here = at(x)
+        return present.jacobian(here) * (scale / coordinates(here.effects).scale)
+
+    low, high = start.low / scale, start.high / scale
+    # least_squares wants a start strictly inside the bounds
+    margin = RIDGE * np.minimum(high - low, 1.0)
+    first = np.clip(start.values / scale, low + margin, high - margin)
+    done = least_squares(
+        lambda x: present.residual(at(x)), first, slope, (low, high), max_nfev=FIT_STEPS
+    )
+    return at(done.x), float(np.mean(done.fun**2))
+
+
+def with_unknown(
+    present: RecordedData,
+    hypothesis: Hypothesis,
+    name: str,
+    joints: tuple[int, ...],
+    rng: np.random.Generator,
+) -> Hypothesis:
+    """A hypothesis with one more effect, whose values are found from several starts of the size of real arms'."""
+    scale = ArmScale.of(hypothesis.arm)
+    tried: list[tuple[float, int, Hypothesis]] = []
+    for number in range(FIT_DRAWS):
+        drawn: AppliedEffect = draw(name, rng, scale, joints or None)
+        started = replace(hypothesis, effects=(*hypothesis.effects, drawn))
+        mean_square = float(np.mean(present.residual(started) ** 2))
+        tried.append((mean_square, number, started))
+    best = [fitted(present, started) for _, _, started in sorted(tried)[:FIT_STARTS]]
+    return min(best, key=lambda pair: pair[1])[0]
+
+
+# What a diagnosis leaves open: effects for which another would do as well.
+
+
+@dataclass(frozen=True)
+class Question:
+    """An effect found, and another that may replace it.
+
+    Attributes:
+        effect: name of the effect found.
+        joints: its joints from 1; empty for the arm or a link.
+        link: the joint that moves its link, or 0.
+        rival: name of the other effect; ``none`` if there may be nothing in its place.
+        rival_joints: its joints.
+        probability: of the rival [1].
+        found, other: both in words.
+    """
+
+    effect: str
+    joints: tuple[int, ...]
+    link: int
+    rival: str
+    rival_joints: tuple[int, ...]
+    probability: float
+    found: str
+    other: str
+
+
+def open_questions(document: Mapping[str, Any]) -> list[Question]:
+    """The open questions of ``diagnosis.json``, the most probable rival first, at most ``DESIGNED_ALTERNATIVES``.
+
+    No recording is designed for setup faults, which are not physics of the arm, nor for what a motion alone does not
+    predict: how far a command exceeds a limit depends on the controller. None tells two names of one cause apart.
+    """
+    questions = []
+    for entry in document["effects"]:
+        for rival in entry["alternatives"]:
+            if rival["probability"] >= OPEN_ALTERNATIVE and _designed(entry, rival):
+                questions.append(_question(entry, rival))
+    questions.sort(key=lambda question: -question.probability)
+    return questions[:DESIGNED_ALTERNATIVES]
+
+
+def _designed(entry: Mapping[str, Any], rival: Mapping[str, Any]) -> bool:
+    """Whether a motion can be designed to separate two effects."""
+    if rival.get("equivalent"):
+        return False
+    designed = {"none", *(e.name for e in explained() if not e.limits)}
+    return {rival["effect"], entry["effect"]} <= designed
+
+
+def _question(entry: Mapping[str, Any], rival: Mapping[str, Any]) -> Question:
+    link = entry["parameters"].get("link")
+    rival_joints = tuple(rival.get("joints") or ())
+    return Question(
+        effect=entry["effect"],
+        joints=tuple(entry["joints"]),
+        link=int(link["value"]) if link else 0,
+        rival=rival["effect"],
+        rival_joints=rival_joints,
+        probability=rival["probability"],
+        found=f"{effect_name(entry['effect'])} ({acts_on(entry)})",
+        other=_words(rival["effect"], rival_joints),
+    )
+
+
+def _words(rival: str, joints: tuple[int, ...]) -> str:
+    """A rival with what it acts on."""
+    if rival == "none":
+        return "no effect in its place"
+    return (
+        f"{effect_name(rival)} ({acts_on({'effect': rival, 'joints': list(joints)})})"
+    )
+
+
+# From open questions to hypotheses, each with its own values.
+
+
+def hypotheses(
+    arm: NominalArm,
+    effects: tuple[AppliedEffect, ...],
+    questions: list[Question],
+    present: RecordedData,
+) -> list[Hypothesis]:
+    """What was found, then for each question the same with the rival in place; all fitted to the recordings at hand.
+
+    Args:
+        arm: the nominal arm.
+        effects: those found, with values.
+        questions: what is open.
+        present: the recordings.
+    """
+    rng = np.random.default_rng(0)
+    out = [fitted(present, Hypothesis("what was found", arm, effects))[0]]
+    for question in questions:
+        rest = tuple(e for e in out[0].effects if not _asked(e, question))
+        with_rival = Hypothesis(question.other, arm, rest)
+        if question.rival == "none":
+            out.append(fitted(present, with_rival)[0])
+        else:
+            out.append(
+                with_unknown(
+                    present, with_rival, question.rival, question.rival_joints, rng
+                )
+            )
+    return out
+
+
+def _asked(applied: AppliedEffect, question: Question) -> bool:
+    """Whether a question is about this effect."""
+    link = int(applied.parameters["link"]) if "link" in applied.parameters else 0
+    return applied.name == question.effect and link == question.link
+
 
 # What the next recording may be: motions of several speeds, without and with a known payload.
 
 
 SPEEDS = {
-    "slow": ExcitationPlan(kind="fourier", order=5, frequency=0.05, duration=20.0),
-    "moderate": ExcitationPlan(kind="fourier", order=5, frequency=0.1, duration=10.0),
-    "quick": ExcitationPlan(kind="fourier", order=5, frequency=0.3, duration=10.0),
-    "lively": ExcitationPlan(kind="multisine", order=10, frequency=0.5, duration=10.0),
+    "slow": ExcitationPlan(frequency=0.05),
+    "moderate": ExcitationPlan(),
+    "quick": ExcitationPlan(frequency=0.3),
+    "lively": ExcitationPlan(kind="multisine", order=10, frequency=0.5),
 }
 """Motions by the speed of their changes, up to 0.25, 0.5, 1.5 and 5 Hz."""
 
@@ -91,10 +441,6 @@ class MotionOption:
         return replace(
             SPEEDS[self.speed], rate=rate, criterion="separation", effects=two
         )
-
-    def body(self, nominal: RigidBody) -> RigidBody:
-        """The arm's bodies with the payload."""
-        return nominal.carrying(self.payload)
 
 
 def highest(speed: str) -> float:
@@ -130,10 +476,6 @@ def options(payload: KnownLoad | None, fastest: float) -> list[MotionOption]:
 #
 # per independent sample of the new motion, summed over joints; the lesser of A, B and B, A counts. This is the
 # T-criterion for rival models, with what is known already as a part of the data [atkinson1975].
-
-
-RIDGE = 1e-9
-"""Keeps a parameter that the data do not show at its value [1]."""
 
 
 class WeightedPredictions(NamedTuple):
@@ -196,7 +538,7 @@ class Contrast:
         present: RecordedData,
         body: RigidBody,
     ) -> None:
-        self._hypotheses, self._body, self._floor = hypotheses, body, present.floor
+        self._hypotheses, self.body, self._floor = hypotheses, body, present.floor
         self._coulomb = np.abs(arm.coulomb)
         self._inertial_scale = inertial_scale(present.body)
         self.pairs = list(itertools.permutations(range(len(hypotheses)), 2))
@@ -230,13 +572,14 @@ class Contrast:
         return Separated(min(pair.new for pair in self.on(motion)), {})
 
     def _on_recordings(self, present: RecordedData) -> WeightedPredictions:
-        """Predictions on all present recordings, thinned."""
+        """Predictions on all present recordings, thinned: more rows than twice the band hold nothing new."""
         parts = []
         for segment in present.segments:
-            body, motion = segment.bodies(present.body), segment.motion
-            rows = np.arange(len(motion.t))[segment.inner][::ADVICE_SAMPLE_STEP]
-            predictions = [_Prediction.of(h, body, motion) for h in self._hypotheses]
-            parts.append(self._weighted(predictions, body, motion, present.floor, rows))
+            motion, step = segment.motion, 2 * TORQUE_CUTOFF
+            every = max(1, int(motion.rate / step))
+            rows = np.arange(len(motion.t))[segment.inner][::every]
+            body = segment.bodies(present.body)
+            parts.append(self._weighted(self._hypotheses, body, motion, rows))
         slopes = [
             np.vstack([part.slopes[h] for part in parts])
             for h in range(len(self._hypotheses))
@@ -247,21 +590,26 @@ class Contrast:
         return WeightedPredictions(torque, slopes, samples)
 
     def _on_motion(self, motion: Motion) -> WeightedPredictions:
-        """Predictions on a new motion, in floors."""
-        predictions = [
-            _Prediction.elsewhere(h, self._body, motion) for h in self._hypotheses
-        ]
+        """Predictions on a new motion, on which parameters of what does not last have no effect."""
         rows = np.arange(len(motion.t))
-        weighted = self._weighted(predictions, self._body, motion, self._floor, rows)
+        elsewhere = [hypothesis.elsewhere() for hypothesis in self._hypotheses]
+        weighted = self._weighted(elsewhere, self.body, motion, rows)
+        bodies, slopes = len(self._inertial_scale), []
+        for hypothesis, given in zip(self._hypotheses, weighted.slopes, strict=True):
+            own = coordinates(hypothesis.effects).lasting
+            lasting = np.r_[own, np.ones(bodies, dtype=bool)]
+            every = np.zeros((*given.shape[:2], len(lasting)))
+            every[:, :, lasting] = given
+            slopes.append(every)
         seconds = float(motion.t[-1] - motion.t[0])
-        return weighted._replace(samples=band_samples(seconds, TORQUE_CUTOFF))
+        samples = band_samples(seconds, TORQUE_CUTOFF)
+        return weighted._replace(slopes=slopes, samples=samples)
 
     def _weighted(
         self,
-        predictions: list[_Prediction],
+        hypotheses: list[Hypothesis],
         body: RigidBody,
         motion: Motion,
-        floor: np.ndarray,
         rows: np.ndarray,
     ) -> WeightedPredictions:
         """Predictions and slopes at some rows over the floor; rows at which a joint may stick count less."""
@@ -269,44 +617,23 @@ class Contrast:
         inertial = body.regressor(q, dq, ddq) * self._inertial_scale
         # of a smoothed direction s the share sqrt(1 - s^2) of dry friction is not known
         unknown2 = 1.0 - smooth_sign(dq / body.per_radian) ** 2
-        weight = 1.0 / np.sqrt(floor**2 + self._coulomb**2 * unknown2)
-        torque = np.array([p.torque[rows] * weight for p in predictions])
-        slopes = []
-        for prediction in predictions:
-            columns = np.concatenate([prediction.slopes[rows], inertial], axis=2)
+        weight = 1.0 / np.sqrt(self._floor**2 + self._coulomb**2 * unknown2)
+        torque, slopes = [], []
+        for hypothesis in hypotheses:
+            here = hypothesis.predict(body, motion)
+            own = hypothesis.jacobian(body, motion, here)[rows]
+            columns = np.concatenate([own, inertial], axis=2)
+            torque.append(here[rows] * weight)
             slopes.append(columns * weight[:, :, None])
-        return WeightedPredictions(torque, slopes, float(len(rows)))
+        return WeightedPredictions(np.array(torque), slopes, float(len(rows)))
 
     def _prior(self, b: int) -> _Quadratic:
         """The prior of hypothesis b: its own parameters are free, the inertials near the nominal ones."""
-        own = np.full(len(self._hypotheses[b].lasting), RIDGE)
-        inertial = np.full(len(self._inertial_scale), ADVICE_INERTIALS**-2)
+        size = len(coordinates(self._hypotheses[b].effects).values)
+        own = np.full(size, RIDGE)
+        inertial = np.full(len(self._inertial_scale), INERTIAL_ERROR**-2)
         gram = np.diag(np.concatenate([own, inertial]))
         return _Quadratic(gram, np.zeros(len(gram)), 0.0)
-
-
-@dataclass(frozen=True)
-class _Prediction:
-    """Torque that a hypothesis predicts [N m], (N, n), and its derivatives by the hypothesis' parameters, (N, n, P)."""
-
-    torque: np.ndarray
-    slopes: np.ndarray
-
-    @classmethod
-    def of(cls, hypothesis: Hypothesis, body: RigidBody, motion: Motion) -> _Prediction:
-        """On a recording that the hypothesis was fitted to."""
-        torque = hypothesis.predict(body, motion)
-        return cls(torque, hypothesis.jacobian(body, motion, torque))
-
-    @classmethod
-    def elsewhere(
-        cls, hypothesis: Hypothesis, body: RigidBody, motion: Motion
-    ) -> _Prediction:
-        """On another motion, on which parameters of what does not last have no effect."""
-        lasting = cls.of(hypothesis.elsewhere(), body, motion)
-        slopes = np.zeros((*lasting.torque.shape, len(hypothesis.lasting)))
-        slopes[:, :, hypothesis.lasting] = lasting.slopes
-        return cls(lasting.torque, slopes)
 
 
 def _following(data: WeightedPredictions, a: int, b: int) -> _Quadratic:
@@ -412,15 +739,6 @@ def _general(case: Case, request: AdviceRequest, progress: Progress) -> Advice:
     return Advice((), plan=plan, excitation=found)
 
 
-@dataclass(frozen=True)
-class _Candidate:
-    """An option with the bodies of the arm in it, and the contrast of the hypotheses on its motions."""
-
-    option: MotionOption
-    body: RigidBody
-    contrast: Contrast
-
-
 def _separating(
     case: Case,
     document: Mapping[str, Any],
@@ -429,98 +747,69 @@ def _separating(
     request: AdviceRequest,
     progress: Progress,
 ) -> Advice:
-    """The motion on which the hypotheses of the open questions differ most."""
+    """The motion on which the hypotheses of the open questions differ most.
+
+    Each option is screened by a short random search, and the best one is searched for with what is left.
+
+    Raises:
+        InputError: the limits allow none of the options.
+    """
     if any(entry["effect"] not in CATALOGUE for entry in document["effects"]):
         case = repaired(case, find_setup_faults(case))
     floor = np.array(document["gap"]["before"]["floor"], dtype=float)
     present = RecordedData.of(case, floor)
     rivals = hypotheses(case.arm, effects, questions, present)
-    candidates = _candidates(case.arm, request, rivals, present)
-    rng = np.random.default_rng(request.seed)
-    screening = _part(progress, 0.0, SCREENING_SHARE)
-    tried = _screened(case.arm, candidates, request, rng, screening)
-    option = _chosen(tried)
-    chosen = next(c for c in candidates if c.option == option)
-    evaluations = round((1 - SCREENING_SHARE) * request.evaluations)
-    budget = Budget(max(MIN_SCREENING, evaluations))
-    plan = replace(option.plan(request.rate), budget=budget)
-    prepared = prepare(
-        case.arm,
-        plan,
-        request.limits,
-        _part(progress, SCREENING_SHARE, 1 - SCREENING_SHARE),
-        chosen.contrast.separate,
-        chosen.body,
-    )
-    excitation = design(prepared, rng)
-    return Advice(
-        tuple(questions),
-        tuple(rivals),
-        tuple(chosen.contrast.on(excitation.motion)),
-        tuple(tried),
-        option,
-        plan,
-        excitation,
-    )
-
-
-def _candidates(
-    arm: NominalArm,
-    request: AdviceRequest,
-    rivals: list[Hypothesis],
-    present: RecordedData,
-) -> list[_Candidate]:
-    """The options that the request allows; those with the same payload share their contrast."""
-    by_payload: dict[KnownLoad | None, tuple[RigidBody, Contrast]] = {}
-    candidates = []
+    contrasts: dict[MotionOption, Contrast] = {}
+    by_payload: dict[KnownLoad | None, Contrast] = {}
     for option in options(request.payload, request.fastest):
-        if option.payload not in by_payload:
-            body = option.body(present.body)
-            contrast = Contrast(arm, rivals, present, body)
-            by_payload[option.payload] = body, contrast
-        candidates.append(_Candidate(option, *by_payload[option.payload]))
-    return candidates
+        load = option.payload
+        if load not in by_payload:
+            body = present.body.carrying(load)
+            by_payload[load] = Contrast(case.arm, rivals, present, body)
+        contrasts[option] = by_payload[load]
+    rng = np.random.default_rng(request.seed)
 
+    def search(option: MotionOption, share: float, begun: float) -> PreparedSearch:
+        """The search for a motion, with a share of the evaluations, which are begun at another one."""
+        evaluations = max(MIN_SCREENING, int(share * request.evaluations))
+        budget = Budget(evaluations)
+        return prepare(
+            case.arm,
+            replace(option.plan(request.rate), budget=budget),
+            request.limits,
+            lambda done, best: progress(begun + share * done, best),
+            contrasts[option].separate,
+            contrasts[option].body,
+        )
 
-def _screened(
-    arm: NominalArm,
-    candidates: list[_Candidate],
-    request: AdviceRequest,
-    rng: np.random.Generator,
-    progress: Progress,
-) -> list[tuple[MotionOption, float | None]]:
-    """The least contrast that a short random search reaches with each option, ``None`` if none keeps the limits.
-
-    Raises:
-        InputError: the limits allow none of the options.
-    """
-    count = len(candidates)
-    evaluations = int(SCREENING_SHARE * request.evaluations / count)
-    budget = Budget(max(MIN_SCREENING, evaluations))
     tried: list[tuple[MotionOption, float | None]] = []
     refused: InputError | None = None
-    for k, candidate in enumerate(candidates):
-        option = candidate.option
+    each = SCREENING_SHARE / len(contrasts)
+    for k, option in enumerate(contrasts):
         try:
-            search = prepare(
-                arm,
-                replace(option.plan(request.rate), budget=budget),
-                request.limits,
-                _part(progress, k / count, 1 / count),
-                candidate.contrast.separate,
-                candidate.body,
-            ).search
+            short = search(option, each, k * each).search
         except InputError as error:
             refused = error
             tried.append((option, None))
             continue
-        random_search(search, rng)
+        random_search(short, rng)
         # the search makes the negative logarithm of the contrast small
-        reached = float(np.exp(-search.found[-1].value)) if search.found else None
+        reached = float(np.exp(-short.found[-1].value)) if short.found else None
         tried.append((option, reached))
     if refused is not None and all(reached is None for _, reached in tried):
         raise refused
-    return tried
+    option = _chosen(tried)
+    prepared = search(option, 1 - SCREENING_SHARE, SCREENING_SHARE)
+    excitation = design(prepared, rng)
+    return Advice(
+        tuple(questions),
+        tuple(rivals),
+        tuple(contrasts[option].on(excitation.motion)),
+        tuple(tried),
+        option,
+        prepared.plan,
+        excitation,
+    )
 
 
 def _chosen(tried: list[tuple[MotionOption, float | None]]) -> MotionOption:
@@ -536,11 +825,6 @@ def _chosen(tried: list[tuple[MotionOption, float | None]]) -> MotionOption:
     if worth[best] > 0:
         return best
     return next((option for option in worth if option.speed == "moderate"), best)
-
-
-def _part(progress: Progress, begun: float, share: float) -> Progress:
-    """The progress of a part of the work."""
-    return lambda done, best: progress(begun + share * done, best)
 
 
 # Advice in words.
@@ -596,7 +880,7 @@ def _questions(advice: Advice) -> Iterable[str]:
 
 
 def _compared(pair: HypothesisContrast) -> str:
-    times = pair.new / max(pair.present, 1e-9)
+    times = pair.new / max(pair.present, RIDGE)
     more = f", {significant(times, 2)} times as much" if 1.0 < times < 1e3 else ""
     return (
         f"their predictions differ by {significant(pair.present, 2)} times the floor on the present recordings, and by "

@@ -46,7 +46,6 @@ MOVING_TORQUE = 0.3  # A torque that changes by this share of a moving recording
 LONE_SAMPLES = 3  # [1] (hand)
 LONE_POSITION = 20.0  # [1] (hand)
 LONE_OF_OTHERS = 0.01  # Share of the widest joint's span that counts as span of one that stands still [1]. (hand)
-MIN_TORQUE_CHANGE = 1e-9  # A torque that changes by less over a case is constant [N m]. (physical)
 # A healthy arm leaves no less than this [N m]: keeps a joint without any torque from dividing by zero. (physical)
 MIN_FLOOR = 1e-9
 
@@ -70,24 +69,24 @@ MIN_ZERO_OFFSET = np.deg2rad(20.0)
 TORQUE_SHIFT_STEP = 0.005
 TORQUE_SHIFTS = tuple(TORQUE_SHIFT_STEP * k for k in range(41))
 DECIMAL_UNITS = (1e-3, 1e-2, 1e3)  # mN m, N cm and kN m in N m [1]. (definition)
-DECIMAL_UNIT_ERROR = 1.15  # A factor no farther from one of these is it, either way [1]. (hand)
-OWN_UNIT_FACTOR = 1.3  # A joint whose factor is nearer to one than this has no other unit [1]. (hand)
 # A joint's factor is known from the nominal torque if they share this part of their variance [1]. (hand)
 KNOWN_FACTOR_R2 = 0.3
 REFINE_FIRST_STEP = 0.1  # First step of the logarithm of a fault's value [1]. (budget)
 REFINE_LAST_STEP = 0.003  # Step at which refining a fault's value ends [1]. (budget)
-UNIT_LAST_STEP = 0.02  # The same for a torque's unit, which inertials leave open to a few per cent [1]. (budget)
 # What an arm leaves in any case, over the torque's deviation [1]: complete models of real arms leave 0.04 to 0.23.
 # (physical)
 ORDINARY_GAP = 0.1
 
 # --- setup_faults: what an ordinary arm may have beyond its data sheet (standard deviations at most)
-BAD_SHEET = 0.3  # Errors of the nominal inertials [1]. (physical)
+# Errors of the nominal inertials and of a torque's scale, and the lever of a load in lengths of the arm [1]. (physical)
+ORDINARY_ERROR = 0.3
+LOWEST_TORQUE_SCALE = -2 * ORDINARY_ERROR  # Lower bound of that of the scale: two deviations [1]. (statistics)
+# A joint whose factor is nearer to one than by an ordinary error has no other unit [1]; a factor is that of a decimal
+# unit if it is no farther from it than by half as much, either way [1]. (physical)
+OWN_UNIT_FACTOR = 1 + ORDINARY_ERROR
+DECIMAL_UNIT_ERROR = np.sqrt(OWN_UNIT_FACTOR)
 PRIOR_STD_TILT = 0.1  # Tilt of the base [rad]. (hand)
 PRIOR_STD_LOAD = 0.6  # Mass of a load, in masses of the arm [1]. (hand)
-PRIOR_STD_LEVER = 0.3  # Lever of a load, in lengths of the arm [1]. (hand)
-PRIOR_STD_TORQUE_SCALE = 0.3  # Error of a torque's scale [1]... (hand)
-LOWEST_TORQUE_SCALE = -0.6  # ...and its lower bound [1]. (hand)
 # Torque of a rotor, of friction, of a spring, of an offset, over the deviation of the joint's torque [1]. (hand)
 ORDINARY_TORQUE = 0.7
 ROTOR_RATIO = 30.0  # Inertia of a rotor at the joint, over that of the bodies about it, at most [1]. (physical)
@@ -95,7 +94,6 @@ TURNING_LATE = 0.05  # T, by which dry friction may turn round late: bristles be
 FAULT_SIGN_WIDTH = 0.02  # Velocity scale of the smoothed sign in dry friction [rad/s]. (physical)
 # Least misfit of an arm from whose torque an integrator's start is estimated, over the torque's deviation [1]. (hand)
 MIN_INTEGRATOR_MISFIT = 3e-3
-INTEGRATOR_SAMPLES = 400  # Samples of a stretch from which an integrator's start is estimated. (compute)
 # Least deviation of a torque, over the largest joint's [1]: motors of small joints. (physical)
 MIN_TORQUE_DEVIATION = 1e-4
 
@@ -105,21 +103,18 @@ OBVIOUS_FAULT_PROBABILITY = 0.99
 NAMED_REPEATS = 0.03  # Share of repeated rows beyond which they are named [1]. (hand)
 NAMED_JITTER = 0.05  # Unevenness beyond which it is named, standard deviation over the period [1]. (hand)
 NAMED_LOST = 0.01  # Share of samples missing beyond which gaps are named [1]. (hand)
-NAMED_RATE_ERROR = 0.03  # Relative error of the rate beyond which it is named [1]. (hand)
+# Relative error of a rate beyond which it is named, and within which rates of joints are one [1]. (hand)
+NAMED_RATE_ERROR = 0.03
 AGREED_RATE_ERROR = 0.007  # The same if all of several recordings have the same error [1]... (hand)
 RATE_REPEATED = 0.003  # ...which is that their logarithms differ by less than this [1]. (hand)
 RATE_BAND = 5.0  # Recorded velocities are compared with those of the positions below this frequency [Hz]. (hand)
 RATE_AGREEMENT = 0.98  # Correlation of a joint's two velocities from which on they are compared [1]. (hand)
-RATE_DISAGREEMENT = 0.05  # Range of the joints' rates, over their median, beyond which none is named [1]. (hand)
-STAMP_AMOUNT_STD = 0.02  # Standard deviation of an amount, over the amount, at least [1]. (hand)
 LOG_DIGITS = 6  # Significant digits that a log keeps at least; distances below what they resolve are rounding. (hand)
-CLOCK_SAMPLES = 1000  # Samples of a case on which the torque's clock is compared with the motion's. (budget)
 CLOCK_ROUNDS = 6  # Steps of the search for its rate. (budget)
 CLOCK_HINT = 0.05  # It is searched for if a first step promises to take this share of what is left [1]. (hand)
 # It is named if ln of what is left falls by this, mean over joints, beside a delay alone [1]... (hand)
 CLOCK_GAIN = 0.25
 CLOCK_MIN_SKEW = 3e-3  # ...and the skew at the end of the longest recording exceeds this [s]. (hand)
-MAX_CLOCK_SHARE = 0.05  # Clocks that differ by more are a wrong rate [1]. (physical)
 STEP_OVER_DATA_SHEET = 1.5  # A step is named if it exceeds the data sheet's by this factor [1]. (hand)
 # Step named if the data sheet is silent [rad]: a 14-bit encoder on the joint's side. Arms with gears resolve 16 to
 # 20 bit there; at 14 bit the second derivative over 10 ms already jumps by 4 rad/s^2. (physical)
@@ -134,10 +129,8 @@ LATTICE_SAMPLES = 6000  # Positions of a joint that are looked at, from each rec
 # (hand)
 STEPS_IN_TORQUE = 0.3
 PACE_SAMPLES = 400  # Samples of a recording on which paces are compared. (budget)
-PACE_FIT_SHARE = 0.6  # Share of a recording to which a pace is fitted; the rest judges it [1]. (hand)
 PACE_TRACKED = 0.05  # Position error over the joint's range that ordinary tracking leaves [1]. (hand)
-PACE_MISFIT = 0.15  # A pace is named if it leaves less than this [1]... (hand)
-PACE_GAIN = 4.0  # ...and lowers the error by this factor [1]. (hand)
+PACE_GAIN = 4.0  # A pace is named if it lowers the error by this factor [1]. (hand)
 # Paces at which the search for one starts [1], and lags of the arm behind its reference [s]. (budget)
 PACE_STARTS = tuple(float(s) for s in np.geomspace(0.1, 3.0, 120))
 PACE_LAGS = (0.0, 0.1, 0.3)
@@ -213,10 +206,8 @@ OPEN_ALTERNATIVE = 0.05  # An alternative with this probability leaves the quest
 NAMED_PROBABILITY = 0.5  # An effect less probable than this is not named [1]. (definition)
 FALSE_DISCOVERY_RATE = 0.05  # Share of the effects confirmed that may be there by chance [1]. (statistics)
 # Ticks of the controller that are replayed, from the start of a recording: 5 s at 1 kHz, which take a fifth of a
-# second for each arm... (budget)
+# second for each arm. (budget)
 REPLAYED_TICKS = 5_000
-# ...and of an arm with compliant joints, which takes steps as small as its resonance asks for. (budget)
-REPLAYED_TICKS_COMPLIANT = 4_000
 
 # --- selection: bodies of the data sheet
 # Errors of bodies before the data are looked at, over their size [1]: masses by CAD leave out cables, screws and
@@ -268,8 +259,6 @@ COVARIATE_CHANGE = 0.1
 COVARIATE_TEMPERATURE = 2.0  # ...or, a temperature, by this much [K]. (physical)
 
 # --- advice: the next recording
-ADVICE_INERTIALS = 0.01  # Prior of relative errors of the nominal inertials that every hypothesis may have [1]. (hand)
-ADVICE_SAMPLE_STEP = 4  # Of the present recordings every so many samples are compared. (budget)
 # A parameter's scale is at least this share of the largest value met on real arms [1]. (hand)
 MIN_PARAMETER_SCALE = 0.05
 DESIGNED_ALTERNATIVES = 3  # Most alternatives that one recording is designed for; the most probable ones. (hand)

@@ -12,7 +12,7 @@ from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rollout import LONGEST_STEP
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.recording import Recording
-from gapscope.diagnosis.thresholds import REPLAYED_TICKS, REPLAYED_TICKS_COMPLIANT
+from gapscope.diagnosis.thresholds import REPLAYED_TICKS
 from gapscope.effects.applied import AppliedEffect, State
 from gapscope.effects.residual import ResidualNetwork
 from gapscope.envs.engines import default_engine, installed
@@ -76,7 +76,7 @@ def replay_gap(
         effects: the effects found, by their names in findings, with values from elsewhere.
     """
     compliant = any(not e.effect.locally_linear for e in effects.values())
-    recording, by = _shortened(case, recording, compliant)
+    recording, by = _shortened(case, recording)
     nothing, everything = (), tuple(effects)
 
     @cache
@@ -156,14 +156,11 @@ def attempt(
     return Attempt(replayed.rmse, None, replayed.q)
 
 
-def _shortened(
-    case: Case, recording: Recording, compliant: bool
-) -> tuple[Recording, str]:
+def _shortened(case: Case, recording: Recording) -> tuple[Recording, str]:
     """A recording shortened to what computing time allows, and what moves the arm in its replay."""
     if case.controller is not None and recording.q_ref is not None:
         by, rate = "controller", case.controller.rate
     else:
         by, rate = "torque", max(recording.rate, 1.0 / LONGEST_STEP)
-    ticks = REPLAYED_TICKS_COMPLIANT if compliant else REPLAYED_TICKS
-    end = recording.t[0] + ticks / rate
+    end = recording.t[0] + REPLAYED_TICKS / rate
     return recording.part(recording.t <= end), by

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,7 +17,6 @@ from gapscope.diagnosis.thresholds import (
     SENSOR_ZERO,
     UNKNOWN_TORQUE,
 )
-from gapscope.effects.catalogue import known_effect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Signals, TorqueLaw
 from gapscope.model.conditioning import TORQUE_CUTOFF, Segment, low_pass, torque_scale
@@ -63,64 +60,13 @@ def sensor_errors(link: np.ndarray, t: np.ndarray, spread: np.ndarray) -> np.nda
     return out.reshape(len(link), n, 3 * n)
 
 
-@dataclass(frozen=True)
-class SideGap:
-    """Gap on one side of the sensors, in the norm of ``torque_nrmse`` of the recorded torque; each of shape (n,).
-
-    Attributes:
-        before, after: of the nominal arm, and with the effects found.
-        floor: what a healthy arm and its sensors leave.
-    """
-
-    before: np.ndarray
-    after: np.ndarray
-    floor: np.ndarray
-
-    @property
-    def carries(self) -> np.ndarray:
-        """Joints on which the nominal arm's gap is above the floor by what is worth a search, (n,)."""
-        return np.asarray(self.before**2 > self.floor**2 + UNKNOWN_TORQUE**2)
-
-    def entry(self) -> dict[str, Any]:
-        """The entry in ``diagnosis.json``."""
-        before, after, floor = (
-            x.tolist() for x in (self.before, self.after, self.floor)
-        )
-        return {
-            "before": {"torque_nrmse": before, "floor": floor},
-            "after": {"torque_nrmse": after},
-        }
-
-
-@dataclass(frozen=True)
-class SensorSides:
-    """The gap on both sides of the sensors, and what the sensors themselves seem to have wrong.
-
-    Attributes:
-        actuator: of recorded torque less sensor, against rotor, friction and all on the way to the gear.
-        link: of the sensor, against the bodies and what acts on them.
-        zero, scale, lag: errors of the sensors [N m], [1], [s], (n,); taken out of both gaps.
-        recordings: those with sensors, on which the gaps were measured.
-    """
-
-    actuator: SideGap
-    link: SideGap
-    zero: np.ndarray
-    scale: np.ndarray
-    lag: np.ndarray
-    recordings: tuple[str, ...]
-
-    @property
-    def carried_by(self) -> list[str]:
-        """Side that carries the gap of each joint: ``actuator``, ``link``, ``both`` or ``neither``."""
-        names = {
-            (True, True): "both",
-            (True, False): "actuator",
-            (False, True): "link",
-            (False, False): "neither",
-        }
-        carries = zip(self.actuator.carries, self.link.carries, strict=True)
-        return [names[bool(actuator), bool(link)] for actuator, link in carries]
+CARRIED_BY = {
+    (True, True): "both",
+    (True, False): "actuator",
+    (False, True): "link",
+    (False, False): "neither",
+}
+"""What carries the gap of a joint, by whether it stands above the floor on the actuator's side and on the link's."""
 
 
 def find_sides(
@@ -128,49 +74,70 @@ def find_sides(
     corrected: CorrectedArm,
     body: RigidBody,
     segments: list[Segment],
-) -> SensorSides | None:
-    """The gap on both sides; ``None`` if no segment has sensors.
+) -> dict[str, Any] | None:
+    """``sides`` of ``diagnosis.json``: the gap on both sides; ``None`` if no segment has sensors.
 
-    The sensors' own errors are fitted to what the corrected arm leaves on the link side.
+    Actuator side: recorded torque less sensor, against rotor, friction and all on the way to the gear. Link side: the
+    sensor, against the bodies and what acts on them. Both have the norm of the recorded torque. The sensors' own errors
+    are fitted to what the corrected arm leaves on the link side, and taken out of both.
 
     Args:
         nominal, corrected: the arm of the data sheet, and with the effects found.
         body: dynamics of the nominal arm.
         segments: on which gaps are measured.
     """
-    with_sensor = [s for s in segments if s.torque_sensor is not None]
-    if not with_sensor:
+    sensed = [s for s in segments if s.torque_sensor is not None]
+    if not sensed:
         return None
-    # Both sides have the norm of the recorded torque, so that they can be compared.
-    scale = torque_scale(np.vstack([filtered_torque(s) for s in with_sensor]))
-    zero_unit = SENSOR_ZERO * scale
-    errors = _fitted_errors(corrected, body, with_sensor, zero_unit)
-
-    def reading_errors(segment: Segment) -> np.ndarray:
-        """What zero, scale and lag of the sensors add to their readings [N m], (N, n)."""
-        torque = link_torque(corrected, segment.bodies(body), segment.motion)
-        return sensor_errors(torque, segment.motion.t, zero_unit) @ errors
-
+    scale = torque_scale(np.vstack([filtered_torque(s) for s in sensed]))
+    spread = SENSOR_ZERO * scale
+    errors = _fitted_errors(corrected, body, sensed, spread)
+    readings = []
+    for s in sensed:
+        link = link_torque(corrected, s.bodies(body), s.motion)
+        readings.append(
+            s.torque_sensor - sensor_errors(link, s.motion.t, spread) @ errors
+        )
     before, after = (
-        _side_gaps(arm, body, with_sensor, reading_errors)
-        for arm in (nominal, corrected)
+        _side_gaps(arm, body, sensed, readings) for arm in (nominal, corrected)
     )
-    rows, sides = stack(with_sensor), []
-    for own in (slice(0, len(scale)), slice(len(scale), None)):
+    sides, above, n = {}, [], len(scale)
+    for side, own in (("actuator", slice(0, n)), ("link", slice(n, None))):
         gap = TorqueGap(after.measured[:, own], after.predicted[:, own], after.edges)
-        found = unknown(gap, rows, np.ones_like(gap.error), scale)
-        left2 = gap.rmse**2 - found.follows2
-        each = before.rmse[own], gap.rmse, np.sqrt(np.maximum(left2, MIN_FLOOR**2))
-        sides.append(SideGap(*(x / scale for x in each)))
+        found = unknown(gap, stack(sensed), np.ones_like(gap.error), scale)
+        floor2 = np.maximum(gap.rmse**2 - found.follows2, MIN_FLOOR**2) / scale**2
+        given = before.rmse[own] / scale
+        above.append(carries(given, np.sqrt(floor2)))
+        sides[side] = {
+            "before": {
+                "torque_nrmse": given.tolist(),
+                "floor": np.sqrt(floor2).tolist(),
+            },
+            "after": {"torque_nrmse": (gap.rmse / scale).tolist()},
+        }
     zero, gain, lag = errors.reshape(3, -1)
-    return SensorSides(
-        actuator=sides[0],
-        link=sides[1],
-        zero=zero_unit * zero,
-        scale=SENSOR_SCALE * gain,
-        lag=SENSOR_LAG * lag,
-        recordings=tuple(dict.fromkeys(s.recording for s in with_sensor)),
-    )
+    effects = []
+    for effect in corrected.effects:
+        about = {"effect": effect.name, "joints": list(effect.joints)}
+        effects.append({**about, "side": effect.effect.side})
+    return {
+        **sides,
+        "carried_by": [
+            CARRIED_BY[bool(a), bool(b)] for a, b in zip(*above, strict=True)
+        ],
+        "sensor": {
+            "zero": {"unit": "N m", "value": (spread * zero).tolist()},
+            "scale": {"unit": "1", "value": (SENSOR_SCALE * gain).tolist()},
+            "lag": {"unit": "s", "value": (SENSOR_LAG * lag).tolist()},
+        },
+        "recordings": list(dict.fromkeys(s.recording for s in sensed)),
+        "effects": effects,
+    }
+
+
+def carries(gap: np.ndarray, floor: np.ndarray) -> np.ndarray:
+    """Joints on which a torque NRMSE is above the floor by what is worth a search, (n,)."""
+    return np.asarray(gap**2 > floor**2 + UNKNOWN_TORQUE**2)
 
 
 def _fitted_errors(
@@ -181,7 +148,9 @@ def _fitted_errors(
     columns, gaps = [], []
     for s in segments:
         link = link_torque(arm, s.bodies(body), s.motion)
-        rate, kept = s.motion.rate, slice(s.inner.start, s.inner.stop, _step(s))
+        # more rows than twice the band hold nothing new
+        step = max(1, int(s.motion.rate / (2 * TORQUE_CUTOFF)))
+        rate, kept = s.motion.rate, slice(s.inner.start, s.inner.stop, step)
         x = sensor_errors(link, s.motion.t, zero).reshape(len(link), -1)
         columns.append(low_pass(x, rate, TORQUE_CUTOFF)[kept].reshape(-1, n, 3 * n))
         assert s.torque_sensor is not None
@@ -204,60 +173,30 @@ def _fitted_errors(
     return out.ravel()
 
 
-def _step(segment: Segment) -> int:
-    """Every how many samples a segment is read for the errors of its sensors: twice the filter's cut-off."""
-    return max(1, int(segment.motion.rate // (2.5 * TORQUE_CUTOFF)))
-
-
 def _side_gaps(
     arm: CorrectedArm,
     body: RigidBody,
     segments: list[Segment],
-    reading_errors: Callable[[Segment], np.ndarray],
+    readings: list[np.ndarray],
 ) -> TorqueGap:
-    """Gap of the segments with sensors, actuator side of each joint, then link side, (M, 2 n)."""
+    """Gap of the segments with sensors, actuator side of each joint, then link side, (M, 2 n).
+
+    Args:
+        arm: that predicts.
+        body: dynamics of the nominal arm.
+        segments: with sensors.
+        readings: what the sensors read without their own errors [N m], (N, n) each.
+    """
     measured, predicted, edges = [], [], [0]
-    for s in segments:
-        assert s.torque is not None and s.torque_sensor is not None
+    for s, sensor in zip(segments, readings, strict=True):
+        assert s.torque is not None
         # Recorded torque less sensor is what rotor and friction took; the sensor is what the link needed.
         laden = s.bodies(body)
-        sensor = s.torque_sensor - reading_errors(s)
         link = link_torque(arm, laden, s.motion)
         needed = arm.unlimited.predict(laden, s.motion)
         recorded = np.hstack([arm.delivered(s.torque) - sensor, sensor])
         expected = np.hstack([needed - link, link])
-
         measured.append(low_pass(recorded, s.motion.rate, TORQUE_CUTOFF)[s.inner])
         predicted.append(low_pass(expected, s.motion.rate, TORQUE_CUTOFF)[s.inner])
         edges.append(edges[-1] + len(measured[-1]))
     return TorqueGap(np.vstack(measured), np.vstack(predicted), tuple(edges))
-
-
-def sides_entry(sides: SensorSides, found: list[dict[str, Any]]) -> dict[str, Any]:
-    """``sides`` of ``diagnosis.json``.
-
-    Args:
-        sides: the gaps.
-        found: findings of the document.
-    """
-    return {
-        "actuator": sides.actuator.entry(),
-        "link": sides.link.entry(),
-        "carried_by": sides.carried_by,
-        "sensor": {
-            "zero": {"unit": "N m", "value": sides.zero.tolist()},
-            "scale": {"unit": "1", "value": sides.scale.tolist()},
-            "lag": {"unit": "s", "value": sides.lag.tolist()},
-        },
-        "recordings": list(sides.recordings),
-        "effects": [
-            {
-                "effect": finding["effect"],
-                "joints": finding["joints"],
-                "side": definition.side,
-            }
-            for finding in found
-            for definition in [known_effect(finding["effect"])]
-            if definition is not None
-        ],
-    }

@@ -18,6 +18,7 @@ from gapscope.diagnosis.document.findings import (
     numbers,
     region_entry,
     settled_by,
+    share_entry,
     states_entry,
     suggested_recording,
     with_faults,
@@ -247,6 +248,10 @@ class Document:
         probability = comparison.probabilities[name]
         alternatives = comparison.alternatives(name)
         closed = np.sqrt(np.clip(without**2 - left**2, 0.0, None))
+        closed_first, closed_last = (
+            float((known.nrmse(more) - known.nrmse(less)).sum())
+            for more, less in ((known.before, only), (without, left))
+        )
         joints = list(applied.joints) or _most_closed(closed)
         places = regions(closed, self._rows, self.load(), joints, most=1)
         entry = {
@@ -265,7 +270,7 @@ class Document:
             ],
             "carried_by": self._carried_by(closed),
             "parameters": comparison.parameters(name),
-            **self._share(only, without, left),
+            **share_entry(closed_first, closed_last, self.stages.whole),
             **self._significance(name),
         }
         further = self.effect_entry(name)
@@ -278,17 +283,6 @@ class Document:
         if one in self._known.torque:
             return self._known.torque[one]
         return self._comparison.torque_of(one)
-
-    def _share(
-        self, only: np.ndarray, without: np.ndarray, left: np.ndarray
-    ) -> dict[str, Any]:
-        """Share of the gap that a finding closes: the mean of what it does first and last (Shapley of two orders)."""
-        known = self._known
-        first = known.nrmse(known.before) - known.nrmse(only)
-        last = known.nrmse(without) - known.nrmse(left)
-        whole = max(self.stages.whole, 1e-9)
-        ends = np.clip(np.sort([first.sum(), last.sum()]) / whole, 0.0, 1.0)
-        return {"share": float(ends.mean()), "share_interval": ends.tolist()}
 
     def _significance(self, name: str) -> dict[str, Any]:
         """Evidence for a finding, and the share of false ones among those as sure."""

@@ -33,6 +33,9 @@ from gapscope.model.terms import Terms
 # Small parts of ``diagnosis.json`` that several sections share.
 
 
+Finding = dict[str, Any]
+
+
 def numbers(values: np.ndarray) -> list[float]:
     """One number per joint."""
     return [float(value) for value in values]
@@ -111,6 +114,12 @@ def alternative_entry(effect: str, other: Alternative) -> dict[str, Any]:
         "separated_by": separated_by(effect, other),
         "equivalent": other.equivalent,
     }
+
+
+def share_entry(closed_first: float, closed_last: float, whole: float) -> Finding:
+    """Share of the gap that a finding closes: the mean of what it does first and last (Shapley of two orders)."""
+    ends = np.clip(np.sort([closed_first, closed_last]) / max(whole, 1e-9), 0.0, 1.0)
+    return {"share": float(ends.mean()), "share_interval": ends.tolist()}
 
 
 # Faults of the set-up among the findings, with the shares of faults and effects in one whole.
@@ -277,9 +286,6 @@ def _other_sign(name: str, joints: list[int], probability: float) -> dict[str, A
 # Findings of a case whose recordings do not share a state: what holds where.
 
 
-Finding = dict[str, Any]
-
-
 def with_states(
     findings: Sequence[Finding],
     states: States,
@@ -367,11 +373,9 @@ def _evidence(applied: AppliedEffect, state: OtherState, found: Agreement) -> Fi
     def nrmse(gap: np.ndarray) -> np.ndarray:
         return np.sqrt((gap**2).mean(axis=0)) / torque_scale(rows.torque[mine])
 
-    # of what it closes first and last, the mean (Shapley of two orders)
     before, after = nrmse(whole), nrmse(left)
     only, without = nrmse(whole - this), nrmse(left + this)
-    closed = np.array([(before - only).sum(), (without - after).sum()])
-    share = np.clip(closed / max(float(before.sum()), 1e-9), 0.0, 1.0)
+    closed = float((before - only).sum()), float((without - after).sum())
     differing = [
         line for line in found.having(DIFFERS) if line.term.effect == applied.name
     ]
@@ -380,8 +384,7 @@ def _evidence(applied: AppliedEffect, state: OtherState, found: Agreement) -> Fi
         "probability": max(1.0 - (line.p or 0.0) for line in differing),
         "gap_with_only_this": {"torque_nrmse": numbers(only)},
         "gap_without_this": {"torque_nrmse": numbers(without)},
-        "share": float(share.mean()),
-        "share_interval": numbers(np.sort(share)),
+        **share_entry(*closed, float(before.sum())),
         "where": [],
         "alternatives": [],
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -193,19 +194,12 @@ def listing(parts: Sequence[str]) -> str:
 
 def joint_ranges(joints: Sequence[int]) -> list[str]:
     """Numbers of joints, three and more in a row as a range: ``["1–4", "6"]``."""
-    runs: list[list[int]] = []
-    for joint in sorted(joints):
-        if runs and joint == runs[-1][-1] + 1:
-            runs[-1].append(joint)
-        else:
-            runs.append([joint])
-
-    parts = []
-    for run in runs:
-        if len(run) > 2:
-            parts.append(f"{run[0]}–{run[-1]}")
-        else:
-            parts += [str(joint) for joint in run]
+    parts: list[str] = []
+    # numbers in a row differ from their places by the same
+    places = enumerate(sorted(joints))
+    for _, row in itertools.groupby(places, lambda each: each[1] - each[0]):
+        run = [str(joint) for _, joint in row]
+        parts += [f"{run[0]}–{run[-1]}"] if len(run) > 2 else run
     return parts
 
 
@@ -253,27 +247,17 @@ def joint_slides(document: Document) -> list[bool]:
 
 def short_names(names: Sequence[str]) -> list[str]:
     """Names without what they share at both ends; empty strings if only the joint's number is left."""
-    start = _shared(names)
-    reversed_rest = [name[start:][::-1] for name in names]
-    end = _shared(reversed_rest)
-    inner = [name[start : len(name) - end] for name in names]
-    short = [name.strip("_- ") for name in inner]
-
+    short = list(names)
+    if len(short) > 1:
+        for _ in range(2):
+            letters = enumerate(zip(*short, strict=False))
+            unlike = (k for k, each in letters if len(set(each)) > 1)
+            shared = next(unlike, min(map(len, short)))
+            short = [name[shared:][::-1] for name in short]
+    short = [name.strip("_- ") for name in short]
     numbers = [str(number) for number in range(1, len(names) + 1)]
     only_numbers = [name.lstrip("0") for name in short] == numbers
     return [""] * len(names) if only_numbers else short
-
-
-def _shared(names: Sequence[str]) -> int:
-    """Number of leading characters that all names share; 0 for a single name."""
-    if len(names) < 2:
-        return 0
-    count = 0
-    for letters in zip(*names, strict=False):
-        if len(set(letters)) > 1:
-            break
-        count += 1
-    return count
 
 
 def gap_rows(document: Document) -> list[tuple[Any, Any, Any]]:

@@ -17,8 +17,8 @@ from gapscope.arm.recording import Recording
 from gapscope.arm.velocity_filter import VelocityFilter
 from gapscope.diagnosis.setup_faults.evidence import ordinary_errors
 from gapscope.diagnosis.thresholds import (
+    FAULT_SAMPLES,
     FAULT_SIGN_WIDTH,
-    INTEGRATOR_SAMPLES,
     MIN_INTEGRATOR_MISFIT,
     MOTION_INDEPENDENT_RATE,
 )
@@ -57,90 +57,79 @@ def integrator_starts(
 ) -> list[np.ndarray]:
     """Torque of the integrator at the start of each stretch [N m], (n,) each.
 
+    Constants are eliminated: every column and the torque lose their mean over each stretch. What is left are sums of
+    products, on which every choice of columns is algebra.
+
     Args:
         arm: the nominal arm.
         stretches: of all recordings, without gaps, their torque computed with an integrator that starts from zero.
     """
-    body = RigidBody(arm)
-    rows = [_Rows(arm, body, condition(s)[0]) for s in stretches]
+    body, n = RigidBody(arm), arm.n_joints
+    parts = [_rows(arm, body, condition(s)[0]) for s in stretches]
+    missing, columns = (np.concatenate(series) for series in zip(*parts, strict=True))
+    means = [(m.mean(axis=0), c.mean(axis=0)) for m, c in parts]
+    y = np.concatenate([m - of for (m, _), (of, _) in zip(parts, means, strict=True)])
+    x = np.concatenate([c - of for (_, c), (_, of) in zip(parts, means, strict=True)])
+    gram, cross = np.einsum("mjp,mjq->jpq", x, x), np.einsum("mjp,mj->jp", x, y)
+    square, scale = (y**2).sum(axis=0), torque_scale(missing)
     seconds = sum(stretch.duration for stretch in stretches)
     independent = motion_samples(seconds, MOTION_INDEPENDENT_RATE)
-    choices = [_fitted(rows, name, independent) for name in rows[0].columns]
-    _, starts = min(choices, key=lambda choice: choice[0])
-    return list(starts)
+    friction, links, tilt, scales = np.split(
+        np.arange(columns.shape[2]), np.cumsum([2 * n, 10 * n, 3])
+    )
+    load = links[10 * body.last_link : 10 * body.last_link + 10]
+    least, starts = np.inf, []
+    for choice in (links[:0], load, tilt, scales, links):
+        used = np.concatenate([friction, choice])
+        own, size, misfit = gram[:, used][:, :, used], len(used), scale
+        for _ in range(FITS):
+            # columns have the size of what may ordinarily be: a unit prior
+            weight = misfit**-2.0
+            normal = np.tensordot(weight, own, 1) + np.eye(size)
+            theta = np.linalg.solve(normal, weight @ cross[:, used])
+            left = square + ((own @ theta) - 2 * cross[:, used]) @ theta
+            rms = np.sqrt(np.maximum(left, 0.0) / len(y))
+            misfit = np.maximum(rms, MIN_INTEGRATOR_MISFIT * scale)
+        criterion = 2 * independent * np.log(misfit).sum() + size * np.log(independent)
+        if criterion < least:
+            least = criterion
+            starts = [of[:, used] @ theta - lost for lost, of in means]
+    return starts
 
 
-def _fitted(
-    rows: Sequence[_Rows], name: str, independent: float
-) -> tuple[float, np.ndarray]:
-    """Information criterion of one choice of columns [1], and the constants of each stretch [N m], (R, n).
+def _rows(
+    arm: NominalArm, body: RigidBody, segment: Segment
+) -> tuple[np.ndarray, np.ndarray]:
+    """Computed minus nominal torque [N m], (M, n), and columns, (M, n, 14 n + 3), of few samples of a stretch.
 
-    Constants are eliminated: every column and the torque lose their mean over each stretch.
+    Columns of another friction, 2 n, of errors of all links, 10 n, of which the last is that of a load, of another
+    direction of gravity, 3, and of a scale of each joint's torque, n; all behind the filter of the torque gap.
     """
-    missing = [part.missing for part in rows]
-    columns = [np.concatenate([p.friction, p.columns[name]], axis=2) for p in rows]
-    y = np.concatenate([m - m.mean(axis=0) for m in missing])
-    x = np.concatenate([c - c.mean(axis=0) for c in columns])
-    least = MIN_INTEGRATOR_MISFIT * torque_scale(np.concatenate(missing))
-    misfit = torque_scale(np.concatenate(missing))
-    size = x.shape[2]
-    for _ in range(FITS):
-        # columns have the size of what may ordinarily be: a unit prior
-        weighted = x / misfit[:, None]
-        normal = np.einsum("mjp,mjq->pq", weighted, weighted) + np.eye(size)
-        theta = np.linalg.solve(normal, np.einsum("mjp,mj->p", weighted, y / misfit))
-        left = y - x @ theta
-        misfit = np.maximum(np.sqrt((left**2).mean(axis=0)), least)
-    criterion = 2 * independent * np.log(misfit).sum() + size * np.log(independent)
-    starts = [
-        (c @ theta - m).mean(axis=0) for c, m in zip(columns, missing, strict=True)
-    ]
-    return float(criterion), np.array(starts)
-
-
-class _Rows:
-    """Few samples of a stretch, M of them, behind the filter of the torque gap.
-
-    Attributes:
-        missing: computed minus nominal torque [N m], (M, n).
-        friction: columns of another friction, (M, n, 2 n), which every choice has.
-        columns: those of each choice by name, (M, n, P).
-    """
-
-    def __init__(self, arm: NominalArm, body: RigidBody, segment: Segment) -> None:
-        motion, inner = segment.motion, segment.inner
-        assert segment.torque is not None
-        nominal = CorrectedArm(arm).predict(segment.bodies(body), motion)
-        step = max(1, len(motion.t[inner]) // INTEGRATOR_SAMPLES)
-
-        def thinned(series: np.ndarray) -> np.ndarray:
-            flat = series.reshape(len(series), -1)
-            smooth = low_pass(flat, motion.rate, TORQUE_CUTOFF)[inner][::step]
-            return smooth.reshape(-1, *series.shape[1:])
-
-        q, dq, ddq = motion.q, motion.dq, motion.ddq
-        scale = torque_scale(nominal)
-        sign = np.tanh(dq / FAULT_SIGN_WIDTH)
-        speed = np.maximum(np.abs(dq).max(axis=0), 1e-3)
-        regressor = body.regressor(q, dq, ddq) * ordinary_errors(body)
-        last = slice(10 * body.last_link, 10 * body.last_link + 10)
-        self.missing = thinned(segment.torque - nominal)
-        friction = [_diagonal(sign * scale), _diagonal(dq / speed * scale)]
-        self.friction = thinned(np.concatenate(friction, axis=2))
-        size = float(np.linalg.norm(body.gravity))
-        choices = {
-            "load": regressor[:, :, last],
-            "tilt": body.gravity_regressor(q) * size,
-            "scales": _diagonal(nominal),
-            "links": regressor,
-        }
-        nothing = {"nothing": np.zeros((*self.missing.shape, 0))}
-        self.columns = nothing | {name: thinned(x) for name, x in choices.items()}
-
-
-def _diagonal(series: np.ndarray) -> np.ndarray:
-    """A column per joint that acts on that joint alone, (M, n, n), from (M, n)."""
-    return np.einsum("mj,jk->mjk", series, np.eye(series.shape[1]))
+    motion, inner, q, dq = (
+        segment.motion,
+        segment.inner,
+        segment.motion.q,
+        segment.motion.dq,
+    )
+    assert segment.torque is not None
+    nominal = CorrectedArm(arm).predict(segment.bodies(body), motion)
+    scale, each = torque_scale(nominal), np.eye(arm.n_joints)
+    sign = np.tanh(dq / FAULT_SIGN_WIDTH)
+    speed = np.maximum(np.abs(dq).max(axis=0), 1e-3)
+    # a column per joint that acts on that joint alone
+    coulomb, viscous, scales = (
+        series[:, :, None] * each
+        for series in (sign * scale, dq / speed * scale, nominal)
+    )
+    links = body.regressor(q, dq, motion.ddq) * ordinary_errors(body)
+    tilt = body.gravity_regressor(q) * float(np.linalg.norm(body.gravity))
+    columns = np.concatenate([coulomb, viscous, links, tilt, scales], axis=2)
+    step = max(1, len(motion.t[inner]) // FAULT_SAMPLES)
+    missing, columns = (
+        low_pass(series, motion.rate, TORQUE_CUTOFF)[inner][::step]
+        for series in (segment.torque - nominal, columns)
+    )
+    return missing, columns
 
 
 # The torque of recordings that have none: what their known controller must have commanded.
@@ -267,104 +256,68 @@ def commanded_torques(
     """
     spans = [(k, span) for k, r in enumerate(recordings) for span in pieces(r)]
     stretches = [recordings[k].part(span) for k, span in spans]
-    if controller.integrates:
-        torques = _integrated(arm, controller, stretches, rule)
-    else:
-        torques = [_stateless(arm, controller, s, rule) for s in stretches]
+    torques = [_commanded(arm, controller, s, rule) for s in stretches]
+    if controller.integrates and stretches:
+        from_zero = [
+            replace(stretch, tau=torque)
+            for stretch, torque in zip(stretches, torques, strict=True)
+        ]
+        torques = [
+            _commanded(arm, controller, stretch, rule, start)
+            for stretch, start in zip(
+                stretches, integrator_starts(arm, from_zero), strict=True
+            )
+        ]
     out = [np.zeros_like(recording.q) for recording in recordings]
     for (k, span), torque in zip(spans, torques, strict=True):
         out[k][span] = torque
     return out
 
 
-def _integrated(
-    arm: NominalArm, controller: Controller, stretches: list[Recording], rule: str
-) -> list[np.ndarray]:
-    """Torque that a law with an integrator commanded in stretches without gaps [N m], (N, n) each."""
-    if not stretches:
-        return []
-    from_zero = [
-        replace(
-            stretch,
-            tau=_started(arm, controller, stretch, rule, np.zeros(arm.n_joints)),
-        )
-        for stretch in stretches
-    ]
-    starts = integrator_starts(arm, from_zero)
-    return [
-        _started(arm, controller, stretch, rule, start)
-        for stretch, start in zip(stretches, starts, strict=True)
-    ]
-
-
-def _stateless(
-    arm: NominalArm, controller: Controller, stretch: Recording, rule: str
-) -> np.ndarray:
-    """Torque that a law without memory commanded at the rows of a stretch without gaps [N m], (N, n)."""
-    t, rows, back = np.unique(stretch.t, return_index=True, return_inverse=True)
-    stretch = stretch.part(rows)
-    q_ref, dq_ref = _reference(stretch)
-    ddq_ref = make_interp_spline(t, dq_ref, k=3)(t, 1)
-    targets = Targets.of(arm, controller, q_ref, dq_ref, ddq_ref)
-    dq = stretch.dq
-    if dq is None:
-        ticks = _ticks(controller, t)
-        q = make_interp_spline(t, stretch.q, k=3)(ticks)
-        velocity = _velocity(controller, q, dq_ref[0], rule)
-        dq = velocity[_tick_of(controller, t)]
-    return ControlLoop(controller, arm)(targets, stretch.q, dq)[back]
-
-
-def _started(
+def _commanded(
     arm: NominalArm,
     controller: Controller,
     stretch: Recording,
     rule: str,
-    start: np.ndarray,
+    start: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Torque that a law with an integrator, which began with a torque (n,), commanded in a stretch [N m], (N, n)."""
+    """Torque that a law commanded at the rows of a stretch without gaps [N m], (N, n).
+
+    A law with an integrator began with a torque ``start``, (n,), zero by default, and goes from tick to tick.
+    """
     t, rows, back = np.unique(stretch.t, return_index=True, return_inverse=True)
     stretch = stretch.part(rows)
     ticks = _ticks(controller, t)
-    q = make_interp_spline(t, stretch.q, k=3)(ticks)
-    q_ref, dq_ref = _reference(stretch)
-    velocity = make_interp_spline(t, dq_ref, k=3)
-    reference = CubicHermiteSpline(t, q_ref, dq_ref)(ticks)
-    targets = Targets.of(
-        arm, controller, reference, velocity(ticks), velocity(ticks, 1)
-    )
-    dq = (
-        _velocity(controller, q, dq_ref[0], rule)
-        if stretch.dq is None
-        else make_interp_spline(t, stretch.dq, k=3)(ticks)
-    )
+    held = ((t - t[0]) * controller.rate + 1e-6).astype(int)
+    assert stretch.q_ref is not None
+    q_ref, dq_ref = stretch.q_ref, stretch.dq_ref
+    if dq_ref is None:
+        dq_ref = make_interp_spline(t, q_ref, k=3)(t, 1)
+    planned = make_interp_spline(t, dq_ref, k=3)
+    q, dq = make_interp_spline(t, stretch.q, k=3)(ticks), stretch.dq
+    velocity = None
+    if dq is None:
+        velocity = _velocity(controller, q, dq_ref[0], rule)
+        dq = velocity[held]
     control = ControlLoop(controller, arm)
-    control.integral = start
+    if not controller.integrates:
+        targets = Targets.of(arm, controller, q_ref, dq_ref, planned(t, 1))
+        return control(targets, stretch.q, dq)[back]
+    if velocity is None:
+        velocity = make_interp_spline(t, dq, k=3)(ticks)
+    reference = CubicHermiteSpline(t, q_ref, dq_ref)(ticks)
+    targets = Targets.of(arm, controller, reference, planned(ticks), planned(ticks, 1))
+    control.integral = np.zeros(arm.n_joints) if start is None else start
     torque = np.empty_like(q)
     for i in range(len(ticks)):
-        torque[i] = control(targets.at(i), q[i], dq[i])
-    return torque[_tick_of(controller, t)][back]
-
-
-def _reference(stretch: Recording) -> tuple[np.ndarray, np.ndarray]:
-    """Reference position [rad] and velocity [rad/s] at the rows of a stretch, (N, n) each."""
-    assert stretch.q_ref is not None
-    if stretch.dq_ref is not None:
-        return stretch.q_ref, stretch.dq_ref
-    return stretch.q_ref, make_interp_spline(stretch.t, stretch.q_ref, k=3)(
-        stretch.t, 1
-    )
+        torque[i] = control(targets.at(i), q[i], velocity[i])
+    return torque[held][back]
 
 
 def _ticks(controller: Controller, t: np.ndarray) -> np.ndarray:
     """Times of the controller's ticks from the first to the last of the rows' times [s], (K,)."""
     count = int((t[-1] - t[0]) * controller.rate + 1e-6) + 1
     return t[0] + np.arange(count) / controller.rate
-
-
-def _tick_of(controller: Controller, t: np.ndarray) -> np.ndarray:
-    """Number of the tick whose torque is held at each row's time, (N,)."""
-    return ((t - t[0]) * controller.rate + 1e-6).astype(int)
 
 
 def _velocity(

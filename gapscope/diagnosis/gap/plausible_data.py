@@ -19,8 +19,8 @@ from gapscope.diagnosis.thresholds import (
     LONE_POSITION,
     LONE_SAMPLES,
     LONG_RECORDINGS,
+    MIN_FLOOR,
     MIN_MOTION,
-    MIN_TORQUE_CHANGE,
     MIN_UNCHANGED,
     MIN_WINDOW,
     MOVING_TORQUE,
@@ -119,13 +119,11 @@ def _check_lone_positions(recording: Recording) -> None:
     series, few = recording.q, LONE_SAMPLES
     if len(series) <= 4 * few:
         return
-    ends = [*range(few + 1), *range(-few - 1, 0)]
-    ordered = np.partition(series, [k % len(series) for k in ends], axis=0)
-    # the least span that is left without so many samples, taken from both ends together
-    spans = [ordered[-1 - few + k] - ordered[k] for k in range(few + 1)]
-    taken, span = np.argmin(spans, axis=0), np.min(spans, axis=0)
-    joints = np.arange(series.shape[1])
-    low, high = ordered[taken, joints], ordered[-1 - few + taken, joints]
+    # what is left without so many samples at either end
+    low, high = np.partition(series, (few, len(series) - 1 - few), axis=0)[
+        [few, -1 - few]
+    ]
+    span = high - low
     beyond = np.maximum(series - high, low - series)
     allowed = LONE_POSITION * np.maximum(span, LONE_OF_OTHERS * span.max())
     if not (beyond > allowed).any() or not span.max():
@@ -176,7 +174,7 @@ def check_torque(case: Case) -> None:
         _check_size(recording, "tau", LARGEST_TORQUE, "N m")
         _check_size(recording, "tau_sensor", LARGEST_TORQUE, "N m")
     torques = [r.tau for r in carrying if r.tau is not None]
-    if max(np.ptp(tau, axis=0).max() for tau in torques) < MIN_TORQUE_CHANGE:
+    if max(np.ptp(tau, axis=0).max() for tau in torques) < MIN_FLOOR:
         names = ", ".join(r.name for r in carrying)
         raise GapscopeError(
             f"{case.name}: the torque of no joint changes ({names})",

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
 
 from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -21,21 +22,22 @@ from gapscope.arm.io.plausibility import (
     unit_of_stamps,
 )
 from gapscope.arm.recording import Recording
-from gapscope.diagnosis.setup_faults.found_fault import FoundFault
+from gapscope.diagnosis.setup_faults.found_fault import FoundFault, by_recordings
 from gapscope.diagnosis.thresholds import (
     AGREED_RATE_ERROR,
     CLOCK_GAIN,
     CLOCK_HINT,
     CLOCK_MIN_SKEW,
     CLOCK_ROUNDS,
-    CLOCK_SAMPLES,
+    FAULT_SAMPLES,
     FAULT_SIGN_WIDTH,
     LATTICE_AGREEMENT,
     LATTICE_COHERENCE,
     LATTICE_LEVELS,
     LATTICE_SAMPLES,
     LOG_DIGITS,
-    MAX_CLOCK_SHARE,
+    MIN_MOTION,
+    MOTION_INDEPENDENT_RATE,
     NAMED_JITTER,
     NAMED_LOST,
     NAMED_RATE_ERROR,
@@ -43,9 +45,7 @@ from gapscope.diagnosis.thresholds import (
     OBVIOUS_FAULT_PROBABILITY,
     RATE_AGREEMENT,
     RATE_BAND,
-    RATE_DISAGREEMENT,
     RATE_REPEATED,
-    STAMP_AMOUNT_STD,
     STEP_OVER_DATA_SHEET,
     STEP_WITHOUT_DATA_SHEET,
 )
@@ -59,6 +59,7 @@ from gapscope.model.conditioning import (
     condition,
     low_pass,
 )
+from gapscope.model.effective_samples import motion_samples
 
 # Time stamps that are not those of the samples, seen in the recording itself.
 #
@@ -100,19 +101,37 @@ def _milliseconds(recordings: tuple[Recording, ...]) -> FoundFault | None:
 
 
 def _repeats(recordings: tuple[Recording, ...]) -> FoundFault | None:
-    shares = {r.name: repeats(r) for r in recordings}
-    return _fault("repeats", _above(shares, NAMED_REPEATS))
+    return _above("repeats", recordings, repeats, NAMED_REPEATS)
 
 
 def find_jitter(recordings: tuple[Recording, ...]) -> FoundFault | None:
     """Stamps that jitter while the samples do not; ``None`` if no recording has them."""
-    amounts = {r.name: jitter(r) for r in recordings}
-    return _fault("jitter", _above(amounts, NAMED_JITTER))
+    return _above("jitter", recordings, jitter, NAMED_JITTER)
 
 
 def _gaps(recordings: tuple[Recording, ...]) -> FoundFault | None:
-    shares = {r.name: lost(r) for r in recordings}
-    return _fault("gaps", _above(shares, NAMED_LOST))
+    return _above("gaps", recordings, lost, NAMED_LOST)
+
+
+def _above(
+    kind: str,
+    recordings: tuple[Recording, ...],
+    amount: Callable[[Recording], float],
+    most: float,
+) -> FoundFault | None:
+    """The finding on the recordings that have more than this amount."""
+    amounts = {r.name: amount(r) for r in recordings}
+    above = {name: share for name, share in amounts.items() if share > most}
+    return _stamps(kind, above, recordings)
+
+
+def _stamps(
+    kind: str, amounts: dict[str, float], recordings: Iterable[Recording]
+) -> FoundFault | None:
+    """The finding on the recordings with these amounts; ``None`` if there are none."""
+    if not amounts:
+        return None
+    return by_recordings(partial(TimeStamps, kind), "amount", amounts, recordings)
 
 
 def _wrong_rate(recordings: tuple[Recording, ...]) -> FoundFault | None:
@@ -126,7 +145,7 @@ def _wrong_rate(recordings: tuple[Recording, ...]) -> FoundFault | None:
     wrong = {
         name: error for name, error in errors.items() if abs(np.log(error)) > least
     }
-    return _fault("wrong_rate", wrong)
+    return _stamps("wrong_rate", wrong, recordings)
 
 
 def _check_units(errors: Mapping[str, float | None]) -> None:
@@ -145,23 +164,6 @@ def _check_units(errors: Mapping[str, float | None]) -> None:
                     file=name,
                     where="columns q1.., dq1..",
                 )
-
-
-def _above(amounts: dict[str, float], most: float) -> dict[str, float]:
-    return {name: amount for name, amount in amounts.items() if amount > most}
-
-
-def _fault(kind: str, amounts: dict[str, float]) -> FoundFault | None:
-    """The finding on the recordings with these amounts: their median, and how far they differ."""
-    if not amounts:
-        return None
-    values = np.array(list(amounts.values()))
-    median = float(np.median(values))
-    std = float(max(values.std(), STAMP_AMOUNT_STD * median))
-    fault = TimeStamps(kind, median)
-    return FoundFault(
-        fault, OBVIOUS_FAULT_PROBABILITY, {"amount": (std,)}, tuple(amounts)
-    )
 
 
 def repeats(recording: Recording) -> float:
@@ -220,19 +222,14 @@ def _velocity_ratio(
     recording: Recording, q: np.ndarray, dq: np.ndarray
 ) -> float | None:
     """Recorded velocities over those of the positions below ``RATE_BAND``; ``None`` if the joints disagree."""
-    if len(q) < 50:
-        return None
     rate = recording.rate
-    cutoff = min(RATE_BAND / rate, 0.2) if rate > 2 * RATE_BAND else 0.2
-    sos = butter(2, cutoff, output="sos", fs=1.0)
+    cutoff = min(RATE_BAND, rate / 5)
     beside_gap = np.diff(recording.t) >= 1.5 / rate
     # derivatives across a gap are wrong
     usual = np.zeros(len(q), dtype=bool)
     usual[1:-1] = ~(beside_gap[1:] | beside_gap[:-1])
     derivative = np.gradient(q, recording.t, axis=0)
-    by_stamps = sosfiltfilt(sos, derivative, axis=0)[usual]
-    recorded = sosfiltfilt(sos, dq, axis=0)[usual]
-
+    by_stamps, recorded = (low_pass(x, rate, cutoff)[usual] for x in (derivative, dq))
     by_stamps_power = (by_stamps**2).sum(axis=0)
     recorded_power = (recorded**2).sum(axis=0)
     power = by_stamps_power * recorded_power
@@ -242,7 +239,7 @@ def _velocity_ratio(
     if agree.sum() < max(1, recording.n_joints // 2):
         return None
     ratios = np.sqrt(recorded_power[agree] / by_stamps_power[agree])
-    if np.ptp(ratios) > RATE_DISAGREEMENT * np.median(ratios):
+    if np.ptp(ratios) > NAMED_RATE_ERROR * np.median(ratios):
         return None
     return float(np.median(ratios))
 
@@ -262,8 +259,7 @@ TORQUE_CLOCK = "torque_clock"
 """The variant of ``time_stamps``."""
 
 
-@dataclass(frozen=True)
-class _Samples:
+class _Part(NamedTuple):
     """Samples of one recording's segment.
 
     Attributes:
@@ -281,81 +277,65 @@ class _Samples:
     recording: int
 
 
-@dataclass(frozen=True)
-class _Clock:
-    """Delays d of R recordings [s], (R,), and the share s [1]."""
-
-    delay: np.ndarray
-    share: float = 0.0
-
-
-@dataclass(frozen=True)
-class _Step:
-    """A Gauss-Newton step from a clock.
+class _Step(NamedTuple):
+    """A Gauss-Newton step from a clock x = [d of each recording, s], (R + 1,).
 
     Attributes:
-        clock: where it begins.
         left: logarithm of what X leaves of the torque's variance there, mean over joints [1].
         fall: share of that which the step promises to take away [1].
-        to: where it leads.
+        to: where it leads, (R + 1,).
+        at: where it begins, (R + 1,).
+        spread: variance of s, over what is left of the torque and for one sample.
     """
 
-    clock: _Clock
     left: float
     fall: float
-    to: _Clock
+    to: np.ndarray
+    at: np.ndarray
+    spread: float
 
 
 def find_torque_clock(case: Case) -> FoundFault | None:
     """The torque's clock as a fault of the time stamps, ``amount`` 1 + s; ``None`` if it keeps up."""
     recordings = tuple(r for r in case.recordings if r.tau is not None)
+    body = RigidBody(case.arm)
     try:
-        samples = _samples(case, recordings)
+        pieces = [(k, s) for k, r in enumerate(recordings) for s in condition(r)]
     except (GapscopeError, ValueError):
         # too short or too odd to be conditioned; what needs the signals says so
         return None
-    if not samples:
+    if not pieces:
         return None
-    even = _Clock(np.zeros(len(recordings)))
-    first = _step(samples, even)
-    if first.fall - _step(samples, even, drifts=False).fall < CLOCK_HINT:
+    rows = sum(len(segment.motion.t[segment.inner]) for _, segment in pieces)
+    step = max(1, rows // FAULT_SAMPLES)
+    parts = [_part(body, s, k, float(recordings[k].t[0]), step) for k, s in pieces]
+    even = np.zeros(len(recordings) + 1)
+    first = _step(parts, even)
+    if first.fall - _step(parts, even, drifts=False).fall < CLOCK_HINT:
         return None
-    starts = [_Clock(even.delay, k * first.to.share) for k in (1.0, 2.0, 4.0)]
-    best = min((_best(samples, start) for start in starts), key=lambda s: s.left)
-    share, longest = best.clock.share, max(float(part.t[-1]) for part in samples)
-    delayed = _best(samples, even, drifts=False)
-    if best.left > delayed.left - CLOCK_GAIN or abs(share) > MAX_CLOCK_SHARE:
+    drift = even.copy()
+    drift[-1] = first.to[-1]
+    starts = [_best(parts, k * drift) for k in (1, 2, 4)]
+    best = min(starts, key=lambda step: step.left)
+    share, longest = float(best.at[-1]), max(float(part.t[-1]) for part in parts)
+    delayed = _best(parts, even, drifts=False)
+    too_little = best.left > delayed.left - CLOCK_GAIN
+    if too_little or not CLOCK_MIN_SKEW / longest <= abs(share) <= NAMED_RATE_ERROR:
         return None
-    if abs(share) * longest < CLOCK_MIN_SKEW:
-        return None
-    std = max(0.1 * CLOCK_MIN_SKEW / longest, STAMP_AMOUNT_STD * abs(share))
+    seconds = sum(recording.duration for recording in recordings)
+    std = np.sqrt(best.spread * rows / motion_samples(seconds, MOTION_INDEPENDENT_RATE))
     every = (*case.recordings, *case.judged)
     return FoundFault(
         TimeStamps(TORQUE_CLOCK, 1.0 + share),
         OBVIOUS_FAULT_PROBABILITY,
-        {"amount": (std,)},
+        {"amount": (float(std),)},
         tuple(r.name for r in every if r.tau is not None),
     )
 
 
-def _samples(case: Case, recordings: tuple[Recording, ...]) -> list[_Samples]:
-    """Samples of the recordings with a torque."""
-    if not recordings:
-        return []
-    body = RigidBody(case.arm)
-    pieces = [
-        (k, float(recording.t[0]), segment)
-        for k, recording in enumerate(recordings)
-        for segment in condition(recording)
-    ]
-    rows = sum(len(segment.motion.t[segment.inner]) for _, _, segment in pieces)
-    step = max(1, rows // CLOCK_SAMPLES)
-    return [_of_segment(body, segment, k, start, step) for k, start, segment in pieces]
-
-
-def _of_segment(
+def _part(
     body: RigidBody, segment: Segment, recording: int, start: float, step: int
-) -> _Samples:
+) -> _Part:
     m, inner = segment.motion, segment.inner
     assert segment.torque is not None
     torque = low_pass(segment.torque, m.rate, TORQUE_CUTOFF)
@@ -364,64 +344,51 @@ def _of_segment(
     gravity = bodies.inverse_dynamics(q, still, still)
     rest = bodies.inverse_dynamics(q, dq, ddq) - gravity
     dry = np.tanh(dq / FAULT_SIGN_WIDTH)
-    columns = [gravity, rest, ddq, dry, dq, np.ones_like(q)]
-    return _Samples(
-        m.t[inner][::step] - start,
-        np.stack(columns, axis=2),
-        m.t - start,
-        torque,
-        np.gradient(torque, m.t, axis=0),
-        recording,
-    )
+    columns = np.stack([gravity, rest, ddq, dry, dq, np.ones_like(q)], axis=2)
+    rate = np.gradient(torque, m.t, axis=0)
+    t = m.t - start
+    return _Part(t[inner][::step], columns, t, torque, rate, recording)
 
 
-def _best(samples: list[_Samples], start: _Clock, drifts: bool = True) -> _Step:
+def _best(parts: list[_Part], start: np.ndarray, drifts: bool = True) -> _Step:
     """The best of some steps, one after the other."""
-    steps = [_step(samples, start, drifts)]
+    steps = [_step(parts, start, drifts)]
     for _ in range(CLOCK_ROUNDS):
-        steps.append(_step(samples, steps[-1].to, drifts))
+        steps.append(_step(parts, steps[-1].to, drifts))
     return min(steps, key=lambda step: step.left)
 
 
-def _step(samples: list[_Samples], clock: _Clock, drifts: bool = True) -> _Step:
+def _step(parts: list[_Part], x: np.ndarray, drifts: bool = True) -> _Step:
     """A Gauss-Newton step; joints count by how well X explains them. ``drifts``: whether s is free."""
-    joints, recordings = samples[0].torque.shape[1], len(clock.delay)
-    normal, right = np.zeros((recordings + 1, recordings + 1)), np.zeros(recordings + 1)
-    left = np.zeros(joints)
+    joints, free = parts[0].torque.shape[1], np.ones(len(x))
+    free[-1] = drifts
+    normal, right, left = np.zeros((len(x), len(x))), np.zeros(len(x)), 0.0
     for j in range(joints):
-        tau, own, shifts = _rows(samples, clock, j)
-        shifts[:, -1] *= drifts
+        torques, owns, shifts = [], [], []
+        for part in parts:
+            due = part.t + x[part.recording] + x[-1] * part.t
+            inside = (due >= part.grid[0]) & (due <= part.grid[-1])
+            rate = np.interp(due[inside], part.grid, part.rate[:, j])
+            shift = np.zeros((len(rate), len(x)))
+            shift[:, part.recording] = rate
+            shift[:, -1] = rate * part.t[inside]
+            torques.append(np.interp(due[inside], part.grid, part.torque[:, j]))
+            owns.append(part.columns[inside, j])
+            shifts.append(shift * free)
+        tau, own, moved = (np.concatenate(y) for y in (torques, owns, shifts))
         basis = np.linalg.qr(own / np.maximum(np.abs(own).max(axis=0), 1e-12))[0]
-        # what b explains of the torque and of its shifts
-        shifts = shifts - basis @ (basis.T @ shifts)
-        rest = tau - basis @ (basis.T @ tau)
+        # without what b explains of the torque and of its shifts
+        rest, moved = (y - basis @ (basis.T @ y) for y in (tau, moved))
         square = max(float(rest @ rest), 1e-12)
-        normal += shifts.T @ shifts / square
-        right += shifts.T @ rest / square
-        left[j] = square / max(len(tau) * float(tau.var()), 1e-12)
+        normal += moved.T @ moved / square
+        right += moved.T @ rest / square
+        left += np.log(square / max(len(tau) * float(tau.var()), 1e-12)) / joints
     if not np.isfinite(normal).all():  # numbers that no arm has
-        return _Step(clock, np.inf, 0.0, clock)
-    change = np.linalg.lstsq(normal, right, rcond=1e-9)[0]
-    to = _Clock(clock.delay - change[:-1], clock.share - float(change[-1]))
-    return _Step(clock, float(np.log(left).mean()), float(change @ right) / joints, to)
-
-
-def _rows(
-    samples: list[_Samples], clock: _Clock, j: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Torque of joint j by a clock, (M,), its X, (M, 6), and its derivatives by all d and s, (M, R + 1)."""
-    torques, owns, shifts = [], [], []
-    for part in samples:
-        due = part.t + clock.delay[part.recording] + clock.share * part.t
-        inside = (due >= part.grid[0]) & (due <= part.grid[-1])
-        rate = np.interp(due[inside], part.grid, part.rate[:, j])
-        shift = np.zeros((len(rate), len(clock.delay) + 1))
-        shift[:, part.recording] = rate
-        shift[:, -1] = rate * part.t[inside]
-        torques.append(np.interp(due[inside], part.grid, part.torque[:, j]))
-        owns.append(part.columns[inside, j])
-        shifts.append(shift)
-    return np.concatenate(torques), np.concatenate(owns), np.concatenate(shifts)
+        return _Step(np.inf, 0.0, x, x, np.inf)
+    inverse = np.linalg.pinv(normal, rcond=1e-9, hermitian=True)
+    change = inverse @ right
+    fall = float(change @ right) / joints
+    return _Step(left, fall, x - change, x, float(inverse[-1, -1]) / len(tau))
 
 
 # Quantisation of the encoders, read from the positions themselves.
@@ -482,7 +449,7 @@ def encoder_step(
     values, stds = np.array(steps).T
     agree = np.abs(values / float(np.median(values)) - 1) <= LATTICE_AGREEMENT
     # without a majority the lattices are chance
-    if agree.mean() <= 0.5:
+    if 2 * agree.sum() <= len(agree):
         return None
     weights = 1.0 / stds[agree] ** 2
     mean = (weights * values[agree]).sum() / weights.sum()
@@ -491,39 +458,28 @@ def encoder_step(
 
 def lattice(q: np.ndarray) -> tuple[float, float] | None:
     """Step of the lattice on which positions q [rad], (N,), lie, and its standard deviation; ``None`` for none."""
-    largest = max(float(np.abs(q).max()), 1e-9)
+    largest = max(float(np.abs(q).max()), MIN_MOTION)
     resolution = 10.0 ** (np.floor(np.log10(largest)) - LOG_DIGITS)
     distances = np.diff(np.unique(q))
     distances = np.sort(distances[distances > 3 * resolution])
     if len(distances) < LATTICE_LEVELS:
         return None
-    for guess in _first_steps(distances, resolution):
-        step = _sharpened(q, guess)
+    # guesses: the mean of the smallest that are alike, whether these are the step, rare glitches or a few of both
+    smallest = (distances[0], *np.quantile(distances, (0.02, 0.5)))
+    for small in smallest:
+        width = max(0.1 * small, 2 * resolution)
+        alike = distances[np.abs(distances - small) < width]
+        step = _sharpened(q, float(alike.mean())) if len(alike) else None
         if step is not None:
             return step
     return None
 
 
-def _first_steps(distances: np.ndarray, resolution: float) -> list[float]:
-    """Guesses of the step from sorted distances of neighbouring values: the mean of the smallest that are alike."""
-    quantile, median = float(np.quantile(distances, 0.02)), float(np.median(distances))
-    guesses: list[float] = []
-    for smallest in (distances[0], quantile, median):
-        width = max(0.1 * smallest, 2 * resolution)
-        alike = distances[np.abs(distances - smallest) < width]
-        if not len(alike):
-            continue
-        guess = float(alike.mean())
-        is_new = all(abs(guess / other - 1) >= 0.02 for other in guesses)
-        if is_new:
-            guesses.append(guess)
-    return guesses
-
-
 def _sharpened(q: np.ndarray, step: float) -> tuple[float, float] | None:
     """The step refined over wider and wider stretches of positions, with its standard deviation.
 
-    ``None`` if the positions do not lie on the refined lattice.
+    A line through the positions against the numbers of their levels gives it. ``None`` if they do not lie on the
+    refined lattice.
     """
     centre = float(np.median(q))
     offset = q - q[np.argmin(np.abs(q - centre))]
@@ -533,33 +489,18 @@ def _sharpened(q: np.ndarray, step: float) -> tuple[float, float] | None:
         near = offset[np.abs(offset) <= reach]
         count = np.round(near / step)
         if np.ptp(count) >= 1:
-            slope = _line(count, near)[0]
-            if not 0.8 < slope / step < 1.25:
+            slope = float(np.polyfit(count, near, 1)[0])
+            if not abs(np.log(slope / step)) < LATTICE_AGREEMENT:
                 return None
             step = slope
         if reach >= travel:
             break
         reach *= 2
-    return _line_through_levels(offset, step)
-
-
-def _line_through_levels(offset: np.ndarray, step: float) -> tuple[float, float] | None:
-    """Slope of positions against the numbers of their levels, and its standard deviation; ``None`` off the lattice."""
-    phase = np.exp(2j * np.pi * offset / step)
+    coherence = np.abs(np.exp(2j * np.pi * offset / step).mean())
     count = np.round(offset / step)
-    if (
-        np.abs(phase.mean()) < LATTICE_COHERENCE
-        or len(np.unique(count)) < LATTICE_LEVELS
-    ):
+    if coherence < LATTICE_COHERENCE or len(np.unique(count)) < LATTICE_LEVELS:
         return None
-    slope, start = _line(count, offset)
+    slope, start = np.polyfit(count, offset, 1)
     residual = offset - start - slope * count
     std = residual.std() / (count.std() * np.sqrt(len(offset)))
-    return slope, float(max(std, 1e-12))
-
-
-def _line(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Slope and start of the straight line through points, by least squares."""
-    centred = x - x.mean()
-    slope = float(centred @ y) / float(centred @ centred)
-    return slope, float(y.mean() - slope * x.mean())
+    return float(slope), float(max(std, 1e-12))

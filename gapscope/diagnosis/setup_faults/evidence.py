@@ -32,18 +32,17 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.reading import Reading
 from gapscope.arm.robots import shifted_body
 from gapscope.diagnosis.thresholds import (
-    BAD_SHEET,
     FAULT_SAMPLES,
     FAULT_SIGN_WIDTH,
     LOWEST_TORQUE_SCALE,
+    MIN_FLOOR,
     MIN_TORQUE_DEVIATION,
     MOTION_INDEPENDENT_RATE,
+    ORDINARY_ERROR,
     ORDINARY_GAP,
     ORDINARY_TORQUE,
-    PRIOR_STD_LEVER,
     PRIOR_STD_LOAD,
     PRIOR_STD_TILT,
-    PRIOR_STD_TORQUE_SCALE,
     ROTOR_RATIO,
     TORQUE_SHIFT_STEP,
     TORQUE_SHIFTS,
@@ -301,7 +300,7 @@ def _load_std(body: RigidBody) -> np.ndarray:
         for link in body.links
     ]
     mass = PRIOR_STD_LOAD * float(body.inertial_parameters()[::10].sum())
-    lever = PRIOR_STD_LEVER * max(sum(link_lengths), 0.1)
+    lever = ORDINARY_ERROR * max(sum(link_lengths), 0.1)
     std = np.zeros((body.n_joints, 10))
     std[body.last_link] = [mass, *[mass * lever] * 3, *[mass * lever**2] * 6]
     return std.ravel()
@@ -309,14 +308,14 @@ def _load_std(body: RigidBody) -> np.ndarray:
 
 def ordinary_errors(body: RigidBody) -> np.ndarray:
     """Deviations of the inertials of an arm with a bad data sheet and a load, (10 n,), in kg, kg m, kg m^2."""
-    return np.hypot(BAD_SHEET * inertial_scale(body), _load_std(body))
+    return np.hypot(ORDINARY_ERROR * inertial_scale(body), _load_std(body))
 
 
 def torque_deviation(tau: np.ndarray) -> np.ndarray:
     """Standard deviation of each recorded torque [N m], (n,), kept from zero."""
     deviation = tau.std(axis=0)
     return np.maximum(
-        deviation, max(MIN_TORQUE_DEVIATION * float(deviation.max()), 1e-9)
+        deviation, max(MIN_TORQUE_DEVIATION * float(deviation.max()), MIN_FLOOR)
     )
 
 
@@ -341,7 +340,7 @@ def evidence(eq: ReadingEquations, reading: Reading) -> float:
     At the likeliest sizes of what an arm has beyond its data sheet, no larger than an ordinary arm's, of errors of each
     link's inertials, tilt, and each value of a joint, and of what is left.
     """
-    return _evidence(eq, reading, np.hypot(BAD_SHEET * eq.bodies, eq.load))
+    return _evidence(eq, reading, np.hypot(ORDINARY_ERROR * eq.bodies, eq.load))
 
 
 def _evidence(
@@ -387,7 +386,7 @@ def _evidence(
         values = np.hstack([shared, found[scale:].reshape(-1, OWN)])
         explained = 2 * target - (gram @ values[..., None])[..., 0]
         left = np.maximum(missing - (explained * values).sum(axis=1), 0.0)
-        moved[:scale] = PRIOR_STD_TORQUE_SCALE * found[:scale]
+        moved[:scale] = ORDINARY_ERROR * found[:scale]
         before = size
         told = 1.0 - np.diag(covariance) / size**2
         square = np.bincount(group, found**2) / np.bincount(
@@ -459,7 +458,7 @@ def _largest(
     # behind a high gear a rotor takes most of the torque, however light the links are
     rotor = ORDINARY_TORQUE * deviation / np.maximum(acceleration, 1e-3)
     own = [
-        np.full(n, PRIOR_STD_TORQUE_SCALE),
+        np.full(n, ORDINARY_ERROR),
         np.hypot(np.minimum(rotor, ROTOR_RATIO * eq.inertia), eq.inertia),
         # nominal friction may be a placeholder: an arm without any of it is ordinary
         np.hypot(ORDINARY_TORQUE * deviation, coulomb),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -12,9 +13,7 @@ import numpy as np
 from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
-from gapscope.arm.nominal import NominalArm
 from gapscope.arm.reading import Reading
-from gapscope.arm.recording import Recording
 from gapscope.diagnosis.setup_faults.clocks import rate_error
 from gapscope.diagnosis.setup_faults.evidence import ReadingScorer, sample
 from gapscope.diagnosis.setup_faults.found_fault import (
@@ -37,7 +36,6 @@ from gapscope.diagnosis.thresholds import (
     OWN_UNIT_FACTOR,
     REFINE_FIRST_STEP,
     REFINE_LAST_STEP,
-    UNIT_LAST_STEP,
 )
 from gapscope.effects.setup_faults import (
     FAULTS,
@@ -71,19 +69,10 @@ def refined(
         case ZeroOffset():
             return _refined_zero(scorer, before, candidate)
         case TorqueUnit():
-            unit, std = _refined_unit(scorer, before, candidate)
-            return _without_right_joints(unit, std, scorer.arm.n_joints)
-        case UnitMismatch(variant="motor_side"):
-            return _refined_by_joint(scorer, before, candidate)
-        case LateTorque() | TimeStamps():
-            (name,), (start,) = candidate.values(), candidate.values().values()
-
-            def build(x: np.ndarray) -> Fault:
-                value: dict[str, Any] = {name: float(np.exp(x[0]))}
-                return replace(candidate, **value)
-
-            search = _PatternSearch(scorer, before, build)
-            return search.in_logarithms(search.minimum(np.log(start)))
+            unit, std = _refined_factors(scorer, before, candidate)
+            return _as_unit(unit, std, scorer.arm.n_joints)
+        case UnitMismatch(variant="motor_side") | LateTorque() | TimeStamps():
+            return _refined_factors(scorer, before, candidate)
     return candidate, ()
 
 
@@ -104,68 +93,62 @@ def _refined_zero(
     return found, tuple(search.deviation(x).tolist())
 
 
-def _refined_by_joint(
-    scorer: ReadingScorer, before: Reading, candidate: UnitMismatch
+def _refined_factors(
+    scorer: ReadingScorer, before: Reading, candidate: Fault
 ) -> tuple[Fault, tuple[float, ...]]:
-    """Gear ratios: one for all joints, unless their own explain decisively more."""
-    start = candidate.values()["ratio"]
-    joints = len(start)
-
-    def built(x: np.ndarray) -> Fault:
-        ratio = tuple(np.exp(np.broadcast_to(x, joints)).tolist())
-        return replace(candidate, ratio=ratio)
-
-    search = _PatternSearch(scorer, before, built)
-    own = search.minimum(np.log(start))
-    common = search.minimum(np.array([np.median(own)]))
-    if search.cost(common) > search.cost(own) + (joints - 1) * scorer.charge:
-        return search.in_logarithms(own)
-    found, std = search.in_logarithms(common)
-    return found, std * joints
-
-
-def _refined_unit(
-    scorer: ReadingScorer, before: Reading, candidate: TorqueUnit
-) -> tuple[TorqueUnit, tuple[float, ...]]:
-    """A torque's unit: one factor for its joints, and of their own for those that it explains decisively less."""
-    joints = len(candidate.joints)
-    starts = np.log(candidate.values()["factor"])
-
-    def unit(x: np.ndarray, groups: np.ndarray) -> TorqueUnit:
-        return replace(candidate, factor=tuple(np.exp(x[groups]).tolist()))
+    """One value for all joints; values of their own for those, or all, that it explains decisively less."""
+    (name,), (given,) = candidate.values(), candidate.values().values()
+    joints, starts = len(given), np.log(given)
 
     def search(groups: np.ndarray) -> _PatternSearch:
-        """Over the factor of each group of joints."""
-        return _PatternSearch(scorer, before, lambda x: unit(x, groups))
+        """Over the logarithm of the value of each group of joints."""
 
-    groups: np.ndarray = np.zeros(joints, dtype=int)
-    x = search(groups).minimum(np.array([np.median(starts)]), UNIT_LAST_STEP)
-    least = search(groups).cost(x)
-    for j, start in enumerate(starts):
-        alone = np.where(np.arange(joints) == j, len(x), groups)
-        cost = search(alone).cost(np.append(x, start)) + scorer.charge
-        if cost < least:
-            groups, x, least = alone, np.append(x, start), cost
+        def build(x: np.ndarray) -> Fault:
+            each: Any = tuple(np.exp(x[groups]).tolist())
+            return replace(candidate, **{name: each if joints > 1 else each[0]})
+
+        return _PatternSearch(scorer, before, build)
+
+    one: np.ndarray = np.zeros(joints, dtype=int)
+    if isinstance(candidate, TorqueUnit):
+        groups, x = one, search(one).minimum(np.array([np.median(starts)]))
+        least = search(groups).cost(x)
+        for j, start in enumerate(starts):
+            alone = np.where(np.arange(joints) == j, len(x), groups)
+            cost = search(alone).cost(np.append(x, start)) + scorer.charge
+            if cost < least:
+                groups, x, least = alone, np.append(x, start), cost
+        x = search(groups).minimum(x)
+    else:
+        # positions in wrong units spoil what the others tell: each on its own first
+        groups = np.arange(joints)
+        x = search(groups).minimum(starts)
+        common = search(one).minimum(np.array([np.median(x)]))
+        worth = search(groups).cost(x) + (joints - 1) * scorer.charge
+        if search(one).cost(common) <= worth:
+            groups, x = one, common
     found = search(groups)
-    x = found.minimum(x, UNIT_LAST_STEP)
-    _, std = found.in_logarithms(x)
-    nearest = min(DECIMAL_UNITS, key=lambda decimal: abs(np.log(decimal) - x[0]))
-    # how far a factor is from that of a unit is the arm's, which has a scale of its torque
-    if len(x) == 1 and abs(x[0] - np.log(nearest)) < np.log(DECIMAL_UNIT_ERROR):
-        return replace(candidate, factor=(nearest,) * joints), ()
-    return unit(x, groups), tuple(std[group] for group in groups)
+    std = np.exp(x) * found.deviation(x)
+    return found.build(x), tuple(std[groups].tolist())
 
 
-def _without_right_joints(
-    candidate: TorqueUnit, std: tuple[float, ...], n: int
-) -> tuple[TorqueUnit, tuple[float, ...]]:
-    """A unit of those joints alone whose factor is not about one, with the deviations; the same if none or all are."""
-    factor = np.array(candidate.values()["factor"])
+def _as_unit(
+    unit: Fault, std: tuple[float, ...], n: int
+) -> tuple[Fault, tuple[float, ...]]:
+    """A torque's unit as one of N m if its factor is about that, of those joints alone whose factor is not about one.
+
+    How far a factor is from that of a unit is the arm's, which has a scale of its torque.
+    """
+    joints, factor = np.array(unit.kind[2]), np.array(unit.values()["factor"])
+    nearest = min(DECIMAL_UNITS, key=lambda decimal: abs(np.log(decimal / factor[0])))
+    near = abs(np.log(nearest / factor[0])) < np.log(DECIMAL_UNIT_ERROR)
+    if np.ptp(factor) == 0 and near:
+        return TorqueUnit(unit.kind[1], unit.kind[2], (nearest,) * len(joints)), ()
     off = np.abs(np.log(factor)) > np.log(OWN_UNIT_FACTOR)
     if off.all() or not off.any():
-        return candidate, std
-    reduced = TorqueUnit.of(np.array(candidate.joints)[off] - 1, factor[off], n)
-    return reduced, tuple(np.array(std)[off].tolist())
+        return unit, std
+    own = TorqueUnit.of(joints[off] - 1, factor[off], n)
+    return own, tuple(np.array(std)[off].tolist())
 
 
 class _PatternSearch:
@@ -185,11 +168,11 @@ class _PatternSearch:
         reading = self.build(x).reading(self.scorer.arm.n_joints)
         return -self.scorer.evidence(self.before.then(reading))
 
-    def minimum(self, x: np.ndarray, last_step: float = REFINE_LAST_STEP) -> np.ndarray:
+    def minimum(self, x: np.ndarray) -> np.ndarray:
         """Values of least cost, by a coordinate-wise pattern search from x."""
         step = REFINE_FIRST_STEP
         least = self.cost(x)
-        while step > last_step:
+        while step > REFINE_LAST_STEP:
             moved = False
             for k in range(len(x)):
                 for signed_step in (step, -step):
@@ -202,11 +185,6 @@ class _PatternSearch:
             if not moved:
                 step /= SHRINK
         return x
-
-    def in_logarithms(self, x: np.ndarray) -> tuple[Fault, tuple[float, ...]]:
-        """The candidate whose values have the logarithms x, and their standard deviations."""
-        std = np.exp(x) * self.deviation(x)
-        return self.build(x), tuple(float(s) for s in std)
 
     def deviation(self, x: np.ndarray) -> np.ndarray:
         """Standard deviations of x, from the curvature of the cost, of the shape of x."""
@@ -244,10 +222,10 @@ class _Finalist(NamedTuple):
 
 def faults_by_torque(case: Case) -> list[FoundFault]:
     """Faults that the torque shows, best first, of a case whose stamps are in order."""
-    recordings = tuple(r for r in case.recordings if r.tau is not None)
-    fine = _scorer(case.arm, recordings)
+    fine = _scorer(case)
     if fine is None:
         return []
+    recordings = [r for r in case.recordings if r.tau is not None]
     rate_is_known = all(rate_error(r) is not None for r in recordings)
     thinned = fine.samples.thinned(FAULT_COARSE_STEP)
     coarse = ReadingScorer(case.arm, fine.body, thinned)
@@ -279,7 +257,7 @@ def looks_late(case: Case) -> bool:
     Args:
         case: the reference, with the arm that was identified on it as the nominal one.
     """
-    scorer = _scorer(case.arm, tuple(r for r in case.recordings if r.tau is not None))
+    scorer = _scorer(case)
     if scorer is None:
         return False
     n = case.arm.n_joints
@@ -293,7 +271,7 @@ def common_factor(case: Case) -> tuple[float, float] | None:
 
     Too near to one for another unit: constants of the motors, or a gear ratio. A load does not act on all joints alike.
     """
-    scorer = _scorer(case.arm, tuple(r for r in case.recordings if r.tau is not None))
+    scorer = _scorer(case)
     if scorer is None:
         return None
     n = case.arm.n_joints
@@ -315,7 +293,7 @@ def is_of_other_bodies(case: Case, faults: int) -> bool:
 
     Each fault beyond the first, which another robot is as probable as, they have to earn back.
     """
-    scorer = _scorer(case.arm, tuple(r for r in case.recordings if r.tau is not None))
+    scorer = _scorer(case)
     if scorer is None:
         return False
     support = scorer.support_of_bodies(Reading.identity(case.arm.n_joints))
@@ -324,7 +302,7 @@ def is_of_other_bodies(case: Case, faults: int) -> bool:
 
 def unit_of_nominal_arm(case: Case) -> FoundFault | None:
     """The unit in which the torques of all joints are nearest to the nominal arm's; ``None`` if it is about N m."""
-    scorer = _scorer(case.arm, tuple(r for r in case.recordings if r.tau is not None))
+    scorer = _scorer(case)
     if scorer is None:
         return None
     n, none = case.arm.n_joints, Reading.identity(case.arm.n_joints)
@@ -340,16 +318,16 @@ def unit_of_nominal_arm(case: Case) -> FoundFault | None:
     return None
 
 
-def _scorer(arm: NominalArm, recordings: tuple[Recording, ...]) -> ReadingScorer | None:
-    """Scores of recordings with a torque; ``None`` if they hold too little."""
-    if not recordings:
-        return None
+def _scorer(case: Case) -> ReadingScorer | None:
+    """Scores of the recordings of a case with a torque; ``None`` if they hold too little."""
+    recordings = [r for r in case.recordings if r.tau is not None]
     try:
-        segments = [condition(r) for r in recordings]
+        segments = [segment for r in recordings for segment in condition(r)]
     except GapscopeError:
         return None
-    every = [segment for parts in segments for segment in parts]
-    return ReadingScorer(arm, RigidBody(arm), sample(every))
+    if not segments:
+        return None
+    return ReadingScorer(case.arm, RigidBody(case.arm), sample(segments))
 
 
 def _candidates(
@@ -387,10 +365,9 @@ def _choice_charges(candidates: list[Fault]) -> dict[_Kind, float]:
 
     All torques turned is one convention; two of seven joints are one of 21 pairs.
     """
-    joints: dict[_Kind, set[tuple[int, ...]]] = {}
-    for candidate in candidates:
-        joints.setdefault(_kind(candidate), set()).add(candidate.kind[2])
-    return {kind: float(np.log(len(sets))) for kind, sets in joints.items()}
+    kinds = {(_kind(candidate), candidate.kind[2]) for candidate in candidates}
+    counts = Counter(kind for kind, _ in kinds)
+    return {kind: math.log(count) for kind, count in counts.items()}
 
 
 def _kind(candidate: Fault) -> _Kind:
@@ -451,11 +428,8 @@ def _probabilities(
     best: _Finalist, finalists: Sequence[_Finalist]
 ) -> tuple[float, tuple[tuple[Fault, float], ...]]:
     """Probability of the best finalist, against no fault as well, and of the others, the most probable first."""
-    ratios = {f.candidate: float(np.exp(f.gain - best.gain)) for f in finalists}
-    probability = 1.0 / (sum(ratios.values()) + float(np.exp(UNUSUAL - best.gain)))
+    total = np.logaddexp.reduce([UNUSUAL, *(f.gain for f in finalists)])
     others = sorted(finalists, key=lambda f: -f.gain)
-    return probability, tuple(
-        (f.candidate, probability * ratios[f.candidate])
-        for f in others
-        if f is not best
+    return float(np.exp(best.gain - total)), tuple(
+        (f.candidate, float(np.exp(f.gain - total))) for f in others if f is not best
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -19,7 +19,7 @@ from gapscope.diagnosis.setup_faults.evidence import (
     ReadingEquations,
     ReadingScorer,
 )
-from gapscope.diagnosis.thresholds import KNOWN_FACTOR_R2
+from gapscope.diagnosis.thresholds import KNOWN_FACTOR_R2, OBVIOUS_FAULT_PROBABILITY
 from gapscope.effects.catalogue import of_quantity
 from gapscope.effects.setup_faults import Fault, Look
 
@@ -98,22 +98,19 @@ def factor_starts(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Nominal over read torque of each joint [1], (n,), and of which joints it is known, (n,)."""
     torque = eq.read(reading)
-    cross, square, gram = torque.cross, torque.square, eq.gram
-    n, shared = len(square), eq.shared
-    nuisances = shared + np.array([COULOMB, VISCOUS, OFFSET])
-    factors, explained = np.ones(n), np.zeros(n)
-    for j in range(n):
-        signals = np.empty((2, 2))
-        signals[0] = square[j], cross[j, shared]
-        signals[1] = cross[j, shared], gram[j, shared, shared]
-        by_nuisance = np.stack([cross[j, nuisances], gram[j, nuisances, shared]])
-        own = gram[j][np.ix_(nuisances, nuisances)]
-        left = signals - by_nuisance @ np.linalg.pinv(own) @ by_nuisance.T
-        recorded, nominal = np.maximum(np.diag(left), 0.0)
-        if recorded > 0 and nominal > 0:
-            factors[j] = np.sqrt(nominal / recorded)
-            explained[j] = left[0, 1] ** 2 / (recorded * nominal)
-    return factors, explained > KNOWN_FACTOR_R2
+    columns = eq.shared + np.array([0, COULOMB, VISCOUS, OFFSET])
+    # recorded and nominal torque, then what explains both
+    sums = np.empty((len(torque.square), 5, 5))
+    sums[:, 0, 0] = torque.square
+    sums[:, 0, 1:] = sums[:, 1:, 0] = torque.cross[:, columns]
+    sums[:, 1:, 1:] = eq.gram[:, columns][:, :, columns]
+    own = np.linalg.pinv(sums[:, 2:, 2:], hermitian=True)
+    left = sums[:, :2, :2] - sums[:, :2, 2:] @ own @ sums[:, 2:, :2]
+    recorded, nominal = np.maximum(left[:, 0, 0], 0.0), np.maximum(left[:, 1, 1], 0.0)
+    power = recorded * nominal
+    there = np.maximum(power, 1e-300)
+    factors = np.where(power > 0, nominal / np.sqrt(there), 1.0)
+    return factors, (power > 0) & (left[:, 0, 1] ** 2 > KNOWN_FACTOR_R2 * there)
 
 
 # A setup fault that was found, and how to put it right.
@@ -206,6 +203,31 @@ class FoundFault:
         variant = f" ({self.variant})" if self.variant else ""
         joints = f", joint {', '.join(map(str, self.joints))}" if self.joints else ""
         return f"{self.name}{variant}{joints}"
+
+
+def by_recordings(
+    fault: Callable[[float], Fault],
+    parameter: str,
+    amounts: Mapping[str, float],
+    recordings: Iterable[Recording],
+) -> FoundFault:
+    """The fault that shows in the recordings themselves: its value is the median over them.
+
+    Its deviation is by how much they differ, and no less than that of a size from N rows, 1 / sqrt(2 N) of it.
+
+    Args:
+        fault: of a value.
+        parameter: name of the value.
+        amounts: the value in each recording that has it, by name.
+        recordings: all of them.
+    """
+    values = np.array(list(amounts.values()))
+    median = float(np.median(values))
+    rows = sum(len(r.t) for r in recordings)
+    std = max(float(values.std()), abs(median) / np.sqrt(2 * rows))
+    return FoundFault(
+        fault(median), OBVIOUS_FAULT_PROBABILITY, {parameter: (std,)}, tuple(amounts)
+    )
 
 
 def repaired(case: Case, faults: tuple[FoundFault, ...]) -> Case:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -17,7 +17,12 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.reading import Reading, references
 from gapscope.arm.recording import Recording, SetPoints, set_points
-from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
+from gapscope.arm.root_mean_square import rms
+from gapscope.diagnosis.setup_faults.found_fault import (
+    FoundFault,
+    by_recordings,
+    repaired,
+)
 from gapscope.diagnosis.thresholds import (
     EXACT_LAW,
     FAULT_SIGN_WIDTH,
@@ -31,10 +36,8 @@ from gapscope.diagnosis.thresholds import (
     NAMED_RATE_ERROR,
     OBVIOUS_FAULT_PROBABILITY,
     OTHER_GAINS_MISFIT,
-    PACE_FIT_SHARE,
     PACE_GAIN,
     PACE_LAGS,
-    PACE_MISFIT,
     PACE_SAMPLES,
     PACE_STARTS,
     PACE_TRACKED,
@@ -46,7 +49,6 @@ from gapscope.diagnosis.thresholds import (
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.setup_faults import (
     CoarseReference,
-    Fault,
     GainMismatch,
     IgnoredVelocityReference,
     SpeedScaling,
@@ -56,171 +58,150 @@ from gapscope.effects.setup_faults import (
 )
 from gapscope.model.conditioning import TORQUE_CUTOFF, condition, low_pass
 
-# What a PD law is compared on: tracking errors and torque of a case, in rows to fit and rows to judge.
+# What a control law is compared on: sums of products of tracking errors, motion and torque of each joint, over rows to
+# fit and over rows to judge. Every law is algebra on them.
 
 
 CLIPPED = 0.98
-"""Torque over its limit from which on it may be clipped [1]."""
+"""Torque over its limit from which on it may be clipped [1]. (physical)"""
+SERIES = (
+    "error",
+    "rate",
+    "dq",
+    "dry",
+    "one",
+    "torque",
+    "feedforward",
+    "needed",
+    *("gravity x", "gravity y", "gravity z"),
+)
+"""Series of each joint, K of them: q_ref - q [rad], its rate [rad/s], velocity [rad/s] and its smoothed sign, one,
+torque recorded (that which the nominal arm needs if none was), feedforward declared (zero without a controller), torque
+that the nominal arm needs with its friction [N m], and torque of gravity of 1 m/s^2 along each axis of the base on the
+reference (zero without a feedforward, which may believe in another gravity)."""
+FRICTION = ("dry", "dq", "one")
+"""Columns of dry and viscous friction, and an offset."""
+GAINS = ("error", "rate")
+"""Columns of kp and kd."""
 
 
 @dataclass(frozen=True)
-class ControlRows:
-    """Rows of all recordings with a reference, M of n joints.
+class LawSums:
+    """Sums of products of ``SERIES``, of n joints.
 
     Attributes:
-        error: q_ref - q [rad], (M, n).
-        dq_ref, dq: velocities [rad/s], (M, n).
-        torque: recorded less the declared feedforward [N m], (M, n); that which the nominal arm needs if none was
-            recorded.
-        needed: what the nominal arm needs, friction included [N m], (M, n).
-        feedforward: declared [N m], (M, n); zero without a declared controller.
-        gravity: torque of gravity of 1 m/s^2 along each axis of the base [N m], on the reference, (M, n, 3); zero
-            without a declared feedforward, which may believe in another gravity.
+        fitted, judged: over rows to fit, and over those that judge, (n, K, K); without rows of clipped torque.
         recorded: whether ``torque`` was.
-        fitted: rows to fit, (M,); the others judge.
         moves: joints that move, (n,).
-        free: rows on which a joint's torque is below its limit, (M, n).
     """
 
-    error: np.ndarray
-    dq_ref: np.ndarray
-    dq: np.ndarray
-    torque: np.ndarray
-    needed: np.ndarray
-    feedforward: np.ndarray
-    gravity: np.ndarray
-    recorded: bool
     fitted: np.ndarray
+    judged: np.ndarray
+    recorded: bool
     moves: np.ndarray
-    free: np.ndarray
-
-    @property
-    def rate(self) -> np.ndarray:
-        """dq_ref - dq [rad/s], (M, n)."""
-        return self.dq_ref - self.dq
-
-    def any_gravity(self, joint: int) -> list[np.ndarray]:
-        """Columns of gravity in any direction, (M,) each; none without a declared feedforward."""
-        columns = self.gravity[:, joint].T
-        return list(columns) if columns.any() else []
-
-    def friction(self, joint: int) -> list[np.ndarray]:
-        """Columns of dry and viscous friction, (M,) each."""
-        dq = self.dq[:, joint]
-        return [np.tanh(dq / FAULT_SIGN_WIDTH), dq]
 
     def fit(
-        self, joint: int, target: np.ndarray, columns: Sequence[np.ndarray]
+        self,
+        joint: int,
+        target: Mapping[str, float],
+        columns: Sequence[str],
+        scale: Mapping[str, float] | None = None,
     ) -> tuple[np.ndarray, float]:
-        """Coefficients of columns and an offset for a target, and what they leave of it on rows that judge.
+        """Coefficients of columns for a target, and what they leave of it on rows that judge, RMS over deviation [1].
 
         Args:
             joint: from 0.
-            target: (M, n), of which the joint's column is explained.
-            columns: (M,) each.
+            target: factors of the series that make it.
+            columns: names of series.
+            scale: factors of the series over whose deviation it counts; by default the target.
         """
-        y = target[:, joint]
-        x = np.column_stack([*columns, np.ones_like(y)])
-        usable = self.free[:, joint]
-        fitted = self.fitted & usable
-        coefficients = np.linalg.lstsq(x[fitted], y[fitted], rcond=None)[0]
-        return coefficients, self.left(joint, y - x @ coefficients, y)
+        own = [SERIES.index(name) for name in columns]
+        left, whole = (
+            np.array([factors.get(name, 0.0) for name in SERIES])
+            for factors in (target, target if scale is None else scale)
+        )
+        sums = self.fitted[joint]
+        size = np.sqrt(np.maximum(np.diag(sums)[own], 1e-300))
+        gram = sums[np.ix_(own, own)] / np.outer(size, size)
+        right = sums[own] @ left / size
+        found = np.linalg.pinv(gram, rcond=1e-12, hermitian=True) @ right / size
+        left[own] -= found
+        judged, one = self.judged[joint], SERIES.index("one")
+        mean = float(judged[one] @ whole) / judged[one, one]
+        variance = float(whole @ judged @ whole) / judged[one, one] - mean**2
+        square = max(float(left @ judged @ left), 0.0) / judged[one, one]
+        return found, float(np.sqrt(square / max(variance, 1e-24)))
 
-    def left(self, joint: int, residual: np.ndarray, target: np.ndarray) -> float:
-        """RMS of a residual over the target's deviation on the rows that judge [1], (M,) both."""
-        judged = ~self.fitted & self.free[:, joint]
-        deviation = max(float(target[judged].std()), 1e-12)
-        return float(np.sqrt(np.mean(residual[judged] ** 2))) / deviation
 
-
-def control_rows(case: Case) -> ControlRows | None:
-    """Rows of a case in the band of the torque gap; ``None`` without references."""
+def law_sums(case: Case) -> LawSums | None:
+    """Sums of a case in the band of the torque gap; ``None`` without references."""
     recordings = [r for r in case.recordings if r.q_ref is not None]
     if not recordings:
         return None
     recorded = all(r.tau is not None for r in recordings)
-    body = RigidBody(case.arm)
-    parts = [_rows(case, body, r, recorded) for r in recordings]
-    series = [np.concatenate(x) for x in zip(*parts, strict=True)]
-    error, dq_ref, dq, torque, needed, forward, gravity, free = series
+    body, n = RigidBody(case.arm), case.arm.n_joints
+    sums = np.zeros((2, n, len(SERIES), len(SERIES)))
+    for recording in recordings:
+        parts = _series(case, body, recording, recorded)
+        series, free = (np.concatenate(x) for x in zip(*parts, strict=True))
+        # every other block is fitted
+        block = np.arange(len(series)) * LAW_BLOCKS // len(series) % 2
+        for k in range(2):
+            own = series * (free & (block == k)[:, None])[:, :, None]
+            sums[k] += np.einsum("mja,mjb->jab", own, series)
     planned = np.max(
         [np.ptp(references(r, "controller")[0], axis=0) for r in recordings], axis=0
     )
-    return ControlRows(
-        error,
-        dq_ref,
-        dq,
-        torque,
-        needed,
-        forward,
-        gravity,
-        recorded,
-        np.concatenate([_fitted(len(p[0])) for p in parts]),
-        planned > MIN_MOTION_SHARE * planned.max(),
-        free.astype(bool),
+    return LawSums(
+        sums[0], sums[1], recorded, planned > MIN_MOTION_SHARE * planned.max()
     )
 
 
-def _fitted(count: int) -> np.ndarray:
-    """Every other block of a recording's rows, (count,)."""
-    return np.arange(count) * LAW_BLOCKS // count % 2 == 0
-
-
-def _rows(
+def _series(
     case: Case, body: RigidBody, recording: Recording, recorded: bool
-) -> list[np.ndarray]:
-    """Error, velocities, torque, needed torque, and rows below the limit of one recording, (M, n) each."""
-    segments = condition(recording)
-    rows: list[list[np.ndarray]] = []
-    for segment in segments:
-        motion = segment.motion
-        q_ref, dq_ref, q, dq = _on_grid(recording, motion.t, _filter_delay(case))
-        bodies = body.carrying(segment.payload)
-        needed = CorrectedArm(case.arm).predict(bodies, motion)
-        torque = needed if segment.torque is None or not recorded else segment.torque
-        limit = case.arm.torque_limit
-        free = np.ones_like(torque)
-        if limit is not None and recorded:
-            free = (np.abs(torque) < CLIPPED * limit).astype(float)
-        forward = np.zeros_like(torque)
-        gravity = np.zeros((*torque.shape, 3))
-        if isinstance(case.controller, PD):
-            # finite differences of a log at 100 Hz lose some per cent of a fast reference's acceleration
-            ddq_ref = make_interp_spline(motion.t, dq_ref, k=5)(motion.t, 1)
-            kind = case.controller.feedforward
-            forward = feedforward(case.arm, body, kind, q_ref, dq_ref, ddq_ref)
-            if kind != "none":
-                gravity = body.gravity_regressor(q_ref)
-        filtered = [
-            low_pass(x, motion.rate, TORQUE_CUTOFF)[segment.inner]
-            for x in (q_ref - q, dq_ref, dq, torque - forward, needed, forward, gravity)
-        ]
-        rows.append([*filtered, free[segment.inner]])
-    return [np.concatenate(x) for x in zip(*rows, strict=True)]
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """``SERIES``, (M, n, K), and rows of each joint below its torque limit, (M, n), of each segment of a recording.
 
-
-def _filter_delay(case: Case) -> float:
-    """Delay of the declared controller's velocity filter at low frequency, 2 zeta / w [s]; 0 if there is none."""
-    controller = case.controller
-    if controller is None or controller.velocity_cutoff is None:
-        return 0.0
-    return controller.velocity_damping / (np.pi * controller.velocity_cutoff)
-
-
-def _on_grid(recording: Recording, t: np.ndarray, delay: float) -> list[np.ndarray]:
-    """q_ref, dq_ref, q, dq of a recording at other times [s], (M, n) each.
-
-    A velocity that was not recorded is that of the positions a ``delay`` ago, as a controller's filter has it.
+    A velocity that was not recorded is that of the positions a delay of the controller's filter ago, 2 zeta / w.
     """
     q_ref, dq_ref = references(recording, "controller")
-    dq, dq_time = recording.dq, t
+    dq, delay, controller = recording.dq, 0.0, case.controller
     if dq is None:
-        dq, dq_time = np.gradient(recording.q, recording.t, axis=0), t - delay
-    series = ((t, q_ref), (t, dq_ref), (t, recording.q), (dq_time, dq))
-    return [
-        np.column_stack([np.interp(at, recording.t, column) for column in x.T])
-        for at, x in series
-    ]
+        dq = np.gradient(recording.q, recording.t, axis=0)
+        if controller is not None and controller.velocity_cutoff is not None:
+            delay = controller.velocity_damping / (np.pi * controller.velocity_cutoff)
+    splines = (
+        make_interp_spline(recording.t - late, x, k=1)
+        for x, late in ((q_ref, 0.0), (dq_ref, 0.0), (recording.q, 0.0), (dq, -delay))
+    )
+    on_log = list(splines)
+    out = []
+    for segment in condition(recording):
+        motion = segment.motion
+        q_ref, dq_ref, q, dq = (spline(motion.t) for spline in on_log)
+        needed = CorrectedArm(case.arm).predict(body.carrying(segment.payload), motion)
+        torque = needed if segment.torque is None or not recorded else segment.torque
+        limit, free = case.arm.torque_limit, np.ones_like(torque, dtype=bool)
+        if limit is not None and recorded:
+            free = np.abs(torque) < CLIPPED * limit
+        fed, gravity = np.zeros_like(torque), np.zeros((*torque.shape, 3))
+        if isinstance(controller, PD):
+            # finite differences of a log at 100 Hz lose some per cent of a fast reference's acceleration
+            ddq_ref = make_interp_spline(motion.t, dq_ref, k=5)(motion.t, 1)
+            kind = controller.feedforward
+            fed = feedforward(case.arm, body, kind, q_ref, dq_ref, ddq_ref)
+            if kind != "none":
+                gravity = body.gravity_regressor(q_ref)
+        inner = segment.inner
+        error, rate, slow, torque, fed, needed, gravity = (
+            low_pass(x, motion.rate, TORQUE_CUTOFF)[inner]
+            for x in (q_ref - q, dq_ref - dq, dq, torque, fed, needed, gravity)
+        )
+        one = np.ones_like(error)
+        dry = np.tanh(slow / FAULT_SIGN_WIDTH)
+        every = np.stack([error, rate, slow, dry, one, torque, fed, needed], axis=2)
+        out.append((np.concatenate([every, gravity], axis=2), free[inner]))
+    return out
 
 
 # Whose derivative a recorded velocity is: the arm's position or the reference.
@@ -229,31 +210,24 @@ def _on_grid(recording: Recording, t: np.ndarray, delay: float) -> list[np.ndarr
 def is_of_reference(recording: Recording) -> bool:
     """Whether the recorded velocity is decidedly nearer to the reference's than to that of the positions.
 
-    Below ``RATE_BAND``, on both halves, and on each joint that moves; up to a factor, which may be a wrong rate's or
-    unit's. An arm led by hand, whose reference follows the position, has no such joint.
+    Below ``RATE_BAND``, on each joint that moves, and up to a factor, which may be a wrong rate's or unit's. An arm led
+    by hand, whose reference follows the position, has no such joint.
     """
-    if recording.dq is None or recording.q_ref is None or len(recording.t) < 50:
+    if recording.dq is None or recording.q_ref is None:
         return False
     q_ref, dq_ref = references(recording, "dq")
-    rate = recording.rate
-    cutoff = min(RATE_BAND, 0.2 * rate)
+    cutoff = min(RATE_BAND, recording.rate / 5)
     by_position = np.gradient(recording.q, recording.t, axis=0)
-    series = (recording.dq, dq_ref, by_position)
-    dq, planned, derived = (low_pass(x, rate, cutoff) for x in series)
+    dq, planned, derived = (
+        low_pass(x, recording.rate, cutoff) for x in (recording.dq, dq_ref, by_position)
+    )
     moves = np.ptp(q_ref, axis=0) > MIN_MOTION_SHARE * np.ptp(q_ref, axis=0).max()
-    half = len(dq) // 2
-    for rows in (slice(None, half), slice(half, None)):
-        from_planned = _unlike(dq[rows], planned[rows])[moves]
-        from_derived = _unlike(dq[rows], derived[rows])[moves]
-        if not (from_planned < REFERENCE_VELOCITY_RATIO * from_derived).all():
-            return False
-    return bool(moves.any())
-
-
-def _unlike(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """RMS of what x leaves of the multiple of y nearest to it, of each column, (n,)."""
-    factor = (x * y).sum(axis=0) / np.maximum((y**2).sum(axis=0), 1e-12)
-    return np.sqrt(((x - factor * y) ** 2).mean(axis=0))
+    unlike = []
+    for other in (planned, derived):
+        power = np.maximum((other**2).sum(axis=0), 1e-12)
+        unlike.append(rms(dq - (dq * other).sum(axis=0) / power * other, 0)[moves])
+    nearer = unlike[0] < REFERENCE_VELOCITY_RATIO * unlike[1]
+    return bool(moves.any() and nearer.all())
 
 
 # A reference at another pace than the arm: q(t) = q_ref(t0 + s (t - t0) - d), with a constant s and a lag d.
@@ -262,54 +236,56 @@ def _unlike(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 def pace(recording: Recording) -> float | None:
     """s of a recording [1]; ``None`` if its reference and the arm go at one pace, or at none that is constant.
 
-    Fitted to the first part of the recording, judged on the rest.
+    Fitted to the first half of the recording, judged on the other.
     """
     if recording.q_ref is None:
         return None
     rows = np.linspace(0, len(recording.t) - 1, PACE_SAMPLES).astype(int)
     t, q = recording.t[rows] - recording.t[0], recording.q[rows]
-    scale = np.maximum(np.ptp(q, axis=0), 1e-9)
-    moving = scale > 0.1 * scale.max()
-    planned = (recording.t - recording.t[0], recording.q_ref[:, moving])
-    q, scale = q[:, moving], scale[moving]
+    moving = np.ptp(q, axis=0) > MIN_MOTION_SHARE * np.ptp(q, axis=0).max()
+    q, scale = q[:, moving], np.ptp(q[:, moving], axis=0)
+    end, first = t[-1], 2 * t <= t[-1]
+    planned = make_interp_spline(
+        recording.t - recording.t[0], recording.q_ref[:, moving], k=1
+    )
 
-    def error(x: np.ndarray) -> np.ndarray:
-        """Positions less the reference at a pace and lag, over their ranges, with the mean error of each joint out."""
-        at = x[0] * t - x[1]
-        there = np.column_stack([np.interp(at, planned[0], c) for c in planned[1].T])
-        difference = (q - there) / scale
-        return np.asarray(difference - difference[fitted].mean(axis=0))
+    def error(x: np.ndarray, used: np.ndarray) -> np.ndarray:
+        """Positions less the reference at a pace and lag, over their ranges, with the mean error of rows used out."""
+        difference = (q - planned(np.clip(x[0] * t - x[1], 0.0, end))) / scale
+        return np.asarray(difference - difference[used].mean(axis=0))
 
-    fitted = t <= PACE_FIT_SHARE * t[-1]
-    same = min((np.array([1.0, d]) for d in PACE_LAGS), key=lambda x: _rms(error(x)))
-    if _rms(error(same)[~fitted]) < PACE_TRACKED:
+    def best(paces: Sequence[float]) -> np.ndarray:
+        starts = (np.array(x) for x in itertools.product(paces, PACE_LAGS))
+        return min(starts, key=lambda x: rms(error(x, first)[first], None))
+
+    same = error(best([1.0]), first)
+    if not moving.any() or rms(same[~first], None) < PACE_TRACKED:
         return None
-    starts = (np.array(x) for x in itertools.product(PACE_STARTS, PACE_LAGS))
-    best = min(starts, key=lambda x: _rms(error(x)[fitted]))
-    found = least_squares(
-        lambda x: error(x)[fitted].ravel(), best, x_scale=(0.01, 0.01)
-    ).x
+
+    def refined(x: np.ndarray, used: np.ndarray) -> np.ndarray:
+        done = least_squares(
+            lambda y: error(y, used)[used].ravel(), x, x_scale=(0.01, 0.01)
+        )
+        return np.asarray(done.x)
+
+    found = refined(best(PACE_STARTS), first)
     # what was not fitted decides; beyond the end of the reference there is nothing to compare
-    judged = ~fitted & (found[0] * t <= planned[0][-1])
+    inside = found[0] * t <= end
+    judged = ~first & inside
     if (
-        judged.sum() < 0.1 * len(t)
-        or abs(np.log(max(found[0], 1e-9))) < NAMED_RATE_ERROR
+        not judged.any()
+        or abs(np.log(max(found[0], PACE_STARTS[0]))) < NAMED_RATE_ERROR
     ):
         return None
-    left = _rms(error(found)[judged])
-    if left > PACE_MISFIT or left * PACE_GAIN > _rms(error(same)[judged]):
+    left = rms(error(found, first)[judged], None)
+    if left * PACE_GAIN > rms(same[judged], None):
         return None
-    return float(found[0])
-
-
-def _rms(x: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(x**2)))
+    return float(refined(found, inside)[0])
 
 
 # Faults about the control law: a velocity reference it ignores, other gains, a torque that gains alone gave.
 #
 # The law is compared with the torque recorded; if none was, with what the nominal arm needs on the recorded motion.
-# Laws are fitted to every other block of the recordings and judged on the rest.
 
 
 @dataclass(frozen=True)
@@ -338,7 +314,16 @@ class OtherGainsAtWork(UnmeasuredTorque):
         return Reading.identity(n, law=tuple(law.get(j) for j in range(n)))
 
 
-def ignored_velocity(case: Case, rows: ControlRows) -> FoundFault | None:
+LAW_TORQUE = {"torque": 1.0, "feedforward": -1.0}
+"""What kp and kd give of the torque."""
+
+
+def _less_gains(target: Mapping[str, float], gains: np.ndarray) -> dict[str, float]:
+    """A target less kp (q_ref - q) + kd (dq_ref - dq), gains (2,)."""
+    return {**target, **{name: -float(x) for name, x in zip(GAINS, gains, strict=True)}}
+
+
+def ignored_velocity(case: Case, sums: LawSums) -> FoundFault | None:
     """A velocity reference that the controller ignores: without it the law explains the torque, with it not.
 
     Half of the joints that move have to show it, none the contrary.
@@ -346,39 +331,36 @@ def ignored_velocity(case: Case, rows: ControlRows) -> FoundFault | None:
     recordings = [r for r in case.recordings if r.q_ref is not None]
     if any(r.dq_ref is None for r in recordings):
         return None
-    leads: list[float] = []
-    moving = np.flatnonzero(rows.moves)
+    leads: dict[str, float] = {}
+    moving = np.flatnonzero(sums.moves)
     for j in moving:
-        columns = rows.error[:, j], -rows.dq[:, j]
-        gains, without = rows.fit(j, rows.torque, columns)
-        _, with_it = rows.fit(j, rows.torque, (rows.error[:, j], rows.rate[:, j]))
+        gains, without = sums.fit(j, LAW_TORQUE, ("error", "dq", "one"))
+        _, with_it = sums.fit(j, LAW_TORQUE, (*GAINS, "one"))
         if with_it * LAW_GAIN < without and with_it < LAW_EXPLAINS:
             return None
         explains = without < LAW_EXPLAINS and without * LAW_GAIN < with_it
-        if explains and gains[0] > 0 and gains[1] > 0:
-            leads.append(float(gains[1] / gains[0]))
+        if explains and gains[0] > 0 > gains[1]:
+            leads[str(j)] = float(-gains[1] / gains[0])
     if 2 * len(leads) < max(len(moving), 1):
         return None
-    value = float(np.median(leads))
-    std = max(float(np.std(leads)), 1e-3 * value)
-    fault = IgnoredVelocityReference(value)
-    return FoundFault(fault, OBVIOUS_FAULT_PROBABILITY, {"lead": (std,)})
+    found = by_recordings(IgnoredVelocityReference, "lead", leads, recordings)
+    return replace(found, recordings=())
 
 
-def other_gains(case: Case, rows: ControlRows) -> FoundFault | None:
+def other_gains(case: Case, sums: LawSums) -> FoundFault | None:
     """Gains at work that are not the declared ones, on the joints that show it."""
     declared = case.controller
     if not isinstance(declared, PD):
         return None
-    least = np.log(NAMED_GAIN_FACTOR if rows.recorded else INFERRED_GAIN_FACTOR)
+    least = np.log(NAMED_GAIN_FACTOR if sums.recorded else INFERRED_GAIN_FACTOR)
     factors: dict[int, np.ndarray] = {}
-    for j in np.flatnonzero(rows.moves):
-        error, rate = rows.error[:, j], rows.rate[:, j]
-        # a wrong gravity in the feedforward must not pass for gains: errors under a load go with gravity too
-        gravity = rows.any_gravity(j)
-        gains, left = rows.fit(j, rows.torque, (error, rate, *gravity))
+    # a wrong gravity in the feedforward must not pass for gains: errors under a load go with gravity too
+    others = ("one", *SERIES[-3:])
+    for j in np.flatnonzero(sums.moves):
+        gains, left = sums.fit(j, LAW_TORQUE, (*GAINS, *others))
         stated = np.array([declared.kp[j], declared.kd[j]])
-        as_declared = _left_beside(rows, j, rows.torque, stated, gravity)
+        given = _less_gains(LAW_TORQUE, stated)
+        _, as_declared = sums.fit(j, given, others, LAW_TORQUE)
         explains = left < LAW_EXPLAINS and left * LAW_GAIN < as_declared
         if not explains or (gains[:2] <= 0).any() or (stated <= 0).any():
             continue
@@ -388,9 +370,9 @@ def other_gains(case: Case, rows: ControlRows) -> FoundFault | None:
     if not factors:
         return None
     kp, kd = np.array(list(factors.values())).T
-    if not rows.recorded:
+    if not sums.recorded:
         alike = np.ptp(np.log(kp)) < np.log(INFERRED_GAIN_SPREAD)
-        if 2 * len(factors) <= rows.moves.sum() or not alike:
+        if 2 * len(factors) <= sums.moves.sum() or not alike:
             return None
     fault = GainMismatch(tuple(kp.tolist()), tuple(kd.tolist()), tuple(factors))
     return FoundFault(fault, OBVIOUS_FAULT_PROBABILITY)
@@ -401,120 +383,76 @@ def exact_gains(recordings: tuple[Recording, ...]) -> np.ndarray | None:
 
     ``None`` if any moving joint's is not. Gains of joints that stand still are zero.
     """
-    known = [r for r in recordings if r.tau is not None and r.q_ref is not None]
-    if not known or len(known) < len(recordings) or any(r.dq is None for r in known):
-        return None
-    gains = np.zeros((known[0].n_joints, 2))
-    for j in range(len(gains)):
-        x, y = zip(*(_law_columns(r, j) for r in known), strict=True)
-        columns, torque = np.concatenate(x), np.concatenate(y)
-        if torque.std() == 0:
-            continue
-        fitted = np.arange(len(torque)) % 2 == 0
-        gains[j] = np.linalg.lstsq(columns[fitted], torque[fitted], rcond=None)[0]
-        residual = (torque - columns @ gains[j])[~fitted]
-        if np.sqrt(np.mean(residual**2)) > EXACT_LAW * torque.std():
+    columns, torques = [], []
+    for r in recordings:
+        if r.tau is None or r.q_ref is None or r.dq is None:
+            return None
+        q_ref, dq_ref = references(r, "controller")
+        columns.append(np.stack([q_ref - r.q, dq_ref - r.dq], axis=2))
+        torques.append(r.tau)
+    x, torque = np.concatenate(columns), np.concatenate(torques)
+    gains = np.zeros((torque.shape[1], 2))
+    for j in np.flatnonzero(torque.std(axis=0)):
+        gains[j] = np.linalg.lstsq(x[::2, j], torque[::2, j], rcond=None)[0]
+        residual = (torque[:, j] - x[:, j] @ gains[j])[1::2]
+        if rms(residual) > EXACT_LAW * torque[:, j].std():
             return None
     return gains if gains.any() else None
 
 
-def _law_columns(recording: Recording, joint: int) -> tuple[np.ndarray, np.ndarray]:
-    """Error and its rate, (N, 2), and torque, (N,), of one joint."""
-    assert recording.tau is not None and recording.dq is not None
-    q_ref, dq_ref = references(recording, "controller")
-    error, rate = q_ref - recording.q, dq_ref - recording.dq
-    return np.column_stack([error[:, joint], rate[:, joint]]), recording.tau[:, joint]
-
-
 def unmeasured_torque(
-    case: Case, rows: ControlRows, gains: np.ndarray
+    case: Case, sums: LawSums, gains: np.ndarray
 ) -> FoundFault | None:
     """A torque that gains alone gave, if it does not fit the motion; the gains at work if some do.
 
+    If a controller is declared with other gains, one of the two is at work: it is the fault if what the nominal arm
+    needs, but for friction, is explained better by these. Else the column, of any scale, fits the motion badly, or
+    other gains fit it better.
+
     Args:
         case: with torques and references.
-        rows: of the case.
+        sums: of the case.
         gains: kp and kd of the torque column, (n, 2).
     """
-    moving = np.flatnonzero(rows.moves & gains.any(axis=1))
+    moving = np.flatnonzero(sums.moves & gains.any(axis=1))
     if not len(moving):
         return None
-    declared = case.controller
+    declared, at_work, needed = case.controller, gains.copy(), {"needed": 1.0}
+    column, others = [], []
+    tiny = np.finfo(float).tiny
+    stated = np.zeros_like(gains)
     if isinstance(declared, PD):
         stated = np.column_stack([declared.kp, declared.kd])
-        factor = (stated / np.maximum(gains, 1e-12))[moving]
-        if np.abs(np.log(np.maximum(factor, 1e-12))).max() > np.log(NAMED_GAIN_FACTOR):
-            return _against_declared(rows, moving, gains, stated)
-    return _against_motion(rows, moving, gains)
-
-
-def _against_declared(
-    rows: ControlRows, moving: np.ndarray, gains: np.ndarray, stated: np.ndarray
-) -> FoundFault | None:
-    """The fault if the declared gains fit the motion better than those of the column: one of the two is at work."""
-    misfit = np.median([_left_by(rows, j, gains[j], 0.0) for j in moving])
-    other = np.median([_left_by(rows, j, stated[j], 1.0) for j in moving])
-    if misfit < OTHER_GAINS_MISFIT or other >= misfit:
-        return None
-    return _unmeasured(moving, gains, stated)
-
-
-def _against_motion(
-    rows: ControlRows, moving: np.ndarray, gains: np.ndarray
-) -> FoundFault | None:
-    """The fault if the column fits the motion badly, with any scale and friction, or other gains fit it better."""
-    by_column, by_gains, at_work = [], [], gains.copy()
-    for j in moving:
-        error, rate, friction = rows.error[:, j], rows.rate[:, j], rows.friction(j)
-        column = gains[j] @ np.array([error, rate])
-        by_column.append(rows.fit(j, rows.needed, (column, *friction))[1])
-        found, left = rows.fit(j, rows.needed, (error, rate, *friction))
-        by_gains.append(left)
-        at_work[j] = found[:2]
-    misfit, other = np.median(by_column), np.median(by_gains)
-    others_fit = other * LAW_GAIN < misfit and (at_work[moving] > 0).all()
-    if misfit < (OTHER_GAINS_MISFIT if others_fit else UNMEASURED_MISFIT):
-        return None
-    return _unmeasured(moving, gains, at_work if others_fit else None)
-
-
-def _left_by(rows: ControlRows, joint: int, gains: np.ndarray, share: float) -> float:
-    """What gains and a share of the declared feedforward leave of what the nominal arm needs, beside friction [1]."""
-    target = rows.needed - share * rows.feedforward
-    return _left_beside(rows, joint, target, gains, rows.friction(joint), rows.needed)
-
-
-def _left_beside(
-    rows: ControlRows,
-    joint: int,
-    target: np.ndarray,
-    gains: np.ndarray,
-    columns: list[np.ndarray],
-    scale: np.ndarray | None = None,
-) -> float:
-    """What gains, (2,), leave of a joint's column of a target, (M, n), beside free columns and an offset [1].
-
-    Over the deviation of ``scale``, the target by default.
-    """
-    law = gains @ np.array([rows.error[:, joint], rows.rate[:, joint]])
-    remainder = target.copy()
-    remainder[:, joint] -= law
-    free, _ = rows.fit(joint, remainder, columns)
-    x = np.column_stack([*columns, np.ones(len(law))])
-    of = target if scale is None else scale
-    return rows.left(joint, remainder[:, joint] - x @ free, of[:, joint])
-
-
-def _unmeasured(
-    moving: np.ndarray, gains: np.ndarray, at_work: np.ndarray | None
-) -> FoundFault:
-    """The fault on joints from 0, with gains of the column and, if they are known, at work, (n, 2) each."""
+    off = np.abs(
+        np.log(np.maximum(stated[moving], tiny) / np.maximum(gains[moving], tiny))
+    )
+    if isinstance(declared, PD) and off.max() > np.log(NAMED_GAIN_FACTOR):
+        at_work, fed = stated, {**needed, "feedforward": -1.0}
+        for j in moving:
+            own, other = _less_gains(needed, gains[j]), _less_gains(fed, stated[j])
+            column.append(sums.fit(j, own, FRICTION, needed)[1])
+            others.append(sums.fit(j, other, FRICTION, needed)[1])
+        misfit = np.median(column)
+        if misfit < OTHER_GAINS_MISFIT or np.median(others) >= misfit:
+            return None
+    else:
+        for j in moving:
+            column.append(sums.fit(j, needed, ("torque", *FRICTION))[1])
+            found, left = sums.fit(j, needed, (*GAINS, *FRICTION))
+            others.append(left)
+            at_work[j] = found[:2]
+        misfit = np.median(column)
+        known = np.median(others) * LAW_GAIN < misfit and (at_work[moving] > 0).all()
+        if misfit < (OTHER_GAINS_MISFIT if known else UNMEASURED_MISFIT):
+            return None
+        if not known:
+            at_work = gains
     joints = tuple((moving + 1).tolist())
-    kp, kd = (tuple(column) for column in gains[moving].T.tolist())
+    kp, kd = (tuple(x) for x in gains[moving].T.tolist())
     fault = UnmeasuredTorque(kp, kd, joints)
-    if at_work is not None:
-        others = (tuple(column) for column in at_work[moving].T.tolist())
-        fault = OtherGainsAtWork(kp, kd, joints, *others)
+    if at_work is not gains:
+        at_work_kp, at_work_kd = (tuple(x) for x in at_work[moving].T.tolist())
+        fault = OtherGainsAtWork(kp, kd, joints, at_work_kp, at_work_kd)
     return FoundFault(fault, OBVIOUS_FAULT_PROBABILITY)
 
 
@@ -543,35 +481,23 @@ def find_reference_faults(case: Case) -> tuple[Case, tuple[FoundFault, ...]]:
             case = repaired(case, faults)
             found.extend(faults)
     try:
-        rows = control_rows(case)
+        sums = law_sums(case)
     except GapscopeError:
         # too short or gapped for any law; what needs the signals says so
+        sums = None
+    if sums is None:
         return case, tuple(found)
-    if rows is None:
-        return case, tuple(found)
-    case, faults = _of_the_law(case, rows)
-    return case, (*found, *faults)
-
-
-def _of_the_law(case: Case, rows: ControlRows) -> tuple[Case, tuple[FoundFault, ...]]:
-    """The case with what is wrong about its control law put right."""
-    gains = exact_gains((*case.recordings, *case.judged))
+    fault, gains = None, exact_gains((*case.recordings, *case.judged))
     if gains is not None:
-        fault = unmeasured_torque(case, rows, gains)
-        if fault is not None:
-            return repaired(case, (fault,)), (fault,)
-        if case.controller is None:
-            case = replace(case, warnings=(*case.warnings, _computed(gains)))
-    for search in (ignored_velocity, other_gains):
-        fault = search(case, rows)
-        if fault is not None:
-            return repaired(case, (fault,)), (fault,)
-    return case, ()
-
-
-def _computed(gains: np.ndarray) -> str:
-    kp, kd = (", ".join(f"{x:.4g}" for x in column) for column in gains.T)
-    return COMPUTED.format(kp=kp, kd=kd)
+        fault = unmeasured_torque(case, sums, gains)
+        if fault is None and case.controller is None:
+            kp, kd = (", ".join(f"{x:.4g}" for x in column) for column in gains.T)
+            warning = COMPUTED.format(kp=kp, kd=kd)
+            case = replace(case, warnings=(*case.warnings, warning))
+    fault = fault or ignored_velocity(case, sums) or other_gains(case, sums)
+    if fault is None:
+        return case, tuple(found)
+    return repaired(case, (fault,)), (*found, fault)
 
 
 def _velocity(recordings: tuple[Recording, ...]) -> tuple[FoundFault, ...]:
@@ -590,8 +516,8 @@ def _set_points(recordings: tuple[Recording, ...]) -> tuple[FoundFault, ...]:
             of_variant = periods.setdefault(points.variant, {})
             of_variant[recording.name] = points.every / recording.rate
     return tuple(
-        _by_median(partial(CoarseReference, variant), "period", of_variant)
-        for variant, of_variant in periods.items()
+        by_recordings(partial(CoarseReference, variant), "period", own, recordings)
+        for variant, own in periods.items()
     )
 
 
@@ -608,10 +534,8 @@ def _followed(recording: Recording, points: SetPoints) -> bool:
     )
     power = np.sqrt((steps**2).sum(axis=0) * (torque**2).sum(axis=0))
     stepping = power > 0
-    if not stepping.any():
-        return False
     likeness = (steps * torque).sum(axis=0)[stepping] / power[stepping]
-    return bool(np.median(likeness) > STEPS_IN_TORQUE)
+    return bool(stepping.any() and np.median(likeness) > STEPS_IN_TORQUE)
 
 
 def _pace(recordings: tuple[Recording, ...]) -> tuple[FoundFault, ...]:
@@ -620,23 +544,9 @@ def _pace(recordings: tuple[Recording, ...]) -> tuple[FoundFault, ...]:
     faults: list[FoundFault] = []
     while paces:
         first = next(iter(paces.values()))
-        alike = {
-            name: s
-            for name, s in paces.items()
-            if abs(np.log(s / first)) < NAMED_RATE_ERROR
+        near = {
+            n for n, s in paces.items() if abs(np.log(s / first)) < NAMED_RATE_ERROR
         }
-        faults.append(_by_median(SpeedScaling, "factor", alike))
-        paces = {name: s for name, s in paces.items() if name not in alike}
+        alike = {name: paces.pop(name) for name in list(paces) if name in near}
+        faults.append(by_recordings(SpeedScaling, "factor", alike, recordings))
     return tuple(faults)
-
-
-def _by_median(
-    fault: Callable[[float], Fault], name: str, values: Mapping[str, float]
-) -> FoundFault:
-    """The fault whose parameter is the median over recordings, and how far these differ."""
-    given = list(values.values())
-    median = float(np.median(given))
-    std = max(float(np.std(given)), 1e-3 * median)
-    return FoundFault(
-        fault(median), OBVIOUS_FAULT_PROBABILITY, {name: (std,)}, tuple(values)
-    )

@@ -14,23 +14,18 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.trajectory import Fourier
 from gapscope.diagnosis.diagnose import diagnose
-from gapscope.diagnosis.hypotheses import (
-    Hypothesis,
-    Question,
-    RecordedData,
-    fitted,
-    open_questions,
-    scales,
-    vector,
-    with_values,
-)
 from gapscope.diagnosis.next_recording import (
     Advice,
     AdviceRequest,
+    Hypothesis,
     HypothesisContrast,
     MotionOption,
+    Question,
+    RecordedData,
     advise,
+    fitted,
     lines,
+    open_questions,
     options,
 )
 from gapscope.diagnosis.thresholds import DESIGNED_ALTERNATIVES
@@ -194,17 +189,6 @@ def test_a_payload_to_mount_is_told_as_lines_of_the_case() -> None:
     }
 
 
-def test_a_payload_changes_the_bodies_by_its_own_weight() -> None:
-    body = MotionOption("slow", KnownLoad(2.0, (0.1, 0.0, 0.0))).body(synthetic.body())
-    still = np.zeros((1, 3))
-    more = body.inverse_dynamics(
-        still, still, still
-    ) - synthetic.body().inverse_dynamics(still, still, still)
-    np.testing.assert_allclose(
-        more, [[0.0, -2 * 9.81 * 0.55, -2 * 9.81 * 0.1]], rtol=1e-9
-    )
-
-
 def test_nothing_open_needs_nothing() -> None:
     case = slow_case(synthetic.Truth())
     calm = document(DELAY, "actuator_lag")
@@ -264,21 +248,6 @@ def test_values_are_fitted_to_the_recordings() -> None:
     assert (
         right.effects[0].parameters["torque"][0] == pytest.approx(2.0, rel=0.02)
         and left < 2.0
-    )
-
-
-def test_a_vector_of_values_goes_there_and_back() -> None:
-    link = AppliedEffect(
-        "link_inertia", (), {"link": 2, "mass": 0.4, "com": [0.0, 0.01, 0.0]}
-    )
-    both = (COULOMB, link)
-    values = vector(both)
-    np.testing.assert_allclose(values, [2.0, 0.4, 0.0, 0.01, 0.0])
-    assert (scales(both) > 0).all()
-    again = with_values(both, 2 * values)
-    assert (
-        float(again[1].parameters["mass"]) == pytest.approx(0.8)
-        and float(again[1].parameters["link"]) == 2
     )
 
 

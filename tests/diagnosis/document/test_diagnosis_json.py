@@ -251,59 +251,52 @@ def fault(only: float | None) -> FoundFault:
     return FoundFault(SignFlip((1,)), 0.99, gap_with_only_this=gap)
 
 
-def test_without_faults_the_effects_share_the_whole() -> None:
-    gap = stages(recorded=0.6, repaired=0.6, corrected=0.35)
-    (effect,) = with_faults([EFFECT], (), gap)
-    assert effect["share"] == pytest.approx(0.5)
-    assert effect["share_interval"] == pytest.approx([0.4, 0.6])
+TWO = [
+    {"effect": "torque_offset", "share": 0.14, "share_interval": [0.1, 0.2]},
+    EFFECT | {"share": 0.26},
+]
 
 
-def test_shares_add_up_to_what_is_closed() -> None:
-    """Of 0.5 above the floor 0.4 are closed: effects with shares of 0.26 and 0.14 have twice as much."""
-    gap = stages(recorded=0.6, repaired=0.6, corrected=0.2)
-    small = {"effect": "torque_offset", "share": 0.14, "share_interval": [0.1, 0.2]}
-    large = EFFECT | {"share": 0.26}
-    first, second = with_faults([small, large], (), gap)
-    assert gap.closed == pytest.approx(0.8)
-    assert (first["share"], second["share"]) == pytest.approx((0.52, 0.28))
+@pytest.mark.parametrize(
+    ("gaps", "effects", "only", "shares"),
+    [
+        ((0.6, 0.6, 0.35), [EFFECT], (), [("armature", 0.5)]),
+        # of 0.5 above the floor 0.4 are closed: effects have twice what was fitted
+        ((0.6, 0.6, 0.2), TWO, (), [("armature", 0.52), ("torque_offset", 0.28)]),
+        # of 1.0 above the floor a repair leaves 0.4, of which an effect has half
+        (
+            (1.1, 0.5, 0.3),
+            [EFFECT],
+            (0.5,),
+            [("sign_flip", 0.6), ("armature", 0.2)],
+        ),
+        # a fault without a gap of its own has no share
+        ((1.1, 1.1, 0.1), [EFFECT], (None,), [("armature", 1.0), ("sign_flip", 0.0)]),
+    ],
+)
+def test_shares_add_up_to_what_is_closed(gaps, effects, only, shares) -> None:
+    gap = stages(*gaps)
+    found = with_faults(effects, tuple(fault(x) for x in only), gap)
+    assert [f["effect"] for f in found] == [name for name, _ in shares]
+    assert [f["share"] for f in found] == pytest.approx([x for _, x in shares])
+    assert sum(f["share"] for f in found) == pytest.approx(gap.closed)
+
+
+@pytest.mark.parametrize(
+    ("gaps", "closed"),
+    [((0.5, 0.5, 0.7), 0.0), ((0.1, 0.1, 0.05), None), ((0.6, 0.6, 0.2), 0.8)],
+)
+def test_what_is_closed(gaps: tuple[float, float, float], closed: float | None) -> None:
+    assert stages(*gaps).closed == (None if closed is None else pytest.approx(closed))
 
 
 def test_a_joint_below_its_floor_pays_for_no_other() -> None:
     """0.2 of 0.4 above the floor is left on joint 1; joint 2, far below its floor, changes nothing."""
-    gap = GapStages(
-        recorded=np.array([0.5, 0.05]),
-        repaired=np.array([0.5, 0.05]),
-        corrected=np.array([0.3, 0.0]),
-        floor=np.array([0.1, 0.1]),
-    )
+    recorded, corrected = np.array([0.5, 0.05]), np.array([0.3, 0.0])
+    gap = GapStages(recorded, recorded, corrected, np.array([0.1, 0.1]))
     assert gap.closed == pytest.approx(0.5)
-
-
-def test_a_gap_that_grows_is_closed_by_nothing_and_none_is_not_closed() -> None:
-    assert stages(recorded=0.5, repaired=0.5, corrected=0.7).closed == 0.0
-    assert stages(recorded=0.1, repaired=0.1, corrected=0.05).closed is None
-
-
-def test_a_fault_takes_its_part_of_the_whole_and_leaves_the_rest() -> None:
-    """Of 1.0 above the floor a repair leaves 0.4: the fault has 0.6, an effect with half of the rest 0.2."""
-    gap = stages(recorded=1.1, repaired=0.5, corrected=0.3)
-    first, second = with_faults([EFFECT], (fault(only=0.5),), gap)
-    assert (first["effect"], first["share"]) == ("sign_flip", pytest.approx(0.6))
-    assert (second["effect"], second["share"]) == ("armature", pytest.approx(0.2))
-    assert second["share_interval"] == pytest.approx([0.16, 0.24])
-    assert first["gap_with_only_this"] == {"torque_nrmse": [0.5, 0.1]}
-
-
-def test_a_fault_without_a_gap_of_its_own_has_no_share() -> None:
-    gap = stages(recorded=1.1, repaired=1.1, corrected=0.1)
-    first, second = with_faults([EFFECT], (fault(only=None),), gap)
-    assert (first["effect"], second["share"]) == ("armature", 0.0)
-    assert second["gap_without_this"] == {"torque_nrmse": [1.1, 0.1]}
-
-
-def test_the_whole_is_what_is_closed_if_the_floor_is_estimated_too_high() -> None:
-    gap = stages(recorded=0.12, repaired=0.12, corrected=0.02)
-    assert gap.whole == pytest.approx(0.1)
+    # the whole is what is closed if the floor is estimated too high
+    assert stages(0.12, 0.12, 0.02).whole == pytest.approx(0.1)
 
 
 def test_all_torques_turned_and_a_base_that_hangs_are_each_others_alternative() -> None:
@@ -337,23 +330,41 @@ def finding(probability: float, alternative: str = "actuator_lag") -> dict[str, 
     return {"effect": "actuator_delay", "alternatives": [other]}
 
 
-def test_what_is_unexplained_comes_first_with_what_it_will_tell() -> None:
-    text = suggested_recording("unexplained", [finding(0.4)], [], [2, 5])
-    assert text is not None and "unexplained on joint 2, 5" in text
-    assert "doubles with the speed" in text
+NAMED = [finding(0.01), finding(0.05), finding(0.2, "elasticity"), finding(0.1)]
+NOTHING = [finding(0.4, "none")]
+SAME_BODY = finding(0.09, "link_inertia")
+SAME_BODY["alternatives"][0]["equivalent"] = True
 
 
-def test_then_the_likeliest_alternative_with_its_probability() -> None:
-    found = [finding(0.01), finding(0.05), finding(0.2, "elasticity"), finding(0.1)]
-    text = suggested_recording("effects_found", found, [], [])
-    assert text is not None and text.startswith(
-        "to tell actuator delay from elasticity, which has a probability of 20 %: a chirp above 10 Hz"
-    )
-
-
-def test_nothing_in_its_place_is_an_alternative_too() -> None:
-    text = suggested_recording("effects_found", [finding(0.3, "none")], [], [])
-    assert text is not None and text.startswith("to tell actuator delay from nothing")
+@pytest.mark.parametrize(
+    ("reached", "effects", "possible", "joints", "begins"),
+    [
+        ("unexplained", NAMED, [], [2, 5], "to find what is unexplained on joint 2, 5"),
+        (
+            "effects_found",
+            NAMED,
+            NOTHING,
+            [],
+            "to tell actuator delay from elasticity, which has a probability of 20 %: a chirp above 10 Hz",
+        ),
+        ("effects_found", NOTHING, [], [], "to tell actuator delay from nothing"),
+        (
+            "effects_found",
+            [finding(0.01)],
+            NOTHING,
+            [],
+            "to tell actuator delay from nothing",
+        ),
+        ("effects_found", [finding(0.049)], [], [], None),
+        ("no_gap", [], [finding(0.4)], [], None),
+        ("effects_found", [SAME_BODY], [], [], None),
+    ],
+)
+def test_what_is_to_be_recorded_next(
+    reached, effects, possible, joints, begins
+) -> None:
+    text = suggested_recording(reached, effects, possible, joints)
+    assert text is None if begins is None else text.startswith(begins)
 
 
 def test_a_case_that_is_misread_is_corrected_first() -> None:
@@ -362,45 +373,16 @@ def test_a_case_that_is_misread_is_corrected_first() -> None:
     assert text == f"none yet: first {line}, and diagnose again"
 
 
-def test_else_none() -> None:
-    assert suggested_recording("effects_found", [finding(0.049)], [], []) is None
-    assert suggested_recording("no_gap", [], [finding(0.4)], []) is None
-
-
-def test_what_is_possible_is_settled_after_what_is_named() -> None:
-    rare, likely = finding(0.01), finding(0.4, "none")
-    text = suggested_recording("effects_found", [rare], [likely], [])
-    assert text is not None and text.startswith("to tell actuator delay from nothing")
-    first = suggested_recording("effects_found", [finding(0.2)], [likely], [])
-    assert first is not None and "actuator lag" in first
-
-
-def test_two_names_of_one_cause_ask_for_no_recording() -> None:
-    named = finding(0.09, "link_inertia")
-    named["alternatives"][0]["equivalent"] = True
-    assert suggested_recording("effects_found", [named], [], []) is None
-
-
 # The verdict as a truth table over all combinations of its three facts.
 
 
-# found, unknown, rejected
-TABLE = {
-    (True, True, True): "unexplained",
-    (True, True, False): "unexplained",
-    (True, False, True): "effects_found",
-    (True, False, False): "effects_found",
-    (False, True, True): "unexplained",
-    (False, True, False): "unexplained",
-    (False, False, True): "unexplained",
-    (False, False, False): "no_gap",
-}
-
-
-@pytest.mark.parametrize(("facts", "expected"), TABLE.items())
-def test_verdict(facts: tuple[bool, bool, bool], expected: str) -> None:
-    found, unknown, rejected = facts
-    assert verdict(found=found, unknown=unknown, rejected=rejected) == expected
+@pytest.mark.parametrize("found", [True, False])
+@pytest.mark.parametrize("unknown", [True, False])
+@pytest.mark.parametrize("rejected", [True, False])
+def test_verdict(found: bool, unknown: bool, rejected: bool) -> None:
+    expected = "effects_found" if found else "unexplained" if rejected else "no_gap"
+    reached = verdict(found=found, unknown=unknown, rejected=rejected)
+    assert reached == ("unexplained" if unknown else expected)
 
 
 # Findings in words: values that the noise of the encoders pulled.
@@ -416,13 +398,7 @@ def rotor(
 def test_values_beyond_two_deviations_and_a_twentieth_are_listed() -> None:
     (text,) = pulled_texts(rotor([0.5, 0.35], [0.01, 0.01], [0.51, 0.39]))
     assert text.startswith("inertia J4 0.39") and "kg" in text
-
-
-def test_values_that_agree_are_not() -> None:
     assert pulled_texts(rotor([0.5, 0.35], [0.01, 0.1], [0.515, 0.39])) == []
-
-
-def test_nothing_is_listed_if_the_commands_are_not_known() -> None:
     found = rotor([0.5, 0.35], [0.01, 0.01], [0.6, 0.6])
     del found["parameters"]["inertia"]["by_commands"]
     assert pulled_texts(found) == []

@@ -12,10 +12,8 @@ from sweeps import daily
 from gapscope.diagnosis.locate import (
     MotionRows,
     Region,
-    hottest_leaf,
     levels,
     locate,
-    spectra,
 )
 
 RATE = 250.0
@@ -220,18 +218,3 @@ def test_gain_and_phase_against_the_joints_own_signals(
         region.detail["gain"] == pytest.approx(gain, rel=0.1)
         and region.detail["coherence"] > 0.9
     )
-
-
-def test_coherence_lies_between_zero_and_one() -> None:
-    rows = motion(4)
-    own = spectra(noise(rows, 4)[:, 0], rows, load_of(rows), 1)
-    assert (own.coherence >= 0).all() and (own.coherence <= 1.0 + 1e-9).all()
-
-
-def test_the_tree_follows_the_hotter_side() -> None:
-    rng = np.random.default_rng(0)
-    x = rng.uniform(-1, 1, (2000, 3))
-    y = ((x[:, 0] > 0.2) & (x[:, 2] < -0.1)).astype(float)
-    cuts = hottest_leaf(x, y, 2)
-    assert {(index, above) for index, _, above in cuts} == {(0, True), (2, False)}
-    assert hottest_leaf(x, np.ones(2000), 2) == ()

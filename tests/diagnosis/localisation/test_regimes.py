@@ -8,9 +8,8 @@ import synthetic
 from scipy.signal import butter, sosfiltfilt
 
 from gapscope.diagnosis.diagnose import diagnose
-from gapscope.diagnosis.locate import MotionRows, Region, regions, stack
+from gapscope.diagnosis.locate import MotionRows, Region, regions
 from gapscope.diagnosis.thresholds import REGION_ENRICHMENT, REGION_SHARE
-from gapscope.model.conditioning import condition
 
 RATE = 250.0
 N = 5000
@@ -168,19 +167,3 @@ def test_a_rule_says_where_a_cable_pulls() -> None:
         assert condition["quantity"] == "position" and rule["share"] > 0.9
         assert condition["above"] == pytest.approx(-0.15, abs=0.03)
         assert condition["below"] == pytest.approx(0.15, abs=0.03)
-
-
-def test_stacked_rows_are_the_trimmed_samples() -> None:
-    segments = [
-        s
-        for r in synthetic.recordings(synthetic.Truth(), duration=4.0)
-        for s in condition(r, 20.0)
-    ]
-    rows = stack(segments)
-    assert len(rows.t) == sum(len(s.motion.t[s.inner]) for s in segments)
-    np.testing.assert_array_equal(np.unique(rows.segment), [0, 1, 2])
-    second = rows.segment == 1
-    np.testing.assert_array_equal(
-        rows.q[second], segments[1].motion.q[segments[1].inner]
-    )
-    assert rows.t[second][0] == pytest.approx(0.3, abs=0.005)

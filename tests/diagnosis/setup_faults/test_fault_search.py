@@ -26,7 +26,6 @@ from gapscope.diagnosis.setup_faults.clocks import (
 )
 from gapscope.diagnosis.setup_faults.evidence import (
     ReadingScorer,
-    bounded_minimum,
     sample,
 )
 from gapscope.diagnosis.setup_faults.fault_search import UNUSUAL
@@ -114,35 +113,6 @@ def test_bodies_of_the_neighbouring_links_are_in_the_way() -> None:
     segments = [s for r in moved.recordings for s in condition(r, TORQUE_CUTOFF)]
     wrong = ReadingScorer(moved.arm, RigidBody(moved.arm), sample(segments))
     assert wrong.support_of_bodies(AS_READ) < right - UNUSUAL
-
-
-# The bounded fit of an arm's ordinary values, on problems small enough to solve by hand.
-
-
-FREE = np.full(2, -np.inf)
-
-
-def minimum(a: np.ndarray, b: np.ndarray, lowest: np.ndarray) -> np.ndarray:
-    return bounded_minimum(a, b, lowest, np.linalg.solve(a, b))
-
-
-def test_without_bounds_it_solves_the_normal_equations() -> None:
-    a = np.array([[2.0, 1.0], [1.0, 3.0]])
-    found = minimum(a, np.array([4.0, 7.0]), FREE)
-    np.testing.assert_allclose(found, [1.0, 2.0])
-
-
-def test_a_value_below_its_bound_is_fixed_there_and_the_other_fitted_again() -> None:
-    """With x = 0 fixed, the other equation is 3 y = 3."""
-    a = np.array([[2.0, 1.0], [1.0, 3.0]])
-    found = minimum(a, np.array([-4.0, 3.0]), np.array([0.0, -np.inf]))
-    np.testing.assert_allclose(found, [0.0, 1.0])
-
-
-def test_a_bound_that_is_kept_has_no_influence() -> None:
-    a = np.eye(2)
-    found = minimum(a, np.array([1.0, 2.0]), np.array([0.0, 1.5]))
-    np.testing.assert_allclose(found, [1.0, 2.0])
 
 
 # Findings of one fault on several joints become one finding.

@@ -133,7 +133,7 @@ def test_faults_are_found_with_their_values(label: str, arm: str) -> None:
     ("fault", "tolerance"),
     [
         (IgnoredVelocityReference(0.075), 0.1),
-        (SpeedScaling(0.5), 0.1),
+        (SpeedScaling(0.5), 0.12),
         (CoarseReference("held", 0.02), 0.1),
         (GainMismatch((3.0,), (0.4,)), 0.05),
         (UnmeasuredTorque((80.0,), (2.5,)), 0.02),
