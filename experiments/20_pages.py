@@ -53,7 +53,7 @@ Their figures stay in their pages. `git show COMMIT:experiments/NAME` shows a sc
 | script | commit | quoted by |
 |---|---|---|"""
 GONE = re.compile(
-    r"`(?:experiments/)?(\w+\.py)[^`]*`,?\s\(?(?:at\s)?commit\s([0-9a-f]{7})\b"
+    r"`(?:experiments/)?([\w/]+\.py)[^`]*`,?\s\(?(?:at\s)?commit\s([0-9a-f]{7})\b"
 )
 """A script named with a commit."""
 

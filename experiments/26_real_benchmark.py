@@ -7,8 +7,7 @@ effects of known size are put into it by laws that are not the catalogue's (``re
 ``docs/real_arms.md``.
 
 Resumable: run it again for the rest; each case has a result file that is written whole. ``--step check`` shows that the
-injected truth closes the gap. ``--results NAME`` keeps the results of several versions of the diagnosis side by side;
-``--sketch PROGRAM`` lets an outside program answer (``common.py``).
+injected truth closes the gap. ``--results NAME`` keeps the results of several versions of the diagnosis side by side.
 """
 
 from __future__ import annotations

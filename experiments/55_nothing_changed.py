@@ -8,7 +8,7 @@ robot in the air (``go2``: six repeats of one motion), and simulated cases (``sa
 Between cuts ``GUARD`` seconds are left out.
 
 Resumable: run it again for the rest; each comparison has a result file. ``--results NAME`` keeps the results of several
-versions side by side, ``--sketch PROGRAM`` lets an outside program answer (``common.py``).
+versions side by side.
 ``--step agree`` compares the six repeats of each leg of the Go2 with each other, in a table of its own.
 """
 

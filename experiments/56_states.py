@@ -9,8 +9,7 @@ up to +-12 %. Where the states of a case are asked for, the data sheet is nearly
 without the reference too; in the other rows it is poor, inertials 10 to 30 % off and no friction, and the controller is
 unknown.
 
-Resumable: run it again for the rest; each diagnosis has a result file. ``--sketch PROGRAM`` lets an outside program
-answer (``common.py``), in comparisons with a reference.
+Resumable: run it again for the rest; each diagnosis has a result file.
 """
 
 from __future__ import annotations
@@ -386,12 +385,7 @@ def main() -> None:
     warnings.simplefilter("ignore", ModelWarning)
     out, results = arguments.out, arguments.out / arguments.results
     cases = list(itertools.product(arguments.rows.split(","), range(arguments.draws)))
-    tasks = [
-        Task(row, draw, mode)
-        for row, draw in cases
-        for mode in ROWS[row].modes
-        if mode == "against" or arguments.sketch is None
-    ]
+    tasks = [Task(row, draw, mode) for row, draw in cases for mode in ROWS[row].modes]
     threadpool_limits(1)
     study(
         arguments,

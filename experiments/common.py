@@ -1,29 +1,14 @@
-"""What scripts share: parts by name, tasks in processes of their own, and the diagnosis of a case, by any program.
-
-An outside program answers in place of Gapscope, so that other ideas can be compared on the same cases:
-
-    python PROGRAM CASE [--against REFERENCE]
-
-prints a line for each effect that it names, ``effect joint anything [values] number``, joints from 1 and 0 for the arm
-or, for ``link_inertia``, the link; and as its last line the processor time, ``1.2 s of processor time``. It may read
-CSV recordings in the columns of the case format and a URDF of the arm alone, which is what ``write_plain`` writes.
-"""
+"""What scripts share: parts by name, tasks in processes of their own, diagnoses, results that are kept, tables."""
 
 from __future__ import annotations
 
 import argparse
-import json
 import multiprocessing
-import os
-import re
 import resource
 import signal
-import subprocess
 import sys
-import tempfile
 import time
 import traceback
-import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from multiprocessing.connection import wait
 from multiprocessing.process import BaseProcess
@@ -33,11 +18,8 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 import gapscope
-from gapscope.arm.case import Case, load_case
-from gapscope.arm.dynamics.plain_urdf import moving_links, plain_urdf
-from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.case import load_case
 from gapscope.arm.io.json_file import plain, read_json, write_json
-from gapscope.arm.io.write_case import write_case
 from gapscope.blind_check.scoring import wilson
 from gapscope.reports.pages import PageSection as Table
 
@@ -136,29 +118,22 @@ def _over(one: Running, limit: float, ended: Ended[Any]) -> bool:
     return True
 
 
-def diagnose_to_file(
-    case: Path, reference: Path | None, file: Path, program: Path | None = None
-) -> None:
+def diagnose_to_file(case: Path, reference: Path | None, file: Path) -> None:
     """Diagnose the case in a folder and write what came of it, an error too.
 
     Args:
         case: its folder.
         reference: folder of the case that it is compared with, if any.
         file: gets ``status``, ``document`` or ``error``, ``seconds``, ``cpu_seconds`` and ``peak_mb``.
-        program: an outside program that answers in place of Gapscope.
     """
     started = time.monotonic()
     result: dict[str, Any] = {"case": case.name, "status": "done"}
     cpu = time.process_time()
     try:
-        if program is None:
-            loaded = load_case(case, any_unit=True)
-            against = None if reference is None else load_case(reference)
-            # the document is made whole within the time that is counted
-            found = gapscope.diagnose(loaded, against=against).document
-            result["cpu_seconds"] = time.process_time() - cpu
-        else:
-            found, result["cpu_seconds"] = outside_answer(program, case, reference)
+        loaded = load_case(case, any_unit=True)
+        against = None if reference is None else load_case(reference)
+        # the document is made whole within the time that is counted
+        found = gapscope.diagnose(loaded, against=against).document
         result["document"] = plain(found, null_if_not_finite=True)
     # whatever a diagnosis raises is a result of the benchmark: it is recorded and counted
     except Exception as error:
@@ -166,10 +141,9 @@ def diagnose_to_file(
         place = f"{Path(last.filename).name}:{last.lineno}"
         result["status"] = "failed"
         result["error"] = f"{type(error).__name__}: {error} ({place})"
-        result["cpu_seconds"] = time.process_time() - cpu
+    result["cpu_seconds"] = time.process_time() - cpu
     result["seconds"] = time.monotonic() - started
-    who = resource.RUSAGE_SELF if program is None else resource.RUSAGE_CHILDREN
-    result["peak_mb"] = resource.getrusage(who).ru_maxrss / 1024
+    result["peak_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     write_json(result, file)
 
 
@@ -224,10 +198,7 @@ def diagnose_missing(wanted: Sequence[Wanted], options: argparse.Namespace) -> N
         said = "; ".join([*names_of(result), verdict_of(result)])
         progress(name, f"{seconds:.0f} s  {said}")
 
-    def diagnosed(one: Wanted) -> None:
-        diagnose_to_file(*one, options.sketch)
-
-    run_tasks(diagnosed, left, options.jobs, limit, ended)
+    run_tasks(lambda one: diagnose_to_file(*one), left, options.jobs, limit, ended)
 
 
 def names_of(result: dict[str, Any]) -> list[str]:
@@ -256,9 +227,6 @@ def study_options(
     parser.add_argument("--jobs", type=int, default=jobs)
     parser.add_argument(
         "--limit", type=float, default=600.0, help="processor time per diagnosis [s]"
-    )
-    parser.add_argument(
-        "--sketch", type=Path, help="an outside program in place of Gapscope"
     )
     return parser
 
@@ -319,102 +287,3 @@ def publish(tables: Sequence[Table], missing: int, total: int, results: Path) ->
         text += f"\n{missing} of {total} planned cases have no result.\n"
     print(text)
     results.with_suffix(".md").write_text(text, encoding="utf-8")
-
-
-# Outside programs
-
-FINDING = re.compile(r"(\w+) (\d+) .*?(\[.*\]) ")
-"""Effect, joint and values of a line."""
-SIZES = {
-    "actuator_delay": ("delay", "s"),
-    "armature": ("inertia", "kg m^2"),
-    "coulomb_friction": ("torque", "N m"),
-    "load_friction": ("coefficient", "1"),
-    "payload": ("mass", "kg"),
-    "torque_offset": ("torque", "N m"),
-    "torque_scale": ("scale", "1"),
-    "viscous_friction": ("coefficient", "N m s/rad"),
-}
-"""First parameter and unit of effects of which the first value of a line is just that."""
-
-
-def write_plain(case: Case, folder: Path) -> None:
-    """Write a case on the joints' side; its URDF has the arm's joints alone, in the order of the columns."""
-    write_case(case, folder, overwrite=True)
-    links = moving_links(RigidBody(case.arm), movable=False)
-    root = ET.fromstring(plain_urdf(links))
-    for link, element in zip(links, root.findall("link")[1:], strict=True):
-        inertia = element.find("inertial/inertia")
-        assert inertia is not None
-        for key, moment in zip(("ixx", "iyy", "izz"), link.moments, strict=True):
-            inertia.set(key, repr(float(moment)))
-    (folder / "robot.urdf").write_text(ET.tostring(root, encoding="unicode"))
-
-
-def outside_answer(
-    program: Path, case: Path, reference: Path | None
-) -> tuple[dict[str, Any], float]:
-    """What a program says of a case, as ``verdict`` and ``effects`` of a diagnosis, and its processor time [s].
-
-    Raises:
-        RuntimeError: it ended with an error, or said nothing of its time.
-    """
-    with tempfile.TemporaryDirectory() as name:
-        folders = {"case": case}
-        if reference is not None:
-            folders["reference"] = reference
-        command = [sys.executable, str(program), str(Path(name) / "case")]
-        for role, folder in folders.items():
-            write_plain(load_case(folder, any_unit=True), Path(name) / role)
-        if reference is not None:
-            command += ["--against", str(Path(name) / "reference")]
-        environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-        ended = subprocess.run(command, capture_output=True, text=True, env=environment)
-    lines = ended.stdout.splitlines()
-    time = re.match(r"([\d.]+) s of processor time", lines[-1] if lines else "")
-    if ended.returncode or time is None:
-        raise RuntimeError(
-            "".join(ended.stderr.strip().splitlines()[-1:]) or "no answer"
-        )
-    effects: dict[tuple[str, int], dict[str, Any]] = {}
-    for line in lines[:-1]:
-        found = FINDING.match(line)
-        if found is None:
-            raise RuntimeError(f"no finding: {line}")
-        _add_line(effects, found[1], int(found[2]), json.loads(found[3]))
-    verdict = "effects_found" if effects else "no_gap"
-    return {"verdict": verdict, "effects": list(effects.values())}, float(time[1])
-
-
-def _add_line(
-    effects: dict[tuple[str, int], dict[str, Any]],
-    name: str,
-    joint: int,
-    values: list[float],
-) -> None:
-    """Add a line to the effects: one entry for all joints of an effect, of several lines on one joint the first."""
-    link = joint if name == "link_inertia" else 0
-    entry = effects.setdefault(
-        (name, link),
-        {
-            "effect": name,
-            "joints": [],
-            "parameters": {"link": {"unit": "", "value": link}} if link else {},
-            "probability": None,
-            "share": None,
-            "alternatives": [],
-        },
-    )
-    if joint and joint in entry["joints"]:
-        return
-    if joint and not link:
-        entry["joints"].append(joint)
-    if name in SIZES:
-        key, unit = SIZES[name]
-        size = entry["parameters"].setdefault(key, {"unit": unit, "value": []})
-        size["value"].append(values[0])
-    elif name == "base_tilt":
-        for key, value in zip(("roll", "pitch"), values, strict=True):
-            entry["parameters"][key] = {"unit": "rad", "value": value}
-    elif name == "external_force":
-        entry["parameters"]["force"] = {"unit": "N", "value": values}
