@@ -27,6 +27,7 @@ from common import (
     Progress,
     Wanted,
     run_tasks,
+    stated,
     study,
     study_options,
 )
@@ -51,12 +52,9 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.blind_check.scoring import (
     Compared,
-    Named,
     brier,
     compare,
-    named,
     reliability,
-    same,
     wilson,
 )
 from gapscope.effects.applied import AppliedEffect
@@ -266,16 +264,11 @@ def _verdicts(cases: Sequence[Scored]) -> Table:
 
 def _calibration(cases: Sequence[Scored]) -> Table:
     """Stated probability of all named and possible effects against how often they are right."""
-    probability, right = [], []
-    for case in cases:
-        for entry in _stated(case):
-            probability.append(float(entry["probability"]))
-            right.append(_is_right(case, named(entry)))
-    p, r = np.array(probability), np.array(right, dtype=float)
+    found = [one for case in cases for one in stated(case.truth, case.document)]
+    p, r = np.array(found, dtype=float).reshape(-1, 2).T
     rows = []
     for row in reliability(p, r, bins=5):
-        hits = round(row["right"] * row["count"])
-        low, high = wilson(hits, int(row["count"]))
+        low, high = wilson(round(row["right"] * row["count"]), int(row["count"]))
         rows.append(
             (
                 f"{row['from']:.1f} to {row['to']:.1f}",
@@ -289,16 +282,6 @@ def _calibration(cases: Sequence[Scored]) -> Table:
     title = "Calibration" if score is None else f"Calibration (Brier {score:.2f})"
     head = ("probability", "effects", "mean stated", "right", "95 % interval")
     return Table(title, head, tuple(rows))
-
-
-def _stated(case: Scored) -> list[dict[str, Any]]:
-    """Effects that are named or possible."""
-    return [*case.document.get("effects", []), *case.document.get("possible", [])]
-
-
-def _is_right(case: Scored, one: Named) -> bool:
-    n = len(case.truth["gap"])
-    return any(same(true, one, n, ["slow"]) for true in case.compared.truth)
 
 
 def _wrong(cases: Sequence[Scored]) -> Table:

@@ -20,7 +20,7 @@ import numpy as np
 import gapscope
 from gapscope.arm.case import load_case
 from gapscope.arm.io.json_file import plain, read_json, write_json
-from gapscope.blind_check.scoring import wilson
+from gapscope.blind_check.scoring import named, same, wilson
 from gapscope.reports.pages import PageSection as Table
 
 T = TypeVar("T")
@@ -214,6 +214,20 @@ def verdict_of(result: dict[str, Any]) -> str:
     """Verdict, or the error."""
     document = result.get("document") or {}
     return str(document.get("verdict", f"failed: {result.get('error', '')[:80]}"))
+
+
+def stated(truth: dict[str, Any], document: dict[str, Any]) -> list[tuple[float, bool]]:
+    """Probability of each finding of a diagnosis, named or possible, and whether it is in the label."""
+    true = [named(entry) for entry in truth["effects"]]
+    n, motions = len(truth["gap"]), truth.get("motions", [])[:-1]
+    entries = [*document.get("effects", []), *document.get("possible", [])]
+    return [
+        (
+            float(e["probability"] or 0.0),
+            any(same(t, named(e), n, motions) for t in true),
+        )
+        for e in entries
+    ]
 
 
 def study_options(
