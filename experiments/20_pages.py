@@ -41,8 +41,8 @@ FAULT_HEAD = (
 
 SCRIPTS_HEAD = """# Experiments
 
-Scripts that produce the tables and figures of the documentation; `common.py`, `generator_arms.py`, `real_*.py`,
-`pinocchio_arms.py` and `metamorphic.py` are what several of them share. This page is written by `20_pages.py scripts`.
+Scripts that produce the tables and figures of the documentation; `common.py`, `generator_arms.py`, `real_*.py`
+and `metamorphic.py` are what several of them share. This page is written by `20_pages.py scripts`.
 
 | script | what it shows | quoted by |
 |---|---|---|"""

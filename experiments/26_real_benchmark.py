@@ -26,6 +26,7 @@ import numpy as np
 from common import (
     Progress,
     Wanted,
+    run_missing,
     run_tasks,
     stated,
     study,
@@ -47,7 +48,7 @@ from threadpoolctl import threadpool_limits
 from gapscope.arm.case import load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import ModelWarning
-from gapscope.arm.io.json_file import read_json, write_json
+from gapscope.arm.io.json_file import read_json
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.blind_check.scoring import (
@@ -89,44 +90,33 @@ def truth_effects(truth: dict[str, Any]) -> tuple[AppliedEffect, ...] | None:
     return tuple(out)
 
 
-def check(plan: Planned, out: Path, file: Path) -> None:
-    """Measure the gap of one case against the identified arm, and write it to a file."""
+def check(plan: Planned, out: Path) -> dict[str, Any]:
+    """The gap of one case against the identified arm; empty if its effects predict no torque."""
     truth = read_truth(plan, out)
     effects = truth_effects(truth)
     if not effects:
-        write_json({}, file)
-        return
+        return {}
     prepared = load_prepared(plan.arm, plan.cut, out)
     # the arm identified on all recordings fits best, and stands for the true one
     base = prepared.whole.arm if plan.mode == "against" else prepared.identified.arm
     unchanged = prepared.case if plan.mode == "against" else prepared.identified
     changed = load_case(out / "cases" / plan.name).recordings[0]
-    write_json(
-        {
-            "healthy": rms(base, (), unchanged.recordings[0]),
-            "before": rms(base, (), changed),
-            "after": rms(base, effects, changed),
-        },
-        file,
-    )
+    return {
+        "healthy": rms(base, (), unchanged.recordings[0]),
+        "before": rms(base, (), changed),
+        "after": rms(base, effects, changed),
+    }
 
 
 def check_table(cases: list[Planned], out: Path, jobs: int) -> Table:
     """A row for each case with effects: RMS of the gap on the joint where it grows most."""
-    folder = out / "check"
-    chosen = [c for c in cases if c.kind != "healthy"]
-    run_tasks(
-        lambda plan: check(plan, out, folder / f"{plan.name}.json"),
-        chosen,
-        jobs,
-        CHECK_LIMIT,
-        lambda plan, how, s: print(plan.name, how, f"{s:.0f} s", flush=True),
-    )
-    rows = []
-    for plan in chosen:
-        file = folder / f"{plan.name}.json"
-        if file.is_file():
-            rows.append(_row(plan, read_truth(plan, out), read_json(file, "")))
+    files = {out / "check" / f"{c.name}.json": c for c in cases if c.kind != "healthy"}
+    run_missing(lambda plan: check(plan, out), files, jobs, CHECK_LIMIT)
+    rows = [
+        _row(plan, read_truth(plan, out), read_json(file, "remove it"))
+        for file, plan in files.items()
+        if file.is_file()
+    ]
     head = ("case", "size", "effects", "joint", "healthy", "before", "after", "closed")
     return Table("Gap with the true effects [N m]", head, tuple(rows))
 

@@ -18,14 +18,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from common import Progress, command_line, markdown, run_tasks, share_text
+from common import command_line, markdown, run_missing, share_text
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import ModelWarning
-from gapscope.arm.io.json_file import plain, read_json, write_json
 from gapscope.blind_check.generator.arms import ROBOTS
 from gapscope.blind_check.generator.case import (
     CaseSetup,
@@ -137,11 +136,7 @@ class Outcome:
         return bool(low <= self.truth.moment <= high)
 
 
-class Task(NamedTuple):
-    """A case that is looked at, and its name."""
-
-    name: str
-    look: Callable[[], Outcome | None]
+Look = Callable[[], Outcome | None]
 
 
 def looked(case: Case, kind: str, label: str, truth: Truth | None = None) -> Outcome:
@@ -153,11 +148,11 @@ def looked(case: Case, kind: str, label: str, truth: Truth | None = None) -> Out
 # Arms of the generator
 
 
-def generated(seeds: range, options: argparse.Namespace) -> Iterator[Task]:
+def generated(seeds: range, options: argparse.Namespace) -> Iterator[tuple[str, Look]]:
     """Cases of arms by turns: all kinds of change in one size on every arm, then in the next size."""
 
-    def task(seed: int, kind: str, size: float = 0.0) -> Task:
-        return Task(f"{seed}_{kind}_{size:g}", partial(made, seed, kind, size))
+    def task(seed: int, kind: str, size: float = 0.0) -> tuple[str, Look]:
+        return f"{seed}_{kind}_{size:g}", partial(made, seed, kind, size)
 
     for turn in range(len(LOADS)):
         for seed in seeds:
@@ -339,15 +334,6 @@ def row(name: str, own: Sequence[Outcome]) -> list[object]:
     return cells
 
 
-def read(file: Path) -> Outcome | None:
-    """An outcome from its file; ``None`` if there is none."""
-    content = read_json(file, "delete it")
-    if content is None:
-        return None
-    truth = content.pop("truth")
-    return Outcome(**content, truth=truth and Truth(**truth))
-
-
 def main() -> None:
     """Run what is not there yet, and print the tables."""
     parser = command_line(__doc__, no_real=False, out=Path("out/changes"), jobs=1)
@@ -361,29 +347,27 @@ def main() -> None:
     options = parser.parse_args()
     warnings.simplefilter("ignore", ModelWarning)
     seeds = range(options.first, options.first + options.arms)
-    tasks = list(generated(seeds, options))
+    looks = dict(generated(seeds, options))
     if not options.no_real:
-        tasks += [Task(f"{x}_as_recorded", partial(as_recorded, x)) for x in REAL]
-    files = {task.name: options.out / f"{task.name}.json" for task in tasks}
-    left = [task for task in tasks if not files[task.name].is_file()]
-    progress = Progress("look", len(left))
+        looks |= {f"{x}_as_recorded": partial(as_recorded, x) for x in REAL}
+    files = {options.out / f"{name}.json": look for name, look in looks.items()}
+    if options.table:
+        files = {file: look for file, look in files.items() if file.is_file()}
 
-    def ended(task: Task, how: str, seconds: float) -> None:
-        progress(task.name, f"{how}, {seconds:.0f} s")
-
-    def look(task: Task) -> None:
+    def looked_at(look: Look) -> dict[str, Any] | None:
         # all that a case writes goes when this is over, and with it the process
         with tempfile.TemporaryDirectory(prefix="gapscope-") as tempfile.tempdir:
-            outcome = task.look()
-        content = None if outcome is None else asdict(outcome)
-        write_json(plain(content, null_if_not_finite=True), files[task.name])
+            outcome = look()
+        return None if outcome is None else asdict(outcome)
 
-    if not options.table:
-        run_tasks(look, left, options.jobs, options.limit, ended)
-    there = [read(file) for file in files.values() if file.is_file()]
-    outcomes = [one for one in there if one is not None]
+    there = run_missing(looked_at, files, options.jobs, options.limit)
+    outcomes = []
+    for one in there:
+        if one is not None:
+            truth = one.pop("truth")
+            outcomes.append(Outcome(**one, truth=truth and Truth(**truth)))
     print(table(outcomes))
-    print(f"\n{len(files) - len(there)} of {len(files)} cases have no result")
+    print(f"\n{len(looks) - len(there)} of {len(looks)} cases have no result")
 
 
 if __name__ == "__main__":

@@ -25,12 +25,12 @@ import tempfile
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common import command_line, kept, markdown
-from joblib import Parallel, delayed
+from common import command_line, markdown, run_missing
 from scipy.signal import lfilter
 from scipy.stats import chi2
 from threadpoolctl import threadpool_limits
@@ -235,6 +235,8 @@ REAL = ("ur10", "panda", "kuka_med7", "unitree_z1")
 """Real arms with a recording of 15 s or more."""
 AFTER = 120.0
 """Stretches of a recording with a change that are watched [s]."""
+LIMIT = 36000.0
+"""Longest processor time of an arm [s]."""
 FOUND = (ALARM, MISFIT)
 """Events that say that something has changed."""
 
@@ -449,12 +451,6 @@ def table_of_changes(rows: list[dict[str, Any]]) -> str:
     return markdown((*head, "size off by (median)"), lines)
 
 
-def single_thread(watch: Any, member: Any, hours: float) -> dict[str, Any]:
-    """What a watch says of an arm, by one thread."""
-    with threadpool_limits(1):
-        return dict(watch(member, hours))
-
-
 def main() -> None:
     """Run the parts that are asked for, and print their tables."""
     parser = command_line(
@@ -464,6 +460,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="of the first arm")
     options = parser.parse_args()
     out, hours, parts = options.out, options.hours, options.parts.split(",")
+    threadpool_limits(1)
     members = {
         "healthy": range(options.seed, options.seed + options.arms),
         "real": REAL,
@@ -471,11 +468,9 @@ def main() -> None:
     for part, watch in {"healthy": healthy, "real": real}.items():
         if part not in parts:
             continue
-        jobs = [(out / f"{part}_{x}_{hours:g}h.json", x) for x in members[part]]
-        run = Parallel(n_jobs=options.jobs)
-        found = run(
-            delayed(kept)(file, single_thread, watch, one, hours) for file, one in jobs
-        )
+        files = {out / f"{part}_{x}_{hours:g}h.json": x for x in members[part]}
+        hear = partial(watch, hours=hours)
+        found = run_missing(hear, files, options.jobs, LIMIT)
         print("\n".join(["", f"{part.capitalize()} arms", "", table_of_alarms(found)]))
         for entry in found:
             print(*(f"  {entry['robot']}: {s}" for s in entry["alarms"][:10]), sep="\n")

@@ -26,7 +26,7 @@ import yaml
 from common import (
     Wanted,
     names_of,
-    run_tasks,
+    run_missing,
     study,
     study_options,
     verdict_of,
@@ -34,7 +34,7 @@ from common import (
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.errors import GapscopeError, ModelWarning
-from gapscope.arm.io.json_file import read_json, write_json
+from gapscope.arm.io.json_file import read_json
 from gapscope.blind_check.generator.case import (
     CaseSetup,
     MadeCase,
@@ -267,17 +267,11 @@ def write_side(row: str, setup: CaseSetup, rows: list[Columns], folder: Path) ->
 def make(cases: Sequence[tuple[str, int]], seed: int, out: Path, jobs: int) -> None:
     """Make all cases that are not there yet."""
 
-    def made(one: tuple[str, int]) -> None:
-        name = f"{one[0]}_{one[1]}"
-        truth = drawn_case(*one, seed, out / "cases" / name)
-        write_json(truth, out / "truth" / f"{name}.json")
+    def made(one: tuple[str, int]) -> Truth:
+        return drawn_case(*one, seed, out / "cases" / f"{one[0]}_{one[1]}")
 
-    left = [c for c in cases if not (out / "truth" / f"{c[0]}_{c[1]}.json").is_file()]
-
-    def ended(one: tuple[str, int], how: str, seconds: float) -> None:
-        print(f"make {one[0]}_{one[1]}  {how}  {seconds:.0f} s", flush=True)
-
-    run_tasks(made, left, jobs, 600.0, ended)
+    files = {out / "truth" / f"{row}_{k}.json": (row, k) for row, k in cases}
+    run_missing(made, files, jobs, 600.0)
 
 
 def wanted(task: Task, out: Path, results: Path) -> Wanted:

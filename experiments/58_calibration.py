@@ -21,13 +21,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common import command_line, kept, markdown, share_text
-from joblib import Parallel, delayed
+from common import command_line, markdown, run_missing, share_text
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.io.json_file import read_json
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.trajectory import Fourier, urdf_limits
 from gapscope.arm.nominal import NominalArm
@@ -198,8 +196,8 @@ def judged(plan: tuple[str, float, str, bool, int], seed: int) -> dict[str, Any]
     cell = list(LAYOUTS).index(layout), SHARES.index(share), int(changed)
     reference, case, own = pair(robot, share, layout, changed, (seed, draw, *cell))
     with tempfile.TemporaryDirectory() as folder, threadpool_limits(1):
-        kept = identify_reference(reference)
-        document = diagnose_change(case, kept, Path(folder)).diagnosis.document
+        known = identify_reference(reference)
+        document = diagnose_change(case, known, Path(folder)).diagnosis.document
     found = [
         {
             "effect": one["effect"],
@@ -222,12 +220,6 @@ def judged(plan: tuple[str, float, str, bool, int], seed: int) -> dict[str, Any]
                 off = np.ravel(value["value"])[0] - np.ravel(true.parameters[key])[0]
                 row["inside"] = bool(abs(off) <= 1.96 * np.ravel(value["std"])[0])
     return row
-
-
-def run(plan: tuple[str, float, str, bool, int], seed: int, out: Path) -> None:
-    """Judge one pair and keep what came out, unless that was done."""
-    name = "_".join(str(part).replace(" ", "-") for part in plan)
-    kept(out / f"seed{seed}" / f"{name}.json", judged, plan, seed)
 
 
 def show(rows: list[dict[str, Any]]) -> None:
@@ -261,6 +253,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--draws", type=int, default=8, help="of each cell")
     parser.add_argument("--seconds", type=float, help="layouts of this length only")
+    parser.add_argument("--limit", type=float, default=900.0, help="of a pair [s]")
     arguments = parser.parse_args()
     layouts = [
         layout
@@ -273,10 +266,13 @@ def main() -> None:
             range(arguments.draws), (False, True), layouts, SHARES
         )
     ]
-    one = delayed(partial(run, seed=arguments.seed, out=arguments.out))
-    Parallel(arguments.jobs)(one(plan) for plan in plans)
-    files = sorted((arguments.out / f"seed{arguments.seed}").glob("*.json"))
-    show([read_json(file, "run the experiment again") for file in files])
+    folder = arguments.out / f"seed{arguments.seed}"
+    files = {}
+    for plan in plans:
+        name = "_".join(str(part).replace(" ", "-") for part in plan)
+        files[folder / f"{name}.json"] = plan
+    judge = partial(judged, seed=arguments.seed)
+    show(run_missing(judge, files, arguments.jobs, arguments.limit))
 
 
 if __name__ == "__main__":

@@ -118,43 +118,6 @@ def _over(one: Running, limit: float, ended: Ended[Any]) -> bool:
     return True
 
 
-def diagnose_to_file(case: Path, reference: Path | None, file: Path) -> None:
-    """Diagnose the case in a folder and write what came of it, an error too.
-
-    Args:
-        case: its folder.
-        reference: folder of the case that it is compared with, if any.
-        file: gets ``status``, ``document`` or ``error``, ``seconds``, ``cpu_seconds`` and ``peak_mb``.
-    """
-    started = time.monotonic()
-    result: dict[str, Any] = {"case": case.name, "status": "done"}
-    cpu = time.process_time()
-    try:
-        loaded = load_case(case, any_unit=True)
-        against = None if reference is None else load_case(reference)
-        # the document is made whole within the time that is counted
-        found = gapscope.diagnose(loaded, against=against).document
-        result["document"] = plain(found, null_if_not_finite=True)
-    # whatever a diagnosis raises is a result of the benchmark: it is recorded and counted
-    except Exception as error:
-        last = traceback.extract_tb(error.__traceback__)[-1]
-        place = f"{Path(last.filename).name}:{last.lineno}"
-        result["status"] = "failed"
-        result["error"] = f"{type(error).__name__}: {error} ({place})"
-    result["cpu_seconds"] = time.process_time() - cpu
-    result["seconds"] = time.monotonic() - started
-    result["peak_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    write_json(result, file)
-
-
-def write_no_result(
-    name: str, how: str, seconds: float, limit: float, file: Path
-) -> None:
-    """Record a diagnosis that did not end by itself."""
-    result = {"case": name, "status": how, "error": how, "seconds": seconds}
-    write_json({**result, "cpu_seconds": min(seconds, limit)}, file)
-
-
 class Progress:
     """Counts tasks as they end."""
 
@@ -168,6 +131,40 @@ class Progress:
         passed = (time.monotonic() - self.started) / 60
         count = f"{self.done}/{self.total}"
         print(f"{self.what} {count} {passed:5.1f} min  {name}  {text}", flush=True)
+
+
+def run_missing(
+    make: Callable[[T], Any],
+    tasks: Mapping[Path, T],
+    jobs: int,
+    limit: float,
+    failed: Callable[[T, str, float], Any] | None = None,
+    say: Callable[[Any], str] = lambda result: "",
+) -> list[Any]:
+    """JSON data of tasks from their files; those that have none are made, each in a process of its own.
+
+    Args:
+        make: what a task comes to.
+        tasks: by the file of each.
+        jobs, limit: see ``run_tasks``.
+        failed: what stands for a task that did not end, from how it ended and its seconds; without it no file is left.
+        say: what to print of a result.
+    """
+    left = [file for file in tasks if not file.is_file()]
+    progress = Progress("made", len(left))
+
+    def ended(file: Path, how: str, seconds: float) -> None:
+        if failed is not None and (how != "ended" or not file.is_file()):
+            write_json(failed(tasks[file], how, seconds), file)
+        said = say(read_json(file, "remove it")) if file.is_file() else ""
+        progress(file.stem, f"{how}, {seconds:.0f} s  {said}")
+
+    def run(file: Path) -> None:
+        made = plain(make(tasks[file]), null_if_not_finite=True)
+        write_json(made, file)
+
+    run_tasks(run, left, jobs, limit, ended)
+    return [read_json(file, "remove it") for file in tasks if file.is_file()]
 
 
 class Wanted(NamedTuple):
@@ -184,21 +181,41 @@ class Wanted(NamedTuple):
     file: Path
 
 
+def diagnosed(wanted: Wanted) -> dict[str, Any]:
+    """Diagnose a case: ``status``, ``document`` or ``error``, ``seconds``, ``cpu_seconds`` and ``peak_mb``."""
+    started, cpu = time.monotonic(), time.process_time()
+    result: dict[str, Any] = {"case": wanted.case.name, "status": "done"}
+    try:
+        case, reference = load_case(wanted.case, any_unit=True), wanted.reference
+        against = None if reference is None else load_case(reference)
+        # the document is made whole within the time that is counted
+        found = gapscope.diagnose(case, against=against).document
+        result["document"] = plain(found, null_if_not_finite=True)
+    # whatever a diagnosis raises is a result of the benchmark: it is recorded and counted
+    except Exception as error:
+        last = traceback.extract_tb(error.__traceback__)[-1]
+        place = f"{Path(last.filename).name}:{last.lineno}"
+        result["status"] = "failed"
+        result["error"] = f"{type(error).__name__}: {error} ({place})"
+    result["cpu_seconds"] = time.process_time() - cpu
+    result["seconds"] = time.monotonic() - started
+    result["peak_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return result
+
+
 def diagnose_missing(wanted: Sequence[Wanted], options: argparse.Namespace) -> None:
     """Diagnose all that has no result yet, as ``study_options`` has it."""
-    limit = options.limit
-    left = [one for one in wanted if not one.file.is_file()]
-    progress = Progress("diagnose", len(left))
 
-    def ended(one: Wanted, how: str, seconds: float) -> None:
-        name = one.file.stem
-        if how != "ended" or not one.file.is_file():
-            write_no_result(name, how, seconds, limit, one.file)
-        result = read_json(one.file, "")
-        said = "; ".join([*names_of(result), verdict_of(result)])
-        progress(name, f"{seconds:.0f} s  {said}")
+    def failed(one: Wanted, how: str, seconds: float) -> dict[str, Any]:
+        result = {"case": one.file.stem, "status": how, "error": how}
+        cpu = min(seconds, options.limit)
+        return {**result, "seconds": seconds, "cpu_seconds": cpu}
 
-    run_tasks(lambda one: diagnose_to_file(*one), left, options.jobs, limit, ended)
+    def said(result: dict[str, Any]) -> str:
+        return "; ".join([*names_of(result), verdict_of(result)])
+
+    tasks = {one.file: one for one in wanted}
+    run_missing(diagnosed, tasks, options.jobs, options.limit, failed, said)
 
 
 def names_of(result: dict[str, Any]) -> list[str]:

@@ -38,7 +38,6 @@ from .measure import (
 PARTS = {
     "startup": "Start-up",
     "regressor": "Regressor and base parameters",
-    "identification": "Identification",
     "joint": "Friction and inertia of one joint",
     "diagnosis": "Diagnosis",
     "watch": "Watching a recording that grows",
