@@ -16,26 +16,20 @@ from __future__ import annotations
 
 import tempfile
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from common import command_line, markdown, share_text
+from generator_arms import recorded, write_side
 
 from gapscope.arm.case import load_case
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.json_file import write_json
-from gapscope.blind_check.generator.case import (
-    CaseSetup,
-    MadeCase,
-    draw_setup,
-    write_case,
-)
+from gapscope.blind_check.generator.case import draw_setup
 from gapscope.blind_check.generator.law import Cause, Draws
 from gapscope.blind_check.generator.laws import LAWS
 from gapscope.blind_check.generator.simulate import Conditions
-from gapscope.blind_check.generator.true_arm import Columns, TrueArm
 from gapscope.diagnosis.diagnose_change import diagnose_change
 from gapscope.diagnosis.reference_file import identify_reference
 
@@ -43,14 +37,6 @@ DAY = 0.12
 """Change of friction from day to day, at most [1]."""
 REFERENCE, CASE = (0, 1, 2), (3, -1)
 """Motions of a bench with four recordings and a held-out one that are recorded on either day."""
-
-
-def recorded(
-    setup: CaseSetup, plant: TrueArm, which: tuple[int, ...]
-) -> list[Columns] | None:
-    """The recordings of some motions, or none if one of them does not run well."""
-    rows = [setup.run(plant, k) for k in which]
-    return None if any(r is None for r in rows) else [r for r in rows if r is not None]
 
 
 def make_pair(
@@ -89,16 +75,8 @@ def make_pair(
         )
         if before is None or after is None:
             continue
-        none_known = np.zeros(setup.arm.n)
-        believed = replace(
-            setup, arm=replace(setup.arm, coulomb=none_known, viscous=none_known)
-        )
-        for name, plant, rows in (
-            ("reference", healthy, before),
-            ("case", today, after),
-        ):
-            made = MadeCase(believed, plant, tuple(causes), [*rows, rows[-1]], {})
-            write_case(made, name, False, folder / name, folder / f"{name}.csv")
+        write_side(setup, before, folder / "reference", bare=False)
+        write_side(setup, after, folder / "case", bare=False)
         return causes[0].label()["parameters"] if causes else {}
     raise GapscopeError(f"no pair of {robot} came about", "draw from another seed")
 

@@ -22,16 +22,12 @@ from typing import Any
 
 import numpy as np
 from common import command_line, markdown, run_missing, share_text
+from generator_arms import recorded, write_side
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import ModelWarning
 from gapscope.blind_check.generator.arms import ROBOTS
-from gapscope.blind_check.generator.case import (
-    CaseSetup,
-    MadeCase,
-    draw_setup,
-    write_case,
-)
+from gapscope.blind_check.generator.case import CaseSetup, draw_setup
 from gapscope.blind_check.generator.law import Cause
 from gapscope.blind_check.generator.laws import LAWS
 from gapscope.blind_check.generator.simulate import Conditions
@@ -179,14 +175,14 @@ def made(seed: int, kind: str, size: float) -> Outcome | None:
     setup = drawn(seed)
     rng = np.random.default_rng([27, seed, *kind.encode(), round(1000 * size)])
     plain_arm = setup.plant(())
-    rows = recorded(setup, plain_arm)
+    rows = recorded(setup, plain_arm, range(len(setup.motions) - 1))
     if rows is None or kind == HEALTHY:
-        return rows and looked(written(setup, plain_arm, rows), kind, kind)
+        return rows and looked(written(setup, rows), kind, kind)
     for which in rng.integers(len(rows), size=TRIES).tolist():
         told = changed(setup, kind, size, which, rng)
         if told is not None:
             truth, rows[which] = told
-            return looked(written(setup, plain_arm, rows), kind, truth.label, truth)
+            return looked(written(setup, rows), kind, truth.label, truth)
     return None
 
 
@@ -213,18 +209,11 @@ def changed(
     return replace(truth, recording=name, moment=moment), run
 
 
-def recorded(setup: CaseSetup, plant: TrueArm) -> list[Columns] | None:
-    """All recordings that may be fitted, or ``None`` if one cannot be used."""
-    rows = [setup.run(plant, k) for k in range(len(setup.motions) - 1)]
-    return None if any(r is None for r in rows) else [r for r in rows if r is not None]
-
-
-def written(setup: CaseSetup, plant: TrueArm, rows: list[Columns]) -> Case:
+def written(setup: CaseSetup, rows: list[Columns]) -> Case:
     """The case as a user has it, through its files."""
-    case = MadeCase(setup, plant, (), [*rows, rows[0]], {})
-    path = Path(tempfile.mkdtemp())
-    write_case(case, "case", False, path / "case", path / "unseen.csv")
-    return load_case(path / "case")
+    path = Path(tempfile.mkdtemp()) / "case"
+    write_side(setup, rows, path, bare=False, poor=False)
+    return load_case(path)
 
 
 def _load(

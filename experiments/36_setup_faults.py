@@ -43,7 +43,7 @@ from zlib import crc32
 import numpy as np
 import yaml
 from common import command_line, markdown, run_part
-from generator_arms import ARMS, GeneratorArm
+from generator_arms import ARMS, GeneratorArm, make_generated
 from real_carriers import load_carrier
 
 import gapscope
@@ -53,8 +53,6 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.named_motions import workspace
 from gapscope.arm.recording import Recording
-from gapscope.blind_check.generator.case import make_case
-from gapscope.blind_check.generator.case import write_case as write_made_case
 from gapscope.blind_check.generator.simulate import CaseSpec, Conditions
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.references import find_reference_faults
@@ -161,18 +159,11 @@ def generated_cases(out: Path) -> Iterator[tuple[str, str, Case]]:
 
 def _made(folder: Path, robot: str, laws: tuple[str, ...], noise: float) -> Case:
     """A case of the generator."""
-    if not folder.is_dir():
-        conditions = Conditions(robot, INERTIALS_OFF, noise, rate=250)
-        spec = CaseSpec(
-            "single" if laws else "healthy",
-            laws,
-            SEVERITY if laws else None,
-            conditions,
-        )
-        made = make_case(spec, (36, crc32(folder.name.encode())))
-        write_made_case(
-            made, folder.name, True, folder, folder.parent / f"{folder.name}.csv"
-        )
+    conditions = Conditions(robot, INERTIALS_OFF, noise, bare=True, rate=250)
+    kind = "single" if laws else "healthy"
+    spec = CaseSpec(kind, laws, SEVERITY if laws else None, conditions)
+    seed = (36, crc32(folder.name.encode()))
+    make_generated(spec, seed, folder, folder.with_suffix(".json"))
     return load_case(folder)
 
 

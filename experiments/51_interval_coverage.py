@@ -15,7 +15,6 @@ of the diagnosis side by side. Needs the extra ``blind``.
 
 from __future__ import annotations
 
-import shutil
 import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Sequence
@@ -27,6 +26,7 @@ from zlib import crc32
 
 import numpy as np
 from common import Progress, Wanted, run_tasks, stated, study, study_options
+from generator_arms import make_generated
 from real_carriers import (
     ARMS,
     cut,
@@ -46,7 +46,6 @@ from gapscope.arm.errors import ModelWarning
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import read_json, write_json
 from gapscope.blind_check.generator.arms import USUAL, perturb_inertials, text_of
-from gapscope.blind_check.generator.case import make_case, write_case
 from gapscope.blind_check.generator.simulate import STRONG, CaseSpec, Conditions
 from gapscope.blind_check.scoring import named, wilson
 from gapscope.reports.pages import PageSection as Table
@@ -128,9 +127,6 @@ def planned_simulated(rounds: int) -> list[Simulated]:
 
 def make_simulated(plan: Simulated, seed: int, out: Path) -> None:
     """Write one case, and its truth beside the cases, unless both are there."""
-    truth, folder = out / "truth" / f"{plan.name}.json", out / "cases" / plan.name
-    if truth.is_file() and folder.is_dir():
-        return
     conditions = Conditions(
         robot=plan.robot,
         inertials_off=plan.width,
@@ -138,13 +134,8 @@ def make_simulated(plan: Simulated, seed: int, out: Path) -> None:
         duration=LONGEST,
     )
     spec = CaseSpec("single", plan.effects, plan.severity, conditions)
-    made = make_case(spec, (seed, crc32(plan.name.encode())))
-    aside = out / "cases" / f".{plan.name}"
-    shutil.rmtree(aside, ignore_errors=True)
-    shutil.rmtree(folder, ignore_errors=True)
-    write_case(made, plan.name, False, aside, out / "unseen" / f"{plan.name}.csv")
-    write_json(made.label, truth)
-    aside.rename(folder)
+    folder, truth = out / "cases" / plan.name, out / "truth" / f"{plan.name}.json"
+    make_generated(spec, (seed, crc32(plan.name.encode())), folder, truth)
 
 
 # Cases of real arms

@@ -30,13 +30,13 @@ import numpy as np
 import pandas as pd
 import yaml
 from common import command_line
+from generator_arms import make_generated
 from scipy.interpolate import make_interp_spline
 
 from gapscope.arm.case import load_case
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.json_file import read_json, write_json
 from gapscope.blind_check.check import BlindPlan, allocate_cases
-from gapscope.blind_check.generator.case import make_case, write_case
 from gapscope.blind_check.generator.laws import INSIDE
 from gapscope.blind_check.scoring import Compared, compare
 from gapscope.diagnosis.diagnose import diagnose
@@ -372,14 +372,7 @@ def made(
         spec = replace(spec, conditions=conditions)
         name = f"case{k:04d}"
         folder, label = out / name, out / "labels" / f"{name}.json"
-        if not label.is_file():
-            shutil.rmtree(folder, ignore_errors=True)
-            case = make_case(spec, (SEED, 2, k))
-            unseen = out / "labels" / f"{name}.csv"
-            write_case(case, name, spec.conditions.bare, folder, unseen)
-            write_json(case.label, label)
-            print(f"{length.seconds:g} s: {name} made", flush=True)
-        yield name, folder, read_json(label, "remove it")
+        yield name, folder, make_generated(spec, (SEED, 2, k), folder, label)
 
 
 def damaged(case: Path, damage: Damage, out: Path) -> None:

@@ -30,11 +30,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from common import command_line, kept, markdown
+from generator_arms import make_generated
 from metamorphic import RELATIONS, CaseFiles, Difference, Relation, Twin, compare
 
 from gapscope.arm.case import load_case
-from gapscope.arm.io.json_file import write_json
-from gapscope.blind_check.generator.case import make_case, write_case
 from gapscope.blind_check.generator.simulate import STRONG, CaseSpec, Conditions
 from gapscope.diagnosis.diagnose import diagnose
 
@@ -83,14 +82,9 @@ SEED = 53
 
 def make(number: int, folder: Path) -> Path:
     """One of ``CASES`` in a folder of its own, made unless it is there; its truth lies beside it."""
-    name = f"case{number:02d}"
-    place, truth = folder / name, folder / f"{name}.json"
-    if truth.is_file():
-        return place
-    shutil.rmtree(place, ignore_errors=True)
-    made = make_case(_spec(CASES[number]), (SEED, number))
-    write_case(made, name, CASES[number].bare, place, folder / f"{name}.csv")
-    write_json(made.label, truth)
+    place = folder / f"case{number:02d}"
+    truth = place.with_suffix(".json")
+    make_generated(_spec(CASES[number]), (SEED, number), place, truth)
     return place
 
 

@@ -31,16 +31,12 @@ from common import (
     study_options,
     verdict_of,
 )
+from generator_arms import recorded, write_side
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.errors import GapscopeError, ModelWarning
 from gapscope.arm.io.json_file import read_json
-from gapscope.blind_check.generator.case import (
-    CaseSetup,
-    MadeCase,
-    draw_setup,
-    write_case,
-)
+from gapscope.blind_check.generator.case import CaseSetup, draw_setup
 from gapscope.blind_check.generator.law import Cause, Draws
 from gapscope.blind_check.generator.laws import LAWS
 from gapscope.blind_check.generator.simulate import Conditions
@@ -178,14 +174,13 @@ def drawn_case(row: str, number: int, seed: int, folder: Path) -> Truth:
         if setup is None:
             continue
         today, truth = plants(row, setup, rng)
-        before = [setup.run(setup.plant(()), k) for k in REFERENCE]
-        after = [setup.run(p, k) for p, k in zip(today, CASE, strict=True)]
-        ran = [r for r in (*before, *after) if r is not None]
-        if len(ran) < len(REFERENCE) + len(CASE):
+        ever = [*[setup.plant(())] * len(REFERENCE), *today]
+        ran = recorded(setup, ever, (*REFERENCE, *CASE))
+        if ran is None:
             continue
         logged = as_logged(row, ran, setup.arm.n, rng)
-        write_side(row, setup, logged[: len(REFERENCE)], folder / "reference")
-        write_side(row, setup, logged[len(REFERENCE) :], folder / "case")
+        write_logged(row, setup, logged[: len(REFERENCE)], folder / "reference")
+        write_logged(row, setup, logged[len(REFERENCE) :], folder / "case")
         return truth
     raise GapscopeError(f"{row} {number} did not come about", "take another seed")
 
@@ -246,16 +241,10 @@ def as_logged(
     return out
 
 
-def write_side(row: str, setup: CaseSetup, rows: list[Columns], folder: Path) -> None:
+def write_logged(row: str, setup: CaseSetup, rows: list[Columns], folder: Path) -> None:
     """Write a case of some recordings."""
     poor = ROWS[row].poor_sheet
-    if poor:
-        unknown = np.zeros(setup.arm.n)
-        arm = replace(setup.arm, coulomb=unknown, viscous=unknown)
-        setup = replace(setup, arm=arm)
-    made = MadeCase(setup, setup.plant(()), (), [*rows, rows[-1]], {})
-    write_case(made, folder.name, poor, folder, folder.with_suffix(".csv"))
-    folder.with_suffix(".csv").unlink()
+    write_side(setup, rows, folder, bare=poor, poor=poor)
     if poor:
         file = folder / "case.yaml"
         content = yaml.safe_load(file.read_text(encoding="utf-8"))
