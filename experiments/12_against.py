@@ -116,31 +116,25 @@ def judged(robot: str, loaded: bool, seed: tuple[int, ...]) -> dict[str, Any]:
 
 def show_pairs(pairs: list[dict[str, Any]]) -> None:
     """Print the figures as a Markdown table."""
-    same = [r for r in pairs if not r["loaded"]]
-    loaded = [r for r in pairs if r["loaded"]]
-    alarms = [r for r in same if r["effects"]]
-    open_ = [r for r in same if r["verdict"] == "unexplained"]
+    same, loaded = ([r for r in pairs if r["loaded"] is x] for x in (False, True))
     named = [r for r in loaded if "payload" in r["effects"]]
-    alone = [r for r in named if r["effects"] == ["payload"]]
     error = np.abs([r["error"] for r in named])
-    inside = int((error < 0.05).sum())
-    near = sum(abs(r["deviations"]) < 2 for r in named)
-    counts = (
-        ("unchanged: an effect named", len(alarms), len(same)),
-        ("unchanged: `unexplained`", len(open_), len(same)),
-        ("load found", len(named), len(loaded)),
-        ("load found, nothing else", len(alone), len(loaded)),
-        ("mass within 5 %", inside, len(loaded)),
-        ("mass within two deviations", near, len(named)),
-    )
-    rows = [(text, share_text(count, of)) for text, count, of in counts if of]
+    figures = {
+        "unchanged: an effect named": [bool(r["effects"]) for r in same],
+        "unchanged: `unexplained`": [r["verdict"] == "unexplained" for r in same],
+        "load found": ["payload" in r["effects"] for r in loaded],
+        "load found, nothing else": [r["effects"] == ["payload"] for r in loaded],
+        "mass within 5 %": [abs(r.get("error", 1.0)) < 0.05 for r in loaded],
+        "mass within two deviations": [abs(r["deviations"]) < 2 for r in named],
+    }
+    rows = [(text, share_text(sum(x), len(x))) for text, x in figures.items() if x]
     print(f"\n{markdown(('', 'cases'), rows)}")
     if named:
         com = 1e3 * np.array([r["com_error"] for r in named])
-        print(
-            f"\nmass error: median {100 * np.median(error):.2f} %, largest {100 * error.max():.1f} %; ",
-            end="",
+        off = (
+            f"median {100 * np.median(error):.2f} %, largest {100 * error.max():.1f} %"
         )
+        print(f"\nmass error: {off}; ", end="")
         print(f"centre: median {np.median(com):.1f} mm, largest {com.max():.0f} mm")
     print(f"seconds per pair: median {np.median([r['seconds'] for r in pairs]):.1f}")
     for r in pairs:

@@ -278,49 +278,41 @@ def as_recorded(name: str) -> Outcome:
     return looked(case, f"real, {name}", "as recorded")
 
 
+HEAD = ("change", "cases", "named", "and where", "and when", "false", "moment")
+HEAD = (*HEAD, "off by (median, s)", "value", "off by (median)")
+
+
 def table(outcomes: Sequence[Outcome]) -> str:
     """A row per kind, and per label: what was put in, what of it was told, what was false, and how far off."""
-    heads = ("change", "cases", "named", "and where", "and when", "false", "moment")
-    heads = (*heads, "off by (median, s)", "value", "off by (median)")
     kinds = {o.kind: [x for x in outcomes if x.kind == o.kind] for o in outcomes}
     rows = []
     for kind, own in kinds.items():
         rows.append(row(kind, own))
         labels = sorted({o.label for o in own} - {kind})
         rows += [row(f"- {x}", [o for o in own if o.label == x]) for x in labels]
-    return markdown(heads, rows)
+    return markdown(HEAD, rows)
 
 
 def row(name: str, own: Sequence[Outcome]) -> list[object]:
     """Cells of some outcomes; shares with Wilson's interval, moment and value those that lie in their intervals."""
     given = [o for o in own if o.truth is not None]
-    hits = [o for o in given if o.hit is not None]
-    cells: list[object] = [
-        name,
-        len(own),
-        "",
-        "",
-        "",
-        sum(o.false for o in own),
-        "",
-        "",
-        "",
-        "",
-    ]
+    told, off = [""] * 3, [""] * 4
     if given:
         by = ({}, {"where": True}, {"where": True, "when": True})
-        told = [sum(o.like(**how) is not None for o in given) for how in by]
-        cells[2:5] = [share_text(n, len(given)) for n in told]
+        named = [sum(o.like(**how) is not None for o in given) for how in by]
+        told = [share_text(n, len(given)) for n in named]
+    hits = [o for o in given if o.hit is not None]
     if hits:
-        off = [abs(o.hit["time"] - o.truth.moment) for o in hits if o.hit and o.truth]
+        late = [abs(o.hit["time"] - o.truth.moment) for o in hits if o.hit and o.truth]
         errors, deviations = np.array([o.value for o in hits]).T
-        cells[6:8] = [
-            share_text(sum(o.inside for o in hits), len(hits)),
-            f"{np.median(off):.3f}",
-        ]
         inside = int((deviations <= HALF_WIDTH).sum())
-        cells[8:] = [share_text(inside, len(hits)), f"{np.median(errors):.1%}"]
-    return cells
+        off = [
+            share_text(sum(o.inside for o in hits), len(hits)),
+            f"{np.median(late):.3f}",
+            share_text(inside, len(hits)),
+            f"{np.median(errors):.1%}",
+        ]
+    return [name, len(own), *told, sum(o.false for o in own), *off]
 
 
 def main() -> None:

@@ -198,28 +198,19 @@ def judged(plan: tuple[str, float, str, bool, int], seed: int) -> dict[str, Any]
     with tempfile.TemporaryDirectory() as folder, threadpool_limits(1):
         known = identify_reference(reference)
         document = diagnose_change(case, known, Path(folder)).diagnosis.document
-    found = [
-        {
-            "effect": one["effect"],
-            "joints": one["joints"],
-            "probability": one["probability"],
-            "right": any(
-                one["effect"] == true.name and one["joints"] == list(true.joints)
-                for true in own
-            ),
-        }
-        for one in document["effects"]
-    ]
-    row = {"share": share, "layout": layout, "found": found, "inside": None}
-    row |= {"true": [f"{true.name} {list(true.joints)}" for true in own]}
+    truth = {(true.name, tuple(true.joints)): true for true in own}
+    found, inside = [], None
     for one in document["effects"]:
-        for true in own:
-            if one["effect"] == true.name and one["joints"] == list(true.joints):
-                key = EFFECTS[true.name]
-                value = one["parameters"][key]
-                off = np.ravel(value["value"])[0] - np.ravel(true.parameters[key])[0]
-                row["inside"] = bool(abs(off) <= 1.96 * np.ravel(value["std"])[0])
-    return row
+        true = truth.get((one["effect"], tuple(one["joints"])))
+        found.append({key: one[key] for key in ("effect", "joints", "probability")})
+        found[-1]["right"] = true is not None
+        if true is not None:
+            key = EFFECTS[true.name]
+            value = one["parameters"][key]
+            off = np.ravel(value["value"])[0] - np.ravel(true.parameters[key])[0]
+            inside = bool(abs(off) <= 1.96 * np.ravel(value["std"])[0])
+    row = {"share": share, "layout": layout, "found": found, "inside": inside}
+    return row | {"true": [f"{true.name} {list(true.joints)}" for true in own]}
 
 
 def show(rows: list[dict[str, Any]]) -> None:
@@ -233,14 +224,13 @@ def show(rows: list[dict[str, Any]]) -> None:
     table = []
     for text, key, value in groups:
         mine = [row for row in rows if row[key] == value]
-        healthy = [row for row in mine if not row["true"]]
         changed = [row for row in mine if row["true"]]
-        sure = [f["right"] for row in mine for f in row["found"] if f["probability"] > 0.8]  # fmt: skip
+        every = [f for row in mine for f in row["found"]]
         columns = (
-            [bool(row["found"]) for row in healthy],
+            [bool(row["found"]) for row in mine if not row["true"]],
             [[f["right"] for f in row["found"]] == [True] for row in changed],
             [bool(row["found"]) and row["found"][0]["right"] for row in changed],
-            sure,
+            [f["right"] for f in every if f["probability"] > 0.8],
             [row["inside"] for row in changed if row["inside"] is not None],
         )
         table.append([text, *(share_text(sum(hits), len(hits)) for hits in columns)])
