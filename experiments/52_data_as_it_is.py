@@ -422,26 +422,19 @@ def outcome(
     return Outcome(compare(name, label, document), named, notes, "")
 
 
-def shares(outcomes: list[Outcome], clean: dict[str, Outcome]) -> dict[str, float]:
-    """Figures of a damage [1], those of healthy arms and of the others apart."""
+def shares(outcomes: list[Outcome], clean: dict[str, Outcome]) -> list[list[bool]]:
+    """What is counted under a damage, by case: of single effects, of healthy arms, of all."""
     cases = [o.compared for o in outcomes]
     single = [c for c in cases if c.kind == "single"]
     healthy = [c for c in cases if c.kind == "healthy"]
-    told = [bool(o.fault or o.error or new_notes(o, clean)) for o in outcomes]
-    false = [c.verdict not in ("no_gap", "failed") for c in healthy]
-    return {
-        "top": share([c.top for c in single]),
-        "exact": share([c.exact for c in single]),
-        "false": share(false),
-        "unexplained": share([c.verdict == "unexplained" for c in single]),
-        "refused": share([c.verdict == "failed" for c in cases]),
-        "told": share(told),
-    }
-
-
-def share(values: list[bool]) -> float:
-    """Share of what is true [1]; nan of nothing."""
-    return sum(values) / len(values) if values else float("nan")
+    return [
+        [c.top for c in single],
+        [c.exact for c in single],
+        [c.verdict not in ("no_gap", "failed") for c in healthy],
+        [c.verdict == "unexplained" for c in single],
+        [c.verdict == "failed" for c in cases],
+        [bool(o.fault or o.error or new_notes(o, clean)) for o in outcomes],
+    ]
 
 
 def new_notes(own: Outcome, clean: dict[str, Outcome]) -> frozenset[str]:
@@ -450,11 +443,9 @@ def new_notes(own: Outcome, clean: dict[str, Outcome]) -> frozenset[str]:
     return own.notes - (before.notes if before else frozenset())
 
 
-def line(damage: Damage, count: int, own: dict[str, float]) -> str:
+def line(damage: Damage, count: int, own: list[list[bool]]) -> str:
     """A row of the table."""
-    cells = [
-        "–" if np.isnan(value) else f"{100 * value:.0f} %" for value in own.values()
-    ]
+    cells = [f"{100 * sum(x) / len(x):.0f} %" if x else "–" for x in own]
     return f"| {damage.text} | {count} | {' | '.join(cells)} |"
 
 
