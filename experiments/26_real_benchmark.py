@@ -1,6 +1,6 @@
 """A benchmark of the diagnosis on real arms with known truth: make, diagnose, score; prints the tables as Markdown.
 
-    GAPSCOPE_DATA=.../data .venv/bin/python experiments/26_real_benchmark.py --out out/real [--jobs 2] [--full]
+    GAPSCOPE_DATA=.../data .venv/bin/python experiments/26_real_benchmark.py --out out/real [--jobs 2] [--per-arm 36]
 
 Recordings of seven real arms are carriers (``real_carriers.py``): the unchanged recording is a healthy case, and
 effects of known size are put into it by laws that are not the catalogue's (``real_cases.py``); see
@@ -18,7 +18,6 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,9 +31,17 @@ from common import (
     study,
     study_options,
 )
-from real_carriers import ARMS, load_prepared, prepare_arm, prepare_cut
+from real_carriers import (
+    ARMS,
+    WINDOW_FILE,
+    cut_folder,
+    load_prepared,
+    prepare_arm,
+    prepare_cut,
+)
 from real_cases import (
     MODES,
+    PER_ARM,
     SIZES,
     Planned,
     counts,
@@ -42,6 +49,7 @@ from real_cases import (
     planned,
     read_truth,
     reference_of,
+    truth_file,
 )
 from threadpoolctl import threadpool_limits
 
@@ -326,24 +334,18 @@ def make(cases: list[Planned], seed: int, out: Path, jobs: int) -> None:
     """Prepare carriers and cuts, then make the cases."""
     arms = sorted({c.arm for c in cases})
     cuts = sorted({(c.arm, c.cut) for c in cases})
-    run = partial(run_tasks, jobs=jobs, limit=MAKE_LIMIT)
-    progress = Progress("identify", len(arms) + len(cuts))
-    run(
+    progress = Progress("identify", len(arms))
+    run_tasks(
         lambda arm: prepare_arm(arm, out),
         arms,
-        ended=lambda arm, how, s: progress(arm, f"{how} {s:.0f} s"),
+        jobs,
+        MAKE_LIMIT,
+        lambda arm, how, s: progress(arm, f"{how} {s:.0f} s"),
     )
-    run(
-        lambda c: prepare_cut(*c, seed, out),
-        cuts,
-        ended=lambda c, how, s: progress(f"{c[0]} cut {c[1]}", f"{how} {s:.0f} s"),
-    )
-    made = Progress("make", len(cases))
-    run(
-        lambda plan: make_case(plan, seed, out),
-        cases,
-        ended=lambda plan, how, s: made(plan.name, f"{how} {s:.0f} s"),
-    )
+    windows = {cut_folder(*c, out) / WINDOW_FILE: c for c in cuts}
+    run_missing(lambda c: prepare_cut(*c, seed, out), windows, jobs, MAKE_LIMIT)
+    truths = {truth_file(plan, out): plan for plan in cases}
+    run_missing(lambda plan: make_case(plan, seed, out), truths, jobs, MAKE_LIMIT)
 
 
 def score(rows: Sequence[tuple[Planned, dict[str, Any]]], out: Path) -> Sequence[Table]:
@@ -364,8 +366,9 @@ def parsed() -> argparse.Namespace:
         sizes=",".join(f"{s:g}" for s in SIZES),
         seed=1,
     )
-    parser.add_argument("--per-arm", type=int, help="cases per arm and mode")
-    parser.add_argument("--full", action="store_true", help="36 per arm and mode")
+    parser.add_argument(
+        "--per-arm", type=int, default=PER_ARM, help="cases per arm and mode"
+    )
     return parser.parse_args()
 
 
@@ -378,7 +381,7 @@ def main() -> None:
     if unknown:
         sys.exit(f"unknown: {', '.join(sorted(unknown))}")
     sizes = [float(size) for size in arguments.sizes.split(",")]
-    number = counts(arguments.per_arm, arguments.full)
+    number = counts(arguments.per_arm)
     cases = planned(arms, modes, sizes, number)
     out, results = arguments.out, arguments.out / arguments.results
     # a process for each task, each with one thread

@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 from zlib import crc32
 
 import numpy as np
-from common import Progress, Wanted, run_tasks, stated, study, study_options
+from common import Wanted, run_missing, stated, study, study_options
 from generator_arms import make_generated
 from real_carriers import (
     ARMS,
@@ -44,7 +44,7 @@ from threadpoolctl import threadpool_limits
 from gapscope.arm.case import load_case
 from gapscope.arm.errors import ModelWarning
 from gapscope.arm.io.atomic_write import atomic_write
-from gapscope.arm.io.json_file import read_json, write_json
+from gapscope.arm.io.json_file import read_json
 from gapscope.blind_check.generator.arms import USUAL, perturb_inertials, text_of
 from gapscope.blind_check.generator.simulate import STRONG, CaseSpec, Conditions
 from gapscope.blind_check.scoring import named, wilson
@@ -125,8 +125,8 @@ def planned_simulated(rounds: int) -> list[Simulated]:
     return out
 
 
-def make_simulated(plan: Simulated, seed: int, out: Path) -> None:
-    """Write one case, and its truth beside the cases, unless both are there."""
+def make_simulated(plan: Simulated, seed: int, out: Path) -> dict[str, Any]:
+    """Write one case, and its truth beside the cases, unless both are there; the truth."""
     conditions = Conditions(
         robot=plan.robot,
         inertials_off=plan.width,
@@ -135,7 +135,7 @@ def make_simulated(plan: Simulated, seed: int, out: Path) -> None:
     )
     spec = CaseSpec("single", plan.effects, plan.severity, conditions)
     folder, truth = out / "cases" / plan.name, out / "truth" / f"{plan.name}.json"
-    make_generated(spec, (seed, crc32(plan.name.encode())), folder, truth)
+    return make_generated(spec, (seed, crc32(plan.name.encode())), folder, truth)
 
 
 # Cases of real arms
@@ -195,11 +195,9 @@ def planned_carried() -> list[Carried]:
     return out
 
 
-def make_carried(plan: Carried, seed: int, out: Path) -> None:
-    """Write one case, and its truth beside the cases, unless both are there; an arm is identified once."""
-    truth, folder = out / "truth" / f"{plan.name}.json", out / "cases" / plan.name
-    if truth.is_file() and (folder / "case.yaml").is_file():
-        return
+def make_carried(plan: Carried, seed: int, out: Path) -> dict[str, Any]:
+    """Write one case; its truth. An arm is identified once."""
+    folder = out / "cases" / plan.name
     prepare_arm(plan.arm, out)
     carrier = load_carrier(plan.arm, out / "carriers" / plan.arm)
     whole = load_case(out / "carriers" / plan.arm / "whole")
@@ -225,7 +223,7 @@ def make_carried(plan: Carried, seed: int, out: Path) -> None:
     as_planned = Planned(plan.arm, "plain", "single", plan.number, plan.size)
     entry = label(as_planned, healthy, [injection], entries)
     entry["conditions"]["inertials_off"] = plan.width
-    write_json(entry, truth)
+    return entry
 
 
 # Tables
@@ -339,12 +337,11 @@ LIMIT = 600.0
 Plan = Simulated | Carried
 
 
-def make(plan: Plan, seed: int, out: Path) -> None:
-    """Write one case and its truth."""
+def make(plan: Plan, seed: int, out: Path) -> dict[str, Any]:
+    """Write one case; its truth."""
     if isinstance(plan, Simulated):
-        make_simulated(plan, seed, out)
-    else:
-        make_carried(plan, seed, out)
+        return make_simulated(plan, seed, out)
+    return make_carried(plan, seed, out)
 
 
 def group_of(plan: Plan) -> str:
@@ -384,17 +381,11 @@ def main() -> None:
     threadpool_limits(1)
     out, results = arguments.out, arguments.out / arguments.results
     plans: list[Plan] = [*planned_simulated(arguments.rounds), *planned_carried()]
-    progress = Progress("make", len(plans))
+    truths = {out / "truth" / f"{plan.name}.json": plan for plan in plans}
 
     def make_all() -> None:
         # one after the other: the cases of a carrier share its identification
-        run_tasks(
-            lambda plan: make(plan, arguments.seed, out),
-            plans,
-            1,
-            LIMIT,
-            lambda plan, how, seconds: progress(plan.name, f"{how} {seconds:.0f} s"),
-        )
+        run_missing(lambda plan: make(plan, arguments.seed, out), truths, 1, LIMIT)
 
     study(
         arguments,
