@@ -35,7 +35,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import yaml
-from common import command_line, markdown
+from common import command_line, kept, markdown
 
 # Inputs of the commands, and how folders of results are compared
 
@@ -382,27 +382,19 @@ def main() -> None:
     work.mkdir(parents=True, exist_ok=True)
     commands = commands_of(work / "inputs")
     names = asked.only or list(commands)
-    log = work / "kills.jsonl"
-    rows = (
-        [json.loads(line) for line in log.read_text().splitlines()]
-        if log.is_file()
-        else []
-    )
-    done = {row["number"] for row in rows}
+    rows = []
     for number in range(asked.kills):
-        if number in done:
-            continue
         name = names[number % len(names)]
         kind = KINDS[number // len(names) % len(KINDS)]
-        known = reference(name, commands[name], work)
         rng = random.Random(f"{asked.seed} {number}")
-        row = disturb(name, kind, commands[name], known, work, rng)
-        row["number"] = number
-        rows.append(row)
-        with log.open("a") as file:
-            file.write(json.dumps(row) + "\n")
-        found = row["faults"] or "nothing lost"
-        print(f"{number + 1}: {name}, {kind}, code {row['code']}: {found}", flush=True)
+
+        def disturbed(name: str = name, kind: str = kind, rng: Any = rng) -> Any:
+            known = reference(name, commands[name], work)
+            return disturb(name, kind, commands[name], known, work, rng)
+
+        rows.append(kept(work / "kills" / f"{number:05d}.json", disturbed))
+        found = rows[-1]["faults"] or "nothing lost"
+        print(f"{name}, {kind}, code {rows[-1]['code']}: {found}", flush=True)
     text = table(rows)
     (work / "kills.md").write_text(text + "\n")
     print(text)
