@@ -341,7 +341,7 @@ def foreign(tmp_path_factory: pytest.TempPathFactory) -> Case:
     urdf = tmp_path_factory.mktemp("foreign") / "other.urdf"
     text = synthetic.URDF.replace('axis xyz="0 1 0"', 'axis xyz="1 0 0"')
     urdf.write_text(text.replace('mass value="5"', 'mass value="60"'))
-    case = synthetic.case(COULOMB, seed=7, duration=4.0)
+    case = synthetic.case(COULOMB, seed=7)
     return replace(case, arm=NominalArm("other", urdf, case.arm.joints))
 
 
