@@ -205,7 +205,7 @@ def load(name: str) -> NominalArm | None:
     return None if urdf is None else load_nominal_arm(urdf)
 
 
-def counts(states: int) -> None:
+def counts() -> None:
     """Print the numbers of base parameters."""
     print("arm            links  known  found      gap  with rotors  with friction")
     for name, known in KNOWN.items():
@@ -215,7 +215,7 @@ def counts(states: int) -> None:
             continue
         inertial, rotors, everything = (
             structural_base(
-                Regressor(arm, quantities=quantities), np.random.default_rng(0), states
+                Regressor(arm, quantities=quantities), np.random.default_rng(0)
             )
             for quantities in ((), ("rotor",), JOINT_COLUMNS)
         )
@@ -271,7 +271,7 @@ def main() -> None:
         "--states", type=int, default=300, help="random states of each arm"
     )
     states = parser.parse_args().states
-    counts(states)
+    counts()
     symbolic(states)
 
 

@@ -134,7 +134,7 @@ def row(file: Path) -> dict[str, Any]:
     middle, rng = arm.n_joints // 2 + 1, np.random.default_rng(0)
     bodies = Regressor(arm, quantities=())
     steps: dict[str, Callable[[], str]] = {
-        "base": lambda: str(structural_base(bodies, rng, 300).count),
+        "base": lambda: str(structural_base(bodies, rng).count),
         "healthy": lambda: diagnosed_file(arm, None, out),
         "found": lambda: diagnosed_file(arm, middle, out),
     }

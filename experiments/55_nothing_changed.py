@@ -325,8 +325,7 @@ def scatter(found: Agreement, quantity: str) -> str:
     texts = []
     for line in found.parameters:
         if line.name.startswith(quantity):
-            value = line.values.value
-            share = 100 * value.std(ddof=1) / abs(value.mean())
+            share = 100 * line.value.std(ddof=1) / abs(line.value.mean())
             texts.append(f"{share:.1f}" if np.isfinite(share) else "–")
     return ", ".join(texts)
 
