@@ -22,7 +22,7 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from common import command_line
+from common import command_line, markdown
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
@@ -53,10 +53,9 @@ RATE = 200.0
 
 def optimisers(arm: NominalArm, seeds: int, feasible: int) -> None:
     """Print the condition number that each optimiser reaches, with each seed."""
-    print(
-        f"{'optimiser':10} {'seed':>4} {'condition':>10} {'inertial':>10} {'of random':>10} {'time [s]':>8} "
-        f"{'evaluations':>11} {'feasible':>9} {'best at':>8} {'distance [m]':>12}"
-    )
+    head = ("optimiser", "seed", "condition", "inertial", "of random", "time [s]")
+    head = (*head, "evaluations", "feasible", "best at", "distance [m]")
+    print(markdown(head, ()), flush=True)
     for seed in range(seeds):
         count, best = optimised(
             arm,
@@ -92,11 +91,9 @@ def optimised(
         for m in (search.model, ExcitationModel(arm, body))
     )
     distance = next(float(m.limit + m.margin) for m in margins if m.name == "distance")
-    print(
-        f"{name:10} {seed:4} {found:10.1f} {inertial:10.1f} {found / best:10.2f} {taken:8.1f} "
-        f"{search.evaluations:11} {search.feasible:9} {search.found[-1].evaluations:8} {distance:12.3f}",
-        flush=True,
-    )
+    figures = (f"{x:.3g}" for x in (found, inertial, found / best, taken))
+    counts = search.evaluations, search.feasible, search.found[-1].evaluations
+    print("|", *map("{} |".format, (name, seed, *figures, *counts, f"{distance:.3f}")))
     return search.evaluations, found
 
 
@@ -133,10 +130,7 @@ def criteria(arm: NominalArm, seeds: int, evaluations: int) -> None:
 
     print(f"\n{evaluations} evaluations, {seeds} seeds: median (least, most)")
     heads = ("condition", "mean singular value", "smallest", "separation", "time [s]")
-    print(
-        f"{'kind':10} {'criterion':10} {'search':8} "
-        + " ".join(f"{head:>22}" for head in heads)
-    )
+    print(markdown(("kind", "criterion", "search", *heads), ()), flush=True)
     for kind in KINDS:
         for name in (*CRITERIA, "separation"):
             for optimiser in ("random", None):
@@ -144,14 +138,10 @@ def criteria(arm: NominalArm, seeds: int, evaluations: int) -> None:
                     [figures(kind, name, optimiser, seed) for seed in range(seeds)]
                 ).T
                 cells = [
-                    f"{f'{np.median(x):.3g} ({x.min():.3g}, {x.max():.3g})':>22}"
-                    for x in rows
+                    f"{np.median(x):.3g} ({x.min():.3g}, {x.max():.3g})" for x in rows
                 ]
-                print(
-                    f"{kind:10} {name:10} {optimiser or 'optimum':8}",
-                    *cells,
-                    flush=True,
-                )
+                row = kind, name, optimiser or "optimum", *cells
+                print("|", *map("{} |".format, row), flush=True)
 
 
 def main() -> None:

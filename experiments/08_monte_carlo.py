@@ -20,8 +20,9 @@ other motions, by least squares in the law that was chosen; of sharp Coulomb fri
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -29,7 +30,6 @@ from typing import NamedTuple
 
 import numpy as np
 from common import command_line, markdown
-from pinocchio_arms import FORM_ARMS, FORMS, RATE, FormArm, noised
 from rich.console import Console
 from rich.progress import track
 
@@ -37,6 +37,8 @@ from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.motions.named_motions import workspace
+from gapscope.arm.motions.trajectory import Fourier, urdf_limits
+from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
@@ -82,6 +84,25 @@ from gapscope.ident.samples import Problem
 from gapscope.model.conditioning import condition, low_pass
 
 # Arms, noise and problems
+
+RATE, FASTEST, LONG = 250.0, 1.0, 10.0
+"""Of recordings [Hz], speed of the joints [rad/s], and length of a motion [s]."""
+ENCODER = 1e-3
+"""Noise of encoders over that of the torque, which is given as a share of its deviation [rad]."""
+
+
+def noised(recording: Recording, level: float, rng: np.random.Generator) -> Recording:
+    """A recording with the noise of one run."""
+    assert recording.tau is not None
+    q = recording.q + ENCODER * level * rng.standard_normal(recording.q.shape)
+    spread = level * recording.tau.std(axis=0)
+    return replace(
+        recording,
+        q=q,
+        tau=recording.tau + spread * rng.standard_normal(recording.tau.shape),
+        dq=None,
+    )
+
 
 JOINTS = ("lbr_iiwa_joint_1", "lbr_iiwa_joint_2", "lbr_iiwa_joint_4")
 SHEET = {"armature": [0.3, 0.3, 0.2], "viscous": [4.0, 4.0, 2.0]}
@@ -211,7 +232,87 @@ def simulated(effects: tuple[AppliedEffect, ...] = (), dry: bool = False) -> Wor
     return World(regressor, base, tuple(recordings[:FIT]), tuple(recordings[FIT:]))
 
 
-# Arms whose friction has another form than any law of the model.
+# Arms that pinocchio alone moves: bodies off the model's, friction of another form than any law of the model.
+
+
+DATA = Path(os.environ.get("GAPSCOPE_DATA", ""))
+FORM_ARMS: dict[str, str | Path] = {
+    "kuka_iiwa": "kuka_iiwa",
+    "franka_panda": "franka_panda",
+    "xarm6": "xarm6",
+    "ur10": DATA / "ur10/ur10.urdf",
+    "kinova_gen3": DATA / "kinova_gen3/gen3.urdf",
+    "kuka_med7": DATA / "kuka_med7/med7dock.urdf",
+}
+Form = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+FORMS: dict[str, Form] = {
+    "sharp Coulomb": lambda v, q, c, b: c * np.sign(v) + b * v,
+    "Stribeck": lambda v, q, c, b: (
+        c * (1 + 0.5 * np.exp(-((v / 0.08) ** 2))) * np.sign(v) + b * v
+    ),
+    "arctan": lambda v, q, c, b: 2 / np.pi * c * np.arctan(v / 0.1) + b * v,
+    "square root": lambda v, q, c, b: (c + b * np.sqrt(np.abs(v))) * np.sign(v),
+    "over position": lambda v, q, c, b: (
+        c * (1 + 0.3 * np.sin(2 * q)) * np.sign(v) + b * v
+    ),
+    "quadratic": lambda v, q, c, b: c * np.sign(v) + b * v * (1 + 0.5 * np.abs(v)),
+}
+"""Friction of a joint by speed, position, Coulomb c and viscous b."""
+
+
+@dataclass(frozen=True)
+class FormArm:
+    """An arm of n joints: its model, bodies, rotors, Coulomb and viscous friction."""
+
+    model: NominalArm
+    bodies: np.ndarray
+    rotors: np.ndarray
+    coulomb: np.ndarray
+    viscous: np.ndarray
+
+    @classmethod
+    def drawn(cls, robot: str | Path, rng: np.random.Generator) -> FormArm:
+        """Bodies 20 % off the nominal ones, friction 30 % of the weight that a joint carries, within a third."""
+        model = load_nominal_arm(robot)
+        body, n = RigidBody(model), model.n_joints
+        factor = rng.uniform(0.8, 1.25, (n, 1))
+        bodies = (body.inertial_parameters().reshape(n, 10) * factor).ravel()
+        q = workspace(body).posture + rng.uniform(-1, 1, (50, n))
+        weight = np.abs(body.regressor(q, 0 * q, 0 * q) @ bodies).max(axis=0)
+        weight = np.maximum(weight, 0.1 * weight.max())
+        parts = weight * rng.uniform(0.7, 1.3, (3, n))
+        return cls(
+            model, bodies, 0.02 + 0.02 * parts[0], 0.3 * parts[1], 0.3 * parts[2]
+        )
+
+    def motions(
+        self, rng: np.random.Generator, count: int
+    ) -> list[tuple[np.ndarray, ...]]:
+        """Time, position, velocity, acceleration of random Fourier motions."""
+        body = RigidBody(self.model)
+        limits = urdf_limits(body, 6.0)
+        limits = limits._replace(velocity=np.minimum(limits.velocity, FASTEST))
+        centre, t = workspace(body).posture, np.arange(0, LONG, 1 / RATE)
+        out = []
+        for _ in range(count):
+            motion = Fourier.random(
+                rng, limits, duration=LONG, centre=centre, frequency=1 / LONG
+            )
+            out.append(
+                (t, motion.position(t), motion.velocity(t), motion.acceleration(t))
+            )
+        return out
+
+    def recorded(
+        self, form: Form, level: float, motions: list[tuple[np.ndarray, ...]]
+    ) -> tuple[Recording, ...]:
+        """Recordings of motions with noise; the torque is pinocchio's."""
+        body, rng, out = RigidBody(self.model), np.random.default_rng(0), []
+        for k, (t, q, v, a) in enumerate(motions):
+            friction = form(v, q, self.coulomb, self.viscous)
+            tau = body.regressor(q, v, a) @ self.bodies + self.rotors * a + friction
+            out.append(noised(Recording(f"{k}", t, q, tau), level, rng))
+        return tuple(out)
 
 
 FORM_LEVELS, OTHERS = (0.001, 0.01, 0.1), 40
@@ -297,21 +398,21 @@ ARMS = (PLAIN, DRY, LACKING)
 """What ``--arms`` chooses from: one without dry friction, one with it, and those that the model lacks an effect of."""
 HEAD = ["estimator", "runs", *(f"noise {level:.0%}" for level in LEVELS)]
 
-Made = Callable[[World, float], Estimator]
+Made = Callable[[World], Estimator]
 BASE: dict[str, Made] = {
-    "OLS": lambda world, level: ordinary_least_squares,
-    "WLS": lambda world, level: weighted_least_squares,
-    "IRLS, Huber": lambda world, level: huber,
-    "ridge": lambda world, level: partial(ridge, prior=world.base.of(world.prior)),
-    "ridge, L-curve": lambda world, level: partial(
+    "OLS": lambda world: ordinary_least_squares,
+    "WLS": lambda world: weighted_least_squares,
+    "IRLS, Huber": lambda world: huber,
+    "ridge": lambda world: partial(ridge, prior=world.base.of(world.prior)),
+    "ridge, L-curve": lambda world: partial(
         ridge, prior=world.base.of(world.prior), choice="l_curve"
     ),
-    "truncated SVD": lambda world, level: partial(
+    "truncated SVD": lambda world: partial(
         truncated_svd, prior=world.base.of(world.prior)
     ),
-    "total least squares": lambda world, level: total_least_squares,
-    "maximum likelihood": lambda world, level: maximum_likelihood,
-    "partial update": lambda world, level: partial(
+    "total least squares": lambda world: total_least_squares,
+    "maximum likelihood": lambda world: maximum_likelihood,
+    "partial update": lambda world: partial(
         partial_update, prior=world.base.of(world.prior)
     ),
 }
@@ -324,11 +425,11 @@ def possible(world: World, bodies: Bodies) -> Estimator:
 
 
 STANDARD: dict[str, Made] = {
-    "SDP, Euclidean pull": lambda world, level: possible(world, semidefinite),
-    "SDP, entropic pull": lambda world, level: possible(
+    "SDP, Euclidean pull": lambda world: possible(world, semidefinite),
+    "SDP, entropic pull": lambda world: possible(
         world, partial(semidefinite, entropic=True)
     ),
-    "log-Cholesky": lambda world, level: possible(world, log_cholesky),
+    "log-Cholesky": lambda world: possible(world, log_cholesky),
 }
 """Estimators of bodies that can exist, ``--consistent`` runs each."""
 
@@ -344,30 +445,6 @@ SIMULATING: dict[str, Callable[[Experiment], Estimator]] = {
 """Estimators that simulate, and the one that they start from, ``--simulating`` runs each."""
 
 
-@dataclass
-class Tally:
-    """Values and judged torque of one estimator over the runs."""
-
-    values: list[np.ndarray] = field(default_factory=list)
-    errors: list[float] = field(default_factory=list)
-
-    def row(self, truth: np.ndarray, rms: np.ndarray) -> str:
-        """Bias, standard deviation and torque RMSE [mN m]; empty before the second run."""
-        if len(self.values) < 2:
-            return ""
-        values = np.array(self.values)
-        bias, spread = (
-            (values.mean(axis=0) - truth) * rms,
-            values.std(axis=0, ddof=1) * rms,
-        )
-        figures = (
-            np.sqrt((bias**2).mean()),
-            np.sqrt((spread**2).mean()),
-            np.mean(self.errors),
-        )
-        return " / ".join(f"{1e3 * figure:.1f}" for figure in figures)
-
-
 class Counts(NamedTuple):
     """Runs of the estimators of base parameters, of those of standard parameters, and of those that simulate."""
 
@@ -376,58 +453,55 @@ class Counts(NamedTuple):
     simulating: int
 
 
-class Comparison:
-    """What the estimators make of one world, a column per noise level."""
+def comparison(
+    label: str, world: World, counts: Counts, rng: np.random.Generator, seed: list[int]
+) -> str:
+    """What the estimators make of one world, a column per noise level; ``seed`` is that of those that simulate."""
+    found: dict[tuple[str, float], list[np.ndarray]] = {}
 
-    def __init__(self, label: str, world: World) -> None:
-        self.label, self._world = label, world
-        self._judged = world.reduced(world.problem(world.judge))
-        fitted = world.reduced(world.problem(world.fit))
-        self._rms = np.sqrt((fitted.matrix**2).mean(axis=(0, 1)))
-        self._tallies: dict[str, dict[float, Tally]] = {}
+    def estimated(
+        level: float, estimators: Mapping[str, Estimator], problem: Problem
+    ) -> None:
+        for name, estimator in estimators.items():
+            value = estimator(problem).value
+            found.setdefault((name, level), []).append(value)
 
-    def add(self, level: float, found: dict[str, np.ndarray]) -> None:
-        """The base parameters of one run, by estimator."""
-        for name, value in found.items():
-            levels = self._tallies.setdefault(name, {own: Tally() for own in LEVELS})
-            levels[level].values.append(value)
-            levels[level].errors.append(
-                float(np.sqrt((self._judged.residual(value) ** 2).mean()))
-            )
-
-    def linear(self, level: float, counts: Counts, rng: np.random.Generator) -> None:
-        """Runs of the estimators that do not simulate."""
-        world = self._world
-        base = {name: made(world, level) for name, made in BASE.items()}
+    for level in track(LEVELS, label, console=Console(stderr=True)):
+        base = {name: made(world) for name, made in BASE.items()}
         for run in range(max(counts.runs, counts.consistent)):
             reduced = world.reduced(world.problem(world.noisy(level, rng)))
-            found = {}
             if run < counts.runs:
-                for name, estimator in base.items():
-                    found[name] = estimator(reduced).value
+                estimated(level, base, reduced)
             if run < counts.consistent:
-                for name, made in STANDARD.items():
-                    found[name] = made(world, level)(reduced).value
-            self.add(level, found)
+                made = {name: make(world) for name, make in STANDARD.items()}
+                estimated(level, made, reduced)
+    for run, place in product(range(counts.simulating), range(len(LEVELS))):
+        own = np.random.default_rng([*seed, place, run])
+        recordings = world.noisy(LEVELS[place], own)
+        experiment = world.experiment(recordings)
+        simulating = {name: make(experiment) for name, make in SIMULATING.items()}
+        estimated(LEVELS[place], simulating, experiment.build(recordings))
+    judged = world.reduced(world.problem(world.judge))
+    fitted = world.reduced(world.problem(world.fit))
+    rms = np.sqrt((fitted.matrix**2).mean(axis=(0, 1)))
 
-    def simulating(self, level: float, rng: np.random.Generator) -> None:
-        """One run of the estimators that simulate."""
-        recordings = self._world.noisy(level, rng)
-        experiment = self._world.experiment(recordings)
-        problem = experiment.build(recordings)
-        made = {name: make(experiment) for name, make in SIMULATING.items()}
-        self.add(level, {k: one(problem).value for k, one in made.items()})
+    def cell(values: list[np.ndarray]) -> str:
+        """Bias, standard deviation and torque RMSE [mN m]; empty before the second run."""
+        if len(values) < 2:
+            return ""
+        bias = (np.mean(values, axis=0) - world.truth) * rms
+        spread = np.std(values, axis=0, ddof=1) * rms
+        errors = [np.sqrt((judged.residual(value) ** 2).mean()) for value in values]
+        figures = *(np.sqrt((x**2).mean()) for x in (bias, spread)), np.mean(errors)
+        return " / ".join(f"{1e3 * figure:.1f}" for figure in figures)
 
-    def text(self) -> str:
-        """The table so far."""
-        rows = []
-        for name, levels in self._tallies.items():
-            runs = "/".join(str(len(tally.values)) for tally in levels.values())
-            figures = (
-                tally.row(self._world.truth, self._rms) for tally in levels.values()
-            )
-            rows.append([name, runs, *figures])
-        return f"{self.label}: bias / standard deviation / RMSE of judged torque [mN m]\n\n{markdown(HEAD, rows)}"
+    rows = []
+    for name in dict.fromkeys(name for name, _ in found):
+        levels = [found.get((name, level), []) for level in LEVELS]
+        runs = "/".join(str(len(values)) for values in levels)
+        rows.append([name, runs, *map(cell, levels)])
+    title = "bias / standard deviation / RMSE of judged torque [mN m]"
+    return f"{label}: {title}\n\n{markdown(HEAD, rows)}"
 
 
 def coverage(
@@ -456,28 +530,12 @@ def coverage(
         hits.setdefault("torque, worst joint", []).append(
             float(inside.mean(axis=0).min())
         )
-        hits.setdefault("warned", []).append(float(bool(interval.warnings)))
+        hits.setdefault("warned", []).append(float(bool(interval.error.warnings())))
     return {name: float(np.mean(values)) for name, values in hits.items()}
 
 
 Shares = list[tuple[str, dict[str, float]]]
 """Coverage by arm and kind."""
-
-
-def measure(
-    world: World, counts: Counts, rng: np.random.Generator, seed: list[int], label: str
-) -> tuple[str, Shares]:
-    """Both tables of one arm; ``seed`` is that of the estimators that simulate."""
-    comparison, shares = Comparison(label, world), []
-    for level in track(LEVELS, label, console=Console(stderr=True)):
-        comparison.linear(level, counts, rng)
-    for run, place in product(range(counts.simulating), range(len(LEVELS))):
-        own = np.random.default_rng([*seed, place, run])
-        comparison.simulating(LEVELS[place], own)
-    for level in LEVELS if counts.runs else ():
-        share = coverage(world, level, counts.runs, rng)
-        shares.append((f"{label}, noise {level:.0%}", share))
-    return comparison.text(), shares
 
 
 def main() -> None:
@@ -501,9 +559,10 @@ def main() -> None:
                 shares.append((f"lacks {name}, noise {LEVELS[1]:.0%}", share))
         else:
             world, seed = simulated(dry=arm == DRY), [options.seed, place]
-            text, found = measure(world, counts, rng, seed, f"{arm} arm")
-            texts.append(text)
-            shares += found
+            texts.append(comparison(f"{arm} arm", world, counts, rng, seed))
+            for level in LEVELS if counts.runs else ():
+                share = coverage(world, level, counts.runs, rng)
+                shares.append((f"{arm} arm, noise {level:.0%}", share))
         shown = [*texts]
         if shares:
             kinds = list(shares[0][1])

@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 from common import command_line, kept, markdown
+from generator_arms import recorded
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -120,18 +121,10 @@ def _recorded(
     law = LAWS[REMAINDERS[remainder]]
     joints = np.arange(1 if law.joints == "later" else 0, setup.arm.n)
     cause = Cause(law, joints, law.draw(Draws.of(rng, setup.context, joints)))
-    return _recordings(setup, (cause,))
-
-
-def _recordings(setup: CaseSetup, causes: tuple[Cause, ...]) -> list[Recording] | None:
-    """The recordings with some causes; ``None`` if a loop does not run well."""
-    rows = [setup.run(setup.plant(causes), k) for k in range(len(KINDS))]
-    if any(recorded is None for recorded in rows):
-        return None
-    return [
-        Recording(f"{kind}_{k}", recorded["t"], recorded["q"], recorded["tau"])
-        for k, (kind, recorded) in enumerate(zip(KINDS, rows, strict=True))
-        if recorded is not None
+    rows = recorded(setup, setup.plant((cause,)), range(len(KINDS)))
+    return rows and [
+        Recording(f"{kind}_{k}", row["t"], row["q"], row["tau"])
+        for k, (kind, row) in enumerate(zip(KINDS, rows, strict=True))
     ]
 
 

@@ -36,7 +36,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
 from itertools import product
 from math import inf, sqrt
@@ -44,7 +43,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common import command_line, kept, markdown, run_part
+from common import command_line, kept, markdown, run_missing, run_part
 from generator_arms import ARMS, MOTIONS, Fed, GeneratorArm
 
 from gapscope.agents.evaluation import EvaluationPlan, TrackingBench
@@ -215,38 +214,42 @@ def show_models(cells: Cells) -> None:
             pair = [cells.get((robot, name, seed)) for name in ("nominal", "corrected")]
             if all(pair):
                 nominal, corrected = (
-                    float(interquartile_mean(np.array(joint_errors(one, "none"))))
+                    float(interquartile_mean(np.array(errors(under([one], "none")))))
                     for one in pair
                 )
                 falls.append(f"{nominal / corrected:.1f}")
         print(f"\njoint error, nominal over corrected, by arm: {', '.join(falls)}")
 
 
-def joint_errors(cell: Any, disturbance: str) -> list[float]:
-    """Joint errors of the episodes with a disturbance [rad], infinite if the arm was lost."""
-    own = [e for e in cell["episodes"] if e["disturbance"] == disturbance]
-    return [inf if e["joint_error"] is None else e["joint_error"] for e in own]
+def under(found: Sequence[Any], disturbance: str) -> list[dict[str, Any]]:
+    """The episodes of some cells with a disturbance."""
+    every = (e for cell in found for e in cell["episodes"])
+    return [e for e in every if e["disturbance"] == disturbance]
+
+
+def errors(episodes: Sequence[dict[str, Any]]) -> list[float]:
+    """Joint errors of episodes [mrad], infinite if the arm was lost."""
+    found = (e["joint_error"] for e in episodes)
+    return [inf if error is None else 1e3 * error for error in found]
+
+
+def with_interval(episodes: Sequence[dict[str, Any]]) -> str:
+    """Interquartile mean of the joint errors [mrad] with its interval."""
+    motions = [e["motion"] for e in episodes]
+    mean = mean_of(errors(episodes), motions, np.random.default_rng(0))
+    return f"{mean.value:.3g} ({mean.low:.3g}–{mean.high:.3g})"
 
 
 def model_row(model: str, found: list[Any]) -> list[str]:
     """A row of the table."""
-    texts = [model]
-    for kind in ("none", "push"):
-        errors = [1e3 * x for cell in found for x in joint_errors(cell, kind)]
-        episodes = [e for cell in found for e in cell["episodes"]]
-        motions = [e["motion"] for e in episodes if e["disturbance"] == kind]
-        texts.append(with_interval(errors, motions))
+    texts = [model, *(with_interval(under(found, x)) for x in ("none", "push"))]
     for law in ("feedforward", "computed"):
         margins = [cell["margin"][law] for cell in found if law in cell["margin"]]
-        text = f"{np.mean(margins):.1f} ({min(margins):.1f}–{max(margins):.1f})"
-        texts.append(text if margins else "–")
+        texts.append("–")
+        if margins:
+            low, high = min(margins), max(margins)
+            texts[-1] = f"{np.mean(margins):.1f} ({low:.1f}–{high:.1f})"
     return texts
-
-
-def with_interval(values: list[float], motions: list[str]) -> str:
-    """Interquartile mean with its interval."""
-    mean = mean_of(values, motions, np.random.default_rng(0))
-    return f"{mean.value:.3g} ({mean.low:.3g}–{mean.high:.3g})"
 
 
 def models() -> None:
@@ -289,14 +292,16 @@ GAINS = "gains"
 """PPO as `gapscope train` ships it: it changes gains, on arms with effects drawn around the model."""
 AS_THEN: dict[str, Any] = {"randomise": (), "count": (1, 3), "severity": (0.5, 1.5)}
 """Of the table's agents nothing was drawn around the model unless said."""
+LIMIT = 1e6
+"""Longest processor time of an agent [s]."""
 UNSEEN = 1000
 """Seed of the first motion on which the agents are told of."""
 
 
 def agent_cell(
     model: str, agent: str, seed: int, steps: int | None, arms: Path, out: Path
-) -> str:
-    """Train and try one agent, and write its cell; returns what to print."""
+) -> dict[str, Any]:
+    """Train and try one agent; its cell."""
     warnings.simplefilter("ignore")
     file = agent_file(model, agent, seed, out)
     folder, base = arms / ROBOT / str(seed), model.split(" + rand")[0]
@@ -311,7 +316,7 @@ def agent_cell(
     task = Task.of(source(base, folder), ROBOTS[ROBOT](), truth)
     trained = Training(task, settings, file.with_suffix("")).run()
     write_agent(task, trained, file.with_suffix(""))
-    found = {
+    return {
         "model": model,
         "agent": agent,
         "seed": seed,
@@ -321,8 +326,6 @@ def agent_cell(
         "untrained": tried(task, settings, None),
         "trained": tried(task, settings, trained.policy),
     }
-    write_json(found, file)
-    return f"{model}, {agent}, {seed}"
 
 
 def tried(
@@ -375,13 +378,8 @@ def agent_row(model: str, found: Sequence[Any]) -> list[str]:
 def spread(found: Sequence[Any], state: str) -> str:
     """Joint error [mrad] with its interval."""
     rows = [episode for value in found for episode in value[state]]
-    lost = [e["joint_error"] is None for e in rows]
-    values = [
-        inf if gone else 1e3 * e["joint_error"]
-        for e, gone in zip(rows, lost, strict=True)
-    ]
     ended = sum(e["ended"] for e in rows)
-    text = with_interval(values, [e["motion"] for e in rows])
+    text = with_interval(rows)
     return f"{text}, {ended} ended early" if ended else text
 
 
@@ -417,19 +415,15 @@ def on_top_of_models() -> None:
     if not arguments.table:
         for seed in seeds:
             prepare(ROBOT, seed, SEVERITY, arguments.arms / ROBOT / str(seed))
-        missing = [key for key in keys if not agent_file(*key, arguments.out).is_file()]
-        with ProcessPoolExecutor(arguments.jobs) as pool:
-            tasks = [
-                pool.submit(
-                    agent_cell, *key, arguments.steps, arguments.arms, arguments.out
-                )
-                for key in missing
-            ]
-            for task in as_completed(tasks):
-                print(task.result(), flush=True)
-    files = {key: agent_file(*key, arguments.out) for key in keys}
-    there = {key: file for key, file in files.items() if file.is_file()}
-    show_agents({key: read_json(file, "remove it") for key, file in there.items()})
+    files = {agent_file(*key, arguments.out): key for key in keys}
+    if arguments.table:
+        files = {file: key for file, key in files.items() if file.is_file()}
+
+    def cell(key: tuple[str, str, int]) -> dict[str, Any]:
+        return agent_cell(*key, arguments.steps, arguments.arms, arguments.out)
+
+    found = run_missing(cell, files, arguments.jobs, LIMIT)
+    show_agents({(x["model"], x["agent"], x["seed"]): x for x in found})
 
 
 # Another simulator

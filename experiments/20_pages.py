@@ -41,8 +41,8 @@ FAULT_HEAD = (
 
 SCRIPTS_HEAD = """# Experiments
 
-Scripts that produce the tables and figures of the documentation; `common.py`, `generator_arms.py`, `real_*.py`,
-`pinocchio_arms.py` and `metamorphic.py` are what several of them share. This page is written by `20_pages.py scripts`.
+Scripts that produce the tables and figures of the documentation; `common.py`, `generator_arms.py`, `real_*.py`
+and `metamorphic.py` are what several of them share. This page is written by `20_pages.py scripts`.
 
 | script | what it shows | quoted by |
 |---|---|---|"""
@@ -53,54 +53,38 @@ Their figures stay in their pages. `git show COMMIT:experiments/NAME` shows a sc
 | script | commit | quoted by |
 |---|---|---|"""
 GONE = re.compile(
-    r"`(?:experiments/)?(\w+\.py)[^`]*`,?\s\(?(?:at\s)?commit\s([0-9a-f]{7})\b"
+    r"`(?:experiments/)?([\w/]+\.py)[^`]*`,?\s\(?(?:at\s)?commit\s([0-9a-f]{7})\b"
 )
 """A script named with a commit."""
 
 
-def rows(effect: Effect) -> list[str]:
-    """A row of the table per parameter of an effect."""
+def rows(
+    start: list[str], parameters: Sequence[Parameter], symbols: bool, reference: str
+) -> list[str]:
+    """A row of the table per parameter, one where there is none; what they are of stands in the first."""
+    cells = []
+    for p in parameters:
+        name = f"`{p.name}`{' (3)' if symbols and p.size == 3 else ''}"
+        ranges = [f"{low:g} .. {high:g}" for low, high in (p.bounds, p.typical)]
+        cells.append([name, *[p.symbol] * symbols, p.unit, *ranges])
+    out = []
+    for own in cells or [["-"] * 4]:
+        out.append(f"| {' | '.join([*start, *own, reference])} |")
+        start = [""] * len(start)
+    return out
+
+
+def effect_rows(effect: Effect) -> list[str]:
+    """Rows of an effect."""
     law = effect.equation.replace("|", "\\|")
-    return [
-        _catalogue_row(
-            [f"`{effect.name}`", effect.scope, f"`{law}`"] if i == 0 else ["", "", ""],
-            _cells(p),
-            effect.reference,
-        )
-        for i, p in enumerate(effect.parameters)
-    ]
+    start = [f"`{effect.name}`", effect.scope, f"`{law}`"]
+    return rows(start, effect.parameters, True, effect.reference)
 
 
 def fault_rows(fault: type[Fault]) -> list[str]:
-    """A row of the table per parameter of a setup fault, one where it has none."""
+    """Rows of a fault of the set-up."""
     start = [f"`{fault.name}`", fault.scope, ", ".join(fault.variants) or "-"]
-    cells = [
-        [f"`{p.name}`", p.unit, _range(p.bounds), _range(p.typical)]
-        for p in fault.parameters
-    ] or [["-"] * 4]
-    return [
-        _catalogue_row(start if i == 0 else ["", "", ""], own, fault.reference)
-        for i, own in enumerate(cells)
-    ]
-
-
-def _cells(p: Parameter) -> list[str]:
-    vector = " (3)" if p.size == 3 else ""
-    return [
-        f"`{p.name}`{vector}",
-        p.symbol,
-        p.unit,
-        _range(p.bounds),
-        _range(p.typical),
-    ]
-
-
-def _catalogue_row(start: list[str], cells: list[str], reference: str) -> str:
-    return f"| {' | '.join([*start, *cells, reference])} |"
-
-
-def _range(bounds: tuple[float, float]) -> str:
-    return f"{bounds[0]:g} .. {bounds[1]:g}"
+    return rows(start, fault.parameters, False, fault.reference)
 
 
 def families() -> list[str]:
@@ -113,20 +97,14 @@ def catalogue() -> None:
     parser = argparse.ArgumentParser(description=catalogue.__doc__)
     parser.add_argument("family", nargs="?", choices=[*families(), "faults"])
     wanted = parser.parse_args().family
-    for family in families():
+    tables = {name: [EFFECT_HEAD] for name in families()} | {"faults": [FAULT_HEAD]}
+    for effect in CATALOGUE.values():
+        tables[effect.family] += effect_rows(effect)
+    for fault in FAULTS.values():
+        tables["faults"] += fault_rows(fault)
+    for family, lines in tables.items():
         if wanted in (None, family):
-            print(f"\n{family}\n\n{EFFECT_HEAD}")
-            print(
-                "\n".join(
-                    row
-                    for effect in CATALOGUE.values()
-                    if effect.family == family
-                    for row in rows(effect)
-                )
-            )
-    if wanted in (None, "faults"):
-        print(f"\nfaults\n\n{FAULT_HEAD}")
-        print("\n".join(row for fault in FAULTS.values() for row in fault_rows(fault)))
+            print(f"\n{family}", "", *lines, sep="\n")
 
 
 # Keys of a case file
@@ -155,12 +133,6 @@ NOTE = (
     "Generated from `gapscope/schemas/case.schema.json` by `experiments/20_pages.py`. A key in bold must be "
     "there if\nits mapping is; `[]` stands for each entry of a list, `NAME` for a name."
 )
-
-
-def read_schema() -> dict[str, Any]:
-    """The schema of a case file."""
-    content: dict[str, Any] = json.loads(SCHEMA.read_text(encoding="utf-8"))
-    return content
 
 
 def pages(schema: Schema) -> dict[str, str]:
@@ -291,7 +263,8 @@ def reference() -> None:
     parser.add_argument("--check", action="store_true", help="write nothing")
     check = parser.parse_args().check
     PAGES.mkdir(exist_ok=True)
-    for name, text in pages(read_schema()).items():
+    schema = json.loads(SCHEMA.read_text(encoding="utf-8"))
+    for name, text in pages(schema).items():
         path = PAGES / name
         old = path.read_text(encoding="utf-8") if path.exists() else ""
         if old == text:

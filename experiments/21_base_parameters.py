@@ -14,10 +14,8 @@ from __future__ import annotations
 
 import os
 import time
-import xml.etree.ElementTree as ET
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -25,6 +23,12 @@ import numpy as np
 import sympy as sp
 from common import command_line
 
+from gapscope.arm.dynamics.description import (
+    SINGLE,
+    Joint,
+    Place,
+    read_description,
+)
 from gapscope.arm.dynamics.rigid_body import INERTIAL_PARAMETERS, RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm
@@ -37,17 +41,6 @@ from gapscope.ident.model.regressor import JOINT_COLUMNS, Regressor
 MAX_JOINTS = 3
 """Expressions of longer arms fill pages and take minutes."""
 _EXACT = 1e-15
-
-
-@dataclass(frozen=True)
-class _Joint:
-    """A movable joint of the chain: placement in the frame of the joint before it, axis, and what moves it."""
-
-    rotation: sp.Matrix
-    translation: sp.Matrix
-    axis: sp.Matrix
-    slides: bool
-    parent: int | None
 
 
 @dataclass(frozen=True)
@@ -71,30 +64,15 @@ class SymbolicRegressor:
 
     def evaluate(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         """Y of N samples, shape (N, n, 10 n); q [rad], dq [rad/s], ddq [rad/s^2] of shape (N, n)."""
+        filled = np.argwhere(np.array(self.matrix) != 0)
+        entries = [self.matrix[place] for place in map(tuple, filled)]
+        symbols = [*self.q, *self.dq, *self.ddq]
+        function = sp.lambdify(symbols, entries, modules="numpy", cse=True)
         out = np.zeros((len(q), *self.matrix.shape))
-        for (row, column), value in zip(
-            self._filled, self.function(*q.T, *dq.T, *ddq.T), strict=True
-        ):
+        values = function(*q.T, *dq.T, *ddq.T)
+        for (row, column), value in zip(filled, values, strict=True):
             out[:, row, column] = value
         return out
-
-    @cached_property
-    def function(self) -> Callable[..., list[np.ndarray]]:
-        """Generated NumPy function of q1, ..., dq1, ..., ddq1, ...: those entries of Y, row by row, that are not 0."""
-        entries = [self.matrix[place] for place in self._filled]
-        return sp.lambdify(
-            [*self.q, *self.dq, *self.ddq], entries, modules="numpy", cse=True
-        )
-
-    @property
-    def _filled(self) -> list[tuple[int, int]]:
-        rows, columns = self.matrix.shape
-        return [
-            (i, j)
-            for i in range(rows)
-            for j in range(columns)
-            if self.matrix[i, j] != 0
-        ]
 
 
 def symbolic_regressor(arm: NominalArm) -> SymbolicRegressor:
@@ -105,10 +83,10 @@ def symbolic_regressor(arm: NominalArm) -> SymbolicRegressor:
     the frame's place p and orientation R, first moment s and inertia J about its origin. The column of a parameter is
     d/dt dL/d(dq) - dL/dq of its share of L = T - U. The way there shares nothing with pinocchio's recursion.
 
-    Joints of the URDF that the arm does not name are held at zero.
+    Joints of the file that the arm does not name are held at zero.
 
     Raises:
-        InputError: more joints than that, a file that is no URDF, or a joint of another type.
+        InputError: more joints than that, or a joint of another type.
 
     Source: siciliano2009.
     """
@@ -121,83 +99,67 @@ def symbolic_regressor(arm: NominalArm) -> SymbolicRegressor:
     q, dq, ddq = (
         sp.symbols(f"{name}1:{n + 1}", real=True) for name in ("q", "dq", "ddq")
     )
-    gravity = sp.Matrix([_number(g) for g in arm.gravity])
-    joints = _joints(arm)
+    description = read_description(arm.urdf, shapes=False)
+    joints = {joint.name: joint for joint in description.joints}
     columns: list[sp.Matrix] = []
-    for link in range(n):
-        kinetic, potential = _energies(joints, link, q, dq, gravity)
-        for t, u in zip(kinetic, potential, strict=True):
-            columns.append(_lagrange(t, u, q, dq, ddq))
-    names = tuple(
-        f"{name}{joint}" for joint in range(1, n + 1) for name in INERTIAL_PARAMETERS
-    )
+    for name in arm.joints:
+        chain = [*description.upwards(joints[name].child)][::-1]
+        for kinetic, potential in _energies(arm, chain, q, dq):
+            momenta = [sp.diff(kinetic, rate) for rate in dq]
+            rows = []
+            for i, p in enumerate(momenta):
+                row = sp.diff(potential - kinetic, q[i])
+                for x, v, a in zip(q, dq, ddq, strict=True):
+                    row += sp.diff(p, v) * a + sp.diff(p, x) * v
+                rows.append(row)
+            columns.append(sp.Matrix(rows))
+    links = range(1, n + 1)
+    names = tuple(f"{name}{link}" for link in links for name in INERTIAL_PARAMETERS)
     return SymbolicRegressor(sp.Matrix.hstack(*columns), q, dq, ddq, names)
 
 
-def _lagrange(
-    kinetic: sp.Expr,
-    potential: sp.Expr,
-    q: tuple[sp.Symbol, ...],
-    dq: tuple[sp.Symbol, ...],
-    ddq: tuple[sp.Symbol, ...],
-) -> sp.Matrix:
-    """d/dt dT/d(dq) - dT/dq + dU/dq, shape (n, 1)."""
-    momenta = [sp.diff(kinetic, rate) for rate in dq]
-    return sp.Matrix(
-        [
-            sum(
-                sp.diff(p, v) * a + sp.diff(p, x) * v
-                for x, v, a in zip(q, dq, ddq, strict=True)
-            )
-            - sp.diff(kinetic, q[i])
-            + sp.diff(potential, q[i])
-            for i, p in enumerate(momenta)
-        ]
-    )
-
-
 def _energies(
-    joints: list[_Joint],
-    link: int,
+    arm: NominalArm,
+    chain: list[Joint],
     q: tuple[sp.Symbol, ...],
     dq: tuple[sp.Symbol, ...],
-    gravity: sp.Matrix,
-) -> tuple[list[sp.Expr], list[sp.Expr]]:
-    """Kinetic and potential energy per unit of each of a link's ten parameters."""
-    chain: list[int] = []
-    at: int | None = link
-    while at is not None:
-        chain.insert(0, at)
-        at = joints[at].parent
+) -> Iterator[tuple[sp.Expr, sp.Expr]]:
+    """Kinetic and potential energy per unit of each of a link's ten parameters; ``chain`` leads to it from the root."""
     place, turn = sp.zeros(3, 1), sp.eye(3)
-    v, w = sp.zeros(3, 1), sp.zeros(3, 1)
-    for i in chain:
-        joint = joints[i]
-        slide = joint.axis * q[i] if joint.slides else sp.zeros(3, 1)
-        own = (
-            joint.rotation if joint.slides else joint.rotation * _turn(joint.axis, q[i])
+    v, w, still = sp.zeros(3, 1), sp.zeros(3, 1), Place()
+    for joint in chain:
+        still = still * joint.place
+        if joint.name not in arm.joints:
+            continue
+        if joint.kind not in SINGLE:
+            raise InputError(
+                f"joint {joint.name} is {joint.kind}",
+                "name revolute or prismatic joints",
+                file=arm.urdf,
+            )
+        k = arm.joints.index(joint.name)
+        axis, slides = (
+            _exact(joint.axis / np.linalg.norm(joint.axis)),
+            joint.kind == "prismatic",
         )
-        shift = joint.translation + joint.rotation * slide
+        own, shift = _exact(still.rotation), _exact(still.translation)
+        still = Place()
+        if slides:
+            shift = shift + own * axis * q[k]
+        else:
+            own = own * _turn(axis, q[k])
         place, turn = place + turn * shift, turn * own
         v, w = own.T * (v + w.cross(shift)), own.T * w
-        v, w = (
-            (v + joint.axis * dq[i], w) if joint.slides else (v, w + joint.axis * dq[i])
-        )
+        if slides:
+            v = v + axis * dq[k]
+        else:
+            w = w + axis * dq[k]
+    half, gravity = sp.Rational(1, 2), _exact(arm.gravity)
     # v . (w x s) = s . (v x w)
-    half, moment, weight = sp.Rational(1, 2), v.cross(w), turn.T * gravity
-    square = [
-        half * w[0] ** 2,
-        w[0] * w[1],
-        half * w[1] ** 2,
-        w[0] * w[2],
-        w[1] * w[2],
-        half * w[2] ** 2,
-    ]
-    return [half * v.dot(v), *moment, *square], [
-        -gravity.dot(place),
-        *(-weight),
-        *[sp.Integer(0)] * 6,
-    ]
+    yield half * v.dot(v), -gravity.dot(place)
+    yield from zip(v.cross(w), -(turn.T * gravity), strict=True)
+    for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)):
+        yield w[i] * w[j] * (half if i == j else 1), sp.Integer(0)
 
 
 def _turn(axis: sp.Matrix, angle: sp.Symbol) -> sp.Matrix:
@@ -207,78 +169,10 @@ def _turn(axis: sp.Matrix, angle: sp.Symbol) -> sp.Matrix:
     return sp.eye(3) + sp.sin(angle) * cross + (1 - sp.cos(angle)) * cross * cross
 
 
-def _joints(arm: NominalArm) -> list[_Joint]:
-    """The arm's joints with their placements, joints that it does not name held at zero."""
-    root = ET.parse(arm.urdf).getroot()
-    if root.tag != "robot":
-        raise InputError(
-            f"root element is <{root.tag}>, expected <robot>",
-            "give a URDF",
-            file=arm.urdf,
-        )
-    above = {
-        _link(joint, "child"): joint
-        for joint in root.iter("joint")
-        if joint.find("child") is not None
-    }
-    by_name = {joint.get("name"): joint for joint in above.values()}
-    return [_placed(arm, by_name[name], above) for name in arm.joints]
-
-
-def _placed(arm: NominalArm, joint: ET.Element, above: dict[str, ET.Element]) -> _Joint:
-    kind = joint.get("type")
-    if kind not in ("revolute", "continuous", "prismatic"):
-        raise InputError(
-            f"joint {joint.get('name')} is {kind}",
-            "name revolute or prismatic joints",
-            file=arm.urdf,
-        )
-    axis = _vector(joint.find("axis"), "xyz", "1 0 0")
-    rotation, translation = _origin(joint)
-    link = _link(joint, "parent")
-    while link in above and above[link].get("name") not in arm.joints:
-        turn, shift = _origin(above[link])
-        rotation, translation = turn @ rotation, shift + turn @ translation
-        link = _link(above[link], "parent")
-    parent = arm.joints.index(above[link].get("name", "")) if link in above else None
-    exact = [
-        sp.Matrix([[_number(x) for x in row] for row in np.atleast_2d(a)])
-        for a in (rotation, translation)
-    ]
-    unit = sp.Matrix([_number(x) for x in axis / np.linalg.norm(axis)])
-    return _Joint(exact[0], exact[1].T, unit, kind == "prismatic", parent)
-
-
-def _origin(joint: ET.Element) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation, shape (3, 3), and translation [m], shape (3,), of a joint in the frame of its parent link."""
-    origin = joint.find("origin")
-    roll, pitch, yaw = _vector(origin, "rpy", "0 0 0")
-    turn = np.eye(3)
-    for angle, (i, j) in ((yaw, (0, 1)), (pitch, (2, 0)), (roll, (1, 2))):
-        step = np.eye(3)
-        step[i, i] = step[j, j] = np.cos(angle)
-        step[j, i] = np.sin(angle)
-        step[i, j] = -step[j, i]
-        turn = turn @ step
-    return turn, _vector(origin, "xyz", "0 0 0")
-
-
-def _vector(element: ET.Element | None, attribute: str, default: str) -> np.ndarray:
-    text = default if element is None else element.get(attribute, default)
-    return np.array([float(x) for x in text.split()])
-
-
-def _link(joint: ET.Element, end: str) -> str:
-    element = joint.find(end)
-    return "" if element is None else element.get("link", "")
-
-
-def _number(value: float) -> sp.Number:
-    """A number of the URDF, an integer where it is one to the last bit."""
-    return (
-        sp.Integer(round(value))
-        if abs(value - round(value)) < _EXACT
-        else sp.Float(float(value))
+def _exact(values: np.ndarray) -> sp.Matrix:
+    """Numbers of the file, (3,) or (3, 3), integers where they are so to the last bit."""
+    return sp.Matrix(values.tolist()).applyfunc(
+        lambda x: sp.Integer(round(x)) if abs(x - round(x)) < _EXACT else x
     )
 
 
@@ -311,7 +205,7 @@ def load(name: str) -> NominalArm | None:
     return None if urdf is None else load_nominal_arm(urdf)
 
 
-def counts(states: int) -> None:
+def counts() -> None:
     """Print the numbers of base parameters."""
     print("arm            links  known  found      gap  with rotors  with friction")
     for name, known in KNOWN.items():
@@ -321,7 +215,7 @@ def counts(states: int) -> None:
             continue
         inertial, rotors, everything = (
             structural_base(
-                Regressor(arm, quantities=quantities), np.random.default_rng(0), states
+                Regressor(arm, quantities=quantities), np.random.default_rng(0)
             )
             for quantities in ((), ("rotor",), JOINT_COLUMNS)
         )
@@ -377,7 +271,7 @@ def main() -> None:
         "--states", type=int, default=300, help="random states of each arm"
     )
     states = parser.parse_args().states
-    counts(states)
+    counts()
     symbolic(states)
 
 

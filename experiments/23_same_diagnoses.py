@@ -38,18 +38,13 @@ def differences(
         and isinstance(after, list)
         and len(before) == len(after)
     ):
-        for index, (one, other) in enumerate(zip(before, after, strict=True)):
-            yield from differences(one, other, f"{field}[{index}]")
-    elif _is_number(before) and _is_number(after):
-        size = max(abs(before), abs(after))
+        for k, (one, other) in enumerate(zip(before, after, strict=True)):
+            yield from differences(one, other, f"{field}[{k}]")
+    elif {type(before), type(after)} <= {int, float}:
         if abs(before - after) > SMALLEST:
-            yield field, abs(before - after) / size
+            yield field, abs(before - after) / max(abs(before), abs(after))
     elif before != after:
         yield field, float("inf")
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 def main(before: Path, after: Path) -> None:

@@ -51,9 +51,11 @@ DEMO_SEED = 3
 """The mystery arm of the front page."""
 SCREEN = (1200, 1600)
 """Window of the browser [pixels]."""
-PAPER, INK, SOFT, LINE = "#ffffff", "#1f2328", "#57606a", "#d0d7de"
+INK, LINE = "#1f2328", "#d0d7de"
 BEFORE, AFTER = "#d95f02", "#0072b2"
 """Colours of the report: gap before and after."""
+CORRECTED = {"recorded": INK, "corrected arm (fitted)": AFTER}
+"""What the last panel shows."""
 STRETCH = (2.0, 14.0)
 """Part of the recording that is drawn [s]."""
 POINTS = 240
@@ -72,7 +74,7 @@ def readme() -> None:
         gapscope("diagnose", CASE, "--out", chosen.work)
 
     overview = chosen.out / "overview.svg"
-    overview.write_text(draw_overview(chosen.work), encoding="utf-8")
+    draw_overview(chosen.work, overview)
     print(f"{overview}: {overview.stat().st_size / 1000:.0f} kB")
 
     demo = chosen.work / "demo"
@@ -91,39 +93,46 @@ def gapscope(*arguments: object) -> None:
     subprocess.run(command, check=True)
 
 
-def draw_overview(work: Path) -> str:
+def draw_overview(work: Path, file: Path) -> None:
     """SVG: recordings and nominal arm, the three answers, and the corrected arm."""
     diagnosis = json.loads((work / "diagnosis.json").read_text(encoding="utf-8"))
-    before = np.array(diagnosis["gap"]["before"]["torque_nrmse"])
-    after = np.array(diagnosis["gap"]["after"]["torque_nrmse"])
+    before, after = (
+        np.array(diagnosis["gap"][when]["torque_nrmse"]) for when in ("before", "after")
+    )
     joint = int(np.argmax(before - after))
     curves = torque_curves(work, joint)
-    low = min(curve.min() for curve in curves.values())
-    high = max(curve.max() for curve in curves.values())
-
-    parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1080 330" '
-        f'font-family="DejaVu Sans, Helvetica, Arial, sans-serif" fill="{INK}">',
-        f'<rect width="1080" height="330" fill="{PAPER}"/>',
-        *panel(
-            10, 280, "Recordings and nominal arm", f"UR10, torque of joint {joint + 1}"
-        ),
-        polyline(curves["recorded"], (30, 110, 240, 150), (low, high), INK),
-        polyline(curves["nominal"], (30, 110, 240, 150), (low, high), BEFORE),
-        *legend(30, 285, [("recorded", INK), ("nominal arm predicts", BEFORE)]),
-        arrow_between(296),
-        *panel(320, 440, "Diagnosis", "where, which, how far"),
-        *_where(before, after, 340, 112),
-        *which(diagnosis["effects"], 520, 112),
-        *how_far(diagnosis["closed"], 340, 285),
-        arrow_between(766),
-        *panel(790, 280, "Corrected arm", "predicts, simulates, can be exported"),
-        polyline(curves["recorded"], (810, 110, 240, 150), (low, high), INK),
-        polyline(curves["corrected"], (810, 110, 240, 150), (low, high), AFTER),
-        *legend(810, 285, [("recorded", INK), ("corrected arm (fitted)", AFTER)]),
-        "</svg>",
-    ]
-    return "\n".join(parts) + "\n"
+    figure = plt.figure(figsize=(10.8, 3.3), layout="constrained")
+    left, where, which, right = figure.subplots(1, 4, width_ratios=(5, 3, 4, 5))
+    drawn = {"recorded": INK, "nominal arm predicts": BEFORE}
+    for place, title, colours in (
+        (left, f"Recordings and nominal arm\nUR10, torque of joint {joint + 1}", drawn),
+        (right, "Corrected arm\npredicts, simulates, can be exported", CORRECTED),
+    ):
+        for name, colour in colours.items():
+            place.plot(curves[name.split()[0]], color=colour, lw=1.2, label=name)
+        place.set_title(title, fontsize=10, color=INK)
+        place.legend(loc="upper center", bbox_to_anchor=(0.5, 0), ncols=2, fontsize=8)
+        place.set_axis_off()
+    rows = np.arange(len(before))
+    where.set_title("Where", fontsize=10, color=INK)
+    where.barh(rows - 0.2, before, 0.3, color=BEFORE)
+    where.barh(rows + 0.2, after, 0.3, color=AFTER)
+    where.set_yticks(rows, [f"J{k + 1}" for k in rows])
+    where.set_xticks([])
+    where.invert_yaxis()
+    where.spines[:].set_visible(False)
+    which.set_title("Which, how far", fontsize=10, color=INK)
+    which.set_axis_off()
+    lines = []
+    for effect in diagnosis["effects"][:6]:
+        words = effect["effect"].replace("_", " ").capitalize()
+        share = 100 * effect["share"]
+        lines.append(f"{words}  {f'{share:.0f} %' if share >= 1 else 'below 1 %'}")
+    closed = 100 * diagnosis["closed"]
+    lines += ["", f"{closed:.0f} % of the gap above", "the noise floor is closed"]
+    which.text(0, 1, "\n".join(lines), va="top", fontsize=9, linespacing=1.6)
+    figure.savefig(file, metadata={"Date": None})
+    plt.close(figure)
 
 
 def torque_curves(work: Path, joint: int) -> dict[str, np.ndarray]:
@@ -143,104 +152,6 @@ def torque_curves(work: Path, joint: int) -> dict[str, np.ndarray]:
         shifted = predicted["t"] - predicted["t"].iloc[0]
         curves[name] = np.interp(drawn, shifted, predicted[f"tau{joint + 1}"])
     return curves
-
-
-def panel(x: int, width: int, title: str, below: str) -> list[str]:
-    """Frame with a title and a line of text below it."""
-    return [
-        f'<rect x="{x}" y="10" width="{width}" height="310" rx="8" fill="none" stroke="{LINE}"/>',
-        svg_text(x + 20, 42, title, size=15, bold=True),
-        svg_text(x + 20, 66, below, size=13, colour=SOFT),
-    ]
-
-
-def polyline(
-    curve: np.ndarray,
-    box: tuple[int, int, int, int],
-    span: tuple[float, float],
-    colour: str,
-) -> str:
-    """Curve in a box (x, y, width, height), scaled to the span of values."""
-    x0, y0, width, height = box
-    low, high = span
-    across = x0 + width * np.linspace(0, 1, len(curve))
-    down = y0 + height * (high - curve) / (high - low)
-    points = " ".join(f"{x:.1f},{y:.1f}" for x, y in zip(across, down, strict=True))
-    return f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="1.8"/>'
-
-
-def legend(x: int, y: int, entries: list[tuple[str, str]]) -> list[str]:
-    """Coloured dashes, each with its name."""
-    parts = []
-    for name, colour in entries:
-        parts.append(f'<path d="M{x} {y - 4}h16" stroke="{colour}" stroke-width="3"/>')
-        parts.append(svg_text(x + 22, y, name, size=12, colour=SOFT))
-        x += 40 + 7 * len(name)
-    return parts
-
-
-def _where(before: np.ndarray, after: np.ndarray, x: int, y: int) -> list[str]:
-    """Bars of the gap per joint, before and after."""
-    parts = [svg_text(x, y, "Where", size=14, bold=True)]
-    scale = 110 / before.max()
-    for number, (old, new) in enumerate(zip(before, after, strict=True), start=1):
-        top = y + 12 + 22 * (number - 1)
-        parts += [
-            svg_text(x, top + 11, f"J{number}", size=12, colour=SOFT),
-            bar(x + 26, top, scale * old, BEFORE),
-            bar(x + 26, top + 7, scale * new, AFTER),
-        ]
-    return parts
-
-
-def bar(x: float, y: float, width: float, colour: str) -> str:
-    """Horizontal bar."""
-    return f'<rect x="{x}" y="{y}" width="{width:.1f}" height="6" fill="{colour}"/>'
-
-
-def which(effects: list[dict], x: int, y: int) -> list[str]:
-    """Names of the effects with their shares of the gap."""
-    parts = [svg_text(x, y, "Which", size=14, bold=True)]
-    for number, effect in enumerate(effects[:6]):
-        line = y + 24 + 22 * number
-        share = 100 * effect["share"]
-        words = effect["effect"].replace("_", " ").capitalize()
-        parts.append(svg_text(x, line, words, size=13))
-        number_text = f"{share:.0f} %" if share >= 1 else "below 1 %"
-        parts.append(
-            svg_text(x + 220, line, number_text, size=13, colour=SOFT, end=True)
-        )
-    return parts
-
-
-def how_far(closed: float, x: int, y: int) -> list[str]:
-    """One line: the share of the gap that closes."""
-    sentence = f"{100 * closed:.0f} % of the gap above the noise floor is closed"
-    return [
-        svg_text(x, y, "How far", size=14, bold=True),
-        svg_text(x + 75, y, sentence, size=13),
-    ]
-
-
-def arrow_between(x: int) -> str:
-    """Arrow to the right between two panels."""
-    return f'<path d="M{x} 165h12m-6 -6l6 6l-6 6" fill="none" stroke="{SOFT}" stroke-width="2"/>'
-
-
-def svg_text(
-    x: float,
-    y: float,
-    words: str,
-    *,
-    size: int,
-    colour: str = INK,
-    bold: bool = False,
-    end: bool = False,
-) -> str:
-    """One line of text."""
-    weight = ' font-weight="bold"' if bold else ""
-    anchor = ' text-anchor="end"' if end else ""
-    return f'<text x="{x}" y="{y}" font-size="{size}" fill="{colour}"{weight}{anchor}>{words}</text>'
 
 
 def photograph(page: Path, picture: Path) -> bool:

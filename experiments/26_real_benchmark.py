@@ -1,14 +1,13 @@
 """A benchmark of the diagnosis on real arms with known truth: make, diagnose, score; prints the tables as Markdown.
 
-    GAPSCOPE_DATA=.../data .venv/bin/python experiments/26_real_benchmark.py --out out/real [--jobs 2] [--full]
+    GAPSCOPE_DATA=.../data .venv/bin/python experiments/26_real_benchmark.py --out out/real [--jobs 2] [--per-arm 36]
 
 Recordings of seven real arms are carriers (``real_carriers.py``): the unchanged recording is a healthy case, and
 effects of known size are put into it by laws that are not the catalogue's (``real_cases.py``); see
 ``docs/real_arms.md``.
 
 Resumable: run it again for the rest; each case has a result file that is written whole. ``--step check`` shows that the
-injected truth closes the gap. ``--results NAME`` keeps the results of several versions of the diagnosis side by side;
-``--sketch PROGRAM`` lets an outside program answer (``common.py``).
+injected truth closes the gap. ``--results NAME`` keeps the results of several versions of the diagnosis side by side.
 """
 
 from __future__ import annotations
@@ -19,7 +18,6 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,13 +25,23 @@ import numpy as np
 from common import (
     Progress,
     Wanted,
+    run_missing,
     run_tasks,
+    stated,
     study,
     study_options,
 )
-from real_carriers import ARMS, load_prepared, prepare_arm, prepare_cut
+from real_carriers import (
+    ARMS,
+    WINDOW_FILE,
+    cut_folder,
+    load_prepared,
+    prepare_arm,
+    prepare_cut,
+)
 from real_cases import (
     MODES,
+    PER_ARM,
     SIZES,
     Planned,
     counts,
@@ -41,23 +49,21 @@ from real_cases import (
     planned,
     read_truth,
     reference_of,
+    truth_file,
 )
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import ModelWarning
-from gapscope.arm.io.json_file import read_json, write_json
+from gapscope.arm.io.json_file import read_json
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.blind_check.scoring import (
     Compared,
-    Named,
     brier,
     compare,
-    named,
     reliability,
-    same,
     wilson,
 )
 from gapscope.effects.applied import AppliedEffect
@@ -92,44 +98,33 @@ def truth_effects(truth: dict[str, Any]) -> tuple[AppliedEffect, ...] | None:
     return tuple(out)
 
 
-def check(plan: Planned, out: Path, file: Path) -> None:
-    """Measure the gap of one case against the identified arm, and write it to a file."""
+def check(plan: Planned, out: Path) -> dict[str, Any]:
+    """The gap of one case against the identified arm; empty if its effects predict no torque."""
     truth = read_truth(plan, out)
     effects = truth_effects(truth)
     if not effects:
-        write_json({}, file)
-        return
+        return {}
     prepared = load_prepared(plan.arm, plan.cut, out)
     # the arm identified on all recordings fits best, and stands for the true one
     base = prepared.whole.arm if plan.mode == "against" else prepared.identified.arm
     unchanged = prepared.case if plan.mode == "against" else prepared.identified
     changed = load_case(out / "cases" / plan.name).recordings[0]
-    write_json(
-        {
-            "healthy": rms(base, (), unchanged.recordings[0]),
-            "before": rms(base, (), changed),
-            "after": rms(base, effects, changed),
-        },
-        file,
-    )
+    return {
+        "healthy": rms(base, (), unchanged.recordings[0]),
+        "before": rms(base, (), changed),
+        "after": rms(base, effects, changed),
+    }
 
 
 def check_table(cases: list[Planned], out: Path, jobs: int) -> Table:
     """A row for each case with effects: RMS of the gap on the joint where it grows most."""
-    folder = out / "check"
-    chosen = [c for c in cases if c.kind != "healthy"]
-    run_tasks(
-        lambda plan: check(plan, out, folder / f"{plan.name}.json"),
-        chosen,
-        jobs,
-        CHECK_LIMIT,
-        lambda plan, how, s: print(plan.name, how, f"{s:.0f} s", flush=True),
-    )
-    rows = []
-    for plan in chosen:
-        file = folder / f"{plan.name}.json"
-        if file.is_file():
-            rows.append(_row(plan, read_truth(plan, out), read_json(file, "")))
+    files = {out / "check" / f"{c.name}.json": c for c in cases if c.kind != "healthy"}
+    run_missing(lambda plan: check(plan, out), files, jobs, CHECK_LIMIT)
+    rows = [
+        _row(plan, read_truth(plan, out), read_json(file, "remove it"))
+        for file, plan in files.items()
+        if file.is_file()
+    ]
     head = ("case", "size", "effects", "joint", "healthy", "before", "after", "closed")
     return Table("Gap with the true effects [N m]", head, tuple(rows))
 
@@ -267,16 +262,11 @@ def _verdicts(cases: Sequence[Scored]) -> Table:
 
 def _calibration(cases: Sequence[Scored]) -> Table:
     """Stated probability of all named and possible effects against how often they are right."""
-    probability, right = [], []
-    for case in cases:
-        for entry in _stated(case):
-            probability.append(float(entry["probability"]))
-            right.append(_is_right(case, named(entry)))
-    p, r = np.array(probability), np.array(right, dtype=float)
+    found = [one for case in cases for one in stated(case.truth, case.document)]
+    p, r = np.array(found, dtype=float).reshape(-1, 2).T
     rows = []
     for row in reliability(p, r, bins=5):
-        hits = round(row["right"] * row["count"])
-        low, high = wilson(hits, int(row["count"]))
+        low, high = wilson(round(row["right"] * row["count"]), int(row["count"]))
         rows.append(
             (
                 f"{row['from']:.1f} to {row['to']:.1f}",
@@ -290,16 +280,6 @@ def _calibration(cases: Sequence[Scored]) -> Table:
     title = "Calibration" if score is None else f"Calibration (Brier {score:.2f})"
     head = ("probability", "effects", "mean stated", "right", "95 % interval")
     return Table(title, head, tuple(rows))
-
-
-def _stated(case: Scored) -> list[dict[str, Any]]:
-    """Effects that are named or possible."""
-    return [*case.document.get("effects", []), *case.document.get("possible", [])]
-
-
-def _is_right(case: Scored, one: Named) -> bool:
-    n = len(case.truth["gap"])
-    return any(same(true, one, n, ["slow"]) for true in case.compared.truth)
 
 
 def _wrong(cases: Sequence[Scored]) -> Table:
@@ -354,24 +334,18 @@ def make(cases: list[Planned], seed: int, out: Path, jobs: int) -> None:
     """Prepare carriers and cuts, then make the cases."""
     arms = sorted({c.arm for c in cases})
     cuts = sorted({(c.arm, c.cut) for c in cases})
-    run = partial(run_tasks, jobs=jobs, limit=MAKE_LIMIT)
-    progress = Progress("identify", len(arms) + len(cuts))
-    run(
+    progress = Progress("identify", len(arms))
+    run_tasks(
         lambda arm: prepare_arm(arm, out),
         arms,
-        ended=lambda arm, how, s: progress(arm, f"{how} {s:.0f} s"),
+        jobs,
+        MAKE_LIMIT,
+        lambda arm, how, s: progress(arm, f"{how} {s:.0f} s"),
     )
-    run(
-        lambda c: prepare_cut(*c, seed, out),
-        cuts,
-        ended=lambda c, how, s: progress(f"{c[0]} cut {c[1]}", f"{how} {s:.0f} s"),
-    )
-    made = Progress("make", len(cases))
-    run(
-        lambda plan: make_case(plan, seed, out),
-        cases,
-        ended=lambda plan, how, s: made(plan.name, f"{how} {s:.0f} s"),
-    )
+    windows = {cut_folder(*c, out) / WINDOW_FILE: c for c in cuts}
+    run_missing(lambda c: prepare_cut(*c, seed, out), windows, jobs, MAKE_LIMIT)
+    truths = {truth_file(plan, out): plan for plan in cases}
+    run_missing(lambda plan: make_case(plan, seed, out), truths, jobs, MAKE_LIMIT)
 
 
 def score(rows: Sequence[tuple[Planned, dict[str, Any]]], out: Path) -> Sequence[Table]:
@@ -392,8 +366,9 @@ def parsed() -> argparse.Namespace:
         sizes=",".join(f"{s:g}" for s in SIZES),
         seed=1,
     )
-    parser.add_argument("--per-arm", type=int, help="cases per arm and mode")
-    parser.add_argument("--full", action="store_true", help="36 per arm and mode")
+    parser.add_argument(
+        "--per-arm", type=int, default=PER_ARM, help="cases per arm and mode"
+    )
     return parser.parse_args()
 
 
@@ -406,7 +381,7 @@ def main() -> None:
     if unknown:
         sys.exit(f"unknown: {', '.join(sorted(unknown))}")
     sizes = [float(size) for size in arguments.sizes.split(",")]
-    number = counts(arguments.per_arm, arguments.full)
+    number = counts(arguments.per_arm)
     cases = planned(arms, modes, sizes, number)
     out, results = arguments.out, arguments.out / arguments.results
     # a process for each task, each with one thread

@@ -18,21 +18,16 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from common import Progress, command_line, markdown, run_tasks, share_text
+from common import command_line, markdown, run_missing, share_text
+from generator_arms import recorded, write_side
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import ModelWarning
-from gapscope.arm.io.json_file import plain, read_json, write_json
 from gapscope.blind_check.generator.arms import ROBOTS
-from gapscope.blind_check.generator.case import (
-    CaseSetup,
-    MadeCase,
-    draw_setup,
-    write_case,
-)
+from gapscope.blind_check.generator.case import CaseSetup, draw_setup
 from gapscope.blind_check.generator.law import Cause
 from gapscope.blind_check.generator.laws import LAWS
 from gapscope.blind_check.generator.simulate import Conditions
@@ -137,11 +132,7 @@ class Outcome:
         return bool(low <= self.truth.moment <= high)
 
 
-class Task(NamedTuple):
-    """A case that is looked at, and its name."""
-
-    name: str
-    look: Callable[[], Outcome | None]
+Look = Callable[[], Outcome | None]
 
 
 def looked(case: Case, kind: str, label: str, truth: Truth | None = None) -> Outcome:
@@ -153,11 +144,11 @@ def looked(case: Case, kind: str, label: str, truth: Truth | None = None) -> Out
 # Arms of the generator
 
 
-def generated(seeds: range, options: argparse.Namespace) -> Iterator[Task]:
+def generated(seeds: range, options: argparse.Namespace) -> Iterator[tuple[str, Look]]:
     """Cases of arms by turns: all kinds of change in one size on every arm, then in the next size."""
 
-    def task(seed: int, kind: str, size: float = 0.0) -> Task:
-        return Task(f"{seed}_{kind}_{size:g}", partial(made, seed, kind, size))
+    def task(seed: int, kind: str, size: float = 0.0) -> tuple[str, Look]:
+        return f"{seed}_{kind}_{size:g}", partial(made, seed, kind, size)
 
     for turn in range(len(LOADS)):
         for seed in seeds:
@@ -184,14 +175,14 @@ def made(seed: int, kind: str, size: float) -> Outcome | None:
     setup = drawn(seed)
     rng = np.random.default_rng([27, seed, *kind.encode(), round(1000 * size)])
     plain_arm = setup.plant(())
-    rows = recorded(setup, plain_arm)
+    rows = recorded(setup, plain_arm, range(len(setup.motions) - 1))
     if rows is None or kind == HEALTHY:
-        return rows and looked(written(setup, plain_arm, rows), kind, kind)
+        return rows and looked(written(setup, rows), kind, kind)
     for which in rng.integers(len(rows), size=TRIES).tolist():
         told = changed(setup, kind, size, which, rng)
         if told is not None:
             truth, rows[which] = told
-            return looked(written(setup, plain_arm, rows), kind, truth.label, truth)
+            return looked(written(setup, rows), kind, truth.label, truth)
     return None
 
 
@@ -218,18 +209,11 @@ def changed(
     return replace(truth, recording=name, moment=moment), run
 
 
-def recorded(setup: CaseSetup, plant: TrueArm) -> list[Columns] | None:
-    """All recordings that may be fitted, or ``None`` if one cannot be used."""
-    rows = [setup.run(plant, k) for k in range(len(setup.motions) - 1)]
-    return None if any(r is None for r in rows) else [r for r in rows if r is not None]
-
-
-def written(setup: CaseSetup, plant: TrueArm, rows: list[Columns]) -> Case:
+def written(setup: CaseSetup, rows: list[Columns]) -> Case:
     """The case as a user has it, through its files."""
-    case = MadeCase(setup, plant, (), [*rows, rows[0]], {})
-    path = Path(tempfile.mkdtemp())
-    write_case(case, "case", False, path / "case", path / "unseen.csv")
-    return load_case(path / "case")
+    path = Path(tempfile.mkdtemp()) / "case"
+    write_side(setup, rows, path, bare=False, poor=False)
+    return load_case(path)
 
 
 def _load(
@@ -294,58 +278,41 @@ def as_recorded(name: str) -> Outcome:
     return looked(case, f"real, {name}", "as recorded")
 
 
+HEAD = ("change", "cases", "named", "and where", "and when", "false", "moment")
+HEAD = (*HEAD, "off by (median, s)", "value", "off by (median)")
+
+
 def table(outcomes: Sequence[Outcome]) -> str:
     """A row per kind, and per label: what was put in, what of it was told, what was false, and how far off."""
-    heads = ("change", "cases", "named", "and where", "and when", "false", "moment")
-    heads = (*heads, "off by (median, s)", "value", "off by (median)")
     kinds = {o.kind: [x for x in outcomes if x.kind == o.kind] for o in outcomes}
     rows = []
     for kind, own in kinds.items():
         rows.append(row(kind, own))
         labels = sorted({o.label for o in own} - {kind})
         rows += [row(f"- {x}", [o for o in own if o.label == x]) for x in labels]
-    return markdown(heads, rows)
+    return markdown(HEAD, rows)
 
 
 def row(name: str, own: Sequence[Outcome]) -> list[object]:
     """Cells of some outcomes; shares with Wilson's interval, moment and value those that lie in their intervals."""
     given = [o for o in own if o.truth is not None]
-    hits = [o for o in given if o.hit is not None]
-    cells: list[object] = [
-        name,
-        len(own),
-        "",
-        "",
-        "",
-        sum(o.false for o in own),
-        "",
-        "",
-        "",
-        "",
-    ]
+    told, off = [""] * 3, [""] * 4
     if given:
         by = ({}, {"where": True}, {"where": True, "when": True})
-        told = [sum(o.like(**how) is not None for o in given) for how in by]
-        cells[2:5] = [share_text(n, len(given)) for n in told]
+        named = [sum(o.like(**how) is not None for o in given) for how in by]
+        told = [share_text(n, len(given)) for n in named]
+    hits = [o for o in given if o.hit is not None]
     if hits:
-        off = [abs(o.hit["time"] - o.truth.moment) for o in hits if o.hit and o.truth]
+        late = [abs(o.hit["time"] - o.truth.moment) for o in hits if o.hit and o.truth]
         errors, deviations = np.array([o.value for o in hits]).T
-        cells[6:8] = [
-            share_text(sum(o.inside for o in hits), len(hits)),
-            f"{np.median(off):.3f}",
-        ]
         inside = int((deviations <= HALF_WIDTH).sum())
-        cells[8:] = [share_text(inside, len(hits)), f"{np.median(errors):.1%}"]
-    return cells
-
-
-def read(file: Path) -> Outcome | None:
-    """An outcome from its file; ``None`` if there is none."""
-    content = read_json(file, "delete it")
-    if content is None:
-        return None
-    truth = content.pop("truth")
-    return Outcome(**content, truth=truth and Truth(**truth))
+        off = [
+            share_text(sum(o.inside for o in hits), len(hits)),
+            f"{np.median(late):.3f}",
+            share_text(inside, len(hits)),
+            f"{np.median(errors):.1%}",
+        ]
+    return [name, len(own), *told, sum(o.false for o in own), *off]
 
 
 def main() -> None:
@@ -361,29 +328,27 @@ def main() -> None:
     options = parser.parse_args()
     warnings.simplefilter("ignore", ModelWarning)
     seeds = range(options.first, options.first + options.arms)
-    tasks = list(generated(seeds, options))
+    looks = dict(generated(seeds, options))
     if not options.no_real:
-        tasks += [Task(f"{x}_as_recorded", partial(as_recorded, x)) for x in REAL]
-    files = {task.name: options.out / f"{task.name}.json" for task in tasks}
-    left = [task for task in tasks if not files[task.name].is_file()]
-    progress = Progress("look", len(left))
+        looks |= {f"{x}_as_recorded": partial(as_recorded, x) for x in REAL}
+    files = {options.out / f"{name}.json": look for name, look in looks.items()}
+    if options.table:
+        files = {file: look for file, look in files.items() if file.is_file()}
 
-    def ended(task: Task, how: str, seconds: float) -> None:
-        progress(task.name, f"{how}, {seconds:.0f} s")
-
-    def look(task: Task) -> None:
+    def looked_at(look: Look) -> dict[str, Any] | None:
         # all that a case writes goes when this is over, and with it the process
         with tempfile.TemporaryDirectory(prefix="gapscope-") as tempfile.tempdir:
-            outcome = task.look()
-        content = None if outcome is None else asdict(outcome)
-        write_json(plain(content, null_if_not_finite=True), files[task.name])
+            outcome = look()
+        return None if outcome is None else asdict(outcome)
 
-    if not options.table:
-        run_tasks(look, left, options.jobs, options.limit, ended)
-    there = [read(file) for file in files.values() if file.is_file()]
-    outcomes = [one for one in there if one is not None]
+    there = run_missing(looked_at, files, options.jobs, options.limit)
+    outcomes = []
+    for one in there:
+        if one is not None:
+            truth = one.pop("truth")
+            outcomes.append(Outcome(**one, truth=truth and Truth(**truth)))
     print(table(outcomes))
-    print(f"\n{len(files) - len(there)} of {len(files)} cases have no result")
+    print(f"\n{len(looks) - len(there)} of {len(looks)} cases have no result")
 
 
 if __name__ == "__main__":

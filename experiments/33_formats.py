@@ -17,10 +17,9 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import foreign_writers as writers
 import numpy as np
@@ -44,17 +43,16 @@ EFFECTS = {
 }
 
 
-@dataclass(frozen=True)
-class Format:
+class Format(NamedTuple):
     """One format.
 
     Attributes:
         name: in words.
         program: that writes it.
         heading: of the section of the page.
-        block: number of the case in the section.
         file: that is written.
-        write: writes it.
+        write: writes it; the name of a writer of ``foreign_writers.py`` that runs elsewhere.
+        block: number of the case in the section.
         environment: option with the Python of the program, if it is none of Gapscope's dependencies.
     """
 
@@ -62,76 +60,26 @@ class Format:
     program: str
     heading: str
     file: str
-    write: Callable[[writers.Motion, Path], None]
+    write: Callable[[writers.Motion, Path], None] | str
     block: int = 0
     environment: str = ""
 
 
-def foreign(name: str) -> Callable[[writers.Motion, Path], None]:
-    """A writer that runs elsewhere."""
-    return writers.FOREIGN[name]
-
-
+ROS, RTDE = "ROS 2: joint states", "Universal Robots: RTDE"
+STATE = "ROS 2: state of a joint trajectory controller"
 FORMATS = (
-    Format(
-        "ROS 2, SQLite without definitions",
-        "rosbags",
-        "ROS 2: joint states",
-        "bag_db3",
-        partial(writers.rosbag, mcap=False),
-    ),
-    Format(
-        "ROS 2, MCAP",
-        "rosbags",
-        "ROS 2: joint states",
-        "bag_mcap",
-        partial(writers.rosbag, mcap=True),
-    ),
-    Format(
-        "ROS 2, controller state alone",
-        "mcap-ros2-support",
-        "ROS 2: state of a joint trajectory controller",
-        "state.mcap",
-        foreign("mcap_ros2"),
-        environment="mcap",
-    ),
-    Format(
-        "UR RTDE, currents",
-        "csv",
-        "Universal Robots: RTDE",
-        "robot_data.csv",
-        writers.rtde,
-    ),
-    Format(
-        "UR5 of NIST, currents",
-        "csv",
-        "UR5 degradation measurements of NIST",
-        "ur5testresult.csv",
-        writers.nist,
-    ),
+    Format("ROS 2, SQLite without definitions", "rosbags", ROS, "bag_db3", partial(writers.rosbag, mcap=False)),
+    Format("ROS 2, MCAP", "rosbags", ROS, "bag_mcap", partial(writers.rosbag, mcap=True)),
+    Format("ROS 2, controller state alone", "mcap-ros2-support", STATE, "state.mcap", "mcap_ros2", 0, "mcap"),
+    Format("UR RTDE, currents", "csv", RTDE, "robot_data.csv", writers.rtde),
+    Format("UR5 of NIST, currents", "csv", "UR5 degradation measurements of NIST", "ur5testresult.csv", writers.nist),
     Format("libfranka", "csv", "Franka: libfranka", "log.csv", writers.libfranka),
-    Format(
-        "Kinova Kortex", "csv", "Kinova Gen3: Kortex", "feedback.csv", writers.kortex
-    ),
-    Format(
-        "LeRobot 3.0, degrees",
-        "LeRobotDataset",
-        "LeRobot datasets",
-        "dataset_3",
-        foreign("lerobot"),
-        block=1,
-        environment="lerobot",
-    ),
-    Format(
-        "LeRobot 2.1, normalised",
-        "PyArrow",
-        "LeRobot datasets",
-        "dataset_21",
-        writers.lerobot_normalised,
-    ),
+    Format("Kinova Kortex", "csv", "Kinova Gen3: Kortex", "feedback.csv", writers.kortex),
+    Format("LeRobot 3.0, degrees", "LeRobotDataset", "LeRobot datasets", "dataset_3", "lerobot", 1, "lerobot"),
+    Format("LeRobot 2.1, normalised", "PyArrow", "LeRobot datasets", "dataset_21", writers.lerobot_normalised),
     Format("HDF5", "h5py", "HDF5", "motion.h5", writers.hdf5),
     Format("MATLAB", "SciPy", "MATLAB", "motion.mat", writers.matlab),
-)
+)  # fmt: skip
 
 
 def case_of_page(form: Format) -> dict[str, Any]:
@@ -163,17 +111,15 @@ def write(
 ) -> bool:
     """Write the motion in a format; false if its program is not at hand."""
     target = folder / form.file
-    if not form.environment:
+    if callable(form.write):
         form.write(motion, target)
         return True
     if not pythons[form.environment]:
         return False
-    name = next(key for key, value in writers.FOREIGN.items() if value is form.write)
-    source = folder / "motion.npz"
+    source, script = folder / "motion.npz", Path(writers.__file__)
     np.savez(source, **motion)
-    script = Path(writers.__file__)
-    command = [pythons[form.environment], str(script), name, str(source), str(target)]
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    command = [pythons[form.environment], script, form.write, source, target]
+    subprocess.run(list(map(str, command)), check=True, stdout=subprocess.DEVNULL)
     return True
 
 

@@ -22,30 +22,27 @@ it. Each arm is recorded healthy and with one effect of the catalogue at a time,
 from its name: two recordings of 10 s at 100 Hz. A recovery check too, on arms that no setting was made on. A healthy
 recording should be ``no_gap``; the other answers are counted as *exact* (this effect alone), *first* (others beside it,
 or a rest that stays), *another* effect, ``unexplained``, and ``no_gap``, which is right for what lies below the floor.
-Results that are there are kept; ``OUT/results.jsonl`` has one line per diagnosis.
+Results that are there are kept.
 """
 
 from __future__ import annotations
 
-import json
 import warnings
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from common import command_line, markdown, run_part, run_tasks
+from common import command_line, markdown, run_missing, run_part
 
 import gapscope
 from gapscope.arm.case import Case
 from gapscope.arm.dynamics.description import Description, read_description
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, ModelWarning
-from gapscope.arm.io.json_file import read_json, write_json
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
@@ -137,7 +134,7 @@ def row(file: Path) -> dict[str, Any]:
     middle, rng = arm.n_joints // 2 + 1, np.random.default_rng(0)
     bodies = Regressor(arm, quantities=())
     steps: dict[str, Callable[[], str]] = {
-        "base": lambda: str(structural_base(bodies, rng, 300).count),
+        "base": lambda: str(structural_base(bodies, rng).count),
         "healthy": lambda: diagnosed_file(arm, None, out),
         "found": lambda: diagnosed_file(arm, middle, out),
     }
@@ -187,18 +184,15 @@ def files_part() -> None:
         unique = (
             file.name if names[file.name] == 1 else f"{file.parent.name}_{file.name}"
         )
-        rows[file] = args.out / "rows" / f"{unique}.json"
+        rows[args.out / "rows" / f"{unique}.json"] = file
 
-    def ended(file: Path, how: str, seconds: float) -> None:
-        if how != "ended":
-            write_json({"robot": file.stem, "loads": how}, rows[file])
-        print(f"{seconds:5.0f} s  {read_json(rows[file], '')}", flush=True)
+    def failed(file: Path, how: str, seconds: float) -> dict[str, Any]:
+        return {"robot": file.stem, "loads": how}
 
-    left = [file for file in files if not rows[file].is_file()]
-    run_tasks(lambda file: write_json(row(file), rows[file]), left, 1, LIMIT, ended)
-    found = [{**read_json(x, "remove it"), "robot": x.stem} for x in rows.values()]
-    (args.out / "robots.md").write_text(as_table(found), encoding="utf-8")
-    print(as_table(found))
+    found = run_missing(row, rows, 1, LIMIT, failed, str)
+    named = [{**one, "robot": x.stem} for one, x in zip(found, rows, strict=True)]
+    (args.out / "robots.md").write_text(as_table(named), encoding="utf-8")
+    print(as_table(named))
 
 
 def robot_files(folder: Path, only: str | None) -> list[Path]:
@@ -262,8 +256,8 @@ def tasks(folder: Path, per_arm: int, only: str | None) -> Iterator[Task]:
                 yield Task(name, file, free, effect)
 
 
-def diagnosed(task: Task, file: Path) -> None:
-    """Record, diagnose, and append what came of it to a file."""
+def diagnosed(task: Task) -> dict[str, Any]:
+    """Record and diagnose; what came of it."""
     row: dict[str, Any] = {"arm": task.arm, "effect": task.effect}
     try:
         arm = load(task.file, task.free)
@@ -280,12 +274,7 @@ def diagnosed(task: Task, file: Path) -> None:
         row["gap"] = document["gap"]["before"]
     except GapscopeError as error:
         row["refused"] = error.message
-    _append(row, file)
-
-
-def _append(row: dict[str, Any], file: Path) -> None:
-    with file.open("a", encoding="utf-8") as lines:
-        lines.write(json.dumps(row) + "\n")
+    return row
 
 
 def answer(row: dict[str, Any]) -> str:
@@ -319,22 +308,15 @@ def effects_part() -> None:
     parser.add_argument("--only", help="files whose name has this")
     args = parser.parse_args()
     warnings.simplefilter("ignore", ModelWarning)
-    args.out.mkdir(parents=True, exist_ok=True)
-    file = args.out / "results.jsonl"
-    read = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
-    done = {(row["arm"], row["effect"]) for row in map(json.loads, read)}
-    every = list(tasks(args.folder, args.per_arm, args.only))
-    left = [task for task in every if (task.arm, task.effect) not in done]
-    print(f"{len(every)} diagnoses, {len(left)} of them to be made", flush=True)
+    every = tasks(args.folder, args.per_arm, args.only)
+    files = {
+        args.out / "rows" / f"{task.arm} {task.effect}.json": task for task in every
+    }
 
-    def ended(task: Task, how: str, seconds: float) -> None:
-        if how != "ended":
-            _append({"arm": task.arm, "effect": task.effect, "refused": how}, file)
-        print(f"{task.arm}, {task.effect}: {how}, {seconds:.0f} s", flush=True)
+    def failed(task: Task, how: str, seconds: float) -> dict[str, Any]:
+        return {"arm": task.arm, "effect": task.effect, "refused": how}
 
-    # one at a time: they append to one file
-    run_tasks(partial(diagnosed, file=file), left, 1, LIMIT, ended)
-    rows = [json.loads(line) for line in file.read_text("utf-8").splitlines()]
+    rows = run_missing(diagnosed, files, 1, LIMIT, failed, answer)
     for row in rows:
         if answer(row) not in ("exact", "no_gap"):
             named = [(e["effect"], e["joints"]) for e in row.get("effects", [])]

@@ -10,7 +10,7 @@ of ``torque_column`` goes on.
 ``26_real_benchmark.py``: healthy as they are, and with a fault put in. The generator's arms are simulated by MuJoCo
 with other laws than the diagnosis has, nominal inertials off by a tenth; healthy ones with little and much noise, and
 some with a strong ordinary effect. The gravity that a vendor's driver leaves out is that of a model whose links are
-each off by a fifth. Each answer is appended to ``answers.jsonl``; the tables are ``tables.md``.
+each off by a fifth. Each answer is a file; the tables are ``tables.md``.
 
 ``drawn``: faults of each kind that the torque tells, two drawn for each of the real carriers, put into it. Printed: for
 each carrier and fault what was found, and how many are named, and named alone with the right joints.
@@ -27,9 +27,7 @@ law must have commanded. Printed for each law: what was found with its value.
 
 from __future__ import annotations
 
-import csv
 import itertools
-import json
 import os
 import time
 from collections import Counter
@@ -41,9 +39,10 @@ from typing import Any
 from zlib import crc32
 
 import numpy as np
+import pandas as pd
 import yaml
-from common import command_line, markdown, run_part
-from generator_arms import ARMS, GeneratorArm
+from common import command_line, kept, markdown, run_part
+from generator_arms import ARMS, GeneratorArm, make_generated
 from real_carriers import load_carrier
 
 import gapscope
@@ -53,8 +52,6 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.named_motions import workspace
 from gapscope.arm.recording import Recording
-from gapscope.blind_check.generator.case import make_case
-from gapscope.blind_check.generator.case import write_case as write_made_case
 from gapscope.blind_check.generator.simulate import CaseSpec, Conditions
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.references import find_reference_faults
@@ -161,18 +158,11 @@ def generated_cases(out: Path) -> Iterator[tuple[str, str, Case]]:
 
 def _made(folder: Path, robot: str, laws: tuple[str, ...], noise: float) -> Case:
     """A case of the generator."""
-    if not folder.is_dir():
-        conditions = Conditions(robot, INERTIALS_OFF, noise, rate=250)
-        spec = CaseSpec(
-            "single" if laws else "healthy",
-            laws,
-            SEVERITY if laws else None,
-            conditions,
-        )
-        made = make_case(spec, (36, crc32(folder.name.encode())))
-        write_made_case(
-            made, folder.name, True, folder, folder.parent / f"{folder.name}.csv"
-        )
+    conditions = Conditions(robot, INERTIALS_OFF, noise, bare=True, rate=250)
+    kind = "single" if laws else "healthy"
+    spec = CaseSpec(kind, laws, SEVERITY if laws else None, conditions)
+    seed = (36, crc32(folder.name.encode()))
+    make_generated(spec, seed, folder, folder.with_suffix(".json"))
     return load_case(folder)
 
 
@@ -280,33 +270,20 @@ def torque_column() -> None:
     parser = command_line(torque_column.__doc__, out=Path("out/torque_column"))
     parser.add_argument("--only", choices=("real", "generated"))
     options = parser.parse_args()
-    out = options.out
-    out.mkdir(parents=True, exist_ok=True)
-    file = out / "answers.jsonl"
-    known = (
-        [json.loads(x) for x in file.read_text().splitlines()] if file.is_file() else []
-    )
-    asked = {(one["case"], one["label"]) for one in known}
+    out, answers = options.out, []
     sources = {"real": real_cases, "generated": generated_cases}
     chosen = [x for name, x in sources.items() if options.only in (None, name)]
     # false alarms first: they are asked of the most cases
     for as_it_is, source in itertools.product((True, False), chosen):
-        for group, case_name, case in source(out):
-            faults = (
-                BESIDE_ORDINARY if group == "ordinary effect" else tuple(TORQUE_FAULTS)
-            )
+        for group, name, case in source(out):
+            ordinary = group == "ordinary effect"
+            faults = BESIDE_ORDINARY if ordinary else tuple(TORQUE_FAULTS)
             for label in (AS_IT_IS,) if as_it_is else faults:
-                if (case_name, label) in asked:
-                    continue
-                one = {"group": group, "case": case_name, "label": label}
-                one |= answer(case, label)
-                said = kind(label, one["found"])
-                print(f"{case_name}, {label}: {said} ({one['seconds']} s)", flush=True)
-                known.append(one)
-                with file.open("a") as stream:
-                    stream.write(json.dumps(one) + "\n")
-    (out / "tables.md").write_text(tables(known))
-    print(tables(known))
+                file = out / "answers" / f"{name}, {label}.json"
+                one = {"group": group, "case": name, "label": label}
+                answers.append(one | kept(file, answer, case, label))
+    (out / "tables.md").write_text(tables(answers))
+    print(tables(answers))
 
 
 def drawn() -> None:
@@ -515,25 +492,16 @@ def references() -> None:
     data = Path(os.environ["GAPSCOPE_DATA"]) if "GAPSCOPE_DATA" in os.environ else None
     options.out.mkdir(parents=True, exist_ok=True)
     for part in options.part or REFERENCE_PARTS:
-        counts: Counter[tuple[str, str, str]] = Counter()
-        with (
-            TemporaryDirectory() as folder,
-            (options.out / f"{part}.csv").open(
-                "w", newline="", encoding="utf-8"
-            ) as file,
-        ):
-            table = csv.writer(file)
-            table.writerow(["case", "given", "fault", "found", "outcome"])
-            for case, given, fault, found in REFERENCE_PARTS[part](data, Path(folder)):
-                result = outcome(fault, found)
-                table.writerow([case, given, fault, found, result])
-                print(
-                    f"{case:28} {given:20} {fault:34} {result:12} {found}", flush=True
-                )
-                counts[given, fault, result] += 1
-        print()
-        for (given, fault, result), count in sorted(counts.items()):
-            print(f"| {given} | {fault} | {result} | {count} |")
+        rows = []
+        with TemporaryDirectory() as folder:
+            for row in REFERENCE_PARTS[part](data, Path(folder)):
+                rows.append((*row, outcome(*row[2:])))
+                print(" | ".join(rows[-1]), flush=True)
+        head = ["case", "given", "fault", "found", "outcome"]
+        table = pd.DataFrame(rows, columns=head)
+        table.to_csv(options.out / f"{part}.csv", index=False)
+        counts = table.groupby(["given", "fault", "outcome"], as_index=False).size()
+        print(f"\n{markdown(counts.columns, counts.to_numpy())}")
 
 
 # Control laws

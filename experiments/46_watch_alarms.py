@@ -23,14 +23,15 @@ from __future__ import annotations
 import copy
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common import command_line, kept, markdown
-from joblib import Parallel, delayed
+from common import command_line, markdown, run_missing
 from scipy.signal import lfilter
 from scipy.stats import chi2
 from threadpoolctl import threadpool_limits
@@ -235,6 +236,8 @@ REAL = ("ur10", "panda", "kuka_med7", "unitree_z1")
 """Real arms with a recording of 15 s or more."""
 AFTER = 120.0
 """Stretches of a recording with a change that are watched [s]."""
+LIMIT = 36000.0
+"""Longest processor time of an arm [s]."""
 FOUND = (ALARM, MISFIT)
 """Events that say that something has changed."""
 
@@ -394,37 +397,20 @@ def per_day(count: int, hours: float) -> str:
 def table_of_alarms(found: list[dict[str, Any]]) -> str:
     """Table of false alarms."""
     head = ("arms", "hours", "alarms", "per 24 h (95 %)", "as", "misfits", "per 24 h")
+    groups: dict[str, list[dict[str, Any]]] = {"all": found}
+    starts = {True: "started cold", False: "started warm"}
+    for one in found:
+        for label in (starts.get(one.get("cold")), one.get("noise"), one["robot"]):
+            groups.setdefault(label or "", []).append(one)
+    groups.pop("", None)
     rows = []
-    colours = {name: [f for f in found if f.get("noise") == name] for name in NOISES}
-    robots = {f["robot"]: [g for g in found if g["robot"] == f["robot"]] for f in found}
-    groups = {
-        "all": found,
-        "started warm": [f for f in found if f.get("cold") is False],
-        "started cold": [f for f in found if f.get("cold")],
-        **colours,
-        **robots,
-    }
     for label, own in groups.items():
-        hours = sum(f["hours"] for f in own)
-        if not own:
-            continue
-        effects = [e for f in own for e in f["effects"]]
-        names = ", ".join(f"{effects.count(e)} {e}" for e in dict.fromkeys(effects))
-        drifts = sum(len(f.get("drifts", ())) for f in own)
-        rate = per_day(len(effects), hours)
-        misfits = sum(f["misfits"] for f in own)
-        rows.append(
-            (
-                f"{label}, {len(own)}",
-                f"{hours:g}",
-                len(effects),
-                rate,
-                names,
-                misfits,
-                per_day(misfits, hours),
-                drifts,
-            )
-        )
+        hours, misfits = (sum(f[key] for f in own) for key in ("hours", "misfits"))
+        effects = Counter(e for f in own for e in f["effects"])
+        names = ", ".join(f"{count} {e}" for e, count in effects.items())
+        alarms, drifts = effects.total(), sum(len(f.get("drifts", ())) for f in own)
+        cells = (f"{label}, {len(own)}", f"{hours:g}", alarms, per_day(alarms, hours))
+        rows.append((*cells, names, misfits, per_day(misfits, hours), drifts))
     return markdown((*head, "drifts noted"), rows)
 
 
@@ -434,25 +420,13 @@ def table_of_changes(rows: list[dict[str, Any]]) -> str:
     lines = []
     for label in dict.fromkeys(row["label"] for row in rows):
         own = [row for row in rows if row["label"] == label]
-        right = [row for row in own if row["outcome"] == "right"]
-        wrong = [
-            row["outcome"].removeprefix("called ")
-            for row in own
-            if row["outcome"].startswith("called")
-        ]
-        names = ", ".join(f"{wrong.count(w)} {w}" for w in dict.fromkeys(wrong))
-        errors = [abs(row["error"]) for row in right if "error" in row]
+        ends = Counter(row["outcome"].removeprefix("called ") for row in own)
+        right, missed = ends.pop("right", 0), ends.pop("missed", 0)
+        names = ", ".join(f"{count} {name}" for name, count in ends.items())
+        errors = [abs(row["error"]) for row in own if "error" in row]
         off = f"{np.median(errors):.0%}" if errors else ""
-        missed = sum(row["outcome"] == "missed" for row in own)
-        cells = [label, len(own), len(right), names or 0, missed, off]
-        lines.append(cells)
+        lines.append([label, len(own), right, names or 0, missed, off])
     return markdown((*head, "size off by (median)"), lines)
-
-
-def single_thread(watch: Any, member: Any, hours: float) -> dict[str, Any]:
-    """What a watch says of an arm, by one thread."""
-    with threadpool_limits(1):
-        return dict(watch(member, hours))
 
 
 def main() -> None:
@@ -464,6 +438,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="of the first arm")
     options = parser.parse_args()
     out, hours, parts = options.out, options.hours, options.parts.split(",")
+    threadpool_limits(1)
     members = {
         "healthy": range(options.seed, options.seed + options.arms),
         "real": REAL,
@@ -471,11 +446,9 @@ def main() -> None:
     for part, watch in {"healthy": healthy, "real": real}.items():
         if part not in parts:
             continue
-        jobs = [(out / f"{part}_{x}_{hours:g}h.json", x) for x in members[part]]
-        run = Parallel(n_jobs=options.jobs)
-        found = run(
-            delayed(kept)(file, single_thread, watch, one, hours) for file, one in jobs
-        )
+        files = {out / f"{part}_{x}_{hours:g}h.json": x for x in members[part]}
+        hear = partial(watch, hours=hours)
+        found = run_missing(hear, files, options.jobs, LIMIT)
         print("\n".join(["", f"{part.capitalize()} arms", "", table_of_alarms(found)]))
         for entry in found:
             print(*(f"  {entry['robot']}: {s}" for s in entry["alarms"][:10]), sep="\n")

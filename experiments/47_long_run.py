@@ -15,13 +15,10 @@ line's scatter. The readings, a hundred of a run, are written to ``--out`` as CS
 
 from __future__ import annotations
 
-import argparse
 import csv
 import gc
 import os
 import shutil
-import subprocess
-import sys
 import tempfile
 import warnings
 from collections.abc import Iterator
@@ -30,7 +27,7 @@ from typing import NamedTuple
 
 import gymnasium
 import numpy as np
-from common import command_line, markdown
+from common import command_line, markdown, run_tasks
 from rich.console import Console
 from rich.progress import track
 from scipy.stats import linregress
@@ -46,6 +43,8 @@ from gapscope.envs.randomisation import Randomisation
 from gapscope.envs.recorder import Plan, record_case
 
 PARTS = (*ENGINES, "diagnosis")
+LIMIT = 1e6
+"""Longest processor time of a part [s]."""
 COPIES = 4
 """Environments side by side."""
 EPISODE = 1.0
@@ -149,29 +148,19 @@ def recorded(name: str, arm: NominalArm, effects: tuple[AppliedEffect, ...]) -> 
 
 
 def run(part: str, size: int, file: Path) -> None:
-    """Run a part in this process, and write its readings."""
+    """Run a part in this process, whose temporary files lie in a folder of their own, and write its readings."""
     warnings.simplefilter("ignore", category=UserWarning)
-    samples = environment(part, size) if part in ENGINES else diagnoses(size)
     file.parent.mkdir(parents=True, exist_ok=True)
-    with file.open("w", newline="", encoding="utf-8") as opened:
+    with (
+        tempfile.TemporaryDirectory(prefix="long_run_") as folder,
+        file.open("w", newline="", encoding="utf-8") as opened,
+    ):
+        os.environ["TMPDIR"] = tempfile.tempdir = folder
         writer = csv.writer(opened, lineterminator="\n")
         writer.writerow(Reading._fields)
-        for sample in samples:
+        for sample in environment(part, size) if part in ENGINES else diagnoses(size):
             writer.writerow(sample)
             opened.flush()
-
-
-def run_apart(part: str, size: int, file: Path) -> None:
-    """Run a part in a process of its own, whose temporary files lie in a folder of their own."""
-    with tempfile.TemporaryDirectory(prefix="long_run_") as folder:
-        subprocess.run(
-            [
-                *(sys.executable, __file__, "--inside", part),
-                *("--size", str(size), "--file", str(file)),
-            ],
-            env={**os.environ, "TMPDIR": folder},
-            check=True,
-        )
 
 
 class Drift(NamedTuple):
@@ -211,23 +200,20 @@ def main() -> None:
         __doc__, steps=1000000, diagnoses=10000, out=Path("out/long_run"), again=False
     )
     parser.add_argument("--part", nargs="+", choices=PARTS, default=PARTS)
-    parser.add_argument("--inside", help=argparse.SUPPRESS)
-    parser.add_argument("--size", type=int, help=argparse.SUPPRESS)
-    parser.add_argument("--file", type=Path, help=argparse.SUPPRESS)
     given = parser.parse_args()
-    if given.inside:
-        run(given.inside, given.size, given.file)
-        return
-    rows = []
-    for part in given.part:
-        file = (given.out / f"{part}.csv").resolve()
-        if part in ENGINES and not installed(part):
+    files = {part: (given.out / f"{part}.csv").resolve() for part in given.part}
+    for part in set(files) & set(ENGINES):
+        if not installed(part):
             print(f"{part}: not installed, left out")
-            continue
-        if not given.again:
-            size = given.steps if part in ENGINES else given.diagnoses
-            run_apart(part, size, file)
-        rows.append(row(part, file))
+            files.pop(part)
+
+    def apart(part: str) -> None:
+        size = given.steps if part in ENGINES else given.diagnoses
+        run(part, size, files[part])
+
+    if not given.again:
+        run_tasks(apart, list(files), 1, LIMIT, print)
+    rows = [row(part, file) for part, file in files.items()]
     head = ("part", "count", "memory [MB]", "handles", "temporary files", "threads")
     print(markdown(head, rows))
 

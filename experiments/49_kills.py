@@ -35,7 +35,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import yaml
-from common import command_line, markdown
+from common import command_line, kept, markdown
 
 # Inputs of the commands, and how folders of results are compared
 
@@ -65,30 +65,20 @@ AGENT = {
     "duration": 0.4,
     "hyperparameters": {"n_steps": 64, "batch_size": 64},
 }
-RECORD = ["--recordings", "2", "--duration", "5", "--rate", "100"]
-NO_CASES = [
-    "--singles",
-    "0",
-    "--pairs",
-    "0",
-    "--triples",
-    "0",
-    "--outside",
-    "0",
-    "--ladder",
-    "0",
-]
-COMMANDS = (
-    "record",
-    "diagnose",
-    "diagnose several",
-    "identify",
-    "train",
-    "evaluate",
-    "blind run",
-    "fleet",
-    "residual",
-)
+NO_CASES = "--singles 0 --pairs 0 --triples 0 --outside 0 --ladder 0"
+COMMANDS = {
+    "record": "record {robot} --effects {effects} --recordings 2 --duration 5 --rate 100 --seed 3",
+    "diagnose": "diagnose {one}",
+    "diagnose several": "diagnose {one} {two}",
+    "identify": "identify {one}",
+    "train": "train nominal --robot {robot} --agent {agent}",
+    "evaluate": "evaluate pd nominal --robot {robot} --effects {effects} --engine mujoco --motions fourier "
+    "--disturbances none --seeds 2 --duration 1",
+    "blind run": "blind run {blind}",
+    "fleet": "fleet {cases}",
+    "residual": "residual {one}",
+}
+"""Arguments of each command without ``--out``."""
 UNFINISHED = {
     "diagnose several": ("summary.html", "units.json"),
     "blind run": ("frozen.json",),
@@ -103,42 +93,33 @@ ID = re.compile(r"[0-9a-f]{8,}|\d{9,}")
 
 def commands_of(folder: Path) -> dict[str, list[str]]:
     """Arguments of each command without ``--out``; makes their inputs."""
-    robot, effects, agent = (
-        folder / name for name in ("robot.urdf", "effects.yaml", "agent.yaml")
-    )
+    place = {x: folder / f"{x}.yaml" for x in ("effects", "agent")}
+    place |= {"robot": folder / "robot.urdf", "blind": folder / "blind"}
+    place |= {"cases": folder / "cases"}
+    place |= {x: folder / "cases" / x for x in ("one", "two")}
     if not (folder / "done").is_file():
         folder.mkdir(parents=True, exist_ok=True)
-        robot.write_text(_urdf())
-        effects.write_text(yaml.safe_dump(EFFECTS))
-        agent.write_text(yaml.safe_dump(AGENT))
-        for k in "12":
-            case = folder / "cases" / f"case{k}"
-            if not case.is_dir():
-                _gapscope("record", robot, "--effects", effects, *RECORD, "--seed", k, "--out", case)  # fmt: skip
-        _gapscope(
-            "blind", "make", "--robots", "small", *NO_CASES, "--healthy", "2", "--seed", "1", "--out", folder / "blind"
-        )  # fmt: skip
+        place["robot"].write_text(_urdf())
+        place["effects"].write_text(yaml.safe_dump(EFFECTS))
+        place["agent"].write_text(yaml.safe_dump(AGENT))
+        for seed, case in enumerate(("one", "two"), 1):
+            if not place[case].is_dir():
+                record = COMMANDS["record"].replace("--seed 3", f"--seed {seed}")
+                _gapscope(f"{record} --out {{{case}}}", place)
+        make = f"blind make --robots small {NO_CASES} --healthy 2 --seed 1"
+        _gapscope(f"{make} --out {{blind}}", place)
         # a run refuses to start if it can read the labels, wherever they are
         shutil.rmtree(folder / "blind-labels")
         (folder / "done").touch()
-    cases = [folder / "cases" / f"case{k}" for k in "12"]
-    asked: dict[str, list[object]] = {
-        "record": ["record", robot, "--effects", effects, *RECORD, "--seed", 3],
-        "diagnose": ["diagnose", cases[0]],
-        "diagnose several": ["diagnose", *cases],
-        "identify": ["identify", cases[0]],
-        "train": ["train", "nominal", "--robot", robot, "--agent", agent],
-        "evaluate": ["evaluate", "pd", "nominal", "--robot", robot, "--effects", effects, "--engine", "mujoco",
-                     "--motions", "fourier", "--disturbances", "none", "--seeds", 2, "--duration", 1],
-        "blind run": ["blind", "run", folder / "blind"],
-        "fleet": ["fleet", folder / "cases"],
-        "residual": ["residual", cases[0]],
-    }  # fmt: skip
-    return {name: [str(word) for word in words] for name, words in asked.items()}
+    return {name: _words(command, place) for name, command in COMMANDS.items()}
 
 
-def _gapscope(*arguments: object) -> None:
-    words = [str(argument) for argument in arguments]
+def _words(command: str, place: dict[str, Path]) -> list[str]:
+    return [word.format(**place) for word in command.split()]
+
+
+def _gapscope(command: str, place: dict[str, Path]) -> None:
+    words = _words(command, place)
     subprocess.run([sys.executable, "-m", "gapscope", *words], check=True)
 
 
@@ -401,27 +382,19 @@ def main() -> None:
     work.mkdir(parents=True, exist_ok=True)
     commands = commands_of(work / "inputs")
     names = asked.only or list(commands)
-    log = work / "kills.jsonl"
-    rows = (
-        [json.loads(line) for line in log.read_text().splitlines()]
-        if log.is_file()
-        else []
-    )
-    done = {row["number"] for row in rows}
+    rows = []
     for number in range(asked.kills):
-        if number in done:
-            continue
         name = names[number % len(names)]
         kind = KINDS[number // len(names) % len(KINDS)]
-        known = reference(name, commands[name], work)
         rng = random.Random(f"{asked.seed} {number}")
-        row = disturb(name, kind, commands[name], known, work, rng)
-        row["number"] = number
-        rows.append(row)
-        with log.open("a") as file:
-            file.write(json.dumps(row) + "\n")
-        found = row["faults"] or "nothing lost"
-        print(f"{number + 1}: {name}, {kind}, code {row['code']}: {found}", flush=True)
+
+        def disturbed(name: str = name, kind: str = kind, rng: Any = rng) -> Any:
+            known = reference(name, commands[name], work)
+            return disturb(name, kind, commands[name], known, work, rng)
+
+        rows.append(kept(work / "kills" / f"{number:05d}.json", disturbed))
+        found = rows[-1]["faults"] or "nothing lost"
+        print(f"{name}, {kind}, code {rows[-1]['code']}: {found}", flush=True)
     text = table(rows)
     (work / "kills.md").write_text(text + "\n")
     print(text)

@@ -12,7 +12,7 @@ written as ``gapscope excite`` does. All four files (CSV and ROS, full and slow)
 interpolated by scipy's quintic splines at 1777 points per second of the path, and checked with pinocchio alone:
 position, velocity, acceleration, jerk, torque by its own sum, rest at both ends, and distances of the boxes to each
 other and to the floor.
-``OUT/arms.jsonl`` has one line per arm; the end prints the counts.
+``OUT`` has a file for each arm; the end prints the counts.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import yaml
-from common import command_line
+from common import command_line, run_missing
 from scipy.interpolate import BPoly
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -56,6 +56,8 @@ ROUNDING = 1e-6
 """Share of a limit that counts as rounding [1]."""
 JERK_TIME = 0.02
 """Jerk may be the acceleration's limit over this time [s], as docs/excitation.md says."""
+LIMIT = 900.0
+"""Longest processor time of an arm [s]."""
 SLOW = 0.2
 """Speed of the slow version, as docs/excitation.md says [1]."""
 
@@ -283,15 +285,8 @@ def main() -> None:
     if args.number is not None:
         print(json.dumps(tried(args.number), indent=1))
         return
-    args.out.mkdir(parents=True, exist_ok=True)
-    path = args.out / "arms.jsonl"
-    done = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
-    for number in range(len(done), args.arms):
-        done.append(json.dumps(tried(number)))
-        with path.open("a", encoding="utf-8") as file:
-            file.write(done[-1] + "\n")
-        print(f"{number + 1} of {args.arms}: {done[-1]}", flush=True)
-    entries = [json.loads(line) for line in done[: args.arms]]
+    files = {args.out / f"{k:06d}.json": k for k in range(args.arms)}
+    entries = run_missing(tried, files, 1, LIMIT, say=lambda entry: str(entry["end"]))
     for end, count in Counter(entry["end"] for entry in entries).most_common():
         print(f"{end}: {count}")
     broken = [x for entry in entries for x in entry.get("violations", ())]

@@ -15,19 +15,18 @@ of the diagnosis side by side. Needs the extra ``blind``.
 
 from __future__ import annotations
 
-import argparse
-import shutil
 import warnings
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 from zlib import crc32
 
 import numpy as np
-from common import command_line, run_tasks
+from common import Wanted, run_missing, stated, study, study_options
+from generator_arms import make_generated
 from real_carriers import (
     ARMS,
     cut,
@@ -42,15 +41,13 @@ from real_cases import Planned, draw, inject, label
 from real_laws import Scene
 from threadpoolctl import threadpool_limits
 
-import gapscope
 from gapscope.arm.case import load_case
 from gapscope.arm.errors import ModelWarning
 from gapscope.arm.io.atomic_write import atomic_write
-from gapscope.arm.io.json_file import plain, read_json, write_json
+from gapscope.arm.io.json_file import read_json
 from gapscope.blind_check.generator.arms import USUAL, perturb_inertials, text_of
-from gapscope.blind_check.generator.case import make_case, write_case
 from gapscope.blind_check.generator.simulate import STRONG, CaseSpec, Conditions
-from gapscope.blind_check.scoring import named, same, wilson
+from gapscope.blind_check.scoring import named, wilson
 from gapscope.reports.pages import PageSection as Table
 
 # Simulated cases
@@ -128,11 +125,8 @@ def planned_simulated(rounds: int) -> list[Simulated]:
     return out
 
 
-def make_simulated(plan: Simulated, seed: int, out: Path) -> None:
-    """Write one case, and its truth beside the cases, unless both are there."""
-    truth, folder = out / "truth" / f"{plan.name}.json", out / "cases" / plan.name
-    if truth.is_file() and folder.is_dir():
-        return
+def make_simulated(plan: Simulated, seed: int, out: Path) -> dict[str, Any]:
+    """Write one case, and its truth beside the cases, unless both are there; the truth."""
     conditions = Conditions(
         robot=plan.robot,
         inertials_off=plan.width,
@@ -140,14 +134,8 @@ def make_simulated(plan: Simulated, seed: int, out: Path) -> None:
         duration=LONGEST,
     )
     spec = CaseSpec("single", plan.effects, plan.severity, conditions)
-    made = make_case(spec, (seed, crc32(plan.name.encode())))
-    aside = out / "cases" / f".{plan.name}"
-    shutil.rmtree(aside, ignore_errors=True)
-    shutil.rmtree(folder, ignore_errors=True)
-    write_case(made, plan.name, False, aside, out / "unseen" / f"{plan.name}.csv")
-    truth.parent.mkdir(parents=True, exist_ok=True)
-    write_json(made.label, truth)
-    aside.rename(folder)
+    folder, truth = out / "cases" / plan.name, out / "truth" / f"{plan.name}.json"
+    return make_generated(spec, (seed, crc32(plan.name.encode())), folder, truth)
 
 
 # Cases of real arms
@@ -207,11 +195,9 @@ def planned_carried() -> list[Carried]:
     return out
 
 
-def make_carried(plan: Carried, seed: int, out: Path) -> None:
-    """Write one case, and its truth beside the cases, unless both are there; an arm is identified once."""
-    truth, folder = out / "truth" / f"{plan.name}.json", out / "cases" / plan.name
-    if truth.is_file() and (folder / "case.yaml").is_file():
-        return
+def make_carried(plan: Carried, seed: int, out: Path) -> dict[str, Any]:
+    """Write one case; its truth. An arm is identified once."""
+    folder = out / "cases" / plan.name
     prepare_arm(plan.arm, out)
     carrier = load_carrier(plan.arm, out / "carriers" / plan.arm)
     whole = load_case(out / "carriers" / plan.arm / "whole")
@@ -235,10 +221,9 @@ def make_carried(plan: Carried, seed: int, out: Path) -> None:
     write_piece(case, folder)
     urdf.unlink()
     as_planned = Planned(plan.arm, "plain", "single", plan.number, plan.size)
-    stated = label(as_planned, healthy, [injection], entries)
-    stated["conditions"]["inertials_off"] = plan.width
-    truth.parent.mkdir(parents=True, exist_ok=True)
-    write_json(stated, truth)
+    entry = label(as_planned, healthy, [injection], entries)
+    entry["conditions"]["inertials_off"] = plan.width
+    return entry
 
 
 # Tables
@@ -247,21 +232,16 @@ INTERVAL = 1.96
 """Standard deviations to either side in a 95 % interval [1]."""
 LEFT_OUT = ("phase", "link")
 """Parameters that are not compared: a phase turns with the number of cycles, a link has no error."""
+LIKELY = 0.8
+"""Findings at least as probable as this are counted apart [1]."""
 
 
-@dataclass(frozen=True)
-class Value:
-    """One value of an effect that was named rightly, on a joint that has it.
+class Value(NamedTuple):
+    """One value of an effect that was named rightly, on a joint that has it: the true one, the one found, its interval.
 
-    Attributes:
-        case: name of the case.
-        group: what it is of: width of the nominal errors, or the arm.
-        parameter: effect and parameter.
-        true, found: the value that was put in, and the one of the diagnosis.
-        half: half width of the 95 % interval.
+    ``group`` is what it is counted with, ``parameter`` its effect and name, ``half`` the half width of the interval.
     """
 
-    case: str
     group: str
     parameter: str
     true: float
@@ -275,159 +255,93 @@ class Value:
 
 
 def values(
-    case: str, group: str, truth: dict[str, Any], document: dict[str, Any]
+    group: str, truth: dict[str, Any], document: dict[str, Any]
 ) -> Iterator[Value]:
-    """The values of all effects of a label that the diagnosis names."""
-    for true in truth["effects"]:
-        for found in document.get("effects", []):
-            if _same(true, found):
-                for name, *numbers in _numbers(true, found):
-                    yield Value(case, group, f"{true['effect']}.{name}", *numbers)
-
-
-def _same(true: dict[str, Any], found: dict[str, Any]) -> bool:
-    if true["effect"] != found["effect"]:
-        return False
-    links = [
-        float(np.ravel(entry["parameters"]["link"]["value"])[0])
-        for entry in (true, found)
-        if "link" in entry["parameters"]
-    ]
-    return len(set(links)) < 2
-
-
-def _numbers(
-    true: dict[str, Any], found: dict[str, Any]
-) -> Iterator[tuple[str, float, float, float]]:
-    """Parameter, true value, value found and half width, joint by joint or component by component."""
-    for name, stated in true["parameters"].items():
-        estimate = found["parameters"].get(name)
-        if estimate is None or estimate["std"] is None or name in LEFT_OUT:
+    """The values of all effects of a label that the diagnosis names, joint by joint or component by component."""
+    for true, found in product(truth["effects"], document.get("effects", [])):
+        if true["effect"] != found["effect"] or named(true).link != named(found).link:
             continue
-        if not stated.get("unit"):
-            # what only the generator's law has
-            continue
-        expected, value, std = (
-            np.ravel(np.array(x, dtype=float))
-            for x in (stated["value"], estimate["value"], estimate["std"])
-        )
-        places = range(len(expected))
+        places = [(k, k) for k in range(3)]
         if true["joints"]:
-            pairs = [
-                (k, found["joints"].index(joint))
-                for k, joint in enumerate(true["joints"])
-                if joint in found["joints"]
-            ]
-        else:
-            pairs = [(k, k) for k in places]
-        for k, i in pairs:
-            yield name, expected[k], value[i], INTERVAL * std[i]
+            common = [joint for joint in true["joints"] if joint in found["joints"]]
+            index = true["joints"].index, found["joints"].index
+            places = [(index[0](joint), index[1](joint)) for joint in common]
+        for name, given in true["parameters"].items():
+            estimate = found["parameters"].get(name)
+            # what has no unit only the generator's law has
+            if not estimate or not given.get("unit") or name in LEFT_OUT:
+                continue
+            if estimate["std"] is None:
+                continue
+            numbers = given["value"], estimate["value"], estimate["std"]
+            expected, value, std = (np.ravel(np.array(x, dtype=float)) for x in numbers)
+            for k, i in places[: len(expected)]:
+                parameter = f"{true['effect']}.{name}"
+                yield Value(group, parameter, expected[k], value[i], INTERVAL * std[i])
+
+
+def grouped(
+    title: str,
+    head: tuple[str, ...],
+    found: Sequence[tuple[Any, ...]],
+    cells: Callable[[Sequence[Any]], tuple[str, ...]],
+) -> Table:
+    """A row for each group, which stands first in what is found, and one for all."""
+    groups = {
+        name: [x for x in found if x[0] == name]
+        for name in sorted({x[0] for x in found})
+    }
+    rows = [
+        (name, str(len(own)), *cells(own))
+        for name, own in (groups | {"all": found}).items()
+    ]
+    return Table(title, ("", *head), tuple(rows))
 
 
 def coverage_table(title: str, found: Sequence[Value]) -> Table:
-    """A row for each group, and one for all."""
-    groups: dict[str, list[Value]] = {}
-    for value in found:
-        groups.setdefault(value.group, []).append(value)
-    rows = [_coverage_row(name, groups[name]) for name in sorted(groups)]
-    head = ("", "values", "held", "95 % interval", "half width")
-    return Table(title, head, (*rows, _coverage_row("all", found)))
-
-
-def _coverage_row(name: str, found: Sequence[Value]) -> tuple[str, ...]:
     """Share held with Wilson's interval, and the median of half width over the true value."""
-    held = sum(value.held for value in found)
-    low, high = wilson(held, len(found))
-    half = [value.half / max(abs(value.true), 1e-12) for value in found]
-    return (
-        name,
-        str(len(found)),
-        f"{100 * held / len(found):.0f} %",
-        f"{100 * low:.0f} to {100 * high:.0f} %",
-        f"{100 * np.median(half):.1f} %",
+
+    def cells(own: Sequence[Value]) -> tuple[str, ...]:
+        held = sum(value.held for value in own)
+        low, high = wilson(held, len(own))
+        half = np.median([value.half / max(abs(value.true), 1e-12) for value in own])
+        interval = f"{100 * low:.0f} to {100 * high:.0f} %"
+        return f"{100 * held / len(own):.0f} %", interval, f"{100 * half:.1f} %"
+
+    return grouped(
+        title, ("values", "held", "95 % interval", "half width"), found, cells
     )
 
 
-LIKELY = 0.8
-"""Findings at least as probable as this are counted apart [1]."""
+def calibration_table(title: str, found: Sequence[tuple[str, float, bool]]) -> Table:
+    """Stated probability and share that is right, of groups with (group, probability, right) of each finding."""
 
+    def cells(own: Sequence[tuple[str, float, bool]]) -> tuple[str, ...]:
+        p, right = (np.array([x[k] for x in own], dtype=float) for k in (1, 2))
+        likely, figures = p >= LIKELY, "–"
+        if likely.any():
+            hits, count = int(right[likely].sum()), int(likely.sum())
+            low, high = wilson(hits, count)
+            share = f"{hits / count:.2f} ({low:.2f} to {high:.2f})"
+            figures = f"{count}, {p[likely].mean():.2f}, {share}"
+        return f"{p.mean():.2f}", f"{right.mean():.2f}", figures
 
-class Stated(NamedTuple):
-    """A finding: what it is of, its probability, and whether it is in the label."""
-
-    group: str
-    probability: float
-    right: bool
-
-
-def stated(group: str, truth: dict[str, Any], document: dict[str, Any]) -> list[Stated]:
-    """All findings of a diagnosis, named or possible, beside the label."""
-    true = [named(entry) for entry in truth["effects"]]
-    motions = truth.get("motions", [])[:-1]
-    entries = [*document.get("effects", []), *document.get("possible", [])]
-    return [
-        Stated(
-            group,
-            float(entry["probability"] or 0.0),
-            any(same(one, named(entry), len(truth["gap"]), motions) for one in true),
-        )
-        for entry in entries
-    ]
-
-
-def calibration_table(title: str, found: Sequence[Stated]) -> Table:
-    """A row for each group, and one for all."""
-    groups = sorted({one.group for one in found})
-    rows = [
-        _calibration_row(name, [one for one in found if one.group == name])
-        for name in groups
-    ]
     likely = f"{LIKELY:.1f} and more: findings, stated, right"
-    head = ("", "findings", "stated", "right", likely)
-    return Table(title, head, (*rows, _calibration_row("all", found)))
-
-
-def _calibration_row(name: str, found: Sequence[Stated]) -> tuple[str, ...]:
-    p = np.array([one.probability for one in found])
-    right = np.array([one.right for one in found], dtype=float)
-    likely = p >= LIKELY
-    figures = "–"
-    if likely.any():
-        hits, count = int(right[likely].sum()), int(likely.sum())
-        low, high = wilson(hits, count)
-        share = f"{hits / count:.2f} ({low:.2f} to {high:.2f})"
-        figures = f"{count}, {p[likely].mean():.2f}, {share}"
-    return name, str(len(found)), f"{p.mean():.2f}", f"{right.mean():.2f}", figures
+    return grouped(title, ("findings", "stated", "right", likely), found, cells)
 
 
 # Make, diagnose and report
 
 LIMIT = 600.0
-"""Longest processor time to make or to diagnose a case [s]."""
+"""Longest processor time to make a case [s]."""
 Plan = Simulated | Carried
-KINDS = {"Simulated": Simulated, "Real": Carried}
 
 
-def make(plan: Plan, seed: int, out: Path) -> None:
-    """Write one case and its truth."""
+def make(plan: Plan, seed: int, out: Path) -> dict[str, Any]:
+    """Write one case; its truth."""
     if isinstance(plan, Simulated):
-        make_simulated(plan, seed, out)
-    else:
-        make_carried(plan, seed, out)
-
-
-def diagnose(plan: Plan, out: Path, results: Path) -> None:
-    """Diagnose one case; of its document only the effects are kept."""
-    case = load_case(out / "cases" / plan.name, any_unit=True)
-    document: Any = gapscope.diagnose(case).document
-    kept = {key: document[key] for key in ("verdict", "effects", "possible")}
-    content = plain(kept, null_if_not_finite=True)
-    write_json(content, results / f"{plan.name}.json")
-
-
-def ended(what: str, plan: Plan, how: str, seconds: float) -> None:
-    """Print that a task ended."""
-    print(f"{what} {plan.name} {how} {seconds:.0f} s", flush=True)
+        return make_simulated(plan, seed, out)
+    return make_carried(plan, seed, out)
 
 
 def group_of(plan: Plan) -> str:
@@ -438,67 +352,50 @@ def group_of(plan: Plan) -> str:
     return plan.arm
 
 
-def tables(name: str, plans: list[Plan], out: Path, results: Path) -> list[Table]:
-    """The tables of the cases of one kind that have a result."""
-    found: list[Value] = []
-    said: list[Stated] = []
-    for plan in plans:
-        file = results / f"{plan.name}.json"
-        if file.is_file():
-            document = read_json(file, "--step run")
-            truth = read_json(out / "truth" / f"{plan.name}.json", "--step make")
-            found += values(plan.name, group_of(plan), truth, document)
-            said += stated(group_of(plan), truth, document)
-    if not found:
-        return []
-    return [
-        coverage_table(f"{name}, intervals", found),
-        calibration_table(f"{name}, probabilities", said),
-    ]
-
-
-def report(plans: list[Plan], out: Path, results: Path) -> None:
-    """Print the tables, and write them beside the results."""
+def tables(rows: Sequence[tuple[Plan, dict[str, Any]]], out: Path) -> list[Table]:
+    """The tables of the cases that have a result, simulated and real ones apart."""
     shown = []
-    for name, kind in KINDS.items():
-        chosen = [plan for plan in plans if isinstance(plan, kind)]
-        shown += tables(name, chosen, out, results)
-    text = "\n".join(table.markdown() for table in shown)
-    print(text)
-    results.with_suffix(".md").write_text(text, encoding="utf-8")
-
-
-def parsed() -> argparse.Namespace:
-    """The arguments."""
-    parser = command_line(__doc__, out=Path("out/coverage"), seed=1, jobs=1)
-    parser.add_argument("--rounds", type=int, default=1, help="of simulated cases")
-    parser.add_argument("--results", default="results", help="folder in OUT")
-    parser.add_argument(
-        "--step", choices=("make", "run", "score", "all"), default="all"
-    )
-    return parser.parse_args()
+    for name, kind in {"Simulated": Simulated, "Real": Carried}.items():
+        found: list[Value] = []
+        said: list[tuple[str, float, bool]] = []
+        for plan, result in rows:
+            if isinstance(plan, kind):
+                truth = read_json(out / "truth" / f"{plan.name}.json", "--step make")
+                document = result.get("document") or {}
+                found += values(group_of(plan), truth, document)
+                said += [(group_of(plan), *one) for one in stated(truth, document)]
+        if found:
+            shown += [
+                coverage_table(f"{name}, intervals", found),
+                calibration_table(f"{name}, probabilities", said),
+            ]
+    return shown
 
 
 def main() -> None:
     """Make, diagnose, score."""
-    arguments = parsed()
+    parser = study_options(__doc__, out=Path("out/coverage"), seed=1)
+    parser.add_argument("--rounds", type=int, default=1, help="of simulated cases")
+    arguments = parser.parse_args()
     warnings.simplefilter("ignore", ModelWarning)
-    out, seed, jobs = arguments.out, arguments.seed, arguments.jobs
-    results = out / arguments.results
-    results.mkdir(parents=True, exist_ok=True)
-    simulated = planned_simulated(arguments.rounds)
-    plans: list[Plan] = [*simulated, *planned_carried()]
-    with threadpool_limits(1):
-        if arguments.step in ("make", "all"):
-            making = partial(make, seed=seed, out=out)
-            # one after the other: the cases of a carrier share its identification
-            run_tasks(making, plans, 1, LIMIT, partial(ended, "make"))
-        if arguments.step in ("run", "all"):
-            left = [p for p in plans if not (results / f"{p.name}.json").is_file()]
-            diagnosing = partial(diagnose, out=out, results=results)
-            run_tasks(diagnosing, left, jobs, LIMIT, partial(ended, "diagnose"))
-    if arguments.step in ("score", "all"):
-        report(plans, out, results)
+    threadpool_limits(1)
+    out, results = arguments.out, arguments.out / arguments.results
+    plans: list[Plan] = [*planned_simulated(arguments.rounds), *planned_carried()]
+    truths = {out / "truth" / f"{plan.name}.json": plan for plan in plans}
+
+    def make_all() -> None:
+        # one after the other: the cases of a carrier share its identification
+        run_missing(lambda plan: make(plan, arguments.seed, out), truths, 1, LIMIT)
+
+    study(
+        arguments,
+        make=make_all,
+        plans=lambda: plans,
+        wanted=lambda plan: Wanted(
+            out / "cases" / plan.name, None, results / f"{plan.name}.json"
+        ),
+        tables=lambda rows: tables(rows, out),
+    )
 
 
 if __name__ == "__main__":

@@ -30,13 +30,13 @@ import numpy as np
 import pandas as pd
 import yaml
 from common import command_line
+from generator_arms import make_generated
 from scipy.interpolate import make_interp_spline
 
 from gapscope.arm.case import load_case
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.json_file import read_json, write_json
 from gapscope.blind_check.check import BlindPlan, allocate_cases
-from gapscope.blind_check.generator.case import make_case, write_case
 from gapscope.blind_check.generator.laws import INSIDE
 from gapscope.blind_check.scoring import Compared, compare
 from gapscope.diagnosis.diagnose import diagnose
@@ -372,14 +372,7 @@ def made(
         spec = replace(spec, conditions=conditions)
         name = f"case{k:04d}"
         folder, label = out / name, out / "labels" / f"{name}.json"
-        if not label.is_file():
-            shutil.rmtree(folder, ignore_errors=True)
-            case = make_case(spec, (SEED, 2, k))
-            unseen = out / "labels" / f"{name}.csv"
-            write_case(case, name, spec.conditions.bare, folder, unseen)
-            write_json(case.label, label)
-            print(f"{length.seconds:g} s: {name} made", flush=True)
-        yield name, folder, read_json(label, "remove it")
+        yield name, folder, make_generated(spec, (SEED, 2, k), folder, label)
 
 
 def damaged(case: Path, damage: Damage, out: Path) -> None:
@@ -429,26 +422,19 @@ def outcome(
     return Outcome(compare(name, label, document), named, notes, "")
 
 
-def shares(outcomes: list[Outcome], clean: dict[str, Outcome]) -> dict[str, float]:
-    """Figures of a damage [1], those of healthy arms and of the others apart."""
+def shares(outcomes: list[Outcome], clean: dict[str, Outcome]) -> list[list[bool]]:
+    """What is counted under a damage, by case: of single effects, of healthy arms, of all."""
     cases = [o.compared for o in outcomes]
     single = [c for c in cases if c.kind == "single"]
     healthy = [c for c in cases if c.kind == "healthy"]
-    told = [bool(o.fault or o.error or new_notes(o, clean)) for o in outcomes]
-    false = [c.verdict not in ("no_gap", "failed") for c in healthy]
-    return {
-        "top": share([c.top for c in single]),
-        "exact": share([c.exact for c in single]),
-        "false": share(false),
-        "unexplained": share([c.verdict == "unexplained" for c in single]),
-        "refused": share([c.verdict == "failed" for c in cases]),
-        "told": share(told),
-    }
-
-
-def share(values: list[bool]) -> float:
-    """Share of what is true [1]; nan of nothing."""
-    return sum(values) / len(values) if values else float("nan")
+    return [
+        [c.top for c in single],
+        [c.exact for c in single],
+        [c.verdict not in ("no_gap", "failed") for c in healthy],
+        [c.verdict == "unexplained" for c in single],
+        [c.verdict == "failed" for c in cases],
+        [bool(o.fault or o.error or new_notes(o, clean)) for o in outcomes],
+    ]
 
 
 def new_notes(own: Outcome, clean: dict[str, Outcome]) -> frozenset[str]:
@@ -457,11 +443,9 @@ def new_notes(own: Outcome, clean: dict[str, Outcome]) -> frozenset[str]:
     return own.notes - (before.notes if before else frozenset())
 
 
-def line(damage: Damage, count: int, own: dict[str, float]) -> str:
+def line(damage: Damage, count: int, own: list[list[bool]]) -> str:
     """A row of the table."""
-    cells = [
-        "–" if np.isnan(value) else f"{100 * value:.0f} %" for value in own.values()
-    ]
+    cells = [f"{100 * sum(x) / len(x):.0f} %" if x else "–" for x in own]
     return f"| {damage.text} | {count} | {' | '.join(cells)} |"
 
 

@@ -24,18 +24,16 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from common import command_line, kept, markdown
+from generator_arms import make_generated
 from metamorphic import RELATIONS, CaseFiles, Difference, Relation, Twin, compare
 
 from gapscope.arm.case import load_case
-from gapscope.arm.io.json_file import write_json
-from gapscope.blind_check.generator.case import make_case, write_case
 from gapscope.blind_check.generator.simulate import STRONG, CaseSpec, Conditions
 from gapscope.diagnosis.diagnose import diagnose
 
@@ -84,14 +82,9 @@ SEED = 53
 
 def make(number: int, folder: Path) -> Path:
     """One of ``CASES`` in a folder of its own, made unless it is there; its truth lies beside it."""
-    name = f"case{number:02d}"
-    place, truth = folder / name, folder / f"{name}.json"
-    if truth.is_file():
-        return place
-    shutil.rmtree(place, ignore_errors=True)
-    made = make_case(_spec(CASES[number]), (SEED, number))
-    write_case(made, name, CASES[number].bare, place, folder / f"{name}.csv")
-    write_json(made.label, truth)
+    place = folder / f"case{number:02d}"
+    truth = place.with_suffix(".json")
+    make_generated(_spec(CASES[number]), (SEED, number), place, truth)
     return place
 
 
@@ -135,118 +128,54 @@ BLIND = "--seed 7 --singles 2 --pairs 0 --triples 0 --outside 0 --healthy 1 --la
 """What ``gapscope blind make`` makes."""
 
 
-class Variant(NamedTuple):
-    """One of the ways to run a command: environment and further options."""
-
-    name: str
-    environment: dict[str, str]
-    options: tuple[str, ...] = ()
-
-
 BASE = {"PYTHONHASHSEED": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-TWO_THREADS = {**BASE, "OMP_NUM_THREADS": "2", "OPENBLAS_NUM_THREADS": "2"}
-FIRST = Variant("first", BASE)
-AGAIN = Variant("again", BASE)
-OTHER_HASH = Variant("other hash seed", {**BASE, "PYTHONHASHSEED": "2"})
-THREADS = Variant("two threads", TWO_THREADS)
+TWO_THREADS = {"OMP_NUM_THREADS": "2", "OPENBLAS_NUM_THREADS": "2"}
+VARIANTS: dict[str, tuple[dict[str, str], str]] = {
+    "first": ({}, "--jobs 1"),
+    "again": ({}, "--jobs 2"),
+    "other hash seed": ({"PYTHONHASHSEED": "2"}, ""),
+    "two threads": (TWO_THREADS, ""),
+}
+"""Ways to run a command, the first one being what the others are compared with: environment, and jobs if it has any."""
+COMMANDS = {
+    "diagnose": "diagnose {one} --out {out}",
+    "diagnose, two cases": "diagnose {one} {other} --out {out}",
+    "diagnose --against": "diagnose {after} --against {before} --out {out}",
+    "identify": "identify {one} --out {out}",
+    "agree": "agree {one} --out {out}",
+    "fleet": "fleet {one} {other} --out {out}",
+    "excite": "excite {one} --seed 1 --evaluations 60 --out {out}/e.csv",
+    "record": "record {one} --effects {effects} --trajectory fourier --recordings 2 --duration 4 --engine mujoco "
+    "--seed 3 --out {out}/case",
+    "blind make": f"blind make {BLIND} --out {{out}}/set",
+    "blind run": "blind run {sealed} --out {out}",
+    "evaluate": "evaluate nominal --robot {one} --engine mujoco --motions fourier --seeds 1 --duration 2 --out {out}",
+}
+"""Commands of ``gapscope`` that are repeated."""
+WITH_JOBS = ("diagnose, two cases", "fleet", "blind make", "blind run")
+"""Those that take ``--jobs``."""
 
 
-class Command(NamedTuple):
-    """A command of ``gapscope`` that is repeated: its arguments, ``{out}`` in them, and whether it takes ``--jobs``."""
-
-    name: str
-    arguments: tuple[str, ...]
-    jobs: bool = False
-
-
-def commands(cases: Path, folder: Path) -> list[Command]:
-    """The commands, on two cases with three joints."""
-    one, other = str(cases / "case03"), str(cases / "case13")
-    motion = "--trajectory fourier --recordings 2 --duration 4 --engine mujoco --seed 3"
-    before, after = _parted(cases / "case03", folder)
-    effects = folder / "effects.yaml"
+def inputs(cases: Path, folder: Path) -> dict[str, Path]:
+    """What the commands are given: two cases with three joints, and what is made of them."""
+    one, effects = cases / "case03", folder / "effects.yaml"
+    before, after = _parted(one, folder)
     effects.write_text(
         "schema: 1\neffects:\n- {effect: coulomb_friction, joints: [1], parameters: {torque: [2.0]}}\n"
     )
-    return [
-        Command("diagnose", ("diagnose", one, "--out", "{out}")),
-        Command(
-            "diagnose, two cases", ("diagnose", one, other, "--out", "{out}"), True
-        ),
-        Command(
-            "diagnose --against",
-            ("diagnose", after, "--against", before, "--out", "{out}"),
-        ),
-        Command("identify", ("identify", one, "--out", "{out}")),
-        Command("agree", ("agree", one, "--out", "{out}")),
-        Command("fleet", ("fleet", one, other, "--out", "{out}"), True),
-        Command(
-            "excite",
-            (
-                "excite",
-                one,
-                "--seed",
-                "1",
-                "--evaluations",
-                "60",
-                "--out",
-                "{out}/e.csv",
-            ),
-        ),
-        Command(
-            "record",
-            (
-                "record",
-                one,
-                "--effects",
-                str(effects),
-                *motion.split(),
-                "--out",
-                "{out}/case",
-            ),
-        ),
-        Command(
-            "blind make", ("blind", "make", *BLIND.split(), "--out", "{out}/set"), True
-        ),
-        Command(
-            "blind run", ("blind", "run", str(_sealed(folder)), "--out", "{out}"), True
-        ),
-        Command(
-            "evaluate",
-            (
-                "evaluate",
-                "nominal",
-                "--robot",
-                one,
-                "--engine",
-                "mujoco",
-                "--motions",
-                "fourier",
-                "--seeds",
-                "1",
-                "--duration",
-                "2",
-                "--out",
-                "{out}",
-            ),
-        ),
-    ]
+    given = {"one": one, "other": cases / "case13", "effects": effects}
+    return given | {"before": before, "after": after, "sealed": _sealed(folder)}
 
 
-def _parted(case: Path, folder: Path) -> tuple[str, str]:
+def _parted(case: Path, folder: Path) -> list[Path]:
     """A case with the first recording of another, and one with its second."""
-    places = []
-    for number, name in enumerate(("before", "after")):
-        place = folder / name
+    files = CaseFiles.read(case)
+    parts = [folder / name for name in ("before", "after")]
+    for place, recording in zip(parts, files.content["recordings"], strict=False):
         if not place.is_dir():
-            files = CaseFiles.read(case)
-            content = {
-                **files.content,
-                "recordings": files.content["recordings"][number : number + 1],
-            }
+            content = {**files.content, "recordings": [recording]}
             replace(files, content=content).write(place)
-        places.append(str(place))
-    return places[0], places[1]
+    return parts
 
 
 def _sealed(folder: Path) -> Path:
@@ -257,18 +186,6 @@ def _sealed(folder: Path) -> Path:
         subprocess.run([*call, "--out", str(place)], check=True)
         shutil.rmtree(folder / "sealed-labels")
     return place
-
-
-def variants(command: Command) -> Iterator[Variant]:
-    """The ways to run a command, the first one being what the others are compared with."""
-    if command.jobs:
-        yield FIRST._replace(options=("--jobs", "1"))
-        yield Variant("--jobs 2", BASE, ("--jobs", "2"))
-    else:
-        yield FIRST
-        yield AGAIN
-    yield OTHER_HASH
-    yield THREADS
 
 
 def results(folder: Path) -> dict[str, Any]:
@@ -297,7 +214,7 @@ def _comparable(data: Any) -> Any:
     return [_comparable(value) for value in data] if isinstance(data, list) else data
 
 
-def repeat(cases: Path, out: Path, only: str | None = None) -> str:
+def repeat(cases: Path, out: Path) -> str:
     """Run all commands in all ways; a table of which results are bit by bit the same.
 
     What has been run is kept.
@@ -306,13 +223,12 @@ def repeat(cases: Path, out: Path, only: str | None = None) -> str:
     folder.mkdir(parents=True, exist_ok=True)
     head = ("command", "files", "run again, or with `--jobs 2`", "other hash seed")
     rows = []
-    for command in commands(cases, folder):
-        if only and only != command.name:
-            continue
-        found = [_run(command, variant, folder) for variant in variants(command)]
+    given = inputs(cases, folder)
+    for name in COMMANDS:
+        found = [_run(name, variant, given, folder) for variant in VARIANTS]
         first, others = found[0], found[1:]
         # what a run ended with is no file
-        cells = [f"`gapscope {command.name}`", str(len(first) - 1)]
+        cells = [f"`gapscope {name}`", str(len(first) - 1)]
         for other in others:
             places = sorted(first.keys() | other.keys())
             differing = [p for p in places if first.get(p) != other.get(p)]
@@ -350,19 +266,22 @@ def _taken_apart(content: Any) -> tuple[list[float], Any]:
     return [float(x) for x in NUMBER.findall(text)], NUMBER.sub("#", text)
 
 
-def _run(command: Command, variant: Variant, folder: Path) -> dict[str, Any]:
+def _run(
+    command: str, variant: str, given: dict[str, Path], folder: Path
+) -> dict[str, Any]:
     """What one run of a command wrote."""
-    name = f"{command.name}_{variant.name}".translate(str.maketrans(" ,", "__"))
+    name = f"{command}_{variant}".translate(str.maketrans(" ,", "__"))
     place, done = folder / name, folder / f"{name}.done"
+    environment, jobs = VARIANTS[variant]
     if not done.is_file():
         shutil.rmtree(place, ignore_errors=True)
         place.mkdir()
-        arguments = [text.format(out=place) for text in command.arguments]
-        call = [sys.executable, "-m", "gapscope", *arguments, *variant.options]
+        words = [x.format(out=place, **given) for x in COMMANDS[command].split()]
+        words += jobs.split() if command in WITH_JOBS else []
         with (folder / f"{name}.log").open("w") as log:
             process = subprocess.run(
-                call,
-                env={**os.environ, **variant.environment},
+                [sys.executable, "-m", "gapscope", *words],
+                env={**os.environ, **BASE, **environment},
                 stdout=log,
                 stderr=log,
                 check=False,

@@ -8,7 +8,7 @@ robot in the air (``go2``: six repeats of one motion), and simulated cases (``sa
 Between cuts ``GUARD`` seconds are left out.
 
 Resumable: run it again for the rest; each comparison has a result file. ``--results NAME`` keeps the results of several
-versions side by side, ``--sketch PROGRAM`` lets an outside program answer (``common.py``).
+versions side by side.
 ``--step agree`` compares the six repeats of each leg of the Go2 with each other, in a table of its own.
 """
 
@@ -325,8 +325,7 @@ def scatter(found: Agreement, quantity: str) -> str:
     texts = []
     for line in found.parameters:
         if line.name.startswith(quantity):
-            value = line.values.value
-            share = 100 * value.std(ddof=1) / abs(value.mean())
+            share = 100 * line.value.std(ddof=1) / abs(line.value.mean())
             texts.append(f"{share:.1f}" if np.isfinite(share) else "–")
     return ", ".join(texts)
 

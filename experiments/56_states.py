@@ -9,8 +9,7 @@ up to +-12 %. Where the states of a case are asked for, the data sheet is nearly
 without the reference too; in the other rows it is poor, inertials 10 to 30 % off and no friction, and the controller is
 unknown.
 
-Resumable: run it again for the rest; each diagnosis has a result file. ``--sketch PROGRAM`` lets an outside program
-answer (``common.py``), in comparisons with a reference.
+Resumable: run it again for the rest; each diagnosis has a result file.
 """
 
 from __future__ import annotations
@@ -27,21 +26,17 @@ import yaml
 from common import (
     Wanted,
     names_of,
-    run_tasks,
+    run_missing,
     study,
     study_options,
     verdict_of,
 )
+from generator_arms import recorded, write_side
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.errors import GapscopeError, ModelWarning
-from gapscope.arm.io.json_file import read_json, write_json
-from gapscope.blind_check.generator.case import (
-    CaseSetup,
-    MadeCase,
-    draw_setup,
-    write_case,
-)
+from gapscope.arm.io.json_file import read_json
+from gapscope.blind_check.generator.case import CaseSetup, draw_setup
 from gapscope.blind_check.generator.law import Cause, Draws
 from gapscope.blind_check.generator.laws import LAWS
 from gapscope.blind_check.generator.simulate import Conditions
@@ -179,14 +174,13 @@ def drawn_case(row: str, number: int, seed: int, folder: Path) -> Truth:
         if setup is None:
             continue
         today, truth = plants(row, setup, rng)
-        before = [setup.run(setup.plant(()), k) for k in REFERENCE]
-        after = [setup.run(p, k) for p, k in zip(today, CASE, strict=True)]
-        ran = [r for r in (*before, *after) if r is not None]
-        if len(ran) < len(REFERENCE) + len(CASE):
+        ever = [*[setup.plant(())] * len(REFERENCE), *today]
+        ran = recorded(setup, ever, (*REFERENCE, *CASE))
+        if ran is None:
             continue
         logged = as_logged(row, ran, setup.arm.n, rng)
-        write_side(row, setup, logged[: len(REFERENCE)], folder / "reference")
-        write_side(row, setup, logged[len(REFERENCE) :], folder / "case")
+        write_logged(row, setup, logged[: len(REFERENCE)], folder / "reference")
+        write_logged(row, setup, logged[len(REFERENCE) :], folder / "case")
         return truth
     raise GapscopeError(f"{row} {number} did not come about", "take another seed")
 
@@ -247,16 +241,10 @@ def as_logged(
     return out
 
 
-def write_side(row: str, setup: CaseSetup, rows: list[Columns], folder: Path) -> None:
+def write_logged(row: str, setup: CaseSetup, rows: list[Columns], folder: Path) -> None:
     """Write a case of some recordings."""
     poor = ROWS[row].poor_sheet
-    if poor:
-        unknown = np.zeros(setup.arm.n)
-        arm = replace(setup.arm, coulomb=unknown, viscous=unknown)
-        setup = replace(setup, arm=arm)
-    made = MadeCase(setup, setup.plant(()), (), [*rows, rows[-1]], {})
-    write_case(made, folder.name, poor, folder, folder.with_suffix(".csv"))
-    folder.with_suffix(".csv").unlink()
+    write_side(setup, rows, folder, bare=poor, poor=poor)
     if poor:
         file = folder / "case.yaml"
         content = yaml.safe_load(file.read_text(encoding="utf-8"))
@@ -268,17 +256,11 @@ def write_side(row: str, setup: CaseSetup, rows: list[Columns], folder: Path) ->
 def make(cases: Sequence[tuple[str, int]], seed: int, out: Path, jobs: int) -> None:
     """Make all cases that are not there yet."""
 
-    def made(one: tuple[str, int]) -> None:
-        name = f"{one[0]}_{one[1]}"
-        truth = drawn_case(*one, seed, out / "cases" / name)
-        write_json(truth, out / "truth" / f"{name}.json")
+    def made(one: tuple[str, int]) -> Truth:
+        return drawn_case(*one, seed, out / "cases" / f"{one[0]}_{one[1]}")
 
-    left = [c for c in cases if not (out / "truth" / f"{c[0]}_{c[1]}.json").is_file()]
-
-    def ended(one: tuple[str, int], how: str, seconds: float) -> None:
-        print(f"make {one[0]}_{one[1]}  {how}  {seconds:.0f} s", flush=True)
-
-    run_tasks(made, left, jobs, 600.0, ended)
+    files = {out / "truth" / f"{row}_{k}.json": (row, k) for row, k in cases}
+    run_missing(made, files, jobs, 600.0)
 
 
 def wanted(task: Task, out: Path, results: Path) -> Wanted:
@@ -386,12 +368,7 @@ def main() -> None:
     warnings.simplefilter("ignore", ModelWarning)
     out, results = arguments.out, arguments.out / arguments.results
     cases = list(itertools.product(arguments.rows.split(","), range(arguments.draws)))
-    tasks = [
-        Task(row, draw, mode)
-        for row, draw in cases
-        for mode in ROWS[row].modes
-        if mode == "against" or arguments.sketch is None
-    ]
+    tasks = [Task(row, draw, mode) for row, draw in cases for mode in ROWS[row].modes]
     threadpool_limits(1)
     study(
         arguments,

@@ -21,13 +21,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common import command_line, kept, markdown, share_text
-from joblib import Parallel, delayed
+from common import command_line, markdown, run_missing, share_text
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.io.json_file import read_json
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.trajectory import Fourier, urdf_limits
 from gapscope.arm.nominal import NominalArm
@@ -197,36 +195,21 @@ def judged(plan: tuple[str, float, str, bool, int], seed: int) -> dict[str, Any]
     cell = list(LAYOUTS).index(layout), SHARES.index(share), int(changed)
     reference, case, own = pair(robot, share, layout, changed, (seed, draw, *cell))
     with tempfile.TemporaryDirectory() as folder, threadpool_limits(1):
-        kept = identify_reference(reference)
-        document = diagnose_change(case, kept, Path(folder)).diagnosis.document
-    found = [
-        {
-            "effect": one["effect"],
-            "joints": one["joints"],
-            "probability": one["probability"],
-            "right": any(
-                one["effect"] == true.name and one["joints"] == list(true.joints)
-                for true in own
-            ),
-        }
-        for one in document["effects"]
-    ]
-    row = {"share": share, "layout": layout, "found": found, "inside": None}
-    row |= {"true": [f"{true.name} {list(true.joints)}" for true in own]}
+        known = identify_reference(reference)
+        document = diagnose_change(case, known, Path(folder)).diagnosis.document
+    truth = {(true.name, tuple(true.joints)): true for true in own}
+    found, inside = [], None
     for one in document["effects"]:
-        for true in own:
-            if one["effect"] == true.name and one["joints"] == list(true.joints):
-                key = EFFECTS[true.name]
-                value = one["parameters"][key]
-                off = np.ravel(value["value"])[0] - np.ravel(true.parameters[key])[0]
-                row["inside"] = bool(abs(off) <= 1.96 * np.ravel(value["std"])[0])
-    return row
-
-
-def run(plan: tuple[str, float, str, bool, int], seed: int, out: Path) -> None:
-    """Judge one pair and keep what came out, unless that was done."""
-    name = "_".join(str(part).replace(" ", "-") for part in plan)
-    kept(out / f"seed{seed}" / f"{name}.json", judged, plan, seed)
+        true = truth.get((one["effect"], tuple(one["joints"])))
+        found.append({key: one[key] for key in ("effect", "joints", "probability")})
+        found[-1]["right"] = true is not None
+        if true is not None:
+            key = EFFECTS[true.name]
+            value = one["parameters"][key]
+            off = np.ravel(value["value"])[0] - np.ravel(true.parameters[key])[0]
+            inside = bool(abs(off) <= 1.96 * np.ravel(value["std"])[0])
+    row = {"share": share, "layout": layout, "found": found, "inside": inside}
+    return row | {"true": [f"{true.name} {list(true.joints)}" for true in own]}
 
 
 def show(rows: list[dict[str, Any]]) -> None:
@@ -240,14 +223,13 @@ def show(rows: list[dict[str, Any]]) -> None:
     table = []
     for text, key, value in groups:
         mine = [row for row in rows if row[key] == value]
-        healthy = [row for row in mine if not row["true"]]
         changed = [row for row in mine if row["true"]]
-        sure = [f["right"] for row in mine for f in row["found"] if f["probability"] > 0.8]  # fmt: skip
+        every = [f for row in mine for f in row["found"]]
         columns = (
-            [bool(row["found"]) for row in healthy],
+            [bool(row["found"]) for row in mine if not row["true"]],
             [[f["right"] for f in row["found"]] == [True] for row in changed],
             [bool(row["found"]) and row["found"][0]["right"] for row in changed],
-            sure,
+            [f["right"] for f in every if f["probability"] > 0.8],
             [row["inside"] for row in changed if row["inside"] is not None],
         )
         table.append([text, *(share_text(sum(hits), len(hits)) for hits in columns)])
@@ -260,6 +242,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--draws", type=int, default=8, help="of each cell")
     parser.add_argument("--seconds", type=float, help="layouts of this length only")
+    parser.add_argument("--limit", type=float, default=900.0, help="of a pair [s]")
     arguments = parser.parse_args()
     layouts = [
         layout
@@ -272,10 +255,13 @@ def main() -> None:
             range(arguments.draws), (False, True), layouts, SHARES
         )
     ]
-    one = delayed(partial(run, seed=arguments.seed, out=arguments.out))
-    Parallel(arguments.jobs)(one(plan) for plan in plans)
-    files = sorted((arguments.out / f"seed{arguments.seed}").glob("*.json"))
-    show([read_json(file, "run the experiment again") for file in files])
+    folder = arguments.out / f"seed{arguments.seed}"
+    files = {}
+    for plan in plans:
+        name = "_".join(str(part).replace(" ", "-") for part in plan)
+        files[folder / f"{name}.json"] = plan
+    judge = partial(judged, seed=arguments.seed)
+    show(run_missing(judge, files, arguments.jobs, arguments.limit))
 
 
 if __name__ == "__main__":

@@ -1,50 +1,64 @@
 """Are effects named at the sizes that a diagnosis states? Put into recordings, simulated and real.
 
-A case is diagnosed as it is. Of every effect below, on the arm and on each joint that states a size, the torque of a
-multiple of that size along the recorded motion is added to the recorded torque, and the case is diagnosed again. The
-table counts how often the effect was named where it is, by the multiple of the size of probability one half, and how
-often it was found there with a lesser probability.
+    .venv/bin/python experiments/60_smallest_sizes.py [CASE...] [--terms 4] [--seed 1]
+    .venv/bin/python experiments/60_smallest_sizes.py --pairs 8 [--robots small,drawn]
 
-    python experiments/60_smallest_sizes.py CASE... [--terms 4] [--multiples 0.5 0.8 1 1.25 2] [--seed 0]
+A case is diagnosed as it is: ``expected`` says how large each effect would have to be to be named with a probability of
+0.5 and of 0.9. Then the torque of some of the effects below, on the arm or a joint, along the recorded motion is added
+to the recorded torque at half the first size, at it, at the second and at twice the first, of an effect with two signs
+with either, and the case is diagnosed again. ``--pairs`` makes unchanged pairs of ``12_against.py``, whose case is
+compared with its reference. The table has a row for each size: the share named where it was put in, and found there
+with a lesser probability. This is a recovery check: what is put in follows the laws that are looked for.
 """
 
 from __future__ import annotations
 
-import json
+import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from common import command_line
+from common import command_line, markdown, share_text
 from threadpoolctl import threadpool_limits
 
+import gapscope
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.diagnosis.diagnose import SheetComparison, examine
-from gapscope.diagnosis.selection.search import nameable
+from gapscope.arm.io.json_file import write_json
+from gapscope.arm.recording import Recording
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.model.conditioning import condition
-from gapscope.model.expected import Detectable
 
-ASKED = (
-    "payload",
-    "viscous_friction",
-    "coulomb_friction",
-    "parallel_spring",
-    "torque_offset",
-    "armature",
-)
-"""Effects that add a torque of their own to a recorded one."""
+ASKED: dict[str, dict[str, Any]] = {
+    "payload": {"com": np.zeros(3)},
+    "viscous_friction": {},
+    "coulomb_friction": {},
+    "parallel_spring": {"rest": 0.0},
+    "torque_offset": {},
+    "torque_scale": {},
+    "armature": {},
+}
+"""Effects that add a torque of their own to a recorded one, and parameters beside the size."""
+TWO_SIGNS = ("torque_offset", "torque_scale")
+SIZES = {
+    "half the first": lambda one: one["half"] / 2,
+    "0.5": lambda one: one["half"],
+    "0.9": lambda one: one["nine_of_ten"],
+    "twice the first": lambda one: 2 * one["half"],
+}
+"""Sizes that are put in, by what the table calls them."""
 
 
 def with_effect(case: Case, effect: AppliedEffect) -> Case:
     """The case with the torque of an effect in its recordings, judged ones too."""
     body = RigidBody(case.arm)
 
-    def changed(recording):
-        torque = recording.tau.copy()
+    def changed(recording: Recording) -> Recording:
+        torque = np.array(recording.tau)
         for segment in condition(recording):
             laden, motion = segment.bodies(body), segment.motion
             added = CorrectedArm(case.arm, (effect,)).predict(laden, motion)
@@ -54,75 +68,75 @@ def with_effect(case: Case, effect: AppliedEffect) -> Case:
                 torque[inside, j] += np.interp(recording.t[inside], motion.t, column)
         return replace(recording, tau=torque)
 
-    return replace(
-        case,
-        recordings=tuple(map(changed, case.recordings)),
-        judged=tuple(map(changed, case.judged)),
-    )
+    recordings = tuple(map(changed, case.recordings))
+    return replace(case, recordings=recordings, judged=tuple(map(changed, case.judged)))
 
 
-def places(effects: tuple[AppliedEffect, ...], name: str) -> set[int]:
-    """Joints on which an effect is among others, 0 for the arm."""
-    joints = [effect.joints or (0,) for effect in effects if effect.name == name]
-    return {joint for some in joints for joint in some}
+def diagnosed(case: Case, reference: Case | None) -> dict[str, Any]:
+    """The document of a diagnosis, by one thread."""
+    with threadpool_limits(1):
+        return dict(gapscope.diagnose(case, against=reference).document)
 
 
 def tried(
-    found: SheetComparison, one: Detectable, multiples: list[float]
-) -> Iterator[dict[str, object]]:
-    """A term at some sizes."""
-    terms, term = found.terms, one.term
-    for multiple in multiples:
-        theta = np.zeros(terms.size)
-        theta[term.columns[0]] = multiple * one.half
-        (effect,) = terms.effects(theta, [term])
-        with threadpool_limits(1):
-            again = examine(with_effect(found.case, effect))
-            possible = tuple(map(again.change, again.possible))
-        yield {
-            "case": found.case.name,
-            "effect": term.effect,
-            "joint": term.joint,
-            "multiple": multiple,
-            "nine_of_ten": one.most / one.half,
-            "named": term.joint in places(again.effects, term.effect),
-            "possible": term.joint in places(possible, term.effect),
-            "instead": sorted(
-                {e.name for e in again.effects} - {e.name for e in found.effects}
-            ),
-        }
+    case: Case, reference: Case | None, terms: int, rng: np.random.Generator
+) -> Iterator[dict[str, Any]]:
+    """Some effects at each size, and what is found of them."""
+    before = diagnosed(case, reference)
+    known = (before.get("against") or before)["expected"]
+    asked = [e for e in known if e["effect"] in ASKED and e["nine_of_ten"] is not None]
+    for k in rng.permutation(len(asked))[:terms]:
+        one = asked[k]
+        sign = rng.choice([-1.0, 1.0]) if one["effect"] in TWO_SIGNS else 1.0
+        for text, size in SIZES.items():
+            values = {one["parameter"]: sign * size(one), **ASKED[one["effect"]]}
+            effect = AppliedEffect(one["effect"], tuple(one["joints"]), values)
+            after = diagnosed(with_effect(case, effect), reference)
+
+            def hit(key: str, one: Any = one, after: Any = after) -> bool:
+                places = [
+                    e["joints"] for e in after[key] if e["effect"] == one["effect"]
+                ]
+                return any(set(one["joints"]) <= set(joints) for joints in places)
+
+            row = {"case": case.name, **one, "size": text, "put_in": sign * size(one)}
+            yield row | {"named": hit("effects"), "possible": hit("possible")}
+
+
+def cases(arguments: Any) -> Iterator[tuple[Case, Case | None]]:
+    """The cases given, or pairs, each with its reference."""
+    for path in arguments.cases:
+        yield load_case(path), None
+    against, robots = import_module("12_against"), arguments.robots.split(",")
+    for k in range(arguments.pairs):
+        with tempfile.TemporaryDirectory() as name:
+            folder = Path(name)
+            seed = (arguments.seed, k)
+            against.make_pair(robots[k % len(robots)], False, seed, folder)
+            yield load_case(folder / "case"), load_case(folder / "reference")
 
 
 def main() -> None:
     """Try all cases and print the rates."""
-    parser = command_line(__doc__, terms=4, seed=0)
-    parser.add_argument("cases", nargs="+", type=Path)
-    parser.add_argument("--multiples", type=float, nargs="+")
+    out = Path("out/smallest_sizes.json")
+    parser = command_line(
+        __doc__, terms=4, seed=1, pairs=0, robots="small,drawn", out=out
+    )
+    parser.add_argument("cases", nargs="*", type=Path)
     arguments = parser.parse_args()
-    multiples = arguments.multiples or [0.5, 0.8, 1.0, 1.25, 2.0]
-    rng = np.random.default_rng(arguments.seed)
-    rows, file = [], Path("out/smallest_sizes.jsonl")
-    file.parent.mkdir(exist_ok=True)
-    for path in arguments.cases:
-        case = load_case(path)
-        with threadpool_limits(1):
-            here = examine(case)
-        asked = [
-            one
-            for one in nameable(here.difference)
-            if one.term.effect in ASKED and np.isfinite(one.half)
-        ]
-        for k in rng.permutation(len(asked))[: arguments.terms]:
-            for row in tried(here, asked[k], multiples):
-                rows.append(row)
-                with file.open("a", encoding="utf-8") as out:
-                    print(json.dumps(row), file=out)
-                print(json.dumps(row), flush=True)
-    for multiple in multiples:
-        mine = [row for row in rows if row["multiple"] == multiple]
-        named = sum(bool(row["named"]) for row in mine)
-        found_at_all = sum(bool(row["named"] or row["possible"]) for row in mine)
-        print(f"{multiple:5g}: named {named}, found {found_at_all} of {len(mine)}")
+    rng, rows = np.random.default_rng(arguments.seed), []
+    for case, reference in cases(arguments):
+        for row in tried(case, reference, arguments.terms, rng):
+            rows.append(row)
+            print(row, flush=True)
+            write_json(rows, arguments.out)
+    table = []
+    for text in SIZES:
+        own = [row for row in rows if row["size"] == text]
+        named = sum(row["named"] for row in own)
+        found = sum(row["named"] or row["possible"] for row in own)
+        table.append([text, share_text(named, len(own)), share_text(found, len(own))])
+    print(f"\n{markdown(('size', 'named', 'found'), table)}")
 
 
 if __name__ == "__main__":

@@ -1,29 +1,14 @@
-"""What scripts share: parts by name, tasks in processes of their own, and the diagnosis of a case, by any program.
-
-An outside program answers in place of Gapscope, so that other ideas can be compared on the same cases:
-
-    python PROGRAM CASE [--against REFERENCE]
-
-prints a line for each effect that it names, ``effect joint anything [values] number``, joints from 1 and 0 for the arm
-or, for ``link_inertia``, the link; and as its last line the processor time, ``1.2 s of processor time``. It may read
-CSV recordings in the columns of the case format and a URDF of the arm alone, which is what ``write_plain`` writes.
-"""
+"""What scripts share: parts by name, tasks in processes of their own, diagnoses, results that are kept, tables."""
 
 from __future__ import annotations
 
 import argparse
-import json
 import multiprocessing
-import os
-import re
 import resource
 import signal
-import subprocess
 import sys
-import tempfile
 import time
 import traceback
-import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from multiprocessing.connection import wait
 from multiprocessing.process import BaseProcess
@@ -33,12 +18,9 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 import gapscope
-from gapscope.arm.case import Case, load_case
-from gapscope.arm.dynamics.plain_urdf import moving_links, plain_urdf
-from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.case import load_case
 from gapscope.arm.io.json_file import plain, read_json, write_json
-from gapscope.arm.io.write_case import write_case
-from gapscope.blind_check.scoring import wilson
+from gapscope.blind_check.scoring import named, same, wilson
 from gapscope.reports.pages import PageSection as Table
 
 T = TypeVar("T")
@@ -136,51 +118,6 @@ def _over(one: Running, limit: float, ended: Ended[Any]) -> bool:
     return True
 
 
-def diagnose_to_file(
-    case: Path, reference: Path | None, file: Path, program: Path | None = None
-) -> None:
-    """Diagnose the case in a folder and write what came of it, an error too.
-
-    Args:
-        case: its folder.
-        reference: folder of the case that it is compared with, if any.
-        file: gets ``status``, ``document`` or ``error``, ``seconds``, ``cpu_seconds`` and ``peak_mb``.
-        program: an outside program that answers in place of Gapscope.
-    """
-    started = time.monotonic()
-    result: dict[str, Any] = {"case": case.name, "status": "done"}
-    cpu = time.process_time()
-    try:
-        if program is None:
-            loaded = load_case(case, any_unit=True)
-            against = None if reference is None else load_case(reference)
-            # the document is made whole within the time that is counted
-            found = gapscope.diagnose(loaded, against=against).document
-            result["cpu_seconds"] = time.process_time() - cpu
-        else:
-            found, result["cpu_seconds"] = outside_answer(program, case, reference)
-        result["document"] = plain(found, null_if_not_finite=True)
-    # whatever a diagnosis raises is a result of the benchmark: it is recorded and counted
-    except Exception as error:
-        last = traceback.extract_tb(error.__traceback__)[-1]
-        place = f"{Path(last.filename).name}:{last.lineno}"
-        result["status"] = "failed"
-        result["error"] = f"{type(error).__name__}: {error} ({place})"
-        result["cpu_seconds"] = time.process_time() - cpu
-    result["seconds"] = time.monotonic() - started
-    who = resource.RUSAGE_SELF if program is None else resource.RUSAGE_CHILDREN
-    result["peak_mb"] = resource.getrusage(who).ru_maxrss / 1024
-    write_json(result, file)
-
-
-def write_no_result(
-    name: str, how: str, seconds: float, limit: float, file: Path
-) -> None:
-    """Record a diagnosis that did not end by itself."""
-    result = {"case": name, "status": how, "error": how, "seconds": seconds}
-    write_json({**result, "cpu_seconds": min(seconds, limit)}, file)
-
-
 class Progress:
     """Counts tasks as they end."""
 
@@ -194,6 +131,40 @@ class Progress:
         passed = (time.monotonic() - self.started) / 60
         count = f"{self.done}/{self.total}"
         print(f"{self.what} {count} {passed:5.1f} min  {name}  {text}", flush=True)
+
+
+def run_missing(
+    make: Callable[[T], Any],
+    tasks: Mapping[Path, T],
+    jobs: int,
+    limit: float,
+    failed: Callable[[T, str, float], Any] | None = None,
+    say: Callable[[Any], str] = lambda result: "",
+) -> list[Any]:
+    """JSON data of tasks from their files; those that have none are made, each in a process of its own.
+
+    Args:
+        make: what a task comes to.
+        tasks: by the file of each.
+        jobs, limit: see ``run_tasks``.
+        failed: what stands for a task that did not end, from how it ended and its seconds; without it no file is left.
+        say: what to print of a result.
+    """
+    left = [file for file in tasks if not file.is_file()]
+    progress = Progress("made", len(left))
+
+    def ended(file: Path, how: str, seconds: float) -> None:
+        if failed is not None and (how != "ended" or not file.is_file()):
+            write_json(failed(tasks[file], how, seconds), file)
+        said = say(read_json(file, "remove it")) if file.is_file() else ""
+        progress(file.stem, f"{how}, {seconds:.0f} s  {said}")
+
+    def run(file: Path) -> None:
+        made = plain(make(tasks[file]), null_if_not_finite=True)
+        write_json(made, file)
+
+    run_tasks(run, left, jobs, limit, ended)
+    return [read_json(file, "remove it") for file in tasks if file.is_file()]
 
 
 class Wanted(NamedTuple):
@@ -210,24 +181,41 @@ class Wanted(NamedTuple):
     file: Path
 
 
+def diagnosed(wanted: Wanted) -> dict[str, Any]:
+    """Diagnose a case: ``status``, ``document`` or ``error``, ``seconds``, ``cpu_seconds`` and ``peak_mb``."""
+    started, cpu = time.monotonic(), time.process_time()
+    result: dict[str, Any] = {"case": wanted.case.name, "status": "done"}
+    try:
+        case, reference = load_case(wanted.case, any_unit=True), wanted.reference
+        against = None if reference is None else load_case(reference)
+        # the document is made whole within the time that is counted
+        found = gapscope.diagnose(case, against=against).document
+        result["document"] = plain(found, null_if_not_finite=True)
+    # whatever a diagnosis raises is a result of the benchmark: it is recorded and counted
+    except Exception as error:
+        last = traceback.extract_tb(error.__traceback__)[-1]
+        place = f"{Path(last.filename).name}:{last.lineno}"
+        result["status"] = "failed"
+        result["error"] = f"{type(error).__name__}: {error} ({place})"
+    result["cpu_seconds"] = time.process_time() - cpu
+    result["seconds"] = time.monotonic() - started
+    result["peak_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return result
+
+
 def diagnose_missing(wanted: Sequence[Wanted], options: argparse.Namespace) -> None:
     """Diagnose all that has no result yet, as ``study_options`` has it."""
-    limit = options.limit
-    left = [one for one in wanted if not one.file.is_file()]
-    progress = Progress("diagnose", len(left))
 
-    def ended(one: Wanted, how: str, seconds: float) -> None:
-        name = one.file.stem
-        if how != "ended" or not one.file.is_file():
-            write_no_result(name, how, seconds, limit, one.file)
-        result = read_json(one.file, "")
-        said = "; ".join([*names_of(result), verdict_of(result)])
-        progress(name, f"{seconds:.0f} s  {said}")
+    def failed(one: Wanted, how: str, seconds: float) -> dict[str, Any]:
+        result = {"case": one.file.stem, "status": how, "error": how}
+        cpu = min(seconds, options.limit)
+        return {**result, "seconds": seconds, "cpu_seconds": cpu}
 
-    def diagnosed(one: Wanted) -> None:
-        diagnose_to_file(*one, options.sketch)
+    def said(result: dict[str, Any]) -> str:
+        return "; ".join([*names_of(result), verdict_of(result)])
 
-    run_tasks(diagnosed, left, options.jobs, limit, ended)
+    tasks = {one.file: one for one in wanted}
+    run_missing(diagnosed, tasks, options.jobs, options.limit, failed, said)
 
 
 def names_of(result: dict[str, Any]) -> list[str]:
@@ -245,6 +233,20 @@ def verdict_of(result: dict[str, Any]) -> str:
     return str(document.get("verdict", f"failed: {result.get('error', '')[:80]}"))
 
 
+def stated(truth: dict[str, Any], document: dict[str, Any]) -> list[tuple[float, bool]]:
+    """Probability of each finding of a diagnosis, named or possible, and whether it is in the label."""
+    true = [named(entry) for entry in truth["effects"]]
+    n, motions = len(truth["gap"]), truth.get("motions", [])[:-1]
+    entries = [*document.get("effects", []), *document.get("possible", [])]
+    return [
+        (
+            float(e["probability"] or 0.0),
+            any(same(t, named(e), n, motions) for t in true),
+        )
+        for e in entries
+    ]
+
+
 def study_options(
     description: str | None, *more_steps: str, jobs: int = 1, **defaults: Any
 ) -> argparse.ArgumentParser:
@@ -256,9 +258,6 @@ def study_options(
     parser.add_argument("--jobs", type=int, default=jobs)
     parser.add_argument(
         "--limit", type=float, default=600.0, help="processor time per diagnosis [s]"
-    )
-    parser.add_argument(
-        "--sketch", type=Path, help="an outside program in place of Gapscope"
     )
     return parser
 
@@ -319,102 +318,3 @@ def publish(tables: Sequence[Table], missing: int, total: int, results: Path) ->
         text += f"\n{missing} of {total} planned cases have no result.\n"
     print(text)
     results.with_suffix(".md").write_text(text, encoding="utf-8")
-
-
-# Outside programs
-
-FINDING = re.compile(r"(\w+) (\d+) .*?(\[.*\]) ")
-"""Effect, joint and values of a line."""
-SIZES = {
-    "actuator_delay": ("delay", "s"),
-    "armature": ("inertia", "kg m^2"),
-    "coulomb_friction": ("torque", "N m"),
-    "load_friction": ("coefficient", "1"),
-    "payload": ("mass", "kg"),
-    "torque_offset": ("torque", "N m"),
-    "torque_scale": ("scale", "1"),
-    "viscous_friction": ("coefficient", "N m s/rad"),
-}
-"""First parameter and unit of effects of which the first value of a line is just that."""
-
-
-def write_plain(case: Case, folder: Path) -> None:
-    """Write a case on the joints' side; its URDF has the arm's joints alone, in the order of the columns."""
-    write_case(case, folder, overwrite=True)
-    links = moving_links(RigidBody(case.arm), movable=False)
-    root = ET.fromstring(plain_urdf(links))
-    for link, element in zip(links, root.findall("link")[1:], strict=True):
-        inertia = element.find("inertial/inertia")
-        assert inertia is not None
-        for key, moment in zip(("ixx", "iyy", "izz"), link.moments, strict=True):
-            inertia.set(key, repr(float(moment)))
-    (folder / "robot.urdf").write_text(ET.tostring(root, encoding="unicode"))
-
-
-def outside_answer(
-    program: Path, case: Path, reference: Path | None
-) -> tuple[dict[str, Any], float]:
-    """What a program says of a case, as ``verdict`` and ``effects`` of a diagnosis, and its processor time [s].
-
-    Raises:
-        RuntimeError: it ended with an error, or said nothing of its time.
-    """
-    with tempfile.TemporaryDirectory() as name:
-        folders = {"case": case}
-        if reference is not None:
-            folders["reference"] = reference
-        command = [sys.executable, str(program), str(Path(name) / "case")]
-        for role, folder in folders.items():
-            write_plain(load_case(folder, any_unit=True), Path(name) / role)
-        if reference is not None:
-            command += ["--against", str(Path(name) / "reference")]
-        environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-        ended = subprocess.run(command, capture_output=True, text=True, env=environment)
-    lines = ended.stdout.splitlines()
-    time = re.match(r"([\d.]+) s of processor time", lines[-1] if lines else "")
-    if ended.returncode or time is None:
-        raise RuntimeError(
-            "".join(ended.stderr.strip().splitlines()[-1:]) or "no answer"
-        )
-    effects: dict[tuple[str, int], dict[str, Any]] = {}
-    for line in lines[:-1]:
-        found = FINDING.match(line)
-        if found is None:
-            raise RuntimeError(f"no finding: {line}")
-        _add_line(effects, found[1], int(found[2]), json.loads(found[3]))
-    verdict = "effects_found" if effects else "no_gap"
-    return {"verdict": verdict, "effects": list(effects.values())}, float(time[1])
-
-
-def _add_line(
-    effects: dict[tuple[str, int], dict[str, Any]],
-    name: str,
-    joint: int,
-    values: list[float],
-) -> None:
-    """Add a line to the effects: one entry for all joints of an effect, of several lines on one joint the first."""
-    link = joint if name == "link_inertia" else 0
-    entry = effects.setdefault(
-        (name, link),
-        {
-            "effect": name,
-            "joints": [],
-            "parameters": {"link": {"unit": "", "value": link}} if link else {},
-            "probability": None,
-            "share": None,
-            "alternatives": [],
-        },
-    )
-    if joint and joint in entry["joints"]:
-        return
-    if joint and not link:
-        entry["joints"].append(joint)
-    if name in SIZES:
-        key, unit = SIZES[name]
-        size = entry["parameters"].setdefault(key, {"unit": unit, "value": []})
-        size["value"].append(values[0])
-    elif name == "base_tilt":
-        for key, value in zip(("roll", "pitch"), values, strict=True):
-            entry["parameters"][key] = {"unit": "rad", "value": value}
-    elif name == "external_force":
-        entry["parameters"]["force"] = {"unit": "N", "value": values}

@@ -1,11 +1,13 @@
-"""Arms of the blind check's generator as plants to track: another simulator, with other laws, under any PD loop."""
+"""Cases of the blind check's generator as a set has them, and its arms as plants to track under any PD loop."""
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
+import shutil
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
@@ -16,10 +18,16 @@ from gapscope.agents.tracking import Measures, TrackingMetrics, TrackingRun
 from gapscope.arm.case import load_case
 from gapscope.arm.control import Targets
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.io.json_file import read_json, write_json
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.named_motions import workspace
 from gapscope.arm.velocity_filter import VelocityFilter
-from gapscope.blind_check.generator.case import make_case, write_case
+from gapscope.blind_check.generator.case import (
+    CaseSetup,
+    MadeCase,
+    make_case,
+    write_case,
+)
 from gapscope.blind_check.generator.simulate import (
     STRONG,
     CaseSpec,
@@ -27,6 +35,7 @@ from gapscope.blind_check.generator.simulate import (
     draw_motion,
     simulate,
 )
+from gapscope.blind_check.generator.true_arm import Columns, TrueArm
 from gapscope.envs.actions import Gains
 from gapscope.envs.position_controller import (
     RATE,
@@ -56,6 +65,47 @@ FASTEST_REST = 0.05
 """RMS speed of the difference of both runs in the last third, above which a loop does not settle [rad/s]."""
 LEARNT, LEARNT_BAND = 8, 60.0
 """Runs from which the true torque is learnt, and the band in which it is [Hz]."""
+
+
+def make_generated(
+    spec: CaseSpec, seed: tuple[int, ...], folder: Path, truth: Path
+) -> dict[str, Any]:
+    """A case of the generator in a folder and its label in a file, made unless both are there; the label."""
+    if not (truth.is_file() and folder.is_dir()):
+        made = make_case(spec, seed)
+        shutil.rmtree(folder, ignore_errors=True)
+        aside = folder.with_name(f".{folder.name}")
+        shutil.rmtree(aside, ignore_errors=True)
+        bare = spec.conditions.bare
+        write_case(made, folder.name, bare, aside, truth.with_suffix(".csv"))
+        write_json(made.label, truth)
+        aside.rename(folder)
+    return dict(read_json(truth, "remove it"))
+
+
+def recorded(
+    setup: CaseSetup, plants: TrueArm | Sequence[TrueArm], which: Sequence[int]
+) -> list[Columns] | None:
+    """The recordings of some motions, of one arm or of one each; ``None`` if one of them does not run well."""
+    if isinstance(plants, TrueArm):
+        plants = [plants] * len(which)
+    rows = [setup.run(plant, k) for plant, k in zip(plants, which, strict=True)]
+    return None if any(r is None for r in rows) else [r for r in rows if r is not None]
+
+
+def write_side(
+    setup: CaseSetup, rows: list[Columns], folder: Path, bare: bool, poor: bool = True
+) -> None:
+    """Write a case of some recordings; of a poor data sheet, nobody knows the friction."""
+    if poor:
+        unknown = np.zeros(setup.arm.n)
+        arm = replace(setup.arm, coulomb=unknown, viscous=unknown)
+        setup = replace(setup, arm=arm)
+    made = MadeCase(setup, setup.plant(()), (), [*rows, rows[-1]], {})
+    unseen = folder.with_suffix(".csv")
+    write_case(made, folder.name, bare, folder, unseen)
+    unseen.unlink()
+
 
 Fed = TorqueModel | AgentModel | np.ndarray | None
 """What is fed forward: a model, an agent on top of one, torques [N m], or nothing."""

@@ -206,12 +206,8 @@ def other_units(case: CaseFiles, rng: np.random.Generator) -> Twin:
         if f"{channel}1" in present:
             content["import"][channel] = {"column": channel + "{j}", "unit": unit}
 
-    def converted(table: pd.DataFrame) -> pd.DataFrame:
-        factors = {"t": 1e3, "tau": 1e3}
-        channels = [column.rstrip("0123456789") for column in table.columns]
-        return table * [factors.get(name, 180 / np.pi) for name in channels]
-
-    tables = _each_table(case, converted).files.recordings
+    factors = {"t": 1e3, "tau": 1e3}
+    tables = _scaled(case, lambda name: factors.get(_channel(name), 180 / np.pi))
     return Twin(CaseFiles(content, case.urdf, tables))
 
 
@@ -225,8 +221,8 @@ def heavier(case: CaseFiles, rng: np.random.Generator) -> Twin:
     for element in [*urdf.iter("mass"), *urdf.iter("inertia")]:
         for key, text in element.attrib.items():
             element.set(key, repr(HEAVIER * float(text)))
-    tables = _each_table(case, lambda table: table * _factors(table, "tau", HEAVIER))
-    return Twin(CaseFiles(content, urdf, tables.files.recordings), heavier=HEAVIER)
+    tables = _scaled(case, lambda name: HEAVIER if _channel(name) == "tau" else 1.0)
+    return Twin(CaseFiles(content, urdf, tables), heavier=HEAVIER)
 
 
 def time_shifted(case: CaseFiles, rng: np.random.Generator) -> Twin:
@@ -255,11 +251,7 @@ def joint_mirrored(case: CaseFiles, rng: np.random.Generator) -> Twin:
         lower, upper = float(limit.attrib["lower"]), float(limit.attrib["upper"])
         limit.attrib.update(lower=repr(-upper), upper=repr(-lower))
     columns = {f"{channel}{number}" for channel in CHANNELS}
-
-    def signs(table: pd.DataFrame) -> pd.DataFrame:
-        return table * [-1.0 if name in columns else 1.0 for name in table.columns]
-
-    tables = _each_table(case, signs).files.recordings
+    tables = _scaled(case, lambda name: -1.0 if name in columns else 1.0)
     return Twin(CaseFiles(case.content, urdf, tables), mirrored=(number,))
 
 
@@ -296,10 +288,15 @@ def _each_table(
     return Twin(CaseFiles(case.content, case.urdf, tables))
 
 
-def _factors(table: pd.DataFrame, channel: str, factor: float) -> list[float]:
-    """A factor for each column: that of a channel, 1 of all others."""
-    of = {f"{channel}{j}" for j in range(1, table.shape[1])}
-    return [factor if name in of else 1.0 for name in table.columns]
+def _scaled(case: CaseFiles, factor: Callable[[str], float]) -> dict[str, pd.DataFrame]:
+    """The recordings, each column times a factor."""
+    tables = case.recordings.items()
+    return {name: table * [factor(c) for c in table.columns] for name, table in tables}
+
+
+def _channel(column: str) -> str:
+    """A column's name without the number of its joint."""
+    return column.rstrip("0123456789")
 
 
 RELATIONS = (
@@ -374,17 +371,12 @@ def compare(case: Document, other: Document, twin: Twin) -> Difference:
     )
 
 
-def _effects(document: Document, twin: Twin) -> tuple[dict[str, Any], dict[str, Any]]:
+def _effects(document: Document, twin: Twin) -> list[dict[str, Any]]:
     """Joints by the name of an effect, named and possible."""
-    both = []
-    for section in ("effects", "possible"):
-        both.append(
-            {
-                entry["effect"]: sorted(twin.joints(entry["joints"]))
-                for entry in document[section]
-            }
-        )
-    return both[0], both[1]
+    return [
+        {e["effect"]: sorted(twin.joints(e["joints"])) for e in document[section]}
+        for section in ("effects", "possible")
+    ]
 
 
 def _described(

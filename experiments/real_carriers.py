@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 from zlib import crc32
 
 import numpy as np
@@ -22,7 +23,7 @@ from gapscope.arm.case import Case, load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.atomic_write import atomic_write
-from gapscope.arm.io.json_file import read_json, write_json
+from gapscope.arm.io.json_file import read_json
 from gapscope.arm.io.write_case import write_case
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import smooth_sign
@@ -346,11 +347,9 @@ def prepare_arm(arm: str, out: Path) -> None:
         identified(carrier, carrier, folder / "whole")
 
 
-def prepare_cut(arm: str, number: int, seed: int, out: Path) -> None:
-    """Write reference, identified arm and window of one cut, unless they are there; the first healthy candidate."""
+def prepare_cut(arm: str, number: int, seed: int, out: Path) -> dict[str, Any]:
+    """Write reference and identified arm of one cut, the first healthy candidate; what its ``WINDOW_FILE`` holds."""
     folder = cut_folder(arm, number, out)
-    if (folder / WINDOW_FILE).is_file():
-        return
     carrier = load_carrier(arm, out / "carriers" / arm)
     least = model_residual(carrier)
     tried: list[tuple[float, Window, np.ndarray]] = []
@@ -365,8 +364,7 @@ def prepare_cut(arm: str, number: int, seed: int, out: Path) -> None:
     if ratio > HEALTHY:
         # the reference is too poor for a healthy arm: that of all recordings is the nominal one
         identified(carrier, cut(carrier, window)[1], folder / CUT_FILES[1])
-    content = {"window": window, "ratio": ratio, "reference_leaves": rest}
-    write_json(content, folder / WINDOW_FILE)
+    return {"window": window, "ratio": ratio, "reference_leaves": rest}
 
 
 def _write_cut(carrier: Case, number: int, window: Window, folder: Path) -> np.ndarray:

@@ -24,7 +24,7 @@ from real_carriers import (
 )
 from real_laws import LAWS, STEPS, Law, Put, Scene, Values
 
-from gapscope.arm.io.json_file import read_json, write_json
+from gapscope.arm.io.json_file import read_json
 from gapscope.arm.joint_units import size_per_radian
 from gapscope.arm.recording import Recording
 from gapscope.effects.catalogue import CATALOGUE
@@ -211,9 +211,6 @@ def _entry(one: Injection, values: Values) -> dict[str, Any]:
 MODES = ("against", "plain")
 SIZES = (2.5, 4.0, 8.0)
 """RMS of an effect over what a full model leaves [1]."""
-COUNTS = {"healthy": 3, "single": 5, "pair": 1}
-FULL_COUNTS = {"healthy": 12, "single": 20, "pair": 4}
-"""Cases per arm and mode, by kind."""
 PAIR_ATTEMPTS = 12
 """Second effects that are tried for a pair."""
 
@@ -249,12 +246,17 @@ class Planned:
         return self.number if self.kind == "healthy" else (self.number + 1) % 3
 
 
-def counts(per_arm: int | None, full: bool) -> dict[str, int]:
+PER_ARM = 9
+"""Cases per arm and mode, if not said otherwise."""
+
+
+def counts(per_arm: int = PER_ARM) -> dict[str, int]:
     """Cases by kind for a total per arm and mode: a third healthy, a ninth pairs."""
-    if per_arm is None:
-        return FULL_COUNTS if full else COUNTS
     healthy, pairs = -(-per_arm // 3), per_arm // 9
     return {"healthy": healthy, "single": per_arm - healthy - pairs, "pair": pairs}
+
+
+COUNTS = counts()
 
 
 def planned(
@@ -273,12 +275,9 @@ def planned(
     return out
 
 
-def make_case(plan: Planned, seed: int, out: Path) -> None:
-    """Write one case, and its truth beside the cases, unless both are there."""
-    truth = out / "truth" / f"{plan.name}.json"
+def make_case(plan: Planned, seed: int, out: Path) -> dict[str, Any]:
+    """Write one case; its truth."""
     folder = out / "cases" / plan.name
-    if truth.is_file() and (folder / "case.yaml").is_file():
-        return
     prepared = load_prepared(plan.arm, plan.cut, out)
     base = prepared.case if plan.mode == "against" else prepared.identified
     healthy = Scene(
@@ -293,7 +292,7 @@ def make_case(plan: Planned, seed: int, out: Path) -> None:
     recording = replace(recording, name="recording")
     case = replace(base, name=plan.name, recordings=(recording,))
     write_piece(case, folder)
-    write_json(label(plan, healthy, injections, entries), truth)
+    return label(plan, healthy, injections, entries)
 
 
 def drawn(plan: Planned, seed: int, healthy: Scene) -> list[Injection]:
@@ -372,8 +371,12 @@ def label(
 
 def read_truth(plan: Planned, out: Path) -> dict[str, Any]:
     """The truth of a case."""
-    file = out / "truth" / f"{plan.name}.json"
-    return dict(read_json(file, "make the cases first, --step make"))
+    return dict(read_json(truth_file(plan, out), "--step make"))
+
+
+def truth_file(plan: Planned, out: Path) -> Path:
+    """Where it stands."""
+    return out / "truth" / f"{plan.name}.json"
 
 
 def reference_of(plan: Planned, out: Path) -> Path:

@@ -41,6 +41,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for command in [*make.splitlines(), *use.splitlines()]:
         done = gapscope(folder, command)
         assert done.returncode == 0, f"{command}\n{done.stderr}"
+        (folder / f"{command.split()[1]}.txt").write_text(done.stdout)
         if command.startswith("gapscope diagnose"):
             # the answer that the page shows, however the terminal breaks it; engines differ in the last digits
             shown, answer = (
@@ -69,11 +70,7 @@ def test_the_report_has_its_name_equation_units_and_words(folder: Path) -> None:
 
 
 def test_an_export_lists_it_as_left_out(folder: Path) -> None:
-    command = (
-        "gapscope export found/corrected.yaml --case arm --effects-from cable_drag.py"
-    )
-    done = gapscope(folder, f"{command} --format urdf --out arm.urdf")
-    assert "cable_drag, joint 2" in done.stdout
+    assert "cable_drag, joint 2" in (folder / "export.txt").read_text()
 
 
 def test_a_command_without_the_file_says_what_is_missing(folder: Path) -> None:

@@ -18,7 +18,6 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
-from types import ModuleType
 
 from gapscope.arm.io.json_file import write_json
 
@@ -38,22 +37,12 @@ from .measure import (
 PARTS = {
     "startup": "Start-up",
     "regressor": "Regressor and base parameters",
-    "identification": "Identification",
     "joint": "Friction and inertia of one joint",
     "diagnosis": "Diagnosis",
     "watch": "Watching a recording that grows",
     "environment": "Environment and agents",
 }
 """Title of each part in the table; its module has the part's name."""
-
-
-def _module(part: str) -> ModuleType:
-    return import_module(f"experiments.benchmarks.{part}")
-
-
-def points_of(part: str, settings: Settings) -> list[Point]:
-    """What a part measures; its module is imported for it."""
-    return list(_module(part).points(settings))
 
 
 def arguments(words: Sequence[str] | None) -> argparse.Namespace:
@@ -98,20 +87,35 @@ def _case(text: str) -> Measured:
     return Measured(name, path, Path(reference).resolve() if reference else None)
 
 
-class Run:
-    """Measures what the command line asks for, and remembers which points failed."""
+def run_point(
+    options: argparse.Namespace, path: Path, part: str, point: Point, failed: list[str]
+) -> list[Row]:
+    """Rows of a point: those stored, or measured now if it is wanted."""
+    found = stored(path)
+    if options.list:
+        print(f"{part}: {point.name}{'' if found is None else ' (stored)'}")
+    named = any(text in point.name for text in options.only or [""])
+    new = found is None or options.again
+    if options.list or options.tables or not (named and new):
+        return found or []
+    print(f"{part}: measures {point.name}", file=sys.stderr, flush=True)
+    try:
+        return measured(path, part, point)
+    except Exception:  # reported at the end; the other points count as well
+        traceback.print_exc()
+        failed.append(f"{part}: {point.name}")
+        return []
 
-    def __init__(self, options: argparse.Namespace) -> None:
-        self.options = options
-        # what is stored of one kind of run must not stand for another
-        kinds = ("quick",) * options.quick + ("against",) * bool(options.against)
-        self.out = options.out.joinpath(*kinds).resolve()
-        self.failed: list[str] = []
 
-    def part(self, part: str) -> list[Row]:
-        """Rows of a part."""
-        options = self.options
-        against = options.against.resolve() if options.against else None
+def main(words: Sequence[str] | None = None) -> int:
+    """Measure, write, print; returns 1 if a point failed."""
+    options = arguments(words)
+    # what is stored of one kind of run must not stand for another
+    kinds = ("quick",) * options.quick + ("against",) * bool(options.against)
+    out = options.out.joinpath(*kinds).resolve()
+    against = options.against.resolve() if options.against else None
+    written, failed = {}, list[str]()
+    for part in options.parts or PARTS:
         # cases and foreign tools are the same for all kinds of runs
         settings = Settings(
             options.out.resolve() / part,
@@ -120,38 +124,10 @@ class Run:
             against,
             tuple(options.case),
         )
-        points = points_of(part, settings)
-        return [row for point in points for row in self.point(part, point)]
-
-    def point(self, part: str, point: Point) -> list[Row]:
-        """Rows of a point: those stored, or measured now if it is wanted."""
-        path = point_file(self.out, part, point.name)
-        found = stored(path)
-        if self.options.list:
-            print(f"{part}: {point.name}{'' if found is None else ' (stored)'}")
-        if not self._wanted(point, found) or self.options.list:
-            return found or []
-        print(f"{part}: measures {point.name}", file=sys.stderr, flush=True)
-        try:
-            return measured(path, part, point)
-        except Exception:  # reported at the end; the other points count as well
-            traceback.print_exc()
-            self.failed.append(f"{part}: {point.name}")
-            return []
-
-    def _wanted(self, point: Point, found: list[Row] | None) -> bool:
-        named = any(text in point.name for text in self.options.only or [""])
-        new = found is None or self.options.again
-        return named and new and not self.options.tables
-
-
-def main(words: Sequence[str] | None = None) -> int:
-    """Measure, write, print; returns 1 if a point failed."""
-    options = arguments(words)
-    run = Run(options)
-    written = {}
-    for part in options.parts or PARTS:
-        rows = run.part(part)
+        rows: list[Row] = []
+        for point in import_module(f"experiments.benchmarks.{part}").points(settings):
+            path = point_file(out, part, point.name)
+            rows += run_point(options, path, part, point, failed)
         if options.list or not rows:
             continue
         written[part] = [asdict(row) for row in rows]
@@ -161,10 +137,10 @@ def main(words: Sequence[str] | None = None) -> int:
             put_into(options.into, part, PARTS[part], text)
     if written:
         content = {"machine": machine(), "parts": written}
-        write_json(content, run.out / "benchmarks.json")
-    for name in run.failed:
+        write_json(content, out / "benchmarks.json")
+    for name in failed:
         print(f"failed: {name}", file=sys.stderr)
-    return 1 if run.failed else 0
+    return 1 if failed else 0
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import subprocess
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -51,66 +51,53 @@ BUDGET = 60.0
 OTHER = "the other checkout"
 
 
-@dataclass(frozen=True)
-class Planned:
-    """A diagnosis to measure.
-
-    Attributes:
-        name: of the point.
-        place: makes the case, in a folder, when it is measured.
-    """
-
-    name: str
-    place: Callable[[Path], Measured]
+Place = Callable[[Path], Measured]
+"""Makes a case, in a folder, when it is measured."""
 
 
 def points(settings: Settings) -> list[Point]:
     """Cheap ones first, so that much is stored early."""
-    planned = [*named_cases(settings.quick), *sizes(settings.quick)]
-    planned += [Planned(f"case {case.name}", _given(case)) for case in settings.cases]
-    return [Point(p.name, partial(_measure, settings, p)) for p in planned]
+    places = named_cases(settings.quick) | sizes(settings.quick)
+    places |= {f"case {case.name}": _given(case) for case in settings.cases}
+    return [
+        Point(name, partial(_measure, settings, name, place))
+        for name, place in places.items()
+    ]
 
 
-def named_cases(quick: bool = False) -> list[Planned]:
+def named_cases(quick: bool = False) -> dict[str, Place]:
     """Sample cases and real arms, as far as they are there."""
-    samples = [Planned(f"sample {case.name}", _given(case)) for case in sample_cases()]
-    real = [Planned(f"real {case.name}", _given(case)) for case in real_cases()]
-    return samples[:1] + real[:1] if quick else samples + real
+    found = {}
+    for kind, cases in {"sample": sample_cases(), "real": real_cases()}.items():
+        for case in cases[:1] if quick else cases:
+            found[f"{kind} {case.name}"] = _given(case)
+    return found
 
 
-def sizes(quick: bool = False) -> list[Planned]:
-    """Simulated cases along which one size varies, the smallest first."""
-    if quick:
-        short = [Simulated(seconds) for seconds in QUICK]
-        return [_simulated(case) for case in (*short, chain(2, QUICK[0]))]
+def sizes(quick: bool = False) -> dict[str, Place]:
+    """Simulated cases along which one size varies, the smallest first; the curves cross at the default sizes."""
     cases = [
-        *(chain(joints) for joints in JOINTS),
+        *(Simulated(60.0, CHAIN_RATE, joints) for joints in JOINTS),
         *(Simulated(effects=effects) for effects in EFFECTS),
         *(Simulated(seconds) for seconds in LENGTHS),
     ]
-    # the curves cross where all sizes are the default ones
-    return [_simulated(case) for case in dict.fromkeys(cases)]
+    if quick:
+        short = [Simulated(seconds) for seconds in QUICK]
+        cases = [*short, Simulated(QUICK[0], CHAIN_RATE, 2)]
+    return {case.name: partial(_simulated, case) for case in cases}
 
 
-def chain(joints: int, seconds: float = 60.0) -> Simulated:
-    """A chain of links."""
-    return Simulated(seconds, CHAIN_RATE, joints)
+def _simulated(case: Simulated, folder: Path) -> Measured:
+    return Measured(case.name, simulated_case(case, folder))
 
 
-def _simulated(case: Simulated) -> Planned:
-    def place(folder: Path) -> Measured:
-        return Measured(case.name, simulated_case(case, folder))
-
-    return Planned(case.name, place)
-
-
-def _given(case: Measured) -> Callable[[Path], Measured]:
+def _given(case: Measured) -> Place:
     return lambda _: case
 
 
-def _measure(settings: Settings, planned: Planned) -> list[Row]:
+def _measure(settings: Settings, name: str, place: Place) -> list[Row]:
     """The row of one case."""
-    case = planned.place(settings.out / "cases")
+    case = place(settings.out / "cases")
     checkouts = {"this": ROOT}
     if settings.against:
         checkouts["other"] = settings.against
@@ -121,7 +108,7 @@ def _measure(settings: Settings, planned: Planned) -> list[Row]:
         spent = sum(run["cpu"] for runs in found.values() for run in runs)
         if spent * (done + 1) / done > BUDGET:
             break
-    return [_row(planned, found["this"], found.get("other"))]
+    return [_row(name, found["this"], found.get("other"))]
 
 
 def _run(case: Measured, checkout: Path) -> dict[str, Any]:
@@ -136,52 +123,36 @@ def _run(case: Measured, checkout: Path) -> dict[str, Any]:
 
 
 def _row(
-    planned: Planned, runs: list[dict[str, Any]], others: list[dict[str, Any]] | None
+    name: str, runs: list[dict[str, Any]], others: list[dict[str, Any]] | None
 ) -> Row:
     """Time, memory and what was named; beside another checkout if that ran as well."""
-    times = [run["cpu"] for run in runs]
-    details: dict[str, float | str] = {MEMORY: _peak(runs)}
+    (time, spread, peak), named = _figures(runs), _names(runs[0])
+    details: dict[str, float | str] = {MEMORY: peak}
     if any(STOPPED in run for run in runs):
         details[STOPPED] = LIMIT
-    row = Row(
-        planned.name,
-        _median(times),
-        "s",
-        half_quartiles(times),
-        note=_names(runs[0]),
-        details=details,
-    )
+    row = Row(name, time, "s", spread, note=named, details=details)
     if others is None:
         return row
-    other = [run["cpu"] for run in others]
-    ratios = [before / now for now, before in zip(times, other, strict=True)]
-    details |= {"before [s]": _median(other), "before [MB]": _peak(others)}
+    before, _, before_peak = _figures(others)
+    pairs = zip(runs, others, strict=True)
+    ratios = [other["cpu"] / run["cpu"] for run, other in pairs]
+    details |= {"before [s]": before, "before [MB]": before_peak}
     if others[0]["named"] != runs[0]["named"]:
         details["before named"] = _names(others[0])
-    return replace(
-        row,
-        ratio=_median(ratios),
-        ratio_spread=half_quartiles(ratios),
-        yardstick=OTHER,
-        details=details,
-    )
+    ratio, ratio_spread = float(np.median(ratios)), half_quartiles(ratios)
+    return replace(row, ratio=ratio, ratio_spread=ratio_spread, yardstick=OTHER)
 
 
-def _median(values: Sequence[float]) -> float:
-    return float(np.median(values))
-
-
-def _peak(runs: Sequence[Mapping[str, Any]]) -> float:
-    return max(run["memory_mb"] for run in runs)
+def _figures(runs: Sequence[Mapping[str, Any]]) -> tuple[float, float | None, float]:
+    """Median time [s], half the distance between its quartiles, and largest memory [MB]."""
+    times = [run["cpu"] for run in runs]
+    peak = max(run["memory_mb"] for run in runs)
+    return float(np.median(times)), half_quartiles(times), peak
 
 
 def _names(run: Mapping[str, Any]) -> str:
     """The effects named, in a few words."""
     if run["named"] is None:
         return "stopped"
-    named = [f"{name} {_numbers(joints)}".strip() for name, joints in run["named"]]
+    named = [" ".join([name, *map(str, joints)]) for name, joints in run["named"]]
     return ", ".join(named) or "none named"
-
-
-def _numbers(joints: Sequence[int]) -> str:
-    return " ".join(map(str, joints))

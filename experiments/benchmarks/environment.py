@@ -31,7 +31,7 @@ from gapscope.envs.engines.pybullet import pybullet
 from gapscope.envs.environment import VectorArmTracking
 from gapscope.envs.simulated_arm import SimulatedArm
 
-from .measure import Point, Row, Settings, compared
+from .measure import Point, Row, Settings, compared, in_turns
 
 JOINTS = (1, 2, 3, 4, 5, 6, 7)
 POSTURE = np.array([0.0, 0.6, 0.0, -1.2, 0.0, 0.8, 0.0])
@@ -156,14 +156,9 @@ def _in_turns(
     loops: Mapping[str, Loop], settings: Settings, clock: Callable[[], float]
 ) -> dict[str, list[float]]:
     """Time of each loop in each round [s], without what prepares it."""
-    times: dict[str, list[float]] = {name: [] for name in loops}
-    for _ in range(settings.rounds):
-        for name, loop in loops.items():
-            loop.prepare()
-            start = clock()
-            loop.run()
-            times[name].append(clock() - start)
-    return times
+    runs = {name: loop.run for name, loop in loops.items()}
+    prepare = {name: loop.prepare for name, loop in loops.items()}
+    return in_turns(runs, settings.rounds, clock, prepare)
 
 
 def _one(settings: Settings, engine: str) -> list[Row]:

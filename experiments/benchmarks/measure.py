@@ -62,11 +62,14 @@ def in_turns(
     loops: Mapping[str, Callable[[], object]],
     rounds: int,
     clock: Clock = time.process_time,
+    prepare: Mapping[str, Callable[[], object]] | None = None,
 ) -> dict[str, list[float]]:
-    """Time of each loop in each round [s]; the loops take turns, so that a busy machine slows all of a round."""
+    """Time of each loop in each round [s], without what prepares it; turns, so that a busy machine slows all."""
     times: dict[str, list[float]] = {name: [] for name in loops}
     for _ in range(rounds):
         for name, loop in loops.items():
+            if prepare is not None:
+                prepare[name]()
             start = clock()
             loop()
             times[name].append(clock() - start)

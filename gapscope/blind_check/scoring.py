@@ -65,18 +65,17 @@ def reliability(
     """Per bin of probability that holds findings: its edges, how many, mean probability, share that is right."""
     bin_of = np.minimum((np.asarray(probability) * bins).astype(int), bins - 1)
     rows = []
-    for k in range(bins):
+    for k in np.unique(bin_of).tolist():
         inside = bin_of == k
-        if inside.any():
-            rows.append(
-                {
-                    "from": k / bins,
-                    "to": (k + 1) / bins,
-                    "count": int(inside.sum()),
-                    "probability": float(probability[inside].mean()),
-                    "right": float(right[inside].mean()),
-                }
-            )
+        rows.append(
+            {
+                "from": k / bins,
+                "to": (k + 1) / bins,
+                "count": int(inside.sum()),
+                "probability": float(probability[inside].mean()),
+                "right": float(right[inside].mean()),
+            }
+        )
     return rows
 
 
@@ -84,10 +83,9 @@ def ece(probability: np.ndarray, right: np.ndarray, bins: int = 10) -> float | N
     """Expected calibration error: mean over findings of |mean p - share right| of the bin; ``None`` without any."""
     if not len(probability):
         return None
-    weighted = 0.0
-    for row in reliability(probability, right, bins):
-        weighted += row["count"] * abs(row["probability"] - row["right"])
-    return float(weighted / len(probability))
+    rows = reliability(probability, right, bins)
+    weighted = [row["count"] * abs(row["probability"] - row["right"]) for row in rows]
+    return float(sum(weighted) / len(probability))
 
 
 def smallest_set(candidates: Sequence[tuple[str, float]], level: float) -> list[str]:
@@ -295,69 +293,41 @@ def compare(
     verdict = document["verdict"] if document else "failed"
     truth, found = tuple(map(named, entries)), tuple(map(named, reported))
     pairs = matched(truth, found, n, motions)
-    all_found = len(pairs) == len(truth) == len(found)
+    common, every = len(pairs), len(truth) + len(found)
+    # of two empty sets the verdict decides
+    jaccard = float(verdict == ("unexplained" if unknown else "no_gap"))
+    if every:
+        jaccard = common / max(every - common, 1)
+    if label["severity"] is None:
+        severity = "healthy"
+    elif label["measure"] == "none":
+        severity = "fault"
+    else:
+        severity = "{:g}-{:g}".format(*label["severity"])
+    errors = (first_parameter_error(entries[i], reported[j]) for i, j in pairs)
     return Compared(
         name=name,
         kind=label["kind"],
-        severity=_severity(label),
+        severity=severity,
         truth=truth,
         found=found,
         unknown=unknown,
         verdict=verdict,
         top=bool(found) and any(same(t, found[0], n, motions) for t in truth),
-        exact=all_found and bool(truth),
+        exact=bool(truth) and common == len(truth) == len(found),
         exact_strict=bool(truth) and strict(truth, found),
-        jaccard=_jaccard(truth, found, len(pairs), verdict, unknown),
-        joints=_joints_right(truth, found, pairs),
-        errors=_parameter_errors(entries, reported, pairs),
+        jaccard=jaccard,
+        joints=tuple(
+            set(truth[i].joints) == set(found[j].joints)
+            for i, j in pairs
+            if truth[i].joints and truth[i].effect == found[j].effect
+        ),
+        errors=tuple(error for error in errors if error is not None),
         findings=tuple(_finding(entry, truth, n, motions) for entry in reported),
         closure=closed,
         seconds=seconds,
         conditions=label["conditions"],
     )
-
-
-def _jaccard(
-    truth: Sequence[Named],
-    found: Sequence[Named],
-    common: int,
-    verdict: str,
-    unknown: bool,
-) -> float:
-    """Common names over all names; of two empty sets 1 if the verdict is right, 0 otherwise."""
-    if truth or found:
-        return common / max(len(truth) + len(found) - common, 1)
-    return float(verdict == ("unexplained" if unknown else "no_gap"))
-
-
-def _joints_right(
-    truth: Sequence[Named], found: Sequence[Named], pairs: Sequence[tuple[int, int]]
-) -> tuple[bool, ...]:
-    """Per joint effect that is named rightly whether all of its joints are right."""
-    right = []
-    for i, j in pairs:
-        if truth[i].joints and truth[i].effect == found[j].effect:
-            right.append(set(truth[i].joints) == set(found[j].joints))
-    return tuple(right)
-
-
-def _parameter_errors(
-    entries: Sequence[dict[str, Any]],
-    reported: Sequence[dict[str, Any]],
-    pairs: Sequence[tuple[int, int]],
-) -> tuple[float, ...]:
-    """Relative errors of the first parameter of effects named rightly, if they can be compared."""
-    errors = (first_parameter_error(entries[i], reported[j]) for i, j in pairs)
-    return tuple(error for error in errors if error is not None)
-
-
-def _severity(label: dict[str, Any]) -> str:
-    if label["severity"] is None:
-        return "healthy"
-    if label["measure"] == "none":
-        return "fault"
-    low, high = label["severity"]
-    return f"{low:g}-{high:g}"
 
 
 def first_parameter_error(truth: dict[str, Any], found: dict[str, Any]) -> float | None:
@@ -366,23 +336,19 @@ def first_parameter_error(truth: dict[str, Any], found: dict[str, Any]) -> float
     if truth["effect"] != found["effect"] or not same_joints:
         return None
     names = VECTORS.get(truth["effect"], tuple(truth["parameters"])[:1])
-    comparable = all(
-        name in found["parameters"] and truth["parameters"][name].get("unit") != ""
-        for name in names
-    )
-    if not names or not comparable:
+    given = found["parameters"]
+    units = [truth["parameters"][name].get("unit") for name in names]
+    if not names or "" in units or not set(names) <= given.keys():
         return None
-    true, given = _values(truth, names), _values(found, names)
+    true, value = (
+        np.hstack([np.ravel(entry[name]["value"]) for name in names])
+        for entry in (truth["parameters"], given)
+    )
     if truth["effect"] in VECTORS:
-        return float(np.linalg.norm(given - true) / np.linalg.norm(true))
+        return float(np.linalg.norm(value - true) / np.linalg.norm(true))
     order = [found["joints"].index(joint) for joint in truth["joints"]]
-    error = np.abs(given[order] - true) / np.maximum(np.abs(true), 1e-12)
+    error = np.abs(value[order] - true) / np.maximum(np.abs(true), 1e-12)
     return float(np.median(error))
-
-
-def _values(entry: dict[str, Any], names: Sequence[str]) -> np.ndarray:
-    """Values of some parameters of an effect, one after the other."""
-    return np.hstack([np.ravel(entry["parameters"][name]["value"]) for name in names])
 
 
 def _finding(
@@ -762,14 +728,11 @@ def _design(folder: Path) -> Design | None:
 def _trained(cases: Path, labels: Path, jobs: int) -> Classifier:
     """The classifier, trained on the cases with at most one cause; what is outside the catalogue is ``unknown``."""
     truth = open_labels(cases, labels)["cases"]
-    class_of = {}
-    for name, label in truth.items():
-        if len(label["effects"]) <= 1:
-            effects = [entry["effect"] for entry in label["effects"]]
-            class_of[name] = effects[0] if effects else "healthy"
-    rows, names = [], []
-    for name, made in zip(class_of, _designs(cases, list(class_of), jobs), strict=True):
+    names = [name for name, label in truth.items() if len(label["effects"]) <= 1]
+    rows, classes = [], []
+    for name, made in zip(names, _designs(cases, names, jobs), strict=True):
         if made is not None:
             rows.append(features(made))
-            names.append(class_of[name])
-    return train(np.stack(rows), names)
+            effects = [entry["effect"] for entry in truth[name]["effects"]]
+            classes.append((*effects, "healthy")[0])
+    return train(np.stack(rows), classes)

@@ -18,7 +18,7 @@ def test_each_effect_stands_on_the_page_of_its_family(effect: object) -> None:
     page = (ROOT / "docs" / "effects" / f"{effect.family}.md").read_text(
         encoding="utf-8"
     )
-    assert all(row in page for row in catalogue.rows(effect)), (
+    assert all(row in page for row in catalogue.effect_rows(effect)), (
         "run experiments/20_pages.py catalogue and take its table over"
     )
 

@@ -60,7 +60,7 @@ FOUND: dict[str, Any] = {
 
 
 def test_values_are_those_of_joints_that_have_the_effect() -> None:
-    found = list(values("case", "3 %", TRUTH, FOUND))
+    found = list(values("3 %", TRUTH, FOUND))
     assert [(v.parameter, v.true, v.found) for v in found] == [
         ("coulomb_friction.torque", 2.0, 2.1),
         ("payload.mass", 1.5, 1.4),
@@ -75,11 +75,7 @@ def test_values_are_those_of_joints_that_have_the_effect() -> None:
 
 
 def test_findings_are_right_if_the_label_has_them() -> None:
-    found = stated("arm", TRUTH, FOUND)
-    assert [(one.probability, one.right) for one in found] == [
-        (0.9, True),
-        (0.6, True),
-        (0.2, False),
-    ]
-    row = calibration_table("All", found).rows[-1]
+    found = stated(TRUTH, FOUND)
+    assert found == [(0.9, True), (0.6, True), (0.2, False)]
+    row = calibration_table("All", [("arm", *one) for one in found]).rows[-1]
     assert row[:4] == ("all", "3", "0.57", "0.67") and row[-1].startswith("1, 0.90")

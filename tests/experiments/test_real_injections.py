@@ -58,33 +58,41 @@ def middle(recording):
     return float(recording.tau[200, 0])
 
 
-def test_coulomb_friction_adds_to_the_recorded_torque_in_the_direction_of_motion(arm):
-    forward, back = ramp(arm, 1.0, 5.0), ramp(arm, -1.0, 5.0)
+def still(arm, q=0.0, tau=0.0, count=400):
+    """The pendulum at rest."""
+    return scene_of(arm, np.full(count, q), np.full(count, tau))
+
+
+ZERO = np.zeros(1)
+LAWS = {
     # atan at a hundred widths is 0.9936 of its end
-    for scene, expected in ((forward, 5 + 2 * 0.99363), (back, 5 - 2 * 0.99363)):
-        recording, values = changed(laws.coulomb, scene, 2.0, width=0.01, skew=0.0)
-        assert middle(recording) == pytest.approx(expected, abs=1e-3)
-        assert values["torque"] == pytest.approx(1.987, abs=5e-3)
-
-
-def test_viscous_friction_of_another_power_equals_the_linear_one_at_the_rms_speed(arm):
-    recording, values = changed(laws.viscous, ramp(arm, 2.0), 3.0, power=0.8)
-    assert middle(recording) == pytest.approx(6.0, abs=0.01)
-    assert values["coefficient"] == pytest.approx(3.0, abs=0.01)
-
-
-def test_stribeck_friction_is_halved_at_its_velocity(arm):
-    scene = ramp(arm, 0.5)
-    recording, _ = changed(laws.stribeck, scene, 4.0, velocity=np.array([0.5]))
-    assert middle(recording) == pytest.approx(2.0, abs=0.02)
-
-
-def test_load_friction_is_overcome_by_the_motor_too(arm):
-    scene = ramp(arm, 1.0, 8.0)
-    recording, values = changed(laws.load_friction, scene, 0.2, power=1.0)
+    "coulomb": (ramp, (1.0, 5.0), 2.0, {"width": 0.01, "skew": 0.0}, 5 + 2 * 0.99363, {"torque": 1.987}),
+    "coulomb back": (ramp, (-1.0, 5.0), 2.0, {"width": 0.01, "skew": 0.0}, 5 - 2 * 0.99363, {}),
+    # of another power it equals the linear one at the RMS speed
+    "viscous": (ramp, (2.0,), 3.0, {"power": 0.8}, 6.0, {"coefficient": 3.0}),
+    "stribeck": (ramp, (0.5,), 4.0, {"velocity": np.array([0.5])}, 2.0, {}),
     # 8 = (1 - 0.2) tau against the motion, so 10 N m of which 2 are friction
-    assert middle(recording) == pytest.approx(10.0)
-    assert values["coefficient"] == pytest.approx(0.2)
+    "load_friction": (ramp, (1.0, 8.0), 0.2, {"power": 1.0}, 10.0, {"coefficient": 0.2}),
+    "payload": (still, (), 1.5, {"com": np.array([0.2, 0, 0]), "gyration": np.ones(3)}, 1.5 * 10 * 0.2, {"mass": 1.5}),
+    # 3 kg at 0.6 m instead of 2 kg at 0.5 m
+    "link_inertia": (still, (), 1.0, {"link": 0, "com": np.array([0.1, 0, 0])}, 18 - 10, {"link": 1}),
+    # at 1 rad of at most 1.995
+    "spring": (ramp, (0.5,), 6.0, {"rest": ZERO}, 6 * (1 + 0.15 / 1.995**2), {}),
+    "offset": (ramp, (1.0, 10.0), 2.0, {}, 8.0, {"torque": 2.0}),
+    # one period per turn at thirty degrees
+    "ripple": (still, (np.pi / 6,), 2.0, {"cycles": np.ones(1), "phase": ZERO, "second": ZERO}, -1.433, {}),
+}  # fmt: skip
+"""Scene, size and drawn values, the torque at 2 s by hand [N m], and what the label says."""
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_law_changes_the_torque_as_worked_out_by_hand(arm, name):
+    scene, how, x, drawn, torque, label = LAWS[name]
+    law = getattr(laws, name.split()[0])
+    recording, values = changed(law, scene(arm, *how), x, **drawn)
+    assert middle(recording) == pytest.approx(torque, abs=0.02)
+    for key, value in label.items():
+        assert values[key] == pytest.approx(value, abs=0.01)
 
 
 def test_armature_is_inertia_times_acceleration(arm):
@@ -96,28 +104,14 @@ def test_armature_is_inertia_times_acceleration(arm):
     assert values["inertia"] == 0.4
 
 
-def test_payload_weighs_at_its_lever_and_has_inertia_of_its_own(arm):
-    scene = scene_of(arm, np.zeros(400), np.zeros(400))
-    drawn = {"com": np.array([0.2, 0, 0]), "gyration": np.ones(3)}
-    recording, values = changed(laws.payload, scene, 1.5, **drawn)
-    assert middle(recording) == pytest.approx(1.5 * 10 * 0.2, abs=1e-9)
-    assert values["mass"] == 1.5
+def test_a_body_has_inertia_of_its_own():
     # 2 kg at 0.1 m on x: nothing about x, 0.02 kg m^2 about y and z, beside its own
     body = laws.ten_parameters(2.0, np.array([0.1, 0, 0]), 0.3 * np.eye(3))
     assert body == pytest.approx([2, 0.2, 0, 0, 0.3, 0, 0.32, 0, 0, 0.32])
 
 
-def test_heavier_link_weighs_more_on_its_own_joint(arm):
-    scene = scene_of(arm, np.zeros(400), np.zeros(400))
-    drawn = {"link": 0, "com": np.array([0.1, 0, 0])}
-    recording, values = changed(laws.link_inertia, scene, 1.0, **drawn)
-    # 3 kg at 0.6 m instead of 2 kg at 0.5 m
-    assert middle(recording) == pytest.approx(18 - 10, abs=1e-9)
-    assert values["link"] == 1
-
-
 def test_force_against_gravity_relieves_the_motor(arm):
-    scene = scene_of(arm, np.zeros(1000), np.full(1000, 10.0))
+    scene = still(arm, tau=10.0, count=1000)
     drawn = {"direction": np.array([0, 1.0, 0]), "start": 2.0, "end": 8.0}
     recording, values = changed(laws.external_force, scene, 4.0, **drawn)
     # 4 N at 0.5 m, in the middle of the push
@@ -127,36 +121,17 @@ def test_force_against_gravity_relieves_the_motor(arm):
     assert values["force"] == pytest.approx([0, 4 * 0.8, 0], abs=0.02)
 
 
-def test_spring_pulls_the_motor_back(arm):
-    scene = ramp(arm, 0.5)
-    recording, values = changed(laws.spring, scene, 6.0, rest=np.array([0.0]))
-    # at 1 rad of at most 1.995: 6 (1 + 0.15 / 1.995^2)
-    assert middle(recording) == pytest.approx(6 * (1 + 0.15 / 1.995**2))
-    assert values["stiffness"] > 6
-
-
-def test_scale_and_offset_act_between_recorded_and_applied_torque(arm):
+def test_scale_acts_between_recorded_and_applied_torque(arm):
     recording, values = changed(laws.scale, ramp(arm, tau=10), 0.2)
     # constant, so at its largest: applied 10 = (1 + 0.2 * 0.85) u, but for the largest, which is that of applied
     u = middle(recording)
     assert u * (1 + 0.2 * (1 - 0.15 * (u / 10) ** 2)) == pytest.approx(10)
     assert values["scale"] == pytest.approx(10 / u - 1)
-    recording, values = changed(laws.offset, ramp(arm, tau=10), 2.0)
-    assert recording.tau.mean() == pytest.approx(8.0)
-    assert values["torque"] == 2.0
-
-
-def test_ripple_of_one_period_per_turn_at_thirty_degrees(arm):
-    scene = scene_of(arm, np.full(400, np.pi / 6), np.zeros(400))
-    drawn = {"cycles": np.array([1.0]), "phase": np.zeros(1), "second": np.zeros(1)}
-    recording, _ = changed(laws.ripple, scene, 2.0, **drawn)
-    assert middle(recording) == pytest.approx(-2 * (0.5 + 0.25 * np.sqrt(3) / 2))
 
 
 def test_delayed_torque_is_commanded_earlier_and_lagging_torque_by_its_rate(arm):
     t = np.arange(400) / 100
-    scene = scene_of(arm, np.zeros(400), 3 * t)
-    recording, _ = changed(laws.delay, scene, 0.02)
+    recording, _ = changed(laws.delay, scene_of(arm, 0 * t, 3 * t), 0.02)
     assert middle(recording) == pytest.approx(3 * 2.02)
     assert len(recording.t) == 398
     scene = swing(arm)
@@ -167,7 +142,7 @@ def test_delayed_torque_is_commanded_earlier_and_lagging_torque_by_its_rate(arm)
 
 
 def test_motor_leads_the_joint_by_twist_and_free_play(arm):
-    scene = scene_of(arm, np.zeros(400), np.full(400, 10.0))
+    scene = still(arm, tau=10.0)
     recording, values = changed(laws.elasticity, scene, 2.0)
     # 10 N m at 2 rad / kN m, a quarter stiffer at the largest torque
     assert recording.q[200, 0] == pytest.approx(0.02 / 1.25)
@@ -186,10 +161,9 @@ def test_motor_with_rotor_and_friction_needs_torque_for_its_own_motion(arm):
 
 
 def test_encoder_is_shifted_or_rounded(arm):
-    scene = scene_of(arm, np.full(400, 0.0149), np.zeros(400))
+    scene = still(arm, 0.0149)
     assert changed(laws.encoder_offset, scene, 0.1)[0].q[0, 0] == 0.1149
-    still = np.zeros((400, 1))
-    rounded, _ = changed(laws.quantization, scene, 0.01, noise=still)
+    rounded, _ = changed(laws.quantization, scene, 0.01, noise=np.zeros((400, 1)))
     assert rounded.q[0, 0] == pytest.approx(0.01)
 
 

@@ -90,18 +90,12 @@ class Watch:
     def _inside(self, arguments: Any) -> bool:
         """Whether a path lies in the working folder, or is relative to an open folder, as in its removal."""
         path, *more = arguments if isinstance(arguments, tuple) else (arguments,)
-        if (
-            more
-            and isinstance(more[-1], int)
-            and more[-1] >= 0
-            and not os.path.isabs(path)
-        ):
+        if not isinstance(path, (str, bytes)):
+            return False
+        relative = more and isinstance(more[-1], int) and not os.path.isabs(path)
+        if relative and more[-1] >= 0:
             return True
-        place = (
-            os.path.realpath(os.fsdecode(path))
-            if isinstance(path, (str, bytes))
-            else ""
-        )
+        place = os.path.realpath(os.fsdecode(path))
         return place.startswith((self._folder, tempfile.gettempdir() + "/gapscope"))
 
     @contextmanager
@@ -169,15 +163,11 @@ def run(
         outcome = Outcome()
         for number in numbers:
             if progress is not None:
-                _note(progress, number)
+                # whoever reads the file meanwhile finds a number, whole or with leading zeros
+                with progress.open("r+" if progress.exists() else "w") as file:
+                    file.write(f"{number:012d}")
             _one(target, number, content, folder, seeds, watch, outcome)
     return outcome
-
-
-def _note(progress: Path, number: int) -> None:
-    """Write a number so that whoever reads the file meanwhile finds one, whole or with leading zeros."""
-    with progress.open("r+" if progress.exists() else "w") as file:
-        file.write(f"{number:012d}")
 
 
 def mutated(target: Target, content: bytes, number: int) -> bytes | None:
@@ -210,9 +200,10 @@ def _one(
         with suppress(OSError, ValueError, TypeError, KeyError):
             target.finish(folder)
     judge(target, number, folder, watch, outcome)
-    for other in target_files(seeds):
-        if other != target.file and not same(folder / other, seeds / other):
-            shutil.copyfile(seeds / other, folder / other)
+    for path in seeds.rglob("*"):
+        other = folder / path.relative_to(seeds)
+        if path.is_file() and other != place and not _same(path, other):
+            shutil.copyfile(path, other)
 
 
 def judge(
@@ -242,43 +233,31 @@ def judge(
     finally:
         for timer, _, _ in _TIMERS:
             signal.setitimer(timer, 0)
-    if watch.noted and not (
-        target.may_name_files and all("opens" in x for x in watch.noted)
-    ):
+    opened = all("opens" in x for x in watch.noted)
+    if watch.noted and not (target.may_name_files and opened):
         fault = f"{watch.noted[0]}; {fault}"
     if fault:
-        outcome.faults.append(
-            {"number": number, "what": fault.splitlines()[0], "where": _origin(fault)}
-        )
+        what, where = fault.splitlines()[0], _origin(fault)
+        outcome.faults.append({"number": number, "what": what, "where": where})
 
 
-def target_files(seeds: Path) -> list[str]:
-    """Files of a seed, relative to its folder."""
-    return [str(path.relative_to(seeds)) for path in seeds.rglob("*") if path.is_file()]
-
-
-def same(one: Path, other: Path) -> bool:
+def _same(one: Path, other: Path) -> bool:
     """Whether a file is as it was."""
-    return (
-        one.is_file()
-        and one.stat().st_size == other.stat().st_size
-        and one.read_bytes() == other.read_bytes()
-    )
+    if not other.is_file() or one.stat().st_size != other.stat().st_size:
+        return False
+    return one.read_bytes() == other.read_bytes()
 
 
 def _odd_place(place: Path, number: int) -> None:
     """Something that is no regular file of the folder."""
-    outside = place.parents[len(place.parents) - 1]
-    kind = number % 6
+    links = ("/dev/zero", place.name, "/absent", "/dev/null")
+    kind = number % (2 + len(links))
     if kind == 0:
         os.mkfifo(place)
     elif kind == 1:
         place.mkdir()
     else:
-        target = ("/dev/zero", place.name, str(outside / "absent"), "/dev/null")[
-            kind - 2
-        ]
-        place.symlink_to(target)
+        place.symlink_to(links[kind - 2])
 
 
 def _hang(*_: object) -> None:
@@ -287,12 +266,8 @@ def _hang(*_: object) -> None:
 
 def _origin(fault: str) -> str:
     """The last line of the project in a traceback, by which faults are told apart."""
-    lines = [
-        line.strip()
-        for line in fault.splitlines()
-        if "/gapscope/" in line and "File" in line
-    ]
-    return lines[-1].split("/gapscope/")[-1] if lines else ""
+    lines = [x for x in fault.splitlines() if "/gapscope/" in x and "File" in x]
+    return lines[-1].strip().split("/gapscope/")[-1] if lines else ""
 
 
 def kinds(faults: list[dict[str, Any]]) -> Counter[str]:

@@ -93,87 +93,86 @@ def copies(*names: str) -> Callable[[Path], None]:
     return make
 
 
-def _log(name: str) -> Callable[[Path], object]:
-    def read(folder: Path) -> object:
-        return load_recording(folder / name, arm(), complete=True, any_unit=True)
+def _write_bag(file: Path) -> None:
+    """A bag of joint states as one file, MCAP or SQLite."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
 
-    return read
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    types, kind = store.types, "sensor_msgs/msg/JointState"
+    mcap = file.suffix == ".mcap"
+    storage = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
+    seed, aside = recording(), file.with_name("bag")
+    with Writer(aside, version=9, storage_plugin=storage) as writer:
+        connection = writer.add_connection("/joint_states", kind, typestore=store)
+        for i, t in enumerate(seed.t):
+            logged = round((1e9 + t) * 1e9)
+            whole, rest = divmod(logged, 10**9)
+            stamp = types["builtin_interfaces/msg/Time"](sec=whole, nanosec=rest)
+            header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="")
+            fields = {"position": seed.q[i], "effort": seed.tau[i]}
+            fields["velocity"] = seed.dq[i]
+            message = types[kind](header=header, name=list(arm().joints), **fields)
+            writer.write(connection, logged, store.serialize_cdr(message, kind))
+    next(aside.glob(f"*{file.suffix}")).rename(file)
+    shutil.rmtree(aside)
 
 
-def _table(ending: str, mutate: mutations.Mutation) -> Target:
-    name = f"motion.{ending}"
+def _write_hdf5(file: Path) -> None:
+    import h5py
 
-    def make(folder: Path) -> None:
-        write_recording(recording(), folder / name)
+    seed = recording()
+    with h5py.File(file, "w") as content:
+        content["t"], content["q"], content["tau"] = seed.t, seed.q, seed.tau
 
-    return Target(ending, name, make, _log(name), mutate)
+
+def _write_mat(file: Path) -> None:
+    import scipy.io
+
+    seed = recording()
+    log = {"t": seed.t, "q": seed.q, "tau": seed.tau}
+    content = {**log, "log": log, "cells": np.array([1, "a"], object)}
+    scipy.io.savemat(file, content, do_compression=False)
 
 
-def _bag(ending: str) -> Target:
-    name = f"motion.{ending}"
+def _read_log(file: Path) -> object:
+    return load_recording(file, arm(), complete=True, any_unit=True)
 
-    def make(folder: Path) -> None:
-        from rosbags.rosbag2 import StoragePlugin, Writer
-        from rosbags.typesys import Stores, get_typestore
 
-        store = get_typestore(Stores.ROS2_HUMBLE)
-        types, kind = store.types, "sensor_msgs/msg/JointState"
-        storage = StoragePlugin.MCAP if ending == "mcap" else StoragePlugin.SQLITE3
-        seed = recording()
-        aside = folder / "bag"
-        with Writer(aside, version=9, storage_plugin=storage) as writer:
-            connection = writer.add_connection("/joint_states", kind, typestore=store)
-            for i, t in enumerate(seed.t):
-                logged = round((1e9 + t) * 1e9)
-                stamp = types["builtin_interfaces/msg/Time"](
-                    sec=logged // 10**9, nanosec=logged % 10**9
-                )
-                header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="")
-                fields = {"position": seed.q[i], "effort": seed.tau[i]}
-                fields["velocity"] = seed.dq[i]
-                message = types[kind](header=header, name=list(arm().joints), **fields)
-                writer.write(connection, logged, store.serialize_cdr(message, kind))
-        next(aside.glob(f"*.{ending}")).rename(folder / name)
-        shutil.rmtree(aside)
+WRITERS: dict[str, Callable[[Path], object]] = {
+    "h5": _write_hdf5,
+    "mat": _write_mat,
+    "db3": _write_bag,
+    "mcap": _write_bag,
+}
+"""Writers of recordings by ending; others are written by the package."""
 
-    return Target(ending, name, make, _log(name), mutations.of_bytes)
+
+def _log(
+    ending: str,
+    mutate: mutations.Mutation = mutations.of_bytes,
+    name: str = "",
+    read: Callable[[Path], object] = _read_log,
+) -> Target:
+    """A recording in one format."""
+    file = f"motion.{ending}"
+    write = WRITERS.get(ending, lambda path: write_recording(recording(), path))
+    return Target(
+        name or ending,
+        file,
+        lambda folder: write(folder / file),
+        lambda folder: read(folder / file),
+        mutate,
+    )
 
 
 def _bag_folder() -> Target:
-    inner = _bag("mcap")
-
     def make(folder: Path) -> None:
-        inner.make(folder)
-        shutil.copyfile(CORPUS / "metadata.yaml", folder / "metadata.yaml")
-
-    def read(folder: Path) -> object:
-        return load_recording(folder, arm(), complete=True, any_unit=True)
+        _write_bag(folder / "motion.mcap")
+        copies("metadata.yaml")(folder)
 
     mutate = mutations.either(mutations.of_yaml)
-    return Target("rosbag2_metadata", "metadata.yaml", make, read, mutate)
-
-
-def _hdf5() -> Target:
-    def make(folder: Path) -> None:
-        import h5py
-
-        seed = recording()
-        with h5py.File(folder / "motion.h5", "w") as file:
-            file["t"], file["q"], file["tau"] = seed.t, seed.q, seed.tau
-
-    return Target("hdf5", "motion.h5", make, _log("motion.h5"), mutations.of_bytes)
-
-
-def _mat() -> Target:
-    def make(folder: Path) -> None:
-        import scipy.io
-
-        seed = recording()
-        log = {"t": seed.t, "q": seed.q, "tau": seed.tau}
-        content = {**log, "log": log, "cells": np.array([1, "a"], object)}
-        scipy.io.savemat(folder / "motion.mat", content, do_compression=False)
-
-    return Target("mat", "motion.mat", make, _log("motion.mat"), mutations.of_bytes)
+    return Target("rosbag2_metadata", "metadata.yaml", make, _read_log, mutate)
 
 
 def _dataset(file: str, mutate: mutations.Mutation) -> Target:
@@ -362,15 +361,28 @@ def _agent(file: str, mutate: mutations.Mutation) -> Target:
     )
 
 
-def _inspect(ending: str, mutate: mutations.Mutation) -> Target:
+def _inspected(file: Path) -> object:
     from gapscope.inspection.inspection import inspect_logs
 
-    plain = _table(ending, mutate)
+    return inspect_logs([open_log(file)], arm())
 
-    def read(folder: Path) -> object:
-        return inspect_logs([open_log(folder / plain.file)], arm())
 
-    return Target(f"inspect_{ending}", plain.file, plain.make, read, mutate)
+CORPUS_READERS: dict[str, tuple[Any, ...]] = {
+    "urdf": ("robot.urdf", _read_robot("robot.urdf"), mutations.of_xml),
+    "mjcf": ("robot.xml", _read_robot("robot.xml"), mutations.of_xml),
+    "audit_urdf": ("robot.urdf", lambda x: audit_model(x / "robot.urdf"), mutations.of_xml),
+    "audit_mjcf": ("robot.xml", lambda x: audit_model(x / "robot.xml"), mutations.of_xml),
+    "controller_yaml": ("controller.yaml", lambda x: read_controller(x / "controller.yaml", 2), mutations.of_yaml),
+    "corrected_yaml": ("corrected.yaml", _read_corrected, mutations.of_yaml),
+    "identification_json": (
+        "identification.json",
+        lambda folder: read_arm(str(folder / "identification.json"), arm()),
+        mutations.of_json,
+        *("corrected.yaml", "case.yaml", "robot.urdf"),
+    ),
+    "diagnosis_json": ("diagnosis.json", _read_diagnosis, mutations.of_json),
+}  # fmt: skip
+"""Readers of files of the corpus: file, call, mutation, and the files beside it."""
 
 
 def targets() -> dict[str, Target]:
@@ -379,51 +391,19 @@ def targets() -> dict[str, Target]:
     of_npz = mutations.either(mutations.of_npz)
     of_json = mutations.either(mutations.of_json)
     found = [
-        _table("csv", of_csv),
-        _table("parquet", mutations.of_bytes),
-        _table("npz", of_npz),
-        _inspect("csv", of_csv),
-        _bag("db3"),
-        _bag("mcap"),
+        _log("csv", of_csv),
+        _log("parquet"),
+        _log("npz", of_npz),
+        _log("csv", of_csv, "inspect_csv", _inspected),
+        _log("db3"),
+        _log("mcap"),
         _bag_folder(),
-        _hdf5(),
-        _mat(),
+        _log("h5", name="hdf5"),
+        _log("mat"),
         _dataset("meta/info.json", of_json),
         _dataset("data", mutations.of_bytes),
-        _of_corpus("urdf", "robot.urdf", _read_robot("robot.urdf"), mutations.of_xml),
-        _of_corpus("mjcf", "robot.xml", _read_robot("robot.xml"), mutations.of_xml),
-        _of_corpus(
-            "audit_urdf",
-            "robot.urdf",
-            lambda folder: audit_model(folder / "robot.urdf"),
-            mutations.of_xml,
-        ),
-        _of_corpus(
-            "audit_mjcf",
-            "robot.xml",
-            lambda folder: audit_model(folder / "robot.xml"),
-            mutations.of_xml,
-        ),
+        *(_of_corpus(name, *one) for name, one in CORPUS_READERS.items()),
         _case(),
-        _of_corpus(
-            "controller_yaml",
-            "controller.yaml",
-            lambda folder: read_controller(folder / "controller.yaml", 2),
-            mutations.of_yaml,
-        ),
-        _of_corpus(
-            "corrected_yaml", "corrected.yaml", _read_corrected, mutations.of_yaml
-        ),
-        _of_corpus(
-            "identification_json",
-            "identification.json",
-            lambda folder: read_arm(str(folder / "identification.json"), arm()),
-            mutations.of_json,
-            *("corrected.yaml", "case.yaml", "robot.urdf"),
-        ),
-        _of_corpus(
-            "diagnosis_json", "diagnosis.json", _read_diagnosis, mutations.of_json
-        ),
         _address(),
         _residual(),
         _reference("reference.json", of_json),

@@ -3,37 +3,53 @@
 from __future__ import annotations
 
 import tracemalloc
+from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from gapscope.arm.recording import Recording
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.watching.detector import BLOCK, NOW, Detector
 from gapscope.watching.events import ALARM, DRIFT, MISFIT, NOTE, Event
 
 LEARNING, SECONDS = 20.0, 62.0
+BEFORE = 40.0
+"""Nothing has changed yet: all tests go on from here [s]."""
 NIGHT = 43_200.0
 
 
-def events(at_work: Any, seconds: float = SECONDS, **change: float) -> list[Event]:
+Hear = Callable[[Recording], list[Event]]
+
+
+@pytest.fixture(scope="module")
+def hear(at_work: Any) -> Hear:
+    """Events of a recording: those of its begin, which is that of all, and those of the rest."""
     detector = Detector(CorrectedArm(at_work.arm), learning=LEARNING)
-    return list(detector.add(at_work.recording(seconds, **change)))
+    before = list(detector.add(at_work.recording(BEFORE)))
+
+    def events(recording: Recording) -> list[Event]:
+        rest = recording.part(recording.t >= BEFORE)
+        return [*before, *deepcopy(detector).add(rest)]
+
+    return events
 
 
-def alarms(at_work: Any, **change: float) -> list[Event]:
-    return [e for e in events(at_work, **change) if e.event == ALARM]
+def alarms(events: list[Event]) -> list[Event]:
+    return [e for e in events if e.event == ALARM]
 
 
-def test_healthy_arm_raises_no_alarm(at_work: Any) -> None:
-    found = events(at_work, 80.0)
+def test_healthy_arm_raises_no_alarm(at_work: Any, hear: Hear) -> None:
+    found = hear(at_work.recording(80.0))
     assert [e.event for e in found] == [NOTE]
     assert "learnt 20 s" in found[0].sentence
 
 
-def test_load_is_named_with_its_mass(at_work: Any) -> None:
-    (found,) = alarms(at_work, load=2.0)
+def test_load_is_named_with_its_mass(at_work: Any, hear: Hear) -> None:
+    (found,) = alarms(hear(at_work.recording(SECONDS, load=2.0)))
     mass = found.sizes["mass"]
     assert (found.effect, found.change, list(found.joints)) == (
         "payload",
@@ -47,8 +63,8 @@ def test_load_is_named_with_its_mass(at_work: Any) -> None:
 
 
 @pytest.mark.nightly
-def test_friction_is_named_with_its_joint(at_work: Any) -> None:
-    (found,) = alarms(at_work, friction=1.8)
+def test_friction_is_named_with_its_joint(at_work: Any, hear: Hear) -> None:
+    (found,) = alarms(hear(at_work.recording(SECONDS, friction=1.8)))
     assert (found.effect, found.change, list(found.joints)) == (
         "friction",
         "risen",
@@ -58,8 +74,10 @@ def test_friction_is_named_with_its_joint(at_work: Any) -> None:
     assert size.value > 4 * size.std
 
 
-def test_friction_that_rises_evenly_is_dated_from_begin_to_end(at_work: Any) -> None:
-    found = events(at_work, 74.0, friction=2.5, rising=16.0)
+def test_friction_that_rises_evenly_is_dated_from_begin_to_end(
+    at_work: Any, hear: Hear
+) -> None:
+    found = hear(at_work.recording(74.0, friction=2.5, rising=16.0))
     first, over = [e for e in found if e.event != NOTE]
     assert (first.event, over.event) == (ALARM, DRIFT)
     assert {(e.effect, e.change, tuple(e.joints)) for e in (first, over)} == {
@@ -88,28 +106,29 @@ def test_arm_that_is_cold_in_the_morning_raises_no_alarm(
     assert [event.event for event in found] == [NOTE]
 
 
-def test_encoder_that_slips_is_named_by_its_reading(at_work: Any) -> None:
-    detector = Detector(CorrectedArm(at_work.arm), learning=LEARNING)
-    recording = at_work.recording(60.0)
+def test_encoder_that_slips_is_named_by_its_reading(at_work: Any, hear: Hear) -> None:
+    recording = at_work.recording(62.0)
     q = recording.q.copy()
-    q[recording.t >= 40.0, 1] += 0.05
-    found = [e for e in detector.add(replace(recording, q=q)) if e.event != NOTE]
-    (alarm,) = found
+    q[recording.t >= 42.0, 1] += 0.05
+    found = hear(replace(recording, q=q))
+    (alarm,) = [e for e in found if e.event != NOTE]
     assert (alarm.effect, list(alarm.joints)) == ("encoder_offset", [2])
     assert alarm.sizes["offset"].value == pytest.approx(0.05, abs=2e-3)
-    assert alarm.interval[0] < 40.0 <= alarm.interval[1]
+    assert alarm.interval[0] < 42.0 <= alarm.interval[1]
 
 
-def test_what_no_name_fits_is_something_else(at_work: Any) -> None:
+def test_what_no_name_fits_is_something_else(at_work: Any, hear: Hear) -> None:
     shaking = 3 * float(at_work.arm.coulomb[0])
-    (found,) = alarms(at_work, shaking=shaking)
+    (found,) = alarms(hear(at_work.recording(SECONDS, shaking=shaking)))
     assert (found.effect, list(found.joints)) == ("other", [1])
     assert found.evidence["growth_1"] > 2
 
 
-def test_change_without_a_name_is_a_misfit_and_no_alarm(at_work: Any) -> None:
+def test_change_without_a_name_is_a_misfit_and_no_alarm(
+    at_work: Any, hear: Hear
+) -> None:
     later = replace(at_work, change=90.0)
-    found = [e for e in events(later, 116.0, late=0.03) if e.event != NOTE]
+    found = [e for e in hear(later.recording(116.0, late=0.03)) if e.event != NOTE]
     assert [e.event for e in found] == [MISFIT]
     assert abs(found[0].time - later.change) < 5.0
     assert found[0].sizes == {}

@@ -406,7 +406,10 @@ class _Simulation:
         compliant = self._joints["stiffness"][0, :n] > 0
         rotors = self._joints["armature"][0, :n]
         self._model.dof_armature[:] = np.where(compliant, 0.0, rotors)
-        self._outer = _OuterForces(plant, self._model, self._data, self._state)
+        self._plant, self._tip = plant, tip_body(self._model)
+        self._tip_before: np.ndarray | None = None
+        moved = plant.push is not None or plant.shaken is not None
+        self._disturbed = moved or bool(plant.resisting)
 
     def taken_over_by(self, plant: TrueArm) -> _Simulation:
         """Another arm in the state of this one: its motion, joints, controller and clock."""
@@ -436,10 +439,29 @@ class _Simulation:
                 self._damping,
                 self._force,
             )
-            if self._outer.active:
-                self._outer.apply(self._steps_done * self._dt)
+            if self._disturbed:
+                self._disturb(self._steps_done * self._dt)
             mujoco.mj_step(self._model, self._data)
             self._steps_done += 1
+
+    def _disturb(self, t: float) -> None:
+        """Force on the tip, motion of the base and further torques on the joints in the step that begins at t [s]."""
+        plant = self._plant
+        drive = self._state["drive"][0, : plant.arm.n]
+        for resisting in plant.resisting:
+            self._force[:] -= resisting(t, self._q, self._dq, drive)
+        if plant.shaken is not None:
+            size, frequency, phase = plant.shaken
+            swing = np.sin(2 * np.pi * frequency * t + phase)
+            self._model.opt.gravity[:] = plant.gravity + size * swing
+        if plant.push is not None:
+            here = self._data.xipos[self._tip].copy()
+            before = here
+            if self._tip_before is not None and t != 0.0:
+                before = self._tip_before
+            self._tip_before = here
+            velocity = (here - before) / plant.healthy.step
+            self._data.xfrc_applied[self._tip, :3] = plant.push(t, here, velocity)
 
 
 def _start(
@@ -457,36 +479,3 @@ def _start(
     state["cold"] = 1.0
     for name in ("first", "second"):
         state[name][0, :n] = gravity
-
-
-class _OuterForces:
-    """Force on the tip, motion of the base and further torques on the joints, if the arm has them."""
-
-    def __init__(
-        self, plant: TrueArm, model: Any, data: Any, state: np.ndarray
-    ) -> None:
-        self.plant = plant
-        self.model = model
-        self.data = data
-        self.tip = tip_body(model)
-        self.drive = state["drive"][0, : plant.arm.n]
-        moved = plant.push is not None or plant.shaken is not None
-        self.active = moved or bool(plant.resisting)
-        self._last: np.ndarray | None = None
-
-    def apply(self, t: float) -> None:
-        """Set what acts in the step that begins at t [s]."""
-        plant = self.plant
-        for resisting in plant.resisting:
-            q, dq = self.data.qpos, self.data.qvel
-            self.data.qfrc_applied[:] -= resisting(t, q, dq, self.drive)
-        if plant.shaken is not None:
-            size, frequency, phase = plant.shaken
-            swing = np.sin(2 * np.pi * frequency * t + phase)
-            self.model.opt.gravity[:] = plant.gravity + size * swing
-        if plant.push is not None:
-            here = self.data.xipos[self.tip].copy()
-            before = here if self._last is None or t == 0.0 else self._last
-            velocity = (here - before) / plant.healthy.step
-            self._last = here
-            self.data.xfrc_applied[self.tip, :3] = plant.push(t, here, velocity)
