@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -14,7 +15,7 @@ from gapscope.arm.io.case_file import check
 ROOT = Path(__file__).parents[3]
 sys.path.insert(0, str(ROOT / "experiments"))
 SCRIPT = import_module("20_pages")
-SCHEMA = SCRIPT.read_schema()
+SCHEMA = json.loads(SCRIPT.SCHEMA.read_text(encoding="utf-8"))
 
 
 def keys(value: Any, path: str = "") -> list[tuple[str, dict[str, Any]]]:
