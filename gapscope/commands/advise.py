@@ -4,24 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-from typer import Option
+from typing import TYPE_CHECKING, Any
 
 from gapscope.arm.errors import InputError
 from gapscope.commands.options import (
-    Acceleration,
     CasePath,
-    Clearance,
-    Collisions,
-    Margin,
+    Folder,
+    Limits,
+    Positive,
     Rate,
     SearchSeed,
-    Singular,
-    Surface,
-    Torque,
     Trajectory,
-    Velocity,
 )
 from gapscope.terminal import Progress, console, log, say, wrote
 
@@ -35,51 +28,31 @@ if TYPE_CHECKING:
 
 def advise(
     case: CasePath,
+    *,
     out: Trajectory,
-    diagnosis: Annotated[
-        Path | None,
-        Option(
-            help="folder that diagnose wrote for this case; default: diagnose it now",
-            metavar="DIR",
-        ),
-    ] = None,
-    payload: Annotated[
-        float | None,
-        Option(
-            help="mass of a known body that could be mounted; used if it separates better [kg]"
-        ),
-    ] = None,
-    payload_com: Annotated[
-        str,
-        Option(
-            help="its centre in the frame of the joint that moves the last link, x,y,z [m]"
-        ),
-    ] = "0,0,0",
-    fastest: Annotated[
-        float, Option(help="highest frequency that the controller follows [Hz]")
-    ] = 5.0,
+    diagnosis: Folder | None = None,
+    payload: float | None = None,
+    payload_com: str = "0,0,0",
+    fastest: float = 5.0,
     rate: Rate = 250.0,
-    evaluations: Annotated[
-        int,
-        Option(min=1, help="objective evaluations, over all speeds and loads"),
-    ] = 1000,
-    velocity: Velocity = 1.5,
-    acceleration: Acceleration = 5.0,
-    torque: Torque = 0.8,
-    margin: Margin = 0.1,
-    singular: Singular = 0.02,
-    clearance: Clearance = 0.01,
-    surface: Surface = 0.0,
-    collisions: Collisions = True,
+    evaluations: Positive = 1000,
+    limits: Limits,
     seed: SearchSeed = None,
 ) -> None:
-    """Design the recording that separates what is still confounded."""
+    """Design the recording that separates what is still confounded.
+
+    Args:
+        diagnosis: folder that diagnose wrote for this case; default: diagnose it now
+        payload: mass of a known body that could be mounted; used if it separates better [kg]
+        payload_com: its centre in the frame of the joint that moves the last link, x,y,z [m]
+        fastest: highest frequency that the controller follows [Hz]
+        evaluations: objective evaluations, over all speeds and loads
+    """
     from gapscope.arm.io.atomic_write import make_folder
     from gapscope.commands.search_progress import SearchProgress
     from gapscope.diagnosis.document.expected import planned_entries
     from gapscope.diagnosis.next_recording import AdviceRequest, lines
     from gapscope.diagnosis.next_recording import advise as advise_case
-    from gapscope.ident.excitation.design import LimitPlan
     from gapscope.reports.expected import expected_table
     from gapscope.reports.trajectory import (
         check_csv,
@@ -89,9 +62,6 @@ def advise(
     )
 
     check_csv(out)
-    limits = LimitPlan(
-        velocity, acceleration, torque, margin, singular, clearance, surface, collisions
-    )
     load = read_payload(payload, payload_com)
     request = AdviceRequest(limits, load, fastest, rate, evaluations, seed)
     label = case.name or str(case)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Argument, Option
 
-from gapscope.commands.options import Results, RobotOption, split_names
+from gapscope.commands.options import File, Positive, Results, RobotOption, split_names
 from gapscope.terminal import Progress, console, note, say, wrote
 
 if TYPE_CHECKING:
@@ -18,57 +18,40 @@ if TYPE_CHECKING:
 
 def evaluate(
     ctx: typer.Context,
-    models: Annotated[
-        list[str],
-        Argument(
-            help="pd, gravity, nominal, a corrected.yaml, an identification.json, or the folder of a trained agent; "
-            "each may be called NAME=...",
-            metavar="MODEL...",
-        ),
-    ],
+    models: Annotated[list[str], Argument(metavar="MODEL...")],
+    *,
     out: Results,
     robot: RobotOption = "kuka_iiwa",
-    effects: Annotated[
-        Path | None,
-        Option(
-            help="what the arm that is tracked has beyond the nominal one, as corrected.yaml",
-            metavar="FILE",
-        ),
-    ] = None,
-    engine: Annotated[
-        str | None,
-        Option(help="pybullet or mujoco; both with a comma"),
-    ] = None,
-    motions: Annotated[
-        str, Option(help="motions, with commas between them")
-    ] = "fourier,pick,place,weld_seam",
-    disturbances: Annotated[
-        str, Option(help="none, push or noise; several with commas")
-    ] = "none,push",
-    seeds: Annotated[int, Option(min=1, help="how many of each motion")] = 3,
-    duration: Annotated[float, Option(help="of each motion [s]")] = 4.0,
-    bandwidth: Annotated[float, Option(help="of the control loop [Hz]")] = 4.0,
-    damping: Annotated[float, Option(help="its damping ratio")] = 0.7,
-    law: Annotated[
-        str,
-        Option(
-            help="feedforward (the model beside PD), or computed (the model inside the loop)"
-        ),
-    ] = "feedforward",
-    env: Annotated[
-        str | None,
-        Option(
-            help="YAML file with robot, effects, engine, motions, bandwidth, ...; or gapscope/ArmTracking-v0. Options "
-            "that are given win",
-            metavar="FILE",
-        ),
-    ] = None,
-    again: Annotated[
-        bool,
-        Option("--again", help="begin anew, also if an earlier run was interrupted"),
-    ] = False,
+    effects: File | None = None,
+    engine: str | None = None,
+    motions: str = "fourier,pick,place,weld_seam",
+    disturbances: str = "none,push",
+    seeds: Positive = 3,
+    duration: float = 4.0,
+    bandwidth: float = 4.0,
+    damping: float = 0.7,
+    law: str = "feedforward",
+    env: Annotated[str | None, Option(metavar="FILE")] = None,
+    again: bool = False,
 ) -> None:
-    """Evaluate models and trained agents by how well an arm is tracked with them."""
+    """Evaluate models and trained agents by how well an arm is tracked with them.
+
+    Args:
+        models: pd, gravity, nominal, a corrected.yaml, an identification.json, or the folder of a trained agent; each
+            may be called NAME=...
+        effects: what the arm that is tracked has beyond the nominal one, as corrected.yaml
+        engine: pybullet or mujoco; both with a comma
+        motions: motions, with commas between them
+        disturbances: none, push or noise; several with commas
+        seeds: how many of each motion
+        duration: of each motion [s]
+        bandwidth: of the control loop [Hz]
+        damping: its damping ratio
+        law: feedforward (the model beside PD), or computed (the model inside the loop)
+        env: YAML file with robot, effects, engine, motions, bandwidth, ...; or gapscope/ArmTracking-v0. Options that
+            are given win
+        again: begin anew, also if an earlier run was interrupted
+    """
     from gapscope.agents.controllers import Tuning
     from gapscope.agents.evaluation import EvaluationPlan, TrackingBench
     from gapscope.agents.evaluation import evaluate as evaluate_models

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 from typer import Argument, Option
 
-from gapscope.commands.options import Results
+from gapscope.commands.options import Folder, Positive, Results
 from gapscope.terminal import Progress, say, show, wrote
 
 PACE = 1.0
@@ -20,42 +20,31 @@ GIGABYTE = 1e9
 
 
 def fleet(
-    cases: Annotated[
-        list[str],
-        Argument(
-            help="folders or archives of cases, lists of them (.txt, .csv), or URLs: s3://..., gs://..., zip://...",
-            metavar="CASES...",
-        ),
-    ],
+    cases: Annotated[list[str], Argument(metavar="CASES...")],
+    *,
     out: Results,
-    jobs: Annotated[
-        int | None,
-        Option(min=1, help="cases at a time; default: 1, on a cluster all its cores"),
-    ] = None,
-    backend: Annotated[
-        str, Option(help="local, or ray (needs ray installed)")
-    ] = "local",
-    again: Annotated[
-        bool, Option("--again", help="diagnose also what is done")
-    ] = False,
-    keep: Annotated[
-        str, Option(help="files kept of each diagnosis: nothing, json or report")
-    ] = "json",
-    units_by: Annotated[
-        str, Option(help="what names the unit of a case: case or folder")
-    ] = "case",
-    largest: Annotated[
-        float, Option(min=0.0, help="size that a case may have [GB]", metavar="GB")
-    ] = 2.0,
-    scratch: Annotated[
-        Path | None,
-        Option(help="folder for cases while they are diagnosed", metavar="DIR"),
-    ] = None,
-    tries: Annotated[
-        int, Option(min=1, help="times that a case is begun if its workers die")
-    ] = 3,
+    jobs: Positive | None = None,
+    backend: str = "local",
+    again: bool = False,
+    keep: str = "json",
+    units_by: str = "case",
+    largest: Annotated[float, Option(metavar="GB", min=0.0)] = 2.0,
+    scratch: Folder | None = None,
+    tries: Positive = 3,
 ) -> None:
-    """Diagnose many cases, compare their units, and find what changed."""
+    """Diagnose many cases, compare their units, and find what changed.
+
+    Args:
+        cases: folders or archives of cases, lists of them (.txt, .csv), or URLs: s3://..., gs://..., zip://...
+        jobs: cases at a time; default: 1, on a cluster all its cores
+        backend: local, or ray (needs ray installed)
+        again: diagnose also what is done
+        keep: files kept of each diagnosis: nothing, json or report
+        units_by: what names the unit of a case: case or folder
+        largest: size that a case may have [GB]
+        scratch: folder for cases while they are diagnosed
+        tries: times that a case is begun if its workers die
+    """
     from gapscope.interface.fleet import DOCUMENT, PAGE, fleet
 
     with Progress("fleet") as progress:
@@ -93,22 +82,20 @@ def _paced(progress: Progress) -> Callable[[str], None]:
 
 
 def serve(
-    folder: Annotated[
-        Path,
-        Argument(help="folder with diagnoses, at any depth", metavar="DIR"),
-    ],
-    port: Annotated[
-        int, Option(min=0, max=65535, help="on 127.0.0.1; 0: any that is free")
-    ] = 0,
-    units_by: Annotated[
-        str,
-        Option(
-            help="what names a unit, without dates: case, or the folder above a diagnosis"
-        ),
-    ] = "case",
-    show: Annotated[bool, Option("--open", help="open the browser")] = False,
+    folder: Annotated[Path, Argument(metavar="DIR")],
+    *,
+    port: Annotated[int, Option(min=0, max=65535)] = 0,
+    units_by: str = "case",
+    open_: bool = False,
 ) -> None:
-    """Show many diagnoses as a table, and the effects of each unit over time; read-only, on this machine alone."""
+    """Show many diagnoses as a table, and the effects of each unit over time; read-only, on this machine alone.
+
+    Args:
+        folder: folder with diagnoses, at any depth
+        port: on 127.0.0.1; 0: any that is free
+        units_by: what names a unit, without dates: case, or the folder above a diagnosis
+        open_: open the browser
+    """
     from gapscope.archive import Archive
     from gapscope.serving import ArchiveServer
 
@@ -118,7 +105,7 @@ def serve(
             count = len(archive.entries(progress))
         noun = "diagnosis" if count == 1 else "diagnoses"
         say(f"{count} {noun} at {server.address} (Ctrl-C ends)")
-        if show:
+        if open_:
             webbrowser.open(server.address)
         try:
             server.serve_forever()

@@ -5,11 +5,10 @@ from __future__ import annotations
 import platform
 from pathlib import Path
 from time import monotonic
-from typing import Annotated
 
 import typer
-from typer import Option
 
+from gapscope.commands.options import Folder
 from gapscope.terminal import Progress, console, say, show, wrote
 
 CAVEAT = (
@@ -19,12 +18,16 @@ CAVEAT = (
 
 
 def demo(
-    out: Annotated[
-        Path, Option(help="folder for the case and the results", metavar="DIR")
-    ] = Path("gapscope-demo"),
-    seed: Annotated[int | None, Option(help="draw the same mystery arm again")] = None,
+    *,
+    out: Folder = Path("gapscope-demo"),
+    seed: int | None = None,
 ) -> None:
-    """Record a mystery arm, diagnose it, and open the truth."""
+    """Record a mystery arm, diagnose it, and open the truth.
+
+    Args:
+        out: folder for the case and the results
+        seed: draw the same mystery arm again
+    """
     import numpy as np
 
     from gapscope.arm.io.locked_section import locked

@@ -7,59 +7,48 @@ from typing import Annotated
 
 from typer import Option
 
-from gapscope.commands.options import Engine, RobotArgument
+from gapscope.commands.options import Engine, File, Folder, NotNegative, RobotArgument
 from gapscope.terminal import Progress, note, wrote
 
 
 def record(
     robot: RobotArgument,
-    effects: Annotated[
-        Path, Option(help="effects, in the form of corrected.yaml", metavar="FILE")
-    ],
-    out: Annotated[Path, Option(help="folder of the case to make", metavar="CASE")],
-    trajectory: Annotated[
-        str,
-        Option(
-            help="fourier, point_to_point, weld_seam, pick, place, random, or a CSV that excite wrote"
-        ),
-    ] = "fourier",
-    recordings: Annotated[int, Option(help="how many, from slow to fast")] = 4,
-    duration: Annotated[float, Option(help="of each [s]")] = 10.0,
-    rate: Annotated[float, Option(help="samples per second [Hz]")] = 250.0,
-    controller: Annotated[
-        str | None,
-        Option(
-            help="pd, pid, cascade or computed_torque, with gains that fit the arm, or a YAML file in the form of the "
-            "controller: section of a case; by default as the case ROBOT has it, else pd",
-            metavar="KIND|FILE",
-        ),
-    ] = None,
-    read_back: Annotated[
-        bool,
-        Option(
-            "--read-back",
-            help="record the torque that reached the joints, read back from the drives, in place of "
-            "the torque commanded",
-        ),
-    ] = False,
-    noise: Annotated[
-        float,
-        Option(help="noise of the torque, as a share of its standard deviation"),
-    ] = 0.01,
-    encoder_noise: Annotated[float, Option(help="noise of the encoders [rad]")] = 0.0,
-    file_format: Annotated[str, Option("--format", help="csv, parquet or npz")] = "csv",
+    *,
+    effects: File,
+    out: Annotated[Path, Option(metavar="CASE")],
+    trajectory: str = "fourier",
+    recordings: int = 4,
+    duration: float = 10.0,
+    rate: float = 250.0,
+    controller: Annotated[str | None, Option(metavar="KIND|FILE")] = None,
+    read_back: bool = False,
+    noise: float = 0.01,
+    encoder_noise: float = 0.0,
+    format_: str = "csv",
     engine: Engine = None,
-    seed: Annotated[
-        int | None, Option(min=0, help="draw the same motions and noise again")
-    ] = None,
-    sealed: Annotated[
-        Path | None,
-        Option(help="folder for the truth, outside the case", metavar="DIR"),
-    ] = None,
+    seed: NotNegative | None = None,
+    sealed: Folder | None = None,
 ) -> None:
     """Record a simulated arm with effects as a case.
 
     The truth is kept in truth.yaml, in the case or sealed elsewhere.
+
+    Args:
+        effects: effects, in the form of corrected.yaml
+        out: folder of the case to make
+        trajectory: fourier, point_to_point, weld_seam, pick, place, random, or a CSV that excite wrote
+        recordings: how many, from slow to fast
+        duration: of each [s]
+        rate: samples per second [Hz]
+        controller: pd, pid, cascade or computed_torque, with gains that fit the arm, or a YAML file in the form of the
+            controller: section of a case; by default as the case ROBOT has it, else pd
+        read_back: record the torque that reached the joints, read back from the drives, in place of the torque
+            commanded
+        noise: noise of the torque, as a share of its standard deviation
+        encoder_noise: noise of the encoders [rad]
+        format_: csv, parquet or npz
+        seed: draw the same motions and noise again
+        sealed: folder for the truth, outside the case
     """
     import numpy as np
 
@@ -92,7 +81,7 @@ def record(
         encoder_noise,
         check_engine(engine),
     )
-    check_known("format", file_format, ENDINGS, where="format")
+    check_known("format", format_, ENDINGS, where="format")
     truth, faults = read_with_faults(effects)
     check_places(effects, out, sealed)
     arm, known = read_arm_and_controller(robot)
@@ -112,7 +101,7 @@ def record(
                 case = fault.in_case(case, rng, arm)
         progress("writes the case")
         # with its truth in it from the start: without, it could not be told from a sealed one
-        file = write_case(case, out, ending=file_format, beside=write_truth)
+        file = write_case(case, out, ending=format_, beside=write_truth)
     hidden = hidden_by_reading_back(truth) if read_back else ()
     if hidden:
         note(

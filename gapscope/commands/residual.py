@@ -5,47 +5,33 @@ from __future__ import annotations
 from importlib.util import find_spec
 from typing import Annotated
 
-import typer
+from typer import Option
 
-from gapscope.commands.options import CasePath, Model, Results
+from gapscope.commands.options import CasePath, Model, NotNegative, Results
 from gapscope.terminal import Progress, console, say, wrote
-
-Form = Annotated[
-    str,
-    typer.Option(
-        help="best (chosen per joint on held-out recordings), additive, mlp or tcn"
-    ),
-]
-Apart = Annotated[
-    str,
-    typer.Option(
-        help="what the network must not explain: effects; all (inertial parameters, friction, rotors, offsets too); or "
-        "best (effects alone if that closes more of held-out recordings)"
-    ),
-]
-HeldOut = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--judge",
-        help="name of a recording to set aside; default: the case's, or the last",
-        metavar="NAME",
-    ),
-]
-Onnx = Annotated[bool, typer.Option("--onnx", help="write residual.onnx as well")]
-Seed = Annotated[int, typer.Option(min=0, help="of weights and batches")]
 
 
 def residual(
     case: CasePath,
+    *,
     out: Results,
     model: Model = None,
-    form: Form = "best",
-    apart: Apart = "best",
-    judge: HeldOut = None,
-    onnx: Onnx = False,
-    seed: Seed = 0,
+    form: str = "best",
+    apart: str = "best",
+    judge: Annotated[list[str] | None, Option(metavar="NAME")] = None,
+    onnx: bool = False,
+    seed: NotNegative = 0,
 ) -> None:
-    """Train a network on what the effects leave, and judge it on recordings set aside (extra: learn)."""
+    """Train a network on what the effects leave, and judge it on recordings set aside (extra: learn).
+
+    Args:
+        form: best (chosen per joint on held-out recordings), additive, mlp or tcn
+        apart: what the network must not explain: effects; all (inertial parameters, friction, rotors, offsets too); or
+            best (effects alone if that closes more of held-out recordings)
+        judge: name of a recording to set aside; default: the case's, or the last
+        onnx: write residual.onnx as well
+        seed: of weights and batches
+    """
     from gapscope.arm.case import load_case
     from gapscope.arm.errors import GapscopeError
     from gapscope.arm.io.atomic_write import begin_results

@@ -2,77 +2,44 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Any
 
-from typer import Argument, Option
+from typer import Option
 
-from gapscope.commands.options import Results, RobotOption
+from gapscope.commands.options import File, NotNegative, Results, RobotOption
 from gapscope.terminal import Progress, say, wrote
 
 
 def train(
-    model: Annotated[
-        str,
-        Argument(
-            help="pd, gravity, nominal, a corrected.yaml, or an identification.json",
-            metavar="MODEL",
-        ),
-    ],
+    model: str,
+    *,
     out: Results,
     robot: RobotOption = "kuka_iiwa",
-    effects: Annotated[
-        Path | None,
-        Option(
-            help="hidden effects of the arm that the agent is tried on, as corrected.yaml; training never sees them",
-            metavar="FILE",
-        ),
-    ] = None,
-    agent: Annotated[
-        str | None,
-        Option(
-            help="ppo, ppo_residual, sac, td3, or a YAML file with settings; default: ppo, on pd and gravity "
-            "ppo_residual",
-            metavar="NAME|FILE",
-        ),
-    ] = None,
-    steps: Annotated[
-        int | None, Option(help="actions to train for; default: the settings'")
-    ] = None,
-    seed: Annotated[
-        int | None, Option(min=0, help="of weights, motions and exploration")
-    ] = None,
-    engine: Annotated[
-        str | None,
-        Option(help="mujoco (default: all environments together) or pybullet"),
-    ] = None,
-    parallel: Annotated[
-        bool,
-        Option("--parallel", help="step each environment in a process of its own"),
-    ] = False,
-    randomise: Annotated[
-        bool,
-        Option(
-            "--randomise",
-            help="draw any effects around the model in every episode, not only what its diagnosis leaves open",
-        ),
-    ] = False,
-    tune: Annotated[
-        int,
-        Option(
-            min=0,
-            help="search hyperparameters in so many short trainings instead",
-            metavar="TRIALS",
-        ),
-    ] = 0,
-    again: Annotated[
-        bool,
-        Option("--again", help="replace what the folder holds of an earlier training"),
-    ] = False,
+    effects: File | None = None,
+    agent: Annotated[str | None, Option(metavar="NAME|FILE")] = None,
+    steps: int | None = None,
+    seed: NotNegative | None = None,
+    engine: str | None = None,
+    parallel: bool = False,
+    randomise: bool = False,
+    tune: Annotated[int, Option(metavar="TRIALS", min=0)] = 0,
+    again: bool = False,
 ) -> None:
     """Train an agent on top of a model's feedforward.
 
     It learns in the simulator made from that model, and is tried on an arm with hidden effects.
+
+    Args:
+        model: pd, gravity, nominal, a corrected.yaml, or an identification.json
+        effects: hidden effects of the arm that the agent is tried on, as corrected.yaml; training never sees them
+        agent: ppo, ppo_residual, sac, td3, or a YAML file with settings; default: ppo, on pd and gravity ppo_residual
+        steps: actions to train for; default: the settings'
+        seed: of weights, motions and exploration
+        engine: mujoco (default: all environments together) or pybullet
+        parallel: step each environment in a process of its own
+        randomise: draw any effects around the model in every episode, not only what its diagnosis leaves open
+        tune: search hyperparameters in so many short trainings instead
+        again: replace what the folder holds of an earlier training
     """
     from gapscope.agents.training.learner import check_installed
     from gapscope.agents.training.task import ROUGH, Task

@@ -9,66 +9,39 @@ from pathlib import Path
 from types import FrameType
 from typing import Annotated
 
-from typer import Argument, Option
+from typer import Option
 
+from gapscope.commands.options import File, Folder
 from gapscope.terminal import note, say
 
 
 def watch(
-    source: Annotated[
-        Path,
-        Argument(
-            help="CSV that grows, or a folder in which recordings or files of ROS bags appear",
-            metavar="SOURCE",
-        ),
-    ],
-    case: Annotated[
-        Path | None,
-        Option(help="case of the arm: says how its logs are read", metavar="CASE"),
-    ] = None,
-    robot: Annotated[
-        str | None,
-        Option(
-            help="in place of a case: kuka_iiwa, ..., or a URDF; logs are in the columns of the case format",
-            metavar="ROBOT",
-        ),
-    ] = None,
-    corrected: Annotated[
-        Path | None,
-        Option(
-            help="corrected.yaml of a diagnosis, or identified.yaml; default: the nominal arm",
-            metavar="FILE",
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        Option(
-            help="folder for events.jsonl and the state that a later run goes on from",
-            metavar="DIR",
-        ),
-    ] = None,
-    learn: Annotated[
-        float,
-        Option(
-            help="motion from which normal behaviour is learnt [s]; 0: the recordings of the case show it"
-        ),
-    ] = 60.0,
-    false_alarms: Annotated[
-        float, Option(help="wanted per 24 h of motion at most, for a perfect model")
-    ] = 0.1,
-    rest: Annotated[
-        float,
-        Option(help="a file in a folder is complete after this time unwritten [s]"),
-    ] = 5.0,
-    once: Annotated[
-        bool, Option("--once", help="use what is there, and end; for cron")
-    ] = False,
-    until_idle: Annotated[
-        float | None,
-        Option(help="end when nothing new came for this long [s]", metavar="N"),
-    ] = None,
+    source: Path,
+    *,
+    case: Annotated[Path | None, Option(metavar="CASE")] = None,
+    robot: Annotated[str | None, Option(metavar="ROBOT")] = None,
+    corrected: File | None = None,
+    out: Folder | None = None,
+    learn: float = 60.0,
+    false_alarms: float = 0.1,
+    rest: float = 5.0,
+    once: bool = False,
+    until_idle: Annotated[float | None, Option(metavar="N")] = None,
 ) -> None:
-    """Follow a recording while it grows, and name what changes: a load, friction, an offset, an encoder."""
+    """Follow a recording while it grows, and name what changes: a load, friction, an offset, an encoder.
+
+    Args:
+        source: CSV that grows, or a folder in which recordings or files of ROS bags appear
+        case: case of the arm: says how its logs are read
+        robot: in place of a case: kuka_iiwa, ..., or a URDF; logs are in the columns of the case format
+        corrected: corrected.yaml of a diagnosis, or identified.yaml; default: the nominal arm
+        out: folder for events.jsonl and the state that a later run goes on from
+        learn: motion from which normal behaviour is learnt [s]; 0: the recordings of the case show it
+        false_alarms: wanted per 24 h of motion at most, for a perfect model
+        rest: a file in a folder is complete after this time unwritten [s]
+        once: use what is there, and end; for cron
+        until_idle: end when nothing new came for this long [s]
+    """
     from gapscope.arm.case import load_case
     from gapscope.arm.errors import GapscopeError, InputError
     from gapscope.arm.io.locked_section import locked
