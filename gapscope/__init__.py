@@ -25,13 +25,13 @@ if TYPE_CHECKING:
     from gapscope.interface.diagnose import diagnose
     from gapscope.interface.excite import excite
     from gapscope.interface.export import export
-    from gapscope.interface.fleet import fleet
     from gapscope.interface.gap import gap
     from gapscope.interface.identify import identify
     from gapscope.interface.inspect import inspect
     from gapscope.interface.models import make_arm, read_corrected
     from gapscope.interface.predict import predict
     from gapscope.interface.replay import replay
+    from gapscope.many.fleet import fleet
 
     __version__: str
 
@@ -72,7 +72,6 @@ _MODULES = {
             "diagnose",
             "excite",
             "export",
-            "fleet",
             "gap",
             "identify",
             "inspect",
@@ -80,6 +79,7 @@ _MODULES = {
             "replay",
         )
     },
+    "fleet": "many.fleet",
 }
 """Where each name lies; it is imported when it is first asked for."""
 

@@ -37,7 +37,7 @@ def diagnose(
     if len(cases) > 1:
         with Progress(f"{len(cases)} cases") as progress:
             progress(LOADS)
-            from gapscope.commands.diagnosis_batch import (
+            from gapscope.many.batch import (
                 SUMMARY,
                 UNITS,
                 Batch,
@@ -51,7 +51,7 @@ def diagnose(
     case = cases[0]
     with Progress(case.name or str(case)) as progress:
         progress(LOADS)
-        from gapscope.commands.diagnose_path import diagnose_path
+        from gapscope.many.batch import diagnose_path
         from gapscope.reports.diagnosis import CASE, CORRECTED
         from gapscope.reports.mended_case import CASE as MENDED
 

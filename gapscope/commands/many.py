@@ -45,7 +45,7 @@ def fleet(
         scratch: folder for cases while they are diagnosed
         tries: times that a case is begun if its workers die
     """
-    from gapscope.interface.fleet import DOCUMENT, PAGE, fleet
+    from gapscope.many.fleet import DOCUMENT, PAGE, fleet
 
     with Progress("fleet") as progress:
         overview = fleet(
@@ -96,13 +96,12 @@ def serve(
         units_by: what names a unit, without dates: case, or the folder above a diagnosis
         open_: open the browser
     """
-    from gapscope.archive import Archive
-    from gapscope.serving import ArchiveServer
+    from gapscope.many.archive import Archive, ArchiveServer
 
     archive = Archive(folder, units_by)
     with ArchiveServer(archive, port) as server:
         with Progress(str(folder)) as progress:
-            count = len(archive.entries(progress))
+            count = len(archive.rows(progress))
         noun = "diagnosis" if count == 1 else "diagnoses"
         say(f"{count} {noun} at {server.address} (Ctrl-C ends)")
         if open_:

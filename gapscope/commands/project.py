@@ -32,10 +32,10 @@ def demo(
 
     from gapscope.arm.io.locked_section import locked
     from gapscope.arm.io.write_case import write_case
-    from gapscope.commands.diagnose_path import diagnose_path
     from gapscope.effects.corrected_file import write_corrected
     from gapscope.envs.engines import default_engine
     from gapscope.envs.mystery_arm import mystery_arm
+    from gapscope.many.batch import diagnose_path
     from gapscope.reports.truth_table import truth_table
 
     start = monotonic()

@@ -5,11 +5,10 @@ from __future__ import annotations
 import base64
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
-from urllib.parse import quote
 
 import numpy as np
 from rich.console import Group, RenderableType
@@ -58,11 +57,9 @@ from gapscope.diagnosis.document.wording import (
 )
 from gapscope.diagnosis.locate import DRIVES, FREQUENCIES, JointLocalisation, Region
 from gapscope.diagnosis.result import Diagnosis, Signature, Spectrum, Trace
-from gapscope.effects.catalogue import known_effect
-from gapscope.effects.effect import Effect
+from gapscope.effects.catalogue import known_effect, of_quantity
+from gapscope.effects.effect import SHEET, Effect
 from gapscope.model.changes import change_text
-from gapscope.reports import compared_units as units_words
-from gapscope.reports.compared_units import ADDING
 from gapscope.reports.expected import expected_rows
 from gapscope.reports.pages import write_html
 
@@ -156,101 +153,6 @@ def actions(diagnosis: Diagnosis, folder: Path) -> list[Action]:
             )
         )
     return found
-
-
-# The summary of several cases: one row each, with a link to its report.
-
-
-_COUNTED = {
-    "effects_found": "with effects found",
-    "no_gap": "without a gap",
-    "unexplained": "with an unexplained gap",
-    "failed": "failed",
-}
-
-
-@dataclass(frozen=True)
-class SummaryRow:
-    """One case in the summary.
-
-    Attributes:
-        name: name of the case.
-        folder: folder of its report, relative to the summary.
-        document: its diagnosis, or ``None`` if it failed.
-        failure: why it failed.
-    """
-
-    name: str
-    folder: str
-    document: Mapping[str, Any] | None = None
-    failure: str = ""
-
-    @property
-    def label(self) -> str:
-        """Name of the case, with its folder if that has another name."""
-        return self.name if self.folder == self.name else f"{self.name} ({self.folder})"
-
-    @property
-    def link(self) -> str:
-        """Relative address of the report."""
-        return f"./{quote(self.folder)}/report.html"
-
-    @property
-    def verdict(self) -> str:
-        """Verdict as a label."""
-        return "Failed" if self.document is None else VERDICTS[self.document["verdict"]]
-
-    @property
-    def kind(self) -> str:
-        """Verdict as a key: one of the three, or ``failed``."""
-        return "failed" if self.document is None else self.document["verdict"]
-
-    def named(self, section: str = "effects") -> list[tuple[str, str]]:
-        """Effects found, or ``possible`` and not confirmed, each with what it acts on."""
-        found = [] if self.document is None else self.document[section]
-        return [(effect_name(entry["effect"]), acts_on(entry)) for entry in found]
-
-    @property
-    def closed(self) -> float | None:
-        """Share of the gap above the floor that is closed [1]; ``None`` if there is no gap."""
-        if self.document is None or self.document["verdict"] == "no_gap":
-            return None
-        return self.document["closed"]
-
-    def mean_gap(self, stage: str) -> float | None:
-        """Torque NRMSE ``before`` or ``after``, mean over the joints [1]."""
-        values = (
-            [] if self.document is None else self.document["gap"][stage]["torque_nrmse"]
-        )
-        known = [value for value in values if value is not None]
-        return sum(known) / len(known) if known else None
-
-
-def render_summary(
-    rows: Sequence[SummaryRow], path: Path | str, units: Mapping[str, Any] | None = None
-) -> None:
-    """Write the summary of several cases, in the order given.
-
-    Args:
-        rows: one per case.
-        path: file to write.
-        units: content of ``units.json``, the comparison of the cases as units of one type of arm.
-
-    Raises:
-        GapscopeError: ``path`` cannot be written.
-    """
-    counts = {
-        label: sum(row.kind == kind for row in rows) for kind, label in _COUNTED.items()
-    }
-    compared = units["groups"] if units is not None else []
-    write_html(
-        "diagnosis/summary.html",
-        path,
-        rows=rows,
-        counts=counts,
-        groups=compared,
-        words=units_words,
-    )
 
 
 # What the pictures of where a gap lies draw, with the words under them.
@@ -643,6 +545,10 @@ def _joint_gaps(names: Sequence[str], gap: Mapping[str, Any]) -> list[dict[str, 
 
 
 # What a diagnosis against a reference was compared with, as the report shows it.
+
+
+ADDING = {key: of_quantity(quantity)[0] for quantity, key in SHEET.items()}
+"""Effects that add to an entry of the data sheet, by its key."""
 
 
 def against(diagnosis: Diagnosis) -> dict[str, Any] | None:

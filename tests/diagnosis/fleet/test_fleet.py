@@ -48,8 +48,9 @@ from gapscope.diagnosis.compare_units import (
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import write_corrected
-from gapscope.reports.compared_units import findings, heading, told_apart
-from gapscope.reports.diagnosis import SummaryRow, render_summary
+from gapscope.many.pages import render_summary
+from gapscope.many.rows import Row
+from gapscope.many.units import findings, heading, told_apart
 
 
 def unit(*effects: tuple[str, list[int], dict[str, tuple[Any, Any]]]) -> dict[str, Any]:
@@ -380,7 +381,7 @@ class TestDocument:
         ]
         content = units_document([(made[0], columns)], alone)
         render_summary(
-            [SummaryRow(n, n, d) for n, d in found.items()],
+            [Row(n, n, d) for n, d in found.items()],
             tmp_path / "s.html",
             content,
         )

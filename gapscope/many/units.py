@@ -22,8 +22,8 @@ from gapscope.arm.display import (
 from gapscope.diagnosis.compare_units import DIFFERING, NOMINAL, ONE, SHARED, SOME
 from gapscope.diagnosis.document.wording import capital, joint_ranges, listing
 from gapscope.diagnosis.thresholds import ALIKE_NRMSE, FLEET_LEVEL
-from gapscope.effects.catalogue import known_effect, of_quantity
-from gapscope.effects.effect import SHEET
+from gapscope.effects.catalogue import known_effect
+from gapscope.reports.diagnosis import ADDING
 from gapscope.reports.pages import terminal_table
 
 # The comparison of units as a person reads it: ``units.json`` in words, for the summary and the terminal.
@@ -37,8 +37,6 @@ MEANING = {
     SOME: "several units have it, not all",
     ONE: "this unit differs from the others",
 }
-ADDING = {key: of_quantity(quantity)[0] for quantity, key in SHEET.items()}
-"""Effects that add to an entry of the data sheet, by its key."""
 _SHEET = {"urdf": "URDF", "torque_limit": "torque limits"} | {
     key: effect_name(effect.name) for key, effect in ADDING.items()
 }
