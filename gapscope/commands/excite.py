@@ -48,7 +48,7 @@ def excite(
     from gapscope.commands.search_progress import SearchProgress
     from gapscope.ident.excitation.design import ExcitationPlan
     from gapscope.ident.excitation.trajectory_search import Budget
-    from gapscope.interface.excite import excite as excite_arm
+    from gapscope.interface.advise import excite as excite_arm
     from gapscope.reports.expected import expected_table
     from gapscope.reports.trajectory import (
         check_csv,

@@ -26,7 +26,7 @@ def inspect(
         out: folder of the case to write, with a page and a picture
     """
     from gapscope.arm.io.locked_section import locked
-    from gapscope.interface.inspect import inspect as inspect_logs
+    from gapscope.interface.logs import inspect as inspect_logs
     from gapscope.reports.inspection import check_unused
 
     if out is not None:
@@ -50,7 +50,7 @@ def check(
     json_: AsJson = False,
 ) -> None:
     """Say in seconds whether a case can be diagnosed, and what its recordings cannot tell."""
-    from gapscope.interface.check import check as check_case
+    from gapscope.interface.logs import check as check_case
 
     with Progress(case.name or str(case)) as progress:
         result = check_case(case, progress=progress)
@@ -75,7 +75,7 @@ def audit(
     """
     from gapscope.arm.io.locked_section import locked
     from gapscope.arm.robots import KNOWN_ROBOTS
-    from gapscope.interface.audit import audit as audit_robot
+    from gapscope.interface.logs import audit as audit_robot
 
     with Progress(Path(robot).name) as progress, locked(out):
         result = audit_robot(robot, recording, progress=progress)
@@ -100,7 +100,7 @@ def agree(
         out: folder for agreement.html and agreement.json
     """
     from gapscope.arm.io.locked_section import locked
-    from gapscope.interface.agree import agree as compare
+    from gapscope.interface.logs import agree as compare
 
     with Progress(case.name or str(case)) as progress, locked(out):
         result = compare(case, progress=progress)

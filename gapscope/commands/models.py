@@ -27,7 +27,7 @@ def predict(
         out: CSV to write: t, tau1..
     """
     from gapscope.commands.inputs import read_recording
-    from gapscope.interface.predict import predict as predict_recording
+    from gapscope.interface.models import predict as predict_recording
 
     with Progress(recording.name) as progress:
         progress("reads")
@@ -52,7 +52,7 @@ def replay(
         out: CSV to write: t, q1.., tau1..
     """
     from gapscope.commands.inputs import read_recording
-    from gapscope.interface.replay import replay as replay_recording
+    from gapscope.interface.models import replay as replay_recording
 
     with Progress(recording.name) as progress:
         progress("reads")
@@ -72,7 +72,7 @@ def gap(
     json_: AsJson = False,
 ) -> None:
     """Measure the gap alone, per joint, of a nominal or corrected arm."""
-    from gapscope.interface.gap import gap as measure_gap
+    from gapscope.interface.models import gap as measure_gap
 
     with Progress(case.name or str(case)) as progress:
         progress("measures the gap")
@@ -100,9 +100,9 @@ def view(
     """
     from gapscope.arm.case import load_case
     from gapscope.arm.errors import GapscopeError
+    from gapscope.interface.models import predict as predict_recording
     from gapscope.interface.models import recording_of
-    from gapscope.interface.predict import predict as predict_recording
-    from gapscope.interface.replay import replay as replay_recording
+    from gapscope.interface.models import replay as replay_recording
     from gapscope.reports.scene import Scene, write_layout, write_mcap
 
     layout = out.with_suffix(".foxglove.json")

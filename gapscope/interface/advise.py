@@ -1,17 +1,105 @@
-"""Design the next recording, which separates what a diagnosis leaves open."""
+"""Design an exciting trajectory within an arm's limits."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from gapscope.arm.case import Case
+from gapscope.arm.io.atomic_write import make_folder
+from gapscope.arm.nominal import NominalArm
+from gapscope.diagnosis.document.expected import planned_entries
 from gapscope.diagnosis.next_recording import Advice, AdviceRequest, lines
 from gapscope.diagnosis.next_recording import advise as design_recording
-from gapscope.ident.excitation.design import LimitPlan
+from gapscope.ident.excitation.design import (
+    Excitation,
+    ExcitationPlan,
+    LimitPlan,
+    design,
+    prepare,
+)
 from gapscope.interface.diagnose import DiagnosisResult, diagnose
-from gapscope.interface.excite import ExcitationResult
-from gapscope.interface.result import Result
+from gapscope.interface.models import make_arm
+from gapscope.interface.result import Result, channel_columns
+from gapscope.reports.trajectory import check_csv, summary, write_trajectory
+
+
+@dataclass(frozen=True, repr=False)
+class ExcitationResult(Result):
+    """An exciting trajectory that keeps all limits.
+
+    Attributes:
+        arm: the arm.
+        plan: what was looked for.
+        excitation: the trajectory with torque, margins and condition number.
+    """
+
+    arm: NominalArm
+    plan: ExcitationPlan
+    excitation: Excitation
+
+    def save(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write ``trajectory.csv``, the ROS ``JointTrajectory``, a page of plots, and a slow version to run first."""
+        return self.write(Path(folder) / "trajectory.csv")
+
+    def write(self, file: Path) -> tuple[Path, ...]:
+        """Write the CSV ``file``, and ``.yaml`` (ROS ``JointTrajectory``) and ``.html`` (plots) beside it.
+
+        ``NAME_slow.csv`` and ``.yaml`` are the same path at a fifth of the speed, to be run first. All are checked as
+        written.
+        """
+        check_csv(file)
+        make_folder(file.resolve().parent)
+        return tuple(write_trajectory(self.excitation, self.arm, self.plan, file))
+
+    def shown(self) -> str:
+        """Condition number, duration and effort of the search."""
+        return "\n".join(summary(self.excitation, self.plan))
+
+    def expected(self) -> list[dict[str, Any]]:
+        """How large an effect would have to be for a recording of the motion to show it, as in ``diagnosis.json``."""
+        return planned_entries(self.arm, self.excitation)
+
+    def table(self) -> dict[str, np.ndarray]:
+        """The columns t, q1.., dq1.., ddq1.., tau1.. (nominal torque)."""
+        motion, torque = self.excitation.motion, self.excitation.torque
+        return channel_columns(
+            motion.t, q=motion.q, dq=motion.dq, ddq=motion.ddq, tau=torque
+        )
+
+
+def excite(
+    robot: str | Path | NominalArm | Case,
+    plan: ExcitationPlan | None = None,
+    limits: LimitPlan | None = None,
+    *,
+    seed: int | None = None,
+    progress: Callable[[float, float], None] = lambda share, best: None,
+) -> ExcitationResult:
+    """Find a trajectory that excites the arm's parameters best and keeps all limits.
+
+    Args:
+        robot: a name, a URDF, an arm or a case; see ``make_arm``.
+        plan: what to look for.
+        limits: what to keep.
+        seed: of the search; by default another one each time.
+        progress: called with the share of the budget spent and the best value so far, or infinity.
+
+    Raises:
+        InputError: an argument is at fault, or the limits allow no trajectory.
+
+    Examples:
+        >>> import gapscope
+        >>> gapscope.excite("kuka_iiwa", seed=1).save("out")  # doctest: +SKIP
+    """
+    arm, plan = make_arm(robot), plan or ExcitationPlan()
+    rng = np.random.default_rng(seed)
+    found = design(prepare(arm, plan, limits or LimitPlan(), progress), rng)
+    return ExcitationResult(arm, plan, found)
 
 
 @dataclass(frozen=True, repr=False)

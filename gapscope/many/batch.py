@@ -29,8 +29,7 @@ from gapscope.diagnosis.document.wording import VERDICTS
 from gapscope.diagnosis.prepare import Progress, silent
 from gapscope.diagnosis.reference_file import FOLDER
 from gapscope.effects.catalogue import without
-from gapscope.interface.diagnose import DiagnosisResult, diagnose
-from gapscope.interface.reference import kept_reference
+from gapscope.interface.diagnose import DiagnosisResult, diagnose, kept_reference
 from gapscope.many.pages import render_summary
 from gapscope.many.rows import Row
 from gapscope.many.units import fleet_tables

@@ -16,7 +16,7 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.reading import Reading
 from gapscope.arm.robots import shifted_text
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault
-from gapscope.inspection.draft import flow
+from gapscope.inspection.inspection import flow
 
 CASE, URDF = "mended_case.yaml", "mended.urdf"
 

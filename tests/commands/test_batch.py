@@ -19,7 +19,7 @@ from guard import HANG
 from sweeps import daily, nightly
 
 from gapscope.diagnosis.reference_file import identify_reference
-from gapscope.interface.reference import kept_reference
+from gapscope.interface.diagnose import kept_reference
 from gapscope.many.batch import finished
 from gapscope.provenance import made_from
 
@@ -108,7 +108,7 @@ def test_cases_are_compared_with_a_reference_that_is_identified_once(
         identified.append(arguments)
         return identify_reference(*arguments)
 
-    monkeypatch.setattr("gapscope.interface.reference.identify_reference", counted)
+    monkeypatch.setattr("gapscope.interface.diagnose.identify_reference", counted)
     out = tmp_path / "out"
     arguments = ("diagnose", sick, other, "--against", healthy, "--out", out)
     assert gapscope(*arguments).code == 0

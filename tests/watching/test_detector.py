@@ -10,8 +10,16 @@ import numpy as np
 import pytest
 
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.watching.detector import BLOCK, NOW, Detector
-from gapscope.watching.events import ALARM, DRIFT, MISFIT, NOTE, Event
+from gapscope.watching.detector import (
+    ALARM,
+    BLOCK,
+    DRIFT,
+    MISFIT,
+    NOTE,
+    NOW,
+    Detector,
+    Event,
+)
 
 LEARNING, SECONDS = 20.0, 62.0
 NIGHT = 43_200.0
