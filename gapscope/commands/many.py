@@ -1,18 +1,21 @@
-"""The commands for many diagnoses: ``fleet`` and ``serve``."""
+"""The commands for many diagnoses: ``fleet``, ``serve`` and ``watch``."""
 
 from __future__ import annotations
 
+import signal
 import time
 import webbrowser
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 from typing import Annotated
 
 import typer
 from typer import Argument, Option
 
-from gapscope.commands.options import Folder, Positive, Results
-from gapscope.terminal import Progress, say, show, wrote
+from gapscope.commands.options import File, Folder, Positive, Results
+from gapscope.terminal import Progress, note, say, show, wrote
 
 PACE = 1.0
 """Least time between two lines of progress [s]."""
@@ -110,3 +113,106 @@ def serve(
             server.serve_forever()
         except KeyboardInterrupt:
             say("stopped")
+
+
+def watch(
+    source: Path,
+    *,
+    case: Annotated[Path | None, Option(metavar="CASE")] = None,
+    robot: Annotated[str | None, Option(metavar="ROBOT")] = None,
+    corrected: File | None = None,
+    out: Folder | None = None,
+    learn: float = 60.0,
+    false_alarms: float = 0.1,
+    rest: float = 5.0,
+    once: bool = False,
+    until_idle: Annotated[float | None, Option(metavar="N")] = None,
+) -> None:
+    """Follow a recording while it grows, and name what changes: a load, friction, an offset, an encoder.
+
+    Args:
+        source: CSV that grows, or a folder in which recordings or files of ROS bags appear
+        case: case of the arm: says how its logs are read
+        robot: in place of a case: kuka_iiwa, ..., or a URDF; logs are in the columns of the case format
+        corrected: corrected.yaml of a diagnosis, or identified.yaml; default: the nominal arm
+        out: folder for events.jsonl and the state that a later run goes on from
+        learn: motion from which normal behaviour is learnt [s]; 0: the recordings of the case show it
+        false_alarms: wanted per 24 h of motion at most, for a perfect model
+        rest: a file in a folder is complete after this time unwritten [s]
+        once: use what is there, and end; for cron
+        until_idle: end when nothing new came for this long [s]
+    """
+    from gapscope.arm.case import load_case
+    from gapscope.arm.errors import GapscopeError, InputError
+    from gapscope.arm.io.locked_section import locked
+    from gapscope.arm.robots import load_nominal_arm
+    from gapscope.interface.models import corrected_arm
+    from gapscope.watching.detector import WatchSettings
+    from gapscope.watching.watch import Watch
+
+    if (case is None) == (robot is None):
+        raise InputError(
+            "expected one of --case and --robot",
+            "give the case of the arm, or the robot if its logs are in the columns of the case format",
+        )
+    settings = WatchSettings(
+        source=source,
+        out=out,
+        learning=learn,
+        false_alarms=false_alarms,
+        rest=rest,
+        until_idle=0.0 if once else until_idle,
+    )
+    loaded = load_case(case, read_recordings=not learn) if case else None
+    arm = loaded.arm if loaded else load_nominal_arm(str(robot))
+    with locked(out):
+        watched = Watch(corrected_arm(arm, corrected), settings, loaded)
+        model = (
+            f"{arm.name} as {corrected} corrects it"
+            if corrected
+            else f"{arm.name}, nominal"
+        )
+        begun = (
+            "goes on where it ended"
+            if watched.resumed
+            else f"learns from {learn:g} s of motion"
+            if learn
+            else f"what the recordings of {case} show is normal"
+        )
+        note(f"watching {source} with {model}: {begun}; Ctrl-C ends")
+        with _stop_on_signals() as asked:
+            for event in watched.run(lambda: bool(asked)):
+                say(f"{event.event}: {event.sentence}")
+    share = watched.detector.learnt
+    if share < 1:
+        note(f"ended while learning, at {share:.0%} of {learn:g} s of motion")
+    note(
+        f"{watched.alarms} alarms, {watched.misfits} misfits, {len(watched.read)} recordings read"
+    )
+    if out is not None:
+        say(f"wrote {out}")
+    if not (watched.read or watched.resumed or asked):
+        raise GapscopeError(
+            f"{source}: no recording was read",
+            "check the path and the endings of the files; one that is still written to is read by the next run",
+        )
+
+
+@contextmanager
+def _stop_on_signals() -> Iterator[list[int]]:
+    """A list that is no longer empty once the process was asked to end; asked again, it ends at once."""
+    asked: list[int] = []
+
+    def ask(number: int, _: FrameType | None) -> None:
+        if asked:
+            raise KeyboardInterrupt
+        asked.append(number)
+
+    before = {
+        number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield asked
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -17,7 +17,6 @@ from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.log import Log, open_log
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.case_check.check import check_case
-from gapscope.case_check.check import document as check_document
 from gapscope.diagnosis.agreement import agreement
 from gapscope.diagnosis.agreement import document as agreement_document
 from gapscope.diagnosis.prepare import Progress, silent
@@ -171,7 +170,7 @@ def check(case: Case | str | Path, *, progress: Progress = silent) -> CheckResul
     """
     with TemporaryDirectory(prefix="gapscope_") as aside:
         path = case_file(case, Path(aside)) if isinstance(case, Case) else Path(case)
-        content = check_document(check_case(path, progress))
+        content = check_case(path, progress)
     return CheckResult(
         "check", content, case_check_report.summary, itemgetter("remarks")
     )

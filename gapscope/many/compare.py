@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,9 @@ from gapscope.many.rows import NUMBER, PLACE, FleetStore
 UNIT = ["unit", "nominal_sha256"]
 """A unit as long as its nominal arm is the same: values are relative to it, and step with it."""
 VALUE, APPEARED, VANISHED = "value", "appeared", "vanished"
+IN_TIME = ["recorded_at", "result"]
+POINTS = 60
+"""Points of the history that goes with a change: the last ones [1]."""
 
 
 @dataclass(frozen=True)
@@ -56,53 +60,69 @@ class History:
             return appearance(self.values.astype(bool).tolist())[1]
         return change_point(self.values, self.stds).p
 
+    def changes(self, level: float) -> Iterator[dict[str, Any]]:
+        """Its changes as ``fleet.json`` has them; parts before and after one are tested again at a level."""
+        if self.stds is None:
+            position, p = appearance(self.values.astype(bool).tolist())
+            before, after = (
+                float(part.mean()) for part in np.split(self.values, [position])
+            )
+            kind = APPEARED if after > before else VANISHED
+            yield self._change(kind, position, (before, None), (after, None), p)
+            return
+        for found in change_points(self.values, self.stds, level):
+            before_value = (found.before, found.before_std)
+            after_value = (found.after, found.after_std)
+            yield self._change(
+                VALUE, found.position, before_value, after_value, found.p
+            )
 
-@dataclass(frozen=True)
-class Change:
-    """A change of a unit between two diagnoses.
-
-    Attributes:
-        history: what changed.
-        kind: ``value``, ``appeared`` or ``vanished``.
-        position: number of diagnoses before it.
-        before: value and standard deviation before; the share of diagnoses that name the effect for the other kinds.
-        after: the same, after.
-        p: upper bound of the probability of such a change in a history without one [1].
-    """
-
-    history: History
-    kind: str
-    position: int
-    before: tuple[float, float | None]
-    after: tuple[float, float | None]
-    p: float
+    def _change(
+        self,
+        kind: str,
+        position: int,
+        before: tuple[float, float | None],
+        after: tuple[float, float | None],
+        p: float,
+    ) -> dict[str, Any]:
+        """A change between two diagnoses, from a value with its standard deviation to another."""
+        days = [f"{time:%Y-%m-%d}" for time in pd.to_datetime(self.times)]
+        stds = [None] * len(days) if self.stds is None else self.stds.tolist()
+        points = zip(days, self.values.tolist(), stds, strict=True)
+        history = [{"date": day, "value": x, "std": std} for day, x, std in points]
+        return {
+            **{name: self.key[name] for name in ("unit", *NUMBER, "si_unit")},
+            "joint": self.key["joint"] or None,
+            "link": self.key["link"] or None,
+            "kind": kind,
+            "last_before": days[position - 1],
+            "first_after": days[position],
+            "before": dict(zip(("value", "std"), before, strict=True)),
+            "after": dict(zip(("value", "std"), after, strict=True)),
+            "p": p,
+            "kept": self.kept[position],
+            "history": history[-POINTS:],
+        }
 
 
 def histories(
     cases: pd.DataFrame, effects: pd.DataFrame
 ) -> tuple[list[History], dict[tuple[str, str], float]]:
-    """The histories of the units of one type of robot, and the scatter of each parameter.
+    """The histories of the units of one type of robot, and the scatter of each parameter over all units.
+
+    The scatter is part of the deviations of numbers.
 
     Args:
         cases: rows of diagnosed cases: ``result``, ``unit``, ``nominal_sha256``, ``recorded_at``, ``kept``.
         effects: numbers of the named effects of these results.
     """
     dated = effects.merge(cases[["result", "recorded_at", "kept"]], on="result")
-    dated = dated.sort_values(["recorded_at", "result"], kind="stable")
+    dated = dated.sort_values(IN_TIME, kind="stable")
     # an effect without joint or link is on the arm
     dated[["joint", "link"]] = dated[["joint", "link"]].fillna(0).astype(int)
-    found = list(_found(cases, dated))
-    values, factors = _values(dated)
-    return [*values, *found], factors
-
-
-def _values(
-    dated: pd.DataFrame,
-) -> tuple[list[History], dict[tuple[str, str], float]]:
-    """The histories of numbers, with the scatter of each parameter over all units in their deviations."""
-    known = dated[(dated["std"] > 0) & ~dated["parameter"].isin(ANGLES)]
     made: list[History] = []
     factors: dict[tuple[str, str], float] = {}
+    known = dated[(dated["std"] > 0) & ~dated["parameter"].isin(ANGLES)]
     names = [*UNIT, *NUMBER, "si_unit"]
     for parameter, of_parameter in known.groupby(["effect", "parameter"]):
         own = []
@@ -111,36 +131,31 @@ def _values(
             # the error of the effect's form is part of the deviations, as between units
             form = EFFECT_FORM * np.abs(values).mean()
             stds = np.hypot(rows["std"].to_numpy(float), form)
-            own.append((dict(zip(names, key, strict=True)), _when(rows), values, stds))
-        factor = scatter([(values, stds) for *_, values, stds in own])
+            own.append((_history(rows, names, key, values), stds))
+        factor = scatter([(one.values, stds) for one, stds in own])
         factors[parameter] = factor
-        made += [
-            History(of_key, *when, values, factor * stds)
-            for of_key, when, values, stds in own
-            if len(values) >= SHORTEST_HISTORY
-        ]
-    return made, factors
+        made += [replace(one, stds=factor * stds) for one, stds in own]
+    # whether each effect of a unit was found in its diagnoses
+    of_unit = dict(iter(cases.sort_values(IN_TIME, kind="stable").groupby(UNIT)))
+    for key, group in dated.groupby([*UNIT, *PLACE]):
+        rows = of_unit[key[:2]]
+        found = rows["result"].isin(group["result"]).to_numpy(float)
+        if not found.all():
+            made.append(_history(rows, names, (*key, "", "", ""), found))
+    return [one for one in made if len(one.values) >= SHORTEST_HISTORY], factors
 
 
-def _when(rows: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
-    return rows["recorded_at"].to_numpy(), rows["kept"].to_numpy()
+def _history(
+    rows: pd.DataFrame,
+    names: list[str],
+    key: tuple[Any, ...],
+    values: np.ndarray,
+) -> History:
+    times, kept = rows["recorded_at"].to_numpy(), rows["kept"].to_numpy()
+    return History(dict(zip(names, key, strict=True)), times, kept, values)
 
 
-def _found(cases: pd.DataFrame, dated: pd.DataFrame) -> Iterator[History]:
-    """Whether each effect of a unit was found in its diagnoses."""
-    order = cases.sort_values(["recorded_at", "result"], kind="stable")
-    of_unit = dict(iter(order.groupby(UNIT)))
-    names = [*UNIT, *PLACE]
-    no_number = {"parameter": "", "component": "", "si_unit": ""}
-    for key, group in dated.groupby(names):
-        unit = of_unit[key[:2]]
-        found = unit["result"].isin(group["result"]).to_numpy(float)
-        if len(found) >= SHORTEST_HISTORY and not found.all():
-            of_key = dict(zip(names, key, strict=True)) | no_number
-            yield History(of_key, *_when(unit), found)
-
-
-def drift(all_histories: list[History]) -> tuple[Change, ...]:
+def drift(all_histories: list[History]) -> list[dict[str, Any]]:
     """The changes in all histories of a fleet, the clearest first.
 
     Of the histories that are called changed, a share ``FALSE_CHANGES`` is not, on average [benjamini1995]. The largest
@@ -148,27 +163,11 @@ def drift(all_histories: list[History]) -> tuple[Change, ...]:
     """
     p = np.array([history.p for history in all_histories])
     if not len(p):
-        return ()
+        return []
     chosen = false_discovery_control(p) <= FALSE_CHANGES
     level = float(p[chosen].max(initial=0.0))
-    changes: list[Change] = []
-    for k in np.flatnonzero(chosen):
-        changes += _changes(all_histories[k], level)
-    return tuple(sorted(changes, key=lambda change: change.p))
-
-
-def _changes(history: History, level: float) -> Iterator[Change]:
-    if history.stds is None:
-        position, p = appearance(history.values.astype(bool).tolist())
-        before = float(history.values[:position].mean())
-        after = float(history.values[position:].mean())
-        kind = APPEARED if after > before else VANISHED
-        yield Change(history, kind, position, (before, None), (after, None), p)
-        return
-    for found in change_points(history.values, history.stds, level):
-        before_value = (found.before, found.before_std)
-        after_value = (found.after, found.after_std)
-        yield Change(history, VALUE, found.position, before_value, after_value, found.p)
+    found = (all_histories[k].changes(level) for k in np.flatnonzero(chosen))
+    return sorted(chain.from_iterable(found), key=lambda change: change["p"])
 
 
 # The units of one type of robot compared: which effects they share, and which unit stands out.
@@ -224,10 +223,8 @@ def _extremes(parameter: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     together = parameter["together"]
     if together is None:
         return
-    units, values = (
-        list(parameter["value"]),
-        np.array(list(parameter["value"].values())),
-    )
+    units = list(parameter["value"])
+    values = np.array(list(parameter["value"].values()))
     stds = np.array([std or 0.0 for std in parameter["std"].values()])
     spread = np.hypot(stds, together["between"])
     spread = np.where(spread > 0, spread, np.inf)
@@ -246,8 +243,6 @@ def _extremes(parameter: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
 
 MOST = 200
 """Entries of a list: the first of units, changes and failures are enough to act on; Parquet has all [1]."""
-POINTS = 60
-"""Points of the history that goes with a change: the last ones [1]."""
 COLUMNS = [
     "result",
     "case",
@@ -321,7 +316,7 @@ def fleet_document(store: FleetStore) -> dict[str, Any]:
         "histories": len(everything),
         "false_share": FALSE_CHANGES,
         "scatter": factors,
-        "changes": [_change(change) for change in changes[:MOST]],
+        "changes": changes[:MOST],
         "changes_in_all": len(changes),
         "worst": _worst(latest(cases), changes),
         "failures": failed[FAILURE].head(MOST).to_dict("records"),
@@ -338,32 +333,9 @@ def validate(document: Any) -> None:
         raise error
 
 
-def _change(change: Change) -> dict[str, Any]:
-    history, k = change.history, change.position
-    days = [f"{time:%Y-%m-%d}" for time in pd.to_datetime(history.times)]
-    stds = [None] * len(days) if history.stds is None else history.stds.tolist()
-    points = zip(days, history.values.tolist(), stds, strict=True)
-    key = {name: history.key[name] for name in ("unit", *NUMBER, "si_unit")}
-    return {
-        **key,
-        "joint": key["joint"] or None,
-        "link": key["link"] or None,
-        "kind": change.kind,
-        "last_before": days[k - 1],
-        "first_after": days[k],
-        "before": dict(zip(("value", "std"), change.before, strict=True)),
-        "after": dict(zip(("value", "std"), change.after, strict=True)),
-        "p": change.p,
-        "kept": history.kept[k],
-        "history": [
-            {"date": day, "value": value, "std": std} for day, value, std in points
-        ][-POINTS:],
-    }
-
-
-def _worst(last: pd.DataFrame, changes: tuple[Change, ...]) -> list[dict[str, Any]]:
+def _worst(last: pd.DataFrame, changes: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """The last diagnoses, those with the largest gap over the floor first."""
-    units = [change.history.key["unit"] for change in changes]
+    units = [change["unit"] for change in changes]
     counts = pd.Series(units, dtype=object).value_counts()
     order = last.sort_values(["excess", "unit"], ascending=[False, True]).head(MOST)
     keys = ["unit", "robot", "case", "date", "verdict", "gap", "excess", "left"]
