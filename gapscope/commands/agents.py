@@ -109,13 +109,7 @@ def residual(
     from gapscope.arm.io.locked_section import locked
     from gapscope.ident.residual.fit import ResidualSettings, learn_residual
     from gapscope.interface.models import corrected_arm
-    from gapscope.reports.residual import (
-        DOCUMENT,
-        facts,
-        joint_table,
-        physics_sentence,
-        write_learnt,
-    )
+    from gapscope.reports.residual import DOCUMENT, summary, write_learnt
 
     needed = ("torch", "sklearn", *(("onnx",) if onnx else ()))
     if missing := [name for name in needed if find_spec(name) is None]:
@@ -131,9 +125,7 @@ def residual(
         corrected = corrected_arm(loaded.arm, model)
         found = learn_residual(loaded, corrected, settings, judge or (), progress)
         content, paths = write_learnt(found, out, onnx=onnx, progress=progress)
-    say(facts(content))
-    console.print(joint_table(content))
-    say(physics_sentence(content))
+    console.print(summary(content))
     wrote(*paths)
 
 

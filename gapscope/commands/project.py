@@ -60,24 +60,23 @@ def demo(
 
 def doctor() -> None:
     """Say what is installed, what is missing for which command, and whether the engines agree."""
-    from rich.table import Table
     from rich.text import Text
 
     from gapscope import __version__
     from gapscope.installation import check_engines, packages
+    from gapscope.reports.pages import terminal_table
 
     say(
         f"gapscope {__version__}, Python {platform.python_version()}, {platform.platform()}"
     )
     found = packages()
-    table = Table("package", "version", "for", "remedy")
+    rows = []
     for package in found:
-        missing = package.version is None
-        remedy = package.remedy if missing else ""
+        remedy = "" if package.version else package.remedy
         row = (package.name, package.version or "missing", package.needed_for, remedy)
-        cells = (Text(cell) for cell in row)  # a text: brackets are no markup
-        table.add_row(*cells, style="yellow" if missing else None)
-    console.print(table)
+        rows.append([Text(cell, "yellow" if remedy else "") for cell in row])
+    heads = ("package", "version", "for", "remedy")
+    console.print(terminal_table(heads, rows, len(heads)))
     with Progress("engines") as progress:
         progress("compares them with pinocchio")
         checks = check_engines()

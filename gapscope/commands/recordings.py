@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
@@ -23,14 +22,10 @@ from gapscope.commands.options import (
     Trajectory,
     split_names,
 )
-from gapscope.terminal import Progress, SearchProgress, console, note, say, wrote
+from gapscope.terminal import Progress, SearchProgress, note, show, wrote
 
 if TYPE_CHECKING:
-    from gapscope.arm.case import Case
     from gapscope.arm.known_load import KnownLoad
-    from gapscope.effects.applied import AppliedEffect
-
-    Findings = tuple[Mapping[str, Any], tuple[AppliedEffect, ...]]
 
 
 def record(
@@ -168,13 +163,7 @@ def excite(
     from gapscope.ident.excitation.design import ExcitationPlan
     from gapscope.ident.excitation.trajectory_search import Budget
     from gapscope.interface.advise import excite as excite_arm
-    from gapscope.reports.expected import expected_table
-    from gapscope.reports.trajectory import (
-        check_csv,
-        margin_lines,
-        margin_table,
-        summary,
-    )
+    from gapscope.reports.trajectory import check_csv
 
     plan = ExcitationPlan(
         kind,
@@ -191,11 +180,7 @@ def excite(
         check_csv(out)
         result = excite_arm(robot, plan, limits, seed=seed, progress=progress)
         paths = result.write(out)
-    found = result.excitation
-    console.print(margin_table(found))
-    console.print(expected_table(result.expected(), result.arm.n_joints))
-    say(*margin_lines(found), *summary(found, plan))
-    wrote(*paths)
+    show(result, *paths)
 
 
 def advise(
@@ -220,67 +205,22 @@ def advise(
         fastest: highest frequency that the controller follows [Hz]
         evaluations: objective evaluations, over all speeds and loads
     """
-    from gapscope.arm.io.atomic_write import make_folder
-    from gapscope.diagnosis.document.expected import planned_entries
-    from gapscope.diagnosis.next_recording import AdviceRequest, lines
-    from gapscope.diagnosis.next_recording import advise as advise_case
-    from gapscope.reports.expected import expected_table
-    from gapscope.reports.trajectory import (
-        check_csv,
-        margin_lines,
-        margin_table,
-        write_trajectory,
-    )
+    from gapscope.diagnosis.next_recording import AdviceRequest
+    from gapscope.interface.advise import advise as advise_case
+    from gapscope.interface.advise import read_findings
+    from gapscope.reports.trajectory import check_csv
 
     check_csv(out)
     load = read_payload(payload, payload_com)
     request = AdviceRequest(limits, load, fastest, rate, evaluations, seed)
     label = case.name or str(case)
     with Progress(label) as progress:
-        loaded, (document, effects) = read_findings(case, diagnosis, progress)
-    paths: list[Path] = []
+        found = read_findings(case, diagnosis, progress)
     with SearchProgress(label, "separation") as search:
-        advice = advise_case(loaded, document, effects, request, search)
-        if advice.excitation is not None and advice.plan is not None:
-            make_folder(out.resolve().parent)
-            paths = write_trajectory(advice.excitation, loaded.arm, advice.plan, out)
-    if advice.excitation is not None:
-        console.print(margin_table(advice.excitation))
-        say(*margin_lines(advice.excitation))
-        load = advice.option.payload if advice.option else None
-        expected = planned_entries(loaded.arm, advice.excitation, load)
-        console.print(expected_table(expected, loaded.arm.n_joints))
-    say(*lines(advice, document))
-    wrote(*paths)
-
-
-def read_findings(
-    case_path: Path, folder: Path | None, progress: Callable[[str], None]
-) -> tuple[Case, Findings]:
-    """A case with its diagnosis and the effects found: from the folder of a diagnosis, or diagnosed now.
-
-    Raises:
-        InputError: the case, or the folder, cannot be used.
-    """
-    from gapscope.arm.case import load_case
-    from gapscope.diagnosis.diagnose import diagnose
-    from gapscope.diagnosis.document.diagnosis_json import read_document
-    from gapscope.effects.corrected_file import read_corrected
-
-    progress("reads the case")
-    case = load_case(case_path, any_unit=True)
-    if folder is None:
-        result = diagnose(case, progress)
-        return case, (result.document, result.effects)
-    document = read_document(folder / "diagnosis.json")
-    joints = len(document["gap"]["before"]["torque_nrmse"])
-    if joints != case.arm.n_joints:
-        raise InputError(
-            f"is of an arm with {joints} joints, the case {case.name} has {case.arm.n_joints}",
-            "give the folder that gapscope diagnose wrote for this case",
-            file=folder / "diagnosis.json",
-        )
-    return case, (document, read_corrected(folder / "corrected.yaml"))
+        result = advise_case(found, request, progress=search)
+        motion = result.trajectory
+        paths = () if motion is None else motion.write(out)
+    show(result, *paths)
 
 
 def read_payload(mass: float | None, centre: str) -> KnownLoad | None:

@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rich.console import RenderableType
 
-from gapscope.arm.case import Case
+from gapscope.arm.case import Case, load_case
+from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import make_folder
+from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
+from gapscope.diagnosis.diagnose import diagnose as diagnose_case
+from gapscope.diagnosis.document.diagnosis_json import read_document
 from gapscope.diagnosis.document.expected import planned_entries
 from gapscope.diagnosis.next_recording import Advice, AdviceRequest, lines
 from gapscope.diagnosis.next_recording import advise as design_recording
+from gapscope.diagnosis.prepare import Progress, silent
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected_file import read_corrected
 from gapscope.ident.excitation.design import (
     Excitation,
     ExcitationPlan,
@@ -22,10 +30,10 @@ from gapscope.ident.excitation.design import (
     design,
     prepare,
 )
-from gapscope.interface.diagnose import DiagnosisResult, diagnose
+from gapscope.interface.diagnose import DiagnosisResult
 from gapscope.interface.models import make_arm
 from gapscope.interface.result import Result, channel_columns
-from gapscope.reports.trajectory import check_csv, summary, write_trajectory
+from gapscope.reports.trajectory import check_csv, shown, summary, write_trajectory
 
 
 @dataclass(frozen=True, repr=False)
@@ -36,11 +44,13 @@ class ExcitationResult(Result):
         arm: the arm.
         plan: what was looked for.
         excitation: the trajectory with torque, margins and condition number.
+        payload: known body that is mounted on it, or ``None``.
     """
 
     arm: NominalArm
     plan: ExcitationPlan
     excitation: Excitation
+    payload: KnownLoad | None = None
 
     def save(self, folder: str | Path) -> tuple[Path, ...]:
         """Write ``trajectory.csv``, the ROS ``JointTrajectory``, a page of plots, and a slow version to run first."""
@@ -56,13 +66,15 @@ class ExcitationResult(Result):
         make_folder(file.resolve().parent)
         return tuple(write_trajectory(self.excitation, self.arm, self.plan, file))
 
-    def shown(self) -> str:
-        """Condition number, duration and effort of the search."""
-        return "\n".join(summary(self.excitation, self.plan))
+    def shown(self) -> RenderableType:
+        """Margins, sizes at which effects would show, condition number and effort of the search."""
+        return shown(
+            self.excitation, self.expected(), summary(self.excitation, self.plan)
+        )
 
     def expected(self) -> list[dict[str, Any]]:
         """How large an effect would have to be for a recording of the motion to show it, as in ``diagnosis.json``."""
-        return planned_entries(self.arm, self.excitation)
+        return planned_entries(self.arm, self.excitation, self.payload)
 
     def table(self) -> dict[str, np.ndarray]:
         """The columns t, q1.., dq1.., ddq1.., tau1.. (nominal torque)."""
@@ -102,18 +114,24 @@ def excite(
     return ExcitationResult(arm, plan, found)
 
 
+Findings = tuple[Case, Mapping[str, Any], tuple[AppliedEffect, ...]]
+"""A case, its ``diagnosis.json``, and the effects found, with values."""
+
+
 @dataclass(frozen=True, repr=False)
 class AdviceResult(Result):
     """The next recording of a case.
 
     Attributes:
-        diagnosis: what was found so far.
+        case: the case.
+        document: its ``diagnosis.json``.
         advice: open questions, hypotheses, and the motion that separates them.
     """
 
     COLUMNS = ("found", "other", "probability")
 
-    diagnosis: DiagnosisResult
+    case: Case
+    document: Mapping[str, Any]
     advice: Advice
 
     @property
@@ -122,23 +140,51 @@ class AdviceResult(Result):
         plan, excitation = self.advice.plan, self.advice.excitation
         if plan is None or excitation is None:
             return None
-        return ExcitationResult(self.diagnosis.case.arm, plan, excitation)
+        load = self.advice.option.payload if self.advice.option else None
+        return ExcitationResult(self.case.arm, plan, excitation, load)
 
     def save(self, folder: str | Path) -> tuple[Path, ...]:
         """Write the motion as ``trajectory.csv``, ROS ``JointTrajectory`` and plot; nothing if none is needed."""
         return () if self.trajectory is None else self.trajectory.save(folder)
 
-    def shown(self) -> str:
+    def shown(self) -> RenderableType:
         """What is open, and the recording that settles it."""
-        return "\n".join(lines(self.advice, self.diagnosis.document))
+        texts, motion = lines(self.advice, self.document), self.trajectory
+        if motion is None:
+            return "\n".join(texts)
+        return shown(motion.excitation, motion.expected(), texts)
 
     def table(self) -> Iterator[tuple[str, str, float]]:
         """A row for each open question: the effect found, what else could explain the data, and its probability."""
         return ((q.found, q.other, q.probability) for q in self.advice.questions)
 
 
+def read_findings(
+    path: str | Path, folder: Path | None = None, progress: Progress = silent
+) -> Findings:
+    """A case with its diagnosis and the effects found: from the folder of a diagnosis, or diagnosed now.
+
+    Raises:
+        InputError: the case, or the folder, cannot be used.
+    """
+    progress("reads the case")
+    case = load_case(path, any_unit=True)
+    if folder is None:
+        result = diagnose_case(case, progress)
+        return case, result.document, result.effects
+    document = read_document(folder / "diagnosis.json")
+    joints = len(document["gap"]["before"]["torque_nrmse"])
+    if joints != case.arm.n_joints:
+        raise InputError(
+            f"is of an arm with {joints} joints, the case {case.name} has {case.arm.n_joints}",
+            "give the folder that gapscope diagnose wrote for this case",
+            file=folder / "diagnosis.json",
+        )
+    return case, document, read_corrected(folder / "corrected.yaml")
+
+
 def advise(
-    diagnosis: DiagnosisResult | str | Path,
+    diagnosis: DiagnosisResult | Findings | str | Path,
     request: AdviceRequest | None = None,
     *,
     progress: Callable[[float, float], None] = lambda share, best: None,
@@ -146,7 +192,7 @@ def advise(
     """Design the recording on which the explanations that are still open differ most within all limits.
 
     Args:
-        diagnosis: a result of ``diagnose``; or a case's folder, which is diagnosed first.
+        diagnosis: a result of ``diagnose``; a case's folder, which is diagnosed first; or what ``read_findings`` read.
         request: limits, known payload, fastest motion, effort.
         progress: called with the share of the search's budget spent and the best value so far, or infinity.
 
@@ -157,9 +203,11 @@ def advise(
         >>> import gapscope
         >>> gapscope.advise(gapscope.diagnose("my_arm")).save("next")  # doctest: +SKIP
     """
-    result = (
-        diagnosis if isinstance(diagnosis, DiagnosisResult) else diagnose(diagnosis)
-    )
+    if isinstance(diagnosis, DiagnosisResult):
+        found = (diagnosis.case, diagnosis.document, diagnosis.diagnosis.effects)
+    elif isinstance(diagnosis, tuple):
+        found = diagnosis
+    else:
+        found = read_findings(diagnosis)
     asked = request or AdviceRequest(LimitPlan())
-    found = (result.document, result.diagnosis.effects)
-    return AdviceResult(result, design_recording(result.case, *found, asked, progress))
+    return AdviceResult(found[0], found[1], design_recording(*found, asked, progress))

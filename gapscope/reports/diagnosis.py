@@ -61,7 +61,7 @@ from gapscope.effects.catalogue import known_effect, of_quantity
 from gapscope.effects.effect import SHEET, Effect
 from gapscope.model.changes import change_text
 from gapscope.reports.expected import expected_rows
-from gapscope.reports.pages import write_html
+from gapscope.reports.pages import terminal_table, write_html
 
 # A diagnosis as a page and on the terminal.
 
@@ -872,47 +872,40 @@ def summary(document: Mapping[str, Any]) -> Group:
 
 def _effects(document: Mapping[str, Any]) -> Table:
     """One row per parameter of each effect."""
-    table = _table()
-    table.add_column("Effect", max_width=22)
-    table.add_column("Joints", max_width=9)
-    table.add_column("Value ± std")
-    table.add_column("Prob.", justify="right", no_wrap=True)
-    table.add_column("Share", justify="right", no_wrap=True)
+    rows: list[Sequence[str | Text]] = []
     for effect in document["effects"]:
         place = acts_on(effect).removeprefix("the whole ")
         joints = ", ".join(joint_ranges(effect["joints"]))
         if not joints or place.startswith("motor"):
             joints = place
         lines = [f"{value.name} {value.text}" for value in parameter_texts(effect)]
+        texts = (capital(effect_name(effect["effect"])), joints)
         values = "\n".join([*lines, *holds_in(effect)])
-        table.add_row(
-            Text(capital(effect_name(effect["effect"]))),
-            joints,
-            Text(values),
-            percent(effect["probability"]),
-            percent(effect["share"]),
-        )
+        shares = (percent(effect[key]) for key in ("probability", "share"))
+        rows.append([*map(Text, (*texts, values)), *shares])
+    heads = ("Effect", "Joints", "Value ± std", "Prob.", "Share")
+    table = terminal_table(heads, rows, 3, **STYLE)
+    table.columns[0].max_width, table.columns[1].max_width = 22, 9
+    for column in table.columns[3:]:
+        column.no_wrap = True
     return table
 
 
 def _joint_table(document: Mapping[str, Any]) -> Table:
     """Torque NRMSE of each joint before, after, and its floor."""
-    table = _table()
-    table.add_column("Joint", no_wrap=True)
-    table.add_column("", max_width=30, no_wrap=True)
-    for name in ("before", "after", "floor"):
-        table.add_column(name, justify="right", no_wrap=True)
-    for joint, (name, gaps) in enumerate(
-        zip(joint_names(document), gap_rows(document), strict=True), 1
-    ):
-        table.add_row(
-            str(joint), Text(name, overflow="ellipsis"), *(nrmse(gap) for gap in gaps)
-        )
+    columns = zip(joint_names(document), gap_rows(document), strict=True)
+    rows: list[Sequence[str | Text]] = [
+        (str(joint), Text(name, overflow="ellipsis"), *map(nrmse, gaps))
+        for joint, (name, gaps) in enumerate(columns, 1)
+    ]
+    table = terminal_table(("Joint", "", *GAPS), rows, 2, **STYLE)
+    table.columns[1].max_width = 30
+    for column in table.columns:
+        column.no_wrap = True
     return table
 
 
-def _table() -> Table:
-    return Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
+STYLE: dict[str, Any] = {"box": None, "padding": (0, 2, 0, 0), "header_style": "dim"}
 
 
 # Names of the files of a diagnosis.
