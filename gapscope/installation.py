@@ -132,28 +132,26 @@ def check_engines(robot: str = "kuka_iiwa") -> list[EngineCheck]:
 
 def _check(engine: str, robot: str) -> EngineCheck:
     try:
-        return EngineCheck(engine, _difference(engine, robot))
+        # largest difference between the engine's accelerations and M^-1 (torque - C dq - g), over the largest
+        arm = load_nominal_arm(robot)
+        silent = np.zeros(arm.n_joints)
+        arm = replace(arm, coulomb=silent, viscous=silent)
+        body = RigidBody(arm)
+        rng = np.random.default_rng(0)
+        expected, found = [], []
+        with SimulatedArm(arm, (), STEP, engine=engine) as simulated:
+            for _ in range(STATES):
+                q, dq = rng.uniform(-1, 1, (2, arm.n_joints))
+                torque = body.bias(q, dq) + body.mass_matrix(q) @ rng.uniform(
+                    -5, 5, len(q)
+                )
+                simulated.reset(q, dq)
+                simulated.step(torque)
+                found.append((simulated.dq - dq) / STEP)
+                expected.append(
+                    np.linalg.solve(body.mass_matrix(q), torque - body.bias(q, dq))
+                )
+        difference = np.abs(np.array(found) - np.array(expected)).max()
+        return EngineCheck(engine, (float(difference / np.abs(expected).max())))
     except (GapscopeError, ImportError) as error:
         return EngineCheck(engine, None, str(error))
-
-
-def _difference(engine: str, robot: str) -> float:
-    """Largest difference between the engine's accelerations and M^-1 (torque - C dq - g), over the largest."""
-    arm = load_nominal_arm(robot)
-    silent = np.zeros(arm.n_joints)
-    arm = replace(arm, coulomb=silent, viscous=silent)
-    body = RigidBody(arm)
-    rng = np.random.default_rng(0)
-    expected, found = [], []
-    with SimulatedArm(arm, (), STEP, engine=engine) as simulated:
-        for _ in range(STATES):
-            q, dq = rng.uniform(-1, 1, (2, arm.n_joints))
-            torque = body.bias(q, dq) + body.mass_matrix(q) @ rng.uniform(-5, 5, len(q))
-            simulated.reset(q, dq)
-            simulated.step(torque)
-            found.append((simulated.dq - dq) / STEP)
-            expected.append(
-                np.linalg.solve(body.mass_matrix(q), torque - body.bias(q, dq))
-            )
-    difference = np.abs(np.array(found) - np.array(expected)).max()
-    return float(difference / np.abs(expected).max())

@@ -132,14 +132,10 @@ def _contents(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [_contents(entry) for entry in value]
     if isinstance(value, Path):
-        return _read(value)
+        return read_bytes(value, "check the path", None)
     if isinstance(value, np.ndarray):
         return np.ascontiguousarray(value)
     return repr(value)
-
-
-def _read(path: Path) -> bytes:
-    return read_bytes(path, "check the path", None)
 
 
 def _place(path: Path) -> str:

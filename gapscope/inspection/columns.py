@@ -899,7 +899,10 @@ class _Blocks:
         if not n:
             return []
         if n == self.count:
-            return self._alone(order, context)
+            # A log of one quantity: by the name of its file, else positions
+            if meaning_of("", context).quantity:
+                return [_Block("", order, "")]
+            return [_Block("position", order, "the only columns, one for each joint")]
         windows = self._windows(n, order)
         pairs = self._pairs(windows)
         of_pairs, of_windows = self._by_derivatives, self._by_smoothness
@@ -1141,12 +1144,6 @@ class _Blocks:
         measured, references = self._measured(sorted([best, *kept]))
         why += "; no column is their derivative"
         return [_Block("position", measured, why), *references]
-
-    def _alone(self, order: tuple[int, ...], context: str) -> list[_Block]:
-        """A log of one quantity: by the name of its file, else positions."""
-        if meaning_of("", context).quantity:
-            return [_Block("", order, "")]
-        return [_Block("position", order, "the only columns, one for each joint")]
 
     def _rest(
         self, n: int, order: tuple[int, ...], found: Sequence[_Block]

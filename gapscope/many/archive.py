@@ -228,7 +228,16 @@ def answer(archive: Archive, target: str) -> Answer:
     if path == "/":
         return _table(archive, query)
     if path.startswith(f"/{UNITS}/"):
-        return _unit(archive, path.removeprefix(f"/{UNITS}/"))
+        quoted = path.removeprefix(f"/{UNITS}/")
+        unit = plain_text(quoted)
+        of_unit = [
+            row
+            for row in archive.rows()
+            if row.unit == unit and row.document is not None
+        ]
+        if not of_unit:
+            return refusal(HTTPStatus.NOT_FOUND, "no unit of this name")
+        return _page(render_history(of_unit, unit))
     if path.startswith(f"/{FILES}/"):
         return _file(archive, path.removeprefix(f"/{FILES}/"))
     return refusal(HTTPStatus.NOT_FOUND)
@@ -242,16 +251,6 @@ def _table(archive: Archive, query: str) -> Answer:
     if not 1 <= number <= page_count(rows):
         return refusal(HTTPStatus.NOT_FOUND, "the table has no such page")
     return _page(render_table(rows, archive.root.name, number))
-
-
-def _unit(archive: Archive, quoted: str) -> Answer:
-    unit = plain_text(quoted)
-    of_unit = [
-        row for row in archive.rows() if row.unit == unit and row.document is not None
-    ]
-    if not of_unit:
-        return refusal(HTTPStatus.NOT_FOUND, "no unit of this name")
-    return _page(render_history(of_unit, unit))
 
 
 def _file(archive: Archive, path: str) -> Answer:

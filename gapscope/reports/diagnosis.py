@@ -56,7 +56,7 @@ from gapscope.diagnosis.document.wording import (
     worst_joint,
 )
 from gapscope.diagnosis.locate import DRIVES, FREQUENCIES, JointLocalisation, Region
-from gapscope.diagnosis.result import Diagnosis, Signature, Spectrum, Trace
+from gapscope.diagnosis.result import Diagnosis, Signature, Trace
 from gapscope.effects.catalogue import known_effect, of_quantity
 from gapscope.effects.effect import SHEET, Effect
 from gapscope.model.changes import change_text
@@ -309,6 +309,7 @@ def payload(diagnosis: Diagnosis) -> dict[str, Any]:
     roles = {r["name"]: r["role"] for r in diagnosis.document.get("recordings", [])}
     most = POINTS_OF_ALL_TRACES // max(1, 4 * len(names) * len(diagnosis.traces))
     points = int(np.clip(most, 400, POINTS_PER_CURVE))
+    spectrum = diagnosis.spectrum
     return {
         "joints": [
             f"J{number} {name}".strip()
@@ -323,7 +324,15 @@ def payload(diagnosis: Diagnosis) -> dict[str, Any]:
             }
             for trace in diagnosis.traces
         ],
-        "spectrum": _spectrum(diagnosis.spectrum),
+        "spectrum": (
+            {
+                "frequency": encode(spectrum.frequency),
+                "before": [
+                    encode(column) for column in np.atleast_2d(spectrum.before.T)
+                ],
+                "after": [encode(column) for column in np.atleast_2d(spectrum.after.T)],
+            }
+        ),
         "places": place_curves(diagnosis),
         "guesses": guess_curves(diagnosis),
         "slides": joint_slides(diagnosis.document),
@@ -381,14 +390,6 @@ def _signature(signature: Signature) -> dict[str, Any]:
         "x": encode(signature.x[keep]),
         "gap": encode(signature.gap[keep]),
         "explained": encode(signature.explained[keep]),
-    }
-
-
-def _spectrum(spectrum: Spectrum) -> dict[str, Any]:
-    return {
-        "frequency": encode(spectrum.frequency),
-        "before": [encode(column) for column in np.atleast_2d(spectrum.before.T)],
-        "after": [encode(column) for column in np.atleast_2d(spectrum.after.T)],
     }
 
 

@@ -157,10 +157,7 @@ def shown(
                 f"least at {margin.at:.2f} s"
             )
     first = f"run the files that end in _slow first: the same path at {SLOW:g} times the speed"
-    # as they are, however long
-    texts = [
-        Text(line, no_wrap=True, overflow="ignore") for line in (*of_arm, first, *lines)
-    ]
+    texts = map(Text, (*of_arm, first, *lines))
     table = terminal_table(heads, rows, title=title)
     return Group(table, expected_table(expected, len(joints)), *texts)
 
