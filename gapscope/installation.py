@@ -152,6 +152,6 @@ def _check(engine: str, robot: str) -> EngineCheck:
                     np.linalg.solve(body.mass_matrix(q), torque - body.bias(q, dq))
                 )
         difference = np.abs(np.array(found) - np.array(expected)).max()
-        return EngineCheck(engine, (float(difference / np.abs(expected).max())))
+        return EngineCheck(engine, float(difference / np.abs(expected).max()))
     except (GapscopeError, ImportError) as error:
         return EngineCheck(engine, None, str(error))

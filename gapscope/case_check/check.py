@@ -79,7 +79,21 @@ RATE = 60.0  # Samples of these per second [Hz]. (budget)
 def check_recordings(case: Case) -> Iterator[Remark]:
     """Number, length, channels, time stamps and copies of the recordings."""
     every = [*case.recordings, *case.judged]
-    yield from _amount(case)
+    seconds = sum(recording.duration for recording in case.recordings)
+    said = f"{len(case.recordings)} to fit, {seconds:.0f} s in all; {len(case.judged)} held out"
+    if seconds < SHORT_DURATION:
+        remedy = "record at least a minute in which all joints move, slowly and fast"
+        yield Remark("warn", "recordings", "", said, remedy)
+    elif len(case.recordings) == 1 and not case.judged:
+        yield Remark(
+            "warn",
+            "recordings",
+            "",
+            f"{said}: parts of the one recording are predicted from the others",
+            "add a recording of another motion, or name one in judge:, so that effects are confirmed on other data",
+        )
+    else:
+        yield Remark("ok", "recordings", "", said)
     yield from _channels(case, every)
     for recording in every:
         yield _rate(recording)
@@ -103,24 +117,6 @@ def check_recordings(case: Case) -> Iterator[Remark]:
         yield from _velocity(recording)
         yield from _reference(recording)
     yield from _copies(every)
-
-
-def _amount(case: Case) -> Iterator[Remark]:
-    seconds = sum(recording.duration for recording in case.recordings)
-    said = f"{len(case.recordings)} to fit, {seconds:.0f} s in all; {len(case.judged)} held out"
-    if seconds < SHORT_DURATION:
-        remedy = "record at least a minute in which all joints move, slowly and fast"
-        yield Remark("warn", "recordings", "", said, remedy)
-    elif len(case.recordings) == 1 and not case.judged:
-        yield Remark(
-            "warn",
-            "recordings",
-            "",
-            f"{said}: parts of the one recording are predicted from the others",
-            "add a recording of another motion, or name one in judge:, so that effects are confirmed on other data",
-        )
-    else:
-        yield Remark("ok", "recordings", "", said)
 
 
 def _channels(case: Case, every: Sequence[Recording]) -> Iterator[Remark]:

@@ -531,7 +531,15 @@ def inspect_logs(logs: Sequence[Log], arm: NominalArm | None = None) -> Inspecti
     Raises:
         InputError: no log holds positions of joints.
     """
-    every = _tables(logs, arm)
+    # names of files may call everything a reference, and those of columns tell nothing
+    for by_file, by_values in ((True, False), (False, False), (False, True)):
+        every = [
+            inspect_table(log, part, arm, named_by_file=by_file, by_values=by_values)
+            for log in logs
+            for part in log.tables
+        ]
+        if any(table.best("q") is not None for table in every):
+            break
     tables = [table for table in every if table.channels]
     kinds = _kinds(tables)
     with_positions = [kind for kind in kinds if kind[0].best("q") is not None]
@@ -565,25 +573,17 @@ def inspect_logs(logs: Sequence[Log], arm: NominalArm | None = None) -> Inspecti
         sources=first,
         entries=entries,
         chosen=chosen,
-        torques=_torques(first),
+        # what each torque column can be by the log alone
+        torques={
+            (label, guess.group.pattern): torque_facts(guess, table.channels)
+            for label, table in first.items()
+            for guess in table.channels
+            if guess.channel in TORQUES
+        },
         oddities=oddities_in(entries, chosen),
         notes=(*_notes(logs, tables), *notes),
         arm=arm,
     )
-
-
-def _tables(logs: Sequence[Log], arm: NominalArm | None) -> list[InspectedTable]:
-    """All tables, with what their columns are taken for."""
-    # names of files may call everything a reference, and those of columns tell nothing
-    for by_file, by_values in ((True, False), (False, False), (False, True)):
-        found = [
-            inspect_table(log, part, arm, named_by_file=by_file, by_values=by_values)
-            for log in logs
-            for part in log.tables
-        ]
-        if any(table.best("q") is not None for table in found):
-            break
-    return found
 
 
 def _times(
@@ -637,18 +637,6 @@ def _chosen(
             assert guess is not None
             chosen[name] = (label, guess)
     return sources, chosen, notes
-
-
-def _torques(
-    sources: dict[str, InspectedTable],
-) -> dict[tuple[str, str], list[str]]:
-    """What each torque column can be by the log alone."""
-    return {
-        (label, guess.group.pattern): torque_facts(guess, table.channels)
-        for label, table in sources.items()
-        for guess in table.channels
-        if guess.channel in TORQUES
-    }
 
 
 def oddities_in(

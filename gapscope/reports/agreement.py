@@ -143,20 +143,20 @@ def write_page(content: dict[str, Any], path: Path) -> None:
         note="Bars of two standard deviations; what differs is orange, the band is the value to trust.",
         figure=figure or Markup(""),
     )
+    # A section for each parameter that differs
     write_plot_page(
         path,
         f"Do the recordings of {content['case']} agree?",
         facts,
-        [*_difference_sections(content), panels, table],
+        [
+            *(
+                PageSection(title=_differs(line), note=". ".join(sentences(line)))
+                for line in differing(content)
+            ),
+            panels,
+            table,
+        ],
     )
-
-
-def _difference_sections(content: dict[str, Any]) -> list[PageSection]:
-    """A section for each parameter that differs."""
-    return [
-        PageSection(title=_differs(line), note=". ".join(sentences(line)))
-        for line in differing(content)
-    ]
 
 
 def _figure(lines: list[Line], recordings: list[str], rows: int) -> Figure:

@@ -846,7 +846,17 @@ def summary(document: Mapping[str, Any]) -> Group:
         parts += ["", _effects(document)]
     # of a table of few columns a title would be cut
     title = Text("Torque gap (NRMSE, on data not used to fit)", style="bold")
-    parts += ["", title, _joint_table(document)]
+    # torque NRMSE of each joint before, after, and its floor
+    columns = zip(joint_names(document), gap_rows(document), strict=True)
+    rows: list[Sequence[str | Text]] = [
+        (str(joint), Text(name, overflow="ellipsis"), *map(nrmse, gaps))
+        for joint, (name, gaps) in enumerate(columns, 1)
+    ]
+    table = terminal_table(("Joint", "", *GAPS), rows, 2, **STYLE)
+    table.columns[1].max_width = 30
+    for column in table.columns:
+        column.no_wrap = True
+    parts += ["", title, table]
     closed = document["closed"]
     if closed is not None and document["verdict"] != "no_gap":
         parts.append(f"{percent(closed)} of the gap above the floor is closed")
@@ -888,20 +898,6 @@ def _effects(document: Mapping[str, Any]) -> Table:
     table = terminal_table(heads, rows, 3, **STYLE)
     table.columns[0].max_width, table.columns[1].max_width = 22, 9
     for column in table.columns[3:]:
-        column.no_wrap = True
-    return table
-
-
-def _joint_table(document: Mapping[str, Any]) -> Table:
-    """Torque NRMSE of each joint before, after, and its floor."""
-    columns = zip(joint_names(document), gap_rows(document), strict=True)
-    rows: list[Sequence[str | Text]] = [
-        (str(joint), Text(name, overflow="ellipsis"), *map(nrmse, gaps))
-        for joint, (name, gaps) in enumerate(columns, 1)
-    ]
-    table = terminal_table(("Joint", "", *GAPS), rows, 2, **STYLE)
-    table.columns[1].max_width = 30
-    for column in table.columns:
         column.no_wrap = True
     return table
 
