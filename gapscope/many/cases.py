@@ -207,11 +207,8 @@ def _full(system: Any, path: str, address: str) -> str:
     if isinstance(system, LocalFileSystem):
         return path
     _, *archive = address.split("::")
-    return "::".join([f"{_protocol(address)}://{path.lstrip('/')}", *archive])
-
-
-def _protocol(address: str) -> str:
-    return str(fsspec.core.split_protocol(address.split("::")[0])[0])
+    protocol, _ = fsspec.core.split_protocol(address.split("::")[0])
+    return "::".join([f"{protocol}://{path.lstrip('/')}", *archive])
 
 
 def _first(info: Mapping[str, Any], keys: Sequence[str]) -> Any:

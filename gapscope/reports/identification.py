@@ -108,22 +108,20 @@ def filter_curves(result: Identification) -> dict[str, Any]:
     for series in review.innovation.T:
         keep = keep_extremes([series], FILTER_POINTS)
         joints.append({"t": encode(t[keep]), "value": encode(series[keep])})
-    # moments of the changes in elapsed time, in words
     return {
         "elapsed": encode(review.track.t),
         "parameters": parameters,
         "first": _first(review, names),
-        "innovations": (joints),
+        "innovations": joints,
         "converged": None if start is None else float(review.track.t[start]),
-        "changes": (
-            [
-                {
-                    "elapsed": _elapsed(review, entry["recording"], entry["time"]),
-                    "text": change_text(entry),
-                }
-                for entry in change_findings(review.changes)
-            ]
-        ),
+        # moments of the changes in elapsed time, in words
+        "changes": [
+            {
+                "elapsed": _elapsed(review, entry["recording"], entry["time"]),
+                "text": change_text(entry),
+            }
+            for entry in change_findings(review.changes)
+        ],
         "starts": _starts(review),
     }
 
@@ -435,7 +433,7 @@ def summary(result: Identification) -> Group:
     heads = ["", *(f"J{number}" for number in numbers), "all"]
     table = terminal_table(heads, rows, title=title, padding=(0, 0, 0, 1))
     table.columns[0].no_wrap = True
-    return Group(*map(Text, first), (table), *map(Text, rest))
+    return Group(*map(Text, first), table, *map(Text, rest))
 
 
 def _facts(result: Identification) -> list[str]:

@@ -188,7 +188,7 @@ def foxglove_layout(joints: Sequence[str], simulated: bool) -> dict[str, Any]:
     if simulated:
         layers["simulated"] = _description("simulated", SIMULATED)
     configuration: dict[str, Any] = {
-        "3D!arm": ({"followTf": BASE, "followMode": "follow-none", "layers": layers})
+        "3D!arm": {"followTf": BASE, "followMode": "follow-none", "layers": layers}
     }
     tabs = []
     for number, joint in enumerate(joints):
