@@ -345,7 +345,7 @@ class TestDocument:
 
     def test_in_words(self, tmp_path: Path) -> None:
         (group,) = self.made(tmp_path)["groups"]
-        places = {(f.name, f.place, f.label) for f in findings(group)}
+        places = {(f["name"], f["place"], f["label"]) for f in findings(group)}
         assert ("Coulomb friction", "joint 2", "on 2 of 3 units, alike") in places
         assert (
             "Coulomb friction",
