@@ -15,9 +15,9 @@ from common import command_line
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import GapscopeError
-from gapscope.commands.diagnose_path import diagnose_path
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.many.batch import diagnose_path
 
 CASES = Path(__file__).parent / "cases"
 

@@ -71,7 +71,6 @@ from gapscope.arm.io.write_case import write_case
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.blind_check.generator.arms import SHEETS
-from gapscope.commands.diagnose_path import diagnose_path
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import read_corrected, write_corrected
@@ -81,6 +80,7 @@ from gapscope.envs.randomisation import Randomisation, draw_effects
 from gapscope.envs.recorder import Plan, record_case
 from gapscope.ident.residual.fit import ResidualSettings, fit_residual, from_segment
 from gapscope.interface.identify import identify
+from gapscope.many.batch import diagnose_path
 from gapscope.model.conditioning import condition, position_cutoff
 
 # Arms with hidden effects: recorded, identified and diagnosed

@@ -49,8 +49,7 @@ from gapscope.blind_check.generator.arms import (
     text_of,
 )
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.watching.detector import Detector
-from gapscope.watching.events import ALARM, DRIFT, MISFIT, Event
+from gapscope.watching.detector import ALARM, DRIFT, MISFIT, Detector, Event
 
 # Arms at work
 

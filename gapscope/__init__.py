@@ -18,20 +18,19 @@ from gapscope.envs.registration import register_environment
 if TYPE_CHECKING:
     from gapscope.arm.case import Case, load_case
     from gapscope.effects.catalogue import load_effects
-    from gapscope.interface.advise import advise
-    from gapscope.interface.agree import agree
-    from gapscope.interface.audit import audit
-    from gapscope.interface.check import check
+    from gapscope.interface.advise import advise, excite
     from gapscope.interface.diagnose import diagnose
-    from gapscope.interface.excite import excite
-    from gapscope.interface.export import export
-    from gapscope.interface.fleet import fleet
-    from gapscope.interface.gap import gap
     from gapscope.interface.identify import identify
-    from gapscope.interface.inspect import inspect
-    from gapscope.interface.models import make_arm, read_corrected
-    from gapscope.interface.predict import predict
-    from gapscope.interface.replay import replay
+    from gapscope.interface.logs import agree, audit, check, inspect
+    from gapscope.interface.models import (
+        export,
+        gap,
+        make_arm,
+        predict,
+        read_corrected,
+        replay,
+    )
+    from gapscope.many.fleet import fleet
 
     __version__: str
 
@@ -62,24 +61,12 @@ _MODULES = {
     "load_effects": "effects.catalogue",
     "make_arm": "interface.models",
     "read_corrected": "interface.models",
-    **{
-        name: f"interface.{name}"
-        for name in (
-            "advise",
-            "agree",
-            "audit",
-            "check",
-            "diagnose",
-            "excite",
-            "export",
-            "fleet",
-            "gap",
-            "identify",
-            "inspect",
-            "predict",
-            "replay",
-        )
-    },
+    "fleet": "many.fleet",
+    **dict.fromkeys(("agree", "audit", "check", "inspect"), "interface.logs"),
+    **dict.fromkeys(("export", "gap", "predict", "replay"), "interface.models"),
+    **dict.fromkeys(("advise", "excite"), "interface.advise"),
+    "diagnose": "interface.diagnose",
+    "identify": "interface.identify",
 }
 """Where each name lies; it is imported when it is first asked for."""
 

@@ -16,21 +16,15 @@ from gapscope.arm.errors import (
     InputError,
     ModelWarning,
 )
-from gapscope.commands.advise import advise
+from gapscope.commands.agents import evaluate, identify, residual, train
 from gapscope.commands.blind import blind
 from gapscope.commands.diagnose import diagnose
-from gapscope.commands.evaluate import evaluate
-from gapscope.commands.excite import excite
-from gapscope.commands.identify import identify
 from gapscope.commands.logs import agree, audit, check, inspect
-from gapscope.commands.many import fleet, serve
+from gapscope.commands.many import fleet, serve, watch
 from gapscope.commands.models import export, gap, predict, replay, view
-from gapscope.commands.options import with_own_effects
+from gapscope.commands.options import as_command
 from gapscope.commands.project import demo, doctor
-from gapscope.commands.record import record
-from gapscope.commands.residual import residual
-from gapscope.commands.train import train
-from gapscope.commands.watch import watch
+from gapscope.commands.recordings import advise, excite, record
 from gapscope.terminal import note
 
 PROJECT = "The project"
@@ -73,8 +67,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 for command in itertools.chain.from_iterable(SECTIONS.values()):
-    own = command if command in WITHOUT_EFFECTS else with_own_effects(command)
-    app.command()(own)
+    app.command()(as_command(command, own_effects=command not in WITHOUT_EFFECTS))
 app.add_typer(blind, name="blind")
 
 _python_warning = warnings.showwarning

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from importlib import metadata
 
@@ -57,23 +56,17 @@ class Package:
 
 def packages() -> list[Package]:
     """Packages of the core, then of the extras, as the installed project names them."""
-    return [*_of_core(), *_of_extras()]
-
-
-def _of_core() -> Iterator[Package]:
+    core, extras = [], []
     for requirement in metadata.requires("gapscope") or ():
+        name, extra = _name(requirement), _EXTRA.search(requirement)
         # a marker limits a requirement to some machines; PyBullet is asked for as an extra
         if ";" not in requirement:
-            name = _name(requirement)
-            yield Package(name, _version(name), "", "every command")
-
-
-def _of_extras() -> Iterator[Package]:
-    for requirement in metadata.requires("gapscope") or ():
-        extra = _EXTRA.search(requirement)
-        if extra and extra[1] in NEEDED_FOR:
-            name = _name(requirement)
-            yield Package(name, _version(name), extra[1], NEEDED_FOR[extra[1]])
+            core.append(Package(name, installed_version(name), "", "every command"))
+        elif extra and extra[1] in NEEDED_FOR:
+            needed_for = NEEDED_FOR[extra[1]]
+            version = installed_version(name)
+            extras.append(Package(name, version, extra[1], needed_for))
+    return [*core, *extras]
 
 
 def _name(requirement: str) -> str:
@@ -82,7 +75,8 @@ def _name(requirement: str) -> str:
     return match[0]
 
 
-def _version(name: str) -> str | None:
+def installed_version(name: str) -> str | None:
+    """Version of a package that is installed, or ``None``."""
     try:
         return metadata.version(name)
     except metadata.PackageNotFoundError:
@@ -132,28 +126,26 @@ def check_engines(robot: str = "kuka_iiwa") -> list[EngineCheck]:
 
 def _check(engine: str, robot: str) -> EngineCheck:
     try:
-        return EngineCheck(engine, _difference(engine, robot))
+        # largest difference between the engine's accelerations and M^-1 (torque - C dq - g), over the largest
+        arm = load_nominal_arm(robot)
+        silent = np.zeros(arm.n_joints)
+        arm = replace(arm, coulomb=silent, viscous=silent)
+        body = RigidBody(arm)
+        rng = np.random.default_rng(0)
+        expected, found = [], []
+        with SimulatedArm(arm, (), STEP, engine=engine) as simulated:
+            for _ in range(STATES):
+                q, dq = rng.uniform(-1, 1, (2, arm.n_joints))
+                torque = body.bias(q, dq) + body.mass_matrix(q) @ rng.uniform(
+                    -5, 5, len(q)
+                )
+                simulated.reset(q, dq)
+                simulated.step(torque)
+                found.append((simulated.dq - dq) / STEP)
+                expected.append(
+                    np.linalg.solve(body.mass_matrix(q), torque - body.bias(q, dq))
+                )
+        difference = np.abs(np.array(found) - np.array(expected)).max()
+        return EngineCheck(engine, float(difference / np.abs(expected).max()))
     except (GapscopeError, ImportError) as error:
         return EngineCheck(engine, None, str(error))
-
-
-def _difference(engine: str, robot: str) -> float:
-    """Largest difference between the engine's accelerations and M^-1 (torque - C dq - g), over the largest."""
-    arm = load_nominal_arm(robot)
-    silent = np.zeros(arm.n_joints)
-    arm = replace(arm, coulomb=silent, viscous=silent)
-    body = RigidBody(arm)
-    rng = np.random.default_rng(0)
-    expected, found = [], []
-    with SimulatedArm(arm, (), STEP, engine=engine) as simulated:
-        for _ in range(STATES):
-            q, dq = rng.uniform(-1, 1, (2, arm.n_joints))
-            torque = body.bias(q, dq) + body.mass_matrix(q) @ rng.uniform(-5, 5, len(q))
-            simulated.reset(q, dq)
-            simulated.step(torque)
-            found.append((simulated.dq - dq) / STEP)
-            expected.append(
-                np.linalg.solve(body.mass_matrix(q), torque - body.bias(q, dq))
-            )
-    difference = np.abs(np.array(found) - np.array(expected)).max()
-    return float(difference / np.abs(expected).max())

@@ -7,7 +7,6 @@ import platform
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +15,13 @@ import numpy as np
 from gapscope.arm.case import Case, case_files
 from gapscope.arm.input_file import digest_of, read_bytes
 from gapscope.effects.catalogue import own_sources
+from gapscope.installation import installed_version
 
 KEY = "made_from"
 """Key of ``diagnosis.json`` and of an evaluation's finished cells."""
 PACKAGE = Path(__file__).resolve().parent
 SOURCES = ("arm", "effects", "envs", "ident", "model", "diagnosis")
 """Folders on the way to a diagnosis."""
-NOT_DECISIVE = ("diagnosis/fleet/",)
-"""Parts of them that do not influence the diagnosis of one case."""
 ENDINGS = (".py", ".json", ".yaml", ".npz", ".csv")
 LIBRARIES = (
     "gapscope",
@@ -40,11 +38,7 @@ LIBRARIES = (
 def source_files() -> list[Path]:
     """The files that a diagnosis is made from, in order."""
     files = [path for name in SOURCES for path in sorted((PACKAGE / name).rglob("*"))]
-    return [
-        path
-        for path in files
-        if path.suffix in ENDINGS and not _place(path).startswith(NOT_DECISIVE)
-    ]
+    return [path for path in files if path.suffix in ENDINGS]
 
 
 def source_hash() -> str:
@@ -69,7 +63,7 @@ def library_versions(
     libraries: Iterable[str] = LIBRARIES,
 ) -> dict[str, str | None]:
     """Installed version of each library; ``None`` if it is not installed."""
-    return {name: _version(name) for name in libraries}
+    return {name: installed_version(name) for name in libraries}
 
 
 def program() -> str:
@@ -132,22 +126,11 @@ def _contents(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [_contents(entry) for entry in value]
     if isinstance(value, Path):
-        return _read(value)
+        return read_bytes(value, "check the path", None)
     if isinstance(value, np.ndarray):
         return np.ascontiguousarray(value)
     return repr(value)
 
 
-def _read(path: Path) -> bytes:
-    return read_bytes(path, "check the path", None)
-
-
 def _place(path: Path) -> str:
     return path.relative_to(PACKAGE).as_posix()
-
-
-def _version(name: str) -> str | None:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return None

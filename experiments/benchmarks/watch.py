@@ -20,8 +20,7 @@ from gapscope.arm.io.write_case import write_columns
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.watching.detector import WatchSettings
-from gapscope.watching.sources import GrowingFile, Reading
-from gapscope.watching.watch import Watch
+from gapscope.watching.watch import GrowingFile, Reading, Watch
 
 from .measure import Point, Row, Settings, compared, in_turns
 

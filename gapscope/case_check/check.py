@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -79,7 +79,21 @@ RATE = 60.0  # Samples of these per second [Hz]. (budget)
 def check_recordings(case: Case) -> Iterator[Remark]:
     """Number, length, channels, time stamps and copies of the recordings."""
     every = [*case.recordings, *case.judged]
-    yield from _amount(case)
+    seconds = sum(recording.duration for recording in case.recordings)
+    said = f"{len(case.recordings)} to fit, {seconds:.0f} s in all; {len(case.judged)} held out"
+    if seconds < SHORT_DURATION:
+        remedy = "record at least a minute in which all joints move, slowly and fast"
+        yield Remark("warn", "recordings", "", said, remedy)
+    elif len(case.recordings) == 1 and not case.judged:
+        yield Remark(
+            "warn",
+            "recordings",
+            "",
+            f"{said}: parts of the one recording are predicted from the others",
+            "add a recording of another motion, or name one in judge:, so that effects are confirmed on other data",
+        )
+    else:
+        yield Remark("ok", "recordings", "", said)
     yield from _channels(case, every)
     for recording in every:
         yield _rate(recording)
@@ -103,24 +117,6 @@ def check_recordings(case: Case) -> Iterator[Remark]:
         yield from _velocity(recording)
         yield from _reference(recording)
     yield from _copies(every)
-
-
-def _amount(case: Case) -> Iterator[Remark]:
-    seconds = sum(recording.duration for recording in case.recordings)
-    said = f"{len(case.recordings)} to fit, {seconds:.0f} s in all; {len(case.judged)} held out"
-    if seconds < SHORT_DURATION:
-        remedy = "record at least a minute in which all joints move, slowly and fast"
-        yield Remark("warn", "recordings", "", said, remedy)
-    elif len(case.recordings) == 1 and not case.judged:
-        yield Remark(
-            "warn",
-            "recordings",
-            "",
-            f"{said}: parts of the one recording are predicted from the others",
-            "add a recording of another motion, or name one in judge:, so that effects are confirmed on other data",
-        )
-    else:
-        yield Remark("ok", "recordings", "", said)
 
 
 def _channels(case: Case, every: Sequence[Recording]) -> Iterator[Remark]:
@@ -182,7 +178,7 @@ def _velocity(recording: Recording) -> Iterator[Remark]:
             "warn",
             "channels",
             recording.name,
-            f"dq of {numbers((np.flatnonzero(other) + 1).tolist())} is not the velocity of q: "
+            f"dq of {_joints_of(other)} is not the velocity of q: "
             f"{size[worst]:.3g} times it on joint {worst + 1}",
             "check unit, order and transmission of import: {dq: ...}, or set it to null: it is then derived from q",
         )
@@ -200,7 +196,7 @@ def _reference(recording: Recording) -> Iterator[Remark]:
             "warn",
             "controller",
             recording.name,
-            f"{numbers((np.flatnonzero(off) + 1).tolist())} far from q_ref: they differ by more than half of "
+            f"{_joints_of(off)} far from q_ref: they differ by more than half of "
             "the joint's range",
             "check unit and order of import: {q_ref: ...}",
         )
@@ -229,100 +225,87 @@ MAX_NAMED = 8
 """Most parameters that are named."""
 
 
-@dataclass(frozen=True)
-class JointMotions:
-    """How n joints move in all recordings that are fitted.
+Motions = dict[str, np.ndarray]
+"""How n joints move in all recordings that are fitted, (n,) each.
 
-    Attributes:
-        range: of the positions [rad or m], shape (n,).
+``range`` of the positions [rad or m]; ``slow``, ``fast``: 10 and 90 % quantile of the speed of sliding samples [rad/s
+or m/s], 0 if it never slides; ``reversals``: changes of direction; ``gravity``: range of the nominal arm's gravity
+torque [N m], ``possible_gravity`` over random postures within the limits.
+"""
+
+
+def check_motion(
+    motions: Motions, still: np.ndarray, speeds: Sequence[np.ndarray]
+) -> Iterator[Remark]:
+    """What cannot be told from the motion, joint by joint.
+
+    Args:
+        motions: how the joints move.
         still: joints that rest in every recording, mask (n,).
-        slow, fast: 10 and 90 % quantile of the speed of sliding samples [rad/s or m/s], (n,); 0 if it never slides.
-        reversals: changes of direction, shape (n,).
-        one_speed: cosine between the velocity and its sign over sliding samples [1], (n,); nan if it never slides.
-        forward: share of sliding samples with positive velocity [1], (n,); nan if it never slides.
-        gravity: range of the nominal arm's gravity torque [N m], (n,).
-        possible_gravity: the same over random postures within the limits [N m], (n,).
-        excited: share of the base parameters of the bodies that the motion excites [1].
-        silent: names of those that it does not.
+        speeds: velocities of the sliding samples of each joint.
     """
-
-    range: np.ndarray
-    still: np.ndarray
-    slow: np.ndarray
-    fast: np.ndarray
-    reversals: np.ndarray
-    one_speed: np.ndarray
-    forward: np.ndarray
-    gravity: np.ndarray
-    possible_gravity: np.ndarray
-    excited: float
-    silent: tuple[str, ...]
-
-
-def check_motion(motions: JointMotions) -> Iterator[Remark]:
-    """What cannot be told from the motion, joint by joint."""
-    still = motions.still
     moving = ~still
-    one_speed = moving & ~(motions.one_speed < ONE_SPEED)
-    share = np.minimum(motions.forward, 1 - motions.forward)
-    one_way = moving & ~one_speed & ~(share > ONE_WAY)
-    few = moving & (motions.reversals < FEW_REVERSALS) & ~one_way
-    could = np.maximum(motions.possible_gravity, MIN_GRAVITY)
-    flat = moving & (motions.possible_gravity > MIN_GRAVITY)
-    flat &= motions.gravity < GRAVITY_SHARE * could
-    yield from _of_joints(
-        still,
-        "at rest: nothing can be told of friction and rotor",
-        "record a motion to and fro",
+    # cosine between the velocity and its sign, and the share of each direction; nan of a joint that never slides
+    sizes = [np.abs(v) if len(v) else np.array([np.nan]) for v in speeds]
+    cosine = np.array([v.mean() / np.sqrt((v**2).mean()) for v in sizes])
+    forward = np.array([(v > 0).mean() if len(v) else np.nan for v in speeds])
+    one_speed = moving & ~(cosine < ONE_SPEED)
+    one_way = moving & ~one_speed & ~(np.minimum(forward, 1 - forward) > ONE_WAY)
+    possible = motions["possible_gravity"]
+    flat = moving & (possible > MIN_GRAVITY)
+    flat &= motions["gravity"] < GRAVITY_SHARE * np.maximum(possible, MIN_GRAVITY)
+    found = (
+        (
+            still,
+            "at rest: nothing can be told of friction and rotor",
+            "record a motion to and fro",
+        ),
+        (
+            one_speed,
+            "hardly more than one speed: Coulomb and viscous friction cannot be told apart",
+            "repeat the motion ten times slower, and faster",
+        ),
+        (
+            one_way,
+            "one direction only: friction cannot be told from a constant torque",
+            "move it to and fro",
+        ),
+        (
+            moving & (motions["reversals"] < FEW_REVERSALS) & ~one_way,
+            f"fewer than {FEW_REVERSALS} reversals: backlash and dry friction show at reversals",
+            "move it to and fro several times",
+        ),
+        (
+            flat,
+            "hardly any change of gravity torque: torque scale, offset and joint zero cannot be told apart",
+            "record in postures that differ more, arm stretched and folded",
+        ),
     )
-    yield from _of_joints(
-        one_speed,
-        "hardly more than one speed: Coulomb and viscous friction cannot be told apart",
-        "repeat the motion ten times slower, and faster",
-    )
-    yield from _of_joints(
-        one_way,
-        "one direction only: friction cannot be told from a constant torque",
-        "move it to and fro",
-    )
-    yield from _of_joints(
-        few,
-        f"fewer than {FEW_REVERSALS} reversals: backlash and dry friction show at reversals",
-        "move it to and fro several times",
-    )
-    yield from _of_joints(
-        flat,
-        "hardly any change of gravity torque: torque scale, offset and joint zero cannot be told apart",
-        "record in postures that differ more, arm stretched and folded",
-    )
-    if not (still | one_speed | one_way | few | flat).any():
-        yield Remark(
-            "ok", "excitation", "", "all joints move to and fro, slowly and fast"
-        )
-    yield _of_bodies(motions)
+    for mask, said, remedy in found:
+        if mask.any():
+            yield Remark("warn", "excitation", _joints_of(mask), said, remedy)
+    if not any(mask.any() for mask, *_ in found):
+        said = "all joints move to and fro, slowly and fast"
+        yield Remark("ok", "excitation", "", said)
 
 
-def _of_joints(mask: np.ndarray, said: str, remedy: str) -> Iterator[Remark]:
-    joints = (np.flatnonzero(mask) + 1).tolist()
-    if joints:
-        yield Remark("warn", "excitation", numbers(joints), said, remedy)
+def _joints_of(mask: np.ndarray) -> str:
+    """Numbers of the joints of a mask, in words."""
+    return numbers((np.flatnonzero(mask) + 1).tolist())
 
 
-def _of_bodies(motions: JointMotions) -> Remark:
-    said = f"the torque determines {motions.excited:.0%} of the base parameters of the bodies"
-    if motions.silent:
-        named = ", ".join(motions.silent[:MAX_NAMED])
-        rest = len(motions.silent) - MAX_NAMED
-        said += f", not {named}" + (f" and {rest} more" if rest > 0 else "")
-    if motions.excited >= FEW_EXCITED:
+def _of_bodies(excited: float, silent: Sequence[str]) -> Remark:
+    """Which base parameters of the bodies the motion excites."""
+    said = f"the torque determines {excited:.0%} of the base parameters of the bodies"
+    if silent:
+        rest = len(silent) - MAX_NAMED
+        more = f" and {rest} more" if rest > 0 else ""
+        said += f", not {', '.join(silent[:MAX_NAMED])}{more}"
+    if excited >= FEW_EXCITED:
         return Remark("ok", "excitation", "", said)
-    return Remark(
-        "warn",
-        "excitation",
-        "",
-        f"{said}: errors of these stay hidden",
-        "record an exciting trajectory (gapscope excite)",
-    )
+    remedy = "record an exciting trajectory (gapscope excite)"
+    said = f"{said}: errors of these stay hidden"
+    return Remark("warn", "excitation", "", said, remedy)
 
 
 def _silent(
@@ -337,7 +320,13 @@ def _silent(
     regressor = Regressor(columns.arm, columns.body, ())
     base = structural_base(regressor, np.random.default_rng(SEED))
     scale = columns.scale(FrictionLaw())[: columns.links][base.kept]
-    rows = np.vstack([regressor.matrix(_inner(segment)) for segment in segments])
+    inner = (
+        Motion(
+            *(x[s.inner] for x in (s.motion.t, s.motion.q, s.motion.dq, s.motion.ddq))
+        )
+        for s in segments
+    )
+    rows = np.vstack([regressor.matrix(motion) for motion in inner])
     torque = np.sqrt(np.mean((rows @ columns.body.inertial_parameters()) ** 2, axis=0))
     # a joint that nothing loads has no torque to compare with
     least = MIN_LOAD * torque.max()
@@ -357,14 +346,10 @@ def _silent(
     return silent, len(names)
 
 
-def _inner(segment: Segment) -> Motion:
-    m, rows = segment.motion, segment.inner
-    return Motion(m.t[rows], m.q[rows], m.dq[rows], m.ddq[rows])
-
-
 def _gravity(body: RigidBody, q: np.ndarray) -> np.ndarray:
+    """Range of the gravity torque over positions, (n,)."""
     still = np.zeros_like(q)
-    return body.inverse_dynamics(q, still, still)
+    return np.ptp(body.inverse_dynamics(q, still, still), axis=0)
 
 
 def _reversals(segments: Sequence[Segment], per_radian: np.ndarray) -> np.ndarray:
@@ -376,14 +361,6 @@ def _reversals(segments: Sequence[Segment], per_radian: np.ndarray) -> np.ndarra
             direction = np.sign(velocity[np.abs(velocity[:, j]) > SLIDING, j])
             counts[j] += int((np.diff(direction) != 0).sum())
     return counts
-
-
-def _cosine(speed: np.ndarray) -> float:
-    return float(speed.mean() / np.sqrt((speed**2).mean())) if len(speed) else np.nan
-
-
-def _share(mask: np.ndarray) -> float:
-    return float(mask.mean()) if len(mask) else np.nan
 
 
 # The data sheet, the controller and the model of a case.
@@ -424,32 +401,20 @@ def check_nominal(case: Case, body: RigidBody) -> Iterator[Remark]:
 def check_controller(case: Case) -> Iterator[Remark]:
     """Whether the closed loop can be simulated."""
     every = [*case.recordings, *case.judged]
-    referred = [recording for recording in every if recording.q_ref is not None]
-    if case.controller is None:
-        yield Remark(
-            "warn",
-            "controller",
-            "",
-            "no controller: there is no replay gap",
-            "give controller: if you know it; the torque gap does not need it",
-        )
-    elif not referred:
-        yield Remark(
-            "warn",
-            "controller",
-            "",
-            f"{case.controller.kind} at {case.controller.rate:g} Hz, "
-            "but no recording has its reference",
-            "record q_ref1.., or name the columns in import: {q_ref: ...}",
-        )
-    else:
-        yield Remark(
-            "ok",
-            "controller",
-            "",
-            f"{case.controller.kind} at {case.controller.rate:g} Hz; reference in {len(referred)} of {len(every)} "
-            "recordings",
-        )
+    referred = sum(recording.q_ref is not None for recording in every)
+    level, said, remedy = (
+        "warn",
+        "no controller: there is no replay gap",
+        "give controller: if you know it; the torque gap does not need it",
+    )
+    if case.controller is not None:
+        known = f"{case.controller.kind} at {case.controller.rate:g} Hz"
+        said = f"{known}, but no recording has its reference"
+        remedy = "record q_ref1.., or name the columns in import: {q_ref: ...}"
+        if referred:
+            level, remedy = "ok", ""
+            said = f"{known}; reference in {referred} of {len(every)} recordings"
+    yield Remark(level, "controller", "", said, remedy)
 
 
 def check_ranges(case: Case, body: RigidBody) -> Iterator[Remark]:
@@ -465,7 +430,7 @@ def check_ranges(case: Case, body: RigidBody) -> Iterator[Remark]:
     yield Remark(
         "warn",
         "positions",
-        numbers((np.flatnonzero(outside) + 1).tolist()),
+        _joints_of(outside),
         "beyond the limits of the model",
         "check unit, zero and order of the joints in import:",
     )
@@ -506,8 +471,8 @@ def _limits(case: Case, body: RigidBody) -> Iterator[Remark]:
     limit = body.effort_limits() if stated is None else 0.99 * stated
     # a file that is silent says 0
     share = ((size > limit) & (limit > 0)).mean(axis=0)
-    joints = (np.flatnonzero(share > AT_LIMIT) + 1).tolist()
-    if not joints:
+    over = share > AT_LIMIT
+    if not over.any():
         return
     if stated is None:
         said = f"beyond the torque limit of the robot file in up to {share.max():.0%} of the samples"
@@ -518,40 +483,21 @@ def _limits(case: Case, body: RigidBody) -> Iterator[Remark]:
             "what is clipped says little of the arm: record a slower motion; if the drive allows more, correct "
             "nominal: {torque_limit: ...}"
         )
-    yield Remark("warn", "torque", numbers(joints), said, remedy)
+    yield Remark("warn", "torque", _joints_of(over), said, remedy)
 
 
 # All checks of a case.
 
 
-@dataclass(frozen=True)
-class CaseCheck:
-    """What the check of a case found.
-
-    Attributes:
-        case: the case; ``None`` if it cannot be read.
-        remarks: in the order of the checks.
-        motions: how the joints move; ``None`` if that cannot be told.
-        expected: how large effects have to be for the recordings to show them, as ``diagnosis.json`` has it.
-    """
-
-    case: Case | None
-    remarks: tuple[Remark, ...]
-    motions: JointMotions | None = None
-    expected: tuple[dict[str, Any], ...] = ()
-
-    @property
-    def can_be_diagnosed(self) -> bool:
-        """Whether no remark is an error."""
-        return all(remark.level != "error" for remark in self.remarks)
-
-
-def check_case(path: Path, progress: Progress = silent) -> CaseCheck:
+def check_case(path: Path, progress: Progress = silent) -> dict[str, Any]:
     """Check a case; nothing is raised for a case that cannot be read, it is an error among the remarks.
 
     Args:
         path: folder of the case, or its case file.
         progress: called with a few words at each step.
+
+    Returns:
+        The content of ``check.json``; what is not known is null.
     """
     progress("reads the case")
     with warnings.catch_warnings(record=True) as caught:
@@ -562,21 +508,56 @@ def check_case(path: Path, progress: Progress = silent) -> CaseCheck:
         for warning in caught
         if issubclass(warning.category, ModelWarning)
     ]
-    if case is None:
-        return CaseCheck(None, tuple(remarks))
-    remarks += check_recordings(case)
-    remarks += _other_arms(case)
-    try:
-        case, references = with_torque(case)
-        progress("looks at the motion and the torque")
-        look = look_at_set_up(case, references)
-        motions = _of_signals(case, look, remarks)
-    except GapscopeError as error:
-        remarks.append(_as_remark(error, "torque"))
-        return CaseCheck(case, tuple(remarks))
-    progress("asks what the recordings could show")
-    expected = _could_show(case, look.faults, remarks)
-    return CaseCheck(case, tuple(remarks), motions, tuple(expected))
+    motions: Motions = {}
+    excited: float | None = None
+    expected: list[dict[str, Any]] = []
+    if case is not None:
+        remarks += check_recordings(case)
+        remarks += _other_arms(case)
+        try:
+            case, references = with_torque(case)
+            progress("looks at the motion and the torque")
+            look = look_at_set_up(case, references)
+            motions, excited = _of_signals(case, look, remarks)
+            progress("asks what the recordings could show")
+            expected = _could_show(case, look.faults, remarks)
+        except GapscopeError as error:
+            remarks.append(_as_remark(error, "torque"))
+    content = {
+        "schema": 1,
+        "case": None if case is None else case.name,
+        "can_be_diagnosed": all(remark.level != "error" for remark in remarks),
+        "remarks": [asdict(remark) for remark in remarks],
+        "recordings": [] if case is None else _listed_recordings(case),
+        "joints": [] if case is None else _listed_joints(case, motions),
+        "excited": excited,
+        "expected": expected,
+    }
+    result: dict[str, Any] = plain(content, null_if_not_finite=True)
+    return result
+
+
+def _listed_recordings(case: Case) -> list[dict[str, Any]]:
+    return [
+        {
+            "name": recording.name,
+            "duration": recording.duration,
+            "rate": recording.rate,
+            "samples": len(recording.t),
+            "channels": [x for x in CHANNELS if getattr(recording, x) is not None],
+            "held_out": held_out,
+        }
+        for group, held_out in ((case.recordings, False), (case.judged, True))
+        for recording in group
+    ]
+
+
+def _listed_joints(case: Case, motions: Motions) -> list[dict[str, Any]]:
+    """How each joint moves; only the names if that is not known."""
+    return [
+        {"name": joint, **{name: values[j] for name, values in motions.items()}}
+        for j, joint in enumerate(case.arm.joints)
+    ]
 
 
 def _could_show(
@@ -627,44 +608,48 @@ def _other_arms(case: Case) -> Iterator[Remark]:
             )
 
 
-def _of_signals(case: Case, look: SetUp, remarks: list[Remark]) -> JointMotions:
-    """Add remarks on the motion, the torque and the nominal arm of a case with torque; how the joints move."""
+def _of_signals(
+    case: Case, look: SetUp, remarks: list[Remark]
+) -> tuple[Motions, float]:
+    """Add remarks on motion, torque and nominal arm of a case with torque.
+
+    Returns:
+        How the joints move, and the share of the base parameters of the bodies that the motion excites [1].
+    """
     columns = ModelColumns(case.arm)
     cutoff = position_cutoff(case.recordings)
     segments = list(_segments(case, cutoff))
-    # measure how the joints move
     arm, body = columns.arm, columns.body
     q, dq = (
         np.concatenate([getattr(s.motion, name)[s.inner] for s in segments])
         for name in ("q", "dq")
     )
-    speed = np.abs(dq) / arm.per_radian
-    sliding = speed > SLIDING
-    each = [np.abs(dq[sliding[:, j], j]) for j in range(arm.n_joints)]
+    sliding = np.abs(dq) / arm.per_radian > SLIDING
+    speeds = [dq[sliding[:, j], j] for j in range(arm.n_joints)]
+    slow, fast = (
+        np.array([np.quantile(np.abs(v), at) if len(v) else 0.0 for v in speeds])
+        for at in (0.1, 0.9)
+    )
     states = random_states(Regressor(arm, body, ()), np.random.default_rng(SEED), 200)
     silent, count = _silent(columns, segments)
-    motions = JointMotions(
-        range=np.ptp(q, axis=0),
-        still=resting(case.recordings, arm.per_radian),
-        slow=np.array([np.quantile(v, 0.1) if len(v) else 0.0 for v in each]),
-        fast=np.array([np.quantile(v, 0.9) if len(v) else 0.0 for v in each]),
-        reversals=_reversals(segments, arm.per_radian),
-        one_speed=np.array([_cosine(v) for v in each]),
-        forward=np.array(
-            [_share(dq[sliding[:, j], j] > 0) for j in range(arm.n_joints)]
-        ),
-        gravity=np.ptp(_gravity(body, q), axis=0),
-        possible_gravity=np.ptp(_gravity(body, states.q), axis=0),
-        excited=1 - len(silent) / count,
-        silent=silent,
-    )
-    remarks += check_ranges(case, columns.body)
+    excited = 1 - len(silent) / count
+    motions = {
+        "range": np.ptp(q, axis=0),
+        "slow": slow,
+        "fast": fast,
+        "reversals": _reversals(segments, arm.per_radian),
+        "gravity": _gravity(body, q),
+        "possible_gravity": _gravity(body, states.q),
+    }
+    remarks += check_ranges(case, body)
     remarks += look.remarks()
-    remarks += _limits(case, columns.body)
-    remarks += check_motion(motions)
-    remarks += check_nominal(case, columns.body)
+    remarks += _limits(case, body)
+    still = resting(case.recordings, arm.per_radian)
+    remarks += check_motion(motions, still, speeds)
+    remarks.append(_of_bodies(excited, silent))
+    remarks += check_nominal(case, body)
     remarks += check_controller(case)
-    return motions
+    return motions, excited
 
 
 def _read(path: Path) -> tuple[Case | None, list[Remark]]:
@@ -699,53 +684,3 @@ def _segments(case: Case, cutoff: float) -> Iterator[Segment]:
         first = recording.part(recording.t <= recording.t[0] + SECONDS)
         for segment in condition(first):
             yield thinned(segment, max(RATE, 3 * cutoff))
-
-
-# The document of the check of a case, ``check.json``.
-
-
-def document(check: CaseCheck) -> dict[str, Any]:
-    """The check of a case as plain data; what is not known is null."""
-    case = check.case
-    content = {
-        "schema": 1,
-        "case": None if case is None else case.name,
-        "can_be_diagnosed": check.can_be_diagnosed,
-        "remarks": [asdict(remark) for remark in check.remarks],
-        "recordings": [],
-        "joints": [],
-        "excited": None if check.motions is None else check.motions.excited,
-        "expected": list(check.expected),
-    }
-    if case is not None:
-        content["recordings"] = [
-            {**_recording(recording), "held_out": held_out}
-            for group, held_out in ((case.recordings, False), (case.judged, True))
-            for recording in group
-        ]
-        content["joints"] = _joints(check)
-    result: dict[str, Any] = plain(content, null_if_not_finite=True)
-    return result
-
-
-def _recording(recording: Recording) -> dict[str, Any]:
-    return {
-        "name": recording.name,
-        "duration": recording.duration,
-        "rate": recording.rate,
-        "samples": len(recording.t),
-        "channels": [x for x in CHANNELS if getattr(recording, x) is not None],
-    }
-
-
-def _joints(check: CaseCheck) -> list[dict[str, Any]]:
-    """How each joint moves; only the names if that is not known."""
-    assert check.case is not None
-    motions = check.motions
-    if motions is None:
-        return [{"name": name} for name in check.case.arm.joints]
-    names = ("range", "slow", "fast", "reversals", "gravity", "possible_gravity")
-    return [
-        {"name": joint, **{name: getattr(motions, name)[j] for name in names}}
-        for j, joint in enumerate(check.case.arm.joints)
-    ]

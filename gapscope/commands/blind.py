@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Argument, Option
 
-from gapscope.commands.options import split_names, with_own_effects
+from gapscope.commands.options import File, Folder, NotNegative, as_command, split_names
 from gapscope.terminal import console, note, say, wrote
 
 if TYPE_CHECKING:
@@ -21,44 +21,40 @@ blind = typer.Typer(
     add_completion=False,
 )
 
-Cases = Annotated[Path, Argument(help="folder of the cases", metavar="DIR")]
+
 Count = Annotated[int | None, Option(min=0, help="number of such cases")]
 Jobs = Annotated[int, Option(min=1, help="cases at a time")]
+CasesFolder = Annotated[Path, Argument(help="folder of the cases", metavar="DIR")]
 
 
-@blind.command()
-@with_own_effects
 def make(
-    out: Annotated[Path, Option(help="folder for the cases", metavar="DIR")],
-    seed: Annotated[
-        int | None, Option(min=0, help="draw the same again; default: a secret one")
-    ] = None,
-    labels: Annotated[
-        Path | None,
-        Option(
-            help="folder for labels and held-out recordings, outside DIR; default: DIR-labels",
-            metavar="DIR",
-        ),
-    ] = None,
-    plan: Annotated[
-        Path | None, Option(help="what to make; the options below overrule it")
-    ] = None,
+    *,
+    out: Folder,
+    seed: NotNegative | None = None,
+    labels: Folder | None = None,
+    plan: Path | None = None,
     singles: Count = None,
     pairs: Count = None,
     triples: Count = None,
     outside: Count = None,
     healthy: Count = None,
     ladder: Count = None,
-    effects: Annotated[
-        str, Option(help="only these effects, with commas between")
-    ] = "",
-    robots: Annotated[str, Option(help="only these arms, with commas between")] = "",
+    effects: str = "",
+    robots: str = "",
     jobs: Jobs = 1,
-    show: Annotated[
-        bool, Option("--show", help="print the truth: for work on the generator")
-    ] = False,
+    show: bool = False,
 ) -> None:
-    """Make cases whose effect is withheld, and publish the hash of their labels."""
+    """Make cases whose effect is withheld, and publish the hash of their labels.
+
+    Args:
+        out: folder for the cases
+        seed: draw the same again; default: a secret one
+        labels: folder for labels and held-out recordings, outside DIR; default: DIR-labels
+        plan: what to make; the options below overrule it
+        effects: only these effects, with commas between
+        robots: only these arms, with commas between
+        show: print the truth: for work on the generator
+    """
     from gapscope.arm.io.locked_section import locked
     from gapscope.blind_check.check import COUNTS
     from gapscope.blind_check.check import make as make_cases
@@ -91,21 +87,19 @@ def _changed_plan(path: Path | None, changes: dict[str, Any]) -> BlindPlan:
     return replace(plan, **given)
 
 
-@blind.command()
-@with_own_effects
 def run(
-    cases: Cases,
-    out: Annotated[Path, Option(help="folder for the results", metavar="DIR")],
-    labels: Annotated[
-        Path | None,
-        Option(
-            help="file with the labels, to make sure that it cannot be read",
-            metavar="FILE",
-        ),
-    ] = None,
+    cases: CasesFolder,
+    *,
+    out: Folder,
+    labels: File | None = None,
     jobs: Jobs = 1,
 ) -> None:
-    """Diagnose every case with what is frozen now; refuses to start if the labels can be read."""
+    """Diagnose every case with what is frozen now; refuses to start if the labels can be read.
+
+    Args:
+        out: folder for the results
+        labels: file with the labels, to make sure that it cannot be read
+    """
     from gapscope.arm.io.locked_section import locked
     from gapscope.blind_check.check import FROZEN
     from gapscope.blind_check.check import run as run_cases
@@ -118,24 +112,25 @@ def run(
         raise typer.Exit(1)
 
 
-@blind.command()
-@with_own_effects
 def score(
-    cases: Cases,
-    results: Annotated[Path, Option(help="folder of the results", metavar="DIR")],
-    labels: Annotated[Path, Option(help="the labels, or their folder", metavar="FILE")],
-    out: Annotated[Path, Option(help="folder for the score", metavar="DIR")],
-    baselines: Annotated[bool, Option(help="run the plain methods as well")] = True,
-    train: Annotated[
-        Path | None,
-        Option(
-            help="other cases, their labels in DIR-labels, to train a classifier on",
-            metavar="DIR",
-        ),
-    ] = None,
+    cases: CasesFolder,
+    *,
+    results: Folder,
+    labels: File,
+    out: Folder,
+    baselines: bool = True,
+    train: Folder | None = None,
     jobs: Jobs = 1,
 ) -> None:
-    """Open the labels, compare them with their published hash, and score the verdicts."""
+    """Open the labels, compare them with their published hash, and score the verdicts.
+
+    Args:
+        results: folder of the results
+        labels: the labels, or their folder
+        out: folder for the score
+        baselines: run the plain methods as well
+        train: other cases, their labels in DIR-labels, to train a classifier on
+    """
     from gapscope.arm.io.locked_section import locked
     from gapscope.blind_check.check import labels_folder
     from gapscope.blind_check.scoring import score as score_cases
@@ -156,3 +151,7 @@ def score(
     with locked(out):
         paths = write_score(scored, out)
     wrote(*paths)
+
+
+for command in (make, run, score):
+    blind.command()(as_command(command, own_effects=True))

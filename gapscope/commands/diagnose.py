@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from typer import Argument, Option
 
-from gapscope.commands.options import Results
+from gapscope.commands.options import Positive, Results
 from gapscope.terminal import Progress, say, show, wrote
 
 LOADS = "loads the libraries"
@@ -16,38 +16,28 @@ LOADS = "loads the libraries"
 
 
 def diagnose(
-    cases: Annotated[
-        list[Path],
-        Argument(help="folders of cases, or case files", metavar="CASE..."),
-    ],
+    cases: Annotated[list[Path], Argument(metavar="CASE...")],
+    *,
     out: Results,
-    jobs: Annotated[
-        int, Option(min=1, help="cases at a time, if there are several")
-    ] = 1,
-    backend: Annotated[
-        str, Option(help="local, or ray (a cluster; needs ray installed)")
-    ] = "local",
-    again: Annotated[
-        bool,
-        Option(
-            "--again",
-            help="re-diagnose cases that already have results",
-        ),
-    ] = False,
-    against: Annotated[
-        Path | None,
-        Option(
-            help="case of the same arm, known healthy and without load, or the folder identified/ of an earlier "
-            "comparison with it: what changed?",
-            metavar="REFERENCE",
-        ),
-    ] = None,
+    jobs: Positive = 1,
+    backend: str = "local",
+    again: bool = False,
+    against: Annotated[Path | None, Option(metavar="REFERENCE")] = None,
 ) -> None:
-    """Find where the gap lies, what causes it, and how far it closes."""
+    """Find where the gap lies, what causes it, and how far it closes.
+
+    Args:
+        cases: folders of cases, or case files
+        jobs: cases at a time, if there are several
+        backend: local, or ray (a cluster; needs ray installed)
+        again: re-diagnose cases that already have results
+        against: case of the same arm, known healthy and without load, or the folder identified/ of an earlier
+            comparison with it: what changed?
+    """
     if len(cases) > 1:
         with Progress(f"{len(cases)} cases") as progress:
             progress(LOADS)
-            from gapscope.commands.diagnosis_batch import (
+            from gapscope.many.batch import (
                 SUMMARY,
                 UNITS,
                 Batch,
@@ -61,7 +51,7 @@ def diagnose(
     case = cases[0]
     with Progress(case.name or str(case)) as progress:
         progress(LOADS)
-        from gapscope.commands.diagnose_path import diagnose_path
+        from gapscope.many.batch import diagnose_path
         from gapscope.reports.diagnosis import CASE, CORRECTED
         from gapscope.reports.mended_case import CASE as MENDED
 

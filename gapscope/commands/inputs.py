@@ -1,4 +1,4 @@
-"""What several commands read: an arm, a model of it, a recording."""
+"""What several commands read and check before they work: an arm, a recording, places, a controller."""
 
 from __future__ import annotations
 
@@ -6,10 +6,15 @@ import os
 from pathlib import Path
 
 from gapscope.arm.case import Case, case_files, load_case
+from gapscope.arm.control import LAWS
 from gapscope.arm.controller import Controller
+from gapscope.arm.errors import InputError
 from gapscope.arm.input_file import is_folder
+from gapscope.arm.io.case_file import read_controller
 from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.io.table import DAMAGED, PAUSE
+from gapscope.arm.io.write_case import is_used
+from gapscope.arm.nearest_name import nearest
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
@@ -75,3 +80,51 @@ def read_recording(
         if said.startswith((DAMAGED, PAUSE)):
             note(f"{file}: {said}")
     return case, recording
+
+
+ENDINGS = ["csv", "parquet", "npz"]
+"""Formats of the recordings."""
+TRUTH = "truth.yaml"
+"""File with the effects of a recorded case."""
+
+
+def check_places(effects: Path, out: Path, sealed: Path | None) -> None:
+    """Check, before any work, that the case can be made there and that a sealed truth stays out of it."""
+    if is_used(out):
+        raise InputError("exists already", "choose a new folder with --out", file=out)
+    if sealed is None:
+        return
+    inside, folder = out.resolve(), sealed.resolve()
+    if folder == inside or inside in folder.parents:
+        raise InputError(
+            "lies in the case's folder, so the truth would not be sealed",
+            "choose another",
+            file=sealed,
+        )
+    if (sealed / TRUTH).exists() and (sealed / TRUTH).resolve() != effects.resolve():
+        raise InputError(
+            "exists already and would be lost",
+            "choose another folder",
+            file=sealed / TRUTH,
+        )
+
+
+def chosen_controller(
+    controller: str | None, arm: NominalArm, known: Controller | None
+) -> Controller | str:
+    """The controller of a file, or the one known of a case; a control law for gains that fit the arm."""
+    if controller is None:
+        return known or next(iter(LAWS))
+    path = Path(controller)
+    if path.suffix in (".yaml", ".yml") or path.is_file():
+        return read_controller(path, arm.n_joints)
+    if controller not in LAWS:
+        raise InputError(
+            f"unknown controller {controller!r}",
+            f"{nearest(controller, LAWS)}give {', '.join(LAWS)}, or the path of a YAML file in the form "
+            "of the controller: section of a case",
+            where="controller",
+        )
+    if known is not None and known.kind == controller:
+        return known
+    return controller

@@ -8,30 +8,25 @@ from typing import Annotated
 import typer
 from typer import Argument, Option
 
-from gapscope.commands.options import AsJson, CasePath
+from gapscope.commands.options import AsJson, CasePath, Folder
 from gapscope.terminal import Progress, say, show, wrote
 
 
 def inspect(
-    logs: Annotated[
-        list[Path],
-        Argument(help="files or folders of one arm's recordings", metavar="LOG..."),
-    ],
-    robot: Annotated[
-        str | None,
-        Option(help="URDF, MJCF or known name; default: the one in the log"),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        Option(
-            help="folder of the case to write, with a page and a picture",
-            metavar="CASE",
-        ),
-    ] = None,
+    logs: Annotated[list[Path], Argument(metavar="LOG...")],
+    *,
+    robot: str | None = None,
+    out: Annotated[Path | None, Option(metavar="CASE")] = None,
 ) -> None:
-    """Say what is in a log, draw it, and write the case to start from."""
+    """Say what is in a log, draw it, and write the case to start from.
+
+    Args:
+        logs: files or folders of one arm's recordings
+        robot: URDF, MJCF or known name; default: the one in the log
+        out: folder of the case to write, with a page and a picture
+    """
     from gapscope.arm.io.locked_section import locked
-    from gapscope.interface.inspect import inspect as inspect_logs
+    from gapscope.interface.logs import inspect as inspect_logs
     from gapscope.reports.inspection import check_unused
 
     if out is not None:
@@ -49,44 +44,44 @@ CANNOT = 2
 """Exit code if the case cannot be diagnosed."""
 
 
-def check(case: CasePath, as_json: AsJson = False) -> None:
+def check(
+    case: CasePath,
+    *,
+    json_: AsJson = False,
+) -> None:
     """Say in seconds whether a case can be diagnosed, and what its recordings cannot tell."""
-    from gapscope.interface.check import check as check_case
+    from gapscope.interface.logs import check as check_case
 
     with Progress(case.name or str(case)) as progress:
         result = check_case(case, progress=progress)
-    show(result, as_json=as_json)
+    show(result, as_json=json_)
     if not result.can_be_diagnosed:
         raise typer.Exit(CANNOT)
 
 
 def audit(
-    robot: Annotated[
-        str,
-        Argument(help="URDF or MJCF file, kuka_iiwa, ..., or a case", metavar="ROBOT"),
-    ],
-    recording: Annotated[
-        Path | None,
-        Option(
-            help="static poses with torque: a recording or a case", metavar="STATIC"
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        Option(help="folder for audit.html and audit.json", metavar="DIR"),
-    ] = None,
-    as_json: AsJson = False,
+    robot: str,
+    *,
+    recording: Annotated[Path | None, Option(metavar="STATIC")] = None,
+    out: Folder | None = None,
+    json_: AsJson = False,
 ) -> None:
-    """Say what is odd about a robot model, worst first, with the line in its file."""
+    """Say what is odd about a robot model, worst first, with the line in its file.
+
+    Args:
+        robot: URDF or MJCF file, kuka_iiwa, ..., or a case
+        recording: static poses with torque: a recording or a case
+        out: folder for audit.html and audit.json
+    """
     from gapscope.arm.io.locked_section import locked
     from gapscope.arm.robots import KNOWN_ROBOTS
-    from gapscope.interface.audit import audit as audit_robot
+    from gapscope.interface.logs import audit as audit_robot
 
     with Progress(Path(robot).name) as progress, locked(out):
         result = audit_robot(robot, recording, progress=progress)
         written = () if out is None else result.save(out)
-    show(result, as_json=as_json)
-    if as_json:
+    show(result, as_json=json_)
+    if json_:
         return
     if robot in KNOWN_ROBOTS:
         say(f"The inertials of {robot}: {KNOWN_ROBOTS[robot].source}.")
@@ -95,17 +90,19 @@ def audit(
 
 def agree(
     case: CasePath,
-    out: Annotated[
-        Path | None,
-        Option(help="folder for agreement.html and agreement.json", metavar="DIR"),
-    ] = None,
-    as_json: AsJson = False,
+    *,
+    out: Folder | None = None,
+    json_: AsJson = False,
 ) -> None:
-    """Say which parameters agree in all recordings, and with what the others differ."""
+    """Say which parameters agree in all recordings, and with what the others differ.
+
+    Args:
+        out: folder for agreement.html and agreement.json
+    """
     from gapscope.arm.io.locked_section import locked
-    from gapscope.interface.agree import agree as compare
+    from gapscope.interface.logs import agree as compare
 
     with Progress(case.name or str(case)) as progress, locked(out):
         result = compare(case, progress=progress)
         written = () if out is None else result.save(out)
-    show(result, *written, as_json=as_json)
+    show(result, *written, as_json=json_)

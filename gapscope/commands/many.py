@@ -1,18 +1,21 @@
-"""The commands for many diagnoses: ``fleet`` and ``serve``."""
+"""The commands for many diagnoses: ``fleet``, ``serve`` and ``watch``."""
 
 from __future__ import annotations
 
+import signal
 import time
 import webbrowser
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 from typing import Annotated
 
 import typer
 from typer import Argument, Option
 
-from gapscope.commands.options import Results
-from gapscope.terminal import Progress, say, show, wrote
+from gapscope.commands.options import File, Folder, Positive, Results
+from gapscope.terminal import Progress, note, say, show, wrote
 
 PACE = 1.0
 """Least time between two lines of progress [s]."""
@@ -20,43 +23,32 @@ GIGABYTE = 1e9
 
 
 def fleet(
-    cases: Annotated[
-        list[str],
-        Argument(
-            help="folders or archives of cases, lists of them (.txt, .csv), or URLs: s3://..., gs://..., zip://...",
-            metavar="CASES...",
-        ),
-    ],
+    cases: Annotated[list[str], Argument(metavar="CASES...")],
+    *,
     out: Results,
-    jobs: Annotated[
-        int | None,
-        Option(min=1, help="cases at a time; default: 1, on a cluster all its cores"),
-    ] = None,
-    backend: Annotated[
-        str, Option(help="local, or ray (needs ray installed)")
-    ] = "local",
-    again: Annotated[
-        bool, Option("--again", help="diagnose also what is done")
-    ] = False,
-    keep: Annotated[
-        str, Option(help="files kept of each diagnosis: nothing, json or report")
-    ] = "json",
-    units_by: Annotated[
-        str, Option(help="what names the unit of a case: case or folder")
-    ] = "case",
-    largest: Annotated[
-        float, Option(min=0.0, help="size that a case may have [GB]", metavar="GB")
-    ] = 2.0,
-    scratch: Annotated[
-        Path | None,
-        Option(help="folder for cases while they are diagnosed", metavar="DIR"),
-    ] = None,
-    tries: Annotated[
-        int, Option(min=1, help="times that a case is begun if its workers die")
-    ] = 3,
+    jobs: Positive | None = None,
+    backend: str = "local",
+    again: bool = False,
+    keep: str = "json",
+    units_by: str = "case",
+    largest: Annotated[float, Option(metavar="GB", min=0.0)] = 2.0,
+    scratch: Folder | None = None,
+    tries: Positive = 3,
 ) -> None:
-    """Diagnose many cases, compare their units, and find what changed."""
-    from gapscope.interface.fleet import DOCUMENT, PAGE, fleet
+    """Diagnose many cases, compare their units, and find what changed.
+
+    Args:
+        cases: folders or archives of cases, lists of them (.txt, .csv), or URLs: s3://..., gs://..., zip://...
+        jobs: cases at a time; default: 1, on a cluster all its cores
+        backend: local, or ray (needs ray installed)
+        again: diagnose also what is done
+        keep: files kept of each diagnosis: nothing, json or report
+        units_by: what names the unit of a case: case or folder
+        largest: size that a case may have [GB]
+        scratch: folder for cases while they are diagnosed
+        tries: times that a case is begun if its workers die
+    """
+    from gapscope.many.fleet import DOCUMENT, PAGE, fleet
 
     with Progress("fleet") as progress:
         overview = fleet(
@@ -93,34 +85,134 @@ def _paced(progress: Progress) -> Callable[[str], None]:
 
 
 def serve(
-    folder: Annotated[
-        Path,
-        Argument(help="folder with diagnoses, at any depth", metavar="DIR"),
-    ],
-    port: Annotated[
-        int, Option(min=0, max=65535, help="on 127.0.0.1; 0: any that is free")
-    ] = 0,
-    units_by: Annotated[
-        str,
-        Option(
-            help="what names a unit, without dates: case, or the folder above a diagnosis"
-        ),
-    ] = "case",
-    show: Annotated[bool, Option("--open", help="open the browser")] = False,
+    folder: Annotated[Path, Argument(metavar="DIR")],
+    *,
+    port: Annotated[int, Option(min=0, max=65535)] = 0,
+    units_by: str = "case",
+    open_: bool = False,
 ) -> None:
-    """Show many diagnoses as a table, and the effects of each unit over time; read-only, on this machine alone."""
-    from gapscope.archive import Archive
-    from gapscope.serving import ArchiveServer
+    """Show many diagnoses as a table, and the effects of each unit over time; read-only, on this machine alone.
+
+    Args:
+        folder: folder with diagnoses, at any depth
+        port: on 127.0.0.1; 0: any that is free
+        units_by: what names a unit, without dates: case, or the folder above a diagnosis
+        open_: open the browser
+    """
+    from gapscope.many.archive import Archive, ArchiveServer
 
     archive = Archive(folder, units_by)
     with ArchiveServer(archive, port) as server:
         with Progress(str(folder)) as progress:
-            count = len(archive.entries(progress))
+            count = len(archive.rows(progress))
         noun = "diagnosis" if count == 1 else "diagnoses"
         say(f"{count} {noun} at {server.address} (Ctrl-C ends)")
-        if show:
+        if open_:
             webbrowser.open(server.address)
         try:
             server.serve_forever()
         except KeyboardInterrupt:
             say("stopped")
+
+
+def watch(
+    source: Path,
+    *,
+    case: Annotated[Path | None, Option(metavar="CASE")] = None,
+    robot: Annotated[str | None, Option(metavar="ROBOT")] = None,
+    corrected: File | None = None,
+    out: Folder | None = None,
+    learn: float = 60.0,
+    false_alarms: float = 0.1,
+    rest: float = 5.0,
+    once: bool = False,
+    until_idle: Annotated[float | None, Option(metavar="N")] = None,
+) -> None:
+    """Follow a recording while it grows, and name what changes: a load, friction, an offset, an encoder.
+
+    Args:
+        source: CSV that grows, or a folder in which recordings or files of ROS bags appear
+        case: case of the arm: says how its logs are read
+        robot: in place of a case: kuka_iiwa, ..., or a URDF; logs are in the columns of the case format
+        corrected: corrected.yaml of a diagnosis, or identified.yaml; default: the nominal arm
+        out: folder for events.jsonl and the state that a later run goes on from
+        learn: motion from which normal behaviour is learnt [s]; 0: the recordings of the case show it
+        false_alarms: wanted per 24 h of motion at most, for a perfect model
+        rest: a file in a folder is complete after this time unwritten [s]
+        once: use what is there, and end; for cron
+        until_idle: end when nothing new came for this long [s]
+    """
+    from gapscope.arm.case import load_case
+    from gapscope.arm.errors import GapscopeError, InputError
+    from gapscope.arm.io.locked_section import locked
+    from gapscope.arm.robots import load_nominal_arm
+    from gapscope.interface.models import corrected_arm
+    from gapscope.watching.detector import WatchSettings
+    from gapscope.watching.watch import Watch
+
+    if (case is None) == (robot is None):
+        raise InputError(
+            "expected one of --case and --robot",
+            "give the case of the arm, or the robot if its logs are in the columns of the case format",
+        )
+    settings = WatchSettings(
+        source=source,
+        out=out,
+        learning=learn,
+        false_alarms=false_alarms,
+        rest=rest,
+        until_idle=0.0 if once else until_idle,
+    )
+    loaded = load_case(case, read_recordings=not learn) if case else None
+    arm = loaded.arm if loaded else load_nominal_arm(str(robot))
+    with locked(out):
+        watched = Watch(corrected_arm(arm, corrected), settings, loaded)
+        model = (
+            f"{arm.name} as {corrected} corrects it"
+            if corrected
+            else f"{arm.name}, nominal"
+        )
+        begun = (
+            "goes on where it ended"
+            if watched.resumed
+            else f"learns from {learn:g} s of motion"
+            if learn
+            else f"what the recordings of {case} show is normal"
+        )
+        note(f"watching {source} with {model}: {begun}; Ctrl-C ends")
+        with _stop_on_signals() as asked:
+            for event in watched.run(lambda: bool(asked)):
+                say(f"{event.event}: {event.sentence}")
+    share = watched.detector.learnt
+    if share < 1:
+        note(f"ended while learning, at {share:.0%} of {learn:g} s of motion")
+    note(
+        f"{watched.alarms} alarms, {watched.misfits} misfits, {len(watched.read)} recordings read"
+    )
+    if out is not None:
+        say(f"wrote {out}")
+    if not (watched.read or watched.resumed or asked):
+        raise GapscopeError(
+            f"{source}: no recording was read",
+            "check the path and the endings of the files; one that is still written to is read by the next run",
+        )
+
+
+@contextmanager
+def _stop_on_signals() -> Iterator[list[int]]:
+    """A list that is no longer empty once the process was asked to end; asked again, it ends at once."""
+    asked: list[int] = []
+
+    def ask(number: int, _: FrameType | None) -> None:
+        if asked:
+            raise KeyboardInterrupt
+        asked.append(number)
+
+    before = {
+        number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield asked
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

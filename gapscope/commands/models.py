@@ -7,27 +7,27 @@ import subprocess
 from pathlib import Path
 from typing import Annotated
 
-from typer import Argument, Option
+from typer import Option
 
-from gapscope.commands.options import AsJson, CasePath, Engine, Model
+from gapscope.commands.options import AsJson, CasePath, Engine, File, Model
 from gapscope.terminal import Progress, note, say, show, wrote
 
 
 def predict(
     case: CasePath,
-    recording: Annotated[
-        Path,
-        Option(
-            help="recording with t, q1.., a path or a name of the case; other columns are not used",
-            metavar="FILE",
-        ),
-    ],
-    out: Annotated[Path, Option(help="CSV to write: t, tau1..", metavar="FILE.csv")],
+    *,
+    recording: File,
+    out: Annotated[Path, Option(metavar="FILE.csv")],
     model: Model = None,
 ) -> None:
-    """Predict the torque that a model says would be recorded."""
+    """Predict the torque that a model says would be recorded.
+
+    Args:
+        recording: recording with t, q1.., a path or a name of the case; other columns are not used
+        out: CSV to write: t, tau1..
+    """
     from gapscope.commands.inputs import read_recording
-    from gapscope.interface.predict import predict as predict_recording
+    from gapscope.interface.models import predict as predict_recording
 
     with Progress(recording.name) as progress:
         progress("reads")
@@ -39,22 +39,20 @@ def predict(
 
 def replay(
     case: CasePath,
-    recording: Annotated[
-        Path,
-        Option(
-            help="recording with q_ref1.., or tau1.. without; a path or a name of the case",
-            metavar="FILE",
-        ),
-    ],
-    out: Annotated[
-        Path, Option(help="CSV to write: t, q1.., tau1..", metavar="FILE.csv")
-    ],
+    *,
+    recording: File,
+    out: Annotated[Path, Option(metavar="FILE.csv")],
     model: Model = None,
     engine: Engine = None,
 ) -> None:
-    """Move the simulated arm under the same commands as a recording."""
+    """Move the simulated arm under the same commands as a recording.
+
+    Args:
+        recording: recording with q_ref1.., or tau1.. without; a path or a name of the case
+        out: CSV to write: t, q1.., tau1..
+    """
     from gapscope.commands.inputs import read_recording
-    from gapscope.interface.replay import replay as replay_recording
+    from gapscope.interface.models import replay as replay_recording
 
     with Progress(recording.name) as progress:
         progress("reads")
@@ -67,40 +65,44 @@ def replay(
     wrote(out)
 
 
-def gap(case: CasePath, model: Model = None, as_json: AsJson = False) -> None:
+def gap(
+    case: CasePath,
+    *,
+    model: Model = None,
+    json_: AsJson = False,
+) -> None:
     """Measure the gap alone, per joint, of a nominal or corrected arm."""
-    from gapscope.interface.gap import gap as measure_gap
+    from gapscope.interface.models import gap as measure_gap
 
     with Progress(case.name or str(case)) as progress:
         progress("measures the gap")
         measured = measure_gap(case, model)
-    show(measured, as_json=as_json)
-    if not as_json:
+    show(measured, as_json=json_)
+    if not json_:
         for warning in measured.document["warnings"]:
             note(f"note: {warning}")
 
 
 def view(
     case: CasePath,
-    out: Annotated[
-        Path,
-        Option(help="MCAP to write; a Foxglove layout beside it", metavar="FILE.mcap"),
-    ],
-    recording: Annotated[
-        str | None,
-        Option(help="name of a recording of the case; default: the first"),
-    ] = None,
+    *,
+    out: Annotated[Path, Option(metavar="FILE.mcap")],
+    recording: str | None = None,
     model: Model = None,
-    show: Annotated[
-        bool, Option("--open/--no-open", help="open Rerun if it is installed")
-    ] = True,
+    open_: bool = True,
 ) -> None:
-    """Write recorded, predicted and remaining torque and the arm as one MCAP, and open Rerun if installed."""
+    """Write recorded, predicted and remaining torque and the arm as one MCAP, and open Rerun if installed.
+
+    Args:
+        out: MCAP to write; a Foxglove layout beside it
+        recording: name of a recording of the case; default: the first
+        open_: open Rerun if it is installed
+    """
     from gapscope.arm.case import load_case
     from gapscope.arm.errors import GapscopeError
+    from gapscope.interface.models import predict as predict_recording
     from gapscope.interface.models import recording_of
-    from gapscope.interface.predict import predict as predict_recording
-    from gapscope.interface.replay import replay as replay_recording
+    from gapscope.interface.models import replay as replay_recording
     from gapscope.reports.scene import Scene, write_layout, write_mcap
 
     layout = out.with_suffix(".foxglove.json")
@@ -122,64 +124,39 @@ def view(
         note(f"not replayed: {problem}")
     wrote(out, layout)
     viewer = shutil.which("rerun")
-    if show and viewer:
+    if open_ and viewer:
         subprocess.Popen([viewer, str(out)])
-    elif show:
+    elif open_:
         note(
             "Rerun is not installed (pip install rerun-sdk); Foxglove and PlotJuggler open the file too"
         )
 
 
 def export(
-    corrected: Annotated[
-        Path, Argument(help="corrected.yaml of a diagnosis", metavar="CORRECTED")
-    ],
-    out: Annotated[Path, Option(help="file to write", metavar="FILE")],
-    file_format: Annotated[
-        str,
-        Option(
-            "--format",
-            help="urdf, mjcf or sdf: the whole arm; isaac_lab, mjlab, newton, genesis, drake, gazebo, ros2_control, "
-            "playground or environment: a snippet in the simulator's words",
-        ),
-    ],
-    case: Annotated[
-        Path | None,
-        Option(
-            help="the case that was diagnosed: its nominal arm and data sheet",
-            metavar="CASE",
-        ),
-    ] = None,
-    robot: Annotated[
-        str | None,
-        Option(help="in its place: kuka_iiwa, ..., or a URDF", metavar="ROBOT"),
-    ] = None,
-    relative_meshes: Annotated[
-        bool,
-        Option(
-            "--relative-meshes",
-            help="name meshes from the folder of FILE, not absolutely",
-        ),
-    ] = False,
-    randomise: Annotated[
-        bool,
-        Option(
-            "--randomise",
-            help="with ranges to draw from: the 95 % intervals of the diagnosis beside CORRECTED",
-        ),
-    ] = False,
-    unit: Annotated[
-        list[Path] | None,
-        Option(
-            "--unit",
-            help="with --randomise: diagnosis of another unit, which the ranges hold too; may be repeated",
-            metavar="DIR",
-        ),
-    ] = None,
+    corrected: Path,
+    *,
+    out: File,
+    format_: str,
+    case: Annotated[Path | None, Option(metavar="CASE")] = None,
+    robot: Annotated[str | None, Option(metavar="ROBOT")] = None,
+    relative_meshes: bool = False,
+    randomise: bool = False,
+    unit: Annotated[list[Path] | None, Option(metavar="DIR")] = None,
 ) -> None:
     """Write the corrected arm for other simulators.
 
     What the format cannot hold is listed in the file and on the terminal.
+
+    Args:
+        corrected: corrected.yaml of a diagnosis
+        out: file to write
+        format_: urdf, mjcf or sdf: the whole arm; isaac_lab, mjlab, newton, genesis, drake, gazebo, ros2_control,
+            playground or environment: a snippet in the simulator's words
+        case: the case that was diagnosed: its nominal arm and data sheet
+        robot: in its place: kuka_iiwa, ..., or a URDF
+        relative_meshes: name meshes from the folder of FILE, not absolutely
+        randomise: with ranges to draw from: the 95 % intervals of the diagnosis beside CORRECTED
+        unit: with --randomise: diagnosis of another unit, which the ranges hold too; may be repeated
     """
     from gapscope.arm.errors import InputError
     from gapscope.arm.nearest_name import check_known
@@ -193,7 +170,7 @@ def export(
         raise InputError(
             "other units matter for ranges alone", "add --randomise", where="--unit"
         )
-    check_known("format", file_format, ALL_FORMATS, where="--format")
+    check_known("format", format_, ALL_FORMATS, where="--format")
     if (case is None) == (robot is None):
         raise InputError(
             "expected one of --case and --robot",
@@ -201,7 +178,7 @@ def export(
             where="--case",
         )
     with Progress(corrected.name) as progress:
-        progress(f"writes {file_format}")
+        progress(f"writes {format_}")
         arm, controller = read_arm_and_controller(str(robot if case is None else case))
         if out.exists() and out.resolve() in (corrected.resolve(), arm.urdf.resolve()):
             raise InputError(
@@ -212,7 +189,7 @@ def export(
         with error_context(corrected, found.effects):
             left_out, odd = export_arm(
                 found,
-                file_format,
+                format_,
                 out,
                 relative=relative_meshes,
                 controller=controller,

@@ -5,11 +5,10 @@ from __future__ import annotations
 import platform
 from pathlib import Path
 from time import monotonic
-from typing import Annotated
 
 import typer
-from typer import Option
 
+from gapscope.commands.options import Folder
 from gapscope.terminal import Progress, console, say, show, wrote
 
 CAVEAT = (
@@ -19,20 +18,24 @@ CAVEAT = (
 
 
 def demo(
-    out: Annotated[
-        Path, Option(help="folder for the case and the results", metavar="DIR")
-    ] = Path("gapscope-demo"),
-    seed: Annotated[int | None, Option(help="draw the same mystery arm again")] = None,
+    *,
+    out: Folder = Path("gapscope-demo"),
+    seed: int | None = None,
 ) -> None:
-    """Record a mystery arm, diagnose it, and open the truth."""
+    """Record a mystery arm, diagnose it, and open the truth.
+
+    Args:
+        out: folder for the case and the results
+        seed: draw the same mystery arm again
+    """
     import numpy as np
 
     from gapscope.arm.io.locked_section import locked
     from gapscope.arm.io.write_case import write_case
-    from gapscope.commands.diagnose_path import diagnose_path
     from gapscope.effects.corrected_file import write_corrected
     from gapscope.envs.engines import default_engine
     from gapscope.envs.mystery_arm import mystery_arm
+    from gapscope.many.batch import diagnose_path
     from gapscope.reports.truth_table import truth_table
 
     start = monotonic()
@@ -57,24 +60,23 @@ def demo(
 
 def doctor() -> None:
     """Say what is installed, what is missing for which command, and whether the engines agree."""
-    from rich.table import Table
     from rich.text import Text
 
     from gapscope import __version__
     from gapscope.installation import check_engines, packages
+    from gapscope.reports.pages import terminal_table
 
     say(
         f"gapscope {__version__}, Python {platform.python_version()}, {platform.platform()}"
     )
     found = packages()
-    table = Table("package", "version", "for", "remedy")
+    rows = []
     for package in found:
-        missing = package.version is None
-        remedy = package.remedy if missing else ""
+        remedy = "" if package.version else package.remedy
         row = (package.name, package.version or "missing", package.needed_for, remedy)
-        cells = (Text(cell) for cell in row)  # a text: brackets are no markup
-        table.add_row(*cells, style="yellow" if missing else None)
-    console.print(table)
+        rows.append([Text(cell, "yellow" if remedy else "") for cell in row])
+    heads = ("package", "version", "for", "remedy")
+    console.print(terminal_table(heads, rows, len(heads)))
     with Progress("engines") as progress:
         progress("compares them with pinocchio")
         checks = check_engines()

@@ -7,17 +7,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
-from rich import box
 from rich.console import Group
-from rich.table import Table
 from rich.text import Text
 
 from gapscope.arm.display import MISSING, display_unit, uncertain
 from gapscope.reports.pages import (
     COLOURS,
+    PLAIN,
     PageSection,
     figure_html,
     subplots,
+    terminal_table,
     write_plot_page,
 )
 
@@ -143,20 +143,20 @@ def write_page(content: dict[str, Any], path: Path) -> None:
         note="Bars of two standard deviations; what differs is orange, the band is the value to trust.",
         figure=figure or Markup(""),
     )
+    # A section for each parameter that differs
     write_plot_page(
         path,
         f"Do the recordings of {content['case']} agree?",
         facts,
-        [*_difference_sections(content), panels, table],
+        [
+            *(
+                PageSection(title=_differs(line), note=". ".join(sentences(line)))
+                for line in differing(content)
+            ),
+            panels,
+            table,
+        ],
     )
-
-
-def _difference_sections(content: dict[str, Any]) -> list[PageSection]:
-    """A section for each parameter that differs."""
-    return [
-        PageSection(title=_differs(line), note=". ".join(sentences(line)))
-        for line in differing(content)
-    ]
 
 
 def _figure(lines: list[Line], recordings: list[str], rows: int) -> Figure:
@@ -215,22 +215,25 @@ STYLES = {"differs": "bold red", "not determined": "dim"}
 
 def summary(content: dict[str, Any]) -> Group:
     """The table of all parameters, then the differences with what goes with them."""
-    table = Table(
+    rows = [
+        (
+            Text(line["name"], overflow="fold"),
+            Text(line["verdict"], STYLES.get(line["verdict"], "")),
+            with_unit(trusted(line), line),
+        )
+        for line in content["parameters"]
+    ]
+    table = terminal_table(
+        ("parameter", "verdict", "to trust"),
+        rows,
+        2,
         title=f"{content['case']}: {heading(content)}",
-        title_justify="left",
         caption=RELATIVE,
         caption_justify="left",
-        box=box.SIMPLE_HEAD,
-        show_edge=False,
-        padding=(0, 1, 0, 0),
+        **PLAIN,
     )
-    table.add_column("parameter", overflow="fold")
-    table.add_column("verdict", no_wrap=True)
-    table.add_column("to trust", justify="right", no_wrap=True)
-    for line in content["parameters"]:
-        verdict = Text(line["verdict"], STYLES.get(line["verdict"], ""))
-        value = with_unit(trusted(line), line)
-        table.add_row(Text(line["name"]), verdict, value)
+    for column in table.columns[1:]:
+        column.no_wrap = True
     texts = [*_undetermined(content), *_difference_lines(content)]
     return Group(table, *(Text(text) for text in texts))
 

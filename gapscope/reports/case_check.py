@@ -4,22 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from rich import box
 from rich.console import Group
-from rich.table import Table
 from rich.text import Text
 
 from gapscope.reports.expected import expected_table
-from gapscope.reports.pages import terminal_table
+from gapscope.reports.pages import PLAIN, terminal_table
 
 STYLES = {"ok": "green", "warn": "yellow", "error": "bold red"}
 """Style of a level."""
-STYLE: dict[str, Any] = {
-    "box": box.SIMPLE_HEAD,
-    "show_edge": False,
-    "padding": (0, 1, 0, 0),
-}
-"""Style of a table."""
 
 
 def summary(content: dict[str, Any]) -> Group:
@@ -27,26 +19,25 @@ def summary(content: dict[str, Any]) -> Group:
     remarks = sorted(
         content["remarks"], key=lambda one: ("error", "warn", "ok").index(one["level"])
     )
-    table = Table(**STYLE)
-    table.add_column("", no_wrap=True)
-    table.add_column("topic", no_wrap=True)
-    table.add_column("found, and what to do", overflow="fold")
+    rows = []
     for one in remarks:
         said = f"{one['place']}: {one['said']}" if one["place"] else one["said"]
-        text = Text(said)
+        text = Text(said, overflow="fold")
         if one["remedy"]:
             text.append(f"\n→ {one['remedy']}", "dim")
-        level = Text(one["level"], STYLES[one["level"]])
-        table.add_row(level, one["topic"], text)
+        rows.append((Text(one["level"], STYLES[one["level"]]), one["topic"], text))
+    table = terminal_table(("", "topic", "found, and what to do"), rows, 3, **PLAIN)
+    for column in table.columns[:2]:
+        column.no_wrap = True
     parts: list[Any] = [table]
     if content["excited"] is not None:
         keys = ("range", "slow", "fast", "reversals", "gravity", "possible_gravity")
         heads = ("joint", *keys[:4], "gravity [N m]", "possible")
-        rows = [
+        moving = [
             [f"{k} {joint['name']}", *(_text(joint[key]) for key in keys)]
             for k, joint in enumerate(content["joints"], 1)
         ]
-        parts += [Text(""), terminal_table(heads, rows, **STYLE)]
+        parts += [Text(""), terminal_table(heads, moving, **PLAIN)]
     if content["expected"]:
         parts += [Text(""), expected_table(content["expected"], len(content["joints"]))]
     name = content["case"] or "the case"

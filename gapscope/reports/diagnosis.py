@@ -5,11 +5,10 @@ from __future__ import annotations
 import base64
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
-from urllib.parse import quote
 
 import numpy as np
 from rich.console import Group, RenderableType
@@ -57,14 +56,12 @@ from gapscope.diagnosis.document.wording import (
     worst_joint,
 )
 from gapscope.diagnosis.locate import DRIVES, FREQUENCIES, JointLocalisation, Region
-from gapscope.diagnosis.result import Diagnosis, Signature, Spectrum, Trace
-from gapscope.effects.catalogue import known_effect
-from gapscope.effects.effect import Effect
+from gapscope.diagnosis.result import Diagnosis, Signature, Trace
+from gapscope.effects.catalogue import known_effect, of_quantity
+from gapscope.effects.effect import SHEET, Effect
 from gapscope.model.changes import change_text
-from gapscope.reports import compared_units as units_words
-from gapscope.reports.compared_units import ADDING
 from gapscope.reports.expected import expected_rows
-from gapscope.reports.pages import write_html
+from gapscope.reports.pages import terminal_table, write_html
 
 # A diagnosis as a page and on the terminal.
 
@@ -156,101 +153,6 @@ def actions(diagnosis: Diagnosis, folder: Path) -> list[Action]:
             )
         )
     return found
-
-
-# The summary of several cases: one row each, with a link to its report.
-
-
-_COUNTED = {
-    "effects_found": "with effects found",
-    "no_gap": "without a gap",
-    "unexplained": "with an unexplained gap",
-    "failed": "failed",
-}
-
-
-@dataclass(frozen=True)
-class SummaryRow:
-    """One case in the summary.
-
-    Attributes:
-        name: name of the case.
-        folder: folder of its report, relative to the summary.
-        document: its diagnosis, or ``None`` if it failed.
-        failure: why it failed.
-    """
-
-    name: str
-    folder: str
-    document: Mapping[str, Any] | None = None
-    failure: str = ""
-
-    @property
-    def label(self) -> str:
-        """Name of the case, with its folder if that has another name."""
-        return self.name if self.folder == self.name else f"{self.name} ({self.folder})"
-
-    @property
-    def link(self) -> str:
-        """Relative address of the report."""
-        return f"./{quote(self.folder)}/report.html"
-
-    @property
-    def verdict(self) -> str:
-        """Verdict as a label."""
-        return "Failed" if self.document is None else VERDICTS[self.document["verdict"]]
-
-    @property
-    def kind(self) -> str:
-        """Verdict as a key: one of the three, or ``failed``."""
-        return "failed" if self.document is None else self.document["verdict"]
-
-    def named(self, section: str = "effects") -> list[tuple[str, str]]:
-        """Effects found, or ``possible`` and not confirmed, each with what it acts on."""
-        found = [] if self.document is None else self.document[section]
-        return [(effect_name(entry["effect"]), acts_on(entry)) for entry in found]
-
-    @property
-    def closed(self) -> float | None:
-        """Share of the gap above the floor that is closed [1]; ``None`` if there is no gap."""
-        if self.document is None or self.document["verdict"] == "no_gap":
-            return None
-        return self.document["closed"]
-
-    def mean_gap(self, stage: str) -> float | None:
-        """Torque NRMSE ``before`` or ``after``, mean over the joints [1]."""
-        values = (
-            [] if self.document is None else self.document["gap"][stage]["torque_nrmse"]
-        )
-        known = [value for value in values if value is not None]
-        return sum(known) / len(known) if known else None
-
-
-def render_summary(
-    rows: Sequence[SummaryRow], path: Path | str, units: Mapping[str, Any] | None = None
-) -> None:
-    """Write the summary of several cases, in the order given.
-
-    Args:
-        rows: one per case.
-        path: file to write.
-        units: content of ``units.json``, the comparison of the cases as units of one type of arm.
-
-    Raises:
-        GapscopeError: ``path`` cannot be written.
-    """
-    counts = {
-        label: sum(row.kind == kind for row in rows) for kind, label in _COUNTED.items()
-    }
-    compared = units["groups"] if units is not None else []
-    write_html(
-        "diagnosis/summary.html",
-        path,
-        rows=rows,
-        counts=counts,
-        groups=compared,
-        words=units_words,
-    )
 
 
 # What the pictures of where a gap lies draw, with the words under them.
@@ -407,6 +309,7 @@ def payload(diagnosis: Diagnosis) -> dict[str, Any]:
     roles = {r["name"]: r["role"] for r in diagnosis.document.get("recordings", [])}
     most = POINTS_OF_ALL_TRACES // max(1, 4 * len(names) * len(diagnosis.traces))
     points = int(np.clip(most, 400, POINTS_PER_CURVE))
+    spectrum = diagnosis.spectrum
     return {
         "joints": [
             f"J{number} {name}".strip()
@@ -421,7 +324,15 @@ def payload(diagnosis: Diagnosis) -> dict[str, Any]:
             }
             for trace in diagnosis.traces
         ],
-        "spectrum": _spectrum(diagnosis.spectrum),
+        "spectrum": (
+            {
+                "frequency": encode(spectrum.frequency),
+                "before": [
+                    encode(column) for column in np.atleast_2d(spectrum.before.T)
+                ],
+                "after": [encode(column) for column in np.atleast_2d(spectrum.after.T)],
+            }
+        ),
         "places": place_curves(diagnosis),
         "guesses": guess_curves(diagnosis),
         "slides": joint_slides(diagnosis.document),
@@ -479,14 +390,6 @@ def _signature(signature: Signature) -> dict[str, Any]:
         "x": encode(signature.x[keep]),
         "gap": encode(signature.gap[keep]),
         "explained": encode(signature.explained[keep]),
-    }
-
-
-def _spectrum(spectrum: Spectrum) -> dict[str, Any]:
-    return {
-        "frequency": encode(spectrum.frequency),
-        "before": [encode(column) for column in np.atleast_2d(spectrum.before.T)],
-        "after": [encode(column) for column in np.atleast_2d(spectrum.after.T)],
     }
 
 
@@ -643,6 +546,10 @@ def _joint_gaps(names: Sequence[str], gap: Mapping[str, Any]) -> list[dict[str, 
 
 
 # What a diagnosis against a reference was compared with, as the report shows it.
+
+
+ADDING = {key: of_quantity(quantity)[0] for quantity, key in SHEET.items()}
+"""Effects that add to an entry of the data sheet, by its key."""
 
 
 def against(diagnosis: Diagnosis) -> dict[str, Any] | None:
@@ -939,7 +846,17 @@ def summary(document: Mapping[str, Any]) -> Group:
         parts += ["", _effects(document)]
     # of a table of few columns a title would be cut
     title = Text("Torque gap (NRMSE, on data not used to fit)", style="bold")
-    parts += ["", title, _joint_table(document)]
+    # torque NRMSE of each joint before, after, and its floor
+    columns = zip(joint_names(document), gap_rows(document), strict=True)
+    rows: list[Sequence[str | Text]] = [
+        (str(joint), Text(name, overflow="ellipsis"), *map(nrmse, gaps))
+        for joint, (name, gaps) in enumerate(columns, 1)
+    ]
+    table = terminal_table(("Joint", "", *GAPS), rows, 2, **STYLE)
+    table.columns[1].max_width = 30
+    for column in table.columns:
+        column.no_wrap = True
+    parts += ["", title, table]
     closed = document["closed"]
     if closed is not None and document["verdict"] != "no_gap":
         parts.append(f"{percent(closed)} of the gap above the floor is closed")
@@ -966,47 +883,26 @@ def summary(document: Mapping[str, Any]) -> Group:
 
 def _effects(document: Mapping[str, Any]) -> Table:
     """One row per parameter of each effect."""
-    table = _table()
-    table.add_column("Effect", max_width=22)
-    table.add_column("Joints", max_width=9)
-    table.add_column("Value ± std")
-    table.add_column("Prob.", justify="right", no_wrap=True)
-    table.add_column("Share", justify="right", no_wrap=True)
+    rows: list[Sequence[str | Text]] = []
     for effect in document["effects"]:
         place = acts_on(effect).removeprefix("the whole ")
         joints = ", ".join(joint_ranges(effect["joints"]))
         if not joints or place.startswith("motor"):
             joints = place
         lines = [f"{value.name} {value.text}" for value in parameter_texts(effect)]
+        texts = (capital(effect_name(effect["effect"])), joints)
         values = "\n".join([*lines, *holds_in(effect)])
-        table.add_row(
-            Text(capital(effect_name(effect["effect"]))),
-            joints,
-            Text(values),
-            percent(effect["probability"]),
-            percent(effect["share"]),
-        )
+        shares = (percent(effect[key]) for key in ("probability", "share"))
+        rows.append([*map(Text, (*texts, values)), *shares])
+    heads = ("Effect", "Joints", "Value ± std", "Prob.", "Share")
+    table = terminal_table(heads, rows, 3, **STYLE)
+    table.columns[0].max_width, table.columns[1].max_width = 22, 9
+    for column in table.columns[3:]:
+        column.no_wrap = True
     return table
 
 
-def _joint_table(document: Mapping[str, Any]) -> Table:
-    """Torque NRMSE of each joint before, after, and its floor."""
-    table = _table()
-    table.add_column("Joint", no_wrap=True)
-    table.add_column("", max_width=30, no_wrap=True)
-    for name in ("before", "after", "floor"):
-        table.add_column(name, justify="right", no_wrap=True)
-    for joint, (name, gaps) in enumerate(
-        zip(joint_names(document), gap_rows(document), strict=True), 1
-    ):
-        table.add_row(
-            str(joint), Text(name, overflow="ellipsis"), *(nrmse(gap) for gap in gaps)
-        )
-    return table
-
-
-def _table() -> Table:
-    return Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
+STYLE: dict[str, Any] = {"box": None, "padding": (0, 2, 0, 0), "header_style": "dim"}
 
 
 # Names of the files of a diagnosis.

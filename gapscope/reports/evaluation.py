@@ -8,7 +8,6 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich import box
 from rich.console import Group
 from rich.table import Table
 from rich.text import Text
@@ -20,9 +19,11 @@ from gapscope.arm.io.json_file import plain, write_json
 from gapscope.effects.corrected_file import described
 from gapscope.reports.pages import (
     COLOURS,
+    PLAIN,
     PageSection,
     figure_html,
     subplots,
+    terminal_table,
     write_plot_page,
 )
 
@@ -79,25 +80,21 @@ def _by_kind(
 
 
 def _table(lines: list[SummaryLine], kind: tuple[str, str]) -> Table:
-    title = f"\n{kind[0]}, disturbance: {kind[1]}"
-    shown = Table(
-        title=title,
-        title_justify="left",
-        padding=(0, 1, 0, 0),
-        box=box.SIMPLE_HEAD,
-        show_edge=False,
-    )
-    shown.add_column("model", overflow="fold")
+    heads = ["model"]
     for heading in HEADS[3:]:
         name, bracket, unit = heading.partition(" [")
-        head = name.replace(" ", "\n").replace("diverged", "di-\nverged") + (
-            f"\n[{unit}" if bracket else ""
-        )
-        shown.add_column(Text(head), justify="right", no_wrap=True)
+        name = name.replace(" ", "\n").replace("diverged", "di-\nverged")
+        heads.append(f"{name}\n[{unit}" if bracket else name)
+    rows = []
     for line in lines:
         means = [_two_lines(line.means[name], factor) for name, factor in MEANS]
-        shown.add_row(*(Text(cell) for cell in (line.model, *means, *cells(line)[-2:])))
-    return shown
+        model = Text(line.model, overflow="fold")
+        rows.append([model, *map(Text, (*means, *cells(line)[-2:]))])
+    title = f"\n{kind[0]}, disturbance: {kind[1]}"
+    table = terminal_table(heads, rows, title=title, **PLAIN)
+    for column in table.columns[1:]:
+        column.no_wrap = True
+    return table
 
 
 def cells(line: SummaryLine) -> list[str]:

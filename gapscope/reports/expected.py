@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from rich import box
 from rich.table import Table
 from rich.text import Text
 
 from gapscope.arm.display import MISSING, display_unit, effect_name, significant
-from gapscope.reports.pages import terminal_table
+from gapscope.reports.pages import PLAIN, terminal_table
 
 
 def expected_rows(
@@ -45,11 +44,4 @@ def expected_table(entries: Iterable[Mapping[str, Any]], n_joints: int) -> Table
         [Text(name), *texts] for name, texts in expected_rows(entries, n_joints)
     ]
     heads = ["effect", *(str(j + 1) for j in range(n_joints))]
-    return terminal_table(
-        heads,
-        rows,
-        title=TITLE,
-        box=box.SIMPLE_HEAD,
-        show_edge=False,
-        padding=(0, 1, 0, 0),
-    )
+    return terminal_table(heads, rows, title=TITLE, **PLAIN)

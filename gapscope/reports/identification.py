@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from rich.console import Group
-from rich.table import Table
 from rich.text import Text
 
 from gapscope.arm.display import MISSING, uncertain
@@ -103,13 +102,26 @@ def filter_curves(result: Identification) -> dict[str, Any]:
         for i, expression in enumerate(expressions)
     ]
     start = review.converged
+    # each joint's innovations over the elapsed time
+    t = review.problem.interval * np.arange(len(review.innovation))
+    joints = []
+    for series in review.innovation.T:
+        keep = keep_extremes([series], FILTER_POINTS)
+        joints.append({"t": encode(t[keep]), "value": encode(series[keep])})
     return {
         "elapsed": encode(review.track.t),
         "parameters": parameters,
         "first": _first(review, names),
-        "innovations": _innovations(review),
+        "innovations": joints,
         "converged": None if start is None else float(review.track.t[start]),
-        "changes": _changes(review),
+        # moments of the changes in elapsed time, in words
+        "changes": [
+            {
+                "elapsed": _elapsed(review, entry["recording"], entry["time"]),
+                "text": change_text(entry),
+            }
+            for entry in change_findings(review.changes)
+        ],
         "starts": _starts(review),
     }
 
@@ -122,27 +134,6 @@ def _first(review: FilterReview, names: list[str]) -> int:
         return review.departures[0].parameter
     friction = [i for i, name in enumerate(names) if name[0] in "bc"]
     return friction[0] if friction else 0
-
-
-def _innovations(review: FilterReview) -> list[dict[str, str]]:
-    """Each joint's innovations over the elapsed time."""
-    t = review.problem.interval * np.arange(len(review.innovation))
-    joints = []
-    for series in review.innovation.T:
-        keep = keep_extremes([series], FILTER_POINTS)
-        joints.append({"t": encode(t[keep]), "value": encode(series[keep])})
-    return joints
-
-
-def _changes(review: FilterReview) -> list[dict[str, Any]]:
-    """Moments of the changes in elapsed time, in words."""
-    return [
-        {
-            "elapsed": _elapsed(review, entry["recording"], entry["time"]),
-            "text": change_text(entry),
-        }
-        for entry in change_findings(review.changes)
-    ]
 
 
 def _elapsed(review: FilterReview, recording: str, time: float) -> float:
@@ -425,11 +416,7 @@ def summary(result: Identification) -> Group:
     ]
     first = [f"warning: {text}" for text in warnings if text.startswith(WORSE)]
     rest = [line for line in lines if WORSE not in line]
-    return Group(*map(Text, first), _errors(result), *map(Text, rest))
-
-
-def _errors(result: Identification) -> Table:
-    """Relative error of the torque per joint, before and after, on fitted and held-out samples."""
+    # relative error of the torque per joint, before and after, on fitted and held-out samples
     fit, held_out = result.validation
     shown = {
         "nominal, held out": held_out.nominal,
@@ -446,7 +433,7 @@ def _errors(result: Identification) -> Table:
     heads = ["", *(f"J{number}" for number in numbers), "all"]
     table = terminal_table(heads, rows, title=title, padding=(0, 0, 0, 1))
     table.columns[0].no_wrap = True
-    return table
+    return Group(*map(Text, first), table, *map(Text, rest))
 
 
 def _facts(result: Identification) -> list[str]:
@@ -538,16 +525,6 @@ def write_identification(
     Raises:
         GapscopeError: no physically consistent parameters were found, or a file cannot be written.
     """
-    _write_arm(result, case_file, folder)
-    write_base(result, folder / BASE)
-    content = document(result, FILES)
-    render(result, content, folder / REPORT)
-    write_document(content, folder / DOCUMENT)
-    names = (REPORT, DOCUMENT, CASE, URDF, EFFECTS, BASE)
-    return tuple(folder / name for name in names)
-
-
-def _write_arm(result: Identification, case_file: Path, folder: Path) -> None:
     text = urdf_text(result.case.arm, identified_bodies(result))
     with atomic_write(folder / URDF) as aside:
         aside.write_text(text, encoding="utf-8")
@@ -558,3 +535,9 @@ def _write_arm(result: Identification, case_file: Path, folder: Path) -> None:
         folder / EFFECTS,
         presliding=presliding(result),
     )
+    write_base(result, folder / BASE)
+    content = document(result, FILES)
+    render(result, content, folder / REPORT)
+    write_document(content, folder / DOCUMENT)
+    names = (REPORT, DOCUMENT, CASE, URDF, EFFECTS, BASE)
+    return tuple(folder / name for name in names)

@@ -16,7 +16,7 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.reading import Reading
 from gapscope.arm.robots import shifted_text
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault
-from gapscope.inspection.draft import flow
+from gapscope.inspection.inspection import flow
 
 CASE, URDF = "mended_case.yaml", "mended.urdf"
 
@@ -127,31 +127,29 @@ def write_mended_case(
         gains = {g.name: getattr(at_work, g.name).tolist() for g in at_work.gains}
         content["controller"] = {**content["controller"], **gains}
     with atomic_write(folder / CASE) as aside:
-        text = _text(content, mended, case.arm.n_joints, source)
+        # the case file, with a comment on each line that was changed
+        lines = [f"# {source.name}, with what gapscope diagnose found wrong put right"]
+        lines += [f"# left to every diagnosis: {fault}" for fault in mended.others]
+        section = dict(content.pop("import", None) or {})
+        before = Reading.from_mend(
+            section.pop("mend", None) or {}, case.arm.n_joints, source
+        )
+        mend = mended.after(before).to_mend()
+        section |= {name: None for name in UNREAD if mended.reason(name)}
+        for key, value in content.items():
+            lines += _entry(key, value, mended.reason(key))
+        if section or mend:
+            lines.append("import:")
+        for key, value in section.items():
+            why = mended.reason(key) if key in UNREAD else ""
+            lines += [f"  {line}" for line in _entry(key, value, why)]
+        if mend:
+            lines.append("  mend:  # after all other keys of this section")
+        for key, value in mend.items():
+            lines += [f"    {key}: {flow(value)}{_comment(mended.reason(key))}"]
+        text = "\n".join(lines) + "\n"
         aside.write_text(text, encoding="utf-8")
     return tuple(written)
-
-
-def _text(content: dict[str, Any], mended: Mending, n: int, source: Path) -> str:
-    """The case file, with a comment on each line that was changed."""
-    lines = [f"# {source.name}, with what gapscope diagnose found wrong put right"]
-    lines += [f"# left to every diagnosis: {fault}" for fault in mended.others]
-    section = dict(content.pop("import", None) or {})
-    before = Reading.from_mend(section.pop("mend", None) or {}, n, source)
-    mend = mended.after(before).to_mend()
-    section |= {name: None for name in UNREAD if mended.reason(name)}
-    for key, value in content.items():
-        lines += _entry(key, value, mended.reason(key))
-    if section or mend:
-        lines.append("import:")
-    for key, value in section.items():
-        why = mended.reason(key) if key in UNREAD else ""
-        lines += [f"  {line}" for line in _entry(key, value, why)]
-    if mend:
-        lines.append("  mend:  # after all other keys of this section")
-    for key, value in mend.items():
-        lines += [f"    {key}: {flow(value)}{_comment(mended.reason(key))}"]
-    return "\n".join(lines) + "\n"
 
 
 def _entry(key: str, value: Any, why: str) -> list[str]:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import jinja2
 import numpy as np
 from markupsafe import Markup
+from rich import box
 from rich.table import Table
 from rich.text import Text
 
@@ -290,6 +291,14 @@ def figure_html(
 
 
 # A table of a terminal.
+
+
+PLAIN: dict[str, Any] = {
+    "box": box.SIMPLE_HEAD,
+    "show_edge": False,
+    "padding": (0, 1, 0, 0),
+}
+"""Style of a table with a line under its heads alone."""
 
 
 def terminal_table(

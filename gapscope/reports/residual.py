@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.table import Table
+from rich.console import Group
+from rich.text import Text
 
 from gapscope.arm.display import percent
 from gapscope.diagnosis.prepare import Progress, silent
@@ -114,31 +115,36 @@ def write_page(content: Mapping[str, Any], path: Path) -> None:
     Raises:
         GapscopeError: the file cannot be written.
     """
-    table = PageSection(
-        title="Torque left on the recordings set aside",
-        note="RMS below 12 Hz, on motions that neither the network nor the trees were trained on.",
-        heads=HEADS,
-        rows=[_row(k, joint) for k, joint in enumerate(content["joints"], 1)],
-        numbers=True,
-    )
     physics = PageSection(
         title="Apart from the physics", note=physics_sentence(content)
     )
     joints = [_section(k, joint) for k, joint in enumerate(content["joints"], 1)]
     title = f"Residual network of {content['case']}"
-    write_plot_page(path, title, facts(content), [table, physics, *joints])
+    write_plot_page(path, title, facts(content), [_table(content), physics, *joints])
 
 
-def _row(number: int, joint: Mapping[str, Any]) -> list[str]:
-    left = joint["rmse"]
-    squares = (left["network"] / left["nothing"]) ** 2 if left["nothing"] else 1.0
-    values = [f"{left[key]:.3g}" for key in ("nothing", "network", "trees")]
-    return [
-        f"J{number} {joint['name']}",
-        *values,
-        percent(1 - squares),
-        joint["form"] or "silent",
-    ]
+def _table(content: Mapping[str, Any]) -> PageSection:
+    """Torque left per joint: by the corrected arm, with the network, with boosted trees."""
+    rows = []
+    for number, joint in enumerate(content["joints"], 1):
+        left = joint["rmse"]
+        squares = (left["network"] / left["nothing"]) ** 2 if left["nothing"] else 1.0
+        values = [f"{left[key]:.3g}" for key in ("nothing", "network", "trees")]
+        name, form = f"J{number} {joint['name']}", joint["form"] or "silent"
+        rows.append([name, *values, percent(1 - squares), form])
+    return PageSection(
+        title="Torque left on the recordings set aside",
+        note="RMS below 12 Hz, on motions that neither the network nor the trees were trained on.",
+        heads=HEADS,
+        rows=rows,
+        numbers=True,
+    )
+
+
+def summary(content: Mapping[str, Any]) -> Group:
+    """What the terminal shows: what was trained on, the torque left, and how far the network is from the physics."""
+    said = Text(facts(content)), Text(physics_sentence(content))
+    return Group(said[0], _table(content).on_terminal(box=None), said[1])
 
 
 def _section(number: int, joint: Mapping[str, Any]) -> PageSection:
@@ -183,22 +189,6 @@ def _figure(joint: Mapping[str, Any]) -> Figure:
         figure.update_xaxes(title={"text": title, "standoff": 6}, row=1, col=column)
     figure.update_yaxes(title={"text": "torque [N m]", "standoff": 8}, row=1, col=1)
     return figure
-
-
-# A learnt residual network on the terminal.
-
-
-def joint_table(content: Mapping[str, Any]) -> Table:
-    """Torque left per joint: by the corrected arm, with the network, with boosted trees."""
-    table = Table(title="torque left on recordings set aside, RMS [N m]", box=None)
-    for head in ("joint", "corrected arm", "with network", "with trees"):
-        table.add_column(head, justify="left" if head == "joint" else "right")
-    table.add_column("form")
-    for number, joint in enumerate(content["joints"], 1):
-        left = joint["rmse"]
-        values = [f"{left[key]:.3g}" for key in ("nothing", "network", "trees")]
-        table.add_row(f"J{number} {joint['name']}", *values, FORMS[joint["form"]])
-    return table
 
 
 # A learnt residual network as files: the network, the corrected arm that names it, report and document.

@@ -183,7 +183,13 @@ def foxglove_layout(joints: Sequence[str], simulated: bool) -> dict[str, Any]:
         joints: names of the joints.
         simulated: whether the file holds a simulated arm too.
     """
-    configuration: dict[str, Any] = {"3D!arm": _scene(simulated)}
+    # the 3D panel: the description drawn at the frames of the recorded and of the simulated arm
+    layers = {"recorded": _description("recorded", "")}
+    if simulated:
+        layers["simulated"] = _description("simulated", SIMULATED)
+    configuration: dict[str, Any] = {
+        "3D!arm": {"followTf": BASE, "followMode": "follow-none", "layers": layers}
+    }
     tabs = []
     for number, joint in enumerate(joints):
         plots = {
@@ -209,14 +215,6 @@ def foxglove_layout(joints: Sequence[str], simulated: bool) -> dict[str, Any]:
             "splitPercentage": 45,
         },
     }
-
-
-def _scene(simulated: bool) -> dict[str, Any]:
-    """The 3D panel: the description drawn at the frames of the recorded and of the simulated arm."""
-    layers = {"recorded": _description("recorded", "")}
-    if simulated:
-        layers["simulated"] = _description("simulated", SIMULATED)
-    return {"followTf": BASE, "followMode": "follow-none", "layers": layers}
 
 
 def _description(label: str, prefix: str) -> dict[str, Any]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from rich.table import Table
+from rich.console import Group
+from rich.text import Text
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write
@@ -26,6 +28,7 @@ from gapscope.ident.excitation.design import (
     write_csv,
     write_joint_trajectory,
 )
+from gapscope.reports.expected import expected_table
 from gapscope.reports.pages import (
     PageSection,
     Panel,
@@ -126,38 +129,37 @@ def summary(found: Excitation, plan: ExcitationPlan) -> list[str]:
     return lines
 
 
-def margin_table(found: Excitation) -> Table:
-    """Least margin to each limit of the joints, with the limit."""
+def shown(
+    found: Excitation, expected: Sequence[Mapping[str, Any]], lines: Sequence[str]
+) -> Group:
+    """What a terminal shows: least margins to the limits, sizes at which effects would be named, and some lines."""
     # jerk has a line of its own: its column would not fit
     per_joint = [m for m in found.margins if m.limit.ndim and m.name != "jerk"]
-    heads = ["joint", *(f"{m.name} [{m.unit}]" for m in per_joint)]
+    joints = range(found.motion.q.shape[1])
     rows = [
         [f"J{j + 1}", *(f"{m.margin[j]:.3g} of {m.limit[j]:.4g}" for m in per_joint)]
-        for j in range(found.motion.q.shape[1])
+        for j in joints
     ]
+    heads = ["joint", *(f"{m.name} [{m.unit}]" for m in per_joint)]
     title = "least margin to each limit, and the limit"
-    return terminal_table(heads, rows, title=title)
-
-
-def margin_lines(found: Excitation) -> list[str]:
-    """Least margin to each limit of the whole arm, and what to run first."""
-    lines = []
+    of_arm = []
     for margin in found.margins:
         if margin.name == "jerk":
             used = 1 - float((margin.margin / margin.limit).min())
-            lines.append(f"jerk: at most {used:.0%} of its limit, at {margin.at:.2f} s")
-        if margin.limit.ndim:
-            continue
-        unit = "" if margin.unit == "1" else f" {margin.unit}"
-        least = float(margin.limit + margin.margin)
-        lines.append(
-            f"{margin.name}: at least {least:.4g}{unit} (limit {float(margin.limit):.4g}), "
-            f"least at {margin.at:.2f} s"
-        )
-    lines.append(
-        f"run the files that end in _slow first: the same path at {SLOW:g} times the speed"
-    )
-    return lines
+            of_arm.append(
+                f"jerk: at most {used:.0%} of its limit, at {margin.at:.2f} s"
+            )
+        elif not margin.limit.ndim:
+            unit = "" if margin.unit == "1" else f" {margin.unit}"
+            least = float(margin.limit + margin.margin)
+            of_arm.append(
+                f"{margin.name}: at least {least:.4g}{unit} (limit {float(margin.limit):.4g}), "
+                f"least at {margin.at:.2f} s"
+            )
+    first = f"run the files that end in _slow first: the same path at {SLOW:g} times the speed"
+    texts = map(Text, (*of_arm, first, *lines))
+    table = terminal_table(heads, rows, title=title)
+    return Group(table, expected_table(expected, len(joints)), *texts)
 
 
 # An exciting trajectory as files: CSV, ROS ``JointTrajectory`` and a page of plots, and a slow version to run first.

@@ -9,18 +9,15 @@ from rich.table import Table
 from gapscope.arm.display import MISSING, display_unit, effect_name, significant
 from gapscope.diagnosis.document.numbers import Number, numbers_of
 from gapscope.effects.applied import AppliedEffect
+from gapscope.reports.pages import terminal_table
 
 
 def truth_table(
     truth: Sequence[AppliedEffect], found: Sequence[AppliedEffect]
 ) -> Table:
     """Truth and findings side by side, one row per parameter and joint."""
-    table = Table(title="the truth, opened", title_justify="left")
-    for heading in ("effect", "joint", "parameter"):
-        table.add_column(heading)
-    for heading in ("hidden", "found"):
-        table.add_column(heading, justify="right")
     hidden_values, found_values = _values(truth), _values(found)
+    rows = []
     for number in hidden_values | found_values:
         values = [hidden_values.get(number), found_values.get(number)]
         # all in the one unit that suits the largest
@@ -32,8 +29,9 @@ def truth_table(
         ]
         place = str(number.joint or number.link or "arm")
         name = f"{number.parameter} {number.component}".rstrip()
-        table.add_row(effect_name(number.effect), place, name, *texts)
-    return table
+        rows.append((effect_name(number.effect), place, name, *texts))
+    heads = ("effect", "joint", "parameter", "hidden", "found")
+    return terminal_table(heads, rows, 3, title="the truth, opened")
 
 
 def _values(effects: Sequence[AppliedEffect]) -> dict[Number, float]:

@@ -1,34 +1,380 @@
-"""The watch: what a source gives goes through the detector, and what that says to the terminal and to a file."""
+"""Where a watch reads from: folders and growing files, as recordings."""
 
 from __future__ import annotations
 
+import os
+import re
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO, Protocol
 
 from gapscope.arm.case import Case
+from gapscope.arm.errors import InputError
+from gapscope.arm.io.formats.lerobot import is_dataset
+from gapscope.arm.io.formats.table_files import table_of_lines
+from gapscope.arm.io.import_section import Import
+from gapscope.arm.io.load_recording import load_recording
+from gapscope.arm.io.log import READERS
+from gapscope.arm.io.table import DAMAGED, PAUSE, Log
 from gapscope.arm.known_load import KnownLoad
+from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.watching.detector import (
+    ALARM,
+    EVENTS,
+    MISFIT,
+    NOTE,
     STATE,
     Detector,
+    Event,
+    EventFile,
     Saved,
     WatchSettings,
     fingerprint,
     load_state,
     save_state,
 )
-from gapscope.watching.events import ALARM, EVENTS, MISFIT, NOTE, Event, EventFile
-from gapscope.watching.sources import (
-    Folder,
-    GrowingFile,
-    Reading,
-    Source,
-    check_readable,
-    is_text,
-)
+
+# What every source of samples does: it gives what is new, and remembers where it is.
+
+
+class Source(Protocol):
+    """Samples of an arm, part by part as they come.
+
+    Attributes:
+        unfinished: whether something is there that may not be whole yet.
+    """
+
+    unfinished: bool
+
+    def poll(self) -> Iterator[Recording | Event]:
+        """What is new since the last call: parts of recordings in the order of time, and notes about the source."""
+
+    def position(self) -> dict[str, Any]:
+        """Where it is, as data for JSON; right between two items of ``poll``."""
+
+
+class Reading:
+    """How the files of a source become recordings, and what went wrong with them so far.
+
+    Args:
+        arm: the nominal arm.
+        importing: the case's import section.
+
+    Attributes:
+        failure: the first file or row that could not be used while nothing else was, or ``None``.
+    """
+
+    def __init__(self, arm: NominalArm, importing: Import | None) -> None:
+        self.arm, self.importing = arm, importing
+        self.failure: InputError | None = None
+        self.succeeded = False
+
+    def note(self, error: InputError) -> Event:
+        """The note on something that cannot be used; the watch goes on without it."""
+        if not self.succeeded and self.failure is None:
+            self.failure = error
+        return Event(event=NOTE, sentence=f"left out: {error}")
+
+    def damage(self, recording: Recording, file: Path) -> Iterator[Event]:
+        """Notes on rows of a file that could not be read."""
+        for said in recording.notes:
+            if said.startswith((DAMAGED, PAUSE)):
+                yield Event(event=NOTE, sentence=f"{file}: {said}")
+
+
+def is_text(path: Path) -> bool:
+    """Whether a file holds a row of samples in each line, so that its beginning can be used while it grows."""
+    return path.suffix.lower() in (".csv", ".tsv", ".txt")
+
+
+def check_readable(path: Path) -> None:
+    """Check that a path exists, and may hold recordings.
+
+    Raises:
+        InputError: it does not.
+    """
+    if not path.exists():
+        raise InputError(
+            "no such file or folder", "start the recording first", file=path
+        )
+    if path.is_file() and path.suffix.lower() not in READERS:
+        raise InputError(
+            f"the ending {path.suffix!r} names no known format",
+            f"give a file that ends in {', '.join(READERS)}, or a folder of such files",
+            file=path,
+        )
+
+
+# A text file that grows, a row of samples in each line: read up to its last whole line.
+
+
+MAX_BYTES = 2**20
+"""Size that is read at once [bytes]: bounds the memory when a long file is caught up with."""
+FEWEST_LINES = 50
+"""Lines that are read together at least, fewer wait for more: they would not show a rate."""
+
+
+class GrowingFile:
+    """Follows a CSV file.
+
+    A last line without its end waits for the rest. A file that shrank was begun anew and is read from its start. A file
+    of another inode under the same name took its place, as log rotation does: the rest of the old one is read first.
+
+    Args:
+        path: the file.
+        reading: how its rows become a recording.
+        position: where an earlier run ended, or ``None``.
+    """
+
+    unfinished = False
+    """Its rows are used as they come."""
+
+    def __init__(
+        self, path: Path, reading: Reading, position: Mapping[str, Any] | None = None
+    ) -> None:
+        self.path, self.reading = path, reading
+        self._file: BinaryIO = path.open("rb")
+        self._header, self._line, self._part = "", 1, 1
+        if position is not None:
+            state = os.fstat(self._file.fileno())
+            self._part = int(position["part"])
+            same = state.st_ino == position["inode"]
+            if same and state.st_size >= position["offset"]:
+                self._file.seek(position["offset"])
+                self._line, self._header = (
+                    int(position["line"]),
+                    str(position["header"]),
+                )
+            else:
+                self._part += 1
+
+    def position(self) -> dict[str, Any]:
+        """Inode, place in the file after the last row that was used, number of its line, and of the file."""
+        return {
+            "inode": os.fstat(self._file.fileno()).st_ino,
+            "offset": self._file.tell(),
+            "line": self._line,
+            "part": self._part,
+            "header": self._header,
+        }
+
+    def poll(self) -> Iterator[Recording | Event]:
+        """Rows that were added, and notes if the file was begun anew."""
+        yield from self._rows()
+        try:
+            now = self.path.stat()
+        except FileNotFoundError:
+            # between the two steps of a rotation
+            return
+        if now.st_ino != os.fstat(self._file.fileno()).st_ino:
+            yield self._anew(
+                "another file took its place, which is read from its start"
+            )
+        elif now.st_size < self._file.tell():
+            yield self._anew("it was cut, and is read from its start")
+        else:
+            return
+        yield from self._rows()
+
+    def _anew(self, why: str) -> Event:
+        self._file.close()
+        self._file = self.path.open("rb")
+        self._header, self._line = "", 1
+        self._part += 1
+        return Event(event=NOTE, sentence=f"{self.path}: {why}")
+
+    def _rows(self) -> Iterator[Recording | Event]:
+        """The whole lines that were added, in parts of at most ``MAX_BYTES``."""
+        while True:
+            start = self._file.tell()
+            raw = self._file.read(MAX_BYTES)
+            whole = raw[: raw.rfind(b"\n") + 1]
+            lines = whole.count(b"\n")
+            more = len(raw) == MAX_BYTES
+            if not whole or (lines < FEWEST_LINES and not more):
+                self._file.seek(start)
+                if more:
+                    # the note on a line without end, which is left out
+                    self._file.seek(0, os.SEEK_END)
+                    yield self._note(
+                        f"has a line of more than {MAX_BYTES} bytes", self._line
+                    )
+                return
+            self._file.seek(start + len(whole))
+            yield from self._recording(whole, lines)
+
+    def _recording(self, whole: bytes, lines: int) -> Iterator[Recording | Event]:
+        """Whole lines as a part of a recording, or why they are none."""
+        first = self._line
+        self._line += lines
+        try:
+            text = whole.decode("utf-8-sig").splitlines(keepends=True)
+        except UnicodeDecodeError:
+            yield self._note("is not a text in UTF-8", first)
+            return
+        if not self._header:
+            self._header, *text = text
+            first += 1
+        if not text:
+            return
+        try:
+            table = table_of_lines(self._header, text, self.path, first)
+            log = Log(self.path, "CSV", (replace(table, kind="CSV"),))
+            part = load_recording(log, self.reading.arm, self.reading.importing)
+        except InputError as error:
+            yield self.reading.note(error)
+            return
+        yield from self.reading.damage(part, self.path)
+        self.reading.succeeded = True
+        name = self.path.name if self._part == 1 else f"{self.path.name} ({self._part})"
+        # every part goes on by the clock of the log
+        yield replace(part, name=name, t=part.stamps, begun=0.0)
+
+    def _note(self, what: str, line: int) -> Event:
+        error = InputError(what, file=self.path, where=f"from line {line} on")
+        return self.reading.note(error)
+
+
+# A folder in which recordings appear: files of any format, ROS bags file by file, each read once it is complete.
+
+
+BAGS = (".db3", ".mcap")
+"""Endings of the files of a ROS bag; one that is split has several, numbered in the order of time."""
+SPLIT = re.compile(r"(.*)_(\d+)\.\w+")
+"""Name of a file of a bag, with its number."""
+READ = -1
+"""Stands in place of the size of a file that was read."""
+METADATA = "metadata.yaml"
+"""Written beside the files of a bag when its recording ends."""
+
+
+class Folder:
+    """Follows a folder, or one file that is written at once.
+
+    A file counts as complete if nothing was written to it for ``rest`` seconds, if a later file of the same split bag
+    exists, or if the bag's ``metadata.yaml`` does. Hidden files are left alone, and those whose ending is no
+    recording's, so that a writer may use another name and rename at the end. Folders below are looked into, to one
+    level.
+
+    A file that cannot be read is tried again when its size changes.
+
+    Args:
+        path: of the folder or file.
+        reading: how files become recordings.
+        rest: time without a write after which a file is complete [s].
+        position: where an earlier run ended, or ``None``.
+        without: a folder that is none of the source's, such as that of the results.
+        payload_of: known body that was mounted in the recording of a file.
+
+    Attributes:
+        unfinished: whether the last call of ``poll`` left out a file that may not be whole yet.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        reading: Reading,
+        rest: float,
+        position: Mapping[str, Any] | None = None,
+        without: Path | None = None,
+        payload_of: Callable[[Path], KnownLoad | None] = lambda _: None,
+    ) -> None:
+        self.path, self.reading, self.rest = path, reading, rest
+        self._without = None if without is None else without.resolve()
+        self._payload_of = payload_of
+        self.unfinished = False
+        done = {} if position is None else position["done"]
+        self._done: dict[str, int] = {str(k): int(v) for k, v in done.items()}
+
+    def position(self) -> dict[str, Any]:
+        """Files that were read, or tried at some size [bytes]; those that are gone are forgotten."""
+        return {"done": dict(self._done)}
+
+    def poll(self) -> Iterator[Recording | Event]:
+        """The recordings that have become complete, in the order of their names."""
+        files = self._files()
+        present = {self._key(file) for file in files}
+        self._done = {k: v for k, v in self._done.items() if k in present}
+        self.unfinished = False
+        for file in files:
+            if not file.exists():
+                continue
+            if not self._is_complete(file, files):
+                self.unfinished |= self._done.get(self._key(file)) != READ
+                continue
+            key, size = self._key(file), file.stat().st_size
+            tried = self._done.get(key)
+            if tried in (READ, size):
+                continue
+            item = self._read(file)
+            self._done[key] = READ if isinstance(item, Recording) else size
+            if isinstance(item, Recording):
+                yield from self.reading.damage(item, file)
+            yield item
+
+    def _read(self, file: Path) -> Recording | Event:
+        try:
+            found = load_recording(
+                file,
+                self.reading.arm,
+                self.reading.importing,
+                payload=self._payload_of(file),
+            )
+        except InputError as error:
+            return self.reading.note(error)
+        self.reading.succeeded = True
+        return found.part(slice(None), name=self._key(file))
+
+    def _key(self, file: Path) -> str:
+        """Name of a file within the source."""
+        return (
+            file.name if file == self.path else file.relative_to(self.path).as_posix()
+        )
+
+    def _files(self) -> list[Path]:
+        """All files that may hold a recording, by name, with numbers in them by value."""
+        if self.path.is_file():
+            return [self.path]
+        found = []
+        try:
+            entries = list(self.path.iterdir())
+        except OSError as error:
+            raise InputError(
+                f"cannot be looked into any more ({error.strerror})",
+                "start the watch again when the folder is back: it goes on where it ended",
+                file=self.path,
+            ) from None
+        for entry in entries:
+            if entry.name.startswith(".") or entry.resolve() == self._without:
+                continue
+            if entry.is_dir() and not is_dataset(entry):
+                found += [f for f in entry.iterdir() if not f.name.startswith(".")]
+            else:
+                found.append(entry)
+        files = [f for f in found if f.suffix.lower() in READERS and f.is_file()]
+        return sorted(files, key=_natural)
+
+    def _is_complete(self, file: Path, files: list[Path]) -> bool:
+        if time.time() - file.stat().st_mtime >= self.rest:
+            return True
+        split = SPLIT.fullmatch(file.name)
+        if split is None or file.suffix.lower() not in BAGS:
+            return False
+        if (file.parent / METADATA).exists():
+            return True
+        following = f"{split[1]}_{int(split[2]) + 1}{file.suffix}"
+        return file.with_name(following) in files
+
+
+def _natural(file: Path) -> list[tuple[int, str]]:
+    """Sort key of a path: numbers in it by value, so that part 10 comes after part 9."""
+    parts = re.split(r"(\d+)", str(file))
+    return [(int(p), "") if p.isdigit() else (-1, p) for p in parts]
+
 
 SAVE_EVERY = 30.0
 """Time after which a state is saved that changed [s]; after every alarm and misfit as well."""

@@ -9,8 +9,9 @@ from pathlib import Path
 import documents
 import pytest
 
-from gapscope.archive import Archive, histories
 from gapscope.arm.errors import InputError
+from gapscope.many.archive import Archive
+from gapscope.many.pages import histories
 
 
 def put(root: Path, folder: str, **changes: object) -> Path:
@@ -24,28 +25,28 @@ def put(root: Path, folder: str, **changes: object) -> Path:
 def test_diagnoses_at_any_depth_the_latest_first(tmp_path):
     for folder in ("2026-01-05", "line/2026-03-05/x", "2026-02-05/y", ".2026-04-05"):
         put(tmp_path, folder)
-    found = [entry.folder for entry in Archive(tmp_path).entries()]
+    found = [entry.folder for entry in Archive(tmp_path).rows()]
     assert found == ["line/2026-03-05/x", "2026-02-05/y", "2026-01-05"]
 
 
 def test_a_file_is_read_again_only_if_it_changes(tmp_path):
     archive = Archive(tmp_path)
     file = put(tmp_path, "2026-01-05")
-    first = archive.entries()[0]
-    assert archive.entries()[0] is first
+    first = archive.rows()[0]
+    assert archive.rows()[0] is first
 
     put(tmp_path, "2026-01-05", case="renamed")
     os.utime(file, ns=(1, 1))
-    assert archive.entries()[0].case == "renamed"
+    assert archive.rows()[0].case == "renamed"
     put(tmp_path, "2026-02-05", case="new")
-    assert [entry.case for entry in archive.entries()] == ["new", "renamed"]
+    assert [entry.case for entry in archive.rows()] == ["new", "renamed"]
     file.unlink()
-    assert [entry.case for entry in archive.entries()] == ["new"]
+    assert [entry.case for entry in archive.rows()] == ["new"]
 
 
 def test_without_a_date_in_a_name_it_is_that_of_the_file(tmp_path):
     os.utime(put(tmp_path, "x"), (1_700_000_000, 1_700_000_000))
-    (entry,) = Archive(tmp_path).entries()
+    (entry,) = Archive(tmp_path).rows()
     assert not entry.dated and entry.date.timestamp() == 1_700_000_000
 
 
@@ -61,8 +62,8 @@ def test_without_a_date_in_a_name_it_is_that_of_the_file(tmp_path):
 def test_a_broken_file_is_an_entry_that_says_why(tmp_path, text, problem):
     put(tmp_path, "2026-01-05")
     put(tmp_path, "2026-02-05").write_text(text)
-    broken, whole = Archive(tmp_path).entries()
-    assert broken.verdict == "unreadable" and problem in broken.problem
+    broken, whole = Archive(tmp_path).rows()
+    assert broken.verdict == "failed" and problem in broken.problem
     assert whole.verdict == "effects_found"
 
 
@@ -70,12 +71,12 @@ def test_a_document_of_another_version_is_an_entry_that_says_so(tmp_path):
     change = {"recording": "a", "what": "payload", "joints": [], "time": 3.7}
     change |= {"interval": [3.0, 4.0], "parameters": {}, "times_threshold": 9.0}
     put(tmp_path, "x", changes=[change])
-    (entry,) = Archive(tmp_path).entries()
-    assert entry.verdict == "unreadable" and "mass" in entry.problem
+    (entry,) = Archive(tmp_path).rows()
+    assert entry.verdict == "failed" and "mass" in entry.problem
 
     change["parameters"] = {"mass": {"unit": "kg", "value": 1.5, "std": 0.01}}
     put(tmp_path, "x", changes=[change], case="again")
-    (entry,) = Archive(tmp_path).entries()
+    (entry,) = Archive(tmp_path).rows()
     assert entry.changes == ("load of 1.500 ± 0.010 kg picked up at 3.70 s of a",)
 
 
@@ -84,7 +85,7 @@ def test_a_link_that_leaves_the_folder_is_not_read(tmp_path):
     (tmp_path / "inside" / "y").mkdir(parents=True)
     (tmp_path / "inside" / "y" / "diagnosis.json").symlink_to(secret)
     (tmp_path / "inside" / "z").symlink_to(secret.parent)
-    (entry,) = Archive(tmp_path / "inside").entries()
+    (entry,) = Archive(tmp_path / "inside").rows()
     assert entry.folder == "y" and "leaves" in entry.problem
 
 
@@ -105,7 +106,7 @@ def test_the_history_of_a_unit_has_every_joint_and_says_where_an_effect_is_absen
         put(tmp_path, f"2026-0{month}/arm", case="arm", effects=effects)
     put(tmp_path, "2026-01/other", case="other")
 
-    found = histories(Archive(tmp_path).entries(), "arm")
+    found = histories(Archive(tmp_path).rows(), "arm")
     by_place = {(history.effect, history.place): history for history in found}
     assert list(by_place) == [
         ("actuator delay", "joint 4"),

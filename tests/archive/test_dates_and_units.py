@@ -6,7 +6,7 @@ from datetime import datetime
 
 import pytest
 
-from gapscope.archive import split_date, unit_name
+from gapscope.many.rows import split_date, unit_name
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from gapscope.arm.io.write_case import write_case
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm, pybullet_data
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.interface.export import export
+from gapscope.interface.models import export
 
 BODY = (
     '<inertial><origin xyz="{0}"/><mass value="{1}"/>'

@@ -41,8 +41,9 @@ def test_an_open_question_gets_a_recording(advise: Command, tmp_path: Path) -> N
     assert done.out.splitlines()[-5:] == [f"wrote {path}" for path in names]
     assert all(path.is_file() for path in names)
     rivals = "viscous friction (joint 2), or Coulomb friction (joint 2)"
-    assert f"Still open: {rivals}" in done.out
-    assert "times the floor on the new one" in done.out
+    said = " ".join(done.out.split())
+    assert f"Still open: {rivals}" in said
+    assert "times the floor on the new one" in said
     assert "least margin to each limit" in done.out
     assert read_sampled(names[0], 2).duration >= 10.0
     assert names[0].read_bytes() == (tmp_path / "a.csv").read_bytes()

@@ -18,9 +18,9 @@ import pytest
 from guard import HANG
 from sweeps import daily, nightly
 
-from gapscope.commands.diagnosis_batch import finished
 from gapscope.diagnosis.diagnose_change import identify_reference
-from gapscope.interface.reference import kept_reference
+from gapscope.interface.diagnose import kept_reference
+from gapscope.many.batch import finished
 from gapscope.provenance import made_from
 
 Command = Callable[..., Any]
@@ -82,7 +82,7 @@ def test_a_unit_has_the_law_of_its_type_where_that_explains_as_much(
     out = tmp_path / "out"
     for name in ("sick", "twin"):
         shutil.copytree(results, out / name)
-    module = "gapscope.commands.diagnosis_batch.other_laws"
+    module = "gapscope.many.batch.other_laws"
     monkeypatch.setattr(module, lambda documents: {"sick": (law,)})
     twin = shutil.copytree(sick, sick.parent / "twin")
     done = gapscope("diagnose", sick, twin, "--out", out)
@@ -108,7 +108,7 @@ def test_cases_are_compared_with_a_reference_that_is_identified_once(
         identified.append(arguments)
         return identify_reference(*arguments)
 
-    monkeypatch.setattr("gapscope.interface.reference.identify_reference", counted)
+    monkeypatch.setattr("gapscope.interface.diagnose.identify_reference", counted)
     out = tmp_path / "out"
     arguments = ("diagnose", sick, other, "--against", healthy, "--out", out)
     assert gapscope(*arguments).code == 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from gapscope.serving import ArchiveServer
+from gapscope.many.archive import ArchiveServer
 
 
 def interrupted(self, poll_interval: float = 0.5) -> None:

@@ -13,7 +13,7 @@ from gapscope.arm.case import load_case
 from gapscope.arm.dynamics.kinematics import Kinematics, link_poses
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.interface.predict import predict
+from gapscope.interface.models import predict
 
 
 def messages(path: Path) -> dict[str, list]:

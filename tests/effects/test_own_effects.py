@@ -26,8 +26,8 @@ from gapscope.effects.effect import Effect, Inertial, Signals, TorqueLaw
 from gapscope.effects.friction import COULOMB
 from gapscope.effects.own_effects import check_effect
 from gapscope.effects.parametrisation import linear_in
+from gapscope.many.workers import as_completed, in_order
 from gapscope.provenance import program
-from gapscope.workers import as_completed, in_order
 
 EXAMPLE = blocks("python")[0]
 

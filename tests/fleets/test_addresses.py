@@ -11,7 +11,7 @@ import fsspec
 import pytest
 
 from gapscope.arm.errors import GapscopeError, InputError
-from gapscope.fleets.cases import (
+from gapscope.many.cases import (
     all_cases,
     fetch,
     find_cases,
@@ -147,7 +147,7 @@ def test_links_large_cases_and_archives_that_lie_are_refused(
     folder = put(tmp_path / "x")
     with pytest.raises(InputError, match="2 files of"):
         got(str(folder), tmp_path / "to1", most=10)
-    monkeypatch.setattr("gapscope.fleets.cases._check_files", lambda *_: None)
+    monkeypatch.setattr("gapscope.many.cases._check_files", lambda *_: None)
     with pytest.raises(InputError, match="more than its storage says"):
         got(str(folder), tmp_path / "to2", most=10)
     monkeypatch.undo()

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gapscope.fleets.fleet import fleet_document
-from gapscope.fleets.store import FleetStore
-from gapscope.reports.fleet import change_line, render_fleet
+from gapscope.many.compare import fleet_document
+from gapscope.many.pages import change_line, render_fleet
+from gapscope.many.rows import FleetStore
 
 FIRST = datetime(2026, 1, 1)
 DAYS = 12

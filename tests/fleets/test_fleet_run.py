@@ -15,8 +15,8 @@ from filelock import FileLock
 import gapscope
 from gapscope.arm.errors import GapscopeError, InputError, InterruptedRunError
 from gapscope.cli import main
-from gapscope.fleets.run import FleetPlan, run_fleet
-from gapscope.fleets.store import FleetStore
+from gapscope.many.fleet import FleetPlan, run_fleet
+from gapscope.many.rows import FleetStore
 
 
 def run(*arguments: object) -> int:
@@ -168,7 +168,7 @@ def test_nothing_is_left_in_scratch(
         assert not list(scratch.glob("*"))
 
     with monkeypatch.context() as patch:
-        patch.setattr("gapscope.fleets.run.fetch", fetched)
+        patch.setattr("gapscope.many.fleet.fetch", fetched)
         run_fleet(plan, see)
     (name,) = made
     (scratch / name).mkdir()

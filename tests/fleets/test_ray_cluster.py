@@ -19,9 +19,9 @@ import pytest
 from guard import HANG
 
 from gapscope.cli import main
-from gapscope.fleets.run import FleetPlan, run_fleet
-from gapscope.fleets.store import FleetStore
-from gapscope.workers import in_order, ray_module
+from gapscope.many.fleet import FleetPlan, run_fleet
+from gapscope.many.rows import FleetStore
+from gapscope.many.workers import in_order, ray_module
 
 pytestmark = pytest.mark.skipif(
     find_spec("ray") is None,

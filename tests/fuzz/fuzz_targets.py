@@ -15,7 +15,6 @@ import fuzz_mutations as mutations
 import numpy as np
 
 from gapscope.agents.models import read_arm
-from gapscope.archive import Archive
 from gapscope.arm.case import load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.case_file import read_controller
@@ -38,8 +37,8 @@ from gapscope.effects.residual import (
     read_residual,
     write_residual,
 )
+from gapscope.many.archive import Archive, answer
 from gapscope.model_audit.audit import audit_model
-from gapscope.serving import answer
 
 CORPUS = Path(__file__).with_name("corpus")
 N = 60
@@ -253,7 +252,7 @@ def _read_corrected(folder: Path) -> object:
 def _read_diagnosis(folder: Path) -> object:
     archive = Archive(folder)
     answer(archive, "/")
-    for entry in archive.entries():
+    for entry in archive.rows():
         answer(archive, f"/units/{entry.unit}")
     return read_document(folder / "diagnosis.json")
 

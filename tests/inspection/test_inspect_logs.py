@@ -13,8 +13,7 @@ from gapscope.arm.case import load_case
 from gapscope.arm.io.log import open_log
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.inspection.draft import case_text
-from gapscope.inspection.inspection import Inspection, inspect_logs
+from gapscope.inspection.inspection import Inspection, case_text, inspect_logs
 
 DEGREES = 180 / np.pi
 

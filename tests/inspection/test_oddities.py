@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from foreign_logs import case_format, columns, inspected
 
-from gapscope.inspection.draft import judge_torques
+from gapscope.inspection.inspection import judge_torques
 
 
 def oddities(motion, tmp_path, **changed) -> str:

@@ -7,7 +7,7 @@ import pytest
 from foreign_logs import case_format, columns, inspected
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.inspection.draft import judge_torques
+from gapscope.inspection.inspection import judge_torques
 
 
 def said_of_torque(found) -> str:

@@ -14,8 +14,12 @@ from gapscope.arm.io.log import open_log
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.inspection.draft import case_text, judge_torques
-from gapscope.inspection.inspection import Inspection, inspect_logs
+from gapscope.inspection.inspection import (
+    Inspection,
+    case_text,
+    inspect_logs,
+    judge_torques,
+)
 
 
 @pytest.fixture(scope="module")

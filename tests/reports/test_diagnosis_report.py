@@ -21,14 +21,14 @@ from sweeps import nightly
 from gapscope.diagnosis.document.wording import verdict_sentence
 from gapscope.diagnosis.locate import MotionRows, locate
 from gapscope.diagnosis.result import Located, Spectrum
+from gapscope.many.pages import render_summary
+from gapscope.many.rows import Row
 from gapscope.reports.diagnosis import (
     POINTS_PER_CURVE,
-    SummaryRow,
     encode,
     keep_extremes,
     payload,
     render,
-    render_summary,
 )
 from gapscope.reports.diagnosis import place_curves as curves
 
@@ -201,7 +201,7 @@ def test_names_are_escaped(tmp_path: Path) -> None:
     assert EVIL not in (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "img" not in page.tags and page.tags.count("script") == 3
     render_summary(
-        [SummaryRow(EVIL, EVIL, document), SummaryRow(EVIL, "b", None, EVIL)],
+        [Row(EVIL, EVIL, document), Row(EVIL, "b", None, EVIL)],
         tmp_path / "summary.html",
     )
     summary = Page((tmp_path / "summary.html").read_text(encoding="utf-8"))
@@ -236,11 +236,10 @@ def test_curves_survive_the_encoding() -> None:
 def test_the_summary_has_one_row_per_case(tmp_path: Path) -> None:
     made = [documents.two_effects(), documents.no_gap(), documents.unexplained()]
     rows = [
-        SummaryRow(document["case"], f"cell {document['case']}", document)
-        for document in made
+        Row(document["case"], f"cell {document['case']}", document) for document in made
     ]
     render_summary(
-        [*rows, SummaryRow("broken", "broken", None, "a.csv, line 12: not a number")],
+        [*rows, Row("broken", "broken", None, "a.csv, line 12: not a number")],
         tmp_path / "s.html",
     )
     page = Page((tmp_path / "s.html").read_text(encoding="utf-8"))

@@ -10,9 +10,8 @@ import documents
 import pytest
 from guard import HANG
 
-from gapscope.archive import Archive
+from gapscope.many.archive import Archive, ArchiveServer
 from gapscope.reports.diagnosis import render
-from gapscope.serving import ArchiveServer
 
 playwright = pytest.importorskip(
     "playwright.sync_api", reason="Playwright is not installed: make setup"

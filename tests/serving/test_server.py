@@ -15,9 +15,8 @@ import documents
 import pytest
 from guard import HANG
 
-from gapscope.archive import Archive
 from gapscope.arm.errors import InputError
-from gapscope.serving import ArchiveServer
+from gapscope.many.archive import Archive, ArchiveServer
 
 SECRET = "not for the browser"
 EVIL = "<script>alert('x')</script>"

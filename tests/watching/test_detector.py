@@ -13,8 +13,16 @@ import pytest
 
 from gapscope.arm.recording import Recording
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.watching.detector import BLOCK, NOW, Detector
-from gapscope.watching.events import ALARM, DRIFT, MISFIT, NOTE, Event
+from gapscope.watching.detector import (
+    ALARM,
+    BLOCK,
+    DRIFT,
+    MISFIT,
+    NOTE,
+    NOW,
+    Detector,
+    Event,
+)
 
 LEARNING, SECONDS = 20.0, 62.0
 BEFORE = 40.0

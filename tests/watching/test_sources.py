@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from gapscope.arm.recording import Recording
-from gapscope.watching.events import Event
-from gapscope.watching.sources import Folder, GrowingFile, Reading
+from gapscope.watching.detector import Event
+from gapscope.watching.watch import Folder, GrowingFile, Reading
 
 Write = Callable[[Recording, Path], Path]
 

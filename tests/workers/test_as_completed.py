@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from gapscope.workers import LOCAL, WorkerLostError, as_completed, in_order
+from gapscope.many.workers import LOCAL, WorkerLostError, as_completed, in_order
 
 
 def _fragile(marks: Path) -> Callable[[int], int]:

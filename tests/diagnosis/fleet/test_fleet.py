@@ -48,8 +48,9 @@ from gapscope.diagnosis.compare_units import (
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import write_corrected
-from gapscope.reports.compared_units import findings, heading, told_apart
-from gapscope.reports.diagnosis import SummaryRow, render_summary
+from gapscope.many.pages import render_summary
+from gapscope.many.rows import Row
+from gapscope.many.units import findings, heading, told_apart
 
 
 def unit(*effects: tuple[str, list[int], dict[str, tuple[Any, Any]]]) -> dict[str, Any]:
@@ -315,7 +316,7 @@ class TestDocument:
 
     def test_in_words(self, tmp_path: Path) -> None:
         (group,) = self.made(tmp_path)["groups"]
-        places = {(f.name, f.place, f.label) for f in findings(group)}
+        places = {(f["name"], f["place"], f["label"]) for f in findings(group)}
         assert ("Coulomb friction", "joint 2", "on 2 of 3 units, alike") in places
         assert (
             "Coulomb friction",
@@ -346,7 +347,7 @@ class TestDocument:
         ]
         content = units_document([(made[0], columns)], alone)
         render_summary(
-            [SummaryRow(n, n, d) for n, d in found.items()],
+            [Row(n, n, d) for n, d in found.items()],
             tmp_path / "s.html",
             content,
         )

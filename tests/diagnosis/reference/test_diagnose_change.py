@@ -178,7 +178,7 @@ def test_load_with_intervals_and_files_that_predict_what_was_recorded(
     def never(*arguments):
         raise AssertionError("the reference was identified again")
 
-    monkeypatch.setattr("gapscope.interface.reference.identify_reference", never)
+    monkeypatch.setattr("gapscope.interface.diagnose.identify_reference", never)
     again = gapscope.diagnose(tmp_path / "case", against=out / "identified")
     again.save(tmp_path / "again")
     assert json.loads((tmp_path / "again" / "diagnosis.json").read_text()) == document

@@ -5,19 +5,36 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from operator import itemgetter
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from rich.console import RenderableType
 
+from gapscope.arm.case import Case
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.log import Log, open_log
 from gapscope.arm.robots import load_nominal_arm
+from gapscope.case_check.check import check_case
+from gapscope.diagnosis.agreement import agreement
+from gapscope.diagnosis.agreement import document as agreement_document
 from gapscope.diagnosis.prepare import Progress, silent
 from gapscope.diagnosis.set_up import Remark
-from gapscope.inspection.draft import case_text, check_draft, judge_torques
-from gapscope.inspection.inspection import Inspection, inspect_logs
-from gapscope.interface.result import Result
+from gapscope.inspection.inspection import (
+    Inspection,
+    case_text,
+    check_draft,
+    inspect_logs,
+    judge_torques,
+)
+from gapscope.interface.models import case_file, case_of
+from gapscope.interface.result import Document, DocumentResult, Result
+from gapscope.model_audit.audit import audit_model
+from gapscope.model_audit.audit import document as audit_document
+from gapscope.reports import agreement as agreement_report
+from gapscope.reports import audit as audit_report
+from gapscope.reports import case_check as case_check_report
 from gapscope.reports.inspection import (
     CASE,
     CHANNEL_HEADS,
@@ -128,3 +145,106 @@ def _description(logs: Sequence[Log]) -> str | None:
     """The robot that a log describes, or ``None`` if none does."""
     texts = (log.robot_description for log in logs)
     return next((text for text in texts if text is not None), None)
+
+
+class CheckResult(DocumentResult):
+    """What the check of a case found."""
+
+    @property
+    def can_be_diagnosed(self) -> bool:
+        """Whether no remark is an error."""
+        return bool(self.document["can_be_diagnosed"])
+
+
+def check(case: Case | str | Path, *, progress: Progress = silent) -> CheckResult:
+    """Check a case in seconds: columns, units, rates, order, ranges, excitation, data sheet, controller, model.
+
+    Args:
+        case: the case, its folder or its case file.
+        progress: called with a few words at each step.
+
+    Examples:
+        >>> import gapscope
+        >>> gapscope.check("my_arm").can_be_diagnosed  # doctest: +SKIP
+        True
+    """
+    with TemporaryDirectory(prefix="gapscope_") as aside:
+        path = case_file(case, Path(aside)) if isinstance(case, Case) else Path(case)
+        content = check_case(path, progress)
+    return CheckResult(
+        "check", content, case_check_report.summary, itemgetter("remarks")
+    )
+
+
+def audit(
+    robot: str | Path,
+    recording: str | Path | None = None,
+    *,
+    progress: Progress = silent,
+) -> DocumentResult:
+    """Say what is odd about a model, worst first, each with the line of the file.
+
+    Args:
+        robot: URDF or MJCF file, known name, or case.
+        recording: static poses with torque, a file in the columns of the case format or a case; gravity torque is then
+            compared with the measured one.
+        progress: called with a few words at each step.
+
+    Raises:
+        InputError: there is no such file, it is no robot, or the recording has no static poses.
+
+    Examples:
+        >>> import gapscope
+        >>> gapscope.audit("kuka_iiwa").document["robot"]
+        'lbr_iiwa'
+    """
+    progress("reads the model and its shapes")
+    found = audit_model(robot, None if recording is None else Path(recording))
+    rows = itemgetter("findings")
+    return DocumentResult(
+        "audit",
+        audit_document(found),
+        audit_report.summary,
+        rows,
+        audit_report.write_page,
+    )
+
+
+def agree(case: Case | str | Path, *, progress: Progress = silent) -> DocumentResult:
+    """Compare the recordings of a case, parameter by parameter.
+
+    Args:
+        case: the case, or its folder; held-out recordings are compared too.
+        progress: called with a few words at each step.
+
+    Raises:
+        InputError: the case cannot be used, or has fewer than two recordings with torque.
+
+    Examples:
+        >>> import gapscope
+        >>> gapscope.agree("my_arm").to_frame()  # doctest: +SKIP
+    """
+    progress("reads the case")
+    content = agreement_document(agreement(case_of(case), progress))
+    return DocumentResult(
+        "agreement",
+        content,
+        agreement_report.summary,
+        _agreement_rows,
+        agreement_report.write_page,
+    )
+
+
+def _agreement_rows(content: Document) -> Iterator[dict[str, Any]]:
+    """A row for each parameter and recording: verdict, value and standard deviation."""
+    for line in content["parameters"]:
+        columns = zip(content["recordings"], line["values"], line["std"], strict=True)
+        for recording, value, std in columns:
+            yield {
+                "parameter": line["key"],
+                "unit": line["unit"],
+                "verdict": line["verdict"],
+                "recording": recording,
+                "value": value,
+                "std": std,
+            }

@@ -1,4 +1,4 @@
-"""Files of a training: the environment's options, and the folder in which a training goes on."""
+"""Files of training and evaluation: options of an environment, the folder of a training, and finished cells."""
 
 from __future__ import annotations
 
@@ -113,20 +113,17 @@ def _checked(name: str, value: Any, fault: Callable[..., InputError]) -> Any:
     expected = next(kind for kind, keys in EXPECTED.items() if name in keys)
     number = isinstance(value, (int, float)) and not isinstance(value, bool)
     names = isinstance(value, list) and value and all(isinstance(x, str) for x in value)
-    if name in EXPECTED["a number"] and number:
-        return float(value)
-    if name in EXPECTED["a name or a list of names"] and names:
-        return ",".join(value)
-    right = isinstance(value, str)
-    if name == "seeds":
-        right = number and isinstance(value, int) and value >= 1
-    elif name == "sheet":
-        right = value is None or isinstance(value, dict)
-    elif name in EXPECTED["a number"]:
-        right = False
+    right = {
+        "a name or path": isinstance(value, str),
+        "a name or a list of names": names or isinstance(value, str),
+        "a number": number,
+        "a whole number from 1 on": number and isinstance(value, int) and value >= 1,
+    }.get(expected, value is None or isinstance(value, dict))
     if not right:
         raise fault(f"expected {expected}, got {value!r}", "", name)
-    return value
+    if expected == "a number":
+        return float(value)
+    return ",".join(value) if names else value
 
 
 def merge_options(
@@ -155,11 +152,8 @@ def merge_options(
 
     if "effects" in values:
         values["effects"] = path.parent / values["effects"]
-    options |= {
-        name: value
-        for name, value in values.items()
-        if name in options and not given(name)
-    }
+    known = values.keys() & options.keys()
+    options |= {name: values[name] for name in known if not given(name)}
     unused = tuple(key for key in values if key in UNUSED)
     if given("robot") or not {"robot", "case", "sheet"} & values.keys():
         return context.params["robot"], options, unused

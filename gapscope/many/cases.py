@@ -12,17 +12,12 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 import fsspec
-import numpy as np
-import pandas as pd
 from fsspec.core import url_to_fs
 from fsspec.implementations.local import LocalFileSystem
 from fsspec.utils import get_protocol
 
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.case_file import read_case_file
-from gapscope.diagnosis.compare_units import ORDER, Place, shared
-from gapscope.diagnosis.document.numbers import Number
-from gapscope.fleets.store import PLACE
 
 # Cases at an address: a folder or an archive, on this machine or in the storage of a network.
 
@@ -212,11 +207,8 @@ def _full(system: Any, path: str, address: str) -> str:
     if isinstance(system, LocalFileSystem):
         return path
     _, *archive = address.split("::")
-    return "::".join([f"{_protocol(address)}://{path.lstrip('/')}", *archive])
-
-
-def _protocol(address: str) -> str:
-    return str(fsspec.core.split_protocol(address.split("::")[0])[0])
+    protocol, _ = fsspec.core.split_protocol(address.split("::")[0])
+    return "::".join([f"{protocol}://{path.lstrip('/')}", *archive])
 
 
 def _first(info: Mapping[str, Any], keys: Sequence[str]) -> Any:
@@ -407,73 +399,3 @@ def leaves_folder(name: str) -> bool:
     parts = PurePosixPath(name.replace("\\", "/")).parts
     drive = re.match(r"[A-Za-z]:", name)
     return not parts or ".." in parts or parts[0] == "/" or "\0" in name or bool(drive)
-
-
-# The units of one type of robot compared: which effects they share, and which unit stands out.
-
-
-EXTREMES = 5
-"""Units that are listed as the farthest from the common value, at most [1]."""
-
-
-def latest(cases: pd.DataFrame) -> pd.DataFrame:
-    """The last diagnosis of each unit of each type of robot."""
-    order = cases.sort_values(["recorded_at", "result"], kind="stable")
-    return order.drop_duplicates(["robot", "unit"], keep="last")
-
-
-def shared_effects(effects: pd.DataFrame, units: int) -> list[dict[str, Any]]:
-    """Effects of the last diagnoses of several units; see ``gapscope.diagnosis.compare_units``.
-
-    Args:
-        effects: numbers of the named effects, of one diagnosis a unit.
-        units: number of units that were diagnosed.
-
-    Returns:
-        An entry of ``fleet.json`` for each effect on each place: those on all units first, then the most frequent.
-    """
-    found: dict[Place, dict[str, dict[tuple[str, str], Number]]] = {}
-    shares: dict[Place, dict[str, float]] = {}
-    for row in effects.to_dict("records"):
-        joint, link = (None if pd.isna(row[k]) else int(row[k]) for k in PLACE[1:])
-        std = row["std"] if row["std"] > 0 else None
-        key = row["parameter"], row["component"]
-        number = Number(
-            row["effect"], joint, link, *key, row["si_unit"], row["value"], std
-        )
-        found.setdefault(number[:3], {}).setdefault(row["unit"], {})[key] = number
-        shares.setdefault(number[:3], {})[row["unit"]] = row["share"]
-    made = []
-    for place, by_unit in found.items():
-        row = shared(place, by_unit, units)
-        parameters = [
-            {key: parameter[key] for key in ("name", "component", "unit", "together")}
-            | {"extremes": list(_extremes(parameter))}
-            for parameter in row["parameters"]
-        ]
-        share = float(np.median(list(shares[place].values())))
-        count = len(by_unit)
-        made.append({**row, "units": count, "share": share, "parameters": parameters})
-    return sorted(made, key=lambda row: (ORDER.index(row["kind"]), -row["units"]))
-
-
-def _extremes(parameter: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    """The units farthest from the common value, in standard deviations of a single unit."""
-    together = parameter["together"]
-    if together is None:
-        return
-    units, values = (
-        list(parameter["value"]),
-        np.array(list(parameter["value"].values())),
-    )
-    stds = np.array([std or 0.0 for std in parameter["std"].values()])
-    spread = np.hypot(stds, together["between"])
-    spread = np.where(spread > 0, spread, np.inf)
-    deviation = (values - together["estimate"]) / spread
-    for k in np.argsort(-np.abs(deviation), kind="stable")[:EXTREMES]:
-        yield {
-            "unit": units[k],
-            "value": float(values[k]),
-            "std": parameter["std"][units[k]],
-            "deviation": float(deviation[k]),
-        }

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from math import log
 from typing import Any
 
@@ -22,8 +21,8 @@ from gapscope.arm.display import (
 from gapscope.diagnosis.compare_units import DIFFERING, NOMINAL, ONE, SHARED, SOME
 from gapscope.diagnosis.document.wording import capital, joint_ranges, listing
 from gapscope.diagnosis.thresholds import ALIKE_NRMSE, FLEET_LEVEL
-from gapscope.effects.catalogue import known_effect, of_quantity
-from gapscope.effects.effect import SHEET
+from gapscope.effects.catalogue import known_effect
+from gapscope.reports.diagnosis import ADDING
 from gapscope.reports.pages import terminal_table
 
 # The comparison of units as a person reads it: ``units.json`` in words, for the summary and the terminal.
@@ -37,8 +36,6 @@ MEANING = {
     SOME: "several units have it, not all",
     ONE: "this unit differs from the others",
 }
-ADDING = {key: of_quantity(quantity)[0] for quantity, key in SHEET.items()}
-"""Effects that add to an entry of the data sheet, by its key."""
 _SHEET = {"urdf": "URDF", "torque_limit": "torque limits"} | {
     key: effect_name(effect.name) for key, effect in ADDING.items()
 }
@@ -47,146 +44,92 @@ _SHEET = {"urdf": "URDF", "torque_limit": "torque limits"} | {
 TOLERANCE = f"or worse by less than {ALIKE_NRMSE:g} NRMSE on every joint"
 
 
-@dataclass(frozen=True)
-class Line:
-    """One number of an effect, by unit of the arm.
+def findings(group: Content) -> list[dict[str, Any]]:
+    """Effects of a group, places with one answer together, in words.
 
-    Attributes:
-        label: joint, parameter and its unit, e.g. ``J2 coefficient [N m s/rad]``.
-        entries: ``value ± std`` of each unit, a dash if the effect was not found, in the order of the units.
-        together: ``value ± std`` over the units, or a dash if there is one.
-        scatter: I^2 in percent, or a dash.
-        differs: whether the values of this line differ.
+    Returns:
+        Of each effect ``name``, ``place``, ``kind`` as in ``units.json``, ``label`` (the kind in words), ``meaning``
+        (what follows from it), ``notes`` (units that have it under another name) and ``lines`` (its numbers).
     """
-
-    label: str
-    entries: tuple[str, ...]
-    together: str
-    scatter: str
-    differs: bool
-
-
-@dataclass(frozen=True)
-class Finding:
-    """An effect with all places on which it was found on the same units.
-
-    Attributes:
-        name: of the effect.
-        place: what it acts on: ``joints 2 and 4``, ``link 3``, ``the whole arm``.
-        kind: as in ``units.json``.
-        label: kind in words.
-        meaning: what follows from it.
-        notes: of units that have it under another name.
-        lines: its numbers.
-    """
-
-    name: str
-    place: str
-    kind: str
-    label: str
-    meaning: str
-    notes: tuple[str, ...]
-    lines: tuple[Line, ...]
-
-
-@dataclass(frozen=True)
-class Cell:
-    """One cell of the confusion: NRMSE, heat from 0 to 1 on a logarithmic scale, and its part in the column."""
-
-    value: float | None
-    heat: float
-    own: bool
-    best: bool
-
-
-def findings(group: Content) -> list[Finding]:
-    """Effects of a group, places with one answer together."""
     alike: dict[tuple[Any, ...], list[Content]] = {}
     for row in group["effects"]:
-        key = (
-            row["effect"],
-            row["kind"],
-            row["agree"],
-            row["link"],
-            tuple(row["units"]),
-            tuple(row["instead"].items()),
-        )
+        same = [row[key] for key in ("effect", "kind", "agree", "link")]
+        key = (*same, *row["units"], *row["instead"].items())
         alike.setdefault(key, []).append(row)
-    return [
-        _finding(group, sorted(rows, key=lambda row: row["joint"] or 0))
-        for rows in alike.values()
-    ]
-
-
-def _finding(group: Content, rows: Sequence[Content]) -> Finding:
-    first, n = rows[0], len(group["units"])
-    joints = [row["joint"] for row in rows if row["joint"]]
-    plural = "s" if len(joints) > 1 else ""
-    link = f"link {first['link']}" if first["link"] else "the whole arm"
-    label = {
-        SHARED: f"on all {n} units, alike",
-        DIFFERING: f"on all {n} units, sizes differ",
-        SOME: f"on {len(first['units'])} of {n} units{', alike' if first['agree'] else ', sizes differ'}",
-        ONE: f"only on {first['units'][0]}",
-    }[first["kind"]]
-    return Finding(
-        name=capital(effect_name(first["effect"])),
-        place=f"joint{plural} {listing(joint_ranges(joints))}" if joints else link,
-        kind=first["kind"],
-        label=label,
-        meaning=MEANING[first["kind"]],
-        notes=tuple(
+    made, n = [], len(group["units"])
+    for rows in alike.values():
+        rows.sort(key=lambda row: row["joint"] or 0)
+        first, joints = rows[0], [row["joint"] for row in rows if row["joint"]]
+        plural = "s" if len(joints) > 1 else ""
+        link = f"link {first['link']}" if first["link"] else "the whole arm"
+        size = "alike" if first["agree"] else "sizes differ"
+        label = {
+            SHARED: f"on all {n} units, alike",
+            DIFFERING: f"on all {n} units, sizes differ",
+            SOME: f"on {len(first['units'])} of {n} units, {size}",
+            ONE: f"only on {first['units'][0]}",
+        }[first["kind"]]
+        notes = [
             f"{unit} has {effect_name(other)} in its place"
             for unit, other in first["instead"].items()
-        ),
-        lines=tuple(_lines(group["units"], rows)),
-    )
-
-
-def _lines(units: Sequence[str], rows: Sequence[Content]) -> Iterable[Line]:
-    for row in rows:
-        definition = known_effect(row["effect"])
-        added = (
-            {p.name for p in definition.parameters if p.increment}
-            if definition
-            else set()
+        ]
+        made.append(
+            {
+                "name": capital(effect_name(first["effect"])),
+                "place": f"joint{plural} {listing(joint_ranges(joints))}"
+                if joints
+                else link,
+                "kind": first["kind"],
+                "label": label,
+                "meaning": MEANING[first["kind"]],
+                "notes": notes,
+                "lines": [
+                    _line(group["units"], row, value)
+                    for row in rows
+                    for value in row["parameters"]
+                ],
+            }
         )
-        for value in row["parameters"]:
-            factor, unit = display_unit(
-                value["unit"], max(abs(v) for v in value["value"].values())
-            )
-            text = lambda x, s, f=factor, signed=value["name"] in added: uncertain(  # noqa: E731
-                f * x, None if s is None else f * s, signed
-            )
-            together = value["together"]
-            where = f"J{row['joint']}" if row["joint"] else ""
-            name = value["name"].replace("_", " ")
-            yield Line(
-                " ".join(
-                    part
-                    for part in (
-                        where,
-                        name,
-                        value["component"],
-                        f"[{unit}]" if unit else "",
-                    )
-                    if part
-                ),
-                tuple(
-                    text(value["value"][u], value["std"][u])
-                    if u in value["value"]
-                    else MISSING
-                    for u in units
-                ),
-                text(together["estimate"], together["std"]) if together else MISSING,
-                percent(together["i_squared"]) if together else MISSING,
-                bool(together) and together["p"] < FLEET_LEVEL / len(row["parameters"]),
-            )
+    return made
+
+
+def _line(units: Sequence[str], row: Content, value: Content) -> dict[str, Any]:
+    """One number of an effect: ``label``, ``entries`` by unit, ``together``, ``scatter``, whether it ``differs``."""
+    definition = known_effect(row["effect"])
+    signed = definition is not None and any(
+        p.increment and p.name == value["name"] for p in definition.parameters
+    )
+    largest = max(abs(v) for v in value["value"].values())
+    factor, unit = display_unit(value["unit"], largest)
+
+    def text(x: float, std: float | None) -> str:
+        return uncertain(factor * x, None if std is None else factor * std, signed)
+
+    together = value["together"]
+    label = (
+        f"J{row['joint']}" if row["joint"] else "",
+        value["name"].replace("_", " "),
+        value["component"],
+        f"[{unit}]" if unit else "",
+    )
+    level = FLEET_LEVEL / len(row["parameters"])
+    return {
+        "label": " ".join(filter(None, label)),
+        "entries": [
+            text(value["value"][u], value["std"][u]) if u in value["value"] else MISSING
+            for u in units
+        ],
+        "together": text(together["estimate"], together["std"])
+        if together
+        else MISSING,
+        "scatter": percent(together["i_squared"]) if together else MISSING,
+        "differs": bool(together) and together["p"] < level,
+    }
 
 
 def heading(group: Content) -> str:
     """How many effects the units of a group share, in one sentence."""
-    kinds = [finding.kind for finding in findings(group)]
+    kinds = [finding["kind"] for finding in findings(group)]
     words = {
         SHARED: "shared by all units",
         DIFFERING: "shared in differing size",
@@ -214,24 +157,27 @@ def nominal_note(group: Content) -> str:
     )
 
 
-def cells(confusion: Content) -> list[tuple[str, list[Cell]]]:
-    """The confusion row by row with its label."""
-    known = [
-        v for line in confusion["torque_nrmse"] for v in line if v is not None and v > 0
-    ]
+def cells(confusion: Content) -> list[tuple[str, list[dict[str, Any]]]]:
+    """The confusion row by row with its label.
+
+    Each cell has its ``value`` (NRMSE), ``heat`` from 0 to 1 on a logarithmic scale, and whether it is of the unit's
+    ``own`` arm, and of the ``best``.
+    """
+    lines = confusion["torque_nrmse"]
+    known = [v for line in lines for v in line if v is not None and v > 0]
     low, high = (min(known), max(known)) if known else (1.0, 1.0)
 
-    def cell(row: str, unit: str, value: float | None) -> Cell:
+    def cell(row: str, unit: str, value: float | None) -> dict[str, Any]:
         heat = log(value / low) / log(high / low) if value and high > low else 0.0
-        return Cell(value, heat, row == unit, row == confusion["best"][unit])
+        best = row == confusion["best"][unit]
+        return {"value": value, "heat": heat, "own": row == unit, "best": best}
 
-    lines = zip(confusion["rows"], confusion["torque_nrmse"], strict=True)
     return [
         (
             row,
             [cell(row, u, v) for u, v in zip(confusion["columns"], line, strict=True)],
         )
-        for row, line in lines
+        for row, line in zip(confusion["rows"], lines, strict=True)
     ]
 
 
@@ -295,14 +241,16 @@ def fleet_tables(content: Mapping[str, Any]) -> Group:
         for name in ("effect", "on", "found"):
             table.add_column(name, overflow="fold")
         for found in findings(group):
-            meaning = Text(f"{found.label}: {found.meaning}")
-            table.add_row(Text(found.name), found.place, meaning)
+            meaning = Text(f"{found['label']}: {found['meaning']}")
+            table.add_row(Text(found["name"]), found["place"], meaning)
         parts.append(table)
         if confusion["columns"]:
             # mean torque NRMSE of each arm on the recordings of each unit; the least of each column in bold
             rows = []
             for row, line in cells(confusion):
-                values = (Text(nrmse(c.value), "bold" if c.best else "") for c in line)
+                values = (
+                    Text(nrmse(c["value"]), "bold" if c["best"] else "") for c in line
+                )
                 rows.append([Text(row_label(row)), *values])
             title = "torque NRMSE of an arm (row) on the recordings of a unit (column)"
             parts.append(terminal_table(["", *confusion["columns"]], rows, title=title))

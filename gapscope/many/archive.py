@@ -1,26 +1,154 @@
-"""The archive in a browser: a small server of its pages and files."""
+"""The archive: the diagnoses below a folder, and a small server that shows them in a browser."""
 
 from __future__ import annotations
 
 import os
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from datetime import datetime
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from pathlib import Path
+from pathlib import Path, PurePath
+from threading import Lock
 from typing import Any, NamedTuple
 from urllib.parse import parse_qs, unquote_to_bytes
 
-from gapscope.archive import UNREADABLE, Archive
 from gapscope.arm.errors import InputError
-from gapscope.reports.archive import (
+from gapscope.diagnosis.document.diagnosis_json import read_document
+from gapscope.many.pages import (
     FILES,
     UNITS,
     page_count,
     render_history,
     render_table,
 )
+from gapscope.many.rows import CASE, UNITS_BY, Row, date_in_names, unit_name
+
+# All diagnoses below a folder, read again only if their files have changed.
+
+
+DOCUMENT, REPORT = "diagnosis.json", "report.html"
+SECTIONS = ("effects", "possible")
+SHOWN = ("verdict", "closed", "changes")
+NOT_SHOWN = ("where", "alternatives", "gap_with_only_this", "gap_without_this")
+"""Parts of a document and of its effects: what is kept for tables, and what is not."""
+LARGEST = 50_000_000
+"""Files that are larger are no diagnosis, which has some 100 kB [bytes]."""
+_OTHER_VERSION = (LookupError, TypeError, ValueError, ArithmeticError)
+"""What a document of the schema can still lead to; it must not hide the others."""
+_State = tuple[int, int, bool]
+"""Time of the last change [ns], size [bytes], and whether there is a report."""
+
+
+class Archive:
+    """The diagnoses below a folder, at any depth.
+
+    Hidden folders and links to folders are not entered. ``rows`` may be called from several threads.
+    """
+
+    def __init__(self, root: Path, units_by: str = CASE) -> None:
+        """Take a folder; nothing is read yet.
+
+        Raises:
+            InputError: it is no folder, or ``units_by`` is neither ``case`` nor ``folder``.
+        """
+        if units_by not in UNITS_BY:
+            raise InputError(f"{units_by} names no unit", "use case or folder")
+        if not root.is_dir():
+            remedy = "give the folder in which gapscope diagnose wrote its results"
+            raise InputError("is not a folder", remedy, file=root)
+        self.root = root.resolve()
+        self.units_by = units_by
+        self._known: dict[Path, tuple[_State, Row]] = {}
+        self._lock = Lock()
+
+    def rows(self, progress: Callable[[str], None] | None = None) -> list[Row]:
+        """All diagnoses as they are now, the latest first."""
+        with self._lock:
+            known: dict[Path, tuple[_State, Row]] = {}
+            lost: list[Row] = []
+            for file, has_report in self._files(lost):
+                known[file] = self._current(file, has_report)
+                if progress and len(known) % 100 == 0:
+                    progress(f"{len(known)} diagnoses")
+            self._known = known
+        rows = [row for _, row in known.values()] + lost
+        return sorted(rows, key=lambda row: (row.date, row.folder))[::-1]
+
+    def _files(self, lost: list[Row]) -> Iterator[tuple[Path, bool]]:
+        """Every ``diagnosis.json``, and whether a report is beside it; folders that cannot be read go to ``lost``."""
+
+        def closed(error: OSError) -> None:
+            problem = f"folder: {error.strerror}"
+            lost.append(self._unreadable(Path(error.filename), problem))
+
+        for folder, folders, files in os.walk(self.root, onerror=closed):
+            folders[:] = [name for name in folders if not name.startswith(".")]
+            if DOCUMENT in files:
+                yield Path(folder, DOCUMENT), REPORT in files
+
+    def _current(self, file: Path, has_report: bool) -> tuple[_State, Row]:
+        """State and row of a file: those known if it has not changed."""
+        try:
+            found = file.stat()
+        except OSError as error:  # removed just now, or a link that leads nowhere
+            problem = f"cannot be read ({error.strerror})"
+            return (0, 0, has_report), self._unreadable(file.parent, problem)
+        state = (found.st_mtime_ns, found.st_size, has_report)
+        known = self._known.get(file)
+        if known and known[0] == state:
+            return known
+        changed = datetime.fromtimestamp(found.st_mtime)
+        problem = self._refusal(file, found.st_size)
+        if not problem:
+            try:
+                return state, self._row(file, changed, has_report)
+            except InputError as error:
+                problem = error.problem
+            except RecursionError:
+                problem = "is nested too deeply"
+            except _OTHER_VERSION as error:
+                problem = f"is of another version of Gapscope ({error!r})"
+        return state, self._unreadable(file.parent, problem, changed)
+
+    def _row(self, file: Path, changed: datetime, has_report: bool) -> Row:
+        """The row of a diagnosis, with no more of its document than tables and histories show."""
+        document = read_document(file)
+        kept = {key: document[key] for key in SHOWN if key in document}
+        for name in SECTIONS:
+            kept[name] = [
+                {key: one[key] for key in one if key not in NOT_SHOWN}
+                for one in document[name]
+            ]
+        case, place = document["case"], self._place(file.parent)
+        unit, date = unit_name(case, place, self.units_by), date_in_names(case, place)
+        dated = date is not None
+        row = Row(case, place, kept, "", unit, date or changed, dated, has_report)
+        # what another version has written may not be shown
+        _ = row.effects, row.possible, row.changes
+        return row
+
+    def _unreadable(
+        self, folder: Path, problem: str, changed: datetime | None = None
+    ) -> Row:
+        """The row of a file that is no diagnosis, or not yet."""
+        place = self._place(folder)
+        date = date_in_names("", place)
+        name, when = PurePath(place).name, date or changed or datetime.now()
+        return Row(name, place, None, problem, "", when, date is not None)
+
+    def _refusal(self, file: Path, size: int) -> str:
+        """Why a file is not read at all; empty if it is."""
+        if not file.resolve().is_relative_to(self.root):
+            return "is a link that leaves the folder"
+        if not file.is_file():
+            return "is not a file"
+        return "is too large for a diagnosis" if size > LARGEST else ""
+
+    def _place(self, folder: Path) -> str:
+        return folder.relative_to(self.root).as_posix()
+
 
 # From an address to a file of results, and to none other.
 
@@ -100,32 +228,29 @@ def answer(archive: Archive, target: str) -> Answer:
     if path == "/":
         return _table(archive, query)
     if path.startswith(f"/{UNITS}/"):
-        return _unit(archive, path.removeprefix(f"/{UNITS}/"))
+        quoted = path.removeprefix(f"/{UNITS}/")
+        unit = plain_text(quoted)
+        of_unit = [
+            row
+            for row in archive.rows()
+            if row.unit == unit and row.document is not None
+        ]
+        if not of_unit:
+            return refusal(HTTPStatus.NOT_FOUND, "no unit of this name")
+        return _page(render_history(of_unit, unit))
     if path.startswith(f"/{FILES}/"):
         return _file(archive, path.removeprefix(f"/{FILES}/"))
     return refusal(HTTPStatus.NOT_FOUND)
 
 
 def _table(archive: Archive, query: str) -> Answer:
-    entries = archive.entries()
+    rows = archive.rows()
     asked = parse_qs(query).get("page", ["1"])[-1]
     # isdecimal alone takes digits of other scripts, and numbers of any length
     number = int(asked) if asked.isdecimal() and len(asked) < 7 else 0
-    if not 1 <= number <= page_count(entries):
+    if not 1 <= number <= page_count(rows):
         return refusal(HTTPStatus.NOT_FOUND, "the table has no such page")
-    return _page(render_table(entries, archive.root.name, number))
-
-
-def _unit(archive: Archive, quoted: str) -> Answer:
-    unit = plain_text(quoted)
-    of_unit = [
-        entry
-        for entry in archive.entries()
-        if entry.unit == unit and entry.verdict != UNREADABLE
-    ]
-    if not of_unit:
-        return refusal(HTTPStatus.NOT_FOUND, "no unit of this name")
-    return _page(render_history(of_unit, unit))
+    return _page(render_table(rows, archive.root.name, number))
 
 
 def _file(archive: Archive, path: str) -> Answer:

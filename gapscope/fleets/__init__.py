@@ -1,1 +1,0 @@
-"""Many cases at any address: found, fetched, diagnosed side by side, kept as Parquet, and compared."""

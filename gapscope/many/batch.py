@@ -1,0 +1,284 @@
+"""Several cases in one run: one sub-folder each, a comparison of the units, and a summary."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from gapscope.arm.errors import GapscopeError, InterruptedRunError
+from gapscope.arm.io.atomic_write import begin_results
+from gapscope.arm.io.json_file import write_json
+from gapscope.arm.io.locked_section import locked
+from gapscope.diagnosis.compare_units import (
+    ConfusionColumn,
+    FleetGroup,
+    FleetUnit,
+    confusion_column,
+    explains_as_much,
+    grouped,
+    other_laws,
+    units_document,
+)
+from gapscope.diagnosis.diagnose_change import FOLDER
+from gapscope.diagnosis.document.diagnosis_json import validate
+from gapscope.diagnosis.document.wording import VERDICTS
+from gapscope.diagnosis.prepare import Progress, silent
+from gapscope.effects.catalogue import without
+from gapscope.interface.diagnose import DiagnosisResult, diagnose, kept_reference
+from gapscope.many.pages import render_summary
+from gapscope.many.rows import Row
+from gapscope.many.units import fleet_tables
+from gapscope.many.workers import RAY, check_backend, in_order
+from gapscope.provenance import KEY, made_from
+from gapscope.reports.diagnosis import CASE, CORRECTED, DOCUMENT, REPORT
+from gapscope.terminal import console, say
+
+SUMMARY, UNITS = "summary.html", "units.json"
+AGAIN = ".of_type"
+"""Ends the name of the folder of a unit that is asked again, until it takes the place of the first one."""
+Done = tuple[Row, int]
+"""The row of a case, and its exit code."""
+
+
+def diagnose_path(
+    path: Path,
+    out: Path,
+    progress: Progress = silent,
+    *,
+    against: Path | None = None,
+) -> tuple[DiagnosisResult, tuple[Path, ...]]:
+    """Diagnose the case at a path and write the results, from its files to its files.
+
+    Args:
+        path: the case.
+        out: folder of the results, which is tried before the work starts.
+        progress: called with a few words at each step.
+        against: case of the same arm that it is compared with, or the folder of what was identified on one.
+
+    Returns:
+        The diagnosis and its files.
+    """
+    with locked(out):
+        begin_results(out, DOCUMENT)
+        result = diagnose(path, against=against, progress=progress)
+        progress("writes the report")
+        return result, result.save(out)
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Several cases and where their results go.
+
+    Attributes:
+        cases: folders of cases, or case files.
+        out: folder of the results.
+        jobs: cases at a time.
+        backend: ``local`` or ``ray``.
+        again: whether to diagnose what has been diagnosed as well.
+        against: reference of all cases, or the folder of what was identified on it; ``None``: no comparison.
+    """
+
+    cases: tuple[Path, ...]
+    out: Path
+    jobs: int = 1
+    backend: str = "local"
+    again: bool = False
+    against: Path | None = None
+
+    @cached_property
+    def by_folder(self) -> dict[str, Path]:
+        """The cases by the name of their results: of folder or file, numbered if it repeats or is ``identified``."""
+        found: dict[str, Path] = {}
+        for case in self.cases:
+            path = case.resolve()
+            name = path.parent.name if path.name == "case.yaml" else path.stem
+            taken = name in (*found, FOLDER)
+            found[f"{name}-{len(found) + 1}" if taken else name] = case
+        return found
+
+    def diagnosed(
+        self, names: Iterable[str], ending: str, left_out: Mapping[str, Sequence[str]]
+    ) -> Iterator[Done]:
+        """Diagnose cases, each into the folder of its name with an ending, without the effects that are left out."""
+        # with Ray, other machines have another current folder
+        place = Path.resolve if self.backend == RAY else Path
+        against = self.against and place(self.against)
+        calls = [
+            (place(self.by_folder[name]), place(self.out), name + ending, against, left_out.get(name, ()))
+            for name in names
+        ]  # fmt: skip
+        results = in_order(diagnose_one_of_many, calls, self.jobs, self.backend)
+        for (*_, folder, _, _), result in zip(calls, results, strict=True):
+            yield _failed(folder, result) if isinstance(result, Exception) else result
+
+
+def finished(
+    case: Path, folder: Path, reference: Mapping[str, str] | None = None
+) -> dict[str, Any] | None:
+    """The diagnosis in a folder, if it is complete and made from this case as it is now, by this program.
+
+    Against a reference, by the hashes of what that was made from, it has to be made from that very one.
+    """
+    try:
+        content = json.loads((folder / DOCUMENT).read_text(encoding="utf-8"))
+        validate(content)
+        complete = all((folder / name).is_file() for name in (CORRECTED, REPORT))
+        compared_alike = content.get("against", {}).get(KEY) == reference
+        unchanged = compared_alike and content.get(KEY) == made_from(case)
+    except (OSError, ValueError, GapscopeError):
+        return None
+    return content if complete and unchanged else None
+
+
+def diagnose_all(batch: Batch, progress: Callable[[str], None]) -> int:
+    """Diagnose cases and write ``units.json`` and ``summary.html``; a case that fails does not stop the others.
+
+    A case whose ``diagnosis.json`` is whole and made from the same files by the same program is kept.
+
+    Returns:
+        The exit code: 0, or the largest of the cases that failed.
+
+    Raises:
+        InputError: unknown backend.
+        GapscopeError: Ray is not installed, ``out`` cannot be written, or the run was stopped.
+    """
+    check_backend(batch.backend)
+    with locked(batch.out):
+        for name in (SUMMARY, UNITS):
+            (batch.out / name).unlink(missing_ok=True)
+        for folder in batch.by_folder:
+            shutil.rmtree(batch.out / (folder + AGAIN), ignore_errors=True)
+        try:
+            rows, code, content = _compared(batch, progress)
+        except KeyboardInterrupt:
+            raise InterruptedRunError(
+                "interrupted before the last case was done",
+                "run the same command again to resume: every case with a diagnosis.json is kept",
+            ) from None
+        if content["groups"]:
+            write_json(content, batch.out / UNITS)
+            console.print(fleet_tables(content))
+        render_summary(rows, batch.out / SUMMARY, content)
+        return code
+
+
+def _compared(
+    batch: Batch, progress: Callable[[str], None]
+) -> tuple[list[Row], int, dict[str, Any]]:
+    """The rows of all cases, the largest exit code, and the content of ``units.json``.
+
+    Units go by the folders of their results, which occur once.
+    """
+    reference = None
+    if batch.against is not None:
+        against, known = kept_reference(batch.against, batch.out, progress)
+        batch, reference = replace(batch, against=against), known.made_from
+    rows: list[Row] = []
+    code = 0
+    kept: dict[str, Row] = {}
+    for folder, case in batch.by_folder.items():
+        found = None if batch.again else finished(case, batch.out / folder, reference)
+        if found is not None:
+            kept[folder] = Row(str(found["case"]), folder, found)
+    asked = [folder for folder in batch.by_folder if folder not in kept]
+    results = batch.diagnosed(asked, "", {})
+    for folder in batch.by_folder:
+        row, own = (kept[folder], 0) if folder in kept else next(results)
+        rows, code = [*rows, row], max(code, own)
+        note = " (kept from an earlier run)" if folder in kept else ""
+        verdict = VERDICTS.get(row.verdict, "Failed")
+        done = f"{len(rows)} of {len(batch.by_folder)} done"
+        progress(f"{done}, {row.label}: {verdict.lower()}{note}")
+        say(f"{row.label}: {row.line}{note}")
+    rows = _by_law_of_type(batch, rows, progress)
+    documents = {row.folder: row.document for row in rows if row.document is not None}
+    units = []
+    for name in documents:
+        # what was found against a reference corrects the identified arm
+        identified = batch.out / name / CASE
+        case = batch.by_folder[name] if batch.against is None else identified
+        corrected = batch.out / name / CORRECTED
+        units.append(FleetUnit(name, case.resolve(), corrected.resolve()))
+    groups, alone = grouped(documents, units)
+    if groups:
+        progress("compares the units")
+    return rows, code, units_document(_confused(batch, groups), alone)
+
+
+def _by_law_of_type(
+    batch: Batch, rows: Sequence[Row], progress: Callable[[str], None]
+) -> list[Row]:
+    """The rows, units with the friction law of their type where that explains as much as their own.
+
+    Against a reference that is itself such a unit all have its friction already.
+    """
+    documents = {row.folder: row.document for row in rows if row.document is not None}
+    asked = {} if batch.against is not None else other_laws(documents)
+    if not asked:
+        return list(rows)
+    progress(f"asks {', '.join(asked)} for the friction law of the type")
+    found = {}
+    results = batch.diagnosed(asked, AGAIN, asked)
+    for unit, (row, _) in zip(asked, results, strict=True):
+        again = batch.out / (unit + AGAIN)
+        document = row.document
+        if document is not None and explains_as_much(document, documents[unit]):
+            # move results into the place of others; until the last file is there, the folder holds no diagnosis
+            target = batch.out / unit
+            (target / DOCUMENT).unlink()
+            for path in sorted(again.iterdir(), key=lambda path: path.name == DOCUMENT):
+                path.replace(target / path.name)
+            found[unit] = replace(row, folder=unit)
+            say(f"{unit}: with the friction law of its type, {found[unit].line}")
+        shutil.rmtree(again, ignore_errors=True)
+    return [found.get(row.folder, row) for row in rows]
+
+
+def diagnose_one_of_many(
+    path: Path, out: Path, folder: str, against: Path | None, left_out: Sequence[str]
+) -> Done:
+    """Diagnose the case at a path as one of several: its row of the summary, and its exit code.
+
+    Args:
+        path: of the case.
+        out: folder of all results.
+        folder: name of that of this case.
+        against: the reference, or ``None``.
+        left_out: names of effects that it is diagnosed without.
+    """
+    try:
+        with without(left_out):
+            result, _ = diagnose_path(path, out / folder, against=against)
+    except Exception as error:
+        # a fault of the program in one case does not stop the others either
+        return _failed(folder, error)
+    return Row(str(result.document["case"]), folder, result.document), 0
+
+
+def _failed(folder: str, error: Exception) -> Done:
+    """The row of a case that could not be diagnosed."""
+    if isinstance(error, GapscopeError):
+        return Row(folder, folder, problem=str(error)), error.exit_code
+    return Row(folder, folder, problem=f"{type(error).__name__}: {error}"), 1
+
+
+def _confused(
+    batch: Batch, groups: Sequence[FleetGroup]
+) -> list[tuple[FleetGroup, list[ConfusionColumn]]]:
+    """The groups with the columns of their confusion: all arms of a group on the recordings of each unit."""
+    calls = [(unit, group.units) for group in groups for unit in group.units]
+    results = in_order(confusion_column, calls, batch.jobs, batch.backend)
+    # a unit whose column fails is left out of the table, with the reason
+    columns = [
+        ConfusionColumn(unit.name, {}, str(result))
+        if isinstance(result, Exception)
+        else result
+        for (unit, _), result in zip(calls, results, strict=True)
+    ]
+    by_name = {column.unit: column for column in columns}
+    return [(group, [by_name[u.name] for u in group.units]) for group in groups]

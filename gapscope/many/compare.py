@@ -1,0 +1,349 @@
+"""What a fleet's diagnoses say together: drift of units over days and effects that units share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import chain
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.stats import false_discovery_control
+
+from gapscope.arm.io.json_file import plain, schema_fault
+from gapscope.diagnosis.change_points import (
+    appearance,
+    change_point,
+    change_points,
+    scatter,
+)
+from gapscope.diagnosis.compare_units import ANGLES, ORDER, Place, shared
+from gapscope.diagnosis.document.numbers import Number
+from gapscope.diagnosis.thresholds import EFFECT_FORM, FALSE_CHANGES, SHORTEST_HISTORY
+from gapscope.many.rows import NUMBER, PLACE, FleetStore
+
+# What changed over time on which unit: a test of every effect of every unit, and one account of false alarms.
+
+
+UNIT = ["unit", "nominal_sha256"]
+"""A unit as long as its nominal arm is the same: values are relative to it, and step with it."""
+VALUE, APPEARED, VANISHED = "value", "appeared", "vanished"
+IN_TIME = ["recorded_at", "result"]
+POINTS = 60
+"""Points of the history that goes with a change: the last ones [1]."""
+
+
+@dataclass(frozen=True)
+class History:
+    """One number of an effect of a unit over time, or whether the effect was found at all.
+
+    Attributes:
+        key: unit, effect, joint, link, parameter, component and SI unit; the last three are empty for ``found``.
+        times: of the n diagnoses, in order, (n,).
+        kept: folders in which they are kept, empty if they are not, (n,).
+        values: estimates in the SI unit, or 1 and 0 for found and not, (n,).
+        stds: their standard deviations with the error of form and the scatter seen in the fleet, (n,); ``None`` for
+            found and not.
+    """
+
+    key: dict[str, Any]
+    times: np.ndarray
+    kept: np.ndarray
+    values: np.ndarray
+    stds: np.ndarray | None = None
+
+    @property
+    def p(self) -> float:
+        """Probability that an unchanged history looks as changed [1]."""
+        if self.stds is None:
+            return appearance(self.values.astype(bool).tolist())[1]
+        return change_point(self.values, self.stds).p
+
+    def changes(self, level: float) -> Iterator[dict[str, Any]]:
+        """Its changes as ``fleet.json`` has them; parts before and after one are tested again at a level."""
+        if self.stds is None:
+            position, p = appearance(self.values.astype(bool).tolist())
+            before, after = (
+                float(part.mean()) for part in np.split(self.values, [position])
+            )
+            kind = APPEARED if after > before else VANISHED
+            yield self._change(kind, position, (before, None), (after, None), p)
+            return
+        for found in change_points(self.values, self.stds, level):
+            before_value = (found.before, found.before_std)
+            after_value = (found.after, found.after_std)
+            yield self._change(
+                VALUE, found.position, before_value, after_value, found.p
+            )
+
+    def _change(
+        self,
+        kind: str,
+        position: int,
+        before: tuple[float, float | None],
+        after: tuple[float, float | None],
+        p: float,
+    ) -> dict[str, Any]:
+        """A change between two diagnoses, from a value with its standard deviation to another."""
+        days = [f"{time:%Y-%m-%d}" for time in pd.to_datetime(self.times)]
+        stds = [None] * len(days) if self.stds is None else self.stds.tolist()
+        points = zip(days, self.values.tolist(), stds, strict=True)
+        history = [{"date": day, "value": x, "std": std} for day, x, std in points]
+        return {
+            **{name: self.key[name] for name in ("unit", *NUMBER, "si_unit")},
+            "joint": self.key["joint"] or None,
+            "link": self.key["link"] or None,
+            "kind": kind,
+            "last_before": days[position - 1],
+            "first_after": days[position],
+            "before": dict(zip(("value", "std"), before, strict=True)),
+            "after": dict(zip(("value", "std"), after, strict=True)),
+            "p": p,
+            "kept": self.kept[position],
+            "history": history[-POINTS:],
+        }
+
+
+def histories(
+    cases: pd.DataFrame, effects: pd.DataFrame
+) -> tuple[list[History], dict[tuple[str, str], float]]:
+    """The histories of the units of one type of robot, and the scatter of each parameter over all units.
+
+    The scatter is part of the deviations of numbers.
+
+    Args:
+        cases: rows of diagnosed cases: ``result``, ``unit``, ``nominal_sha256``, ``recorded_at``, ``kept``.
+        effects: numbers of the named effects of these results.
+    """
+    dated = effects.merge(cases[["result", "recorded_at", "kept"]], on="result")
+    dated = dated.sort_values(IN_TIME, kind="stable")
+    # an effect without joint or link is on the arm
+    dated[["joint", "link"]] = dated[["joint", "link"]].fillna(0).astype(int)
+    made: list[History] = []
+    factors: dict[tuple[str, str], float] = {}
+    known = dated[(dated["std"] > 0) & ~dated["parameter"].isin(ANGLES)]
+    names = [*UNIT, *NUMBER, "si_unit"]
+    for parameter, of_parameter in known.groupby(["effect", "parameter"]):
+        own = []
+        for key, rows in of_parameter.groupby(names):
+            values = rows["value"].to_numpy(float)
+            # the error of the effect's form is part of the deviations, as between units
+            form = EFFECT_FORM * np.abs(values).mean()
+            stds = np.hypot(rows["std"].to_numpy(float), form)
+            own.append((_history(rows, names, key, values), stds))
+        factor = scatter([(one.values, stds) for one, stds in own])
+        factors[parameter] = factor
+        made += [replace(one, stds=factor * stds) for one, stds in own]
+    # whether each effect of a unit was found in its diagnoses
+    of_unit = dict(iter(cases.sort_values(IN_TIME, kind="stable").groupby(UNIT)))
+    for key, group in dated.groupby([*UNIT, *PLACE]):
+        rows = of_unit[key[:2]]
+        found = rows["result"].isin(group["result"]).to_numpy(float)
+        if not found.all():
+            made.append(_history(rows, names, (*key, "", "", ""), found))
+    return [one for one in made if len(one.values) >= SHORTEST_HISTORY], factors
+
+
+def _history(
+    rows: pd.DataFrame,
+    names: list[str],
+    key: tuple[Any, ...],
+    values: np.ndarray,
+) -> History:
+    times, kept = rows["recorded_at"].to_numpy(), rows["kept"].to_numpy()
+    return History(dict(zip(names, key, strict=True)), times, kept, values)
+
+
+def drift(all_histories: list[History]) -> list[dict[str, Any]]:
+    """The changes in all histories of a fleet, the clearest first.
+
+    Of the histories that are called changed, a share ``FALSE_CHANGES`` is not, on average [benjamini1995]. The largest
+    p among them is the level at which the parts before and after a change are tested again.
+    """
+    p = np.array([history.p for history in all_histories])
+    if not len(p):
+        return []
+    chosen = false_discovery_control(p) <= FALSE_CHANGES
+    level = float(p[chosen].max(initial=0.0))
+    found = (all_histories[k].changes(level) for k in np.flatnonzero(chosen))
+    return sorted(chain.from_iterable(found), key=lambda change: change["p"])
+
+
+# The units of one type of robot compared: which effects they share, and which unit stands out.
+
+
+EXTREMES = 5
+"""Units that are listed as the farthest from the common value, at most [1]."""
+
+
+def latest(cases: pd.DataFrame) -> pd.DataFrame:
+    """The last diagnosis of each unit of each type of robot."""
+    order = cases.sort_values(["recorded_at", "result"], kind="stable")
+    return order.drop_duplicates(["robot", "unit"], keep="last")
+
+
+def shared_effects(effects: pd.DataFrame, units: int) -> list[dict[str, Any]]:
+    """Effects of the last diagnoses of several units; see ``gapscope.diagnosis.compare_units``.
+
+    Args:
+        effects: numbers of the named effects, of one diagnosis a unit.
+        units: number of units that were diagnosed.
+
+    Returns:
+        An entry of ``fleet.json`` for each effect on each place: those on all units first, then the most frequent.
+    """
+    found: dict[Place, dict[str, dict[tuple[str, str], Number]]] = {}
+    shares: dict[Place, dict[str, float]] = {}
+    for row in effects.to_dict("records"):
+        joint, link = (None if pd.isna(row[k]) else int(row[k]) for k in PLACE[1:])
+        std = row["std"] if row["std"] > 0 else None
+        key = row["parameter"], row["component"]
+        number = Number(
+            row["effect"], joint, link, *key, row["si_unit"], row["value"], std
+        )
+        found.setdefault(number[:3], {}).setdefault(row["unit"], {})[key] = number
+        shares.setdefault(number[:3], {})[row["unit"]] = row["share"]
+    made = []
+    for place, by_unit in found.items():
+        row = shared(place, by_unit, units)
+        parameters = [
+            {key: parameter[key] for key in ("name", "component", "unit", "together")}
+            | {"extremes": list(_extremes(parameter))}
+            for parameter in row["parameters"]
+        ]
+        share = float(np.median(list(shares[place].values())))
+        count = len(by_unit)
+        made.append({**row, "units": count, "share": share, "parameters": parameters})
+    return sorted(made, key=lambda row: (ORDER.index(row["kind"]), -row["units"]))
+
+
+def _extremes(parameter: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """The units farthest from the common value, in standard deviations of a single unit."""
+    together = parameter["together"]
+    if together is None:
+        return
+    units = list(parameter["value"])
+    values = np.array(list(parameter["value"].values()))
+    stds = np.array([std or 0.0 for std in parameter["std"].values()])
+    spread = np.hypot(stds, together["between"])
+    spread = np.where(spread > 0, spread, np.inf)
+    deviation = (values - together["estimate"]) / spread
+    for k in np.argsort(-np.abs(deviation), kind="stable")[:EXTREMES]:
+        yield {
+            "unit": units[k],
+            "value": float(values[k]),
+            "std": parameter["std"][units[k]],
+            "deviation": float(deviation[k]),
+        }
+
+
+# The fleet as data: ``fleet.json``.
+
+
+MOST = 200
+"""Entries of a list: the first of units, changes and failures are enough to act on; Parquet has all [1]."""
+COLUMNS = [
+    "result",
+    "case",
+    "unit",
+    "robot",
+    "date",
+    "recorded_at",
+    "joints",
+    "nominal_sha256",
+    "verdict",
+    "gap",
+    "excess",
+    "left",
+    "closed",
+    "effects",
+    "tries",
+    "error",
+    "kept",
+    "seconds",
+    "processor_seconds",
+    "recorded_seconds",
+]
+
+
+FAILURE = ["case", "unit", "date", "error", "tries"]
+
+
+def fleet_document(store: FleetStore) -> dict[str, Any]:
+    """Compare what a store holds, one type of robot after the other, so that no more is in memory.
+
+    Raises:
+        InputError: the store has no results, or they cannot be read.
+    """
+    rows = store.cases(COLUMNS)
+    failed, cases = rows[rows["error"] != ""], rows[rows["error"] == ""]
+    # only arms of one type are compared
+    cases = cases.assign(type=cases["robot"] + "\0" + cases["joints"].map(" ".join))
+    everything: list[History] = []
+    robots, factors = [], []
+    for _, of_type in cases.groupby("type"):
+        robot = of_type["robot"].iloc[0]
+        effects = store.effects(robot, of_type["result"])
+        named = effects[effects["named"].astype(bool)]
+        found, scatter = histories(of_type, named)
+        everything += found
+        last = latest(of_type)
+        of_last = named[named["result"].isin(last["result"])]
+        robots.append(
+            {
+                "robot": robot,
+                "joints": list(of_type["joints"].iloc[0]),
+                "cases": len(of_type),
+                "units": len(last),
+                "nominal_arms": int(last["nominal_sha256"].nunique()),
+                "effects": shared_effects(of_last, len(last))[:MOST],
+            }
+        )
+        factors += [
+            {"robot": robot, "effect": effect, "parameter": name, "factor": factor}
+            for (effect, name), factor in scatter.items()
+        ]
+    changes = drift(everything)
+    content = {
+        "schema": 1,
+        "cases": len(rows),
+        "failed": len(failed),
+        "units": sum(robot["units"] for robot in robots),
+        "recorded_hours": float(cases["recorded_seconds"].sum() / 3600),
+        "processor_hours": float(rows["processor_seconds"].sum() / 3600),
+        "robots": robots,
+        "histories": len(everything),
+        "false_share": FALSE_CHANGES,
+        "scatter": factors,
+        "changes": changes[:MOST],
+        "changes_in_all": len(changes),
+        "worst": _worst(latest(cases), changes),
+        "failures": failed[FAILURE].head(MOST).to_dict("records"),
+    }
+    document: dict[str, Any] = plain(content, null_if_not_finite=True)
+    validate(document)
+    return document
+
+
+def validate(document: Any) -> None:
+    """Check a document against ``fleet.schema.json``; raises ``jsonschema.ValidationError``."""
+    error = schema_fault(document, "fleet")
+    if error is not None:
+        raise error
+
+
+def _worst(last: pd.DataFrame, changes: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The last diagnoses, those with the largest gap over the floor first."""
+    units = [change["unit"] for change in changes]
+    counts = pd.Series(units, dtype=object).value_counts()
+    order = last.sort_values(["excess", "unit"], ascending=[False, True]).head(MOST)
+    keys = ["unit", "robot", "case", "date", "verdict", "gap", "excess", "left"]
+    return [
+        {
+            **row,
+            "effects": list(np.atleast_1d(row["effects"])),
+            "changes": int(counts.get(row["unit"], 0)),
+        }
+        for row in order[[*keys, "closed", "kept", "effects"]].to_dict("records")
+    ]
