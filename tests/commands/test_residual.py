@@ -49,7 +49,7 @@ def test_it_learns_and_what_it_writes_is_used(
     options = ("--form", "additive", "--apart", "effects")
     done = gapscope("residual", waved, "--model", corrected, "--out", out, *options)
     assert done.code == 0, done.err
-    assert "with trees" in done.out and str(out / "residual.json") in done.out
+    assert "boosted" in done.out and str(out / "residual.json") in done.out
     content = json.loads((out / "residual.json").read_text())
     left = content["joints"][1]["rmse"]
     assert left["network"] < 0.5 * left["nothing"]
