@@ -317,7 +317,8 @@ class SheetComparison(Comparison):
     def floor(self) -> np.ndarray:
         """RMS of what is left that has no unknown cause: noise, and errors of a healthy arm [N m], (n,)."""
         left2 = (self.explained.after**2).mean(axis=0)
-        return np.sqrt(np.maximum(left2 - self.unknown.torque2, MIN_FLOOR**2))
+        known2 = left2 * (1.0 - self.unknown.share)
+        return np.sqrt(np.maximum(known2, MIN_FLOOR**2))
 
     @cached_property
     def gaps(self) -> dict[str, TorqueGap]:

@@ -401,6 +401,11 @@ class Unknown:
         return np.maximum(self.follows2 * stands_out, beyond2 * self.scale**2)
 
     @property
+    def share(self) -> np.ndarray:
+        """The same over what is left [1], (n,)."""
+        return np.asarray(self.torque2 / np.maximum(self.left, MIN_FLOOR**2))
+
+    @property
     def joints(self) -> list[int]:
         """Joints on which there is an unknown cause, from 1."""
         return [int(j) + 1 for j in np.flatnonzero(self.torque2)]
